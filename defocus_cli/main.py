@@ -16,7 +16,7 @@ from errno import ENOSPC
 
 import click
 
-from defocus_cli.options.types import option_name
+from defocus_cli.options.types import option, option_name
 from defocus_cli.words.console import Due, log_to_stderr, print_json
 from defocus_cli.words.endings import Interrupted, exit_code_of
 from defocus_core.errors import (
@@ -101,13 +101,8 @@ def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_version,
-    help="Print the version.",
+@option(
+    "--version", "Print the version.", is_eager=True, expose_value=False, callback=_print_version
 )
 @click.pass_context
 def cli(ctx: click.Context) -> None:

@@ -2,7 +2,6 @@
 
 import signal
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -11,7 +10,6 @@ from command_line import color_exr, depth_exr
 from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - hooks
 
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.plan import Execute
 from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.picture import forecast
 
@@ -28,22 +26,22 @@ if hasattr(signal, "SIGHUP"):
 
 
 @pytest.fixture
-def out(tmp_path: Path) -> Path:
+def out(tmp_path):
     return tmp_path / "out"
 
 
 @pytest.fixture
-def color(tmp_path: Path) -> Path:
+def color(tmp_path):
     return color_exr(tmp_path / "color.exr")
 
 
 @pytest.fixture
-def depth(tmp_path: Path) -> Path:
+def depth(tmp_path):
     return depth_exr(tmp_path / "depth.exr")
 
 
 @pytest.fixture(autouse=True, scope="session")
-def known_rate() -> Iterator[None]:
+def known_rate():
     """Forecasts as of a machine that does 10^9 units of work in a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forecast, "work_per_second", lambda device, threads: 1e9)
@@ -51,14 +49,14 @@ def known_rate() -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def in_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def in_process(monkeypatch):
     """Local batches are computed in the process of the test: another takes 2 s to import torch.
 
     A test of worker processes undoes it.
     """
     execute = WorkerConfig.execute
 
-    def chosen(config: WorkerConfig) -> Execute:
+    def chosen(config):
         return pipeline.execute if config.scheduler == "local" else execute(config)
 
     monkeypatch.setattr(WorkerConfig, "execute", chosen)

@@ -13,7 +13,7 @@ import torch
 from estimated import estimated
 from make import rounded, second_layer
 from reference import forward_splat, lens_points, one_plane
-from surfaces import Array, Light, Plane, Scene, Sphere, Surface
+from surfaces import Light, Plane, Scene, Sphere, Surface
 from textures import plain
 from tracer import (
     PINHOLE,
@@ -35,24 +35,24 @@ WHITE = plain((1.0, 1.0, 1.0))
 HALF_ROUNDING = 2.0**-8  # pictures keep eight significant bits
 
 
-def waves(u: Array, v: Array) -> Array:
+def waves(u, v):
     """Waves that a plane at 3 m shows with a period of 24 px."""
     k = 2 * math.pi * SMALL.focal_px / (3.0 * 24)
     channels = [np.sin(k * u), np.sin(k * v + 1), np.sin(k * (u + v))]
     return 0.5 + 0.4 * np.stack(channels, -1)
 
 
-def channels(path: Path) -> dict[str, Array]:
+def channels(path):
     with OpenEXR.File(str(path), separate_channels=True) as file:
         return {name: channel.pixels for name, channel in file.channels().items()}
 
 
-def tensor(picture: Array) -> torch.Tensor:
+def tensor(picture):
     return torch.from_numpy(np.moveaxis(picture, -1, 0).copy())
 
 
 @pytest.mark.parametrize("z", [0.7, 2.0, 30.0])
-def test_a_point_seen_at_q_is_seen_through_u_at_q_plus_r_u(z: float) -> None:
+def test_a_point_seen_at_q_is_seen_through_u_at_q_plus_r_u(z):
     lens, q, u = Lens(2.0, 12.0), (20.3, 11.8), (0.6, -0.5)
     r = lens.signed_radius(z)
     straight = rays(SMALL, PINHOLE, np.array(q[0]), np.array(q[1]), 0.0, 0.0)
@@ -61,7 +61,7 @@ def test_a_point_seen_at_q_is_seen_through_u_at_q_plus_r_u(z: float) -> None:
     assert oblique.oy + z * oblique.dy == pytest.approx(z * straight.dy)
 
 
-def test_the_radius_is_the_textbook_one() -> None:
+def test_the_radius_is_the_textbook_one():
     lens, z, s, f, N = thin_lens(Camera(), 1.4, 2.0), 5.0, 2.0, 0.05, 1.4
     diameter = f * f / (N * (s - f)) * abs(z - s) / z
     assert lens.signed_radius(z) == pytest.approx(diameter / 2 / (0.036 / 480))
@@ -69,7 +69,7 @@ def test_the_radius_is_the_textbook_one() -> None:
     assert lens.signed_radius(math.inf) == lens.radius_at_infinity
 
 
-def test_sobol_points_fill_the_disc_and_its_halves_evenly() -> None:
+def test_sobol_points_fill_the_disc_and_its_halves_evenly():
     points = sobol(4, 1024, seed=3)
     x, y = disc(points[:, 0], points[:, 1])
     assert (x < 0).sum() == (points[:, 0] < 0.5).sum() == 512
@@ -77,7 +77,7 @@ def test_sobol_points_fill_the_disc_and_its_halves_evenly() -> None:
     assert np.mean(np.hypot(x, y) <= 0.5) == pytest.approx(0.25, abs=1e-2)
 
 
-def test_a_white_world_is_white() -> None:
+def test_a_white_world_is_white():
     surfaces: list[Surface] = [
         Plane((0, 0, 2.0), WHITE, half=(0.1, 0.05)),
         Plane((0, 0.1, 0), WHITE, down=(0.0, 0.0, 1.0)),
@@ -89,7 +89,7 @@ def test_a_white_world_is_white() -> None:
 
 
 @pytest.mark.parametrize("r", [-4.0, 6.0])
-def test_a_plane_that_faces_the_lens_is_one_convolution(r: float) -> None:
+def test_a_plane_that_faces_the_lens_is_one_convolution(r):
     scene = Scene([Plane((0, 0, 3.0), waves)])
     lens = Lens(2.0, 3 * r) if r > 0 else Lens(4.0, -3 * r)
     assert lens.signed_radius(3.0) == pytest.approx(r)
@@ -99,7 +99,7 @@ def test_a_plane_that_faces_the_lens_is_one_convolution(r: float) -> None:
     assert error[:, 7:-7, 7:-7].abs().max() < 4e-3  # waves of amplitude 0.4, 1024 lens points
 
 
-def test_a_slanted_plane_is_what_splatting_makes_of_its_picture() -> None:
+def test_a_slanted_plane_is_what_splatting_makes_of_its_picture():
     c, s = math.cos(0.6), math.sin(0.6)
     scene = Scene([Plane((0, 0, 3.0), waves, right=(c, 0.0, s))])
     lens = Lens(3.0, 20.0)
@@ -113,7 +113,7 @@ def test_a_slanted_plane_is_what_splatting_makes_of_its_picture() -> None:
     assert 10 * math.log10(1 / float((inside**2).mean())) > 45
 
 
-def lamp(r: float, blocked: bool = False) -> tuple[Array, float]:
+def lamp(r, blocked=False):
     """Left and right picture of a lamp with CoC radius r, and its energy over the picture."""
     lens = Lens(2.0, 20.0)
     z = 2.0 / (1 - r / 20.0)
@@ -125,7 +125,7 @@ def lamp(r: float, blocked: bool = False) -> tuple[Array, float]:
 
 
 @pytest.mark.parametrize("r", [-8.0, 8.0])
-def test_a_small_light_keeps_its_energy_in_a_disc_of_area_pi_r_squared(r: float) -> None:
+def test_a_small_light_keeps_its_energy_in_a_disc_of_area_pi_r_squared(r):
     picture, energy = lamp(r)
     full = picture.mean(0)[..., 0]
     assert full.sum() == pytest.approx(energy, rel=2e-3)
@@ -134,7 +134,7 @@ def test_a_small_light_keeps_its_energy_in_a_disc_of_area_pi_r_squared(r: float)
 
 
 @pytest.mark.parametrize("r", [-8.0, 8.0])
-def test_the_halves_of_a_light_lie_four_thirds_of_r_over_pi_beside_it(r: float) -> None:
+def test_the_halves_of_a_light_lie_four_thirds_of_r_over_pi_beside_it(r):
     picture, _ = lamp(r)
     columns = np.arange(SMALL.width) + 0.5 - (SMALL.width / 2 + 0.5)
     for half, sign in zip(picture[..., 0], (-1, 1), strict=True):
@@ -142,7 +142,7 @@ def test_the_halves_of_a_light_lie_four_thirds_of_r_over_pi_beside_it(r: float) 
         assert middle == pytest.approx(sign * 4 * r / (3 * math.pi), rel=5e-3)
 
 
-def test_an_edge_on_the_axis_takes_one_half_of_the_disc_and_leaves_the_other() -> None:
+def test_an_edge_on_the_axis_takes_one_half_of_the_disc_and_leaves_the_other():
     (left, _), _ = lamp(8.0)
     (clipped, dark), energy = lamp(8.0, blocked=True)
     level = 2 * energy / (math.pi * 64)
@@ -153,14 +153,14 @@ def test_an_edge_on_the_axis_takes_one_half_of_the_disc_and_leaves_the_other() -
     assert dark.sum() < 0.05 * left.sum()
 
 
-def test_the_near_side_of_a_sphere_is_what_is_seen() -> None:
+def test_the_near_side_of_a_sphere_is_what_is_seen():
     ball = Sphere((0.0, 0.0, 2.0), 0.5, lambda x, y, z: np.stack([x, y, z], -1))
     ray = rays(SMALL, PINHOLE, np.array(32.0), np.array(20.0), 0.0, 0.0)
     assert float(ball.hit(ray)) == pytest.approx(1.5)
     assert ball.radiance(np.array(0.0), np.array(0.0), np.array(1.5)) == pytest.approx([0, 0, -1])
 
 
-def test_the_second_layer_is_what_a_card_hides() -> None:
+def test_the_second_layer_is_what_a_card_hides():
     card = Plane((0, 0, 1.0), WHITE, half=(0.1, 0.1))
     wall = Plane((0, 0, 3.0), plain((0.2, 0.4, 0.6)))
     rgb, depth = second_layer(Scene([card, wall]), SMALL, 4)
@@ -170,14 +170,14 @@ def test_the_second_layer_is_what_a_card_hides() -> None:
     assert np.all(rgb[~hidden] == 0)
 
 
-def test_rounding_keeps_eight_bits_and_infinity() -> None:
+def test_rounding_keeps_eight_bits_and_infinity():
     values = np.array([0.0, 1.0, 0.7123, 2000.0, math.inf])
     assert np.abs(rounded(values, 8)[1:4] / values[1:4] - 1).max() < 2.0**-8
     assert rounded(values, 8)[[0, 1, 4]].tolist() == [0.0, 1.0, math.inf]
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_committed_depth_is_that_of_the_scene(name: str) -> None:
+def test_committed_depth_is_that_of_the_scene(name):
     world, details = WORLDS[name](), json.loads((ROOT / name / "camera.json").read_text())
     depth = channels(ROOT / name / "depth.exr")["Z"]
     expected = view(world.scene, world.camera, PINHOLE).depth
@@ -194,7 +194,7 @@ def test_committed_depth_is_that_of_the_scene(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_committed_truth_is_the_mean_of_its_halves(name: str) -> None:
+def test_committed_truth_is_the_mean_of_its_halves(name):
     shot = json.loads((ROOT / name / "camera.json").read_text())["shots"][0]["name"]
     full, one, other = (
         demo.read_rgb(ROOT / name / f"truth_{shot}{k}.exr") for k in ("", "_left", "_right")
@@ -206,13 +206,13 @@ def test_committed_truth_is_the_mean_of_its_halves(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_committed_pinhole_picture_is_that_of_the_scene(name: str) -> None:
+def test_committed_pinhole_picture_is_that_of_the_scene(name):
     world = WORLDS[name]()
     few = photograph(world.scene, world.camera, PINHOLE, samples=4, seed=9, light_samples=256).full
     assert demo.psnr(few, demo.read_rgb(ROOT / name / "rgb.exr"), 0) > 24
 
 
-def test_committed_second_layer_is_deeper_than_the_first() -> None:
+def test_committed_second_layer_is_deeper_than_the_first():
     first = channels(ROOT / "layered" / "depth.exr")["Z"]
     second = channels(ROOT / "layered" / "layer1_depth.exr")["Z"]
     hidden = np.isfinite(second)
@@ -221,7 +221,7 @@ def test_committed_second_layer_is_deeper_than_the_first() -> None:
     assert np.all(hidden == (first < first.max()))  # behind the wall there is nothing
 
 
-def test_committed_estimated_depth_is_that_of_the_scene() -> None:
+def test_committed_estimated_depth_is_that_of_the_scene():
     found = {path.parent.name for path in ROOT.glob("*/estimated.png")}
     assert found == {name for name, world in WORLDS.items() if world().estimated} == {"spheres"}
     world = WORLDS["spheres"]()
@@ -234,7 +234,7 @@ def test_committed_estimated_depth_is_that_of_the_scene() -> None:
     assert details["estimated_depth_range_m"] == pytest.approx([near, far], abs=1e-3)
 
 
-def test_estimated_depth_is_soft_small_and_of_few_levels() -> None:
+def test_estimated_depth_is_soft_small_and_of_few_levels():
     depth = np.full((40, 60), 8.0)
     depth[:, :30] = 2.0
     depth[:10] = math.inf
@@ -247,7 +247,7 @@ def test_estimated_depth_is_soft_small_and_of_few_levels() -> None:
     assert np.all(np.diff(levels[15].astype(int)) <= 0)
 
 
-def test_the_demo_renders_a_scene_with_both_depths() -> None:
+def test_the_demo_renders_a_scene_with_both_depths():
     camera = json.loads((ROOT / "spheres" / "camera.json").read_text())
     rows = demo.depths(ROOT / "spheres", camera)
     assert list(rows) == ["spheres", "spheres*"]
@@ -258,12 +258,12 @@ def test_the_demo_renders_a_scene_with_both_depths() -> None:
     assert list(demo.depths(ROOT / "floor", camera)) == ["floor"]
 
 
-def test_committed_files_stay_small() -> None:
+def test_committed_files_stay_small():
     files = [file for name in WORLDS for file in (ROOT / name).iterdir()]
     assert sum(file.stat().st_size for file in files) < 6_000_000
 
 
-def test_psnr_leaves_the_border_out_and_clips() -> None:
+def test_psnr_leaves_the_border_out_and_clips():
     truth = np.full((10, 10, 3), 5.0)
     picture = np.ones((10, 10, 3))
     picture[:2] = 0.0

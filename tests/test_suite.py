@@ -20,9 +20,7 @@ NO_CHROMIUM = (
 @pytest.mark.parametrize(
     ("ci", "code", "words"), [("", 0, "2 skipped:"), ("true", 1, "2 SKIPPED, which fails the run:")]
 )
-def test_a_program_that_is_missing_fails_a_run_of_ci_alone(
-    ci: str, code: int, words: str, tmp_path: Path
-) -> None:
+def test_a_program_that_is_missing_fails_a_run_of_ci_alone(ci, code, words, tmp_path):
     (tmp_path / "test_pages.py").write_text(NO_CHROMIUM)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "skips", "-p", "no:cacheprovider", "."]
     environment = {"CI": ci, "PATH": "", "PYTHONPATH": str(TESTS / "support")}
@@ -32,7 +30,7 @@ def test_a_program_that_is_missing_fails_a_run_of_ci_alone(
     assert line.startswith(f"{words} needs Chromium; install it")
 
 
-def test_only_benchmarks_look_at_a_clock() -> None:
+def test_only_benchmarks_look_at_a_clock():
     """Figures fit one machine; a test that hangs is ended by pytest's ``faulthandler_timeout``."""
     timed = []
     for path in TESTS.rglob("test_*.py"):

@@ -6,36 +6,22 @@ from pathlib import Path
 
 import click
 
+from defocus_cli.options import shared
 from defocus_cli.options.lens import opening_options
-from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, grouped_option
+from defocus_cli.options.types import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.quantities import pixel_count
-from defocus_core.errors import InputError
 from defocus_core.picture.opening import write_aperture
 
 
 @click.command("aperture", cls=GroupedCommand)
-@grouped_option(
-    "Output",
-    "-o",
-    "--out",
-    type=FilePath(),
-    required=True,
-    metavar="FILE",
-    help="File to write: .png to look at, .exr to measure.",
+@output_option(
+    "-o --out FILE", "File to write: .png to look at, .exr to measure.", FilePath(), required=True
 )
-@grouped_option(
-    "Output",
-    "--radius",
-    type=Quantity(pixel_count, "PX"),
-    default="16px",
-    show_default=True,
-    metavar="PX",
-    help="Radius of the blur.",
-)
-@grouped_option("Output", "--nearer", is_flag=True, help="Of a point nearer than the focus.")
-@grouped_option("Output", "--overwrite", is_flag=True, help="Replace a file that is there.")
+@output_option("--radius PX", "Radius of the blur.", pixel_count, default="16px", show_default=True)
+@output_option("--nearer", "Of a point nearer than the focus.")
+@output_option("--overwrite", "Replace a file that is there.")
 @opening_options()
 def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: Lens) -> None:
     """Draw the opening of a lens, and the blur of a point beyond the focus.
@@ -49,9 +35,6 @@ def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: Lens)
       defocus aperture -o hexagon.png --blades 6 --blade-curvature 0.4
       defocus aperture -o mirror.exr --obstruction 0.4 --radius 40px
     """  # noqa: D301  click reads the backspace
-    if out.exists() and not overwrite:
-        raise InputError(
-            "exists", "is there already", "give another name, or --overwrite", path=out
-        )
+    shared.refuse_existing(out, overwrite=overwrite)
     write_aperture(out, lens, -radius if nearer else radius)
     console.stdout(f"wrote {out}")

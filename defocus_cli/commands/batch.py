@@ -8,8 +8,8 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.batch import ShardType, crew_options, dataset_options
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.batch import crew_options, dataset_options, shard_of
+from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
@@ -26,28 +26,19 @@ from defocus_core.system.process import cores
 
 @click.command("batch", cls=GroupedCommand)
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
-@click.option(
-    "-o",
-    "--out",
-    type=FilePath(),
-    required=True,
-    metavar="OUT",
-    help="Directory to write to, with the journal.",
-)
-@click.option("--shard", type=ShardType(), metavar="I/N", help="Do only the I-th of N parts.")
-@click.option(
-    "--limit", type=click.IntRange(min=1), metavar="N", help="Do at most N jobs and leave the rest."
-)
-@click.option(
+@option("-o --out OUT", "Directory to write to, with the journal.", FilePath(), required=True)
+@option("--shard I/N", "Do only the I-th of N parts.", shard_of)
+@option("--limit N", "Do at most N jobs and leave the rest.", click.IntRange(min=1))
+@option(
     "--keep-going/--fail-fast",
+    "Whether the rest is done if a job fails.",
     default=True,
     show_default=True,
-    help="Whether the rest is done if a job fails.",
 )
-@click.option("--overwrite", is_flag=True, help="Do all again, whatever was done before.")
+@option("--overwrite", "Do all again, whatever was done before.")
 @dataset_options
 @shared.html_option("Write a report to look at in a browser, with the pictures in it.")
-@click.option("--dry-run", is_flag=True, help="Say what is to do, in what time and space; stop.")
+@option("--dry-run", "Say what is to do, in what time and space; stop.")
 @shared.json_option
 @shared.verbose_option
 @crew_options

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, GroupedOption, Listed, names_of
+from defocus_cli.options.types import FilePath, GroupedCommand, Listed, names_of, option
 from defocus_cli.words import console
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.batch.jobs.job import DEVICES
@@ -32,6 +32,8 @@ from defocus_core.errors import UsageProblem
 from defocus_core.reports.html.shots import Gallery
 from defocus_core.system.process import cores
 
+_time_option = partial(option, heading="Time")
+
 _QUALITIES = ("draft", "standard", "high")
 # By the name of the parameter; options in neither go with both.
 _ERRORS_ALONE = {"truth": "--truth", "plot_file": "--plot", "html": "--html"}
@@ -46,63 +48,51 @@ def _size(word: str) -> Size:
     return width, height
 
 
-_time_option = partial(click.option, cls=GroupedOption, heading="Time")
-
-
 @click.command("bench", cls=GroupedCommand)
-@click.option(
-    "--truth",
-    type=FilePath(),
-    metavar="DIR",
-    help="Set of scenes, <scene>/camera.json.  [default: sample_scenes of the repository]",
+@option(
+    "--truth DIR",
+    "Set of scenes, <scene>/camera.json.  [default: sample_scenes of the repository]",
+    FilePath(),
 )
-@click.option(
-    "--quality",
-    "qualities",
-    type=names_of(QUALITIES, "quality"),
-    default=(),
-    metavar="QUALITY,…",
-    help=f"What to measure, of {', '.join(QUALITIES)}.  "
+@option(
+    "--quality QUALITY,…",
+    f"What to measure, of {', '.join(QUALITIES)}.  "
     f"[default: {','.join(_QUALITIES)}; standard with --time]",
+    names_of(QUALITIES, "quality"),
+    into="qualities",
+    default=(),
 )
-@click.option(
-    "--plot",
-    "plot_file",
-    type=FilePath(),
-    metavar="FILE.png",
-    help="Draw run time against PSNR; needs matplotlib: pip install 'defocus[bench]'.",
+@option(
+    "--plot FILE.png",
+    "Draw run time against PSNR; needs matplotlib: pip install 'defocus[bench]'.",
+    FilePath(),
+    into="plot_file",
 )
 @shared.html_option("Write a report to look at in a browser: each picture beside the truth.")
-@click.option(
-    "--threads",
-    type=click.IntRange(min=1),
-    default=None,
-    metavar="N",
-    help="Threads to compute with.  [default: one for each core; 1 with --time]",
+@option(
+    "--threads N",
+    "Threads to compute with.  [default: one for each core; 1 with --time]",
+    click.IntRange(min=1),
 )
-@click.option("--device", type=click.Choice(DEVICES), default="auto", show_default=True)
+@option("--device", "", DEVICES, default="auto", show_default=True)
 @shared.json_option
-@_time_option("--time", "timing", is_flag=True, help="Time synthetic scenes instead.")
+@_time_option("--time", "Time synthetic scenes instead.", into="timing")
 @_time_option(
-    "--sizes",
-    type=Listed(_size, "size", "480x270,1920x1080"),
+    "--sizes WxH,…",
+    "Sizes in px.  [default: 480x270,960x540]",
+    Listed(_size, "size", "480x270,1920x1080"),
     default=SIZES,
-    metavar="WxH,…",
-    help="Sizes in px.  [default: 480x270,960x540]",
 )
 @_time_option(
-    "--radii",
-    type=Listed(pixel_count, "radius", "8,32"),
+    "--radii R,…",
+    "Largest blur radii in px.  [default: 8,32]",
+    Listed(pixel_count, "radius", "8,32"),
     default=RADII,
-    metavar="R,…",
-    help="Largest blur radii in px.  [default: 8,32]",
 )
 @_time_option(
-    "--baseline",
-    type=FilePath(),
-    default=None,
-    metavar="FILE",
-    help="What --json printed earlier, to compare with; exit 1 if a case takes 25 % more FFTs.",
+    "--baseline FILE",
+    "What --json printed earlier, to compare with; exit 1 if a case takes 25 % more FFTs.",
+    FilePath(),
 )
 @click.pass_context
 def command(
@@ -169,18 +159,12 @@ def command(
 
 def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
     """Refuse options that would mean nothing."""
-    for name, option in (_ERRORS_ALONE if timing else _TIMES_ALONE).items():
+    problem, remedy = "means nothing without --time", "add --time"
+    if timing:
+        problem, remedy = "means nothing with --time", "leave one of them out"
+    for name, place in (_ERRORS_ALONE if timing else _TIMES_ALONE).items():
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            if timing:
-                raise UsageProblem(
-                    "contradiction",
-                    "means nothing with --time",
-                    "leave one of them out",
-                    path=option,
-                )
-            raise UsageProblem(
-                "contradiction", "means nothing without --time", "add --time", path=option
-            )
+            raise UsageProblem("contradiction", problem, remedy, path=place)
 
 
 def _errors(

@@ -9,7 +9,7 @@ import click
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import shot_lens_options
-from defocus_cli.options.types import FilePath, GroupedCommand, ReportPath, grouped_option
+from defocus_cli.options.types import FilePath, GroupedCommand, ReportPath, output_option
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_core.batch.jobs.job import Machine, Reading
@@ -23,14 +23,11 @@ from defocus_core.reports.html.focus_choice import write_choice
 @click.command("choose", cls=GroupedCommand)
 @click.argument("color", type=FilePath())
 @click.argument("depth", type=FilePath(), required=False)
-@grouped_option(
-    "Output",
-    "-o",
-    "--out",
-    type=ReportPath("html"),
+@output_option(
+    "-o --out FILE.html",
+    "The page to write; an earlier one is replaced.",
+    ReportPath("html"),
     required=True,
-    metavar="FILE.html",
-    help="The page to write; an earlier one is replaced.",
 )
 @shot_lens_options(required=True)
 @reading_options

@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from defocus_cli.options import comparing, shared
-from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
+from defocus_cli.options.types import FilePath, GroupedCommand, machine_option, output_option
 from defocus_cli.words import console
 from defocus_cli.words.endings import Failures
 from defocus_core.compare.metrics import METRICS
@@ -61,18 +61,15 @@ Examples:
 @click.argument("a", type=FilePath())
 @click.argument("b", type=FilePath())
 @comparing.comparison_options()
-@grouped_option(
-    "Output",
+@output_option(
     "--accept",
-    is_flag=True,
-    help="After the report, make the files of B that differ the new A. Files that B lacks stay.",
+    "After the report, make the files of B that differ the new A. Files that B lacks stay.",
 )
-@shared.machine_option(
-    "--processes",
-    type=click.IntRange(min=1),
+@machine_option(
+    "--processes N",
+    "Processes to compare directories with.  [default: one for each core]",
+    click.IntRange(min=1),
     default=cores,
-    metavar="N",
-    help="Processes to compare directories with.  [default: one for each core]",
 )
 @shared.json_option
 @shared.verbose_option

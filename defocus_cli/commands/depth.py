@@ -9,7 +9,7 @@ import click
 
 from defocus_cli.options import shared
 from defocus_cli.options.reading import depth_reading_options
-from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
+from defocus_cli.options.types import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.depth_conversion import Converted, convert, places, refuse_existing
@@ -20,19 +20,14 @@ from defocus_core.system.text import counted
 
 @click.command("depth", cls=GroupedCommand)
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
-@grouped_option(
-    "Output",
-    "-o",
-    "--out",
-    type=FilePath(),
+@output_option(
+    "-o --out OUT",
+    "File to write, ending in .exr; or a directory for <stem>.exr of each FILE.",
+    FilePath(),
     required=True,
-    metavar="OUT",
-    help="File to write, ending in .exr; or a directory for <stem>.exr of each FILE.",
 )
-@grouped_option(
-    "Output", "--preview", is_flag=True, help="Also write <stem>.preview.png, near is bright."
-)
-@grouped_option("Output", "--overwrite", is_flag=True, help="Replace files that are there.")
+@output_option("--preview", "Also write <stem>.preview.png, near is bright.")
+@output_option("--overwrite", "Replace files that are there.")
 @depth_reading_options
 @shared.json_option
 def command(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,16 @@ import click
 
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
-from defocus_cli.options.types import FilePath, GroupedCommand, Quantity, grouped_option
+from defocus_cli.options.types import (
+    Command,
+    FilePath,
+    GroupedCommand,
+    bundle,
+    files_option,
+    lens_option,
+    option,
+    output_option,
+)
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_cli.words.endings import Failures
@@ -19,7 +29,9 @@ from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import QuantityError, length_text
-from defocus_core.errors import DefocusError, InputError, NotExplained, UsageProblem
+from defocus_core.errors import DefocusError, NotExplained, UsageProblem
+
+_sensor_option = partial(option, heading="Sensor")
 
 _MAX_BLADES = 99
 _OF_PAIRS = ("dual_pixel", "dp_model", "dp_crosstalk", "side_shading")  # attributes of FitOptions
@@ -33,115 +45,93 @@ def _blades(text: str) -> tuple[int, ...]:
     return tuple(dict.fromkeys(map(int, numbers)))
 
 
+_options = [
+    lens_option(
+        "--focal-length LENGTH",
+        "Focal length of the lens, for which the f-number is found.",
+        LENS_OPTIONS["focal-length"].parse,
+        default="50mm",
+        show_default=True,
+    ),
+    lens_option(
+        "--sensor-width LENGTH",
+        "Width of the sensor that the pictures show.",
+        LENS_OPTIONS["sensor-width"].parse,
+        default="36mm",
+        show_default=True,
+    ),
+    lens_option(
+        "--blades N,…",
+        "Numbers of blades to choose from; 0 is round. Their rotation is found, too.",
+        _blades,
+        default="0",
+        show_default=True,
+    ),
+    lens_option(
+        "--focus DISTANCE",
+        "The distance in focus, where it is known: it is not sought, and one plane will do.",
+        quantities.focus,
+    ),
+    lens_option("--fnumber N", "The f-number, where it is known.", LENS_OPTIONS["fnumber"].parse),
+    _sensor_option(
+        "--dual-pixel",
+        "Find how the photodiodes of a pair share the light, too: model, crosstalk, sides.",
+    ),
+    _sensor_option(
+        "--dp-model MODEL",
+        "The model of the photodiodes or the file of their kernels, as for render; not sought.",
+        LENS_OPTIONS["dp-model"].parse,
+    ),
+    _sensor_option(
+        "--dp-crosstalk 0…0.49",
+        "The crosstalk of the photodiodes, where it is known.",
+        LENS_OPTIONS["dp-crosstalk"].parse,
+    ),
+    _sensor_option(
+        "--side-shading",
+        "Find a factor of light of each side, too, that is a plane over the frame.",
+    ),
+    lens_option(
+        "--exposure",
+        "Find a factor for each colour, too: the pictures differ in exposure or white balance.",
+    ),
+    lens_option(
+        "--gamma",
+        "Find the power by which the files are linear light, too: their curve is not known.",
+    ),
+    lens_option(
+        "--shift",
+        "Find by how many px, up to 16, BLURRED lies beside SHARP, too, and how much the lens "
+        "breathes: what is blurred lies farther outwards.",
+    ),
+]
+
+
+def _fit_options(command: Command) -> Command:
+    """Hand a command ``options``: what is known of the lens, and what is sought."""
+
+    def make(focal_length: float, focus: Any, **others: Any) -> lens_fit.FitOptions:
+        distance = _distance(focus, focal_length)
+        return lens_fit.FitOptions(focal_length, focus=distance, **others)
+
+    return bundle("options", make, _options)(command)
+
+
 @click.command("fit", cls=GroupedCommand)
 @click.argument("sharp", type=FilePath(), metavar="SHARP")
 @click.argument("depth", type=FilePath(), metavar="DEPTH")
 @click.argument("blurred", type=FilePath(), metavar="BLURRED")
-@grouped_option(
-    "Files",
-    "--right",
-    type=FilePath(),
-    metavar="FILE",
-    help="The right picture of a dual-pixel pair, of which BLURRED is the left one.",
+@files_option(
+    "--right FILE",
+    "The right picture of a dual-pixel pair, of which BLURRED is the left one.",
+    FilePath(),
 )
-@grouped_option(
-    "Output",
-    "-o",
-    "--out",
-    type=FilePath(),
-    metavar="LENS.toml",
-    help="Lens file to write; of folders, a directory for <stem>.toml.",
+@output_option(
+    "-o --out LENS.toml", "Lens file to write; of folders, a directory for <stem>.toml.", FilePath()
 )
-@grouped_option("Output", "--overwrite", is_flag=True, help="Replace lens files that are there.")
-@grouped_option(
-    "Output", "--accept", is_flag=True, help="Take a lens that does not explain the pictures."
-)
-@grouped_option(
-    "Lens",
-    "--focal-length",
-    type=Quantity(LENS_OPTIONS["focal-length"].parse, "LENGTH"),
-    default="50mm",
-    show_default=True,
-    metavar="LENGTH",
-    help="Focal length of the lens, for which the f-number is found.",
-)
-@grouped_option(
-    "Lens",
-    "--sensor-width",
-    type=Quantity(LENS_OPTIONS["sensor-width"].parse, "LENGTH"),
-    default="36mm",
-    show_default=True,
-    metavar="LENGTH",
-    help="Width of the sensor that the pictures show.",
-)
-@grouped_option(
-    "Lens",
-    "--blades",
-    type=Quantity(_blades, "N,…"),
-    default="0",
-    show_default=True,
-    metavar="N,…",
-    help="Numbers of blades to choose from; 0 is round. Their rotation is found, too.",
-)
-@grouped_option(
-    "Lens",
-    "--focus",
-    type=Quantity(quantities.focus, "DISTANCE"),
-    metavar="DISTANCE",
-    help="The distance in focus, where it is known: it is not sought, and one plane will do.",
-)
-@grouped_option(
-    "Lens",
-    "--fnumber",
-    type=Quantity(LENS_OPTIONS["fnumber"].parse, "N"),
-    metavar="N",
-    help="The f-number, where it is known.",
-)
-@grouped_option(
-    "Sensor",
-    "--dual-pixel",
-    is_flag=True,
-    help="Find how the photodiodes of a pair share the light, too: model, crosstalk, sides.",
-)
-@grouped_option(
-    "Sensor",
-    "--dp-model",
-    type=Quantity(LENS_OPTIONS["dp-model"].parse, "MODEL"),
-    metavar="MODEL",
-    help="The model of the photodiodes or the file of their kernels, as for render; not sought.",
-)
-@grouped_option(
-    "Sensor",
-    "--dp-crosstalk",
-    type=Quantity(LENS_OPTIONS["dp-crosstalk"].parse, "0…0.49"),
-    metavar="0…0.49",
-    help="The crosstalk of the photodiodes, where it is known.",
-)
-@grouped_option(
-    "Sensor",
-    "--side-shading",
-    is_flag=True,
-    help="Find a factor of light of each side, too, that is a plane over the frame.",
-)
-@grouped_option(
-    "Lens",
-    "--exposure",
-    is_flag=True,
-    help="Find a factor for each colour, too: the pictures differ in exposure or white balance.",
-)
-@grouped_option(
-    "Lens",
-    "--gamma",
-    is_flag=True,
-    help="Find the power by which the files are linear light, too: their curve is not known.",
-)
-@grouped_option(
-    "Lens",
-    "--shift",
-    is_flag=True,
-    help="Find by how many px, up to 16, BLURRED lies beside SHARP, too, and how much the lens "
-    "breathes: what is blurred lies farther outwards.",
-)
+@output_option("--overwrite", "Replace lens files that are there.")
+@output_option("--accept", "Take a lens that does not explain the pictures.")
+@_fit_options
 @reading_options
 @shared.json_option
 def command(
@@ -152,18 +142,7 @@ def command(
     out: Path | None,
     overwrite: bool,
     accept: bool,
-    focal_length: float,
-    sensor_width: float,
-    blades: tuple[int, ...],
-    focus: float | quantities.Percentile | None,
-    fnumber: float | None,
-    dual_pixel: bool,
-    dp_model: str | Path | None,
-    dp_crosstalk: float | None,
-    side_shading: bool,
-    exposure: bool,
-    gamma: bool,
-    shift: bool,
+    options: lens_fit.FitOptions,
     reading: Reading,
     as_json: bool,
 ) -> None:
@@ -195,26 +174,12 @@ def command(
       defocus fit sharp.png d.png blurred.png --depth-kind disparity --depth-range 1m 20m
       defocus fit sharp depth blurred -o lenses --focal-length 85mm --exposure --blades 0,7
     """  # noqa: D301  click reads the backspace
-    options = lens_fit.FitOptions(
-        focal_length,
-        sensor_width,
-        blades,
-        exposure=exposure,
-        gamma=gamma,
-        shift=shift,
-        dual_pixel=dual_pixel,
-        side_shading=side_shading,
-        focus=_distance(focus, focal_length),
-        fnumber=fnumber,
-        dp_model=dp_model,
-        dp_crosstalk=dp_crosstalk,
-    )
     _refuse_idle(right, options)
     pairs = lens_fit.pairs_of(find_pictures(sharp, depth), blurred, right)
     places = _places(pairs, out, many=sharp.is_dir(), overwrite=overwrite)
     failures, records = Failures(), []
     for pair, place in zip(pairs, places, strict=True):
-        record = _found(pair, reading, options, place, failures, accept=accept)
+        record = _fit_one(pair, reading, options, place, failures, accept=accept)
         records += [record] if record else []
         if record and not as_json:
             lines = [f"{pair.picture.color}:", *(f"  {x}" for x in lens_fit.words(record))]
@@ -224,7 +189,7 @@ def command(
     failures.end()
 
 
-def _found(
+def _fit_one(
     pair: lens_fit.Pair,
     reading: Reading,
     options: lens_fit.FitOptions,
@@ -267,13 +232,9 @@ def _places(
     places = [out and (out / f"{pair.picture.stem}.toml" if many else out) for pair in pairs]
     for named in filter(None, places):
         if named.suffix != ".toml":
-            raise UsageProblem(
-                "malformed", f"{named} is no lens file", "let it end in .toml", path="-o"
-            )
-        if named.exists() and not overwrite:
-            raise InputError(
-                "exists", "is there already", "give another -o, or --overwrite", path=named
-            )
+            problem = f"{named} is no lens file"
+            raise UsageProblem("malformed", problem, "let it end in .toml", path="-o")
+        shared.refuse_existing(named, overwrite=overwrite)
     if many and out is not None:
         out.mkdir(parents=True, exist_ok=True)
     return places
@@ -283,9 +244,8 @@ def _refuse_idle(right: Path | None, options: lens_fit.FitOptions) -> None:
     """Refuse options of a dual-pixel pair without its right picture."""
     for name in _OF_PAIRS if right is None else ():
         if getattr(options, name) not in (None, False):
-            raise UsageProblem(
-                "idle-option",
+            problem, remedy = (
                 "has no effect without the right picture",
                 "add ‹right› FILE, or leave it out",
-                field=name.replace("_", "-"),
             )
+            raise UsageProblem("idle-option", problem, remedy, field=name.replace("_", "-"))

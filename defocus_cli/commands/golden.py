@@ -12,7 +12,7 @@ import click
 
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.batch import crew_options
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.workers.plan import Execution
@@ -65,26 +65,21 @@ def command(ctx: click.Context) -> None:
         click.echo(ctx.get_help())
 
 
-_only = click.option(
-    "--only",
-    multiple=True,
-    metavar="PATTERN",
-    help="Only jobs that write a picture of this name, like render/spheres.exr or 'left/*'; may be "
+_only = option(
+    "--only PATTERN",
+    "Only jobs that write a picture of this name, like render/spheres.exr or 'left/*'; may be "
     "repeated.",
+    multiple=True,
 )
 
 
 @command.command("update", cls=GroupedCommand)
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.argument("folder", type=FilePath(), metavar="DIR")
-@click.option("--accept", "accepted", is_flag=True, help="Make what changed the new goldens.")
-@click.option(
-    "--propose",
-    is_flag=True,
-    help="Render twice, and propose a rule that lets the noise of two renders pass.",
-)
+@option("--accept", "Make what changed the new goldens.", into="accepted")
+@option("--propose", "Render twice, and propose a rule that lets the noise of two renders pass.")
 @_only
-@comparing.comparison_options(_DEFAULT_RULES, whole=False)
+@comparing.comparison_options(_DEFAULT_RULES, rules_alone=True)
 @crew_options
 def update(
     jobs_file: Path,
@@ -107,15 +102,15 @@ def update(
       defocus golden update jobs.toml goldens --only render/spheres.exr --accept
     """  # noqa: D301  click reads the backspace
     store = store_to_update(folder)
-    with _rendered(jobs_file, crew, only) as fresh:
-        store = _narrowed(store, fresh, only)
-        for line in store.changed_settings(fresh.jobs):
-            console.stdout(line)
+    with _render(jobs_file, crew, only) as fresh:
+        store = _narrow(store, fresh, only)
+        console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
         changed = [record for record in records if not record.passes]
         for record in changed:
-            told = record.name if record.status in (EXTRA, MISSING) else compare_report.line(record)
-            console.stdout(f"{change_words(record)}: {told}")
+            lone = record.status in (EXTRA, MISSING)
+            words = record.name if lone else compare_report.line(record)
+            console.stdout(f"{change_words(record)}: {words}")
         batch_report.end(fresh.summary)
         if not fresh.complete:
             raise InputError(
@@ -139,10 +134,9 @@ def update(
 @command.command("check", cls=GroupedCommand)
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.argument("folder", type=FilePath(), metavar="DIR")
-@click.option(
+@option(
     "--must-fail",
-    is_flag=True,
-    help="Render nothing; plant faults into the goldens, and fail if a rule lets one pass.",
+    "Render nothing; plant faults into the goldens, and fail if a rule lets one pass.",
 )
 @_only
 @comparing.comparison_options(_DEFAULT_RULES)
@@ -171,17 +165,15 @@ def check(
     if must_fail:
         for option, value in {**asked.reports, "--only": only}.items():
             if value:
-                raise UsageProblem(
-                    "contradiction", "means nothing with --must-fail", "leave it out", path=option
-                )
+                problem = "means nothing with --must-fail"
+                raise UsageProblem("contradiction", problem, "leave it out", path=option)
         return _plant(folder, asked, as_json=as_json)
     start = time.perf_counter()
     store = read_store(folder)
-    with _rendered(jobs_file, crew, only) as fresh:
-        store = _narrowed(store, fresh, only)
+    with _render(jobs_file, crew, only) as fresh:
+        store = _narrow(store, fresh, only)
         if not as_json:
-            for line in store.changed_settings(fresh.jobs):
-                console.stdout(line)
+            console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
         changed = store.changed_settings(fresh.jobs)
         header = _report_header(jobs_file, folder, asked.rules, changed)
@@ -210,7 +202,7 @@ def _report_header(
     )
 
 
-def _rendered(
+def _render(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
@@ -222,7 +214,7 @@ def _proposal(
     fresh: FreshPictures, jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> str:
     """The rule that lets pass what a second render makes otherwise."""
-    with _rendered(jobs_file, crew, only) as again:
+    with _render(jobs_file, crew, only) as again:
         pairs = [FilePair(n, path, again.files.get(n)) for n, path in fresh.files.items()]
         settings = CompareSettings(diagnose=False)
         records = list(compare_all(pairs, Task(Thresholds(), settings), crew.count))
@@ -232,7 +224,7 @@ def _proposal(
     return f"two renders differ by {noise:.2g}: --fail 'max>{_ROOM * noise:.2g}' lets that pass"
 
 
-def _narrowed(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
+def _narrow(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
     """The goldens of the jobs that were chosen."""
     return store.only({job.sample_id for job in fresh.jobs}) if only else store
 
@@ -258,8 +250,7 @@ def _plant(folder: Path, asked: comparing.ComparisonOptions, *, as_json: bool) -
         picture = read_picture(path)
         planted[name] = plant_all(picture, name, asked.rules.of(name), asked.settings)
         if not as_json:
-            for line in _planted_lines(name, planted[name]):
-                console.stdout(line)
+            console.stdout(*_planted_lines(name, planted[name]))
     missed = sum(each.is_silent for faults in planted.values() for each in faults)
     if as_json:
         console.print_json(**_planted_document(planted))
@@ -294,12 +285,8 @@ def _planted_document(planted: Faults) -> dict[str, Any]:
         "all_noticed": not any(fault.is_silent for faults in planted.values() for fault in faults),
         "goldens": {
             name: [
-                {
-                    "fault": f.fault,
-                    "noticed": f.noticed,
-                    "warned": f.warned,
-                    "weakest": f.weakest or None,
-                }
+                {"fault": f.fault, "noticed": f.noticed, "warned": f.warned}
+                | {"weakest": f.weakest or None}
                 for f in faults
             ]
             for name, faults in planted.items()

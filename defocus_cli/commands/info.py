@@ -11,7 +11,7 @@ import click
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import shot_lens_options
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import console
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.jobs.job import Picture, Reading, reading_through
@@ -38,12 +38,11 @@ from defocus_core.system.text import counted
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @shot_lens_options(required=False)
 @reading_options
-@click.option(
-    "--preview",
-    type=FilePath(),
-    metavar="PNG",
-    help="Draw a colour and a depth file: the picture, and beside it where its depth is repaired, "
+@option(
+    "--preview PNG",
+    "Draw a colour and a depth file: the picture, and beside it where its depth is repaired, "
     "orange where it was made nearer, blue where farther. Needs a lens.",
+    FilePath(),
 )
 @shared.json_option
 def command(
@@ -107,8 +106,7 @@ def command(
     files = tuple(file for file in files if file not in patterns)
     shots = summarise_shots(patterns, reading, lenses) if patterns else []
     for shot in () if as_json else shots:
-        for line in shot_lines(shot):
-            console.stdout(line)
+        console.stdout(*shot_lines(shot))
     lens = None
     if lenses is not None and files:
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
@@ -124,14 +122,13 @@ def command(
             failures.add(error)
             continue
         records.append(record)
-        for line in () if as_json else file_lines(record):
-            console.stdout(line)
+        if not as_json:
+            console.stdout(*file_lines(record))
     pairs = inspect_pairs(records, reading, lens)
     if preview is not None and lens is not None and not failures:
         draw_repair(pairs, reading, lens, preview)
     for pair in () if as_json else pairs:
-        for line in _pair_lines(pair):
-            console.stdout(line)
+        console.stdout(*_pair_lines(pair))
     if as_json and (records or shots):
         more = {"shots": shots} if shots else {}
         console.print_json(files=records, pairs=pairs, **more, failed=failures.records())

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, grouped_option
+from defocus_cli.options.types import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.batch.jobs.lens_from_options import shipped_lenses
@@ -15,15 +15,12 @@ from defocus_core.errors import InputError
 
 
 @click.command("lenses", cls=GroupedCommand)
-@grouped_option(
-    "Output",
-    "-o",
-    "--out",
-    type=FilePath(),
-    metavar="FILE.png",
-    help="Contact sheet to write: the same lights, at the same radii, with each lens.",
+@output_option(
+    "-o --out FILE.png",
+    "Contact sheet to write: the same lights, at the same radii, with each lens.",
+    FilePath(),
 )
-@grouped_option("Output", "--overwrite", is_flag=True, help="Replace a file that is there.")
+@output_option("--overwrite", "Replace a file that is there.")
 @shared.json_option
 def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     """List the lens files that ship with defocus, as '--lens @NAME' takes them.
@@ -43,10 +40,7 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     if out is not None:
         if out.suffix.lower() != ".png":
             raise InputError("malformed", "is no PNG", "end its name in .png", path=out)
-        if out.exists() and not overwrite:
-            raise InputError(
-                "exists", "is there already", "give another name, or --overwrite", path=out
-            )
+        shared.refuse_existing(out, overwrite=overwrite)
         from defocus_core.reports.sheets import write_lens_sheet
 
         write_lens_sheet(out, lenses)

@@ -11,7 +11,7 @@ import click
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
@@ -70,10 +70,9 @@ Examples:
 @shared.json_option
 @shared.verbose_option
 @shared.stats_option
-@click.option(
+@option(
     "--dry-run",
-    is_flag=True,
-    help="Say what would be read and written, how long it takes and in how much memory, and stop.",
+    "Say what would be read and written, how long it takes and in how much memory, and stop.",
 )
 def command(
     color: Path,

@@ -9,7 +9,7 @@ import click
 from defocus_cli.commands.batch import carry_out
 from defocus_cli.options import shared
 from defocus_cli.options.batch import crew_options, dataset_options
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import console
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.journal.journal import read_all, require_journal
@@ -22,13 +22,12 @@ from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 
 @click.command("retry", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
-@click.option(
-    "--reason",
-    "reasons",
-    type=click.Choice(tuple(REASONS)),
+@option(
+    "--reason REASON",
+    "Only those that failed, or were rejected, for this reason; may be given several times.",
+    tuple(REASONS),
+    into="reasons",
     multiple=True,
-    metavar="REASON",
-    help="Only those that failed, or were rejected, for this reason; may be given several times.",
 )
 @dataset_options
 @shared.json_option
@@ -63,12 +62,5 @@ def command(
     before = sample_index.listed(out)
     asked = None if before is None else before | {job.sample_id for job in jobs}
     carry_out(
-        jobs,
-        out,
-        execution,
-        shards_size,
-        asked,
-        parquet=parquet,
-        as_json=as_json,
-        verbose=verbose,
+        jobs, out, execution, shards_size, asked, parquet=parquet, as_json=as_json, verbose=verbose
     )

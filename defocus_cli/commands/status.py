@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.journal.progress import progress
@@ -15,13 +15,12 @@ from defocus_core.batch.journal.progress import progress
 
 @click.command("status", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
-@click.option(
-    "--failures",
-    type=click.IntRange(min=0),
+@option(
+    "--failures N",
+    "Name at most N jobs that failed or were rejected, the last ones.",
+    click.IntRange(min=0),
     default=10,
     show_default=True,
-    metavar="N",
-    help="Name at most N jobs that failed or were rejected, the last ones.",
 )
 @shared.json_option
 def command(out: Path, failures: int, as_json: bool) -> None:
@@ -39,5 +38,4 @@ def command(out: Path, failures: int, as_json: bool) -> None:
     if as_json:
         console.print_json(**batch_report.progress_record(state, failures))
         return
-    for line in batch_report.progress_lines(out, state, failures):
-        console.stdout(line)
+    console.stdout(*batch_report.progress_lines(out, state, failures))

@@ -68,8 +68,7 @@ def command(machine: Machine, as_json: bool) -> int:
             checks=[_record(check) for check in checks],
         )
     else:
-        for line in _lines(checks):
-            console.stdout(line)
+        console.stdout(*_lines(checks))
         work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
         console.stdout(f"{_summary(checks, seconds)} ({work})")
     return 0 if ok else 1

@@ -1,13 +1,14 @@
 """Options of comparisons: rules, what is compared, and reports.
 
-``@comparison_options()`` adds ``--fail``, … and hands the command ``asked: Asked``.
+``@comparison_options()`` adds ``--fail``, … and hands the command
+``asked: ComparisonOptions``.
 """
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,11 @@ from defocus_cli.options import shared
 from defocus_cli.options.types import (
     Decorator,
     FilePath,
-    Quantity,
+    Listed,
     ReportPath,
     bundle,
-    grouped_option,
+    option,
+    output_option,
     position_of,
 )
 from defocus_cli.words.endings import Failures
@@ -42,31 +44,24 @@ from defocus_core.reports.comparison_words import write_junit
 from defocus_core.reports.html import comparisons
 
 _NO_RULES = Rules()
+_REPORTS = ("diff", "junit", "html", "causes")  # attributes of ComparisonOptions
+_rule_option = partial(option, heading="Rules")
+_selecting_option = partial(option, heading="What is compared")
 _DIFF = "Write differences here: signed in NAME.diff.exr, amplified in NAME.diff.png."
 _HTML = "Write a report to look at in a browser: one file, with the pictures in it."
 
 
 @dataclass(frozen=True)
 class ComparisonOptions:
-    """A comparison as it is asked for.
+    """A comparison as it is asked for."""
 
-    Attributes:
-        rules: the thresholds, of options over those of the file.
-        file: the file of thresholds.
-        settings: what is compared.
-        diff: directory for difference images.
-        junit: file for JUnit XML.
-        html: file for the report that people look at.
-        causes: of which failing pairs the cause is sought, a key of `CAUSES`.
-    """
-
-    rules: Thresholds
-    file: Path | None
+    rules: Thresholds  # of options, over those of the file
+    file: Path | None  # of thresholds
     settings: CompareSettings
-    diff: Path | None = None
+    diff: Path | None = None  # the folder of difference images
     junit: Path | None = None
     html: Path | None = None
-    causes: str = "first"
+    causes: str = "first"  # of which failing pairs the cause is sought, a key of `CAUSES`
 
     @property
     def task(self) -> Task:
@@ -100,34 +95,26 @@ class ComparisonOptions:
         return failures
 
 
-def comparison_options(default: Rules = _NO_RULES, *, whole: bool = True) -> Decorator:
-    """Hand a command ``asked``: rules; if ``whole``, also what is compared, and reports.
+def comparison_options(default: Rules = _NO_RULES, *, rules_alone: bool = False) -> Decorator:
+    """Hand a command ``asked``: rules, and unless they stand alone what is compared, and reports.
 
-    Args:
-        default: rules that hold where neither options nor a file say anything.
-        whole: whether parts of pictures may be chosen, and reports be written.
+    The rules of ``default`` hold where neither options nor a file say anything.
     """
 
     def make(
-        *,
         fail: tuple[Rule, ...],
         warn: tuple[Rule, ...],
         over: float | None,
         thresholds: Path | None,
-        like: str | None = None,
-        diff: Path | None = None,
-        junit: Path | None = None,
-        html: Path | None = None,
-        causes: str = "first",
-        **settings: Any,
+        like: str | None,
+        **others: Any,
     ) -> ComparisonOptions:
-        rules = read_thresholds(
-            thresholds, fail, warn, over, default if like is None else PRESETS[like]
-        )
-        chosen = CompareSettings(**settings)
-        return ComparisonOptions(rules, thresholds, chosen, diff, junit, html, causes)
+        default_rules = default if like is None else PRESETS[like]
+        rules = read_thresholds(thresholds, fail, warn, over, default_rules)
+        asked = {name: others.pop(name) for name in _REPORTS if name in others}
+        return ComparisonOptions(rules, thresholds, CompareSettings(**others), **asked)
 
-    options = [*_rules(), *([*_selection(), *_reports()] if whole else [])]
+    options = _rules() if rules_alone else [*_rules(), *_selection(), *_reports()]
     return bundle("asked", make, options)
 
 
@@ -146,130 +133,93 @@ class _Difference(click.ParamType[float]):
             return difference(value, position_of(param))
 
 
-class _Names(click.ParamType[tuple[str, ...]]):
-    """Names, separated by commas."""
-
-    name = "names"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, ...]:
-        """The names."""
-        if isinstance(value, tuple):
-            return value
-        return tuple(name.strip() for name in value.split(",") if name.strip())
-
-
 def _rules() -> list[Decorator]:
-    option = functools.partial(grouped_option, "Rules")
     return [
-        option(
-            "--fail",
-            type=Quantity(rule, "RULE"),
-            multiple=True,
-            metavar="RULE",
-            help="A picture fails if it meets the rule, like 'hdr-p99.9>0.01' or 'found:clipped'; "
+        _rule_option(
+            "--fail RULE",
+            "A picture fails if it meets the rule, like 'hdr-p99.9>0.01' or 'found:clipped'; "
             "may be repeated. Values that differ fail no more, unless a rule says so.",
-        ),
-        option(
-            "--warn",
-            type=Quantity(rule, "RULE"),
+            rule,
             multiple=True,
-            metavar="RULE",
-            help="A picture that passes gets a warning if it meets the rule.",
         ),
-        option(
-            "--over",
-            type=_Difference(),
-            metavar="DIFFERENCE",
-            help=f"Difference of a channel that 'share' counts pixels beyond.  [default: {OVER}]",
+        _rule_option(
+            "--warn RULE",
+            "A picture that passes gets a warning if it meets the rule.",
+            rule,
+            multiple=True,
         ),
-        option(
+        _rule_option(
+            "--over DIFFERENCE",
+            f"Difference of a channel that 'share' counts pixels beyond.  [default: {OVER}]",
+            _Difference(),
+        ),
+        _rule_option(
             "--like",
-            type=click.Choice(list(PRESETS)),
-            help="Rules for what B is to be like, where no others are given: the same program on "
+            "Rules for what B is to be like, where no others are given: the same program on "
             "another machine (render), a lossy codec (encoder), the same machine (golden).",
+            list(PRESETS),
         ),
-        option(
-            "--thresholds",
-            type=FilePath(),
-            metavar="FILE",
-            help="TOML file with fail, warn and over, for all pictures and for patterns of names; "
+        _rule_option(
+            "--thresholds FILE",
+            "TOML file with fail, warn and over, for all pictures and for patterns of names; "
             "options above win.",
+            FilePath(),
         ),
-        option("--metadata", is_flag=True, help="Metadata that differs fails, too."),
-        option(
-            "--ignore-metadata",
-            type=_Names(),
-            metavar="NAME,…",
-            default=(),
-            help="Attributes that may differ, besides times and the program that wrote the file; "
+        _rule_option("--metadata", "Metadata that differs fails, too."),
+        _rule_option(
+            "--ignore-metadata NAME,…",
+            "Attributes that may differ, besides times and the program that wrote the file; "
             "* stands for any characters.",
+            Listed(str, "name", "compression"),
+            default=(),
         ),
     ]
 
 
 def _selection() -> list[Decorator]:
-    option = functools.partial(grouped_option, "What is compared")
     return [
-        option(
-            "--region",
-            type=Quantity(region, "X,Y,W,H"),
-            metavar="X,Y,W,H",
-            help="Only these pixels, counted from the top left of the picture.",
+        _selecting_option(
+            "--region X,Y,W,H",
+            "Only these pixels, counted from the top left of the picture.",
+            region,
         ),
-        option(
-            "--mask",
-            type=FilePath(),
-            metavar="FILE",
-            help="Only pixels where this picture is not 0.",
-        ),
-        option(
-            "--ignore-region",
-            type=Quantity(region, "X,Y,W,H"),
+        _selecting_option("--mask FILE", "Only pixels where this picture is not 0.", FilePath()),
+        _selecting_option(
+            "--ignore-region X,Y,W,H",
+            "All pixels but these; may be repeated.",
+            region,
             multiple=True,
-            metavar="X,Y,W,H",
-            help="All pixels but these; may be repeated.",
         ),
-        option(
-            "--ignore-mask",
-            type=FilePath(),
-            metavar="FILE",
-            help="All pixels but those where this picture is not 0.",
+        _selecting_option(
+            "--ignore-mask FILE", "All pixels but those where this picture is not 0.", FilePath()
         ),
-        option(
+        _selecting_option(
             "--tolerate-edges",
-            is_flag=True,
-            help="Pixels at lines and edges may differ as far as their neighbours do, as by "
+            "Pixels at lines and edges may differ as far as their neighbours do, as by "
             "another anti-aliasing.",
         ),
-        option(
-            "--coc",
-            type=FilePath(),
-            metavar="DIR",
-            help="CoC maps of the pictures, by the same names, to measure near depth edges and "
+        _selecting_option(
+            "--coc DIR",
+            "CoC maps of the pictures, by the same names, to measure near depth edges and "
             "elsewhere.",
+            FilePath(),
         ),
-        option("--flip", is_flag=True, help="Measure FLIP, too: what a person would see."),
+        _selecting_option("--flip", "Measure FLIP, too: what a person would see."),
     ]
 
 
 def _reports() -> list[Decorator]:
-    option = functools.partial(grouped_option, "Output")
     return [
-        option(
+        output_option(
             "--causes",
-            type=click.Choice(list(CAUSES)),
-            default="first",
-            help=f"Of which failing pairs the cause is sought: the first {FIRST}, all or none; "
+            f"Of which failing pairs the cause is sought: the first {FIRST}, all or none; "
             "a rule like 'found:noise' seeks it in all.  [default: first]",
+            list(CAUSES),
+            default="first",
         ),
-        option("--diff", type=FilePath(), metavar="DIR", help=_DIFF),
-        option(
-            "--junit",
-            type=ReportPath("junit"),
-            metavar="FILE",
-            help="Write JUnit XML, a case for each pair.",
+        output_option("--diff DIR", _DIFF, FilePath()),
+        output_option(
+            "--junit FILE", "Write JUnit XML, a case for each pair.", ReportPath("junit")
         ),
         shared.html_option(_HTML),
     ]

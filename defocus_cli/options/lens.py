@@ -15,7 +15,7 @@ from defocus_cli.options.types import (
     Decorator,
     FilePath,
     bundle,
-    grouped_option,
+    lens_option,
     param_option,
     position_of,
 )
@@ -41,7 +41,7 @@ def _lens_file_option() -> Decorator:
         "for each picture, as 'defocus fit' writes it."
     )
     kind = LensFile()
-    return grouped_option("Lens", "--lens", "lens_file", type=kind, metavar="FILE.toml", help=text)
+    return lens_option("--lens FILE.toml", text, kind, into="lens_file")
 
 
 def lens_options(*, required: bool) -> Decorator:

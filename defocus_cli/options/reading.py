@@ -12,25 +12,21 @@ import click
 
 from defocus_cli.options.types import Command, Decorator, bundle, param_option
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.reading_options import (
-    READING_OPTIONS,
-    lens_file_reading,
-    make_reading,
-)
+from defocus_core.batch.jobs.reading_options import READING_OPTIONS, lens_file_reading, make_reading
 from defocus_core.batch.lenses.parameters import Param
 
 
 def reading_options(command: Command) -> Command:
     """Hand a command ``reading``: what to take from the input files, those of a lens file below."""
-    return _bundled(READING_OPTIONS.values())(command)
+    return _bundle(READING_OPTIONS.values())(command)
 
 
 def depth_reading_options(command: Command) -> Command:
     """Hand a command ``reading``: what to take from depth files alone."""
-    return _bundled(row for row in READING_OPTIONS.values() if not row.of_pictures)(command)
+    return _bundle(row for row in READING_OPTIONS.values() if not row.of_pictures)(command)
 
 
-def _bundled(rows: Iterable[Param]) -> Decorator:
+def _bundle(rows: Iterable[Param]) -> Decorator:
     return bundle("reading", _make, [param_option("Files", row) for row in rows])
 
 

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,11 +17,13 @@ from defocus_cli.options.types import (
     Decorator,
     FilePath,
     Format,
-    Quantity,
     ReportPath,
     bundle,
-    grouped_option,
+    files_option,
+    machine_option,
     names_of,
+    option,
+    output_option,
 )
 from defocus_cli.words.console import Due
 from defocus_core.allowed_values import MIN_TILE, QUALITIES
@@ -42,7 +43,7 @@ from defocus_core.batch.jobs.output_kinds import (
 )
 from defocus_core.batch.jobs.pairing import COLOR_SUFFIXES
 from defocus_core.batch.lenses.quantities import byte_count, pixel_count
-from defocus_core.errors import CALLER, UsageProblem
+from defocus_core.errors import CALLER, InputError, UsageProblem
 from defocus_core.system.process import cores
 
 _MAX_TILE = 1 << 14  # px
@@ -53,32 +54,31 @@ def others_options(command: Command) -> Command:
 
     A plate may have no depth; a deep holdout and a matte have none.
     """
-    option = functools.partial(grouped_option, "Files", type=FilePath(), default=None)
-    hidden = option(
-        "--hidden",
-        nargs=2,
-        metavar="COLOR DEPTH",
-        help="Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
+    hidden = files_option(
+        "--hidden COLOR DEPTH",
+        "Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
         "unknown, and invented; inf with colour is sky.",
+        FilePath(),
+        nargs=2,
     )
-    plate = option(
-        "--over",
-        metavar="PLATE [DEPTH]",
-        help="Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
+    plate = files_option(
+        "--over PLATE [DEPTH]",
+        "Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
         "the EXR's own, or else infinitely far.",
+        FilePath(),
     )
-    depth = option("--over-depth", metavar="DEPTH", help="Depth of the plate.")
-    holdout = option(
-        "--holdout",
-        metavar="DEEP",
-        help="Deep EXR whose samples hide what is behind them and show nothing, like objects that "
+    depth = files_option("--over-depth DEPTH", "Depth of the plate.", FilePath())
+    holdout = files_option(
+        "--holdout DEEP",
+        "Deep EXR whose samples hide what is behind them and show nothing, like objects that "
         "are composited later: colour and alpha are cut out.",
+        FilePath(),
     )
-    matte = option(
-        "--matte",
-        metavar="FILE",
-        help="Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
+    matte = files_option(
+        "--matte FILE",
+        "Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
         "silhouette is the edge of the depth, and hair is parted from what is behind it.",
+        FilePath(),
     )
     return bundle("others", _others, [hidden, plate, depth, holdout, matte])(command)
 
@@ -104,41 +104,37 @@ def _others(
 
 def output_options(command: Command) -> Command:
     """Hand a command ``outputs``: what to write, and where."""
-    option = functools.partial(grouped_option, "Output")
     return bundle(
         "outputs",
         _outputs,
         [
-            option(
-                "-o",
-                "--out",
-                "root",
-                type=FilePath(),
-                required=True,
-                metavar="OUT",
-                help="Directory to write to; or a file like picture.png, for one picture of one "
+            output_option(
+                "-o --out OUT",
+                "Directory to write to; or a file like picture.png, for one picture of one "
                 "kind alone, without a journal; one that defocus wrote is replaced.",
+                FilePath(),
+                into="root",
+                required=True,
             ),
-            option(
-                "--outputs",
-                "kinds",
-                type=names_of(tuple(KINDS), "output"),
+            output_option(
+                "--outputs KIND,…",
+                f"What to write, of {', '.join(KINDS)}.",
+                names_of(tuple(KINDS), "output"),
+                into="kinds",
                 default="render",
                 show_default=True,
-                metavar="KIND,…",
-                help=f"What to write, of {', '.join(KINDS)}.",
             ),
-            option(
+            output_option(
                 "--format",
-                type=Format(),
-                help=f"Type of the images; maps ({', '.join(MAPS)}) are always float.  "
+                f"Type of the images; maps ({', '.join(MAPS)}) are always float.  "
                 "[default: exr, or that of the file -o]",
+                Format(),
             ),
-            option(
+            output_option(
                 "--map-format",
-                type=click.Choice(MAP_FORMATS),
-                help="Type of the maps: EXR, or float TIFF, which image libraries read, too.  "
+                "Type of the maps: EXR, or float TIFF, which image libraries read, too.  "
                 "[default: exr]",
+                MAP_FORMATS,
             ),
             *_encoding_options(),
         ],
@@ -151,76 +147,62 @@ def name_option(command: Command) -> Command:
         "Names of the pictures, like '{stem}_{focus}', of "
         f"{', '.join(FIELDS)}.  [default: {{stem}}, and {{stem}}_{{view}} of several views]"
     )
-    return grouped_option("Output", "--name", metavar="TEMPLATE", help=text)(command)
+    return output_option("--name TEMPLATE", text)(command)
 
 
 def _encoding_options() -> list[Decorator]:
     """How the files of outputs are written."""
-    option = functools.partial(grouped_option, "Output")
     return [
-        option(
+        output_option(
             "--exr-type",
-            type=click.Choice(["half", "float"]),
-            help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
+            f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
+            ["half", "float"],
         ),
-        option(
+        output_option(
             "--color-space",
-            type=click.Choice(COLOR_SPACES),
-            help="Convert what is no EXR to sRGB.  [default: the profile that the colour has]",
+            "Convert what is no EXR to sRGB.  [default: the profile that the colour has]",
+            COLOR_SPACES,
         ),
-        option(
-            "--compression",
-            type=Quantity(compression, "CODEC"),
-            metavar="CODEC",
-            help=f"Codec of EXR: {', '.join(COMPRESSIONS)} (that of the colour). dwaa:45 has a "
+        output_option(
+            "--compression CODEC",
+            f"Codec of EXR: {', '.join(COMPRESSIONS)} (that of the colour). dwaa:45 has a "
             f"level, and loses detail.  [default: {Outputs.compression}]",
+            compression,
         ),
-        option(
-            "--jpeg-quality",
-            type=click.IntRange(1, 100),
-            metavar="1…100",
-            help=f"Quality of JPEG and WEBP images.  [default: {Outputs.jpeg_quality}]",
+        output_option(
+            "--jpeg-quality 1…100",
+            f"Quality of JPEG and WEBP images.  [default: {Outputs.jpeg_quality}]",
+            click.IntRange(1, 100),
         ),
-        option(
-            "--preview",
-            is_flag=True,
-            help="Also write OUT/<kind>/<stem>.preview.png to look at.",
-        ),
-        option(
+        output_option("--preview", "Also write OUT/<kind>/<stem>.preview.png to look at."),
+        output_option(
             "--multiview",
-            is_flag=True,
-            help="Write left and right as the two views of one EXR, OUT/multiview/<stem>.exr.",
+            "Write left and right as the two views of one EXR, OUT/multiview/<stem>.exr.",
         ),
-        option(
+        output_option(
             "--keep-overscan",
-            is_flag=True,
-            help="Write the pixels beyond the display window of an EXR, too; they take part in "
+            "Write the pixels beyond the display window of an EXR, too; they take part in "
             "the blur in any case.",
         ),
-        option("--overwrite", is_flag=True, help="Render again and replace what is there."),
+        output_option("--overwrite", "Render again and replace what is there."),
     ]
 
 
 def _outputs(
-    *,
-    exr_type: str | None,
-    jpeg_quality: int | None,
-    multiview: bool,
-    **others: Any,
+    *, exr_type: str | None, jpeg_quality: int | None, multiview: bool, **others: Any
 ) -> Outputs:
     kinds = others.pop("kinds")
     if multiview:
         kinds = in_one_file(kinds, CALLER.at("multiview"))
     outputs = _in_file(Outputs(kinds=kinds, **_given(others)), others)
-    for option, value, kinds in (
+    for name, value, kinds in (
         ("exr-type", exr_type, ("exr",)),
         ("jpeg-quality", jpeg_quality, LOSSY),
     ):
         if value is not None and outputs.format not in kinds:
             problem = f"says nothing about {outputs.format}"
-            raise UsageProblem(
-                "idle-option", problem, f"leave it out, or use --format {kinds[0]}", field=option
-            )
+            remedy = f"leave it out, or use --format {kinds[0]}"
+            raise UsageProblem("idle-option", problem, remedy, field=name)
     if others["color_space"] is not None and outputs.format == "exr":
         problem = "says nothing about exr, which is linear"
         raise UsageProblem("idle-option", problem, "leave it out", field="color-space")
@@ -270,11 +252,10 @@ def rendering_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
     quality, *others = _computing()
     tolerance = machine_option(
-        "--tolerance",
-        type=Quantity(pixel_count, "PX"),
-        metavar="PX",
-        help="Instead of --quality: the cheapest whose slices are off by no more than so much CoC "
+        "--tolerance PX",
+        "Instead of --quality: the cheapest whose slices are off by no more than so much CoC "
         "radius, like 1px.",
+        pixel_count,
     )
     options = [quality, tolerance, *others, *memory_options()]
     return bundle("machine", _machine, options)(command)
@@ -292,17 +273,16 @@ def _computing() -> list[Decorator]:
     return [
         machine_option(
             "--quality",
-            type=click.Choice(QUALITIES),
-            help="Accuracy, bought with time; a draft is rendered at half of the size, and what is "
+            "Accuracy, bought with time; a draft is rendered at half of the size, and what is "
             f"in focus gets its detail back.  [default: {Machine.quality}]",
+            QUALITIES,
         ),
         device_option(),
         machine_option(
-            "--threads",
-            type=click.IntRange(min=1),
+            "--threads N",
+            "Threads to compute with.  [default: one for each core]",
+            click.IntRange(min=1),
             default=cores,
-            metavar="N",
-            help="Threads to compute with.  [default: one for each core]",
         ),
     ]
 
@@ -311,48 +291,41 @@ def device_option() -> Decorator:
     """``--device``: where to compute."""
     text = "Where to compute; auto takes a GPU if there is one."
     kind = click.Choice(DEVICES)
-    return machine_option("--device", type=kind, default="auto", show_default=True, help=text)
+    return machine_option("--device", text, kind, default="auto", show_default=True)
 
 
 def memory_options() -> list[Decorator]:
     """Bounds of memory, which change no picture by more than the last digits."""
     return [
         machine_option(
-            "--memory",
-            type=Quantity(byte_count, "SIZE"),
-            metavar="SIZE",
-            help="Memory a process may take, like 2GB: what is larger goes through scratch files "
+            "--memory SIZE",
+            "Memory a process may take, like 2GB: what is larger goes through scratch files "
             "in TMPDIR.  [default: most of what is free]",
+            byte_count,
         ),
         machine_option(
-            "--tile",
-            type=click.IntRange(min=MIN_TILE, max=_MAX_TILE),
-            metavar="PX",
-            help="Side of the tiles to compute in; changes the last digits.",
+            "--tile PX",
+            "Side of the tiles to compute in; changes the last digits.",
+            click.IntRange(min=MIN_TILE, max=_MAX_TILE),
         ),
     ]
-
-
-def machine_option(*names: str, **settings: Any) -> Decorator:
-    """An option that help shows beside those of `machine_options`."""
-    return grouped_option("Machine", *names, **settings)
 
 
 def check_inputs_option(command: Command) -> Command:
     """Hand a command ``check_inputs``: stat or hash."""
     return machine_option(
         "--check-inputs",
-        type=click.Choice(["stat", "hash"]),
+        "How to see that an input of what is done has changed: size and time, or its bytes.",
+        ["stat", "hash"],
         default="stat",
         show_default=True,
-        help="How to see that an input of what is done has changed: size and time, or its bytes.",
     )(command)
 
 
 def json_option(command: Command) -> Command:
     """Hand a command ``as_json``."""
     text = "Print one JSON document on stdout."
-    return grouped_option("Options", "--json", "as_json", is_flag=True, help=text)(command)
+    return option("--json", text, into="as_json")(command)
 
 
 def verbose_option(command: Command) -> Command:
@@ -364,22 +337,25 @@ def verbose_option(command: Command) -> Command:
         Due.quiet = value
 
     text = "Say nothing but warnings and errors."
-    quiet = grouped_option(
-        "Options", "-q", "--quiet", is_flag=True, expose_value=False, callback=be_quiet, help=text
-    )
+    quiet = option("-q --quiet", text, expose_value=False, callback=be_quiet)
     text = "Say more, on stderr."
-    verbose = grouped_option("Options", "-v", "--verbose", is_flag=True, is_eager=True, help=text)
+    verbose = option("-v --verbose", text, is_eager=True)
     return verbose(quiet(command))
 
 
 def stats_option(command: Command) -> Command:
     """Hand a command ``stats``."""
     text = "Say what was computed and what was skipped, on stderr; --json always tells it."
-    return grouped_option("Options", "--stats", is_flag=True, help=text)(command)
+    return option("--stats", text)(command)
 
 
 def html_option(text: str) -> Decorator:
     """``--html``: where to write the report that people look at."""
-    return grouped_option(
-        "Output", "--html", type=ReportPath("html"), metavar="FILE.html", help=text
-    )
+    return output_option("--html FILE.html", text, ReportPath("html"))
+
+
+def refuse_existing(path: Path, *, overwrite: bool) -> None:
+    """Refuse to replace a file, unless ``--overwrite`` asks for it."""
+    if path.exists() and not overwrite:
+        remedy = "give another name, or --overwrite"
+        raise InputError("exists", "is there already", remedy, path=path)

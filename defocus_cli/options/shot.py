@@ -6,13 +6,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
 from defocus_cli.options.lens import lens_decorators
-from defocus_cli.options.types import Command, Decorator, bundle, grouped_option
+from defocus_cli.options.types import Command, Decorator, bundle, lens_option, option
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.lens_from_options import refuse_contradiction
 from defocus_core.batch.jobs.reading_options import lens_file_reading
@@ -26,6 +27,8 @@ from defocus_core.batch.jobs.shots import LONGEST_SMOOTH, SharedDecisions
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.frame_patterns import MISSING, FrameChoice, frame_choice
+
+_shot_option = partial(option, heading="Shot")
 
 _PLACES = (CALLER.at("frames"), CALLER.at("missing"))
 
@@ -47,47 +50,37 @@ class ShotOptions:
 def shot_options(command: Command) -> Command:
     """Hand a command ``shot``."""
     options = [
-        grouped_option(
-            "Shot",
-            "--frames",
-            metavar="LIST",
-            help="Frames of patterns like 'shot.####.exr': 1001-1240, 1001-1240x2, 1001,1005; or "
+        _shot_option(
+            "--frames LIST",
+            "Frames of patterns like 'shot.####.exr': 1001-1240, 1001-1240x2, 1001,1005; or "
             "keys, those with a key of --animate.  [default: all that are there]",
         ),
-        grouped_option(
-            "Shot",
+        _shot_option(
             "--missing",
-            type=click.Choice(MISSING),
-            help="Frames that have no file: an error, or left out.  [default: error]",
+            "Frames that have no file: an error, or left out.  [default: error]",
+            MISSING,
         ),
-        grouped_option(
-            "Shot",
+        _shot_option(
             "--steady/--no-steady",
-            default=None,
-            help="Decide once for the shot how depth is repaired and where a focus lies that the "
+            "Decide once for the shot how depth is repaired and where a focus lies that the "
             "depth decides, and average noise of depth over 9 frames where the scene is still; or "
             "each frame for itself.  [default: steady]",
+            default=None,
         ),
-        grouped_option(
-            "Shot",
-            "--focus-smooth",
-            type=click.IntRange(2, LONGEST_SMOOTH),
-            metavar="N",
-            help="Average a focus that the depth decides over N frames, in disparity, like 9.",
+        _shot_option(
+            "--focus-smooth N",
+            "Average a focus that the depth decides over N frames, in disparity, like 9.",
+            click.IntRange(2, LONGEST_SMOOTH),
         ),
-        grouped_option(
-            "Shot",
-            "--motion",
-            metavar="LAYER",
-            help="Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
+        _shot_option(
+            "--motion LAYER",
+            "Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
             "what other frames have seen of what is hidden is not invented.",
         ),
-        grouped_option(
-            "Shot",
-            "--contact",
-            type=click.IntRange(min=1, max=400),
-            metavar="N",
-            help="Also write N of the pictures, small, to OUT/contact.png.",
+        _shot_option(
+            "--contact N",
+            "Also write N of the pictures, small, to OUT/contact.png.",
+            click.IntRange(min=1, max=400),
         ),
     ]
 
@@ -103,27 +96,22 @@ def shot_lens_options(*, required: bool) -> Decorator:
     """Hand a command ``lenses``: ShotLenses, or None if no lens was asked for nor is required."""
     options = [
         *lens_decorators(),
-        grouped_option(
-            "Lens",
-            "--animate",
-            multiple=True,
-            metavar="FILE",
-            help="Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, "
+        lens_option(
+            "--animate FILE",
+            "Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, "
             "Nuke's .chan; or OPTION=FILE of lines like '1001 1.2m'.  ('defocus help shots')",
+            multiple=True,
         ),
-        grouped_option(
-            "Lens",
+        lens_option(
             "--interpolate",
-            type=click.Choice(INTERPOLATIONS),
-            help="Between keys: evenly, or slow at each key.  [default: linear]",
+            "Between keys: evenly, or slow at each key.  [default: linear]",
+            INTERPOLATIONS,
         ),
-        grouped_option(
-            "Lens",
+        lens_option(
             "--lens-from-metadata",
-            "metadata",
-            is_flag=True,
-            help="Take the lens from each colour file: OpenEXR's attributes, V-Ray's, or Exif; -v "
+            "Take the lens from each colour file: OpenEXR's attributes, V-Ray's, or Exif; -v "
             "says which. What is given beside it wins.",
+            into="metadata",
         ),
     ]
 

@@ -163,9 +163,37 @@ class GroupedCommand(click.Command):
                 formatter.write_dl(records)
 
 
-def grouped_option(heading: str, *names: str, **settings: Any) -> Decorator:
-    """An option that help shows under a heading."""
+def option(
+    spelling: str,
+    text: str,
+    kind: Any = None,
+    *,
+    into: str = "",
+    heading: str = "Options",
+    **settings: Any,
+) -> Decorator:
+    """An option, spelled as help shows it under a heading, like ``-o --out FILE``.
+
+    What reads its value is a type, the words to choose from, or a parser of quantities; one without
+    a value is a flag. ``into`` names the parameter, if not the option does.
+    """
+    words = spelling.split()
+    names = [word for word in words if word.startswith("-")] + [into] * bool(into)
+    metavar = " ".join(word for word in words if not word.startswith("-"))
+    if isinstance(kind, Sequence):
+        kind = click.Choice(kind)
+    elif callable(kind) and not isinstance(kind, click.ParamType):
+        kind = Quantity(kind, metavar)
+    elif kind is None and not metavar:
+        settings["is_flag"] = True
+    settings |= {"type": kind, "metavar": metavar or None, "help": text}
     return click.option(*names, cls=GroupedOption, heading=heading, **settings)
+
+
+files_option = functools.partial(option, heading="Files")
+lens_option = functools.partial(option, heading="Lens")
+machine_option = functools.partial(option, heading="Machine")
+output_option = functools.partial(option, heading="Output")
 
 
 def param_option(heading: str, param: Param) -> Decorator:
@@ -182,7 +210,7 @@ def param_option(heading: str, param: Param) -> Decorator:
         settings |= {"type": Quantity(param.parse_word, "DISTANCE"), "nargs": 2, "default": None}
     else:
         settings["type"] = Quantity(param.parse, param.metavar)
-    return grouped_option(heading, *names, **settings)
+    return click.option(*names, cls=GroupedOption, heading=heading, **settings)
 
 
 def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:

@@ -36,7 +36,7 @@ class BatchReport:
         self._each, self._keep, self._verbose, self._stats = each, keep, verbose, stats
         self._bar: Any = None
         self._afterwards: list[str] = []
-        self._told: Counter[str] = Counter()  # jobs without outputs, by the kind of their message
+        self._kinds: Counter[str] = Counter()  # jobs without outputs, by the kind of their message
 
     def planned(self, plan: Plan) -> None:
         """Say what was done before."""
@@ -72,10 +72,10 @@ class BatchReport:
             lines += self._afterwards
         elif not self._verbose:
             kind = kind_of(record["message"])
-            self._told[kind] += 1
-            if self._told[kind] > _ALIKE:
+            self._kinds[kind] += 1
+            if self._kinds[kind] > _ALIKE:
                 more = "others like it are counted at the end, and told by 'defocus status'"
-                lines = [more] if self._told[kind] == _ALIKE + 1 else []
+                lines = [more] if self._kinds[kind] == _ALIKE + 1 else []
         for line in lines if self._each or record["status"] != "ok" else ():
             console.stderr(line)
         if self._bar is not None:

@@ -73,9 +73,10 @@ def log_to_stderr() -> None:
         logger.addHandler(ToStderr())
 
 
-def stdout(line: str) -> None:
-    """One line on stdout."""
-    _print(with_dashes(printable(line)))
+def stdout(*lines: str) -> None:
+    """Lines on stdout."""
+    for line in lines:
+        _print(with_dashes(printable(line)))
 
 
 class Due:

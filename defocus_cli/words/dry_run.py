@@ -106,8 +106,8 @@ def report_batch(
         console.stdout(job_report.plan_line(job))
     if scale > 1 and not as_json:
         console.stdout(f"of {len(jobs)} of {len(numbers)} jobs, spread evenly over them:")
-    for line in () if as_json else _batch_lines(totals, len(samples)):
-        console.stdout(line)
+    if not as_json:
+        console.stdout(*_batch_lines(totals, len(samples)))
     _end(unusable, len(samples), "jobs")
 
 

@@ -79,11 +79,7 @@ def outcome_record(
 
 
 def outcome_lines(
-    job: Job,
-    record: Mapping[str, Any],
-    *,
-    verbose: bool,
-    stats: bool = False,
+    job: Job, record: Mapping[str, Any], *, verbose: bool, stats: bool = False
 ) -> Iterator[str]:
     """A job that ended, in words: one line, one for each warning, and more if ``verbose``.
 

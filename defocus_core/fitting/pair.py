@@ -208,7 +208,7 @@ def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[
         tuple(search.residual.gains(point, optics, scale).tolist()),
         _psnr(residual, weight, radius),
         point.turned(optics.aperture),
-        _crossed(optics.dual_pixel, point.separation) if pair else None,
+        _with_crosstalk(optics.dual_pixel, point.separation) if pair else None,
         errors.get("separation", 0.0) / 2,
         point.separation < 0,
         point.breathing,
@@ -234,7 +234,7 @@ def _errors(
     return {u.name: u.unit * float(size) for u, size in zip(free, sizes, strict=True)}
 
 
-def _crossed(dual_pixel: DualPixel, separation: float) -> DualPixel:
+def _with_crosstalk(dual_pixel: DualPixel, separation: float) -> DualPixel:
     """Photodiodes whose left and right are as far apart as found."""
     fraction = (1 - abs(separation) * (1 - 2 * float(dual_pixel.crosstalk))) / 2
     return replace(dual_pixel, crosstalk=min(max(fraction, 0.0), _MAX_CROSSTALK))

@@ -16,15 +16,9 @@ _LOBES = 3  # of the windowed sinc that shifts a picture
 
 
 class Scale:
-    """The pictures at one size.
+    """The pictures at one size: `factor` px of it for a px, `sharp`, `observed` and `disparity`.
 
-    Attributes:
-        factor: Px of this size for a px of the pictures.
-        sharp: [C, H, W].
-        observed: Each [C, H, W].
-        disparity: [H, W].
-        lost: Share of pixels whose light is clipped in the sharp picture [1, H, W]; None if none
-            is.
+    `lost` is the share of pixels whose light is clipped in the sharp picture [1, H, W], or None.
     """
 
     def __init__(
@@ -35,7 +29,7 @@ class Scale:
         self.factor = min(1.0, width / full)
         self.sharp = self._small(sharp)
         self.observed = [self._small(each) for each in observed]
-        self.lost = self._small(clipped) if bool((clipped := _clipped(sharp)).any()) else None
+        self.lost = self._small(clipped) if bool((clipped := _clipping(sharp)).any()) else None
         height, width = self.sharp.shape[1:]
         rows = ((torch.arange(height) + 0.5) * sharp.shape[1] / height).long()
         columns = ((torch.arange(width) + 0.5) * full / width).long()
@@ -55,7 +49,7 @@ class Scale:
         return interpolate(image[None], size, mode="area")[0]
 
 
-def _clipped(image: Tensor) -> Tensor:
+def _clipping(image: Tensor) -> Tensor:
     """Where a picture [C, H, W] that ends at 1 or below is at its end: [1, H, W], 1 or 0.
 
     The end of a picture without clipped light is that of a pixel or two.
@@ -90,7 +84,7 @@ def offset_of(sharp: Tensor, observed: Tensor, maximum: int) -> tuple[float, flo
     spectra = []
     for image in (sharp, observed):
         light = image.clamp_min(0).mean(0)
-        light = light / (light + light.median().clamp_min(1e-3))  # lamps do not decide
+        light = light / (light + light.median().clamp_min(1e-3))  # lights do not decide
         spectra.append(torch.fft.rfft2(light - light.mean(), s=[2 * n for n in light.shape]))
     both = torch.fft.irfft2(spectra[1] * spectra[0].conj())
     positions = torch.arange(-maximum, maximum + 1)

@@ -50,7 +50,7 @@ class JudgedPair(NamedTuple):
         """That of a point; of a pair its mean."""
         scale = residual.scale(_WIDTH)
         modelled, weight = residual.modelled(point, optics, scale)
-        still = residual.modelled(_unblurred(point, scale), optics, scale)[0]
+        still = residual.modelled(_without_blur(point, scale), optics, scale)[0]
         observed = torch.stack(scale.observed)
         modelled, observed, still = (
             residual.compressed(each.mean(0)) for each in (modelled, observed, still)
@@ -69,7 +69,7 @@ class JudgedPair(NamedTuple):
         return 1 - self.error(self.modelled) / before if before > _MINIMUM else 0.0
 
 
-def _unblurred(point: Candidate, scale: Scale) -> Candidate:
+def _without_blur(point: Candidate, scale: Scale) -> Candidate:
     """A point of the same pictures without blur."""
     minimum = 1e-9 / max(float(scale.disparity.abs().max()), 1e-9)
     return Candidate(minimum, 0.0, gamma=point.gamma, across=point.across, down=point.down)
@@ -85,9 +85,9 @@ def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refu
         )
         return
     of_small = _small_correlation(evidence.sharp, evidence.observed)
-    cause = _mirrored(evidence, of_small)
+    cause = _mirror_cause(evidence, of_small)
     if cause is None and not options["shift"]:
-        cause = _moved(evidence, of_small)
+        cause = _shift_cause(evidence, of_small)
     if cause is None and of_small >= _ALIKE:
         cause = _other_cause(evidence, options)
     alike = min(of_small, _correlation(evidence))
@@ -103,7 +103,7 @@ def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refu
         yield Refusal("not-explained", problem, remedy)
 
 
-def _mirrored(evidence: JudgedPair, of_small: float) -> Refusal | None:
+def _mirror_cause(evidence: JudgedPair, of_small: float) -> Refusal | None:
     """That one of the pictures is mirrored or turned, if it is more like the other so."""
     for words, axes in _MIRRORS.items():
         if _puts_right(of_small, _small_correlation(evidence.sharp, evidence.observed.flip(axes))):
@@ -112,7 +112,7 @@ def _mirrored(evidence: JudgedPair, of_small: float) -> Refusal | None:
     return None
 
 
-def _moved(evidence: JudgedPair, of_small: float) -> Refusal | None:
+def _shift_cause(evidence: JudgedPair, of_small: float) -> Refusal | None:
     """That one of the pictures lies beside the other, if that explains more than a blur."""
     for image, left in ((evidence.sharp, _CLOSER), (evidence.modelled, _MORE)):
         across, down = _offset(image, evidence.observed)

@@ -1,6 +1,6 @@
 """What a point makes of the sharp picture, and its difference from what is observed.
 
-Differences are taken of light compressed by x / (x + m), so that a lamp does not outweigh a scene.
+Differences are taken of light compressed by x / (x + m), so that no light outweighs a scene.
 They count less where they are large (Huber), and not where light is clipped, where a clipped light
 is blurred, whose strength nobody knows, nor where the rendering invents. They are of the numbers of
 the pictures, not of what a gamma makes of them.

@@ -1,18 +1,28 @@
-"""The search for the point that explains a pair: all blurs at once, then Gauss-Newton steps."""
+"""The search for the point that explains a pair: all blurs at once, then Gauss-Newton steps.
+
+Apart from depth edges a pixel shows its own radius alone. So at first the sharp picture is blurred
+as a whole by each of some radii, and each level of disparity keeps how far each radius is from what
+is seen. The error of any focus and strength is then a sum over the levels, without a rendering.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import torch
 from torch import Tensor
 
-from defocus_core.fitting.blur_map import BlurMap
 from defocus_core.fitting.pictures import Scale, offset_of
-from defocus_core.fitting.residual import Optics, Residual, error_of, robust_of
+from defocus_core.fitting.residual import (
+    Optics,
+    Residual,
+    error_of,
+    measure_of,
+    robust_of,
+)
 from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate, Unknown, moved, rotation_of
 
 MIDDLE = 480  # px, width of pictures of middle size
@@ -38,6 +48,12 @@ _PIVOT_PX, _PIVOT_RATIO, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)
 _OTHER_SIDE_RATIO = 2.0  # times the error, that the other side of the focus may have before steps
 _TAIL = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
 _ROUNDING_RATIO = 1.002  # an error as small, by the rounding of the renderer
+_MAP_WIDTH = 320  # px, of pictures that are blurred as a whole
+_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.15  # px; of the width; of one to the next
+_LEVELS = 256  # of disparity
+_MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
+_APART = 0.15  # of their radii: points that differ by less are one
+_BEYOND = 2.0  # ranges of disparity beyond it, where the focus is sought for a given strength
 
 
 @dataclass(frozen=True)
@@ -47,6 +63,78 @@ class FittedLens:
     error: float
     point: Candidate
     optics: Optics
+
+
+class BlurMap:
+    """The error of each radius at each level of disparity."""
+
+    def __init__(self, residual: Residual, optics: Optics, shift: dict[str, float]) -> None:
+        """Blur the picture as a whole by each radius."""
+        scale = residual.scale(_MAP_WIDTH)
+        self._factor, disparity = scale.factor, scale.disparity.double()
+        self.low, self.high = float(disparity.min()), float(disparity.max())
+        span = self.high - self.low
+        level = ((disparity - self.low) / (span or 1.0) * (_LEVELS - 1)).round().long().flatten()
+        self.levels = self.low + span * torch.arange(_LEVELS, dtype=torch.float64) / (_LEVELS - 1)
+        maximum = _MAX_RADIUS * scale.sharp.shape[2]
+        count = math.ceil(math.log(maximum / _MIN_RADIUS) / math.log(_RATIO))
+        sizes = [_MIN_RADIUS * _RATIO**i for i in range(count + 1)]
+        turns = bool(optics.aperture.blades or optics.aperture.image)
+        signed = [*(-r for r in reversed(sizes)), 0.0, *sizes] if turns else [0.0, *sizes]
+        flat = scale.flat()
+        points = (Candidate(r / scale.factor, 1.0, **shift) for r in signed)
+        rows = [_errors(residual, optics, flat, point, level) for point in points]
+        self._radii = torch.tensor(signed, dtype=torch.float64)
+        self._turns = turns
+        self._errors, self._weights = (torch.stack(each) for each in zip(*rows, strict=True))
+        self._pixels = level.numel()
+
+    def points(
+        self, focus: float | None, strength: Callable[[float], float] | None
+    ) -> list[tuple[float, float]]:
+        """Strengths and focuses that are tried, either of which may be given."""
+        sizes = self._radii[self._radii > 0] / self._factor
+        span = self.high - self.low
+        if focus is not None:
+            if strength is not None:
+                return [(strength(focus), focus)]
+            reach = max(abs(focus - self.low), abs(focus - self.high))
+            return [(float(r) / reach, focus) for r in sizes] if reach else []
+        if strength is not None:
+            positions = torch.linspace(self.low - _BEYOND * span, self.high + _BEYOND * span, 801)
+            return [(strength(float(d)), float(d)) for d in positions]
+        signed = [*(-sizes).tolist(), 0.0, *sizes.tolist()]
+        pairs = [(far, near) for far in signed for near in signed if near < far]
+        return [((far - near) / span, self.low + far * span / (far - near)) for far, near in pairs]
+
+    def best(self, points: Iterable[tuple[float, float]], count: int) -> list[tuple[float, float]]:
+        """The strengths and focuses of least error that are not nearly the same."""
+        tried = torch.tensor(list(points), dtype=torch.float64).reshape(-1, 2)
+        radii = tried[:, :1] * self._factor * (tried[:, 1:] - self.levels)  # [P, L]
+        errors = self._error(radii)
+        chosen: list[int] = []
+        weights = self._weights.amax(0)
+        for index in errors.argsort().tolist():
+            if len(chosen) == count or not math.isfinite(float(errors[index])):
+                break
+            away = ((radii[chosen] - radii[index]).abs() * weights).sum(1)
+            size = (radii[index].abs() * weights).sum()
+            if not chosen or float(away.min()) > _APART * float(size):
+                chosen.append(index)
+        return [(float(k), float(d)) for k, d in tried[chosen]]
+
+    def _error(self, radii: Tensor) -> Tensor:
+        """The mean error [P] of points of radii [P, L]; infinite where hardly anything counts."""
+        known, wanted = self._radii, radii if self._turns else radii.abs()
+        index = torch.searchsorted(known, wanted.contiguous()).clamp(1, len(known) - 1)
+        fraction = (wanted - known[index - 1]) / (known[index] - known[index - 1])
+        level = torch.arange(radii.shape[1]).expand_as(index)
+        inside = (fraction >= -1e-9) & (fraction <= 1 + 1e-9)
+        sums = [
+            (torch.lerp(table[index - 1, level], table[index, level], fraction) * inside).sum(1)
+            for table in (self._errors, self._weights)
+        ]
+        return torch.where(sums[1] > _MIN_WEIGHT * self._pixels, sums[0] / sums[1], math.inf)
 
 
 class Search:
@@ -82,10 +170,10 @@ class Search:
         starts = self._all(_best(starts, _COARSE, small), _COARSE, early)
         if self.residual.width > _COARSE or early != self._free:
             starts = self._all(_best(starts, MIDDLE, small), MIDDLE, self._free)
-        fitted = self._chosen(self._pivoted(starts[0]), choices)
+        fitted = self._choose(self._pivot(starts[0]), choices)
         if self.residual.width > MIDDLE or fitted.optics != first:
-            fitted = self._descended(fitted, None, self.free(fitted.optics))
-        return fitted if self._focus is not None else self._centred(fitted)
+            fitted = self._descend(fitted, None, self.free(fitted.optics))
+        return fitted if self._focus is not None else self._centre(fitted)
 
     @property
     def _cheap(self) -> list[Unknown]:
@@ -94,7 +182,7 @@ class Search:
 
     def _all(self, starts: list[FittedLens], width: int, free: list[Unknown]) -> list[FittedLens]:
         """Points after Gauss-Newton steps, the best first."""
-        ended = (self._descended(start, width, free) for start in starts)
+        ended = (self._descend(start, width, free) for start in starts)
         return sorted(ended, key=lambda fitted: fitted.error)
 
     def _starts(self, optics: Optics) -> list[Candidate]:
@@ -115,7 +203,7 @@ class Search:
         observed = torch.stack(scale.observed).mean(0)
         return dict(zip(names, offset_of(scale.sharp, observed, int(MAX_SHIFT)), strict=True))
 
-    def _chosen(self, fitted: FittedLens, choices: Sequence[Optics]) -> FittedLens:
+    def _choose(self, fitted: FittedLens, choices: Sequence[Optics]) -> FittedLens:
         """The pupil and the photodiodes that explain the pictures best, near a point."""
         if len(choices) == 1 and not (self._rotation and choices[0].aperture.blades):
             return fitted
@@ -129,10 +217,10 @@ class Search:
             start = min(tried, key=lambda each: each.error)
             same = optics.aperture == choices[0].aperture and not blades
             free = self._cheap if same and len(choices) > 1 else self.free(optics)
-            candidates.append(self._descended(start, MIDDLE, free))
+            candidates.append(self._descend(start, MIDDLE, free))
         return min(candidates, key=lambda each: each.error)
 
-    def _pivoted(self, fitted: FittedLens) -> FittedLens:
+    def _pivot(self, fitted: FittedLens) -> FittedLens:
         """A point whose most blurred surface keeps its radius; the focus moves by parts of px.
 
         Nearly sharp surfaces look alike on both sides of the focus: there steps end.
@@ -156,20 +244,18 @@ class Search:
             )
             tried = [self._at(each, fitted.optics, scale) for each in pivoted]
             if tried and tried[-1].error < _OTHER_SIDE_RATIO * fitted.error:
-                tried[-1] = self._descended(tried[-1], MIDDLE, blur)
+                tried[-1] = self._descend(tried[-1], MIDDLE, blur)
             best = min(tried, key=lambda each: each.error, default=fitted)
             if not best.error < _PIVOT_RATIO * fitted.error:
                 return fitted
-            fitted = self._descended(best, MIDDLE, blur)
+            fitted = self._descend(best, MIDDLE, blur)
         return fitted
 
-    def _moved(
-        self, point: Candidate, free: Sequence[Unknown], steps: Sequence[float]
-    ) -> Candidate:
+    def _move(self, point: Candidate, free: Sequence[Unknown], steps: Sequence[float]) -> Candidate:
         """A point after a step."""
-        return self._held(moved(point, free, steps))
+        return self._with_known_strength(moved(point, free, steps))
 
-    def _held(self, point: Candidate) -> Candidate:
+    def _with_known_strength(self, point: Candidate) -> Candidate:
         """A point with the strength that is known for its focus."""
         if self._strength is None:
             return point
@@ -178,7 +264,7 @@ class Search:
     def _at(self, point: Candidate, optics: Optics, scale: Scale) -> FittedLens:
         return FittedLens(error_of(*self.residual.of(point, optics, scale)), point, optics)
 
-    def _descended(self, start: FittedLens, width: int | None, free: list[Unknown]) -> FittedLens:
+    def _descend(self, start: FittedLens, width: int | None, free: list[Unknown]) -> FittedLens:
         """A point after Gauss-Newton steps at a width; None for that of the pictures.
 
         Slopes take a rendering each. They are kept after a step shorter than what they were taken
@@ -196,7 +282,7 @@ class Search:
             slopes = self._slopes(fitted, scale, free, probes, residual) if kept is None else kept
             step = _step(*_blocks(residual, weight, slopes), free)
             for fraction in _STEP_FRACTIONS:
-                point = self._moved(fitted.point, free, (fraction * step).tolist())
+                point = self._move(fitted.point, free, (fraction * step).tolist())
                 there = self._at(point, fitted.optics, scale)
                 if there.error < fitted.error:
                     break
@@ -238,20 +324,18 @@ class Search:
         for index, probe in enumerate(probes.tolist()):
             steps = [0.0] * len(free)
             steps[index] = probe
-            there, _ = self.residual.of(
-                self._moved(fitted.point, free, steps), fitted.optics, scale
-            )
+            there, _ = self.residual.of(self._move(fitted.point, free, steps), fitted.optics, scale)
             slopes.append((there - residual) / probe)
         return torch.stack(slopes)
 
-    def _centred(self, fitted: FittedLens) -> FittedLens:
+    def _centre(self, fitted: FittedLens) -> FittedLens:
         """The focus in the middle of those that are as good: within half a px all is sharp."""
         scale, strength = self.residual.scale(None), fitted.point.strength
         px = torch.tensor(_ASIDE, dtype=torch.float64)
 
         def aside(by: float) -> FittedLens:
             point = replace(fitted.point, focus=fitted.point.focus + by / strength)
-            return self._at(self._held(point), fitted.optics, scale)
+            return self._at(self._with_known_strength(point), fitted.optics, scale)
 
         errors = [aside(by).error for by in _ASIDE]
         if not all(map(math.isfinite, errors)):
@@ -264,12 +348,19 @@ class Search:
         return there if there.error <= fitted.error * _ROUNDING_RATIO else fitted
 
 
-def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens]:
-    """The first of some points, those that are followed at a width.
+def _errors(
+    residual: Residual, optics: Optics, flat: Scale, point: Candidate, level: Tensor
+) -> tuple[Tensor, Tensor]:
+    """The error and the weight [L] of each level of disparity, blurred as a whole."""
+    away, weight = residual.of(point, optics, flat, "draft")
+    weight = weight.double().flatten()
+    error = measure_of(away).mean(1).double().flatten()
+    zero = torch.zeros(_LEVELS, dtype=torch.float64)
+    return zero.index_add(0, level, error * weight), zero.index_add(0, level, weight)
 
-    Left out are those that are clearly worse than the best, and those that ended where another did:
-    their radii at both ends of the disparities of a scale are nearly the same.
-    """
+
+def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens]:
+    """The first of some points, but those clearly worse than the best, and where another ended."""
     ends, kept = torch.stack(scale.disparity.aminmax()), []
     radii: list[Tensor] = []
     for each in fitted[: _KEPT[width]]:

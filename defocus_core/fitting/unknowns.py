@@ -58,10 +58,7 @@ class Unknown:
 
 
 def unknowns(span: float, names: Iterable[str]) -> list[Unknown]:
-    """The unknowns of these names.
-
-    `span`: the range of disparity.
-    """
+    """The unknowns of these names, for a range of disparity."""
     rows = [
         Unknown("strength", 1.0, 0.02, 0.5, is_ratio=True),
         Unknown("focus", span, 0.02, 0.25),

@@ -100,10 +100,8 @@ class Aperture:
             raise ValueError(f"{problem}; pillbox is the thin lens")
         for name, (minimum, maximum, meaning) in _RANGES.items():
             if not minimum <= number(name, getattr(self, name), meaning) <= maximum:
-                problem = (
-                    f"{name} must be from {minimum:g} to {maximum:g}, got {getattr(self, name)}"
-                )
-                raise ValueError(f"{problem}; {meaning}")
+                limits = f"{minimum:g} to {maximum:g}, got {getattr(self, name)}"
+                raise ValueError(f"{name} must be from {limits}; {meaning}")
         if self.image is not None and not isinstance(self.image, PupilImage):
             problem = f"image must be a PupilImage, got {described(self.image)}"
             raise ValueError(f"{problem}; make one of a picture [H, W]")
@@ -196,10 +194,8 @@ class Aperture:
         if size < 1:
             raise ValueError(f"size must be at least 1 px, got {size}; use 1 for a point in focus")
         if not radius.is_floating_point():
-            raise ValueError(
-                f"radius must be a floating-point tensor in px, got {radius.dtype}; "
-                "use radius.float()"
-            )
+            problem = f"radius must be a floating-point tensor in px, got {radius.dtype}"
+            raise ValueError(f"{problem}; use radius.float()")
         area: Scalar = area_of(self.fixed.outline, part)
         if area <= 0.0:
             raise ValueError(f"part must overlap the pupil, got {part}; see Aperture.parts")
@@ -258,8 +254,7 @@ class Aperture:
     def _aberration(self, u: Tensor, r: Tensor) -> Tensor:
         """The light of spherical aberration in the middle of each pixel: [..., n - 1, n - 1].
 
-        Rays of the height h end at r (h + k h³): to first order the light on a disc of the same
-        size changes by a square of the distance from its middle, and the sign is that of k / r.
+        Rays of the height h end at r (h + k h³): the light changes by a square of it, to 1st order.
         """
         x, y = (middles(u) * times for times in self.narrowing)
         squared = (x[..., None, :] ** 2 + y[..., :, None] ** 2).clamp(max=1)

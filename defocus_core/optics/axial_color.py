@@ -32,17 +32,12 @@ def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:
 
 
 def apart(offsets: Sequence[Scalar] | None, channels: int) -> list[tuple[list[int], Scalar]]:
-    """The channels that are rendered together, and the px to add to their radii.
-
-    `offsets`: px of each channel; None adds none.
-    """
+    """The channels that are rendered together, and the px to add to their radii."""
     if offsets is None:
         return [(list(range(channels)), 0.0)]
     if len(offsets) != channels:
-        raise ValueError(
-            f"color_offsets must be one number in px for each of {channels} channels, got "
-            f"{len(offsets)}; 0 leaves a channel as it is"
-        )
+        problem = f"color_offsets must be one number in px for each of {channels} channels"
+        raise ValueError(f"{problem}, got {len(offsets)}; 0 leaves a channel as it is")
     together: dict[float, tuple[list[int], Scalar]] = {}
     for c, px in enumerate(offsets):
         value = number("color_offsets", px, "in px of radius")

@@ -42,14 +42,11 @@ class Rim(NamedTuple):
     def left_open(
         self, areas: Tensor, x: Tensor, y: Tensor, narrowing: tuple[Scalar, Scalar]
     ) -> Tensor:
-        """The share of the pupil in each pixel that the rim leaves open: [..., m - 1, n - 1].
+        """The share of areas [..., m - 1, n - 1] of the pupil in pixels that the rim leaves open.
 
         Of a pixel that both the border of the pupil and the rim cut, the two cuts share as much as
         two lines through its middle do at their angle: all of the lesser part where they lie along
         each other, their product where they cross at right angles.
-
-        `areas`: [..., m - 1, n - 1] of the pupil in pixels; `x`: [..., n] lens coordinates u.x of
-        the corners of pixels; `y`: [..., m] the same of u.y.
         """
         opening = Squeezed(self.outline, *narrowing).areas(x, y)
         whole = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
@@ -63,14 +60,11 @@ class Rim(NamedTuple):
         product = pupil * rim
         maximum = torch.where(along > 0, torch.minimum(pupil, rim), (pupil + rim - 1).clamp(min=0))
         both = torch.lerp(product, maximum, along.abs())
-        lit = there & (pupil > 0)
-        return torch.where(lit, both / torch.where(lit, pupil, 1.0), 0.0)
+        is_open = there & (pupil > 0)
+        return torch.where(is_open, both / torch.where(is_open, pupil, 1.0), 0.0)
 
     def _along(self, x: Tensor, y: Tensor) -> Tensor:
-        """How far the borders of the pupil and of the rim lie along each other: -1 to 1.
-
-        `x`: [..., n] lens coordinates; `y`: [..., m].
-        """
+        """How far the borders of the pupil and of the rim lie along each other: -1 to 1."""
         left, top = (
             middle[..., None] if isinstance(middle, Tensor) else middle
             for middle in (self.x, self.y)
@@ -154,14 +148,9 @@ class CatEye:
         return any(isinstance(value, Tensor) and value.requires_grad for value in values)
 
     def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> Rim:
-        """The rim that points of the frame see.
+        """The rim that points of a frame (height, width) see, x and y px from its upper left.
 
         The pupil is clipped on the side of the point: at the right border, where u.x > 0.
-
-        Args:
-            x: Place in px from the left border of the frame, a number or [...].
-            y: Place in px from the upper border.
-            frame: (height, width) of the frame in px.
         """
         height, width = frame
         corner = math.hypot(height, width) / 2
@@ -186,10 +175,7 @@ class CatEye:
 
 
 def falloff(apart: Tensor, size: Scalar) -> Tensor:
-    """The share of a round pupil that a rim leaves open, for middles [...] radii apart.
-
-    The area of the lens between two circles, over that of the unit disc.
-    """
+    """The share of a round pupil that a rim leaves open, for middles [...] radii apart."""
     rim = torch.as_tensor(size, dtype=apart.dtype, device=apart.device)
     d, r = apart.detach().clamp(min=1e-9), rim.detach()
     first = ((d * d + 1 - r * r) / (2 * d)).clamp(-1, 1)

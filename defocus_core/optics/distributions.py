@@ -42,11 +42,7 @@ class Distribution:
     values: tuple[Any, ...]
 
     def __post_init__(self) -> None:
-        """Check the kind and the values.
-
-        Raises:
-            ValueError: If the kind is unknown, or the values do not suit it.
-        """
+        """Check the kind and the values."""
         if self.kind not in KINDS:
             raise ValueError(f"a distribution must be one of {', '.join(KINDS)}, got '{self.kind}'")
         object.__setattr__(self, "values", tuple(self.values))
@@ -78,10 +74,7 @@ class Distribution:
 
 
 def drawn(options: Mapping[str, Any], *keys: object) -> dict[str, Any]:
-    """The value of each option: drawn if it is a distribution, else as it is.
-
-    `keys`: they decide the draw, such as a seed, the name of a picture and a number.
-    """
+    """The value of each option: by keys like a seed and a name if it is a distribution."""
     return {
         name: option.at(_fraction(*keys, name)) if isinstance(option, Distribution) else option
         for name, option in options.items()

@@ -80,13 +80,7 @@ class DualPixel:
         return replace(self, measured=(left, right))
 
     def kernels(self, aperture: Aperture, radius: Tensor, size: int) -> Tensor:
-        """The blur of a point in the centre, left and right images: [..., 3, size, size].
-
-        Args:
-            aperture: The pupil.
-            radius: As for `Aperture.kernel`.
-            size: As for `Aperture.kernel`.
-        """
+        """As `Aperture.kernel`, in the centre, left and right images: [..., 3, size, size]."""
         left, right = (aperture.kernel(radius, size, part) for part in self.halves)
         centre = aperture.kernel(radius, size)
         return torch.stack([centre, *self.crossed(torch.stack([left, right]), centre)], -3)

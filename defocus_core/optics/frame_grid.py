@@ -23,11 +23,7 @@ class FrameGrid:
     grid: tuple[int, int]  # the rows and the columns
 
     def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> GridMix:
-        """What points of the frame see.
-
-        `x`: place in px from the left border of the frame, a number or [n]; `y`: place in px from
-        the upper border; `frame`: (height, width) of the frame in px.
-        """
+        """What points of a frame (height, width) see, x and y px from its left upper corner."""
         down, across = (
             _tents(position, length, count)
             for position, length, count in zip((y, x), frame, self.grid, strict=True)

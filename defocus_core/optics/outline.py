@@ -33,16 +33,12 @@ class Outline(ABC):
 
     @abstractmethod
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
-        """G(x, y), up to terms in x alone or y alone, which differences remove.
-
-        `x`: [..., 1, n], within [-1, 1]; `y`: [..., m, 1], within [-1, 1].
-        """
+        """G of x [..., 1, n], y [..., m, 1], up to terms in one alone, which differences remove."""
 
     def areas(self, x: Tensor, y: Tensor) -> Tensor:
-        """Areas of the pupil between consecutive x and consecutive y, all within [-1, 1].
+        """Areas [..., m - 1, n - 1] between consecutive x [..., n] and y [..., m], in [-1, 1].
 
-        `x`: [..., n], ascending or descending together with y; `y`: [..., m]. Returns [..., m - 1,
-        n - 1] in units of the lens radius squared.
+        Both ascend or both descend; the unit is the lens radius squared.
         """
         x, y = x[..., None, :], y[..., :, None]
         areas = self.cumulative_area(x, y).diff(dim=-1).diff(dim=-2)

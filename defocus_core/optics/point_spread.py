@@ -14,7 +14,6 @@ from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT
-from defocus_core.optics.psf_map_drawing import drawn
 from defocus_core.optics.thin_lens import ThinLens
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import flag, number, whole
@@ -26,6 +25,10 @@ _LEVEL = 1000
 _EXACT_DISTANCE, _EXACT_AREAS = 4.0, 8.0
 # Shifts in px that are rounding.
 _NO_SHIFT = 1e-6
+# Added to a kernel before its logarithm is drawn: the darkest value shown.
+_DARKEST = 1e-4
+# Length of the scale bar in mm, and its distance from the corner in px.
+_BAR, _MARGIN = 0.1, 20
 
 
 class PsfLens(ThinLens):
@@ -64,7 +67,7 @@ class PsfLens(ThinLens):
             UserWarning: If the CoC is wider than ks: the kernel is its middle, with sum 1.
         """
         radii, ks = self._radii(points, ks, strict)
-        return _summing_to_one(Aperture(psf_type=psf_type).kernel(radii, ks), radii)
+        return _normalise(Aperture(psf_type=psf_type).kernel(radii, ks), radii)
 
     def psf_rgb(
         self, points: Tensor, ks: int = 64, psf_type: str = "gaussian", strict: bool = False
@@ -96,7 +99,7 @@ class PsfLens(ThinLens):
             ValueError: If a grid has no rows or no columns; otherwise as `psf`.
         """
         psf = self.psf(self._axis_point(depth), None, ks, psf_type, strict)
-        return psf.repeat(*_checked(grid), 1, 1, 1)
+        return psf.repeat(*_grid_of(grid), 1, 1, 1)
 
     def psf_map_rgb(
         self,
@@ -144,7 +147,7 @@ class PsfLens(ThinLens):
     ) -> tuple[Tensor, Tensor]:
         """`psf_dp` over a grid, as `psf_map`: (left, right), each [rows, columns, 1, ks, ks]."""
         left, right = self.psf_dp(self._axis_point(depth), ks, psf_type, strict)
-        times = (*_checked(grid), 1, 1, 1)
+        times = (*_grid_of(grid), 1, 1, 1)
         return left.repeat(times), right.repeat(times)
 
     @torch.no_grad()
@@ -175,7 +178,7 @@ class PsfLens(ThinLens):
             ValueError: As `psf_map`.
         """
         psf_map = self.psf_map_rgb(grid, ks, depth)
-        return drawn(psf_map, self.pixel_size, log_scale, None if show else save_name)
+        return _draw(psf_map, self.pixel_size, log_scale, None if show else save_name)
 
     def _radii(self, points: Tensor, ks: int, strict: bool) -> tuple[Tensor, int]:
         """Signed radii in px of points, and ks, once it is known whether the blur fits it."""
@@ -211,7 +214,7 @@ def _cut(radii: Tensor, ks: int) -> Tensor:
     return 2 * radii.detach().abs() > ks * (1 + 1e-6)
 
 
-def _summing_to_one(kernel: Tensor, radii: Tensor) -> Tensor:
+def _normalise(kernel: Tensor, radii: Tensor) -> Tensor:
     """Kernels [..., ks, ks], those that are cut off divided by their sum."""
     cut = _cut(radii, kernel.shape[-1])[..., None, None]
     return torch.where(cut, kernel / kernel.sum((-2, -1), keepdim=True), kernel)
@@ -225,8 +228,8 @@ def _left_half(radii: Tensor, ks: int, aperture: Aperture) -> Tensor:
     minus whole, is taken as often as the lens says the half is shifted, once at most; what is
     missing then is added as the slope of the whole. Both leave the mean of the halves as it is.
     """
-    even = _summing_to_one(aperture.kernel(radii, ks), radii)
-    odd = _summing_to_one(aperture.kernel(radii, ks, LEFT), radii) - even
+    even = _normalise(aperture.kernel(radii, ks), radii)
+    odd = _normalise(aperture.kernel(radii, ks, LEFT), radii) - even
     beside = torch.nn.functional.pad(even, (1, 1))
     slope = (beside[..., :-2] - beside[..., 2:]) / 2
     x = torch.arange(ks, dtype=even.dtype, device=even.device) - (ks - 1) / 2
@@ -252,7 +255,7 @@ def _three(psf: Tensor) -> Tensor:
     return torch.stack([psf, psf, psf], dim=-3)
 
 
-def _checked(grid: tuple[int, int]) -> tuple[int, int]:
+def _grid_of(grid: tuple[int, int]) -> tuple[int, int]:
     """A grid of at least one row and one column."""
     try:
         rows, columns = grid
@@ -262,3 +265,33 @@ def _checked(grid: tuple[int, int]) -> tuple[int, int]:
             f"grid must be (rows, columns), whole numbers of at least 1 each, got {grid}; "
             "it is (5, 5) by default"
         ) from None
+
+
+def _draw(
+    psf_map: Tensor, pixel_size: float, log_scale: bool, save_name: str | None
+) -> tuple[Any, Any] | None:
+    """Draw kernels [rows, columns, 3, ks, ks] over a scale bar; without a name, (figure, axes)."""
+    try:
+        from matplotlib import pyplot
+    except ImportError as error:
+        problem = "drawing needs matplotlib, which is not installed"
+        raise ImportError(f"{problem}; run: pip install 'defocus[plot]'") from error
+
+    rows, columns, _, ks, _ = psf_map.shape
+    bright = (psf_map + _DARKEST).log() if log_scale else psf_map
+    low = bright.amin((2, 3, 4), keepdim=True) if log_scale else 0.0
+    high = bright.amax((2, 3, 4), keepdim=True)
+    # a map of level kernels is white
+    shown = ((bright - low) / (high - low)).nan_to_num(1.0)
+    mosaic = shown.permute(0, 3, 1, 4, 2).reshape(rows * ks, columns * ks, 3)
+    figure, axes = pyplot.subplots(figsize=(10, 10), layout="tight")
+    axes.imshow(mosaic.cpu().numpy())
+    end, y = _MARGIN + _BAR / pixel_size, rows * ks - _MARGIN
+    axes.plot([_MARGIN, end], [y, y], color="white", clip_on=False)
+    axes.text(end + 5, y, f"{1000 * _BAR:.0f} µm", color="white", va="center")
+    axes.set_axis_off()
+    if save_name is None:
+        return figure, axes
+    figure.savefig(save_name, dpi=300, bbox_inches="tight", pad_inches=0)
+    pyplot.close(figure)
+    return None

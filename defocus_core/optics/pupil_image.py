@@ -18,7 +18,7 @@ class PupilImage(Outline):
     """A picture of the pupil as points beyond focus show it: x to the right, y down.
 
     Its centroid lies in the middle of the lens, and the radius of the lens is the greatest distance
-    from there to the border of a lit pixel, sideways or up and down. Pixels are squares of even
+    from there to the border of a bright pixel, sideways or up and down. Pixels are squares of even
     transmission, so that areas are exact. Two of the same picture are equal.
     """
 
@@ -55,7 +55,7 @@ class PupilImage(Outline):
         mass = float(self._sums[-1, -1])
         rows, columns = (torch.arange(n, dtype=torch.float64) + 0.5 for n in picture.shape)
         self._middle = float(picture.sum(0) @ columns) / mass, float(picture.sum(1) @ rows) / mass
-        self._lit = [lit.nonzero()[:, 0] for lit in (picture.amax(0) > 0, picture.amax(1) > 0)]
+        self._bright = [(picture.amax(axis) > 0).nonzero()[:, 0] for axis in (0, 1)]
         self._radius = reach = self.reach(self._middle)
         if like is None:
             return
@@ -68,10 +68,10 @@ class PupilImage(Outline):
         self._key = (self._key[0], blake2b(self._key[1] + like._key[1]).digest())
 
     def reach(self, middle: tuple[float, float]) -> float:
-        """The greatest distance in px from a place to the border of a lit pixel, along an axis."""
+        """The greatest distance in px along an axis to the border of a bright pixel."""
         return max(
-            max(at - int(lit[0]), int(lit[-1]) + 1 - at)
-            for at, lit in zip(middle, self._lit, strict=True)
+            max(at - int(bright[0]), int(bright[-1]) + 1 - at)
+            for at, bright in zip(middle, self._bright, strict=True)
         )
 
     @property
@@ -128,7 +128,7 @@ class PupilImage(Outline):
         if self._key[1].endswith(b"transposed"):
             other._key = (other._key[0], self._key[1].removesuffix(b"transposed"))
         other._sums, other._middle = self._sums.mT.contiguous(), self._middle[::-1]
-        other._radius, other._lit = self._radius, self._lit[::-1]
+        other._radius, other._bright = self._radius, self._bright[::-1]
         return other
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:

@@ -28,20 +28,14 @@ _COARSE, _SCALINGS, _WIDEST = 32, 4, 2.0
 class Sensitivity:
     """The share of the light [0, 1] that one of two photodiodes gets, over the lens.
 
-    Two of the same picture are equal.
-
-    Attributes:
-        is_left: Whether the photodiode is the left one.
+    Two of the same picture are equal; `is_left` says of which of the two it is.
     """
 
     def __init__(self, fraction: Tensor, kernel: PupilImage, *, is_left: bool) -> None:
         """Place a picture over the lens.
 
-        Args:
-            fraction: [H, W] in [0, 1], of light that the two get together; all lens points are in
-                it.
-            kernel: The picture [H, W] of this light, whose middle and radius are those of the lens.
-            is_left: Whether the photodiode is the left one.
+        `fraction`: [H, W] in [0, 1], of light that the two get together; all lens points are in it;
+        `kernel`: the picture [H, W] of this light, with the middle and the radius of the lens.
         """
         self.is_left = is_left
         self._fractions = PupilImage.placed(fraction, kernel.middle, kernel.radius)
@@ -53,12 +47,7 @@ class Sensitivity:
         return hash(self._fractions)
 
     def between(self, x: Tensor, y: Tensor) -> Tensor:
-        """The mean share between lens points: [..., m - 1, n - 1]; 0 where there is no area.
-
-        Args:
-            x: [..., n], within [-1, 1].
-            y: [..., m].
-        """
+        """The mean share between lens points x [..., n] and y [..., m]; 0 where nothing is."""
         area = (x.diff()[..., None, :] * y.diff()[..., :, None]).abs()
         fraction = self._fractions.areas(x, y)
         return torch.where(area > 0, fraction / torch.where(area > 0, area, 1.0), 0.0)
@@ -169,10 +158,7 @@ def _centroid(light: Tensor) -> float:
 
 
 def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage, float]:
-    """The share [H, W] of the left one of two kernels [H, W], and the picture of their light.
-
-    And the distance of their centroids, of any unit that is one for all pictures of a size.
-    """
+    """The share [H, W] of the left of two kernels, their light, and how far centroids are apart."""
     both = left + right
     PupilImage(both)  # refuses what is no picture
     if not bool((left >= 0).all() and (right >= 0).all()):
@@ -182,26 +168,26 @@ def _share_of(left: Tensor, right: Tensor) -> tuple[Tensor, PupilImage, float]:
     if not first < second:
         problem = f"left must lie left of right, got middles at {first:.2f} and {second:.2f} px"
         raise ValueError(f"{problem}; give kernels of a point beyond focus, left first")
-    lit = both > _FAINT * both.max()
-    left, both = torch.where(lit, left, 0.0), torch.where(lit, both, 0.0)
+    bright = both > _FAINT * both.max()
+    left, both = torch.where(bright, left, 0.0), torch.where(bright, both, 0.0)
     side = max(both.shape)
     beyond = (side,) * 4  # the square of lens points is in the picture
     left, both = pad(left, beyond), pad(both, beyond)
     whole = PupilImage(both)
     border = PupilImage(torch.where(both >= _BORDER * both.max(), both, 0.0))
     whole.about(whole.middle, border.reach(whole.middle))
-    return _filled(left, both), whole, _centroid(both - left) - _centroid(left)
+    return _fill(left, both), whole, _centroid(both - left) - _centroid(left)
 
 
-def _filled(part: Tensor, whole: Tensor) -> Tensor:
+def _fill(part: Tensor, whole: Tensor) -> Tensor:
     """The share [H, W] that a part is of the whole; without light that of the light around."""
-    fraction, lit, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
+    fraction, known, width = torch.zeros_like(whole), torch.zeros_like(whole, dtype=torch.bool), 1
     bright = (whole > 0).to(whole)
-    while not bool(lit.all()):
+    while not bool(known.all()):
         some, every, near = (_boxes(light, width // 2) for light in (part, whole, bright))
-        nearer = ~lit & (near > 0.5)
+        nearer = ~known & (near > 0.5)
         fraction = torch.where(nearer, some / torch.where(nearer, every, 1.0), fraction)
-        lit, width = lit | nearer, 2 * width + 1
+        known, width = known | nearer, 2 * width + 1
     return fraction.clamp(0, 1)
 
 

@@ -1,7 +1,9 @@
-"""The thin lens: focus, circle of confusion, depth of field.
+"""The thin lens before a sensor: field of view, focus, circle of confusion, depth of field.
 
-Lengths are in mm. Distances may be negative, the optics habit for object space, or positive, with
-the same meaning. Infinity is a depth and a focus distance like any other.
+Lengths are in mm, angles in radians. The image is that of the pinhole at the lens: it has no
+distortion, and focusing does not change its scale. Distances may be negative, the optics habit for
+object space, or positive, with the same meaning. Infinity is a depth and a focus distance like any
+other.
 
 The law, with A = f / N and v = f s / (s - f):
 
@@ -18,7 +20,6 @@ from typing import Self
 import torch
 from torch import Tensor
 
-from defocus_core.optics.pinhole import PinholeCamera
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import (
     bad_depth,
@@ -26,12 +27,19 @@ from defocus_core.tensors.validation import (
     broadcast,
     device_named,
     each_positive,
+    flag,
     floating,
     number,
     numbers,
+    pair,
+    positive,
+    whole,
 )
 
 _UNITS = "lengths are in mm, an f-number has no unit"
+_SIDES = "sensor_size is (width, height) in mm, sensor_res in px"
+# Where points of a grid over the image lie that do not stand in the middles of its fields.
+_NEAR_BORDER = 0.98
 
 
 def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: float) -> float:
@@ -46,7 +54,7 @@ def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: f
     return foclen**2 / (2 * pixel_size * strength * (1 - foclen * focus))
 
 
-class ThinLens(PinholeCamera):
+class ThinLens:
     """A thin lens in front of a sensor of square pixels.
 
     Every parameter may be a float or a tensor of one number, and gradients flow to it; `foclen`,
@@ -127,6 +135,105 @@ class ThinLens(PinholeCamera):
         self.device = device_named(device)
         return self
 
+    def set_sensor(self, sensor_size: tuple[float, float], sensor_res: tuple[int, int]) -> None:
+        """Put another sensor behind the lens.
+
+        Args:
+            sensor_size: (width, height) in mm.
+            sensor_res: (width, height) in px.
+
+        Raises:
+            ValueError: If a side is not positive and finite, or the pitches of the two axes differ
+                by more than 1 %.
+        """
+        size, res = pair("sensor_size", sensor_size), pair("sensor_res", sensor_res)
+        _pitch(size, res)
+        self.sensor_size, self.sensor_res = size, res
+
+    def set_sensor_res(self, sensor_res: tuple[int, int]) -> None:
+        """Change the pixels of the sensor, whose diagonal in mm stays as it is.
+
+        The sensor takes the aspect of its pixels, so that these are square.
+
+        Args:
+            sensor_res: (width, height) in px.
+
+        Raises:
+            ValueError: If a side is not positive and finite.
+        """
+        columns, rows = pair("sensor_res", sensor_res)
+        pitch = math.hypot(*self.sensor_size) / math.hypot(
+            positive("horizontal sensor_res", columns, _SIDES),
+            positive("vertical sensor_res", rows, _SIDES),
+        )
+        self.set_sensor((columns * pitch, rows * pitch), sensor_res)
+
+    @property
+    def pixel_size(self) -> float:
+        """Sensor width in mm / width in px, on both axes, whichever of them changes.
+
+        Raises:
+            ValueError: As `set_sensor`, if they make no sense any more.
+        """
+        return _pitch(self.sensor_size, self.sensor_res)
+
+    @property
+    def hfov(self) -> Scalar:
+        """Field of view across the sensor's width, 2 atan(w / 2f), in radians."""
+        return self._field_of_view(self.sensor_size[0])
+
+    @property
+    def vfov(self) -> Scalar:
+        """Field of view across the sensor's height, in radians."""
+        return self._field_of_view(self.sensor_size[1])
+
+    @property
+    def dfov(self) -> Scalar:
+        """Field of view across the sensor's diagonal, in radians."""
+        return self._field_of_view(math.hypot(*self.sensor_size))
+
+    def point_source_grid(
+        self,
+        depth: float,
+        grid: tuple[int, int] = (9, 9),
+        normalized: bool = True,
+        quater: bool = False,
+        center: bool = True,
+    ) -> Tensor:
+        """Points at one depth, evenly spread over the image, the uppermost and leftmost first.
+
+        Args:
+            depth: z of the points in mm, negative in front of the lens.
+            grid: Numbers of points (across, down).
+            normalized: Whether x and y are shares of half the sensor, -1 to 1, y upwards; else they
+                are mm at that depth.
+            quater: Whether only the upper right quarter is wanted.
+            center: Whether the outermost points lie half of a field of n - 1 within the border;
+                else they lie at 0.98. A single point lies in the middle.
+
+        Returns:
+            [down, across, 3]: x, y and z.
+
+        Raises:
+            ValueError: If the grid is not of at least one point across and down.
+        """
+        across, down = (whole("grid", n, "it is (across, down)") for n in pair("grid", grid))
+        right, top = (_outermost(n, flag("center", center)) for n in (across, down))
+        z, enlarged = number("depth", depth), (1.0, 1.0)
+        if not flag("normalized", normalized):
+            scale = abs(z) / number("foclen", self.foclen)
+            enlarged = (scale * self.sensor_size[0] / 2, scale * self.sensor_size[1] / 2)
+        dtype, device = floating(self.dtype), self.device
+        x = enlarged[0] * torch.linspace(-right, right, across, dtype=dtype, device=device)
+        y = enlarged[1] * torch.linspace(top, -top, down, dtype=dtype, device=device)
+        y, x = torch.meshgrid(y, x, indexing="ij")
+        points = torch.stack([x, y, torch.full_like(x, z)], -1)
+        return points[: (down + 1) // 2, across // 2 :] if flag("quater", quater) else points
+
+    def _field_of_view(self, side: float) -> Scalar:
+        half = side / 2 / self.foclen
+        return 2 * (half.atan() if isinstance(half, Tensor) else math.atan(half))
+
     def refocus(self, foc_dist: Scalar) -> None:
         """Focus at a distance of |foc_dist| mm, which may be infinite.
 
@@ -162,7 +269,7 @@ class ThinLens(PinholeCamera):
                 or fnum no longer positive, or d_close not nearer than d_far.
         """
         self._require_real_image("foc_dist", self.foc_dist)
-        z = self._limited(self._distance("depth", depth))
+        z = self._limit(self._distance("depth", depth))
         s = self._parameter("foc_dist", z).abs()
         coc = self._coc_per_disparity(s, z) * (1 / s - 1 / z)
         return coc if self.sharp_range is None else coc.masked_fill(self._is_sharp(z), 0.0)
@@ -276,7 +383,7 @@ class ThinLens(PinholeCamera):
         f = self._parameter("foclen", depth)
         return f * f / (self._parameter("fnum", depth) * (1 - f / s))
 
-    def _limited(self, z: Tensor) -> Tensor:
+    def _limit(self, z: Tensor) -> Tensor:
         """Distances, none nearer than d_close or farther than d_far."""
         none = "0 and -inf are no limits"
         close, far = (abs(number(name, getattr(self, name), none)) for name in ("d_close", "d_far"))
@@ -334,3 +441,26 @@ class ThinLens(PinholeCamera):
         if not bool((c >= 0).all()):
             raise ValueError(f"coc must be a diameter in mm, 0 or more, got {float(c.min())}")
         return c
+
+
+def _pitch(sensor_size: tuple[float, float], sensor_res: tuple[int, int]) -> float:
+    """Width of a pixel in mm, of pixels that are square to 1 %."""
+    size, res = pair("sensor_size", sensor_size), pair("sensor_res", sensor_res)
+    sides = {"sensor width": size[0], "sensor height": size[1]}
+    sides |= {"horizontal sensor_res": res[0], "vertical sensor_res": res[1]}
+    width, height, columns, rows = (positive(name, side, _SIDES) for name, side in sides.items())
+    across, down = width / columns, height / rows
+    if abs(down / across - 1) > 0.01:
+        raise ValueError(
+            f"pixels must be square, got {across:.5g} mm across and {down:.5g} mm down from "
+            f"sensor_size={sensor_size} and sensor_res={sensor_res}; "
+            f"use a sensor height of {across * rows:.5g} mm"
+        )
+    return size[0] / res[0]
+
+
+def _outermost(count: int, center: bool) -> float:
+    """Where the last of several points stands between the middle, 0, and the border, 1."""
+    if count == 1:
+        return 0.0
+    return 1 - 0.5 / (count - 1) if center else _NEAR_BORDER

@@ -1,18 +1,14 @@
 """No name that a file holds, and no link in a prepared folder, leads outside of that folder."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import pytest
 from batches import again, folders
-from command_line import LENS, color_exr, failed, files_under, refused, run, texture
+from command_line import LENS, color_exr, failed, files_under, refused, run, succeed, texture
 from counting import calls
 from jobs_files import FIXED, INPUTS, jobs_file, pictures, touch
 from jobs_files import jobs as read_jobs_file
@@ -47,20 +43,20 @@ FOREIGN = (
 )
 
 
-def golden_json(folder: Path, name: object) -> None:
+def golden_json(folder, name):
     samples = {"a": {"files": [name], "settings": {}}}
     (folder / "golden.json").write_text(json.dumps({"samples": samples}))
     read_store(folder)
 
 
-def journal_jsonl(folder: Path, name: object) -> None:
+def journal_jsonl(folder, name):
     one = record(folder / "made", "a")
     one["outputs"]["render"]["path"] = name
     journal_path(folder).write_text(json.dumps(one) + "\n")
     read_all(folder)
 
 
-def run_json(folder: Path, name: object) -> None:
+def run_json(folder, name):
     plan = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [[name]]}
     run_path(folder).write_text(json.dumps(plan))
     plan_of(folder)
@@ -68,23 +64,21 @@ def run_json(folder: Path, name: object) -> None:
 
 @pytest.mark.parametrize("name", FOREIGN)
 @pytest.mark.parametrize("form", [golden_json, journal_jsonl, run_json])
-def test_every_file_that_names_others_is_refused_with_a_foreign_path(
-    form: Any, name: object, tmp_path: Path
-) -> None:
+def test_every_file_that_names_others_is_refused_with_a_foreign_path(form, name, tmp_path):
     assert path_fault(name)
     with pytest.raises(InputError):
         form(tmp_path, name)
 
 
-def names(folder: Path) -> list[str]:
+def names(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
 @pytest.fixture
-def soon() -> Iterator[None]:
+def soon():
     """A test that ends within half a minute, or fails: the hangs it knows took years."""
 
-    def late(*_: object) -> None:
+    def late(*_):
         raise AssertionError("it hangs")
 
     before = signal.signal(signal.SIGALRM, late)
@@ -95,7 +89,7 @@ def soon() -> Iterator[None]:
 
 
 @pytest.fixture
-def mine(tmp_path: Path) -> Path:
+def mine(tmp_path):
     """A file that nobody asked to be touched."""
     path = tmp_path / "home" / "mine"
     path.parent.mkdir()
@@ -103,7 +97,7 @@ def mine(tmp_path: Path) -> Path:
     return path
 
 
-def test_nothing_below_a_folder_is_reached_through_a_link(tmp_path: Path, mine: Path) -> None:
+def test_nothing_below_a_folder_is_reached_through_a_link(tmp_path, mine):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "folder").symlink_to(mine.parent)
     (tmp_path / "out" / "file").symlink_to(mine)
@@ -122,7 +116,7 @@ def test_nothing_below_a_folder_is_reached_through_a_link(tmp_path: Path, mine: 
     assert names(mine.parent) == ["mine"]
 
 
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for reach in (Folder(tmp_path).open, Folder(tmp_path).append):
         with pytest.raises(OSError, match="not a regular file"):
@@ -133,7 +127,7 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
         read_all(tmp_path)
 
 
-def test_a_folder_that_is_swapped_for_a_link_gets_nothing(tmp_path: Path, mine: Path) -> None:
+def test_a_folder_that_is_swapped_for_a_link_gets_nothing(tmp_path, mine):
     out = tmp_path / "out"
     with refuses("unwritable", "symbolic link"), written_together(out):
         with written_whole(out / "render" / "a.exr") as file:
@@ -146,9 +140,7 @@ def test_a_folder_that_is_swapped_for_a_link_gets_nothing(tmp_path: Path, mine: 
     assert names(out / "moved") == []
 
 
-def test_a_journal_that_is_a_link_or_has_a_second_name_is_never_written(
-    folders: tuple[Path, Path], tmp_path: Path, mine: Path
-) -> None:
+def test_a_journal_that_is_a_link_or_has_a_second_name_is_never_written(folders, tmp_path, mine):
     out = tmp_path / "out"
     out.mkdir()
     (out / "journal.jsonl").symlink_to(mine)
@@ -159,9 +151,7 @@ def test_a_journal_that_is_a_link_or_has_a_second_name_is_never_written(
     assert mine.read_text() == "mine"
 
 
-def test_shards_in_a_linked_folder_are_neither_written_nor_removed(
-    tmp_path: Path, mine: Path
-) -> None:
+def test_shards_in_a_linked_folder_are_neither_written_nor_removed(tmp_path, mine):
     tar = mine.parent / "samples-000001.tar"
     tar.write_text("mine")
     out = tmp_path / "out"
@@ -172,7 +162,7 @@ def test_shards_in_a_linked_folder_are_neither_written_nor_removed(
     assert names(mine.parent) == ["mine", tar.name]
 
 
-def test_half_written_files_are_not_swept_up_behind_a_link(tmp_path: Path, mine: Path) -> None:
+def test_half_written_files_are_not_swept_up_behind_a_link(tmp_path, mine):
     theirs = mine.parent / ".a.exr.99999999.0.tmp"
     theirs.touch()
     (tmp_path / "out").mkdir()
@@ -181,7 +171,7 @@ def test_half_written_files_are_not_swept_up_behind_a_link(tmp_path: Path, mine:
     assert theirs.exists()
 
 
-def test_goldens_with_links_or_foreign_names_touch_nothing(tmp_path: Path, mine: Path) -> None:
+def test_goldens_with_links_or_foreign_names_touch_nothing(tmp_path, mine):
     pictures(tmp_path)
     jobs, goldens = jobs_file(tmp_path, FIXED, inputs=INPUTS), tmp_path / "goldens"
     words = ("--processes", "1", "--threads", "1")
@@ -196,13 +186,13 @@ def test_goldens_with_links_or_foreign_names_touch_nothing(tmp_path: Path, mine:
     assert mine.read_text() == "mine"
 
 
-def test_no_goldens_notice_no_fault(tmp_path: Path) -> None:
+def test_no_goldens_notice_no_fault(tmp_path):
     (tmp_path / "golden.json").write_text('{"samples": {}}')
     ran = run("golden", "check", tmp_path / "jobs.toml", tmp_path, "--must-fail")
     refused(ran, 3, "empty", tmp_path)
 
 
-def test_a_report_replaces_nothing_but_a_report(tmp_path: Path) -> None:
+def test_a_report_replaces_nothing_but_a_report(tmp_path):
     """Else the pictures compared, or the jobs file, are lost by a slip of the hand."""
     picture = color_exr(tmp_path / "a.exr")
     before = picture.read_bytes()
@@ -216,7 +206,7 @@ def test_a_report_replaces_nothing_but_a_report(tmp_path: Path) -> None:
     refused(run("compare", picture, picture, "--html", page), 3, "exists", page)
     page.unlink()
     for _ in range(2):
-        assert run("compare", picture, picture, "--html", page, "--junit", cases).code == 0
+        succeed("compare", picture, picture, "--html", page, "--junit", cases)
     refused(run("compare", picture, picture, "--junit", page), 3, "exists", page)
     assert (picture.read_bytes(), jobs.read_text()) == (before, "[inputs]")
 
@@ -230,29 +220,27 @@ def test_a_report_replaces_nothing_but_a_report(tmp_path: Path) -> None:
         ("render", "a.exr", "b.exr", *LENS, "--animate", "pipe.csv", "-o", "out"),
     ],
 )
-def test_a_command_does_not_wait_for_a_pipe(
-    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_does_not_wait_for_a_pipe(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("pipe.toml", "pipe.csv"):
         os.mkfifo(tmp_path / name)
     refused(run(*words), 3, "unreadable")
 
 
-def test_rows_are_read_from_no_pipe_and_columns_are_counted_once(tmp_path: Path) -> None:
+def test_rows_are_read_from_no_pipe_and_columns_are_counted_once(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     with refuses("unreadable", "not a regular file"):
         list(read_rows(tmp_path / "pipe.csv", "list", "{}"))
     (tmp_path / "wide.csv").write_text(",".join(["color"] * 10_000) + "\n")
 
-    def read() -> None:
+    def read():
         with refuses("duplicate", field="line 1"):
             list(read_rows(tmp_path / "wide.csv", "list", "{}"))
 
     assert calls(read) < 15_000, "one, to strip it, and none to count it"
 
 
-def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
+def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path):
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(".".join(["a"] * 100_000) + " = 1\n")
     refused(run("batch", jobs, "-o", tmp_path / "out"), 3, "malformed", jobs)
@@ -261,14 +249,14 @@ def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path: Path) -
 @pytest.mark.parametrize(
     "samples", ["7", "[]", '{"a": {"files": 7}}', '{"a": {"files": [], "settings": 7}}', '{"a": 7}']
 )
-def test_wrong_types_in_golden_json_are_told(samples: str, tmp_path: Path) -> None:
+def test_wrong_types_in_golden_json_are_told(samples, tmp_path):
     (tmp_path / "golden.json").write_text(f'{{"samples": {samples}}}')
     with pytest.raises(InputError) as caught:
         read_store(tmp_path)
     assert caught.value.code == "damaged"
 
 
-def test_a_failed_record_without_a_message_is_reported(tmp_path: Path) -> None:
+def test_a_failed_record_without_a_message_is_reported(tmp_path):
     failed = record(tmp_path, "a", status="failed", reason="fault", message=None)
     journal_path(tmp_path).write_text(json.dumps(failed) + "\n")
     for words in (("status", tmp_path), ("report", tmp_path)):
@@ -278,9 +266,7 @@ def test_a_failed_record_without_a_message_is_reported(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("attack", ["pipe", "link", "nested", "bytes", "foreign"])
-def test_an_index_that_was_tampered_with_is_refused(
-    attack: str, tmp_path: Path, mine: Path
-) -> None:
+def test_an_index_that_was_tampered_with_is_refused(attack, tmp_path, mine):
     index = tmp_path / sample_index.NAME
     outputs = {"sample_id": "a", "outputs": {"render": "../home/mine"}}
     match attack:
@@ -299,9 +285,7 @@ def test_an_index_that_was_tampered_with_is_refused(
 
 
 @pytest.mark.parametrize("name", ["../home/mine", ".git/hooks/post-checkout", "mine", "/mine", 7])
-def test_an_acceptance_that_was_tampered_with_changes_nothing(
-    name: str, tmp_path: Path, mine: Path
-) -> None:
+def test_an_acceptance_that_was_tampered_with_changes_nothing(name, tmp_path, mine):
     aside, hook = tmp_path / ".accepting", ".git/hooks/post-checkout"
     for path in (aside / hook, tmp_path / "render" / "a.exr"):
         path.parent.mkdir(parents=True)
@@ -316,7 +300,7 @@ def test_an_acceptance_that_was_tampered_with_changes_nothing(
         assert (mine.read_text(), files_under(tmp_path)) == ("mine", before)
 
 
-def test_an_interrupted_acceptance_is_ended_by_update_for_goldens_alone(tmp_path: Path) -> None:
+def test_an_interrupted_acceptance_is_ended_by_update_for_goldens_alone(tmp_path):
     aside = tmp_path / ".accepting"
     for path in ("render/old.exr", "mine", ".accepting/render/new.exr", ".accepting/.git/config"):
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
@@ -334,7 +318,7 @@ def test_an_interrupted_acceptance_is_ended_by_update_for_goldens_alone(tmp_path
     assert files_under(tmp_path) == {"golden.json", "mine", "render/new.exr"}
 
 
-def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_path: Path) -> None:
+def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_path):
     for name in ("1of999999999999", "3of2", "0of2", "1of2"):
         (tmp_path / f"journal-{name}.jsonl").touch()
     assert shards(tmp_path) == [Shard(1, 2)]
@@ -351,9 +335,7 @@ def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_pat
         ("bench", "--truth", "x/camera.json"),
     ],
 )
-def test_a_file_that_is_a_hole_is_refused_at_once(
-    words: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_that_is_a_hole_is_refused_at_once(words, tmp_path, monkeypatch):
     """One of 100 GB took all memory, or a minute of a decoder that looked for its format."""
     monkeypatch.chdir(tmp_path)
     *options, name = words
@@ -366,7 +348,7 @@ def test_a_file_that_is_a_hole_is_refused_at_once(
     assert "is a hole of 100000 MB" in ran.err
 
 
-def test_a_file_with_holes_is_read() -> None:
+def test_a_file_with_holes_is_read():
     """As NumPy's memmap makes one: only where next to nothing is there it is refused."""
     with TemporaryDirectory() as folder:
         path = Path(folder) / "a"
@@ -380,9 +362,7 @@ def test_a_file_with_holes_is_read() -> None:
 
 
 @pytest.mark.parametrize("document", ["[" * 100_000, "7", '{"shots": [7]}', "infinite", "huge"])
-def test_documents_of_the_bench_are_refused_whatever_they_hold(
-    document: str, tmp_path: Path
-) -> None:
+def test_documents_of_the_bench_are_refused_whatever_they_hold(document, tmp_path):
     number = {"infinite": "1e999", "huge": "1" + "0" * 400}.get(document, "2")
     shot = {"name": "a", "fnumber": 2, "focus_distance_m": 0, "max_coc_radius_px": 0}
     size = {"width": 64, "height": 48}
@@ -400,7 +380,7 @@ def test_documents_of_the_bench_are_refused_whatever_they_hold(
 
 
 @pytest.mark.parametrize("over", ["0x" + "f" * 5000, "9" * 5000])
-def test_whole_numbers_beyond_all_floats_are_no_toml(over: str, tmp_path: Path) -> None:
+def test_whole_numbers_beyond_all_floats_are_no_toml(over, tmp_path):
     rules, picture = tmp_path / "rules.toml", color_exr(tmp_path / "a.exr")
     rules.write_text(f"over = {over}\n")
     refused(run("compare", picture, picture, "--thresholds", rules), 3, "malformed", rules)
@@ -416,7 +396,7 @@ def test_whole_numbers_beyond_all_floats_are_no_toml(over: str, tmp_path: Path) 
         ("inputs", {"color": {"path": "a.exr", "blake2b": []}}),
     ],
 )
-def test_a_record_of_wrong_types_is_told(key: str, value: object, tmp_path: Path) -> None:
+def test_a_record_of_wrong_types_is_told(key, value, tmp_path):
     lines = [json.dumps(record(tmp_path, "a") | more) + "\n" for more in ({key: value}, {})]
     journal_path(tmp_path).write_text("".join(lines))
     for command in ("status", "report", "merge"):
@@ -424,7 +404,7 @@ def test_a_record_of_wrong_types_is_told(key: str, value: object, tmp_path: Path
 
 
 @pytest.mark.usefixtures("soon")
-def test_no_expression_of_a_jobs_file_hangs(tmp_path: Path) -> None:
+def test_no_expression_of_a_jobs_file_hangs(tmp_path):
     touch(tmp_path, f"{'a' * 200}!_rgb.exr", f"{'a' * 200}!_z.exr")
     split = "[split]\ntrain = 1\nscene = '^((a+)+)$'\n"
     with refuses("malformed", field="scene"):
@@ -432,19 +412,19 @@ def test_no_expression_of_a_jobs_file_hangs(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("soon")
-def test_no_wildcards_hang(tmp_path: Path) -> None:
+def test_no_wildcards_hang(tmp_path):
     name = "a" * 15 + "X" + "a" * 200
     (tmp_path / name).touch()
     ((text, _),) = matching(tmp_path, "*a" * 14 + "aX*")
     assert text == "a" * 200
 
 
-def test_a_kept_jobs_file_of_an_endless_key_takes_no_memory(tmp_path: Path) -> None:
+def test_a_kept_jobs_file_of_an_endless_key_takes_no_memory(tmp_path):
     (tmp_path / origin.KEPT).write_text(".".join(["a"] * 100_000) + " = 1\n")
     assert origin.origin_of(tmp_path) == origin.Origin()
 
 
-def test_a_sidecar_that_repeats_itself_is_not_expanded(tmp_path: Path) -> None:
+def test_a_sidecar_that_repeats_itself_is_not_expanded(tmp_path):
     """Ten lines of ten references each to the line before took 10^10 letters."""
     laughs = "".join(f"a{n} = {f'%(a{n - 1})s' * 10}\n" for n in range(1, 10))
     (tmp_path / "parameters.cfg").write_text(f"[intrinsics]\na0 = {'x' * 10}\n{laughs}")
@@ -453,7 +433,7 @@ def test_a_sidecar_that_repeats_itself_is_not_expanded(tmp_path: Path) -> None:
         read_depth(tmp_path / "a.pfm", format="hci-lightfield")
 
 
-def test_a_link_to_what_is_no_picture_is_not_accepted(tmp_path: Path, mine: Path) -> None:
+def test_a_link_to_what_is_no_picture_is_not_accepted(tmp_path, mine):
     color_exr(tmp_path / "a" / "1.exr", texture(8, 8))
     color_exr(tmp_path / "b" / "1.exr", texture(8, 8) / 2)
     (tmp_path / "b" / "2.exr").symlink_to(mine)

@@ -1,11 +1,7 @@
 """``defocus bench`` on one tiny scene: a card out of focus before waves in focus."""
 
-from __future__ import annotations
-
 import json
 from importlib.util import find_spec
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -23,12 +19,12 @@ from defocus_core.evaluation.metrics import Errors
 FIELDS = ["psnr", "psnr_edges", "psnr_elsewhere", "rel_rmse", "ssim", "p999"]
 
 
-def picture(tensor: torch.Tensor) -> np.ndarray[Any, Any]:
+def picture(tensor):
     return np.moveaxis(tensor.float().numpy(), 0, -1)
 
 
 @pytest.fixture(scope="module")
-def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def tiny(tmp_path_factory):
     """A set of one scene of one shot, 56x40 px; the card at 2 m has a radius of -7 px."""
     root = tmp_path_factory.mktemp("truth")
     layers = card_layers(-7.0, 0.0)
@@ -46,11 +42,11 @@ def tiny(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def bench(*args: str | Path) -> Any:
+def bench(*args):
     return run("bench", "--threads", "1", *args)
 
 
-def test_each_picture_is_shown_beside_the_truth(tiny: Path, tmp_path: Path) -> None:
+def test_each_picture_is_shown_beside_the_truth(tiny, tmp_path):
     file = tmp_path / "bench.html"
     assert bench("--truth", tiny, "--quality", "standard", "--html", file).code == 0
     shown = {each["name"]: each for each in items(file)}
@@ -63,7 +59,7 @@ def test_each_picture_is_shown_beside_the_truth(tiny: Path, tmp_path: Path) -> N
     refused(bench("--time", "--html", file), 2, "contradiction", "--html")
 
 
-def test_all_methods_are_measured_and_written(tiny: Path) -> None:
+def test_all_methods_are_measured_and_written(tiny):
     ran = bench("--truth", tiny, "--json")
     assert ran.code == 0
     document = ran.json
@@ -80,7 +76,7 @@ def test_all_methods_are_measured_and_written(tiny: Path) -> None:
     assert all(row["seconds"] > 0 for row in document["rows"])
 
 
-def test_less_can_be_asked_for(tiny: Path) -> None:
+def test_less_can_be_asked_for(tiny):
     ran = bench("--truth", tiny, "--quality", "draft")
     assert (ran.code, ran.err) == (0, "")
     methods = [line.split()[2] for line in ran.out.splitlines()[1:5]]
@@ -95,24 +91,15 @@ def test_less_can_be_asked_for(tiny: Path) -> None:
         (("--plot", "plot.exe"), 2, "malformed", "plot"),
     ],
 )
-def test_what_makes_no_sense_is_refused(
-    tiny: Path, args: tuple[str, ...], exit_code: int, code: str, at: str
-) -> None:
+def test_what_makes_no_sense_is_refused(tiny, args, exit_code, code, at):
     refused(bench("--truth", tiny, *args), exit_code, code, at)
 
 
-def test_a_set_without_scenes_is_refused(tmp_path: Path) -> None:
+def test_a_set_without_scenes_is_refused(tmp_path):
     refused(bench("--truth", tmp_path), 3, "empty", tmp_path)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", '{"shots": [{}]}'])
-def test_a_damaged_camera_is_refused(tmp_path: Path, text: str) -> None:
-    (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "camera.json").write_text(text)
-    refused(bench("--truth", tmp_path), 3, "malformed", "camera.json")
-
-
-def test_a_missing_truth_is_named(tiny: Path, tmp_path: Path) -> None:
+def test_a_missing_truth_is_named(tiny, tmp_path):
     (tmp_path / "a").mkdir()
     camera = (tiny / "card" / "camera.json").read_text()
     (tmp_path / "a" / "camera.json").write_text(camera)
@@ -121,30 +108,26 @@ def test_a_missing_truth_is_named(tiny: Path, tmp_path: Path) -> None:
     refused(bench("--truth", tmp_path), 3, "missing-option", "truth_r7.exr")
 
 
-def test_a_set_must_be_named_outside_the_repository(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_a_set_must_be_named_outside_the_repository(monkeypatch, tmp_path):
     monkeypatch.setattr("defocus_core.bench.truth_set._HERE", tmp_path)
     monkeypatch.chdir(tmp_path)
     refused(bench(), 2, "missing-option", "truth")
 
 
-def test_a_plot_without_matplotlib_says_what_to_install(
-    monkeypatch: pytest.MonkeyPatch, tiny: Path
-) -> None:
+def test_a_plot_without_matplotlib_says_what_to_install(monkeypatch, tiny):
     monkeypatch.setattr(tables, "find_spec", lambda name: None)
     ran = bench("--truth", tiny, "--plot", "plot.png")
     refused(ran, 2, "needs-extra", "plot")
 
 
 @pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")
-def test_a_plot_is_written(tiny: Path, tmp_path: Path) -> None:
+def test_a_plot_is_written(tiny, tmp_path):
     ran = bench("--truth", tiny, "--quality", "draft,standard", "--plot", tmp_path / "plot.png")
     assert ran.code == 0, ran.err
     assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
 
 
-def row(method: str, psnr: float, ssim: float = 0.9, rel_rmse: float = 0.1) -> Row:
+def row(method, psnr, ssim=0.9, rel_rmse=0.1):
     errors = Errors(psnr, None, psnr, rel_rmse, ssim, 0.1)
     return Row("card", "r7", method, errors, MeasuredCost(1.0, 2.0, None))
 
@@ -159,7 +142,7 @@ def row(method: str, psnr: float, ssim: float = 0.9, rel_rmse: float = 0.1) -> R
         (row("input", 30.0, rel_rmse=0.0995), set()),
     ],
 )
-def test_what_a_baseline_does_better_is_flagged(other: Row, lost: set[str]) -> None:
+def test_what_a_baseline_does_better_is_flagged(other, lost):
     rows = [other, row("draft", 20.0), row("standard", 30.0)]
     assert {name for r in tables.regressions(rows) for name in r["lost"]} == lost
     marked = [each.method for each in rows if tables.losses(each, rows)]
@@ -168,7 +151,7 @@ def test_what_a_baseline_does_better_is_flagged(other: Row, lost: set[str]) -> N
     assert bool(told) == bool(lost)
 
 
-def test_means_cap_what_is_easy_and_leave_out_what_tells_nothing() -> None:
+def test_means_cap_what_is_easy_and_leave_out_what_tells_nothing():
     easy = Row(
         "white", "r7", "standard", row("standard", 99.0).errors, MeasuredCost(1.0, 2.0, None)
     )

@@ -7,7 +7,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,37 +17,35 @@ from deep_files import write_deep_samples
 from image_files import save
 from planted_faults import HEIGHT, WIDTH, compared, planes, scene, write_planes
 
-from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
-from defocus_core.compare.record import Comparison
 from defocus_core.compare.run import CAUSES, Task
 
 PATCH = (slice(20, 30), slice(50, 60))
 
 
 @pytest.fixture
-def a(tmp_path: Path) -> Path:
+def a(tmp_path):
     return write_planes(tmp_path / "a.exr", planes(scene()))
 
 
 @pytest.fixture
-def b(tmp_path: Path) -> Path:
+def b(tmp_path):
     """The scene with 100 pixels brighter by 0.25."""
     return write_planes(tmp_path / "b.exr", planes(patched()))
 
 
-def patched() -> Any:
+def patched():
     image = scene()
     image[PATCH] += 0.25
     return image
 
 
-def the_pair(*args: str | Path) -> dict[str, Any]:
+def the_pair(*args):
     (record,) = run("compare", *args, "--json").json["pairs"]
     return dict(record)
 
 
-def folders(root: Path) -> tuple[Path, Path]:
+def folders(root):
     """Two folders: one picture the same, one that differs, one missing, one further."""
     for folder, names in (
         ("A", ("same", "sub/other", "lone")),
@@ -61,18 +58,16 @@ def folders(root: Path) -> tuple[Path, Path]:
     return root / "A", root / "B"
 
 
-def test_the_same_file_is_the_same(a: Path) -> None:
+def test_the_same_file_is_the_same(a):
     ran = run("compare", a, a)
     assert (ran.code, ran.out, ran.err) == (0, "a.exr: same\n", "")
 
 
-def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(tmp_path, monkeypatch):
     pair = folders(tmp_path)
     compared: list[str] = []
 
-    def interrupted(self: Task, piece: tuple[FilePair, bool]) -> Comparison:
+    def interrupted(self, piece):
         if len(compared) == 2:
             raise KeyboardInterrupt
         compared.append(piece[0].name)
@@ -98,9 +93,7 @@ def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(
 
 
 @pytest.mark.parametrize(("causes", "named"), [("first", 2), ("all", 4), ("none", 0)])
-def test_causes_are_sought_in_the_first_that_fail(
-    causes: str, named: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_causes_are_sought_in_the_first_that_fail(causes, named, tmp_path, monkeypatch):
     monkeypatch.setitem(CAUSES, "first", 2)
     for k in range(6):
         for folder, image in (("A", scene()), ("B", scene() if k in (0, 1) else 2 * scene())):
@@ -113,7 +106,7 @@ def test_causes_are_sought_in_the_first_that_fail(
     assert [pair["status"] for pair in ruled] == ["same"] * 2 + ["different"] * 4
 
 
-def test_no_rule_is_proposed_that_lets_anything_pass(a: Path, tmp_path: Path) -> None:
+def test_no_rule_is_proposed_that_lets_anything_pass(a, tmp_path):
     other = np.random.default_rng(3).random(scene().shape) * 20
     b = write_planes(tmp_path / "b.exr", planes(other))
     assert the_pair(a, b)["proposal"] is None
@@ -123,9 +116,7 @@ def test_no_rule_is_proposed_that_lets_anything_pass(a: Path, tmp_path: Path) ->
     assert the_pair(a, patch, "--fail", "max>0.01")["proposal"] is None  # one is given
 
 
-def test_a_difference_is_told_with_the_worst_pixel_and_a_rule_that_lets_it_pass(
-    a: Path, b: Path
-) -> None:
+def test_a_difference_is_told_with_the_worst_pixel_and_a_rule_that_lets_it_pass(a, b):
     ran = run("compare", a, b)
     assert ran.code == 1
     (line,) = ran.out.splitlines()
@@ -150,13 +141,13 @@ def test_a_difference_is_told_with_the_worst_pixel_and_a_rule_that_lets_it_pass(
         (["--fail", "flip>0.9", "--flip"], 0, "b.exr: same"),
     ],
 )
-def test_rules_decide(rules: list[str], code: int, words: str, a: Path, b: Path) -> None:
+def test_rules_decide(rules, code, words, a, b):
     ran = run("compare", a, b, *rules)
     assert ran.code == code
     assert words in ran.out
 
 
-def test_a_metric_that_a_map_has_not_lets_no_difference_pass(tmp_path: Path) -> None:
+def test_a_metric_that_a_map_has_not_lets_no_difference_pass(tmp_path):
     radius = np.zeros((20, 30), np.float32)
     one, other = (
         write_exr(tmp_path / "x.exr", coc=radius),
@@ -168,7 +159,7 @@ def test_a_metric_that_a_map_has_not_lets_no_difference_pass(tmp_path: Path) -> 
     assert run("compare", one, other, "--fail", "psnr<45", "--fail", "max>2").code == 0
 
 
-def test_region_and_mask_choose_the_pixels(a: Path, b: Path, tmp_path: Path) -> None:
+def test_region_and_mask_choose_the_pixels(a, b, tmp_path):
     assert run("compare", a, b, "--region", "0,0,50,90").code == 0
     inside = the_pair(a, b, "--region", "55,25,20,20")
     assert inside["differing_pixels"] == 25
@@ -185,7 +176,7 @@ def test_region_and_mask_choose_the_pixels(a: Path, b: Path, tmp_path: Path) -> 
     assert the_pair(a, b, "--mask", other)["metrics"]["mean"] == pytest.approx(0.25, rel=1e-2)
 
 
-def test_edges_that_are_anti_aliased_are_tolerated_and_no_more(tmp_path: Path) -> None:
+def test_edges_that_are_anti_aliased_are_tolerated_and_no_more(tmp_path):
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     soft = np.clip(0.9 * x + 0.35 * y - 40.2, 0, 1).astype(np.float32)
     shaded = np.where(np.hypot(y - 20, x - 70) < 5, np.float32(0.8), soft)
@@ -196,8 +187,8 @@ def test_edges_that_are_anti_aliased_are_tolerated_and_no_more(tmp_path: Path) -
     assert run("compare", hard, shaded_, "--tolerate-edges").code == 1
 
 
-def test_samples_of_deep_pictures_are_compared_though_others_hide_them(tmp_path: Path) -> None:
-    def written(name: str, *lights: float) -> Path:
+def test_samples_of_deep_pictures_are_compared_though_others_hide_them(tmp_path):
+    def written(name, *lights):
         samples = [
             {"R": light, "G": light, "B": light, "A": 1.0, "Z": 1.0 + k}
             for k, light in enumerate(lights)
@@ -240,13 +231,11 @@ def test_samples_of_deep_pictures_are_compared_though_others_hide_them(tmp_path:
         (["--thresholds", "nowhere.toml"], 3, "not-found", "nowhere.toml"),
     ],
 )
-def test_what_makes_no_sense_is_refused(
-    options: list[str], exit_code: int, code: str, at: str, a: Path, b: Path
-) -> None:
+def test_what_makes_no_sense_is_refused(options, exit_code, code, at, a, b):
     refused(run("compare", a, b, *options), exit_code, code, at)
 
 
-def test_what_is_not_there_cannot_be_read(a: Path, tmp_path: Path) -> None:
+def test_what_is_not_there_cannot_be_read(a, tmp_path):
     refused(run("compare", a, tmp_path / "nowhere.exr"), 3, "not-found", "nowhere.exr")
     refused(run("compare", tmp_path, a), 3, "wrong-type", tmp_path)
     (tmp_path / "empty").mkdir()
@@ -254,7 +243,7 @@ def test_what_is_not_there_cannot_be_read(a: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["text", "cut", "empty"])
-def test_a_file_that_cannot_be_read_is_never_the_same(kind: str, a: Path, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_never_the_same(kind, a, tmp_path):
     bad = tmp_path / "bad.exr"
     bad.write_bytes({"text": b"no picture", "cut": a.read_bytes()[:-300], "empty": b""}[kind])
     for pair in ((a, bad), (bad, a), (bad, bad)):
@@ -263,7 +252,7 @@ def test_a_file_that_cannot_be_read_is_never_the_same(kind: str, a: Path, tmp_pa
         assert "UNREADABLE" in ran.out
 
 
-def test_folders_pair_by_path_and_a_lone_file_is_a_difference(tmp_path: Path) -> None:
+def test_folders_pair_by_path_and_a_lone_file_is_a_difference(tmp_path):
     ran = run("compare", *folders(tmp_path))
     assert ran.code == 1
     assert [line.split(": ")[:2] for line in ran.out.splitlines()] == [
@@ -275,7 +264,7 @@ def test_folders_pair_by_path_and_a_lone_file_is_a_difference(tmp_path: Path) ->
     assert "same.exr: same" in run("compare", *folders(tmp_path), "-v").out
 
 
-def test_many_pairs_in_processes_are_reported_in_order_and_alike(tmp_path: Path) -> None:
+def test_many_pairs_in_processes_are_reported_in_order_and_alike(tmp_path):
     for folder in "AB":
         for number in range(9):
             image = scene()[:24, :32] + (0.1 * number if folder == "B" else 0)
@@ -288,7 +277,7 @@ def test_many_pairs_in_processes_are_reported_in_order_and_alike(tmp_path: Path)
     assert alone.json["counts"]["different"] == 8
 
 
-def test_a_file_of_thresholds_has_rules_for_patterns(tmp_path: Path) -> None:
+def test_a_file_of_thresholds_has_rules_for_patterns(tmp_path):
     pair = folders(tmp_path)
     (tmp_path / "A" / "lone.exr").unlink()
     (tmp_path / "B" / "new.exr").unlink()
@@ -301,7 +290,7 @@ def test_a_file_of_thresholds_has_rules_for_patterns(tmp_path: Path) -> None:
     assert "no picture matches files = 'sbu/*'" in ran.err
 
 
-def test_json_has_all_of_a_pair(a: Path, tmp_path: Path) -> None:
+def test_json_has_all_of_a_pair(a, tmp_path):
     image = np.roll(scene(), 2, 1)
     image[3, 4, 1] = np.nan
     b = write_planes(tmp_path / "b.exr", planes(image))
@@ -319,7 +308,7 @@ def test_json_has_all_of_a_pair(a: Path, tmp_path: Path) -> None:
     assert pair["proposal"] is None
 
 
-def test_flip_sees_an_error_in_highlights(tmp_path: Path) -> None:
+def test_flip_sees_an_error_in_highlights(tmp_path):
     bright = scene()
     bright[30:50, 50:70] = 20.0
     a = write_planes(tmp_path / "a.exr", planes(bright))
@@ -329,7 +318,7 @@ def test_flip_sees_an_error_in_highlights(tmp_path: Path) -> None:
     assert the_pair(a, a, "--flip")["metrics"]["flip"] == 0.0
 
 
-def test_flip_of_greys_is_that_of_the_paper(tmp_path: Path) -> None:
+def test_flip_of_greys_is_that_of_the_paper(tmp_path):
     """Grey of sRGB 0.5 and 0.55: HyAB of L* 53.39 and 58.35, to the power 0.7, mapped to 0…0.95."""
     one, other = (np.full((64, 64, 3), value, np.float32) for value in (0.21404, 0.26332))
     a, b = (
@@ -339,7 +328,7 @@ def test_flip_of_greys_is_that_of_the_paper(tmp_path: Path) -> None:
     assert the_pair(a, b, "--flip")["metrics"]["flip"] == pytest.approx(0.1767, abs=1e-3)
 
 
-def test_depth_edges_and_the_rest_are_told_apart(a: Path, b: Path, tmp_path: Path) -> None:
+def test_depth_edges_and_the_rest_are_told_apart(a, b, tmp_path):
     radius = np.zeros((HEIGHT, WIDTH), np.float32)
     radius[:, 55:] = 4.0
     write_exr(tmp_path / "coc" / "b.exr", coc=radius)
@@ -355,9 +344,7 @@ def test_depth_edges_and_the_rest_are_told_apart(a: Path, b: Path, tmp_path: Pat
 
 
 @pytest.mark.parametrize("option", ["--junit", "--html"])
-def test_a_report_that_cannot_be_written_leaves_the_json(
-    option: str, a: Path, tmp_path: Path
-) -> None:
+def test_a_report_that_cannot_be_written_leaves_the_json(option, a, tmp_path):
     b = write_planes(tmp_path / "b.exr", planes(2 * scene()))
     ran = run("compare", a, b, "--json", option, b / "report", "--accept")
     assert ran.code == 3
@@ -366,7 +353,7 @@ def test_a_report_that_cannot_be_written_leaves_the_json(
     assert ran.json["accepted"] == []
 
 
-def test_difference_images_are_signed_and_amplified(a: Path, tmp_path: Path) -> None:
+def test_difference_images_are_signed_and_amplified(a, tmp_path):
     image = patched()
     image[0, 0] = np.nan
     b = write_planes(tmp_path / "b.exr", planes(image))
@@ -385,7 +372,7 @@ def test_difference_images_are_signed_and_amplified(a: Path, tmp_path: Path) -> 
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("size", [(1, 1), (1, 300), (300, 1)])
-def test_the_cause_is_looked_for_in_thin_pictures(size: tuple[int, int], tmp_path: Path) -> None:
+def test_the_cause_is_looked_for_in_thin_pictures(size, tmp_path):
     for seed, name in enumerate("ab"):
         noise = np.random.default_rng(seed).random((*size, 3), np.float32)
         write_planes(tmp_path / f"{name}.exr", planes(noise))
@@ -393,7 +380,7 @@ def test_the_cause_is_looked_for_in_thin_pictures(size: tuple[int, int], tmp_pat
     assert (ran.code, ran.err) == (1, "")
 
 
-def test_numbers_beyond_all_bounds_are_different_and_no_fault(tmp_path: Path) -> None:
+def test_numbers_beyond_all_bounds_are_different_and_no_fault(tmp_path):
     for name, value in (("a", -1e308), ("b", 1.7e308)):
         np.save(tmp_path / f"{name}.npy", np.full((20, 30), value))
     ran = run("compare", tmp_path / "a.npy", tmp_path / "b.npy", "--json", "--diff", tmp_path / "d")
@@ -402,7 +389,7 @@ def test_numbers_beyond_all_bounds_are_different_and_no_fault(tmp_path: Path) ->
 
 
 @pytest.mark.bench
-def test_a_pair_of_1080p_takes_no_more_than_a_second_and_a_half(tmp_path: Path) -> None:
+def test_a_pair_of_1080p_takes_no_more_than_a_second_and_a_half(tmp_path):
     large = np.kron(scene(), np.ones((12, 15, 1), np.float32))[:1080, :1920]
     for name, change in (("a", 0.0), ("b", 0.1)):
         noise = change * np.random.default_rng(0).random(large.shape)
@@ -418,17 +405,17 @@ def test_a_pair_of_1080p_takes_no_more_than_a_second_and_a_half(tmp_path: Path) 
 
 
 @pytest.mark.bench
-def test_equal_pairs_take_less_than_a_loop_over_openimageio(tmp_path: Path) -> None:
+def test_equal_pairs_take_less_than_a_loop_over_openimageio(tmp_path):
     grain = np.random.default_rng(0).random((540, 960, 3))
     large = np.kron(scene(), np.ones((6, 8, 1)))[:540, :960] * (1 + 0.01 * grain)
     pair = [write_planes(tmp_path / name, planes(large)) for name in ("a.exr", "b.exr")]
 
-    def seconds(work: Any) -> float:
+    def seconds(work):
         start = time.process_time()
         assert work()
         return time.process_time() - start
 
-    def loop() -> bool:
+    def loop():
         return np.array_equal(*(oiio.ImageBuf(str(f)).get_pixels(oiio.FLOAT) for f in pair))
 
     times = [(seconds(lambda: compared(*pair).passes), seconds(loop)) for _ in range(9)]
@@ -436,7 +423,7 @@ def test_equal_pairs_take_less_than_a_loop_over_openimageio(tmp_path: Path) -> N
     assert ours <= 0.9 * theirs
 
 
-def test_junit_has_a_case_for_each_pair(tmp_path: Path) -> None:
+def test_junit_has_a_case_for_each_pair(tmp_path):
     pair = folders(tmp_path)
     strange = pair[1] / "<script>&\x07.exr"
     strange.write_bytes(b"no picture")
@@ -452,7 +439,7 @@ def test_junit_has_a_case_for_each_pair(tmp_path: Path) -> None:
     assert cases["<script>&\\x07.exr"][0].tag == "error"
 
 
-def test_torch_is_not_loaded(a: Path, b: Path, tmp_path: Path) -> None:
+def test_torch_is_not_loaded(a, b, tmp_path):
     options = [
         "--flip",
         "--diff",
@@ -471,5 +458,5 @@ def test_torch_is_not_loaded(a: Path, b: Path, tmp_path: Path) -> None:
     assert json.loads(ran.stdout)["same"] is False
 
 
-def test_options_may_stand_between_the_files(a: Path, b: Path) -> None:
+def test_options_may_stand_between_the_files(a, b):
     assert run("compare", a, "--fail", "share>0.5%", "--over", "0.3", b).code == 0

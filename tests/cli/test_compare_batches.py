@@ -23,7 +23,7 @@ format = "{format}"
 """
 
 
-def batch(folder: Path, out: str, fnumber: float = 2.0, *, format: str = "exr") -> Path:
+def batch(folder, out, fnumber=2.0, *, format="exr"):
     """A finished batch of the pictures in a folder."""
     jobs = folder / f"{out}.toml"
     jobs.write_text(JOBS.format(folder=folder, fnumber=fnumber, format=format))
@@ -33,14 +33,14 @@ def batch(folder: Path, out: str, fnumber: float = 2.0, *, format: str = "exr") 
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     for seed, name in enumerate("ab"):
         color_exr(tmp_path / "rgb" / f"{name}.exr", texture(seed=seed))
         depth_exr(tmp_path / "z" / f"{name}.exr")
     return tmp_path
 
 
-def test_batches_of_one_recipe_are_the_same(folder: Path) -> None:
+def test_batches_of_one_recipe_are_the_same(folder):
     ran = run("compare", batch(folder, "one"), batch(folder, "two"))
     assert ran.code == 0
     assert ran.out.splitlines() == [
@@ -49,7 +49,7 @@ def test_batches_of_one_recipe_are_the_same(folder: Path) -> None:
     ]
 
 
-def test_recipes_that_differ_come_before_the_pixels(folder: Path) -> None:
+def test_recipes_that_differ_come_before_the_pixels(folder):
     one, two = batch(folder, "one"), batch(folder, "two", 2.8)
     depth_exr(folder / "z" / "b.exr", ramp() + 1)
     three = batch(folder, "three", 2.8)
@@ -68,7 +68,7 @@ def test_recipes_that_differ_come_before_the_pixels(folder: Path) -> None:
     ]
 
 
-def test_another_version_is_said(folder: Path) -> None:
+def test_another_version_is_said(folder):
     one = batch(folder, "one")
     two = folder / "two"
     shutil.copytree(one, two)
@@ -81,7 +81,7 @@ def test_another_version_is_said(folder: Path) -> None:
     assert line.endswith("in 2 of 2 samples")
 
 
-def test_samples_pair_whatever_their_format(folder: Path) -> None:
+def test_samples_pair_whatever_their_format(folder):
     one, two = batch(folder, "one"), batch(folder, "two", format="png16")
     document = run("compare", one, two, "--fail", "psnr<40", "--fail", "max>0", "--json").json
     names = {pair["name"]: Path(pair["b"]).suffix for pair in document["pairs"]}
@@ -90,7 +90,7 @@ def test_samples_pair_whatever_their_format(folder: Path) -> None:
     assert document["recipes"][0]["what"] == "outputs.format"
 
 
-def test_samples_and_files_that_one_batch_lacks_are_a_difference(folder: Path) -> None:
+def test_samples_and_files_that_one_batch_lacks_are_a_difference(folder):
     one = batch(folder, "one")
     (folder / "rgb" / "b.exr").unlink()
     (folder / "z" / "b.exr").unlink()
@@ -109,7 +109,7 @@ def test_samples_and_files_that_one_batch_lacks_are_a_difference(folder: Path) -
     ]
 
 
-def test_a_directory_without_a_journal_pairs_by_path(folder: Path) -> None:
+def test_a_directory_without_a_journal_pairs_by_path(folder):
     one = batch(folder, "one")
     shutil.copytree(one / "render", folder / "two" / "render")
     shutil.copytree(one / "coc", folder / "two" / "coc")
@@ -117,7 +117,7 @@ def test_a_directory_without_a_journal_pairs_by_path(folder: Path) -> None:
     assert (ran.code, ran.out) == (0, "4 pairs: 4 same\n")
 
 
-def test_a_journal_that_cannot_be_read_is_refused(folder: Path) -> None:
+def test_a_journal_that_cannot_be_read_is_refused(folder):
     one, two = batch(folder, "one"), batch(folder, "two")
     (two / "journal.jsonl").write_text('{"sample_id": "a"}\n{}\n')
     refused(run("compare", one, two), 3, "damaged", "journal.jsonl")
@@ -126,7 +126,7 @@ def test_a_journal_that_cannot_be_read_is_refused(folder: Path) -> None:
     refused(run("compare", one, two), 3, "empty", one)
 
 
-def test_torch_is_not_loaded_for_batches(folder: Path) -> None:
+def test_torch_is_not_loaded_for_batches(folder):
     words = ["compare", str(batch(folder, "one")), str(batch(folder, "two"))]
     code = (
         "import sys; from defocus_cli.main import main; "
@@ -135,13 +135,13 @@ def test_torch_is_not_loaded_for_batches(folder: Path) -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_the_report_has_the_recipes(folder: Path) -> None:
+def test_the_report_has_the_recipes(folder):
     one, two = batch(folder, "one"), batch(folder, "two", 2.8)
     run("compare", one, two, "--html", folder / "r.html")
     assert "lens.fnum 2.8 instead of 2.0" in (folder / "r.html").read_text()
 
 
-def test_the_number_of_threads_changes_nothing(folder: Path) -> None:
+def test_the_number_of_threads_changes_nothing(folder):
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--exr-type", "float")
     files = (folder / "rgb" / "a.exr", folder / "z" / "a.exr")
     for threads in "12":

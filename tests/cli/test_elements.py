@@ -1,48 +1,43 @@
 """Elements: nothing where alpha is 0, windows of all kinds, depth multiplied by alpha, views."""
 
-from __future__ import annotations
-
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import header, read_exr, refused, run
+from command_line import header, read_exr, refused, run, succeed
 from elements import METRES, SIZE, disc, element, write, write_within
 from image_files import SCANLINE, box
 
-from defocus_core.io import arrays
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.exr.reading import read_parts
-from defocus_core.picture import memory_budget
 
 LENS = ("--focal-length", "120mm", "--fnumber", "1.2", "--focus")
 FLOATS = ("--exr-type", "float")
 
 
-def render(file: Path, out: Path, *args: str | Path, focus: str = "1m") -> Any:
+def render(file, out, *args, focus="1m"):
     return run("render", file, "-o", out, *LENS, focus, *FLOATS, *args)
 
 
-def picture(file: Path, out: Path, *args: str | Path, focus: str = "1m") -> dict[str, Any]:
+def picture(file, out, *args, focus="1m"):
     """The channels of the rendered picture."""
     ran = render(file, out, *args, focus=focus)
     assert ran.code == 0, ran.err
     return read_exr(out / "render" / f"{file.stem}.exr")
 
 
-def rgba(planes: dict[str, Any]) -> Any:
+def rgba(planes):
     return np.stack([planes[name] for name in "RGBA"])
 
 
-def shown(file: Path) -> Any:
+def shown(file):
     """R, G, B and A over the display window."""
     return rgba(read_parts(file)[0].channels)
 
 
 @pytest.mark.parametrize("said", [np.nan, np.inf, -np.inf, -3.0, 1e10, 0.4], ids=str)
-def test_where_alpha_is_0_there_is_nothing_whatever_depth_says(said: float, tmp_path: Path) -> None:
+def test_where_alpha_is_0_there_is_nothing_whatever_depth_says(said, tmp_path):
     planes = element(disc())
     expected = picture(write(tmp_path / "a.exr", planes), tmp_path / "zero")
     planes["Z"] = np.where(planes["A"] > 0, planes["Z"], np.float32(said))
@@ -58,18 +53,7 @@ def test_where_alpha_is_0_there_is_nothing_whatever_depth_says(said: float, tmp_
         assert (values[planes["A"] > 0] > 1).all()
 
 
-@pytest.mark.parametrize("focus", ["1m", "1.5m", "4m"])
-def test_white_is_as_bright_as_its_alpha(focus: str, tmp_path: Path) -> None:
-    made = write(tmp_path / "a.exr", element(disc(), (1, 1, 1)))
-    pixels = rgba(picture(made, tmp_path / "o", focus=focus))
-    for plane in pixels[:3]:
-        np.testing.assert_allclose(plane, pixels[3], atol=1e-5)
-    assert pixels.min() >= -1e-5
-    assert pixels[3].max() <= 1 + 1e-5
-    assert pixels[3].sum() == pytest.approx(disc().sum(), rel=1e-3), "light is kept"
-
-
-def test_an_element_of_one_depth_is_blurred_as_a_plane(tmp_path: Path) -> None:
+def test_an_element_of_one_depth_is_blurred_as_a_plane(tmp_path):
     planes = element(disc())
     alone = rgba(picture(write(tmp_path / "a.exr", planes), tmp_path / "o"))
     planes["Z"] = np.full(SIZE, METRES, np.float32)  # a plane of glass
@@ -77,15 +61,7 @@ def test_an_element_of_one_depth_is_blurred_as_a_plane(tmp_path: Path) -> None:
     np.testing.assert_allclose(alone, plane, atol=1e-5)
 
 
-def test_a_smaller_data_window_is_grown_by_nothing(tmp_path: Path) -> None:
-    planes = element(disc())
-    whole = picture(write(tmp_path / "a.exr", planes), tmp_path / "o")
-    cut = write_within(tmp_path / "b" / "a.exr", planes, (16, 6, 43, 33))
-    picture(cut, tmp_path / "p")
-    np.testing.assert_allclose(shown(tmp_path / "p" / "render" / "a.exr"), rgba(whole), atol=1e-6)
-
-
-def test_alpha_is_added_where_a_picture_without_it_has_pixels(tmp_path: Path) -> None:
+def test_alpha_is_added_where_a_picture_without_it_has_pixels(tmp_path):
     planes = {name: np.full(SIZE, 0.5, np.float32) for name in "RGB"}
     planes["Z"] = np.full(SIZE, METRES, np.float32)
     picture(write_within(tmp_path / "a.exr", planes, (20, 9, 39, 28)), tmp_path / "o")
@@ -96,7 +72,7 @@ def test_alpha_is_added_where_a_picture_without_it_has_pixels(tmp_path: Path) ->
     np.testing.assert_allclose(grown, rgba(picture(made, tmp_path / "p")), atol=1e-6)
 
 
-def test_overscan_takes_part_in_the_blur_and_is_cropped_after_it(tmp_path: Path) -> None:
+def test_overscan_takes_part_in_the_blur_and_is_cropped_after_it(tmp_path):
     rng = np.random.default_rng(0)
     planes = {name: rng.random(SIZE, np.float32) for name in "RGB"}
     planes["Z"] = np.full(SIZE, METRES, np.float32)
@@ -120,13 +96,13 @@ def test_overscan_takes_part_in_the_blur_and_is_cropped_after_it(tmp_path: Path)
     assert np.ravel(told["dataWindow"]).tolist() == np.ravel(data).tolist()
     assert np.ravel(told["displayWindow"]).tolist() == np.ravel(shown).tolist()
     words = ("--outputs", "image,depth", "--keep-overscan")
-    assert run("render", made, "-o", tmp_path / "k", *LENS, "1m", *words).code == 0
+    succeed("render", made, "-o", tmp_path / "k", *LENS, "1m", *words)
     for kind, name in (("image", "R"), ("depth", "Z")):
         given = read_exr(tmp_path / "k" / kind / "a.exr")
         np.testing.assert_array_equal(given[name], planes[name].astype(given[name].dtype))
 
 
-def test_overscan_wider_than_the_picture_is_kept_whole(tmp_path: Path) -> None:
+def test_overscan_wider_than_the_picture_is_kept_whole(tmp_path):
     rng = np.random.default_rng(0)
     planes = {name: rng.random(SIZE, np.float32) for name in "RGB"}
     planes["Z"] = np.full(SIZE, METRES, np.float32)
@@ -138,18 +114,17 @@ def test_overscan_wider_than_the_picture_is_kept_whole(tmp_path: Path) -> None:
         np.testing.assert_allclose(kept[name], whole[name], atol=2e-6)
 
 
-def test_overscan_that_the_depth_lacks_is_left_out_of_the_blur(tmp_path: Path) -> None:
+def test_overscan_that_the_depth_lacks_is_left_out_of_the_blur(tmp_path):
     planes = {name: np.full(SIZE, 0.5, np.float32) for name in "RGB"}
     data, shown = box(-4, 0, SIZE[1] - 5, SIZE[0] - 1), box(0, 0, SIZE[1] - 5, SIZE[0] - 1)
     made = write(tmp_path / "a.exr", planes, dataWindow=data, displayWindow=shown)
     metres = write(tmp_path / "z.exr", {"Z": np.full((SIZE[0], SIZE[1] - 4), METRES, np.float32)})
-    ran = run("render", made, metres, "-o", tmp_path / "o", *LENS, "1m", "-v")
-    assert ran.code == 0, ran.err
+    ran = succeed("render", made, metres, "-o", tmp_path / "o", *LENS, "1m", "-v")
     assert "cropped from 60x40 at -4,0 to the display window" in ran.err
 
 
 @pytest.mark.parametrize("how", ["auto", "on"])
-def test_depth_multiplied_by_alpha_is_divided_again(how: str, tmp_path: Path) -> None:
+def test_depth_multiplied_by_alpha_is_divided_again(how, tmp_path):
     planes = element(disc())
     expected = picture(write(tmp_path / "a.exr", planes), tmp_path / "o")
     planes["Z"] = planes["Z"] * planes["A"]
@@ -162,7 +137,7 @@ def test_depth_multiplied_by_alpha_is_divided_again(how: str, tmp_path: Path) ->
     assert np.abs(off - rgba(expected)).max() > 0.02
 
 
-def test_depth_of_its_own_at_the_edges_is_not_divided(tmp_path: Path) -> None:
+def test_depth_of_its_own_at_the_edges_is_not_divided(tmp_path):
     made = write(tmp_path / "a.exr", element(disc()))
     ran = render(made, tmp_path / "o", "-v")
     assert "divided by alpha" not in ran.err
@@ -172,14 +147,14 @@ def test_depth_of_its_own_at_the_edges_is_not_divided(tmp_path: Path) -> None:
     )
 
 
-def test_to_divide_by_alpha_there_must_be_one(tmp_path: Path) -> None:
+def test_to_divide_by_alpha_there_must_be_one(tmp_path):
     planes = element(np.ones(SIZE, np.float32))
     del planes["A"]
     made = write(tmp_path / "a.exr", planes)
     refused(render(made, tmp_path / "o", "--unpremultiply-depth", "on"), 3, "no-such-channel", made)
 
 
-def test_edges_whose_depth_missed_the_object_have_that_beside_them(tmp_path: Path) -> None:
+def test_edges_whose_depth_missed_the_object_have_that_beside_them(tmp_path):
     planes = element(disc())
     expected = picture(write(tmp_path / "a.exr", planes), tmp_path / "o")
     planes["Z"] = np.where(planes["A"] < 0.5, np.float32(0), planes["Z"])
@@ -190,13 +165,13 @@ def test_edges_whose_depth_missed_the_object_have_that_beside_them(tmp_path: Pat
     )
 
 
-def test_a_whole_pixel_without_depth_is_still_an_error(tmp_path: Path) -> None:
+def test_a_whole_pixel_without_depth_is_still_an_error(tmp_path):
     planes = element(disc())
     planes["Z"][19, 29] = 0
     refused(render(write(tmp_path / "a.exr", planes), tmp_path / "o"), 3, "invalid-depth", "a.exr")
 
 
-def test_light_without_alpha_stays_where_it_has_a_depth(tmp_path: Path) -> None:
+def test_light_without_alpha_stays_where_it_has_a_depth(tmp_path):
     planes = element(disc())
     planes["R"][4, 6] = 3.0
     planes["Z"][4, 6] = METRES
@@ -206,14 +181,14 @@ def test_light_without_alpha_stays_where_it_has_a_depth(tmp_path: Path) -> None:
     assert red.sum() == pytest.approx(planes["R"].sum(), rel=1e-3)
 
 
-def test_percentiles_of_the_focus_count_only_what_has_alpha(tmp_path: Path) -> None:
+def test_percentiles_of_the_focus_count_only_what_has_alpha(tmp_path):
     planes = element(disc())
     planes["Z"] = np.where(planes["A"] > 0, planes["Z"], np.float32(0.2))
     ran = render(write(tmp_path / "a.exr", planes), tmp_path / "o", "-v", focus="percentile(50)")
     assert "focus 1.5m at percentile(50)" in ran.err
 
 
-def test_nothing_cannot_be_focused_on(tmp_path: Path) -> None:
+def test_nothing_cannot_be_focused_on(tmp_path):
     made = write(tmp_path / "a.exr", element(disc()))
     ran = run("render", made, "-o", tmp_path / "o", *LENS[:4], "--focus-at", "0,0")
     refused(ran, 2, "no-valid-depth", "focus-at")
@@ -222,14 +197,14 @@ def test_nothing_cannot_be_focused_on(tmp_path: Path) -> None:
     assert rgba(picture(empty, tmp_path / "q")).max() == 0
 
 
-def views_in_one_part(path: Path) -> Path:
+def views_in_one_part(path):
     right, left = element(disc()), element(disc(center=(19.5, 33.5)), depth=2.0)
     planes = right | {f"left.{name}": plane for name, plane in left.items()}
     planes |= {"motion.left.u": disc(5), "motion.right.u": disc(6)}
     return write(path, planes, multiView=["right", "left"])
 
 
-def views_in_parts(path: Path) -> Path:
+def views_in_parts(path):
     views = {"right": element(disc()), "left": element(disc(center=(19.5, 33.5)), depth=2.0)}
     parts = []
     for view, planes in views.items():
@@ -241,7 +216,7 @@ def views_in_parts(path: Path) -> Path:
 
 
 @pytest.mark.parametrize("make", [views_in_one_part, views_in_parts])
-def test_a_view_is_rendered_as_if_it_were_alone(make: Any, tmp_path: Path) -> None:
+def test_a_view_is_rendered_as_if_it_were_alone(make, tmp_path):
     made = make(tmp_path / "a.exr")
     left = element(disc(center=(19.5, 33.5)), depth=2.0)
     alone = picture(write(tmp_path / "b" / "a.exr", left), tmp_path / "alone")
@@ -258,12 +233,12 @@ def test_a_view_is_rendered_as_if_it_were_alone(make: Any, tmp_path: Path) -> No
     )
 
 
-def test_a_view_of_files_without_views_is_refused(tmp_path: Path) -> None:
+def test_a_view_of_files_without_views_is_refused(tmp_path):
     made = write(tmp_path / "a.exr", element(disc()))
     refused(render(made, tmp_path / "o", "--view", "left"), 3, "no-such-view", made)
 
 
-def test_info_tells_views_windows_and_what_alpha_leaves_out(tmp_path: Path) -> None:
+def test_info_tells_views_windows_and_what_alpha_leaves_out(tmp_path):
     made = views_in_parts(tmp_path / "a.exr")
     told = run("info", made, "--view", "left").out
     assert "part 2 (rgba.left): A float, B float, G float, R float; view left" in told
@@ -280,23 +255,7 @@ def test_info_tells_views_windows_and_what_alpha_leaves_out(tmp_path: Path) -> N
     assert record["color"]["partial_pixels"] == int(((disc() > 0) & (disc() < 1)).sum())
 
 
-def test_large_elements_are_the_same_through_scratch_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    planes = element(disc())
-    planes["Z"] = np.where(planes["A"] < 0.5, np.float32(0), planes["Z"] * planes["A"])
-    made = write_within(tmp_path / "a.exr", planes, (0, 6, 43, 33))
-    whole = render(made, tmp_path / "o", "--outputs", "render,coc")
-    monkeypatch.setattr(memory_budget, "_FOR_ARRAYS", 0.0)
-    monkeypatch.setattr(arrays, "_BAND", 300)
-    scratch = render(made, tmp_path / "p", "--outputs", "render,coc")
-    assert whole.code == scratch.code == 0, scratch.err
-    for kind in ("render", "coc"):
-        files = [tmp_path / out / kind / "a.exr" for out in ("o", "p")]
-        assert files[0].read_bytes() == files[1].read_bytes()
-
-
-def passes(path: Path) -> tuple[Path, dict[str, Any]]:
+def passes(path):
     """A near card before a far wall, as the sum of two passes, with data beside them."""
     rng = np.random.default_rng(3)
     card = np.zeros(SIZE, bool)
@@ -311,7 +270,7 @@ def passes(path: Path) -> tuple[Path, dict[str, Any]]:
     return write(path, planes), planes
 
 
-def test_passes_are_blurred_with_the_picture_and_data_is_copied(tmp_path: Path) -> None:
+def test_passes_are_blurred_with_the_picture_and_data_is_copied(tmp_path):
     made, planes = passes(tmp_path / "a.exr")
     seen = picture(made, tmp_path / "o", "--blur-channels", "diffuse.*,Specular.*")
     assert seen.keys() == planes.keys()
@@ -323,26 +282,25 @@ def test_passes_are_blurred_with_the_picture_and_data_is_copied(tmp_path: Path) 
         assert np.abs(seen[f"diffuse.{name}"] - planes[f"diffuse.{name}"]).mean() > 0.02
     for name in ("Z", "N.X", "diffuse.id"):
         np.testing.assert_array_equal(seen[name], planes[name])
-    half = run("render", made, "-o", tmp_path / "h", *LENS, "1m", "--blur-channels", "diffuse.*")
-    assert half.code == 0, half.err
+    succeed("render", made, "-o", tmp_path / "h", *LENS, "1m", "--blur-channels", "diffuse.*")
     halves = read_exr(tmp_path / "h" / "render" / "a.exr")
     assert halves["diffuse.R"].dtype == np.float16
     assert halves["specular.R"].tobytes() == planes["specular.R"].tobytes()
 
 
 @pytest.mark.parametrize("pattern", ["Z", "diffuse.id", "glossy.*"])
-def test_what_is_no_light_is_not_blurred(pattern: str, tmp_path: Path) -> None:
+def test_what_is_no_light_is_not_blurred(pattern, tmp_path):
     made, _ = passes(tmp_path / "a.exr")
     refused(render(made, tmp_path / "o", "--blur-channels", pattern), 3, "no-such-channel", made)
 
 
-def test_passes_need_a_file_that_can_hold_them(tmp_path: Path) -> None:
+def test_passes_need_a_file_that_can_hold_them(tmp_path):
     made, _ = passes(tmp_path / "a.exr")
     arguments = ("-o", tmp_path / "o", *LENS, "1m", "--format", "png", "--blur-channels", "N.X")
     refused(run("render", made, *arguments), 2, "idle-option", "blur-channels")
 
 
-def moments(plane: Any) -> tuple[float, float]:
+def moments(plane):
     """Variances of light along x and y, in px²."""
     total = plane.sum(dtype=np.float64)
     variances = []
@@ -355,9 +313,7 @@ def moments(plane: Any) -> tuple[float, float]:
 
 @pytest.mark.parametrize("aspect", [0.5, 1.5, 2.0])
 @pytest.mark.parametrize("squeeze", [1.0, 1.6])
-def test_pixels_that_are_not_square_show_ellipses(
-    aspect: float, squeeze: float, tmp_path: Path
-) -> None:
+def test_pixels_that_are_not_square_show_ellipses(aspect, squeeze, tmp_path):
     planes = {name: np.zeros((80, 80), np.float32) for name in "RGB"}
     planes["R"][40, 40] = 100
     planes["Z"] = np.full((80, 80), METRES, np.float32)
@@ -374,40 +330,20 @@ def test_pixels_that_are_not_square_show_ellipses(
     assert down == pytest.approx((radius * aspect) ** 2 / 4 + 1 / 12, rel=0.02)
 
 
-def test_a_wide_pixel_is_two_square_ones(tmp_path: Path) -> None:
-    rng = np.random.default_rng(5)
-    shape = (32, 24)
-    near = np.zeros(shape, bool)
-    near[8:24, 6:14] = True
-    planes = {name: rng.random(shape, np.float32) for name in "RGB"}
-    planes["Z"] = np.where(near, np.float32(0.9), np.float32(METRES))
-    lens = ("--sensor-width", "90mm")
-    wide = write(tmp_path / "a.exr", planes, pixelAspectRatio=2.0)
-    double = {name: np.repeat(plane, 2, axis=1) for name, plane in planes.items()}
-    seen = picture(wide, tmp_path / "o", *lens)
-    square = picture(write(tmp_path / "b.exr", double), tmp_path / "p", *lens)
-    for name in "RGB":
-        expected = square[name].reshape(32, 24, 2).mean(2)
-        assert np.sqrt(np.square(seen[name] - expected).mean()) < 0.05
-
-
-def test_distances_to_the_point_need_square_pixels(tmp_path: Path) -> None:
+def test_distances_to_the_point_need_square_pixels(tmp_path):
     planes = element(np.ones(SIZE, np.float32))
     made = write(tmp_path / "a.exr", planes, pixelAspectRatio=2.0)
     refused(render(made, tmp_path / "o", "--radial"), 3, "not-square", made)
 
 
 @pytest.mark.parametrize("options", [(), ("--quality", "draft"), ("--squeeze", "2")], ids=str)
-def test_the_output_has_the_window_of_the_input_grown_by_the_blur(
-    options: tuple[str, ...], tmp_path: Path
-) -> None:
+def test_the_output_has_the_window_of_the_input_grown_by_the_blur(options, tmp_path):
     whole = {name: np.pad(plane, 40) for name, plane in element(disc()).items()}
     file = write_within(tmp_path / "a.exr", whole, (56, 46, 83, 73))
     lens = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "2m", *options)
     full = write(tmp_path / "b" / "a.exr", whole)
     for path, out in ((file, "o"), (full, "p")):
-        ran = run("render", path, "-o", tmp_path / out, *lens, *FLOATS, "--outputs", "render,left")
-        assert ran.code == 0, ran.err
+        succeed("render", path, "-o", tmp_path / out, *lens, *FLOATS, "--outputs", "render,left")
     for kind in ("render", "left"):
         found = tmp_path / "o" / kind / "a.exr"
         data, display = read_headers(found)[0].data, read_headers(found)[0].display

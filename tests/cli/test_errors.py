@@ -3,44 +3,34 @@
 Exit code 2 is usage, 3 is input or output. Nothing is written.
 """
 
-from __future__ import annotations
-
 import os
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from command_line import (
     LENS,
-    color_exr,
-    depth_exr,
     files_under,
     pair,
+    photograph,
     ramp,
     refused,
     refused_input,
     render,
     run,
+    succeed,
     texture,
     write_exr,
 )
-from image_files import multi_part, save, write_deep
+from image_files import save
 
 from defocus_core.errors import CODES
 
 
-def test_a_missing_file(color: Path, depth: Path, out: Path) -> None:
-    missing = color.with_name("none.exr")
-    refused_input(render(missing, depth, "-o", out), missing, "not-found")
-    refused_input(render(color, missing, "-o", out), missing, "not-found")
-    refused_input(render(missing, "-o", out), missing, "not-found")
-
-
-def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path: Path, color: Path) -> None:
+def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path, color):
     missing = tmp_path / "none"
     asked = {("info", missing): 3, ("status", missing): 3, ("batch", missing, "-o", "out"): 3}
     for words, code in {**asked, ("info",): 2, ("render", missing, "-o", "out", *LENS): 3}.items():
@@ -53,7 +43,7 @@ def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path: Path, color
     assert run("info", missing).out == ""
 
 
-def test_a_link_that_leads_nowhere(color: Path, depth: Path, out: Path) -> None:
+def test_a_link_that_leads_nowhere(color, depth, out):
     circle = color.with_name("a")
     circle.symlink_to("a")
     for ran in (
@@ -66,7 +56,7 @@ def test_a_link_that_leads_nowhere(color: Path, depth: Path, out: Path) -> None:
     refused_input(render(color, depth, "-o", lost), lost, "not-found")
 
 
-def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path: Path, out: Path) -> None:
+def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path, out):
     for stem in "ab":
         color, depth = pair(tmp_path, stem)
     color.unlink()
@@ -77,15 +67,7 @@ def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path: Path, out: Path) ->
     assert files_under(out) == {"coc/a.exr"}
 
 
-def test_a_directory_for_a_file(color: Path, depth: Path, out: Path) -> None:
-    refused_input(render(color, depth.parent, "-o", out), depth.parent, "wrong-type")
-    refused_input(render(color.parent, depth, "-o", out), color.parent, "wrong-type")
-    refused_input(run("info", color.parent), color.parent, "wrong-type")
-
-
-def test_names_that_would_steer_a_terminal_are_told_escaped(
-    color: Path, depth: Path, out: Path
-) -> None:
+def test_names_that_would_steer_a_terminal_are_told_escaped(color, depth, out):
     odd = color.rename(color.with_name("a\n\x1b[31mb\u3000é.exr"))
     told = "a\\n\\x1b[31mb\u3000é"
     refused(
@@ -105,15 +87,13 @@ def test_names_that_would_steer_a_terminal_are_told_escaped(
         assert "\x1b" not in ran.out
 
 
-def socket_at(path: Path) -> None:
+def socket_at(path):
     with socket.socket(socket.AF_UNIX) as made:
         made.bind(str(path))
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, lambda p: p.symlink_to("/dev/zero"), socket_at])
-def test_what_is_no_regular_file(
-    make: Callable[[Path], object], color: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_regular_file(make, color, out, monkeypatch):
     """Of a pipe, the first byte may never come; of /dev/zero, the last."""
     monkeypatch.chdir(color.parent)
     odd = Path("odd.exr")  # the name of a socket must be short
@@ -124,7 +104,7 @@ def test_what_is_no_regular_file(
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.png", "a.jpg", "a.tif", "a.hdr"])
-def test_zero_bytes(name: str, depth: Path, color: Path, out: Path) -> None:
+def test_zero_bytes(name, depth, color, out):
     empty = color.with_name(name)
     empty.touch()
     refused_input(render(empty, depth, "-o", out), empty, "empty")
@@ -132,7 +112,7 @@ def test_zero_bytes(name: str, depth: Path, color: Path, out: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="not on this system: names are Unicode")
-def test_a_name_that_is_not_utf_8(color: Path, depth: Path, out: Path) -> None:
+def test_a_name_that_is_not_utf_8(color, depth, out):
     odd = color.rename(color.with_name(os.fsdecode(b"\xff.exr")))
     for files in ((odd, depth), (odd,)):
         refused(render(*files, "-o", out), 3, "not-utf-8", "\\udcff.exr")
@@ -141,20 +121,20 @@ def test_a_name_that_is_not_utf_8(color: Path, depth: Path, out: Path) -> None:
 @pytest.mark.parametrize(
     "stem", ["photo – ünï.v2.final", "-dash", "{a,b} %d", "new\nline", "🎞" * 50]
 )
-def test_any_other_name_will_do(stem: str, color: Path, depth: Path, out: Path) -> None:
+def test_any_other_name_will_do(stem, color, depth, out):
     named = color.rename(color.with_name(f"{stem}.exr"))
-    assert render("-o", out, "--preview", "--format", "png", "--", named, depth).code == 0
+    photograph("-o", out, "--preview", "--format", "png", "--", named, depth)
     assert files_under(out) == {f"render/{stem}.png", f"render/{stem}.preview.png"}
 
 
-def truncated(path: Path, share: float) -> Path:
+def truncated(path, share):
     data = path.read_bytes()
     path.write_bytes(data[: int(len(data) * share)])
     return path
 
 
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
-def test_a_truncated_file(share: float, color: Path, depth: Path, out: Path) -> None:
+def test_a_truncated_file(share, color, depth, out):
     png = truncated(save(color.with_name("a.png"), (texture() * 255).astype(np.uint8)), share)
     refused_input(render(png, depth, "-o", out), png, "damaged", "unreadable")
     whole = depth.read_bytes()
@@ -164,7 +144,7 @@ def test_a_truncated_file(share: float, color: Path, depth: Path, out: Path) -> 
 
 
 @pytest.mark.parametrize("name", ["a.exr", "a.png", "a.jpg", "a.txt"])
-def test_what_is_not_an_image(name: str, color: Path, depth: Path, out: Path) -> None:
+def test_what_is_not_an_image(name, color, depth, out):
     text = color.with_name(name)
     text.write_text("This is not an image, whatever its name says.\n" * 20)
     refused_input(render(text, depth, "-o", out), text, "wrong-type", "unreadable")
@@ -172,38 +152,13 @@ def test_what_is_not_an_image(name: str, color: Path, depth: Path, out: Path) ->
     refused_input(run("info", text), text, "unreadable")
 
 
-def test_a_file_without_depth(color: Path, out: Path) -> None:
-    refused_input(render(color, color, "-o", out), color, "no-depth")
-    refused_input(render(color, "-o", out), color, "no-depth")
-
-
 @pytest.mark.parametrize("kind", ["coc", "disparity"])
-def test_a_map_in_px_is_no_depth(kind: str, tmp_path: Path, color: Path, out: Path) -> None:
+def test_a_map_in_px_is_no_depth(kind, tmp_path, color, out):
     lone = write_exr(tmp_path / "lone.exr", **{kind: ramp()})
     refused_input(render(color, lone, "-o", out), lone, "no-depth")
 
 
-def test_several_depth_candidates_are_refused(tmp_path: Path, color: Path, out: Path) -> None:
-    path = write_exr(tmp_path / "z.exr", near_Z=ramp(), depth_Z=ramp(), other_depth=ramp())
-    refused_input(render(color, path, "-o", out), path, "ambiguous")
-    assert render(color, path, "-o", out, "--depth-channel", "other.depth").code == 0
-
-
-def test_several_colour_layers_are_refused(tmp_path: Path, depth: Path, out: Path) -> None:
-    rgb = {channel: texture()[..., 0] for channel in "RGB"}
-    path = multi_part(tmp_path / "c.exr", sun=rgb, lamp=rgb)
-    refused_input(render(path, depth, "-o", out), path, "ambiguous")
-    assert render(path, depth, "-o", out, "--color-layer", "lamp").code == 0
-
-
-def test_a_part_is_chosen_where_there_are_several(tmp_path: Path, depth: Path, out: Path) -> None:
-    rgb = {channel: texture()[..., 0] for channel in "RGB"}
-    path = multi_part(tmp_path / "c.exr", sun=rgb, lamp=rgb)
-    assert render(path, depth, "-o", out, "--part", "1").code == 0
-    refused(render(path, depth, "-o", out / "more", "--part", "2"), 3, "no-such-part", path)
-
-
-def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path: Path, out: Path) -> None:
+def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path, out):
     for name in ("Y", "pass.y"):
         grey = write_exr(tmp_path / "grey.exr", **{name: texture()[..., 0] + 1})
         for more in ((), ("--dry-run",)):
@@ -211,33 +166,8 @@ def test_a_lone_grey_channel_is_not_its_own_depth(tmp_path: Path, out: Path) -> 
             refused_input(ran, grey, "no-depth")
 
 
-@pytest.mark.parametrize("bad", [np.nan, 0.0, -1.0])
-def test_depth_that_is_none(bad: float, tmp_path: Path, color: Path, out: Path) -> None:
-    metres = ramp()
-    metres[7, 5] = metres[8, 1] = bad
-    path = depth_exr(tmp_path / "z.exr", metres)
-    refused_input(render(color, path, "-o", out), path, "invalid-depth")
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_colour_that_is_not_finite(bad: float, tmp_path: Path, depth: Path, out: Path) -> None:
-    pixels = texture()
-    pixels[3, 4, 1] = bad
-    path = color_exr(tmp_path / "c.exr", pixels)
-    refused_input(render(path, depth, "-o", out), path, "not-finite")
-
-
-def test_a_deep_exr(tmp_path: Path, color: Path, depth: Path, out: Path) -> None:
-    deep = tmp_path / "deep.exr"
-    write_deep(deep)
-    refused_input(render(color, deep, "-o", out), deep, "wrong-size")
-    refused_input(render(deep, depth, "-o", out), deep, "no-color")
-
-
 @pytest.mark.parametrize("name", ["c.bmp", "c.dpx", "c.gif", "c.tga"])
-def test_colour_of_another_format_is_refused_alone_as_in_a_folder(
-    name: str, tmp_path: Path, depth: Path, out: Path
-) -> None:
+def test_colour_of_another_format_is_refused_alone_as_in_a_folder(name, tmp_path, depth, out):
     path = save(tmp_path / "in" / name, (texture() * 255).astype(np.uint8))
     ran = render(path, depth, "-o", out)
     refused_input(ran, path, "wrong-type")
@@ -245,35 +175,17 @@ def test_colour_of_another_format_is_refused_alone_as_in_a_folder(
     refused_input(run("info", path), path, "wrong-type")
 
 
-@pytest.mark.parametrize(
-    ("name", "code"),
-    [("z.jpg", "unknown-unit"), ("z.txt", "unreadable"), ("z.bmp", "wrong-type")],
-)
-def test_depth_of_another_format_is_refused(
-    name: str, code: str, tmp_path: Path, color: Path, out: Path
-) -> None:
-    path = tmp_path / name
-    if name in ("z.jpg", "z.bmp"):
-        save(path, (texture() * 255).astype(np.uint8))
-    else:
-        np.savetxt(path, ramp())
-    refused_input(render(color, path, "-o", out), path, code)
-
-
-def test_no_arguments_show_help() -> None:
-    ran = run()
-    assert ran.code == 0
+def test_no_arguments_show_help():
+    ran = succeed()
     assert "render" in ran.out
 
 
-def test_cuda_that_is_not_there(
-    color: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_cuda_that_is_not_there(color, depth, out, monkeypatch):
     import torch
 
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     refused(render(color, depth, "-o", out, "--device", "cuda"), 2, "no-gpu", "device")
-    assert render(color, depth, "-o", out, "--device", "auto").code == 0
+    photograph(color, depth, "-o", out, "--device", "auto")
 
 
 @pytest.mark.parametrize(
@@ -285,39 +197,15 @@ def test_cuda_that_is_not_there(
         (("--lens", "", "{c}", "{z}"), "lens"),
     ],
 )
-def test_an_empty_path_is_not_the_current_directory(
-    args: tuple[str, ...],
-    at: str,
-    color: Path,
-    depth: Path,
-    out: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_an_empty_path_is_not_the_current_directory(args, at, color, depth, out, monkeypatch):
     monkeypatch.chdir(color.parent)
     filled = [arg.format(c=color, z=depth) for arg in args]
     refused(render("-o", out, *filled), 2, "empty", at)
     assert files_under(color.parent) == {"color.exr", "depth.exr"}
 
 
-def test_a_part_that_a_lone_scene_does_not_have(tmp_path: Path, out: Path) -> None:
-    pixels = texture()
-    scene = write_exr(
-        tmp_path / "s.exr", R=pixels[..., 0], G=pixels[..., 1], B=pixels[..., 2], Z=ramp()
-    )
-    refused(render(scene, "-o", out, "--part", "3"), 3, "no-such-part", scene)
-
-
 @pytest.mark.parametrize("module", ["defocus_cli", "defocus_cli.main"])
-def test_the_package_is_the_command(module: str) -> None:
+def test_the_package_is_the_command(module):
     words = [sys.executable, "-m", module, "--version"]
     ran = subprocess.run(words, capture_output=True, text=True, check=True)
     assert ran.stdout.startswith("defocus ")
-
-
-def test_depth_that_no_frame_could_hold_the_blur_of(color: Path, tmp_path: Path) -> None:
-    metres = ramp()
-    metres[5, 7] = 1e-18
-    path = depth_exr(tmp_path / "tiny.exr", metres)
-    for more in ((), ("--dry-run",)):
-        ran = render(color, path, "-o", tmp_path / "out", *more)
-        refused_input(ran, path, "too-blurred")

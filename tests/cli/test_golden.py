@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import Ran, color_exr, files_under, read_exr, refused, run, texture, write_exr
+from command_line import color_exr, files_under, read_exr, refused, run, texture, write_exr
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 
 from defocus_core.compare.goldens.faults import FAULTS
@@ -17,29 +16,27 @@ PICTURES = {"render/a.exr", "render/b.exr"}
 
 
 @pytest.fixture
-def jobs(tmp_path: Path) -> Path:
+def jobs(tmp_path):
     pictures(tmp_path)
     return jobs_file(tmp_path, FIXED, inputs=INPUTS)
 
 
 @pytest.fixture
-def goldens(jobs: Path, tmp_path: Path) -> Path:
+def goldens(jobs, tmp_path):
     assert golden("update", jobs, tmp_path / "goldens", "--accept").code == 0
     return tmp_path / "goldens"
 
 
-def golden(*words: str | Path) -> Ran:
+def golden(*words):
     return run("golden", *words, "--processes", "1", "--threads", "1")
 
 
-def brighten(path: Path, amount: float) -> None:
+def brighten(path, amount):
     planes = {name: plane + np.float16(amount) for name, plane in read_exr(path).items()}
     write_exr(path, **planes)
 
 
-def test_update_shows_what_would_change_and_writes_only_what_is_accepted(
-    jobs: Path, tmp_path: Path
-) -> None:
+def test_update_shows_what_would_change_and_writes_only_what_is_accepted(jobs, tmp_path):
     folder = tmp_path / "goldens"
     ran = golden("update", jobs, folder)
     assert ran.code == 1
@@ -57,7 +54,7 @@ def test_update_shows_what_would_change_and_writes_only_what_is_accepted(
     assert {"version", "renderer"} <= set(sample)
 
 
-def test_check_passes_until_a_picture_changes(jobs: Path, goldens: Path, tmp_path: Path) -> None:
+def test_check_passes_until_a_picture_changes(jobs, goldens, tmp_path):
     ran = golden("check", jobs, goldens)
     assert (ran.code, ran.out) == (0, "2 pairs: 2 same\n")
     brighten(goldens / "render" / "a.exr", 0.25)
@@ -70,7 +67,7 @@ def test_check_passes_until_a_picture_changes(jobs: Path, goldens: Path, tmp_pat
     assert golden("check", jobs, goldens, "--fail", "max>0.5").code == 0
 
 
-def test_what_another_processor_rounds_otherwise_passes(jobs: Path, goldens: Path) -> None:
+def test_what_another_processor_rounds_otherwise_passes(jobs, goldens):
     path = goldens / "render" / "a.exr"
     planes = {name: plane.astype(np.float32) for name, plane in read_exr(path).items()}
     write_exr(path, **{name: plane + np.float32(9e-5) for name, plane in planes.items()})
@@ -79,13 +76,13 @@ def test_what_another_processor_rounds_otherwise_passes(jobs: Path, goldens: Pat
     assert golden("check", jobs, goldens).code == 1
 
 
-def test_settings_of_a_foreign_list_are_quoted_in_short(jobs: Path, goldens: Path) -> None:
+def test_settings_of_a_foreign_list_are_quoted_in_short(jobs, goldens):
     text = (goldens / "golden.json").read_text()
     (goldens / "golden.json").write_text(text.replace('"fnum": 2.0', f'"fnum": "{"x" * 9000}"'))
     assert max(map(len, golden("check", jobs, goldens).out.splitlines())) < 500
 
 
-def test_settings_that_changed_are_told_before_the_pixels(jobs: Path, goldens: Path) -> None:
+def test_settings_that_changed_are_told_before_the_pixels(jobs, goldens):
     jobs.write_text(jobs.read_text().replace("fnumber = 2", "fnumber = 1.4"))
     first, second, *_ = golden("check", jobs, goldens).out.splitlines()
     assert first == "a: lens.fnum 1.4 instead of 2.0"
@@ -96,9 +93,7 @@ def test_settings_that_changed_are_told_before_the_pixels(jobs: Path, goldens: P
     assert golden("update", jobs, goldens).out.endswith("none changes\n")
 
 
-def test_a_golden_is_not_lost_when_a_render_fails(
-    jobs: Path, goldens: Path, tmp_path: Path
-) -> None:
+def test_a_golden_is_not_lost_when_a_render_fails(jobs, goldens, tmp_path):
     before = {name: (goldens / name).read_bytes() for name in files_under(goldens)}
     (tmp_path / "b_z.exr").write_bytes(b"no picture")
     color_exr(tmp_path / "a_rgb.exr", texture(seed=5))
@@ -110,9 +105,7 @@ def test_a_golden_is_not_lost_when_a_render_fails(
     assert "render/b.exr: MISSING" in checked.out
 
 
-def test_a_golden_that_no_job_asks_for_is_removed_and_another_file_is_not(
-    jobs: Path, goldens: Path, tmp_path: Path
-) -> None:
+def test_a_golden_that_no_job_asks_for_is_removed_and_another_file_is_not(jobs, goldens, tmp_path):
     write_exr(goldens / "mine.exr", Y=np.zeros((4, 4), np.float32))
     for name in ("b_rgb.exr", "b_z.exr"):
         (tmp_path / name).unlink()
@@ -122,7 +115,7 @@ def test_a_golden_that_no_job_asks_for_is_removed_and_another_file_is_not(
     assert golden("check", jobs, goldens).code == 0
 
 
-def test_planted_faults_end_rules_that_let_everything_through(jobs: Path, goldens: Path) -> None:
+def test_planted_faults_end_rules_that_let_everything_through(jobs, goldens):
     ran = golden("check", jobs, goldens, "--must-fail")
     assert ran.code == 0
     count = re.search(r"(\d+) faults in 2 goldens: all are noticed\n$", ran.out)
@@ -146,7 +139,7 @@ def test_planted_faults_end_rules_that_let_everything_through(jobs: Path, golden
     assert "all are noticed, " in warned.out
 
 
-def test_views_are_swapped_for_each_other(jobs: Path, tmp_path: Path) -> None:
+def test_views_are_swapped_for_each_other(jobs, tmp_path):
     jobs.write_text(jobs.read_text() + "[outputs]\nkinds = ['left', 'right']\n")
     for name in ("b_rgb.exr", "b_z.exr"):
         (tmp_path / name).unlink()
@@ -162,7 +155,7 @@ def test_views_are_swapped_for_each_other(jobs: Path, tmp_path: Path) -> None:
     assert golden("check", jobs, goldens, "--must-fail").code == 0
 
 
-def test_what_is_no_folder_of_goldens_is_refused(jobs: Path, goldens: Path, tmp_path: Path) -> None:
+def test_what_is_no_folder_of_goldens_is_refused(jobs, goldens, tmp_path):
     refused(golden("check", jobs, tmp_path), 3, "not-found", "golden.json")
     (goldens / "golden.json").write_text('{"samples": {"a": 1}}')
     refused(golden("check", jobs, goldens), 3, "damaged", "golden.json")
@@ -174,7 +167,7 @@ def test_what_is_no_folder_of_goldens_is_refused(jobs: Path, goldens: Path, tmp_
     )
 
 
-def test_json_of_a_check_has_the_settings_too(jobs: Path, goldens: Path) -> None:
+def test_json_of_a_check_has_the_settings_too(jobs, goldens):
     jobs.write_text(jobs.read_text().replace("fnumber = 2", "fnumber = 1.4"))
     document = golden("check", jobs, goldens, "--json").json
     assert document["settings_changed"] == [

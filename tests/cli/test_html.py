@@ -61,7 +61,7 @@ quality = "draft"
 
 
 @pytest.fixture
-def folders(tmp_path: Path) -> tuple[Path, Path]:
+def folders(tmp_path):
     """Two folders: the same, shifted, missing, further, and no picture."""
     a, b = tmp_path / "A", tmp_path / "B"
     for folder, names in ((a, ("same", "shifted", "gone")), (b, ("same", "new"))):
@@ -73,13 +73,13 @@ def folders(tmp_path: Path) -> tuple[Path, Path]:
     return a, b
 
 
-def compared(folders: tuple[Path, Path], *options: str) -> Path:
+def compared(folders, *options):
     file = folders[0].parent / "report.html"
     assert run("compare", *folders, "--html", file, *options).code == 3
     return file
 
 
-def test_all_pairs_are_items_with_what_they_have(folders: tuple[Path, Path]) -> None:
+def test_all_pairs_are_items_with_what_they_have(folders):
     file = compared(folders)
     status = {each["name"]: each["status"] for each in items(file)}
     assert status == {
@@ -97,7 +97,7 @@ def test_all_pairs_are_items_with_what_they_have(folders: tuple[Path, Path]) -> 
     assert keys(item(file, "bad.exr")) == []
 
 
-def test_the_commands_of_a_pair_compare_again_and_accept(folders: tuple[Path, Path]) -> None:
+def test_the_commands_of_a_pair_compare_again_and_accept(folders):
     file = compared(folders, "--fail", "max>0.01", "--flip")
     again = run_command(file, "shifted.exr", "Compare again")
     assert again.code == 1
@@ -107,7 +107,7 @@ def test_the_commands_of_a_pair_compare_again_and_accept(folders: tuple[Path, Pa
     assert run_command(file, "shifted.exr", "Compare again").code == 0
 
 
-def test_two_files_make_a_report_too(folders: tuple[Path, Path]) -> None:
+def test_two_files_make_a_report_too(folders):
     a, b = folders
     file = a.parent / "two.html"
     ran = run("compare", a / "shifted.exr", b / "shifted.exr", "--html", file)
@@ -115,9 +115,7 @@ def test_two_files_make_a_report_too(folders: tuple[Path, Path]) -> None:
     assert [each["name"] for each in items(file)] == ["shifted.exr"]
 
 
-def test_a_report_is_the_same_file_however_many_processes_drew(
-    folders: tuple[Path, Path],
-) -> None:
+def test_a_report_is_the_same_file_however_many_processes_drew(folders):
     for number in range(8):
         for folder in folders:
             shutil.copy(folder / "shifted.exr", folder / f"more{number}.exr")
@@ -125,7 +123,7 @@ def test_a_report_is_the_same_file_however_many_processes_drew(
     assert compared(folders, "--processes", "2").read_bytes() == one
 
 
-def test_where_no_report_can_be_written_one_line_says_so(folders: tuple[Path, Path]) -> None:
+def test_where_no_report_can_be_written_one_line_says_so(folders):
     a, _ = folders
     refused_to = a / "same.exr" / "report.html"
     ran = run("compare", a / "same.exr", a / "same.exr", "--html", refused_to, "--json")
@@ -133,7 +131,7 @@ def test_where_no_report_can_be_written_one_line_says_so(folders: tuple[Path, Pa
     assert "cannot be written" in ran.err
 
 
-def test_torch_is_not_loaded_to_compare(folders: tuple[Path, Path]) -> None:
+def test_torch_is_not_loaded_to_compare(folders):
     a, b = folders
     words = ["compare", str(a / "same.exr"), str(b / "new.exr"), "--html", str(a / "x.html")]
     code = (
@@ -144,7 +142,7 @@ def test_torch_is_not_loaded_to_compare(folders: tuple[Path, Path]) -> None:
     assert ran.returncode == 0, ran.stderr
 
 
-def test_values_of_eight_bits_and_of_maps_are_kept_as_they_are(tmp_path: Path) -> None:
+def test_values_of_eight_bits_and_of_maps_are_kept_as_they_are(tmp_path):
     radius = np.linspace(-9, 9, 600, dtype=np.float32).reshape(20, 30)
     for folder, change in (("A", 0.0), ("B", 1e-6)):
         write_exr(tmp_path / folder / "coc.exr", coc=radius + np.float32(change))
@@ -157,7 +155,7 @@ def test_values_of_eight_bits_and_of_maps_are_kept_as_they_are(tmp_path: Path) -
     assert layers["difference"]["values"]["scale"] < 1e-5
 
 
-def test_a_golden_is_checked_and_accepted_alone(tmp_path: Path) -> None:
+def test_a_golden_is_checked_and_accepted_alone(tmp_path):
     jobs, folder, file = jobs_file(tmp_path), tmp_path / "gold", tmp_path / "gold.html"
     alone = ("--processes", "1", "--threads", "1")
     assert run("golden", "update", jobs, folder, "--accept", *alone).code == 0
@@ -178,15 +176,13 @@ def test_a_golden_is_checked_and_accepted_alone(tmp_path: Path) -> None:
     assert run("golden", "check", jobs, folder, *alone).out.count("DIFFERENT") == 3
 
 
-def test_only_needs_a_picture_that_it_matches(tmp_path: Path) -> None:
+def test_only_needs_a_picture_that_it_matches(tmp_path):
     jobs = jobs_file(tmp_path)
     ran = run("golden", "update", jobs, tmp_path / "gold", "--only", "render/x.exr")
     refused(ran, 2, "empty", "only")
 
 
-def test_a_batch_shows_its_samples_and_how_to_render_them_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_batch_shows_its_samples_and_how_to_render_them_again(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     jobs = jobs_file(tmp_path, text=DUAL)
     color, _ = pair(tmp_path, "c")
@@ -209,9 +205,7 @@ def test_a_batch_shows_its_samples_and_how_to_render_them_again(
     assert files_under(Path("again")) == {p for p in files_under(Path("out")) if "/a." in p}
 
 
-def test_views_in_one_file_wiggle_and_its_command_has_all_that_was_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_views_in_one_file_wiggle_and_its_command_has_all_that_was_said(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     star = np.zeros((32, 32), np.float32)
     star[8:24, 12:20] = 1.0
@@ -230,7 +224,7 @@ def test_views_in_one_file_wiggle_and_its_command_has_all_that_was_said(
     assert all(np.array_equal(one[channel], other[channel]) for channel in one)
 
 
-def test_a_finished_batch_is_reported_afterwards(tmp_path: Path) -> None:
+def test_a_finished_batch_is_reported_afterwards(tmp_path):
     jobs, out = jobs_file(tmp_path), tmp_path / "out"
     assert run("batch", jobs, "-o", out, "--html", tmp_path / "first.html").code == 0
     ran = run("report", out)
@@ -242,7 +236,7 @@ def test_a_finished_batch_is_reported_afterwards(tmp_path: Path) -> None:
     refused(run("report", tmp_path), 3, "empty", tmp_path)
 
 
-def test_the_report_of_a_batch_has_its_card(tmp_path: Path) -> None:
+def test_the_report_of_a_batch_has_its_card(tmp_path):
     jobs, out = jobs_file(tmp_path), tmp_path / "out"
     (tmp_path / "depth" / "b.exr").write_bytes(b"no depth")
     assert run("batch", jobs, "-o", out).code == 1
@@ -255,7 +249,7 @@ def test_the_report_of_a_batch_has_its_card(tmp_path: Path) -> None:
 
 
 @pytest.mark.bench
-def test_five_hundred_pairs_and_their_report_take_no_more_than_a_minute(tmp_path: Path) -> None:
+def test_five_hundred_pairs_and_their_report_take_no_more_than_a_minute(tmp_path):
     rng = np.random.default_rng(0)
     large = np.kron(scene(), np.ones((4, 4, 1), np.float32))[:270, :480]
     for number in range(500):

@@ -1,9 +1,5 @@
 """Nothing replaces what another command made: other lenses, names, views, and lone files."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 from command_line import (
@@ -12,10 +8,12 @@ from command_line import (
     depth_exr,
     files_under,
     pair,
+    photograph,
     read_exr,
     refused,
     render,
     run,
+    succeed,
     texture,
     write_exr,
 )
@@ -29,7 +27,7 @@ OTHER = {
 MAPS = ("--outputs", "coc")
 
 
-def another(name: str) -> tuple[str, ...]:
+def another(name):
     """The options of the lens with another value of one of them."""
     base = dict(zip(LENS[::2], LENS[1::2], strict=True))
     option, value = OTHER[name]
@@ -37,23 +35,22 @@ def another(name: str) -> tuple[str, ...]:
 
 
 @pytest.mark.parametrize("name", OTHER)
-def test_another_lens_replaces_no_picture(name: str, tmp_path: Path, out: Path) -> None:
+def test_another_lens_replaces_no_picture(name, tmp_path, out):
     files = pair(tmp_path)
-    assert render(*files, "-o", out, *MAPS).code == 0
+    photograph(*files, "-o", out, *MAPS)
     before = (out / "coc/a.exr").read_bytes()
     refused(run("render", *another(name), *files, "-o", out, *MAPS), 3, "exists", "a.exr")
     assert run("render", *another(name), *files, "-o", out, *MAPS, "--dry-run").code == 3
     assert (out / "coc/a.exr").read_bytes() == before
-    ran = run("render", *another(name), *files, "-o", out, *MAPS, "--overwrite")
-    assert ran.code == 0, ran.err
+    succeed("render", *another(name), *files, "-o", out, *MAPS, "--overwrite")
     assert (out / "coc/a.exr").read_bytes() != before
 
 
-def test_names_keep_lenses_apart(tmp_path: Path, out: Path) -> None:
+def test_names_keep_lenses_apart(tmp_path, out):
     files = pair(tmp_path)
     for name in ("focus", "fnumber"):
         template = f"{{stem}}_{{{name}}}"
-        assert run("render", *another(name), *files, "-o", out, *MAPS, "--name", template).code == 0
+        succeed("render", *another(name), *files, "-o", out, *MAPS, "--name", template)
     assert files_under(out) == {"coc/a_focus3m.exr", "coc/a_f8.exr"}
 
 
@@ -61,13 +58,11 @@ def test_names_keep_lenses_apart(tmp_path: Path, out: Path) -> None:
     ("template", "code"),
     [("{stam}", "unknown-name"), *((name, "malformed") for name in ("a/{stem}", "", ".{stem}"))],
 )
-def test_a_name_that_cannot_be_is_refused(
-    template: str, code: str, tmp_path: Path, out: Path
-) -> None:
+def test_a_name_that_cannot_be_is_refused(template, code, tmp_path, out):
     refused(render(*pair(tmp_path), "-o", out, "--name", template), 2, code, "name")
 
 
-def test_each_view_is_rendered_and_named(tmp_path: Path, out: Path) -> None:
+def test_each_view_is_rendered_and_named(tmp_path, out):
     left, right = (texture(seed=seed) for seed in (1, 2))
     planes = {
         f"{view}_{c}": pixels[..., k]
@@ -75,20 +70,18 @@ def test_each_view_is_rendered_and_named(tmp_path: Path, out: Path) -> None:
         for k, c in enumerate("RGB")
     }
     color, depth = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
-    ran = render(color, depth, "-o", out, "--outputs", "image", "--view", "left,right")
-    assert ran.code == 0, ran.err
+    photograph(color, depth, "-o", out, "--outputs", "image", "--view", "left,right")
     for view, pixels in (("left", left), ("right", right)):
         written = read_exr(out / f"image/a_{view}.exr")["R"]
         np.testing.assert_allclose(written, pixels[..., 0], atol=1e-3)
-    named = render(color, depth, "-o", out, *MAPS, "--view", "left", "--name", "{view}-{stem}")
-    assert named.code == 0
+    photograph(color, depth, "-o", out, *MAPS, "--view", "left", "--name", "{view}-{stem}")
     assert (out / "coc/left-a.exr").exists()
 
 
-def test_another_view_replaces_no_picture(tmp_path: Path, out: Path) -> None:
+def test_another_view_replaces_no_picture(tmp_path, out):
     planes = {f"{v}_{c}": texture()[..., 0] for v in ("left", "right") for c in "RGB"}
     files = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
-    assert render(*files, "-o", out, *MAPS, "--view", "left").code == 0
+    photograph(*files, "-o", out, *MAPS, "--view", "left")
     refused(render(*files, "-o", out, *MAPS, "--view", "right"), 3, "exists", "a.exr")
 
 
@@ -96,17 +89,15 @@ def test_another_view_replaces_no_picture(tmp_path: Path, out: Path) -> None:
     ("name", "options"),
     [("p.png", ()), ("p.tif", ("--outputs", "coc")), ("p.exr", ("--outputs", "left"))],
 )
-def test_a_file_is_one_picture_without_a_journal(
-    name: str, options: tuple[str, ...], tmp_path: Path, out: Path
-) -> None:
+def test_a_file_is_one_picture_without_a_journal(name, options, tmp_path, out):
     files = pair(tmp_path)
-    assert render(*files, "-o", out / name, *options).code == 0
+    photograph(*files, "-o", out / name, *options)
     assert files_under(out) == {name}
     assert not (out / "journal.jsonl").exists()
-    assert render(*files, "-o", out / name, *options).code == 0
+    photograph(*files, "-o", out / name, *options)
     (out / name).write_bytes(b"of another program")
     refused(render(*files, "-o", out / name, *options), 3, "exists", out / name)
-    assert render(*files, "-o", out / name, *options, "--overwrite").code == 0
+    photograph(*files, "-o", out / name, *options, "--overwrite")
 
 
 @pytest.mark.parametrize(
@@ -119,14 +110,12 @@ def test_a_file_is_one_picture_without_a_journal(
         (("--format", "jpg"), "wrong-type", "p.png"),
     ],
 )
-def test_what_a_file_cannot_hold_is_refused(
-    options: tuple[str, ...], code: str, at: str, tmp_path: Path, out: Path
-) -> None:
+def test_what_a_file_cannot_hold_is_refused(options, code, at, tmp_path, out):
     refused(render(*pair(tmp_path), "-o", out / "p.png", *options), 2, code, at)
     assert not out.exists()
 
 
-def test_a_file_is_none_of_its_inputs(tmp_path: Path) -> None:
+def test_a_file_is_none_of_its_inputs(tmp_path):
     color, depth = color_exr(tmp_path / "a.exr"), depth_exr(tmp_path / "z.exr")
     before = color.read_bytes()
     refused(render(color, depth, "-o", color, "--overwrite"), 3, "replaces-input", color)

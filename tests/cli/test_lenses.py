@@ -1,31 +1,26 @@
 """Lens files that ship: each is a lens with a look, by its name."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
-from command_line import header, pair, refused, run
+from command_line import header, pair, refused, run, succeed
 
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
-from defocus_core.batch.jobs.lens_from_options import ShippedLens, make_lens, shipped_lenses
+from defocus_core.batch.jobs.lens_from_options import make_lens, shipped_lenses
 from defocus_core.io.images.raster import read_samples
 
 LENSES = shipped_lenses()
 
 
 @pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.name)
-def test_a_lens_that_ships_wants_a_focus_alone(lens: ShippedLens) -> None:
+def test_a_lens_that_ships_wants_a_focus_alone(lens):
     made = make_lens({"focus": 20_000.0}, lens.path)
     assert made.foclen > 0
     assert made.effects or made.blades
     assert 10 < len(lens.subject) < 80
 
 
-def test_lenses_lists_them() -> None:
-    ran = run("lenses")
-    assert ran.code == 0
+def test_lenses_lists_them():
+    ran = succeed("lenses")
     names, _, sensors = ran.out.partition("\n\n")
     assert [line.split()[0] for line in names.splitlines()] == [lens.name for lens in LENSES]
     assert [line.split()[1] for line in sensors.splitlines()] == list(DUAL_PIXEL_SENSORS)
@@ -35,38 +30,30 @@ def test_lenses_lists_them() -> None:
     assert len(LENSES) >= 6
 
 
-def test_a_lens_is_taken_by_its_name_and_options_beside_it_win(tmp_path: Path) -> None:
+def test_a_lens_is_taken_by_its_name_and_options_beside_it_win(tmp_path):
     color, depth = pair(tmp_path)
     options = ("-o", tmp_path / "out", "--focus", "2m", "--fnumber", "2")
-    ran = run("render", color, depth, *options, "--lens", "@portrait-85")
-    assert ran.code == 0, ran.err
+    succeed("render", color, depth, *options, "--lens", "@portrait-85")
     attributes = header(tmp_path / "out/render/a.exr")
     assert attributes["defocus:focal_length"] == "85mm"
     assert attributes["defocus:fnumber"] == "2"
     assert attributes["defocus:blades"] == "9"
 
 
-def test_a_jobs_file_takes_one_by_its_name(tmp_path: Path) -> None:
+def test_a_jobs_file_takes_one_by_its_name(tmp_path):
     pair(tmp_path)
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(
         '[inputs]\ncolor = "rgb/*.exr"\ndepth = "depth/*.exr"\n'
         '[lens]\nfile = "@mirror-500"\nfocus = "2m"\n'
     )
-    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
-    assert ran.code == 0, ran.err
+    succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
     assert header(tmp_path / "out/render/a.exr")["defocus:obstruction"] == "0.45"
 
 
-def test_a_name_that_no_lens_has_is_refused(tmp_path: Path) -> None:
-    color, depth = pair(tmp_path)
-    ran = run("render", color, depth, "-o", tmp_path / "out", "--lens", "@portrait-58")
-    refused(ran, 2, "unknown-name", "lens")
-
-
-def test_a_contact_sheet_shows_another_look_of_each(tmp_path: Path) -> None:
+def test_a_contact_sheet_shows_another_look_of_each(tmp_path):
     sheet = tmp_path / "sheet.png"
-    assert run("lenses", "-o", sheet).code == 0
+    succeed("lenses", "-o", sheet)
     pixels = np.concatenate([strip for _, strip in read_samples(sheet)], axis=0)
     assert pixels.shape[:2] == (226 * -(-len(LENSES) // 3), 900)
     tiles = [pixels[226 * (i // 3) :, 300 * (i % 3) :][:200, :300] for i in range(len(LENSES))]

@@ -1,14 +1,9 @@
 """Photographs of phones are given once: their depth, and often a sharp original, is inside."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import refused, run
+from command_line import refused, run, succeed
 from depth_files import gdepth, png
 from image_files import save
 
@@ -20,41 +15,38 @@ INVERSE = {"Format": "RangeInverse", "Near": 0.5, "Far": 25.0, "Mime": "image/pn
 LINEAR = {"Format": "RangeLinear", "Near": 1.0, "Far": 5.0}
 
 
-def detail() -> Any:
+def detail():
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
     checks = np.where((x // 4 + y // 4) % 2, 220, 40).astype(np.uint8)
     return np.repeat(checks[..., None], 3, 2)
 
 
-def near_left(size: tuple[int, int] = (24, 32), *, near: int = 20) -> Any:
+def near_left(size=(24, 32), *, near=20):
     """A quarter as many numbers as the picture has pixels: the left half near, for GDepth dark."""
     numbers = np.full(size, 255 - near)
     numbers[:, : size[1] // 2] = near
     return numbers
 
 
-def photo(folder: Path, *, sharp: bool = True, **properties: object) -> Path:
+def photo(folder, *, sharp=True, **properties):
     image = png(folder / "depth.png", near_left(), np.uint8).read_bytes()
     original = save(folder / "sharp.jpg", detail()).read_bytes() if sharp else b""
     blurred = np.full((*SIZE, 3), 130, np.uint8)
     return gdepth(folder / "a.jpg", image, picture=blurred, sharp=original, **properties)
 
 
-def pixels(path: Path) -> Any:
+def pixels(path):
     return np.asarray(oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT))
 
 
-def contrast(half: Any) -> float:
+def contrast(half):
     return float(half[8:-8, 6:-6].std())
 
 
 @pytest.mark.parametrize("properties", [INVERSE, LINEAR, {**LINEAR, "Units": "m"}], ids=str)
-def test_a_portrait_is_rendered_of_its_sharp_original(
-    properties: dict[str, object], tmp_path: Path
-) -> None:
+def test_a_portrait_is_rendered_of_its_sharp_original(properties, tmp_path):
     file = photo(tmp_path, **properties)
-    ran = run("render", file, *BLUR, "-o", tmp_path / "out.jpg")
-    assert ran.code == 0, ran.err
+    ran = succeed("render", file, *BLUR, "-o", tmp_path / "out.jpg")
     assert "a.jpg: the sharp picture inside it is rendered" in ran.err
     made = pixels(tmp_path / "out.jpg")
     assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:]), "the near half is in focus"
@@ -63,16 +55,16 @@ def test_a_portrait_is_rendered_of_its_sharp_original(
     assert "GDepth depth image" in told
 
 
-def test_depth_without_units_is_no_depth_in_metres(tmp_path: Path) -> None:
+def test_depth_without_units_is_no_depth_in_metres(tmp_path):
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "5,5")
     ran = run("render", photo(tmp_path, **LINEAR), *lens, "-o", tmp_path / "out.jpg")
     refused(ran, 3, "unknown-unit")
     assert "GDepth without Units, which is relative; say --blur" in ran.err
     file = photo(tmp_path, **LINEAR, Units="m")
-    assert run("render", file, *lens, "-o", tmp_path / "out.jpg").code == 0
+    succeed("render", file, *lens, "-o", tmp_path / "out.jpg")
 
 
-def test_a_photograph_without_depth_says_what_to_give(tmp_path: Path) -> None:
+def test_a_photograph_without_depth_says_what_to_give(tmp_path):
     file = save(tmp_path / "a.jpg", detail())
     ran = run("render", file, *BLUR, "-o", tmp_path / "out.jpg")
     refused(ran, 3, "no-depth", file)
@@ -80,9 +72,7 @@ def test_a_photograph_without_depth_says_what_to_give(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])
-def test_a_heic_is_rendered_of_its_own_depth(
-    kind: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path, monkeypatch):
     pillow_heif = pytest.importorskip("pillow_heif")
     file = tmp_path / "a.heic"
     pillow_heif.from_bytes("RGB", SIZE[::-1], detail().tobytes()).save(str(file), quality=95)
@@ -95,7 +85,7 @@ def test_a_heic_is_rendered_of_its_own_depth(
         info = {"metadata": said}  # noqa: RUF012
         __array_interface__ = values.__array_interface__
 
-    def with_depth(path: str) -> Any:
+    def with_depth(path):
         found = opened(path)
         found.info["depth_images"] = [Depth()]
         return found
@@ -103,20 +93,19 @@ def test_a_heic_is_rendered_of_its_own_depth(
     monkeypatch.setattr(pillow_heif, "open_heif", with_depth)
     lens = ("--focal-length", "70mm", "--fnumber", "1", "--sensor-width", "7mm")
     for name, words in (("b", BLUR), ("c", (*lens, "--focus-at", "5,5")), ("d", ("--blur", "8px"))):
-        ran = run("render", file, *words, "-o", tmp_path / f"{name}.png")
-        assert ran.code == 0, ran.err
+        succeed("render", file, *words, "-o", tmp_path / f"{name}.png")
         made = pixels(tmp_path / f"{name}.png")
         assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:])
     assert "colour: R, G, B" in run("info", file, *BLUR).out
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "png", "tif", "exr", "webp"])
-def test_a_file_that_defocus_wrote_is_replaced_and_no_other(suffix: str, tmp_path: Path) -> None:
+def test_a_file_that_defocus_wrote_is_replaced_and_no_other(suffix, tmp_path):
     file, out = photo(tmp_path, **INVERSE), tmp_path / f"out.{suffix}"
     args = ("render", file, "--focus-at", "5,5", "-o", out, "--blur")
-    assert run(*args, "8px").code == 0
+    succeed(*args, "8px")
     first = out.read_bytes()
-    assert run(*args, "3px").code == 0
+    succeed(*args, "3px")
     assert out.read_bytes() != first
     other = save(tmp_path / f"mine.{suffix}", detail())
     for path in (other, tmp_path / f"link.{suffix}"):

@@ -1,45 +1,38 @@
 """Photographs as people have them: a first picture of one line."""
 
-from __future__ import annotations
-
 import re
 import shlex
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import color_exr, depth_exr, pair, ramp, refused, run, texture
+from command_line import color_exr, depth_exr, pair, ramp, refused, run, succeed, texture
 from depth_files import gdepth, png
 from image_files import save
 
 SIZE = (120, 160)
 
 
-def photo(folder: Path) -> Path:
+def photo(folder):
     return save(folder / "photo.png", (texture(*SIZE[::-1]) * 255).astype(np.uint8))
 
 
-def disparity(*, dtype: Any = np.uint8) -> Any:
+def disparity(*, dtype=np.uint8):
     numbers = np.full(SIZE, 10)
     numbers[40:90, 60:120] = 180
     return (numbers * (257 if dtype == np.uint16 else 1)).astype(dtype)
 
 
-def taken(said: str) -> str:
+def taken(said):
     """The options that a first picture was taken with."""
     (options,) = re.findall(r"relative depth, taken with (--[^;]*)(?:;|$)", said.splitlines()[0])
     return options
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(
-    dtype: Any, tmp_path: Path
-) -> None:
+def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(dtype, tmp_path):
     files = photo(tmp_path), png(tmp_path / "z.png", disparity(dtype=dtype), dtype)
-    ran = run("render", *files, "-o", tmp_path / "a.png")
-    assert ran.code == 0, ran.err
+    ran = succeed("render", *files, "-o", tmp_path / "a.png")
     assert taken(ran.err) == "--blur 3px --focus-at 89,64"
     again = run("render", *files, "-o", tmp_path / "b.png", *shlex.split(taken(ran.err)))
     assert "taken with" not in again.err
@@ -50,14 +43,14 @@ def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(
     assert taken(black.err) == "--focus-at 59,51"
 
 
-def test_depth_of_another_size_is_refused_before_anything_is_taken(tmp_path: Path) -> None:
+def test_depth_of_another_size_is_refused_before_anything_is_taken(tmp_path):
     files = photo(tmp_path), png(tmp_path / "z.png", disparity()[::2, ::2], np.uint8)
     refused(run("render", *files, "-o", tmp_path / "a.png"), 3, "wrong-size", files[1])
     guided = run("render", *files, "-o", tmp_path / "a.png", "--resize-depth", "guided")
     assert taken(guided.err) == "--blur 3px --focus-at 89,65"
 
 
-def test_a_phones_photograph_is_one_file_and_one_line(tmp_path: Path) -> None:
+def test_a_phones_photograph_is_one_file_and_one_line(tmp_path):
     depth = png(tmp_path / "d.png", 255 - disparity()[::2, ::2], np.uint8).read_bytes()
     picture = (texture(*SIZE[::-1]) * 255).astype(np.uint8)
     kind = {"Format": "RangeInverse", "Near": 0.5, "Far": 25.0}
@@ -70,7 +63,7 @@ def test_a_phones_photograph_is_one_file_and_one_line(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("given", ["", "--fnumber 2", "--focus 2m", "--lens @hexagon-50"])
-def test_metric_depth_gets_one_error_with_a_command_that_runs(given: str, tmp_path: Path) -> None:
+def test_metric_depth_gets_one_error_with_a_command_that_runs(given, tmp_path):
     files = color_exr(tmp_path / "a b.exr"), depth_exr(tmp_path / "z.exr")
     ran = run("render", *files, "-o", tmp_path / "out", *given.split())
     refused(ran, 2, "missing-option")
@@ -80,7 +73,7 @@ def test_metric_depth_gets_one_error_with_a_command_that_runs(given: str, tmp_pa
     assert (tmp_path / "out" / "render" / "a b.exr").exists()
 
 
-def test_batches_never_guess(tmp_path: Path) -> None:
+def test_batches_never_guess(tmp_path):
     for stem in "ab":
         save(tmp_path / "rgb" / f"{stem}.png", (texture() * 255).astype(np.uint8))
         (tmp_path / "z").mkdir(exist_ok=True)
@@ -94,7 +87,7 @@ def test_batches_never_guess(tmp_path: Path) -> None:
     refused(run("batch", jobs, *out), 2, "missing-option", "focal-length")
 
 
-def subject(folder: Path) -> tuple[Path, Path, Path]:
+def subject(folder):
     """A photograph of a subject before a plane, depth that is 3 px too fat, and its matte."""
     y, x = np.mgrid[: SIZE[0], : SIZE[1]]
     coverage = np.clip(40.5 - np.hypot(y - 60, x - 80), 0, 1)
@@ -105,13 +98,12 @@ def subject(folder: Path) -> tuple[Path, Path, Path]:
     return save(folder / "a.png", rgb), depth, save(folder / "matte.png", matte)
 
 
-def test_a_matte_keeps_the_background_beside_the_subject_with_itself(tmp_path: Path) -> None:
+def test_a_matte_keeps_the_background_beside_the_subject_with_itself(tmp_path):
     color, depth, matte = subject(tmp_path)
     blur = ("--blur", "6px", "--focus-value", "200", "--depth-repair")
     for name, more in (("off", ()), ("known", ("--matte", matte))):
         out = ("-o", tmp_path / f"{name}.png")
-        ran = run("render", color, depth, *blur, "auto" if more else "off", *more, *out)
-        assert ran.code == 0, ran.err
+        succeed("render", color, depth, *blur, "auto" if more else "off", *more, *out)
     guessed, known = (
         np.asarray(oiio.ImageBuf(str(tmp_path / f"{name}.png")).get_pixels(oiio.FLOAT))
         for name in ("off", "known")
@@ -122,21 +114,20 @@ def test_a_matte_keeps_the_background_beside_the_subject_with_itself(tmp_path: P
     assert known[60, 80, 0] == pytest.approx(guessed[60, 80, 0], abs=0.01)
 
 
-def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path: Path) -> None:
+def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path):
     color, depth, matte = subject(tmp_path)
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(
         f'[inputs]\ncolor = "{color.name}"\ndepth = "{depth.name}"\nmatte = "{matte.name}"\n'
         '[lens]\nblur = "6px"\nfocus-value = 200\n[outputs]\nformat = "png"\n'
     )
-    ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
-    assert ran.code == 0, ran.err
+    succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
     again = ("render", color, depth, "--matte", matte, "--blur", "6px", "--focus-value", "200")
-    assert run(*again, "-o", tmp_path / "b.png").code == 0
+    succeed(*again, "-o", tmp_path / "b.png")
     made = tmp_path / "out" / "render" / "a.png"
     assert made.read_bytes() == (tmp_path / "b.png").read_bytes()
     save(matte, np.zeros((*SIZE, 1), np.uint8))
-    assert run("batch", jobs, "-o", tmp_path / "out", "--processes", "1").code == 0
+    succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
     assert made.read_bytes() != (tmp_path / "b.png").read_bytes(), "another matte, another picture"
 
 
@@ -149,9 +140,7 @@ def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path: Path) -> None
         (np.full((*SIZE, 1), 2, np.float32), "out-of-range"),
     ],
 )
-def test_a_matte_is_grey_and_of_the_shape_of_the_picture(
-    samples: Any, code: str, tmp_path: Path
-) -> None:
+def test_a_matte_is_grey_and_of_the_shape_of_the_picture(samples, code, tmp_path):
     color, depth, _ = subject(tmp_path)
     matte = save(tmp_path / "m.tif", samples)
     words = ("--matte", matte, "--blur", "6px", "--focus-value", "200")

@@ -1,13 +1,10 @@
 """How the process of a command begins and ends."""
 
-from __future__ import annotations
-
 import gc
 import json
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 from command_line import LENS, depth_exr, pair
@@ -15,7 +12,7 @@ from command_line import LENS, depth_exr, pair
 from defocus_core.system.process import imports
 
 
-def ended(code: str, *words: object) -> subprocess.CompletedProcess[str]:
+def ended(code, *words):
     command = [sys.executable, "-c", code, *map(str, words)]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
@@ -26,17 +23,11 @@ RUN = "from defocus_cli.__main__ import run; run()"
 @pytest.mark.parametrize(
     ("words", "code"), [(["--version"], 0), (["rendr"], 2), (["info", "missing.exr"], 3)]
 )
-def test_a_process_ends_with_the_exit_code_of_the_command(words: list[str], code: int) -> None:
+def test_a_process_ends_with_the_exit_code_of_the_command(words, code):
     assert ended(RUN, *words).returncode == code
 
 
-def test_all_that_was_printed_arrives() -> None:
-    ran = ended(RUN, "render", "--help")
-    assert ran.returncode == 0
-    assert ran.stdout.startswith("Usage: defocus render")
-
-
-def test_modules_are_not_taken_down() -> None:
+def test_modules_are_not_taken_down():
     """It takes longer than many a picture; what others want done at the end is done."""
     held = (
         "import atexit, sys\n"
@@ -53,7 +44,7 @@ def test_modules_are_not_taken_down() -> None:
     assert "taken down" in ended(held, "--version").stdout
 
 
-def test_nothing_is_said_to_who_has_gone(tmp_path: Path) -> None:
+def test_nothing_is_said_to_who_has_gone(tmp_path):
     color, depth = pair(tmp_path)
     rendering = ["render", color, depth, *LENS, "-o", tmp_path / "out", "--outputs", "coc"]
     told = (["--help"], ["info", color], ["info", color, "--json"], [*rendering, "--json"])
@@ -68,14 +59,14 @@ def test_nothing_is_said_to_who_has_gone(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "coc" / "a.exr").exists()
 
 
-def test_a_fault_of_python_itself_is_told_as_ever() -> None:
+def test_a_fault_of_python_itself_is_told_as_ever():
     raising = "import defocus_cli.__main__ as entry\nentry.main = lambda: 1 / 0\nentry.run()\n"
     ran = ended(raising)
     assert ran.returncode == 1
     assert "ZeroDivisionError" in ran.stderr
 
 
-def pressing(module: str) -> str:
+def pressing(module):
     """A program that presses Ctrl-C as soon as a module is imported."""
     return (
         "import os, signal, sys\n"
@@ -86,7 +77,7 @@ def pressing(module: str) -> str:
     )
 
 
-def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback() -> None:
+def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback():
     ran = ended(pressing("click") + RUN, "--version")
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "defocus: interrupted\n")
 
@@ -94,7 +85,7 @@ def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback() -> None:
 @pytest.mark.parametrize(
     "module", ["defocus_core.batch.jobs.job", "numpy._core.getlimits", "OpenImageIO"]
 )
-def test_ctrl_c_within_an_import_of_a_command_ends_it_alike(module: str, tmp_path: Path) -> None:
+def test_ctrl_c_within_an_import_of_a_command_ends_it_alike(module, tmp_path):
     held = depth_exr(tmp_path / "a.exr")
     for words in (("info", held), ("depth", held, "-o", tmp_path / "z.exr")):
         ran = ended(pressing(module) + RUN, *words)
@@ -102,7 +93,7 @@ def test_ctrl_c_within_an_import_of_a_command_ends_it_alike(module: str, tmp_pat
         assert ran.stderr.startswith("defocus: interrupted")
 
 
-def test_garbage_is_not_looked_for_while_modules_are_imported() -> None:
+def test_garbage_is_not_looked_for_while_modules_are_imported():
     assert gc.isenabled()
     with imports():
         assert not gc.isenabled()
@@ -120,7 +111,7 @@ def test_garbage_is_not_looked_for_while_modules_are_imported() -> None:
         gc.enable()
 
 
-def test_a_command_looks_through_nothing_that_pytorch_made(tmp_path: Path) -> None:
+def test_a_command_looks_through_nothing_that_pytorch_made(tmp_path):
     counting = (
         "import gc, json, sys\n"
         "seen = []\n"

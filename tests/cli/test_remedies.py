@@ -1,15 +1,12 @@
 """Mistakes that are easily made are noticed, and the remedy is what was meant."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 import torch
-from command_line import LENS, color_exr, files_under, pair, refused, render, run
+from command_line import LENS, color_exr, files_under, pair, refused, render, run, succeed
 
 from defocus_core import Aperture, DefocusLens, PupilImage
 from defocus_core import render as render_image
@@ -17,7 +14,7 @@ from defocus_core import render as render_image
 MAPS = ("--outputs", "coc")
 
 
-def test_a_shipped_lens_without_its_mark(tmp_path: Path, out: Path) -> None:
+def test_a_shipped_lens_without_its_mark(tmp_path, out):
     refused(
         run("render", *pair(tmp_path), "-o", out, "--lens", "portrait-85"),
         2,
@@ -26,20 +23,16 @@ def test_a_shipped_lens_without_its_mark(tmp_path: Path, out: Path) -> None:
     )
 
 
-def test_a_topic_that_is_nearly_one() -> None:
-    refused(run("help", "dept"), 2, "unknown-name", "dept")
-
-
-def test_two_frames_are_no_colour_and_depth(tmp_path: Path, out: Path) -> None:
+def test_two_frames_are_no_colour_and_depth(tmp_path, out):
     frames = [color_exr(tmp_path / f"shot.{number}.exr") for number in (1001, 1002)]
     refused(render(*frames, "-o", out), 2, "contradiction", "shot.1002.exr")
 
 
-def test_a_range_in_a_pattern_has_an_option(tmp_path: Path, out: Path) -> None:
+def test_a_range_in_a_pattern_has_an_option(tmp_path, out):
     refused(render(tmp_path / "1001-1005#.exr", "-o", out), 3, "not-found", "1001-1005#.exr")
 
 
-def test_quiet_says_only_what_is_wrong(tmp_path: Path, out: Path) -> None:
+def test_quiet_says_only_what_is_wrong(tmp_path, out):
     files = pair(tmp_path)
     assert render(*files, "-o", out, *MAPS, "-q").err == ""
     assert render(*files, "-o", out, *MAPS, "-q").err == ""
@@ -47,7 +40,7 @@ def test_quiet_says_only_what_is_wrong(tmp_path: Path, out: Path) -> None:
     refused(render(*files, "-o", out, *MAPS, "-q", "-v"), 2, "contradiction", "quiet")
 
 
-def test_each_picture_of_a_folder_of_lenses_has_its_own(tmp_path: Path, out: Path) -> None:
+def test_each_picture_of_a_folder_of_lenses_has_its_own(tmp_path, out):
     for stem, fnumber in (("a", 2), ("b", 4)):
         color, depth = pair(tmp_path, stem)
         text = f'focal-length = "50mm"\nfnumber = {fnumber}\nfocus = "2m"\n'
@@ -60,18 +53,18 @@ def test_each_picture_of_a_folder_of_lenses_has_its_own(tmp_path: Path, out: Pat
     assert run("render", *folders, "-o", out, *MAPS, "--lens", tmp_path / "lenses").code == 3
 
 
-def test_a_list_may_begin_with_a_comment(tmp_path: Path, out: Path) -> None:
+def test_a_list_may_begin_with_a_comment(tmp_path, out):
     color, depth = pair(tmp_path)
     (tmp_path / "list.csv").write_text(f"# list.csv\ncolor,depth\n{color},{depth}\n")
     lens = dict(zip(LENS[::2], LENS[1::2], strict=True))
     keys = "".join(f'{name[2:]} = "{value}"\n' for name, value in lens.items())
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(f'[inputs]\nlist = "list.csv"\n[lens]\n{keys}[outputs]\nkinds = ["coc"]\n')
-    assert run("batch", jobs, "-o", out).code == 0
+    succeed("batch", jobs, "-o", out)
     assert "coc/a.exr" in files_under(out)
 
 
-def test_shells_complete_commands() -> None:
+def test_shells_complete_commands():
     environment = {**os.environ, "_DEFOCUS_COMPLETE": "bash_source"}
     done = subprocess.run(
         [sys.executable, "-m", "defocus_cli"], env=environment, capture_output=True, text=True
@@ -80,7 +73,7 @@ def test_shells_complete_commands() -> None:
     assert "_DEFOCUS_COMPLETE=bash_complete" in done.stdout
 
 
-def test_an_opening_is_given_to_a_lens_or_to_an_aperture() -> None:
+def test_an_opening_is_given_to_a_lens_or_to_an_aperture():
     image, depth = torch.rand(1, 3, 16, 24), torch.full((1, 1, 16, 24), 4000.0)
     sensor = {"sensor_size": (36.0, 24.0), "sensor_res": (24, 16)}
     lens = DefocusLens(50.0, 0.5, aperture=Aperture(obstruction=0.5), **sensor)
@@ -90,12 +83,12 @@ def test_an_opening_is_given_to_a_lens_or_to_an_aperture() -> None:
     assert not torch.equal(lens.render_rgbd(image, depth), plain.render_rgbd(image, depth))
     pupil = PupilImage(torch.ones(5, 5))
     with pytest.raises(ValueError, match=r"Aperture\(image=…\)"):
-        DefocusLens(50.0, 0.5, aperture=pupil, **sensor)  # type: ignore[arg-type]
+        DefocusLens(50.0, 0.5, aperture=pupil, **sensor)
     with pytest.raises(ValueError, match=r"Aperture\(image=…\)"):
-        render_image(image, depth, aperture=pupil)  # type: ignore[arg-type]
+        render_image(image, depth, aperture=pupil)
 
 
-def test_metres_given_as_millimetres_are_doubted() -> None:
+def test_metres_given_as_millimetres_are_doubted():
     lens = DefocusLens(50.0, 2.0, sensor_size=(36.0, 24.0), sensor_res=(24, 16))
     with pytest.warns(UserWarning, match="metres"):
         lens.render_rgbd(torch.rand(1, 3, 16, 24), torch.full((1, 1, 16, 24), 4.0))

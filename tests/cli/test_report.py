@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from contextlib import redirect_stderr
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,7 +35,7 @@ from defocus_core.tensors.tiling import TILE
 EVERYTHING = ",".join(KINDS)
 
 
-def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path: Path) -> None:
+def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path):
     for stem in ("a", "b"):
         color, depth = pair(tmp_path, stem)
     args = ("render", *LENS, "-o", tmp_path / "out", "--overwrite", color.parent, depth.parent)
@@ -48,7 +47,7 @@ def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path: Path) 
     assert "picture/s]" not in lone
 
 
-def test_a_bar_moves_while_a_picture_is_prepared() -> None:
+def test_a_bar_moves_while_a_picture_is_prepared():
     with redirect_stderr(Terminal()) as shown, tile_bar() as count:
         time.sleep(1.2)
         count(1, 4)
@@ -56,7 +55,7 @@ def test_a_bar_moves_while_a_picture_is_prepared() -> None:
     assert "preparing" not in shown.getvalue().rpartition("0/4")[2]
 
 
-def test_a_bar_counts_the_tiles_of_a_lone_picture_on_a_terminal(tmp_path: Path) -> None:
+def test_a_bar_counts_the_tiles_of_a_lone_picture_on_a_terminal(tmp_path):
     color = color_exr(tmp_path / "c.exr", texture(2 * TILE, TILE))
     depth = depth_exr(tmp_path / "z.exr", ramp(2 * TILE, TILE))
     args = (color, depth, "-o", tmp_path / "out", "--overwrite", "--json")
@@ -68,7 +67,7 @@ def test_a_bar_counts_the_tiles_of_a_lone_picture_on_a_terminal(tmp_path: Path) 
     assert "\r" not in unwatched.err
 
 
-def test_json_tells_what_was_done(tmp_path: Path) -> None:
+def test_json_tells_what_was_done(tmp_path):
     color, depth = pair(tmp_path)
     ran = render(color, depth, "-o", tmp_path / "out", "--outputs", "render,coc", "--json")
     (picture,) = ran.json["pictures"]
@@ -90,7 +89,7 @@ def test_json_tells_what_was_done(tmp_path: Path) -> None:
     assert isinstance(picture["stats"], dict)
 
 
-def test_people_are_told_in_one_line_on_stderr(tmp_path: Path) -> None:
+def test_people_are_told_in_one_line_on_stderr(tmp_path):
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "left,right")
     assert ran.out == ""
     assert ran.err.count("\n") == 1
@@ -98,7 +97,7 @@ def test_people_are_told_in_one_line_on_stderr(tmp_path: Path) -> None:
         assert words in ran.err
 
 
-def test_libraries_say_nothing_when_the_process_ends(tmp_path: Path) -> None:
+def test_libraries_say_nothing_when_the_process_ends(tmp_path):
     """What is still held when the interpreter goes would be listed as leaked."""
     color = save(tmp_path / "a.png", np.full((HEIGHT, WIDTH, 3), 100, np.uint8))
     words = [color, depth_exr(tmp_path / "z.exr"), *LENS, "-o", tmp_path / "out", "--format", "jpg"]
@@ -113,13 +112,13 @@ def test_libraries_say_nothing_when_the_process_ends(tmp_path: Path) -> None:
     assert "a: 24x16" in ran.stderr
 
 
-def test_verbose_says_what_was_chosen(tmp_path: Path) -> None:
+def test_verbose_says_what_was_chosen(tmp_path):
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", "-v", "--threads", "1")
     assert "channel Z, metres" in ran.err
     assert "1 thread" in ran.err
 
 
-def test_counts_are_told_once(tmp_path: Path) -> None:
+def test_counts_are_told_once(tmp_path):
     out = tmp_path / "out"
     told = render(*pair(tmp_path), "-o", out, "-v").err
     assert ("slice_tiles_done " in told, " slices, " in told) == (True, False)
@@ -130,7 +129,7 @@ def test_counts_are_told_once(tmp_path: Path) -> None:
     assert "maps alone need no slices" in maps
 
 
-def test_depth_of_few_levels_is_said_to_be_smoothed(tmp_path: Path) -> None:
+def test_depth_of_few_levels_is_said_to_be_smoothed(tmp_path):
     color = color_exr(tmp_path / "a.exr", texture(144, 96))
     y, x = np.mgrid[:96, :144]
     level = np.round(47 * (x + y) / 238) / 47
@@ -143,7 +142,7 @@ def test_depth_of_few_levels_is_said_to_be_smoothed(tmp_path: Path) -> None:
         assert ("of few levels, smoothed between them" in ran.err) is said
 
 
-def test_noise_of_depth_is_said_to_be_smoothed(tmp_path: Path) -> None:
+def test_noise_of_depth_is_said_to_be_smoothed(tmp_path):
     color = color_exr(tmp_path / "a.exr", texture(144, 96))
     noise = np.random.default_rng(1).normal(0, 0.02, (96, 144))
     lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m")
@@ -158,7 +157,7 @@ def test_noise_of_depth_is_said_to_be_smoothed(tmp_path: Path) -> None:
             assert ("px of radius, smoothed within surfaces" in ran.err + ran.out) is said
 
 
-def test_depth_is_not_repaired_if_repair_is_off(tmp_path: Path) -> None:
+def test_depth_is_not_repaired_if_repair_is_off(tmp_path):
     color = color_exr(tmp_path / "a.exr", texture(144, 96))
     noise = np.random.default_rng(1).normal(0, 0.02, (96, 144))
     depth = depth_exr(tmp_path / "z.exr", (1 / (0.4 + noise)).astype(np.float32))
@@ -175,7 +174,7 @@ def test_depth_is_not_repaired_if_repair_is_off(tmp_path: Path) -> None:
     assert not ran.json["pictures"][0]["done_before"], "another repair makes another picture"
 
 
-def test_soft_edges_of_depth_are_said_to_be_made_steps(tmp_path: Path) -> None:
+def test_soft_edges_of_depth_are_said_to_be_made_steps(tmp_path):
     color = color_exr(tmp_path / "a.exr", texture(144, 96))
     lens = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")
     for name, width, said in (("soft", 8, True), ("hard", 1, False)):
@@ -189,7 +188,7 @@ def test_soft_edges_of_depth_are_said_to_be_made_steps(tmp_path: Path) -> None:
         assert (note in ran.json["pictures"][0]["depth_note"]) is said
 
 
-def test_anti_aliased_depth_is_said_to_be_made_hard(tmp_path: Path) -> None:
+def test_anti_aliased_depth_is_said_to_be_made_hard(tmp_path):
     y, x = (np.arange(8 * n) / 8 for n in (96, 144))
     fine = np.where(x + 0.37 * y[:, None] < 80.2, 1.0, 3.0)
     averaged = fine.reshape(96, 8, 144, 8).mean((1, 3))
@@ -212,14 +211,14 @@ def test_anti_aliased_depth_is_said_to_be_made_hard(tmp_path: Path) -> None:
             assert (note in told) is (said and kind == "render")
 
 
-def test_what_a_file_cannot_hold_is_a_warning(tmp_path: Path) -> None:
+def test_what_a_file_cannot_hold_is_a_warning(tmp_path):
     color = color_exr(tmp_path / "c.exr", np.full((HEIGHT, WIDTH, 3), 1e6, np.float32))
     ran = render(color, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "out", "--json")
     assert len(ran.json["pictures"][0]["warnings"]) == 1
     assert "c: warning: " in ran.err
 
 
-def test_warnings_of_a_batch_are_summed_up_by_their_kind(tmp_path: Path) -> None:
+def test_warnings_of_a_batch_are_summed_up_by_their_kind(tmp_path):
     jobs = jobs_file(tmp_path, "a", "b", "c", text=JOBS.replace('"coc"', '"render"'))
     for stem, light in (("a", 1e6), ("b", 2e6)):
         color_exr(tmp_path / "rgb" / f"{stem}.exr", np.full((HEIGHT, WIDTH, 3), light, np.float32))
@@ -231,7 +230,7 @@ def test_warnings_of_a_batch_are_summed_up_by_their_kind(tmp_path: Path) -> None
     assert f"  warning: {kind} (and 3 more like it)\n" in ran.err
 
 
-def test_a_file_that_fails_beside_others_is_in_json_too(tmp_path: Path) -> None:
+def test_a_file_that_fails_beside_others_is_in_json_too(tmp_path):
     good, bad = depth_exr(tmp_path / "z.exr"), tmp_path / "bad.exr"
     bad.write_bytes(b"no picture")
     color = color_exr(tmp_path / "c.exr")

@@ -1,25 +1,19 @@
 """``defocus retry``: what failed, once more."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 from batches import JOBS, contents, jobs_file
-from command_line import depth_exr, ramp, refused, run
+from command_line import depth_exr, ramp, refused, run, succeed
 
 from defocus_core.batch.journal.lock import locked
 
 
-def test_retry_of_what_another_does_is_refused_before_a_word_is_said(
-    tmp_path: Path, out: Path
-) -> None:
+def test_retry_of_what_another_does_is_refused_before_a_word_is_said(tmp_path, out):
     run("batch", jobs_file(tmp_path), "-o", out)
     with locked(out, say=print):
         refused(run("retry", out), 3, "in-use", ".journal.lock")
 
 
-def test_retry_needs_no_jobs_file(tmp_path: Path, out: Path) -> None:
+def test_retry_needs_no_jobs_file(tmp_path, out):
     path = jobs_file(tmp_path)
     good = (tmp_path / "depth" / "a.exr").read_bytes()
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
@@ -28,8 +22,7 @@ def test_retry_needs_no_jobs_file(tmp_path: Path, out: Path) -> None:
     assert run("retry", out).code == 1
     (tmp_path / "depth" / "a.exr").write_bytes(good)
     assert "nothing failed for that reason" in run("retry", out, "--reason", "worker-died").err
-    ran = run("retry", out, "--reason", "input-unusable", "--json")
-    assert ran.code == 0
+    ran = succeed("retry", out, "--reason", "input-unusable", "--json")
     assert ran.json["ok"] == 2
     jobs_file(tmp_path)
     run("batch", path, "-o", tmp_path / "whole")
@@ -37,7 +30,7 @@ def test_retry_needs_no_jobs_file(tmp_path: Path, out: Path) -> None:
     assert "nothing failed" in run("retry", out).err
 
 
-def test_retry_keeps_the_picture_of_the_opening(tmp_path: Path, out: Path) -> None:
+def test_retry_keeps_the_picture_of_the_opening(tmp_path, out):
     opening = np.zeros((9, 9), np.float32)
     opening[2:7, 4] = 1
     np.save(tmp_path / "opening.npy", opening)
@@ -48,6 +41,6 @@ def test_retry_keeps_the_picture_of_the_opening(tmp_path: Path, out: Path) -> No
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     assert run("batch", path, "-o", out).code == 1
     (tmp_path / "depth" / "a.exr").write_bytes(good)
-    assert run("retry", out).code == 0
+    succeed("retry", out)
     run("batch", path, "-o", tmp_path / "whole")
     assert contents(out) == contents(tmp_path / "whole")

@@ -1,29 +1,25 @@
 """``defocus batch --shard`` and ``merge``: parts of a batch, done by themselves, are one run."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 from batches import JOBS, contents, jobs_file, records, without_times
-from command_line import refused, run
+from command_line import refused, run, succeed
 
 
-def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path: Path, out: Path) -> None:
+def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path, out):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out, "--shard", "1/2", "--limit", "1")
     assert "shard 1/2 did not get to its end" in run("merge", out).err
     assert run("status", out, "--json").json["left"] == 1
-    assert run("batch", path, "-o", out).code == 0
+    succeed("batch", path, "-o", out)
     told = run("status", out, "--json").json
     assert (told["ok"], told["left"], told["jobs"], told["shards"]) == (4, 0, 4, None)
 
 
-def test_shards_merged_are_one_run(tmp_path: Path, out: Path) -> None:
+def test_shards_merged_are_one_run(tmp_path, out):
     path = jobs_file(tmp_path, *"abcde")
     run("batch", path, "-o", tmp_path / "whole")
     for shard in ("1/2", "2/2"):
-        assert run("batch", path, "-o", out, "--shard", shard).code == 0
+        succeed("batch", path, "-o", out, "--shard", shard)
     assert not (out / "metadata.jsonl").exists()
     assert {path.name for path in out.glob("*.jsonl")} == {
         "journal-1of2.jsonl",
@@ -39,7 +35,7 @@ def test_shards_merged_are_one_run(tmp_path: Path, out: Path) -> None:
     assert run("batch", path, "-o", out).err.endswith("10 jobs: 10 done before\n")
 
 
-def test_shards_are_parts_of_even_size_that_share_no_picture(tmp_path: Path, out: Path) -> None:
+def test_shards_are_parts_of_even_size_that_share_no_picture(tmp_path, out):
     path = jobs_file(tmp_path, *"abcde")
     done = []
     for number in (1, 2, 3):
@@ -49,7 +45,7 @@ def test_shards_are_parts_of_even_size_that_share_no_picture(tmp_path: Path, out
     assert done == [set("ad"), set("be"), set("c")]
 
 
-def test_a_lone_picture_is_shared_out_by_its_lenses(tmp_path: Path, out: Path) -> None:
+def test_a_lone_picture_is_shared_out_by_its_lenses(tmp_path, out):
     text = JOBS.replace('["1.5m", "2m"]', '["1m", "2m", "3m", "4m", "5m"]')
     path = jobs_file(tmp_path, "a", text=text)
     for number in (1, 2, 3):
@@ -59,7 +55,7 @@ def test_a_lone_picture_is_shared_out_by_its_lenses(tmp_path: Path, out: Path) -
     assert run("merge", out, "--json").json["jobs"] == 5
 
 
-def test_a_shard_that_is_missing_is_named(tmp_path: Path, out: Path) -> None:
+def test_a_shard_that_is_missing_is_named(tmp_path, out):
     path = jobs_file(tmp_path, *"abc")
     run("batch", path, "-o", out, "--shard", "1/3")
     assert "1 of 3 shards begun" in run("status", out).out
@@ -68,6 +64,6 @@ def test_a_shard_that_is_missing_is_named(tmp_path: Path, out: Path) -> None:
 
 
 @pytest.mark.parametrize("shard", ["0/2", "3/2", "1", "1/0", "x/y", "-1/2"])
-def test_what_is_no_shard_is_refused(shard: str, tmp_path: Path, out: Path) -> None:
+def test_what_is_no_shard_is_refused(shard, tmp_path, out):
     ran = run("batch", jobs_file(tmp_path), "-o", out, f"--shard={shard}")
     refused(ran, 2, "malformed", "shard")

@@ -1,20 +1,17 @@
 """``defocus status``: how far a batch is, and what failed."""
 
-from __future__ import annotations
-
 import os
-from pathlib import Path
 
 import pytest
 from batches import JOBS, jobs_file
-from command_line import depth_exr, hidden_in, ramp, refused, run
+from command_line import depth_exr, hidden_in, ramp, refused, run, succeed
 
 from defocus_cli.words.batch import progress_lines, progress_record
 from defocus_core.batch.journal.journal import Journal
 from defocus_core.batch.journal.progress import progress
 
 
-def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out: Path) -> None:
+def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path, out):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out)
     path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
@@ -24,30 +21,26 @@ def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path: Path, out
     assert "4 done, 3 left, 3 of them to be done again, 4 jobs" in run("status", out).out
 
 
-def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(
-    tmp_path: Path, out: Path
-) -> None:
+def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(tmp_path, out):
     path = jobs_file(tmp_path, *"abc")
     good = (tmp_path / "depth" / "a.exr").read_bytes()
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     run("batch", path, "-o", out, "--limit", "3")
     (tmp_path / "depth" / "a.exr").write_bytes(good)
-    assert run("retry", out).code == 0
+    succeed("retry", out)
     told = run("status", out, "--json").json
     assert (told["ok"], told["failed"], told["left"], told["jobs"]) == (3, 0, 3, 6)
     assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("6 jobs: 3 done, 3 done b")
     assert not hidden_in(out)
 
 
-def test_a_retry_with_nothing_to_do_forgets_no_batch_that_was_stopped(
-    tmp_path: Path, out: Path
-) -> None:
+def test_a_retry_with_nothing_to_do_forgets_no_batch_that_was_stopped(tmp_path, out):
     run("batch", jobs_file(tmp_path), "-o", out, "--limit", "1")
     assert "nothing failed" in run("retry", out).err
     assert run("status", out, "--json").json["left"] == 3
 
 
-def test_status_counts_and_names_what_failed(tmp_path: Path, out: Path) -> None:
+def test_status_counts_and_names_what_failed(tmp_path, out):
     path = jobs_file(tmp_path)
     depth_exr(tmp_path / "depth" / "a.exr", -ramp())
     run("batch", path, "-o", out)
@@ -61,13 +54,11 @@ def test_status_counts_and_names_what_failed(tmp_path: Path, out: Path) -> None:
     assert shown["reasons"] == {"input-unusable": 2}
 
 
-def test_status_can_be_asked_while_a_batch_runs(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_status_can_be_asked_while_a_batch_runs(tmp_path, out, monkeypatch):
     seen = []
     append = Journal.append
 
-    def asked(journal: Journal, record: dict[str, object]) -> None:
+    def asked(journal, record):
         append(journal, record)
         found = progress(out)  # on a thread, where no stream can be redirected
         seen.append((progress_record(found, 10), [*progress_lines(out, found, 10)]))
@@ -83,6 +74,6 @@ def test_status_can_be_asked_while_a_batch_runs(
     assert any("the rest takes about " in line for line in words)
 
 
-def test_there_is_no_status_without_a_journal(tmp_path: Path) -> None:
+def test_there_is_no_status_without_a_journal(tmp_path):
     for command in ("status", "merge", "retry"):
         refused(run(command, tmp_path), 3, "empty", tmp_path)

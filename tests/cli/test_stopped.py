@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +20,13 @@ COMMAND = "from defocus_cli.__main__ import run; run()"
 
 
 @pytest.fixture
-def folders(tmp_path: Path) -> tuple[Path, Path]:
+def folders(tmp_path):
     for number in range(16):
         color, depth = pair(tmp_path, f"{number:02}")
     return color.parent, depth.parent
 
 
-def test_killed_runs_come_to_the_same_end(folders: tuple[Path, Path], tmp_path: Path) -> None:
+def test_killed_runs_come_to_the_same_end(folders, tmp_path):
     """A shortened run of what is done by hand with 100 kills of 300 jobs in several processes."""
     outputs = ("--outputs", "render,coc", "--preview")
     render(*folders, "-o", tmp_path / "whole", *outputs)
@@ -43,7 +42,7 @@ def test_killed_runs_come_to_the_same_end(folders: tuple[Path, Path], tmp_path: 
     assert sorted(names) == [f"{number:02}" for number in range(16)], "none is done twice"
 
 
-def test_a_shot_that_is_killed_comes_to_the_same_end(tmp_path: Path) -> None:
+def test_a_shot_that_is_killed_comes_to_the_same_end(tmp_path):
     """Frames that decide together and average each other's depth, with another lens each."""
     jobs = pull(tmp_path)
     render_batch = ("batch", jobs, "-o")
@@ -58,7 +57,7 @@ def test_a_shot_that_is_killed_comes_to_the_same_end(tmp_path: Path) -> None:
     assert sorted(each["sample_id"] for each in records(out)) == [f"rgb.{k:04}" for k in range(10)]
 
 
-def started(*args: object, slow: float, step: str = "plain_path.compute") -> subprocess.Popen[str]:
+def started(*args, slow, step="plain_path.compute"):
     """A run of which a step takes its time; it says when the first picture comes to it."""
     script = (
         "import os, sys, time; from defocus_cli import main\n"
@@ -79,9 +78,7 @@ def started(*args: object, slow: float, step: str = "plain_path.compute") -> sub
     return process
 
 
-def test_ctrl_c_finishes_what_was_begun_and_the_rest_is_left(
-    folders: tuple[Path, Path], out: Path
-) -> None:
+def test_ctrl_c_finishes_what_was_begun_and_the_rest_is_left(folders, out):
     process = started(*folders, "-o", out, slow=0.5)
     time.sleep(0.2)  # the next is read
     process.send_signal(signal.SIGINT)
@@ -97,7 +94,7 @@ def test_ctrl_c_finishes_what_was_begun_and_the_rest_is_left(
     assert len(records(out)) == 16
 
 
-def test_ctrl_c_again_stops_at_once(folders: tuple[Path, Path], out: Path) -> None:
+def test_ctrl_c_again_stops_at_once(folders, out):
     process = started(*folders, "-o", out, slow=30)
     assert process.stderr is not None
     process.send_signal(signal.SIGINT)
@@ -109,9 +106,7 @@ def test_ctrl_c_again_stops_at_once(folders: tuple[Path, Path], out: Path) -> No
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_the_system_ends_a_run_which_leaves_nothing_half_written(
-    name: str, folders: tuple[Path, Path], out: Path
-) -> None:
+def test_the_system_ends_a_run_which_leaves_nothing_half_written(name, folders, out):
     process = started(*folders, "-o", out, slow=0.3, step="os.replace")
     number = signal.Signals[name]
     assert process.stdout is not None
@@ -128,7 +123,7 @@ def test_the_system_ends_a_run_which_leaves_nothing_half_written(
     assert not hidden_in(out)
 
 
-def rounds(mode: str, every: int, folder: Path, *words: object) -> list[dict[str, Any]]:
+def rounds(mode, every, folder, *words):
     """What comes of a command that is killed, or finds no space, at every so many steps."""
     script = [sys.executable, HERE / "stopped_at_steps.py", mode, every, folder, "--", *words]
     ran = subprocess.run(list(map(str, script)), capture_output=True, check=True)
@@ -136,7 +131,7 @@ def rounds(mode: str, every: int, folder: Path, *words: object) -> list[dict[str
     return told
 
 
-def require_whole(told: list[dict[str, Any]], code: int, reports: Collection[str] = ()) -> None:
+def require_whole(told, code, reports=()):
     """Nothing was half-written, and all went on to the end that a run comes to undisturbed.
 
     Reports tell of the last run, for which a stopped one may have left less to tell.
@@ -146,7 +141,7 @@ def require_whole(told: list[dict[str, Any]], code: int, reports: Collection[str
     assert wrong == []
 
 
-def batch_of(folder: Path, *stems: str) -> tuple[object, ...]:
+def batch_of(folder, *stems):
     (folder / "in").mkdir()
     return ("batch", jobs_file(folder / "in", *stems), "--processes", "1", "-o", folder / "work/o")
 
@@ -154,7 +149,7 @@ def batch_of(folder: Path, *stems: str) -> tuple[object, ...]:
 @pytest.mark.parametrize(
     "every", [47, pytest.param(1, marks=pytest.mark.bench)], ids=["some", "each"]
 )
-def test_a_disk_full_at_any_step_of_a_batch_leaves_what_goes_on(every: int, tmp_path: Path) -> None:
+def test_a_disk_full_at_any_step_of_a_batch_leaves_what_goes_on(every, tmp_path):
     (tmp_path / "work").mkdir()
     words = batch_of(tmp_path, "a", "b")
     require_whole(rounds("full", every, tmp_path / "work", *words, "--shards-size", "1MB"), 3)
@@ -163,7 +158,7 @@ def test_a_disk_full_at_any_step_of_a_batch_leaves_what_goes_on(every: int, tmp_
 @pytest.mark.parametrize(
     "every", [13, pytest.param(1, marks=pytest.mark.bench)], ids=["some", "each"]
 )
-def test_a_merge_killed_at_any_step_goes_on(every: int, tmp_path: Path) -> None:
+def test_a_merge_killed_at_any_step_goes_on(every, tmp_path):
     (tmp_path / "work").mkdir()
     words = batch_of(tmp_path, "a", "b")
     for shard in ("1/2", "2/2"):
@@ -173,9 +168,7 @@ def test_a_merge_killed_at_any_step_goes_on(every: int, tmp_path: Path) -> None:
 
 @pytest.mark.bench
 @pytest.mark.parametrize("reports", [(), ("--html", "work/r.html", "--junit", "work/j.xml")])
-def test_a_comparison_killed_at_any_step_accepts_all_the_same(
-    reports: tuple[str, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_comparison_killed_at_any_step_accepts_all_the_same(reports, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in "abcde":
         color_exr(tmp_path / "new" / f"{name}.exr", texture(8, 8))
@@ -186,7 +179,7 @@ def test_a_comparison_killed_at_any_step_accepts_all_the_same(
 
 
 @pytest.mark.bench
-def test_an_update_of_goldens_killed_at_any_step_goes_on(tmp_path: Path) -> None:
+def test_an_update_of_goldens_killed_at_any_step_goes_on(tmp_path):
     (tmp_path / "in").mkdir()
     jobs, folder = jobs_file(tmp_path / "in", "a", "b"), tmp_path / "work" / "goldens"
     words = ("--accept", "--processes", "1", "--threads", "1")
@@ -197,7 +190,7 @@ def test_an_update_of_goldens_killed_at_any_step_goes_on(tmp_path: Path) -> None
 
 
 @pytest.mark.bench
-def test_a_report_killed_at_any_step_goes_on(tmp_path: Path) -> None:
+def test_a_report_killed_at_any_step_goes_on(tmp_path):
     (tmp_path / "work").mkdir()
     words = batch_of(tmp_path, "a", "b")
     assert run(*words).code == 0

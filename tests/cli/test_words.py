@@ -1,9 +1,6 @@
 """The words of errors: what a user sees, in one table. Other tests assert codes, files and keys."""
 
-from __future__ import annotations
-
 import shlex
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -241,7 +238,7 @@ ROWS = LINES.replace("\\\n", "").strip().splitlines()
 
 
 @pytest.fixture(scope="module")
-def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def desk(tmp_path_factory):
     """A folder with one file of each kind."""
     folder = tmp_path_factory.mktemp("desk")
     color_exr(folder / "rgb.exr")
@@ -285,9 +282,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("words", "wanted"), list(zip(ROWS[::2], ROWS[1::2], strict=True)))
-def test_what_a_user_sees(
-    words: str, wanted: str, desk: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_user_sees(words, wanted, desk, monkeypatch):
     monkeypatch.chdir(desk)
     before = sorted(map(str, desk.rglob("*")))
     first, _, rest = words.partition(" ")

@@ -1,7 +1,5 @@
 """The fixture ``golden`` of other projects: their tests run in a session of their own."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import re
@@ -24,7 +22,7 @@ def test_a_picture(golden):
 """
 
 
-def passes(folder: Path, *options: str, expression: str = "image", bounds: str = "") -> str | None:
+def passes(folder, *options, expression="image", bounds=""):
     """None if the test passes, else what pytest says."""
     (folder / "test_it.py").write_text(TEST.format(expression=expression, bounds=bounds))
     plugin = ["-p", "no:defocus", "-p", "defocus_core.pytest_plugin", "-p", "no:cacheprovider"]
@@ -38,7 +36,7 @@ def passes(folder: Path, *options: str, expression: str = "image", bounds: str =
 
 
 @pytest.fixture(scope="module")
-def accepted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def accepted(tmp_path_factory):
     folder = tmp_path_factory.mktemp("accepted")
     (folder / "pytest.ini").write_text("[pytest]\n")
     assert "there is no such golden" in str(passes(folder))
@@ -48,7 +46,7 @@ def accepted(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def project(accepted: Path, tmp_path: Path) -> Path:
+def project(accepted, tmp_path):
     """A project whose golden has been accepted."""
     return Path(shutil.copytree(accepted, tmp_path, dirs_exist_ok=True))
 
@@ -64,11 +62,11 @@ def project(accepted: Path, tmp_path: Path) -> Path:
         "'goldens/test_it/noise/a.exr'",
     ],
 )
-def test_what_is_like_the_golden_passes(expression: str, project: Path) -> None:
+def test_what_is_like_the_golden_passes(expression, project):
     assert passes(project, expression=expression) is None
 
 
-def test_what_is_not_fails_with_its_cause(project: Path) -> None:
+def test_what_is_not_fails_with_its_cause(project):
     said = str(passes(project, expression=SHIFTED))
     assert "noise/a: DIFFERENT: shifted by (1, 0)" in said
     assert "fails max>1e-4" in said
@@ -78,10 +76,9 @@ def test_what_is_not_fails_with_its_cause(project: Path) -> None:
     assert passes(project, expression=SHIFTED) is None
 
 
-def test_a_bound_is_proposed_where_no_cause_is_found(project: Path) -> None:
+def test_a_bound_is_proposed_where_no_cause_is_found(project):
     patch = "image + np.float32(0.2) * (np.indices((32, 48)).sum(0) < 9)[..., None]"
     found = re.search(r"^max=(\S+) lets it pass$", str(passes(project, expression=patch)), re.M)
-    assert found is not None
     assert passes(project, expression=patch, bounds=f", max={found[1]}") is None
     given = str(passes(project, expression=patch, bounds=", max=0.01"))
     assert "lets it pass" not in given
@@ -97,7 +94,7 @@ def test_a_bound_is_proposed_where_no_cause_is_found(project: Path) -> None:
     assert "fails found:shifted" in str(said)
 
 
-def test_bounds_decide(project: Path) -> None:
+def test_bounds_decide(project):
     dimmed = "image * np.float32(0.99)"
     assert "another exposure: x 0.99" in str(passes(project, expression=dimmed))
     assert passes(project, expression=dimmed, bounds=", psnr=40, rel_rmse=0.02") is None
@@ -106,9 +103,7 @@ def test_bounds_decide(project: Path) -> None:
 
 
 @pytest.mark.parametrize("processes", [(), ("-p", "xdist", "-n", "2")])
-def test_a_report_of_all_checks_lies_beside_the_junit_file(
-    processes: tuple[str, ...], project: Path
-) -> None:
+def test_a_report_of_all_checks_lies_beside_the_junit_file(processes, project):
     said = str(passes(project, "--junitxml", "out/junit.xml", *processes, expression=SHIFTED))
     file = project / "out" / "junit.goldens.html"
     assert f"report of goldens: {Path('out', file.name)}" in said
@@ -122,19 +117,19 @@ def test_a_report_of_all_checks_lies_beside_the_junit_file(
     assert [each["status"] for each in items(file)] == ["same"]
 
 
-def test_a_picture_without_a_golden_is_in_the_report(project: Path) -> None:
+def test_a_picture_without_a_golden_is_in_the_report(project):
     (project / "goldens" / "test_it" / "noise" / "a.exr").unlink()
     assert passes(project, "--junitxml", "junit.xml")
     (shown,) = items(project / "junit.goldens.html")
     assert (shown["status"], keys(shown)) == ("extra", ["b"])
 
 
-def test_an_image_of_no_known_shape_is_refused(project: Path) -> None:
+def test_an_image_of_no_known_shape_is_refused(project):
     said = str(passes(project, expression="np.zeros((2, 3, 4, 5))"))
     assert "image must be [H, W], [H, W, C] or" in said
 
 
-def test_a_golden_that_is_a_pointer_of_git_lfs_is_named_as_that(project: Path) -> None:
+def test_a_golden_that_is_a_pointer_of_git_lfs_is_named_as_that(project):
     golden = project / "goldens" / "test_it" / "noise" / "a.exr"
     golden.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
     said = str(passes(project))

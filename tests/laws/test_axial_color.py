@@ -1,28 +1,25 @@
 """Axial colour: each channel has the radius of its own focus, and white stays white."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
 import torch
 from measures import worst
 from scenes import white
-from torch import Tensor
 
 from defocus_core import QUALITIES, DefocusLens, color_offset, render
 
 SHIFT = 0.1  # mm
 
 
-def lens(foc_dist: float = 2000.0) -> DefocusLens:
+def lens(foc_dist=2000.0):
     made = DefocusLens(50.0, 1.4, (36.0, 24.0), (480, 320))
     made.refocus(foc_dist)
     return made
 
 
 @pytest.mark.parametrize("foc_dist", [2000.0, math.inf])
-def test_the_offset_is_that_of_a_sensor_moved_by_the_shift(foc_dist: float) -> None:
+def test_the_offset_is_that_of_a_sensor_moved_by_the_shift(foc_dist):
     made = lens(foc_dist)
     v = 50.0 if math.isinf(foc_dist) else 50 * foc_dist / (foc_dist - 50)
     for z in (900.0, 3000.0, 1e5):
@@ -33,20 +30,7 @@ def test_the_offset_is_that_of_a_sensor_moved_by_the_shift(foc_dist: float) -> N
         assert green + float(color_offset(made, SHIFT)) == pytest.approx(moved, rel=0.02, abs=0.05)
 
 
-def test_rims_are_green_beyond_focus_and_magenta_nearer() -> None:
-    for r in (10.0, -10.0):
-        image = torch.zeros(3, 64, 64)
-        image[:, 32, 32] = 100.0
-        shown = render(image, torch.full((64, 64), r), color_offsets=(-2.0, 0.0, -2.0)).render
-        rim = shown[:, 32, 32 + 10] if r > 0 else shown[:, 32, 32 + 11]
-        if r > 0:
-            assert rim[1] > 2 * rim[0] + 0.01
-        else:
-            assert rim[0] > 2 * rim[1] + 0.01
-        torch.testing.assert_close(shown.sum((1, 2)), torch.full((3,), 100.0), rtol=1e-4, atol=0)
-
-
-def test_each_channel_is_rendered_with_its_radius_and_white_stays_white() -> None:
+def test_each_channel_is_rendered_with_its_radius_and_white_stays_white():
     generator = torch.Generator().manual_seed(1)
     image = torch.rand(3, 40, 48, generator=generator)
     radius = torch.full((40, 48), 5.0)
@@ -63,7 +47,7 @@ def test_each_channel_is_rendered_with_its_radius_and_white_stays_white() -> Non
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_pixels_are_taken_apart_by_all_colours_with_or_without_gradients(quality: str) -> None:
+def test_pixels_are_taken_apart_by_all_colours_with_or_without_gradients(quality):
     """Offsets that vanish change nothing, though colours are rendered apart."""
     image, radius = white("steps")
     image = image * torch.rand(image.shape, generator=torch.Generator().manual_seed(1))
@@ -76,29 +60,12 @@ def test_pixels_are_taken_apart_by_all_colours_with_or_without_gradients(quality
     assert worst(learnt.detach(), shown) < 1e-12
 
 
-def test_gradients_flow_to_the_shift() -> None:
-    generator = torch.Generator().manual_seed(1)
-    image = torch.rand(2, 16, 18, dtype=torch.float64, generator=generator)
-    radius = torch.linspace(-2.3, 3.1, 16, dtype=torch.float64)[:, None].repeat(1, 18)
-
-    def shown(px: Tensor) -> Tensor:
-        return render(image, radius, color_offsets=(px, 0.0), depth_repair="off").render
-
-    value = torch.tensor(0.37, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(shown, [value], fast_mode=True)
-
-
-def test_gradients_flow_to_colours_behind_an_edge() -> None:
+def test_gradients_flow_to_colours_behind_an_edge():
     image, radius = white("steps", (16, 24))
     image = image * torch.rand(image.shape, generator=torch.Generator().manual_seed(2))
 
-    def shown(image: Tensor, px: Tensor) -> Tensor:
+    def shown(image, px):
         return render(image, radius, color_offsets=(px, 0.0, -px)).render
 
     given = image.requires_grad_(), torch.tensor(0.37, dtype=torch.float64, requires_grad=True)
     assert torch.autograd.gradcheck(shown, given, fast_mode=True)
-
-
-def test_offsets_for_other_channels_are_refused() -> None:
-    with pytest.raises(ValueError, match="one number in px for each of 3 channels"):
-        render(torch.ones(3, 4, 4), torch.ones(4, 4), color_offsets=(1.0,))

@@ -1,12 +1,9 @@
 """Cat's eyes: clipped by the rim, symmetric, and white stays white."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core import Aperture, CatEye, render
 
@@ -14,13 +11,13 @@ SIZE = (96, 160)  # H, W
 CAT = CatEye(1.05, 0.7)
 
 
-def light(x: int, y: int, r: float, **options: object) -> Tensor:
+def light(x, y, r, **options):
     image = torch.zeros(1, *SIZE)
     image[0, y, x] = 1e3
     return render(image, torch.full(SIZE, r), **options).render[0] / 1e3
 
 
-def counted(x: int, y: int, r: float) -> Tensor:
+def counted(x, y, r):
     """The light of lens points that the rim lets through, counted over the whole picture."""
     fine = 12
     down, across = (
@@ -37,21 +34,21 @@ def counted(x: int, y: int, r: float) -> Tensor:
 
 
 @pytest.mark.parametrize(("x", "y", "r"), [(80, 48, 20.0), (122, 34, 14.0), (40, 60, -16.0)])
-def test_a_light_is_the_pupil_that_the_rim_leaves_open(x: int, y: int, r: float) -> None:
+def test_a_light_is_the_pupil_that_the_rim_leaves_open(x, y, r):
     shown, expected = light(x, y, r, cat_eye=CAT), counted(x, y, r)
     error = float(((shown - expected) ** 2).mean())
     assert float(shown.sum()) == pytest.approx(1, abs=1e-4)
     assert 10 * math.log10(float(expected.max()) ** 2 / error) > 45
 
 
-def scene() -> tuple[Tensor, Tensor]:
+def scene():
     generator = torch.Generator().manual_seed(2)
     radius = torch.linspace(-8, 12, SIZE[0])[:, None].repeat(1, SIZE[1])
     radius[30:60, 50:100] = -6.0
     return torch.rand(2, *SIZE, generator=generator), radius
 
 
-def test_the_cat_s_eye_is_mirror_symmetric() -> None:
+def test_the_cat_s_eye_is_mirror_symmetric():
     image, radius = scene()
     plain = render(image, radius, cat_eye=CAT, left_right=True)
     flipped = render(image.flip(-1), radius.flip(-1), cat_eye=CAT, left_right=True)
@@ -62,7 +59,7 @@ def test_the_cat_s_eye_is_mirror_symmetric() -> None:
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
-def test_white_stays_white_and_the_pair_makes_the_centre(quality: str) -> None:
+def test_white_stays_white_and_the_pair_makes_the_centre(quality):
     image, radius = scene()
     white = render(torch.ones_like(image), radius, cat_eye=CAT, left_right=True, quality=quality)
     assert all((view - 1).abs().max() < 1e-5 for view in white.images)
@@ -71,13 +68,13 @@ def test_white_stays_white_and_the_pair_makes_the_centre(quality: str) -> None:
     assert torch.equal(views.render, render(image, radius, cat_eye=CAT, quality=quality).render)
 
 
-def test_a_wide_rim_without_distance_clips_nothing() -> None:
+def test_a_wide_rim_without_distance_clips_nothing():
     image, radius = scene()
     plain = render(image, radius).render
     assert (render(image, radius, cat_eye=CatEye(3.0, 0.0)).render - plain).abs().max() < 1e-3
 
 
-def test_neighbouring_regions_have_no_seam() -> None:
+def test_neighbouring_regions_have_no_seam():
     wide = torch.linspace(0, 1, 1100)[None, None, :].expand(1, 64, -1).contiguous()
     bar = (wide * 40 % 1 > 0.5).float() * 0.5 + 0.25
     shown = render(bar, torch.full((64, 1100), 9.0), cat_eye=CAT).render[0, 32]
@@ -86,7 +83,7 @@ def test_neighbouring_regions_have_no_seam() -> None:
     assert smooth.max() < 2.5 * reference.max()
 
 
-def test_vignetting_darkens_by_the_light_that_the_rim_takes() -> None:
+def test_vignetting_darkens_by_the_light_that_the_rim_takes():
     image, radius = scene()
     white = torch.ones_like(image)
     shown = render(white, radius, cat_eye=CatEye(1.0, 0.8, vignetting=True)).render[0]
@@ -96,27 +93,7 @@ def test_vignetting_darkens_by_the_light_that_the_rim_takes() -> None:
     assert float(shown[0, 0]) == pytest.approx(lens / math.pi, rel=1e-3)
 
 
-def test_gradients_flow_to_the_rim() -> None:
-    image, radius = (x[..., :16, :18].double() for x in scene())
-    image[0, 4, 5] = 30.0
-
-    def shown(size: Tensor, shift: Tensor) -> Tensor:
-        cat_eye = CatEye(size, shift, vignetting=True)
-        return render(image, radius, cat_eye=cat_eye, depth_repair="off").render
-
-    values = [torch.tensor(v, dtype=torch.float64, requires_grad=True) for v in (1.02, 0.63)]
-    assert torch.autograd.gradcheck(shown, values, fast_mode=True)
-
-
-def test_a_rim_that_hides_the_middle_is_refused() -> None:
-    for size, shift in ((1.0, 0.95), (0.0, 0.0), (1.0, -0.1)):
-        with pytest.raises(ValueError, match="shift must be"):
-            CatEye(size, shift)
-    with pytest.raises(ValueError, match="cat_eye must be a CatEye"):
-        render(torch.ones(1, 4, 4), torch.ones(4, 4), cat_eye=1.0)
-
-
-def test_other_pupils_are_clipped_too() -> None:
+def test_other_pupils_are_clipped_too():
     for pupil in (
         Aperture(6, 10.0, curvature=0.5),
         Aperture(squeeze=2.0),
@@ -139,7 +116,7 @@ LENSES = {
 }
 
 
-def sampled(name: str, x: int, y: int, r: float, around: int) -> Tensor:
+def sampled(name, x, y, r, around):
     """What a lens makes of a light, from lens points on a grid much finer than pixels."""
     pupil, rim = LENSES[name]
     fine, size = 16, 2 * around + 1
@@ -167,7 +144,7 @@ def sampled(name: str, x: int, y: int, r: float, around: int) -> Tensor:
 
 @pytest.mark.parametrize("name", LENSES)
 @pytest.mark.parametrize("place", [0.0, 0.8])
-def test_a_light_of_40_px_is_what_lens_points_make_of_it(name: str, place: float) -> None:
+def test_a_light_of_40_px_is_what_lens_points_make_of_it(name, place):
     pupil, rim = LENSES[name]
     height, width = FRAME
     x, y = (int(n / 2 * (1 + place)) for n in (width, height))

@@ -3,18 +3,12 @@
 The cases are those of DeepLens' own tests of the class, told anew, and of its first example.
 """
 
-from __future__ import annotations
-
 import builtins
 import inspect
 import math
-import sys
-from pathlib import Path
-from types import ModuleType, SimpleNamespace
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core import DefocusLens
 
@@ -24,52 +18,39 @@ pytestmark = pytest.mark.filterwarnings("ignore:kernels are cropped")
 
 
 @pytest.fixture
-def lens() -> DefocusLens:
+def lens():
     """A 50 mm f/1.8 with pixels of 0.02 mm, focused at 1 m."""
     return focused(DefocusLens(50.0, 1.8, (20.0, 20.0), (1000, 1000), device="cpu"))
 
 
 @pytest.fixture
-def small() -> DefocusLens:
+def small():
     """The same lens before a sensor of 64 x 64 px."""
     return focused(DefocusLens(50.0, 1.8, (20.0, 20.0), (64, 64), device="cpu"))
 
 
 @pytest.fixture
-def pretended_gpu(monkeypatch) -> None:
+def pretended_gpu(monkeypatch):
     """A CUDA device that is there by its own word; who puts a tensor on it fails."""
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
     monkeypatch.setattr(torch.cuda, "device_count", lambda: 1)
 
 
-def focused(lens: DefocusLens) -> DefocusLens:
+def focused(lens):
     lens.refocus(-1000.0)
     return lens
 
 
-def points(*depths: float) -> Tensor:
+def points(*depths):
     return torch.tensor([[0.0, 0.0, z] for z in depths])
 
 
-def image() -> Tensor:
+def image():
     return torch.rand(1, 3, 64, 64, generator=torch.Generator().manual_seed(0))
 
 
-def plane(depth: float) -> Tensor:
+def plane(depth):
     return torch.full((1, 1, 64, 64), depth)
-
-
-# Construction and focus
-
-
-def test_a_lens_has_the_focal_length_it_was_made_with(lens):
-    assert (lens.foclen, lens.fnum) == (50.0, 1.8)
-
-
-@pytest.mark.parametrize("fnum", [1.8, 2.0])
-def test_a_lens_has_the_f_number_it_was_made_with(fnum):
-    lens = DefocusLens(foclen=50.0, fnum=fnum, sensor_size=(20.0, 20.0), sensor_res=(1000, 1000))
-    assert lens.fnum == fnum
 
 
 @pytest.mark.parametrize("foc_dist", [-1000.0, FAR])
@@ -79,81 +60,11 @@ def test_refocus_stores_the_distance_that_it_is_given(lens, foc_dist):
     assert lens.foc_dist == foc_dist
 
 
-# Circle of confusion and depth of field
-
-
-def test_the_coc_vanishes_in_focus(lens):
-    assert lens.coc(torch.tensor([-1000.0])).item() == 0
-
-
-def test_the_coc_grows_on_both_sides_of_the_focus(lens):
-    near, far = lens.coc(torch.tensor([-500.0])), lens.coc(torch.tensor([-2000.0]))
-    assert near.item() == pytest.approx(2500 / 1.8 / 950)
-    assert far.item() == pytest.approx(near.item() / 2)
-
-
-def test_depths_in_a_batch_have_a_coc_each(lens):
-    depths = torch.tensor([-500.0, -1000.0, -2000.0])
-    assert lens.coc(depths).shape == depths.shape
-
-
-def test_depth_of_field_out_of_focus_is_positive(lens):
-    assert lens.dof(torch.tensor([-500.0])).item() > 0
-
-
-def test_a_smaller_aperture_has_a_smaller_coc(lens):
-    stopped = focused(DefocusLens(50.0, 8.0, (20.0, 20.0), (1000, 1000)))
-    depth = torch.tensor([-500.0])
-    assert stopped.coc(depth).item() == pytest.approx(lens.coc(depth).item() * 1.8 / 8)
-
-
-# PSFs, cropped to 31 px
-
-
 @pytest.mark.parametrize("psf_type", ["gaussian", "pillbox"])
 def test_a_psf_has_the_size_asked_for_and_sums_to_one(lens, psf_type):
     psf = lens.psf(points(-500.0), ks=31, psf_type=psf_type)
     assert psf.shape == (1, 31, 31)
     assert psf.sum().item() == pytest.approx(1)
-
-
-def test_in_focus_a_psf_has_the_higher_peak(lens):
-    assert lens.psf(points(-1000.0), ks=31).max() > 10 * lens.psf(points(-500.0), ks=31).max()
-
-
-def test_an_rgb_psf_has_three_channels(lens):
-    assert lens.psf_rgb(points(-500.0), ks=31).shape == (1, 3, 31, 31)
-
-
-def test_points_in_a_batch_have_a_psf_each(lens):
-    assert lens.psf(points(-500.0, -1000.0, -2000.0), ks=31, psf_type="gaussian").shape == (
-        3,
-        31,
-        31,
-    )
-
-
-def test_dual_pixel_psfs_have_the_size_asked_for(lens):
-    assert [psf.shape for psf in lens.psf_dp(points(-500.0), ks=31)] == [(1, 31, 31)] * 2
-
-
-def test_out_of_focus_dual_pixel_psfs_differ(lens):
-    left, right = lens.psf_dp(points(-500.0), ks=31)
-    assert (left - right).abs().sum() > 0.5
-
-
-def test_dual_pixel_rgb_psfs_have_three_channels(lens):
-    assert [psf.shape for psf in lens.psf_rgb_dp(points(-500.0), ks=31)] == [(1, 3, 31, 31)] * 2
-
-
-def test_psf_maps_are_rows_by_columns(lens):
-    options = {"grid": (2, 3), "ks": 31, "depth": -500.0}
-    assert lens.psf_map(**options).shape == (2, 3, 1, 31, 31)
-    assert lens.psf_map_rgb(**options).shape == (2, 3, 3, 31, 31)
-    assert [each.shape for each in lens.psf_map_dp(**options)] == [(2, 3, 1, 31, 31)] * 2
-
-
-# Rendering
 
 
 @pytest.mark.parametrize("options", [{}, {"psf_ks": 31, "num_layers": 8}])
@@ -176,15 +87,6 @@ def test_an_image_at_one_depth_stays_an_image(small, options):
 def test_options_of_other_lenses_are_refused(small):
     with pytest.raises(TypeError):
         small.render_rgbd(image(), plane(500.0), method="psf_patch", num_layers=8)
-
-
-def test_an_image_with_a_depth_edge_stays_an_image(small):
-    depth = plane(2000.0)
-    depth[..., 16:48, 16:48] = 500.0
-    seen = small.render_rgbd(image(), depth, num_layers=16)
-    assert seen.shape == (1, 3, 64, 64)
-    assert seen.isfinite().all()
-    assert seen.min() >= 0
 
 
 def test_depth_may_lack_the_dimension_of_channels(small):
@@ -210,9 +112,6 @@ def test_the_sky_may_be_minus_infinity_in_a_map_of_negative_depth(small):
     assert torch.equal(left, small.render_rgbd_dp(image(), -depth)[0])
 
 
-# The first example of DeepLens
-
-
 def test_the_first_example_of_deeplens_runs(small):
     assert f"f={small.foclen}, f/{small.fnum}, at {small.foc_dist}" == "f=50.0, f/1.8, at -1000.0"
     depths = torch.tensor([-500.0, -1000.0, -2000.0])
@@ -226,9 +125,6 @@ def test_the_first_example_of_deeplens_runs(small):
     small.set_sensor_res((chart.shape[-1], chart.shape[-2]))
     seen = small.render_rgbd(chart, torch.full_like(chart[:, :1], 2000.0), psf_ks=128)
     assert seen.shape == chart.shape
-
-
-# Signatures
 
 
 @pytest.mark.parametrize(
@@ -268,9 +164,6 @@ def test_a_wavelength_has_its_place_and_no_effect(lens):
     assert torch.equal(lens.psf(at, 0.55, 31), lens.psf(at, ks=31))
 
 
-# Sensor and field of view
-
-
 def test_another_resolution_keeps_the_diagonal_and_makes_pixels_square(lens):
     lens.set_sensor_res((1600, 900))
     assert lens.sensor_res == (1600, 900)
@@ -300,9 +193,6 @@ def test_the_field_of_view_is_that_of_a_pinhole_in_radians(lens):
     assert zoom.grad.item() == pytest.approx(-36 / (50**2 + 18**2))
 
 
-# Grids of points
-
-
 def test_points_of_a_grid_stand_as_deeplens_puts_them(lens):
     grid = lens.point_source_grid(-1500.0)
     assert grid.shape == (9, 9, 3)
@@ -328,9 +218,6 @@ def test_points_in_mm_are_those_that_the_pinhole_sees_there(lens):
     half = torch.tensor([math.tan(lens.hfov / 2), math.tan(lens.vfov / 2)]) * 1500
     torch.testing.assert_close(mm[..., :2], shares[..., :2] * half)
     assert lens.psf_map((2, 2), 31, -1500.0).shape == (2, 2, 1, 31, 31)
-
-
-# Devices, and what a lens says of itself
 
 
 def test_without_a_device_a_lens_takes_the_gpu_if_there_is_one(monkeypatch, pretended_gpu):
@@ -365,9 +252,6 @@ def test_a_lens_says_what_it_is(lens):
     assert repr(lens) == said
 
 
-# Drawings
-
-
 def test_a_drawing_without_matplotlib_says_what_to_install(lens, monkeypatch):
     imported = builtins.__import__
 
@@ -381,42 +265,17 @@ def test_a_drawing_without_matplotlib_says_what_to_install(lens, monkeypatch):
         lens.draw_psf_map()
 
 
-class Recorder(ModuleType):
-    """matplotlib as far as a drawing of kernels uses it."""
-
-    def __init__(self) -> None:
-        super().__init__("matplotlib")
-        self.image, self.saved = None, []
-
-        def other(*_, **__) -> None: ...
-
-        axes = SimpleNamespace(imshow=self.show, plot=other, text=other, set_axis_off=other)
-        figure = SimpleNamespace(savefig=lambda name, **_: self.saved.append(name))
-        self.pyplot = SimpleNamespace(subplots=lambda **_: (figure, axes), close=other)
-
-    def show(self, image) -> None:
-        self.image = image
-
-
 @pytest.mark.parametrize("log_scale", [False, True])
-def test_a_drawing_shows_each_kernel_at_its_full_brightness(lens, monkeypatch, log_scale):
-    matplotlib = Recorder()
-    monkeypatch.setitem(sys.modules, "matplotlib", matplotlib)
-    assert lens.draw_psf_map((2, 3), 33, -1100.0, log_scale, "map.png") is None
-    assert matplotlib.saved == ["map.png"]
-    shown = torch.tensor(matplotlib.image)
+def test_a_drawing_shows_each_kernel_at_its_full_brightness(lens, tmp_path, log_scale):
+    pytest.importorskip("matplotlib").use("Agg")
+    drawing = ((2, 3), 33, -1100.0, log_scale)
+    assert lens.draw_psf_map(*drawing, str(tmp_path / "map.png")) is None
+    assert (tmp_path / "map.png").stat().st_size > 1000
+    _, axes = lens.draw_psf_map(*drawing, show=True)
+    shown = torch.tensor(axes.images[0].get_array())
     assert shown.shape == (66, 99, 3)
     psf = lens.psf(torch.tensor([0.0, 0.0, -1100.0]), ks=33)
     if log_scale:
         psf = (psf + 1e-4).log()
         psf = psf - psf.min()
     torch.testing.assert_close(shown[33:, 66:, 1], psf / psf.max())
-    figure, _ = lens.draw_psf_map(show=True)
-    assert len(matplotlib.saved) == 1
-    assert hasattr(figure, "savefig")
-
-
-def test_a_drawing_is_a_picture_file(lens, tmp_path: Path):
-    pytest.importorskip("matplotlib").use("Agg")
-    lens.draw_psf_map(grid=(3, 3), ks=32, depth=-1500.0, save_name=str(tmp_path / "map.png"))
-    assert (tmp_path / "map.png").stat().st_size > 1000

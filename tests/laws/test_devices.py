@@ -1,9 +1,6 @@
 """The renderer on a device that is not the CPU: nothing is mixed, and tiles wait for nothing."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Sequence
-from typing import Any, cast
+from typing import cast
 
 import pytest
 import torch
@@ -20,7 +17,6 @@ from defocus_core import (
     HiddenLayer,
     PupilField,
     RandomDefocus,
-    Views,
     render,
     render_layers,
     seen_behind,
@@ -28,7 +24,7 @@ from defocus_core import (
     with_lights,
 )
 from defocus_core.evaluation.cost import Launches
-from defocus_core.evaluation.law_probes import Check, LawSetting, levels, strips, waves
+from defocus_core.evaluation.law_probes import LawSetting, levels, strips, waves
 from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focus, occlusion
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.fitting.residual import Optics, Residual
@@ -46,23 +42,19 @@ _V = torch.linspace(-1, 1, 15)
 _DISC = (_V**2 + (_V**2)[:, None] <= 1).double()
 PUPILS = PupilField(torch.stack([_DISC, _DISC * (_V < 0.4)]).view(1, 2, 15, 15))
 
-Moved = Callable[[Tensor], Tensor]
-Work = Callable[[Moved], list[Tensor | None]]
-Agree = Callable[..., None]
-
 
 @pytest.fixture(params=DEVICES)
-def device(request: pytest.FixtureRequest) -> Device:
+def device(request):
     """Each device that there is beside the CPU."""
     found: Device = request.param
     return found
 
 
 @pytest.fixture
-def agree(device: Device) -> Agree:
+def agree(device):
     """Asserts that work gives the same on both devices, and on the one that it is given."""
 
-    def agreeing(work: Work, within: float | None = None) -> None:
+    def agreeing(work, within=None):
         one = work(lambda values: values)
         with device.known():
             other = work(device.there)
@@ -78,19 +70,19 @@ def agree(device: Device) -> Agree:
     return agreeing
 
 
-def pictures(image: Tensor, radius: Tensor, **options: object) -> list[Tensor | None]:
-    found = render(image, radius, **options)  # type: ignore[arg-type]
+def pictures(image, radius, **options):
+    found = render(image, radius, **options)
     return [found.render, found.left, found.right, found.trust]
 
 
-def scene(kind: str = "cards", size: tuple[int, int] = SIZE) -> tuple[Tensor, Tensor]:
+def scene(kind="cards", size=SIZE):
     made = scenery(kind, *size, 9.0)
     return made.image, made.signed_radius
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high", "reference"])
 @pytest.mark.parametrize("kind", ["floor", "cards", "lights", "most"])
-def test_pictures_do_not_depend_on_the_device(agree: Agree, kind: str, quality: str) -> None:
+def test_pictures_do_not_depend_on_the_device(agree, kind, quality):
     image, radius = scene(kind)
     with torch.no_grad():
         agree(lambda to: pictures(to(image), to(radius), quality=quality, left_right=True))
@@ -113,14 +105,14 @@ def test_pictures_do_not_depend_on_the_device(agree: Agree, kind: str, quality: 
     ],
     ids=lambda options: "-".join(options),
 )
-def test_nor_does_an_option(agree: Agree, options: dict[str, object]) -> None:
+def test_nor_does_an_option(agree, options):
     image, radius = scene()
     with torch.no_grad():
         agree(lambda to: pictures(to(image), to(radius), **options), within=1e-6)
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
-def test_nor_a_precision(agree: Agree, dtype: torch.dtype) -> None:
+def test_nor_a_precision(agree, dtype):
     image, radius = scene()
     with torch.no_grad():
         rounding = 0.0 if dtype == torch.float64 else torch.finfo(dtype).eps
@@ -128,17 +120,17 @@ def test_nor_a_precision(agree: Agree, dtype: torch.dtype) -> None:
 
 
 @pytest.mark.parametrize("radius", [strips(SIZE), levels(SIZE), scene("floor")[1].round()])
-def test_nor_do_depths_of_every_kind(agree: Agree, radius: Tensor) -> None:
+def test_nor_do_depths_of_every_kind(agree, radius):
     with torch.no_grad():
         agree(lambda to: pictures(to(waves(SIZE)), to(radius)))
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
-def test_nor_what_is_known_to_be_hidden(agree: Agree, quality: str) -> None:
+def test_nor_what_is_known_to_be_hidden(agree, quality):
     image, radius = scene()
     known = HiddenLayer(image.flip(-1), radius.clamp(min=4) + 3, radius < 0)
 
-    def rendered(to: Moved) -> list[Tensor | None]:
+    def rendered(to):
         hidden = HiddenLayer(*map(to, known))
         return pictures(to(image), to(radius), quality=quality, hidden=hidden)
 
@@ -147,12 +139,12 @@ def test_nor_what_is_known_to_be_hidden(agree: Agree, quality: str) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_nor_do_layers(agree: Agree, count: int) -> None:
+def test_nor_do_layers(agree, count):
     image, radius = scene()
     coverage = torch.stack([(radius < 0).float() * 0.7, torch.ones(SIZE) * 0.9])[:count]
     radii = torch.stack([radius, torch.full(SIZE, 9.0)])[:count]
 
-    def work(to: Moved) -> list[Tensor | None]:
+    def work(to):
         layers = (image * coverage[:, None], radii, coverage)
         found = render_layers(*map(to, layers), left_right=True)
         return [found.render, found.left, found.right, found.trust]
@@ -161,10 +153,10 @@ def test_nor_do_layers(agree: Agree, count: int) -> None:
         agree(work)
 
 
-def test_nor_do_tiles(agree: Agree) -> None:
+def test_nor_do_tiles(agree):
     image, radius = scene()
 
-    def rendered(to: Moved) -> list[Tensor | None]:
+    def rendered(to):
         parts = Renderer(Scene(to(image), to(radius)), Settings(left_right=True)).tiles()
         return [x for p in parts for x in (p.render, p.left, p.right, p.trust)]
 
@@ -173,24 +165,23 @@ def test_nor_do_tiles(agree: Agree) -> None:
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard"])
-def test_nor_do_gradients(agree: Agree, quality: str) -> None:
+def test_nor_do_gradients(agree, quality):
     image, radius = (values[..., :40, :60].double() for values in scene())
 
-    def slopes(to: Moved) -> list[Tensor | None]:
+    def slopes(to):
         given = [to(values.clone()).requires_grad_() for values in (image, radius)]
         found = render(given[0], given[1], quality=quality, left_right=True)
-        assert found.left is not None
         loss = (found.render * 2).sum() + found.left.square().sum()
         return [*torch.autograd.grad(loss, given)]
 
     agree(slopes, 1e-12)
 
 
-def test_nor_does_a_lens(agree: Agree) -> None:
+def test_nor_does_a_lens(agree):
     image, depth = torch.rand(1, 3, 30, 40), 1000 + 3000 * torch.rand(1, 1, 30, 40)
     point = torch.tensor([0.0, 0.0, -2100.0])
 
-    def made(to: Moved, *, tensors: bool) -> list[Tensor | None]:
+    def made(to, *, tensors):
         foclen, fnum = (torch.tensor(50.0), torch.tensor(1.8)) if tensors else (50.0, 1.8)
         lens = DefocusLens(to(foclen) if tensors else foclen, to(fnum) if tensors else fnum)
         lens.refocus(2000.0)
@@ -210,11 +201,11 @@ def test_nor_does_a_lens(agree: Agree) -> None:
         agree(lambda to: made(to, tensors=True), 1e-6)
 
 
-def test_nor_do_random_lenses(agree: Agree) -> None:
+def test_nor_do_random_lenses(agree):
     image, depth = torch.rand(1, 3, 30, 40), 1000 + 3000 * torch.rand(1, 1, 30, 40)
     lenses = RandomDefocus(quality="draft", left_right=True)
 
-    def taken(to: Moved, seeds: Sequence[int] | Tensor) -> list[Tensor | None]:
+    def taken(to, seeds):
         views, drawn = lenses(to(image), to(depth), seeds)
         return [*views.images, views.trust, drawn.signed_radius]
 
@@ -223,11 +214,11 @@ def test_nor_do_random_lenses(agree: Agree) -> None:
         agree(lambda to: taken(to, to(torch.tensor([3]))))
 
 
-def test_nor_do_lights_and_frames_of_a_shot(agree: Agree) -> None:
+def test_nor_do_lights_and_frames_of_a_shot(agree):
     image, radius = scene()
     clipped = (image * 2).clamp(max=1)
 
-    def work(to: Moved) -> list[Tensor | None]:
+    def work(to):
         frame, other = (Frame(*map(to, x)) for x in ((image, radius), (image, radius + 0.01)))
         moved = other._replace(motion=to(torch.ones(2, *SIZE)))
         lights = with_lights(to(clipped), 0.8, 4.0)
@@ -238,11 +229,11 @@ def test_nor_do_lights_and_frames_of_a_shot(agree: Agree) -> None:
         agree(work)
 
 
-def test_nor_does_the_lens_of_a_pair(agree: Agree) -> None:
+def test_nor_does_the_lens_of_a_pair(agree):
     image, disparity = torch.rand(3, 64, 64), torch.linspace(0, 1, 64)[:, None].repeat(1, 64)
     seen = render(image, 8 * (0.4 - disparity)).render
 
-    def work(to: Moved) -> list[Tensor | None]:
+    def work(to):
         residual = Residual(to(image), to(disparity), (to(seen),), exposure=True)
         point = Candidate(8.5, 0.4)
         scales, optics = (residual.scale(None), residual.scale(32)), Optics(Aperture(), DualPixel())
@@ -253,12 +244,12 @@ def test_nor_does_the_lens_of_a_pair(agree: Agree) -> None:
 
 
 @pytest.mark.parametrize("kind", ["floor", "cards", "lights"])
-def test_tiles_wait_for_nothing(device: Device, kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_tiles_wait_for_nothing(device, kind, monkeypatch):
     image, radius = scene(kind)
     waited: list[int] = []
     tile = Region.tile
 
-    def noted(self: Region, index: int) -> Views:
+    def noted(self, index):
         with Launches(device.name) as counts:
             found = tile(self, index)
         waited.append(counts.waits)
@@ -272,10 +263,10 @@ def test_tiles_wait_for_nothing(device: Device, kind: str, monkeypatch: pytest.M
     assert not any(waited)
 
 
-def test_backward_passes_wait_for_regions_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_backward_passes_wait_for_regions_alone(monkeypatch):
     planned, plan = [], Region.__init__
 
-    def noted(self: Region, *args: Any) -> None:
+    def noted(self, *args):
         before = waits.total()
         try:
             plan(self, *args)
@@ -292,11 +283,11 @@ def test_backward_passes_wait_for_regions_alone(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-def test_nor_do_they_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nor_do_they_on_a_gpu(monkeypatch):
     image, radius = (x.cuda().requires_grad_() for x in scene())
     seen, plan = render(image, radius, left_right=True).render.sum(), Region.__init__
 
-    def waiting(self: Region, *args: Any) -> None:
+    def waiting(self, *args):
         torch.cuda.set_sync_debug_mode("default")
         try:
             plan(self, *args)
@@ -309,13 +300,11 @@ def test_nor_do_they_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
         seen.backward()
     finally:
         torch.cuda.set_sync_debug_mode("default")
-    assert image.grad is not None
-    assert radius.grad is not None
 
 
 # Launches and waits of a picture, whatever its size; half as many again with left and right.
 @pytest.mark.parametrize(("kind", "maximum", "waits"), [("floor", 1200, 30), ("cards", 5000, 80)])
-def test_a_picture_takes_few_launches(device: Device, kind: str, maximum: int, waits: int) -> None:
+def test_a_picture_takes_few_launches(device, kind, maximum, waits):
     counted: list[Launches] = []
     for size, both in ((SIZE, False), (SIZE, True), ((2 * SIZE[0], 2 * SIZE[1]), False)):
         image, radius = map(device.there, scene(kind, size))
@@ -338,7 +327,7 @@ def test_a_picture_takes_few_launches(device: Device, kind: str, maximum: int, w
     ],
     ids=lambda options: "-".join(options),
 )
-def test_a_batch_is_its_pictures(device: Device, options: dict[str, object]) -> None:
+def test_a_batch_is_its_pictures(device, options):
     # of other ranges of radius, one with highlights: no two plans are the same
     scenes = [scene(kind, (41, 52)) for kind in ("floor", "cards", "most", "lights")]
     radii = [radius * (0.4 + 0.4 * i) for i, (_, radius) in enumerate(scenes)]
@@ -358,9 +347,7 @@ def test_a_batch_is_its_pictures(device: Device, options: dict[str, object]) -> 
 
 # depth that needs a repair is repaired picture by picture
 @pytest.mark.parametrize(("kind", "repair"), [("floor", "auto"), ("cards", "off")])
-def test_a_batch_takes_half_as_many_launches_again_as_a_picture(
-    device: Device, kind: str, repair: str
-) -> None:
+def test_a_batch_takes_half_as_many_launches_again_as_a_picture(device, kind, repair):
     image, radius = map(device.there, scene(kind, (41, 52)))
     counted: list[Launches] = []
     for many in (1, 6):
@@ -372,7 +359,7 @@ def test_a_batch_takes_half_as_many_launches_again_as_a_picture(
     assert counted[1].waits <= 1.5 * counted[0].waits
 
 
-def random_lenses(**options: Any) -> RandomDefocus:
+def random_lenses(**options):
     return RandomDefocus(
         foclen=50.0,
         fnum=Distribution("loguniform", (1.4, 4.0)),
@@ -382,7 +369,7 @@ def random_lenses(**options: Any) -> RandomDefocus:
     )
 
 
-def depths_of(count: int, size: tuple[int, int]) -> Tensor:
+def depths_of(count, size):
     floor = torch.linspace(2000, 600, size[0])[:, None].repeat(1, size[1])
     floor[10:24, 8:30] = 500
     return torch.stack([floor + 40 * number for number in range(count)])
@@ -402,12 +389,12 @@ def depths_of(count: int, size: tuple[int, int]) -> Tensor:
     ],
     ids=lambda options: "-".join(options),
 )
-def test_a_batch_of_random_lenses_is_its_pictures(device: Device, options: dict[str, Any]) -> None:
+def test_a_batch_of_random_lenses_is_its_pictures(device, options):
     size = (41, 52)
     images, depth = torch.stack([scene("cards", size)[0]] * 4), depths_of(4, size)
     lenses, counted = random_lenses(**options), list[Launches]()
 
-    def taken(numbers: list[int]) -> list[Tensor]:
+    def taken(numbers):
         with Launches(device.name) as counts:
             views, _ = lenses(device.there(images[numbers]), device.there(depth[numbers]), numbers)
         counted.append(counts)
@@ -423,14 +410,14 @@ def test_a_batch_of_random_lenses_is_its_pictures(device: Device, options: dict[
     assert every.waits <= 1.5 * max(one.waits for one in ones)
 
 
-def test_so_are_its_gradients(device: Device) -> None:
+def test_so_are_its_gradients(device):
     size = (18, 24)
     images, depth = torch.stack([scene("cards", size)[0]] * 2), depths_of(2, size)
     values = {"curvature": 0.4, "squeeze": 1.2}
     learnt = {name: torch.tensor(value, requires_grad=True) for name, value in values.items()}
     lenses = random_lenses(blades=6, **learnt)
 
-    def gradients(numbers: list[int]) -> list[Tensor]:
+    def gradients(numbers):
         given = [device.there(x[numbers].clone()).requires_grad_() for x in (images, depth)]
         views, _ = lenses(*given, numbers)
         loss = views.render.square().sum()
@@ -445,13 +432,11 @@ def test_so_are_its_gradients(device: Device) -> None:
         torch.testing.assert_close(batch, alone, rtol=0, atol=1e-4 * float(alone.abs().max()))
 
 
-def test_little_memory_makes_more_tiles_of_the_same_picture(
-    agree: Agree, device: Device, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_little_memory_makes_more_tiles_of_the_same_picture(agree, device, monkeypatch):
     image, radius = scene("cards")
     tiles: list[int] = []
 
-    def work(to: Moved) -> list[Tensor | None]:
+    def work(to):
         views = render(to(image), to(radius))
         tiles.append(views.stats["tiles"])
         return [views.render]
@@ -463,21 +448,20 @@ def test_little_memory_makes_more_tiles_of_the_same_picture(
     assert tiles[1] == 1 < tiles[3]
 
 
-def test_verify_compares_devices() -> None:
+def test_verify_compares_devices():
     assert devices in LAWS
     with torch.no_grad(), elsewhere():
         (check,) = devices(LawSetting(NAME, "draft", 1))
-    assert check.value is not None
     assert check.ok
 
 
 @pytest.mark.parametrize("law", [near_focus, occlusion, gradient])
-def test_laws_hold_there(law: Callable[[LawSetting], list[Check]]) -> None:
+def test_laws_hold_there(law):
     with elsewhere():
         assert all(check.ok for check in law(LawSetting(NAME, "standard", 1)))
 
 
-def test_who_mixes_devices_is_caught() -> None:
+def test_who_mixes_devices_is_caught():
     values = torch.rand(3)
     with elsewhere():
         with pytest.raises(AssertionError, match="two devices"):

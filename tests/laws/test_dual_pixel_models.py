@@ -1,12 +1,9 @@
 """Dual pixels of real sensors: less apart than half discs, and the mean of the pair stays."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core import Aperture, CatEye, DualPixel, PupilImage, render, sensitivities
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
@@ -15,7 +12,7 @@ SMOOTH = DualPixel("smooth")
 CROSSED = DualPixel("split", 0.15)
 
 
-def measured(side: int = 33) -> tuple[Tensor, Tensor]:
+def measured(side=33):
     """Kernels of two photodiodes whose light falls off as a steep, smooth step across a disc."""
     v = (torch.arange(side, dtype=torch.float64) - side // 2) / (side // 2)
     disc = (v[None, :] ** 2 + v[:, None] ** 2 <= 1).double()
@@ -33,21 +30,21 @@ PUPILS = [
 ]
 
 
-def scene() -> tuple[Tensor, Tensor]:
+def scene():
     generator = torch.Generator().manual_seed(3)
     radius = torch.full((40, 48), 5.0)
     radius[12:30, 14:32] = -3.0
     return torch.rand(2, 40, 48, generator=generator), radius
 
 
-def centroid(image: Tensor) -> float:
+def centroid(image):
     at = torch.arange(image.shape[-1], dtype=image.dtype)
     return float((image.sum((0, 1)) * at).sum() / image.sum())
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
 @pytest.mark.parametrize("dual_pixel", [SMOOTH, CROSSED, DualPixel("smooth", 0.1), MEASURED])
-def test_the_mean_of_the_pair_stays_the_centre(dual_pixel: DualPixel, quality: str) -> None:
+def test_the_mean_of_the_pair_stays_the_centre(dual_pixel, quality):
     image, radius = scene()
     views = render(image, radius, quality=quality, left_right=True, dual_pixel=dual_pixel)
     alone = render(image, radius, quality=quality)
@@ -60,9 +57,7 @@ def test_the_mean_of_the_pair_stays_the_centre(dual_pixel: DualPixel, quality: s
 @pytest.mark.parametrize("pupil", PUPILS)
 @pytest.mark.parametrize("dual_pixel", [DualPixel(), SMOOTH, CROSSED, MEASURED])
 @pytest.mark.parametrize("r", [14.0, -14.0])
-def test_left_and_right_are_as_far_apart_as_said(
-    pupil: Aperture, dual_pixel: DualPixel, r: float
-) -> None:
+def test_left_and_right_are_as_far_apart_as_said(pupil, dual_pixel, r):
     image = torch.zeros(1, 80, 80)
     image[0, 40, 40] = 100.0
     views = render(
@@ -73,7 +68,7 @@ def test_left_and_right_are_as_far_apart_as_said(
     assert apart == pytest.approx(r * dual_pixel.disparity(pupil), abs=0.06)
 
 
-def test_halves_of_a_disc_are_half_a_radius_apart_if_smooth_and_less_by_crosstalk() -> None:
+def test_halves_of_a_disc_are_half_a_radius_apart_if_smooth_and_less_by_crosstalk():
     assert DualPixel().disparity(Aperture()) == pytest.approx(8 / (3 * math.pi), rel=1e-3)
     assert SMOOTH.disparity(Aperture()) == pytest.approx(0.5, rel=1e-3)
     split = DualPixel().disparity(Aperture())
@@ -81,7 +76,7 @@ def test_halves_of_a_disc_are_half_a_radius_apart_if_smooth_and_less_by_crosstal
 
 
 @pytest.mark.parametrize("name", DUAL_PIXEL_SENSORS)
-def test_a_sensor_that_was_measured_is_its_model_with_its_crosstalk(name: str) -> None:
+def test_a_sensor_that_was_measured_is_its_model_with_its_crosstalk(name):
     model, crosstalk, _ = DUAL_PIXEL_SENSORS[name]
     image, radius = scene()
     pair = [
@@ -93,7 +88,7 @@ def test_a_sensor_that_was_measured_is_its_model_with_its_crosstalk(name: str) -
     assert apart == pytest.approx(DualPixel(model, crosstalk).disparity(Aperture()) / 2)
 
 
-def test_nothing_of_a_smooth_half_is_dark_but_the_far_rim() -> None:
+def test_nothing_of_a_smooth_half_is_dark_but_the_far_rim():
     kernel = SMOOTH.kernels(Aperture(), torch.tensor(20.0, dtype=torch.float64), 41)
     centre, left, right = kernel
     torch.testing.assert_close((left + right) / 2, centre, atol=1e-12, rtol=0)
@@ -102,7 +97,7 @@ def test_nothing_of_a_smooth_half_is_dark_but_the_far_rim() -> None:
     torch.testing.assert_close(shares[1:-1], ((1 - at) / 2)[1:-1], atol=1e-9, rtol=0)
 
 
-def test_crosstalk_changes_the_pair_by_its_share() -> None:
+def test_crosstalk_changes_the_pair_by_its_share():
     image, radius = scene()
     plain = render(image, radius, left_right=True)
     crossed = render(image, radius, left_right=True, dual_pixel=CROSSED)
@@ -110,10 +105,10 @@ def test_crosstalk_changes_the_pair_by_its_share() -> None:
     torch.testing.assert_close(crossed.left, expected, atol=1e-5, rtol=0)
 
 
-def test_a_gradient_flows_to_the_crosstalk() -> None:
+def test_a_gradient_flows_to_the_crosstalk():
     image, radius = (x.double() for x in scene())
 
-    def left(crosstalk: Tensor) -> Tensor:
+    def left(crosstalk):
         dual_pixel = DualPixel("split", crosstalk)
         views = render(
             image[:1, :20, :20],
@@ -128,17 +123,8 @@ def test_a_gradient_flows_to_the_crosstalk() -> None:
     assert torch.autograd.gradcheck(left, [share], fast_mode=True)
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [({"model": "round"}, "model must be"), ({"crosstalk": 0.5}, "below 0.5")],
-)
-def test_a_dual_pixel_that_makes_no_sense_is_refused(options: dict, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        DualPixel(**options)
-
-
 @pytest.mark.parametrize("r", [16.5, -16.5])
-def test_a_point_is_what_the_photodiodes_were_measured_to_see(r: float) -> None:
+def test_a_point_is_what_the_photodiodes_were_measured_to_see(r):
     left, right = measured()
     both = Aperture(image=PupilImage(left + right))
     image = torch.zeros(1, 80, 80)
@@ -156,7 +142,7 @@ def test_a_point_is_what_the_photodiodes_were_measured_to_see(r: float) -> None:
     assert apart == pytest.approx(math.copysign(expected, r), abs=0.05)
 
 
-def over_the_frame(*crosstalk: float) -> DualPixel:
+def over_the_frame(*crosstalk):
     """A sensor of one row of places, each of a crosstalk of its own."""
     left, right = measured()
     pairs = [(left + (right - left) * c, right + (left - right) * c) for c in crosstalk]
@@ -165,7 +151,7 @@ def over_the_frame(*crosstalk: float) -> DualPixel:
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard"])
-def test_equal_kernels_over_the_frame_are_one_sensor(quality: str) -> None:
+def test_equal_kernels_over_the_frame_are_one_sensor(quality):
     image, radius = scene()
     one, field = (
         render(image, radius, left_right=True, dual_pixel=sensor, quality=quality)
@@ -177,7 +163,7 @@ def test_equal_kernels_over_the_frame_are_one_sensor(quality: str) -> None:
 
 
 @pytest.mark.parametrize("r", [9.0, -9.0])
-def test_a_point_is_split_as_at_its_place_of_the_frame(r: float) -> None:
+def test_a_point_is_split_as_at_its_place_of_the_frame(r):
     sensor = over_the_frame(0, 0.3)
     image, radius = torch.zeros(1, 48, 128), torch.full((48, 128), r)
     image[0, 24, [20, 64, 108]] = 100.0
@@ -194,27 +180,13 @@ def test_a_point_is_split_as_at_its_place_of_the_frame(r: float) -> None:
     assert differ[:40].sum() > 2 * differ[88:].sum()
 
 
-def test_photodiodes_over_the_frame_are_refused_beside_what_else_changes_over_it() -> None:
+def test_photodiodes_over_the_frame_are_refused_beside_what_else_changes_over_it():
     options = {"left_right": True, "dual_pixel": over_the_frame(0, 0.3)}
     with pytest.raises(ValueError, match="dual_pixel must be the same all over the frame"):
         render(*scene(), cat_eye=CatEye(), **options)
 
 
-def test_kernels_of_no_pair_are_refused() -> None:
-    left, right = measured()
-    for pair, words in (
-        ((right, left), "left must lie left"),
-        ((left, right[1:]), "right must be a tensor"),
-        ((0 * left, 0 * right), "black"),
-        ((left - 0.1, right), "0 or more"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            sensitivities(*pair)
-    with pytest.raises(ValueError, match="measured must be two"):
-        DualPixel(measured=(left, right))
-
-
-def test_noise_and_a_soft_border_of_measured_kernels_have_no_extent() -> None:
+def test_noise_and_a_soft_border_of_measured_kernels_have_no_extent():
     left, right = (torch.nn.functional.pad(kernel, (24,) * 4) for kernel in measured())
     noisy = left.clone()
     noisy[0, 0] = noisy[-1, -2] = 0.03 * float((left + right).max())

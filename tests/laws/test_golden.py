@@ -14,7 +14,7 @@ SAME = 1e-5
 
 
 @pytest.mark.parametrize("scene", golden.SCENES)
-def test_pictures_are_those_of_the_renderer_s_version(scene: str) -> None:
+def test_pictures_are_those_of_the_renderer_s_version(scene):
     pictures, stored = golden.rendered(scene), golden.stored(scene)
     assert pictures.keys() == stored.keys()
     for name, picture in pictures.items():
@@ -23,7 +23,7 @@ def test_pictures_are_those_of_the_renderer_s_version(scene: str) -> None:
 
 
 @pytest.mark.parametrize("scene", golden.SCENES)
-def test_no_scene_lies_where_rounding_decides(scene: str) -> None:
+def test_no_scene_lies_where_rounding_decides(scene):
     """Else a machine that rounds otherwise would seem to have another renderer."""
     pictures = golden.rendered(scene)
     for other in (golden.rendered(scene, torch.float64), golden.rendered(scene, nudge=3e-7)):

@@ -3,89 +3,36 @@
 One test for each fault, named for the law that excludes it.
 """
 
-from __future__ import annotations
-
 import math
-import time
 
 import pytest
 import torch
-from tolerances import ROUNDING, SUM
-from torch import Tensor
+from tolerances import ROUNDING
 
 from defocus_core import DefocusLens
 
 DTYPE = torch.float64
 
 
-def camera(foc_dist: float | Tensor = 2000.0, foclen: float | Tensor = 50.0) -> DefocusLens:
+def camera(foc_dist=2000.0, foclen=50.0):
     lens = DefocusLens(foclen, 1.4, sensor_size=(36.0, 20.25), sensor_res=(480, 270), dtype=DTYPE)
     lens.refocus(foc_dist)
     return lens
 
 
-def axis_points(*depths: float) -> Tensor:
+def axis_points(*depths):
     return torch.tensor([[0.0, 0.0, z] for z in depths], dtype=DTYPE)
 
 
-def speckle(height: int, width: int, seed: int = 1) -> Tensor:
+def speckle(height, width, seed=1):
     generator = torch.Generator().manual_seed(seed)
     return torch.rand(1, 3, height, width, dtype=DTYPE, generator=generator)
 
 
-def slope(height: int, width: int, near: float = 1200.0, far: float = 6000.0) -> Tensor:
+def slope(height, width, near=1200.0, far=6000.0):
     """Depth of a plane seen at a slant: disparity rises down the image."""
     disparity = torch.linspace(1 / far, 1 / near, height, dtype=DTYPE)
     return (1 / disparity)[None, None, :, None].expand(1, 1, height, width)
-
-
-def card(depth: float, background: float, size: int = 64) -> Tensor:
-    """A square in the middle of the image, in front of or behind a plane."""
-    z = torch.full((1, 1, size, size), background, dtype=DTYPE)
-    z[..., size // 4 : -size // 4, size // 4 : -size // 4] = depth
-    return z
-
-
-@pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_in_focus_a_psf_of_any_size_sums_to_one(psf_type, dtype):
-    points = axis_points(-2000.0, -2000.001, -2001.0, -3000.0).to(dtype)
-    for psf in (camera().psf(points, ks=ks, psf_type=psf_type) for ks in (63, 64)):
-        torch.testing.assert_close(
-            psf.sum((1, 2)), torch.ones(4, dtype=dtype), atol=SUM[dtype], rtol=0
-        )
-    one = camera().psf(axis_points(-2000.0), psf_type=psf_type)
-    assert one.shape == (1, 64, 64)
-    assert float(one.sum()) == pytest.approx(1)
-
-
-def test_an_image_in_focus_is_rendered_as_it_is():
-    image = speckle(40, 50)
-    rendered = camera().render_rgbd(image, torch.full((1, 1, 40, 50), 2000.0, dtype=DTYPE))
-    torch.testing.assert_close(rendered, image)
-
-
-def test_white_stays_white_on_slopes_at_edges_and_in_corners():
-    for depth in (slope(48, 64), card(1000.0, 5000.0), card(5000.0, 1000.0)):
-        white = torch.ones(1, 3, *depth.shape[-2:], dtype=DTYPE)
-        for picture in (
-            camera().render_rgbd(white, depth),
-            *camera().render_rgbd_dp(white, depth),
-        ):
-            torch.testing.assert_close(picture, white, atol=1e-5, rtol=0)
-
-
-@pytest.mark.parametrize("ks", [63, 64])
-def test_the_radius_of_a_psf_follows_the_coc_and_does_not_jump(ks):
-    lens = camera()
-    radius = torch.arange(4, 12, 0.1, dtype=DTYPE)
-    per_disparity = lens.signed_radius(math.inf) * 2000.0
-    points = axis_points(*(-1 / (1 / 2000 + radius / per_disparity)))  # nearer than focus
-    offsets = torch.arange(ks, dtype=DTYPE) - (ks - 1) / 2
-    moment = (lens.psf(points, ks=ks, psf_type="pillbox").sum(-2) * offsets**2).sum(-1)
-    measured = 2 * (moment - 1 / 12).sqrt()
-    assert (measured / radius - 1).abs().max() < 0.01
-    assert ((measured.diff() > 0.05) & (measured.diff() < 0.15)).all()
 
 
 def test_a_coc_wider_than_the_kernel_is_cropped_with_a_warning_that_names_the_ks_it_needs():
@@ -164,7 +111,7 @@ def test_dual_pixel_halves_are_mirror_images_whose_mean_is_the_psf(ks, psf_type)
     assert (left - right)[0].abs().max() > 0.9 * left[0].max()  # not two copies of the whole
 
 
-def at_radius(lens: DefocusLens, radius: Tensor) -> Tensor:
+def at_radius(lens, radius):
     """Points [N, 3] on the axis with these signed radii in px."""
     at_infinity = lens.radius_at_infinity()
     disparity = (1 - radius / at_infinity) / 2000.0
@@ -200,32 +147,6 @@ def test_the_distance_of_dual_pixel_halves_does_not_jump(ks):
     torch.testing.assert_close(apart, expected, atol=1e-9, rtol=0.01)
 
 
-@pytest.mark.parametrize(("front", "back"), [(1000.0, 2000.0), (2000.0, 6000.0), (1500.0, 3000.0)])
-def test_dual_pixel_images_occlude_as_the_centre_image_does(front, back):
-    lens, depth = camera(), card(front, back)
-    image = speckle(64, 64)
-    centre, (left, right) = lens.render_rgbd(image, depth), lens.render_rgbd_dp(image, depth)
-    torch.testing.assert_close((left + right) / 2, centre, atol=1e-5, rtol=0)
-    if front == 2000.0:  # sharp in front of a blur: nothing of the blur covers it, in any view
-        inside = (..., slice(17, 47), slice(17, 47))
-        for picture in (centre, left, right):
-            torch.testing.assert_close(picture[inside], image[inside], atol=1e-3, rtol=0)
-
-
-def test_gradients_reach_depth_and_lens_through_psf_and_rendering():
-    image, depth = speckle(24, 24), slope(24, 24, 1500.0, 3000.0).clone().requires_grad_()
-    foclen, fnum, focus = (torch.tensor(v, dtype=DTYPE) for v in (50.0, 2.8, 2000.0))
-    parameters = [p.requires_grad_() for p in (foclen, fnum, focus)]
-    lens = DefocusLens(foclen, fnum, (36.0, 24.0), (480, 320))
-    lens.refocus(focus)
-    sharpness = lens.render_rgbd(image, depth).var()
-    for gradient in torch.autograd.grad(sharpness, [depth, *parameters]):
-        assert gradient.isfinite().all()
-        assert gradient.abs().max() > 0
-    psf = lens.psf(axis_points(-1500.0), ks=31, psf_type="pillbox")
-    assert all(g != 0 for g in torch.autograd.grad(psf.max(), parameters))
-
-
 def test_two_scenes_of_equal_radius_render_alike_whatever_lens_and_depth():
     image, depth = speckle(48, 32), slope(48, 32)
     lens, other = camera(), camera(1500.0, foclen=35.0)
@@ -237,13 +158,3 @@ def test_two_scenes_of_equal_radius_render_alike_whatever_lens_and_depth():
     torch.testing.assert_close(
         other.render_rgbd(image, same_radius), lens.render_rgbd(image, depth), atol=1e-9, rtol=0
     )
-
-
-@pytest.mark.bench
-def test_a_frame_of_half_a_megapixel_does_not_take_a_minute():
-    depth = slope(540, 960, 1300.0, 6000.0).float()
-    lens = DefocusLens(50.0, 1.4, (36.0, 20.25), (960, 540))
-    lens.refocus(2000.0)
-    start = time.perf_counter()
-    lens.render_rgbd(speckle(540, 960).float(), depth)
-    assert time.perf_counter() - start < 15

@@ -1,7 +1,5 @@
 """A light field that is summed to a defocused picture is explained by the lens that a fit finds."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from itertools import product
@@ -9,7 +7,6 @@ from itertools import product
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 from tracer import PINHOLE, thin_lens, view
 from worlds import WORLDS
 
@@ -22,14 +19,12 @@ MAX_DB = 1.0  # that the lens found may explain less than the lens known
 WIDTH, HEIGHT = 240, 136
 
 
-def tensor(picture: np.ndarray) -> Tensor:
+def tensor(picture):
     return torch.from_numpy(np.moveaxis(picture, -1, 0).astype(np.float32))
 
 
 @pytest.mark.parametrize(("name", "nearer"), [("floor", 1.0), ("layered", 1.0), ("spheres", 1.3)])
-def test_the_fit_explains_a_summed_light_field_as_the_known_lens_does(
-    name: str, nearer: float
-) -> None:
+def test_the_fit_explains_a_summed_light_field_as_the_known_lens_does(name, nearer):
     world = WORLDS[name]()
     camera = replace(world.camera, width=WIDTH, height=HEIGHT)
     lens = thin_lens(camera, world.fnum, world.focus / nearer)

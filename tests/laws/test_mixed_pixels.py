@@ -1,10 +1,7 @@
 """A mixed pixel holds two surfaces, whichever of them its depth names."""
 
-from collections.abc import Callable
-
 import pytest
 import torch
-from torch import Tensor
 from torch.nn.functional import avg_pool2d, max_pool2d, pad
 
 from defocus_core import render
@@ -14,13 +11,13 @@ COLORS = {"dark on grey": (0.02, 0.5), "bright on dark": (0.9, 0.2), "light": (2
 RADII = [(-9.0, 0.0), (0.0, 9.0), (-6.0, 6.0)]
 
 
-def disc() -> Tensor:
+def disc():
     """Samples of a disc that one row of pixels cuts by any share, many a pixel."""
     y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
     return ((x - 47.3).square() + (y[:, None] - 36.7).square() < 21.4**2).double()
 
 
-def blurred(samples: Tensor, radius: float) -> Tensor:
+def blurred(samples, radius):
     """The share of the lens that sees the samples, for each pixel: exact to the samples."""
     by = round(abs(radius) * FINE)
     if by:
@@ -34,7 +31,7 @@ def blurred(samples: Tensor, radius: float) -> Tensor:
     return avg_pool2d(samples[None], FINE)[0]
 
 
-def named(kind: str, coverage: Tensor, near: float, far: float) -> Tensor:
+def named(kind, coverage, near, far):
     """Radii of pixels of a coverage, as files of a kind name their depth."""
     wide = {"fat": 2, "thin": -2}.get(kind, 0)
     is_near = coverage >= {"any": 1e-3, "full": 0.999}.get(kind, 0.5)
@@ -58,7 +55,7 @@ def named(kind: str, coverage: Tensor, near: float, far: float) -> Tensor:
 
 @pytest.mark.parametrize("radii", RADII)
 @pytest.mark.parametrize("kind", ["centre", "any", "full", "mean", "fat", "thin", "soft"])
-def test_the_picture_is_that_of_both_surfaces(kind: str, radii: tuple[float, float]) -> None:
+def test_the_picture_is_that_of_both_surfaces(kind, radii):
     samples, (near, far) = disc(), radii
     coverage = blurred(samples, 0)
     radius = named(kind, coverage, near, far)
@@ -71,13 +68,13 @@ def test_the_picture_is_that_of_both_surfaces(kind: str, radii: tuple[float, flo
         assert float(off.square().mean().sqrt()) < 0.015, name
 
 
-def half_plane() -> Tensor:
+def half_plane():
     """Samples left of a line at 17 degrees."""
     y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
     return (x - 47.3 + 0.3057 * (y[:, None] - 36.7) < 0).double()
 
 
-def crossings(shown: Tensor, half: float) -> Tensor:
+def crossings(shown, half):
     """[n] the place in each row where pixels pass a value; nan if they do not pass it once."""
     left, right = shown[MARGIN:-MARGIN, :-1] - half, shown[MARGIN:-MARGIN, 1:] - half
     passes = left * right < 0
@@ -87,9 +84,7 @@ def crossings(shown: Tensor, half: float) -> Tensor:
 
 @pytest.mark.parametrize("shape", [disc, half_plane])
 @pytest.mark.parametrize("radii", [*RADII, (0.0, 15.0), (-15.0, 0.0)])
-def test_silhouettes_of_soft_depth_are_smooth(
-    radii: tuple[float, float], shape: Callable[[], Tensor]
-) -> None:
+def test_silhouettes_of_soft_depth_are_smooth(radii, shape):
     """The half-way point of the rendered edge is that of the true one."""
     samples = shape()
     coverage = blurred(samples, 0)
@@ -109,7 +104,7 @@ def test_silhouettes_of_soft_depth_are_smooth(
 
 
 @pytest.mark.parametrize("light", [5.0, 50.0, 5e4])
-def test_a_light_in_focus_adds_to_the_plane_behind_what_is_the_planes(light: float) -> None:
+def test_a_light_in_focus_adds_to_the_plane_behind_what_is_the_planes(light):
     samples = disc()
     coverage = blurred(samples, 0)
     color = (coverage * light + (1 - coverage) * 0.2).expand(3, *SIZE)
@@ -120,7 +115,7 @@ def test_a_light_in_focus_adds_to_the_plane_behind_what_is_the_planes(light: flo
 
 
 @pytest.mark.parametrize("light", [2.0, 50.0, 1e4])
-def test_a_light_out_of_focus_keeps_its_energy(light: float) -> None:
+def test_a_light_out_of_focus_keeps_its_energy(light):
     samples = disc()
     coverage = blurred(samples, 0)
     color = (coverage * light).expand(3, *SIZE)
@@ -129,21 +124,21 @@ def test_a_light_out_of_focus_keeps_its_energy(light: float) -> None:
         assert float(seen.sum() / color[0].sum()) == pytest.approx(1, abs=5e-3), kind
 
 
-def ring() -> Tensor:
+def ring():
     """Samples of a ring 12 px wide."""
     y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
     off = ((x - 47.3).square() + (y[:, None] - 36.7).square()).sqrt()
     return ((off - 21.4).abs() < 6.2).double()
 
 
-def strands() -> Tensor:
+def strands():
     """Samples of a half of the frame with strands of 1.5 px, 8 px long, at its edge."""
     y, x = ((torch.arange(FINE * n, dtype=torch.float64) + 0.5) / FINE for n in SIZE)
     strand = (y[:, None] % 6 < 1.5) & (x < 50)
     return (strand | (x < 42)).double()
 
 
-def psnr(seen: Tensor, truth: Tensor, coverage: Tensor, reach: float, contrast: float) -> float:
+def psnr(seen, truth, coverage, reach, contrast):
     """Against the contrast, of pixels within reach of an edge, far from the border of the frame."""
     side = 2 * round(reach) + 7
     edge = ((coverage > 1e-3) & (coverage < 0.999)).double()
@@ -155,7 +150,7 @@ def psnr(seen: Tensor, truth: Tensor, coverage: Tensor, reach: float, contrast: 
 
 @pytest.mark.parametrize("kind", ["soft", "fat", "thin"])
 @pytest.mark.parametrize("shape", [disc, ring])
-def test_a_matte_is_the_coverage_of_the_silhouette(kind: str, shape: Callable[[], Tensor]) -> None:
+def test_a_matte_is_the_coverage_of_the_silhouette(kind, shape):
     samples = shape()
     coverage = blurred(samples, 0)
     for near, far in (*RADII, (-36.0, 0.0), (0.0, 40.0)):
@@ -170,9 +165,7 @@ def test_a_matte_is_the_coverage_of_the_silhouette(kind: str, shape: Callable[[]
 
 
 @pytest.mark.parametrize("radii", [(0.0, 9.0), (-9.0, 0.0)])
-def test_strands_that_the_depth_lacks_are_of_the_subject_of_the_matte(
-    radii: tuple[float, float],
-) -> None:
+def test_strands_that_the_depth_lacks_are_of_the_subject_of_the_matte(radii):
     samples, (near, far) = strands(), radii
     coverage, share = blurred(samples, 0), blurred(samples, near)
     radius = torch.where(torch.arange(SIZE[1]) < 42, near, far).double().expand(SIZE)
@@ -186,12 +179,12 @@ def test_strands_that_the_depth_lacks_are_of_the_subject_of_the_matte(
 
 
 @pytest.mark.parametrize("matte", [torch.full(SIZE, 1.5), torch.ones(3, 4), torch.ones(2, *SIZE)])
-def test_what_is_no_matte_of_the_picture_is_refused(matte: Tensor) -> None:
+def test_what_is_no_matte_of_the_picture_is_refused(matte):
     with pytest.raises(ValueError, match=r"matte must be .* shaped as the radii"):
         render(torch.ones(3, *SIZE), torch.zeros(SIZE), matte=matte)
 
 
-def test_a_matte_of_what_is_behind_changes_no_edge_of_what_is_before_it() -> None:
+def test_a_matte_of_what_is_behind_changes_no_edge_of_what_is_before_it():
     coverage = blurred(disc(), 0)
     radius = named("centre", coverage, -6.0, 6.0)
     color = (coverage * 0.9 + (1 - coverage) * 0.2).expand(3, *SIZE)

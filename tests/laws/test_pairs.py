@@ -4,7 +4,6 @@ import pytest
 import torch
 from measures import worst
 from tolerances import WHITE
-from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render, render_layers
 
@@ -12,7 +11,7 @@ PUPILS = [Aperture(), Aperture(6, 10.0), Aperture(3), Aperture(5, 20.0)]
 SIZE = (72, 96)
 
 
-def spots(seed: int, share: float) -> Tensor:
+def spots(seed, share):
     """Random blobs [H, W], 1 within and 0 without."""
     noise = torch.rand(1, 1, *SIZE, generator=torch.Generator().manual_seed(seed))
     smooth = torch.nn.functional.avg_pool2d(noise, 9, 1, 4, count_include_pad=False)[0, 0]
@@ -21,7 +20,7 @@ def spots(seed: int, share: float) -> Tensor:
 
 @pytest.mark.parametrize("quality", QUALITIES[:3])
 @pytest.mark.parametrize("darkest", [0.0, -1e-6, -0.02])
-def test_a_half_is_no_darker_than_the_darkest_pixel(darkest: float, quality: str) -> None:
+def test_a_half_is_no_darker_than_the_darkest_pixel(darkest, quality):
     """One negative pixel bounds the whole picture, and no more than by what it is."""
     near, fine = spots(1, 0.3), torch.rand(SIZE, generator=torch.Generator().manual_seed(2))
     image = (near * (fine > 0.5))[None].repeat(3, 1, 1)
@@ -32,7 +31,7 @@ def test_a_half_is_no_darker_than_the_darkest_pixel(darkest: float, quality: str
 
 
 @pytest.mark.parametrize("quality", QUALITIES[:3])
-def test_a_negative_pixel_far_away_changes_nothing(quality: str) -> None:
+def test_a_negative_pixel_far_away_changes_nothing(quality):
     near, fine = spots(1, 0.3), torch.rand(SIZE, generator=torch.Generator().manual_seed(2))
     image = (near * (fine > 0.5))[None].repeat(3, 1, 1)
     radius = torch.where(near > 0, -1.3, 0.9)
@@ -48,7 +47,7 @@ def test_a_negative_pixel_far_away_changes_nothing(quality: str) -> None:
 @pytest.mark.parametrize("quality", QUALITIES[:3])
 @pytest.mark.parametrize("aperture", PUPILS, ids=lambda a: f"{a.blades}-{a.rotation:g}")
 @pytest.mark.parametrize("negative", [0.0, -1e-6])
-def test_alpha_of_a_half_is_1_at_most(negative: float, aperture: Aperture, quality: str) -> None:
+def test_alpha_of_a_half_is_1_at_most(negative, aperture, quality):
     """White layers are as bright as they are opaque, in the halves too."""
     coverage = torch.stack([spots(3, 0.3), 0.8 * spots(4, 0.5), spots(5, 0.4)])
     radius = torch.tensor([-9.0, -2.0, 6.0])[:, None, None].expand(-1, *SIZE)
@@ -65,7 +64,7 @@ def test_alpha_of_a_half_is_1_at_most(negative: float, aperture: Aperture, quali
 
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("aperture", PUPILS, ids=lambda a: f"{a.blades}-{a.rotation:g}")
-def test_each_half_has_all_of_the_light(aperture: Aperture, quality: str) -> None:
+def test_each_half_has_all_of_the_light(aperture, quality):
     """Each is normalised to its own area; the mean, weighted by these, is the centre."""
     image, radius = torch.zeros(1, *SIZE), torch.full(SIZE, 10.0)
     image[:, 30:40, 40:60] = torch.rand(10, 20, generator=torch.Generator().manual_seed(0))

@@ -1,14 +1,11 @@
 """A picture that is moved by whole pixels is rendered as it was, and moved."""
 
-from typing import Any
-
 import pytest
 import torch
 from measures import worst
-from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
-from defocus_core import Views, render
+from defocus_core import render
 from defocus_core.depth.repair import repair_depth
 
 SIZE, AROUND = (64, 72), 24
@@ -18,11 +15,11 @@ MOVED_DRAFT = [(2, 0), (6, 10)]
 FINE = 3
 
 
-def cards(seed: int) -> tuple[Tensor, Tensor]:
+def cards(seed):
     """Textured cards before a wall, a few samples a pixel."""
     generator = torch.Generator().manual_seed(seed)
 
-    def drawn(*size: int) -> Tensor:
+    def drawn(*size):
         return torch.rand(*size, generator=generator)
 
     size = (FINE * SIZE[0], FINE * SIZE[1])
@@ -37,16 +34,16 @@ def cards(seed: int) -> tuple[Tensor, Tensor]:
     return image, radius
 
 
-def middles(values: Tensor) -> Tensor:
+def middles(values):
     return values[..., FINE // 2 :: FINE, FINE // 2 :: FINE]
 
 
-def means(values: Tensor, width: int = 1) -> Tensor:
+def means(values, width=1):
     wide = pad(values[None], [FINE * (width // 2)] * 4, mode="replicate")
     return avg_pool2d(wide, FINE * width, FINE)[0]
 
 
-def damaged(kind: str, seed: int) -> tuple[Tensor, Tensor]:
+def damaged(kind, seed):
     """A picture, and its radii as files and networks give them."""
     image, radius = cards(seed)
     noise = 0.15 * torch.randn(SIZE, generator=torch.Generator().manual_seed(seed))
@@ -60,7 +57,7 @@ def damaged(kind: str, seed: int) -> tuple[Tensor, Tensor]:
     return means(image), radii[kind]()
 
 
-def placed(image: Tensor, radius: Tensor, moved: tuple[int, int]) -> tuple[Tensor, Tensor]:
+def placed(image, radius, moved):
     """The picture in the middle of an even wall, moved."""
     down, across = moved
     around = (AROUND + across, AROUND - across, AROUND + down, AROUND - down)
@@ -70,18 +67,18 @@ def placed(image: Tensor, radius: Tensor, moved: tuple[int, int]) -> tuple[Tenso
     return pad(image, around, value=0.3), pad(radius, around, value=6.0)
 
 
-def part(values: Tensor, moved: tuple[int, int]) -> Tensor:
+def part(values, moved):
     down, across = moved
     return values[
         ..., AROUND + down : AROUND + down + SIZE[0], AROUND + across : AROUND + across + SIZE[1]
     ]
 
 
-def difference(kind: str, seed: int, moved: tuple[int, int], **options: Any) -> float:
+def difference(kind, seed, moved, **options):
     """The greatest change by a move, of the maximum, where all was seen."""
     scene = damaged(kind, seed)
 
-    def at(to: tuple[int, int]) -> Views:
+    def at(to):
         return render(*placed(*scene, to), **options)
 
     before, after = at((0, 0)), at(moved)
@@ -92,7 +89,7 @@ def difference(kind: str, seed: int, moved: tuple[int, int], **options: Any) -> 
 
 
 @pytest.mark.parametrize("kind", ["hard", "antialiased", "soft", "noisy", "levels"])
-def test_repair_moves_with_the_picture(kind: str) -> None:
+def test_repair_moves_with_the_picture(kind):
     """Its decisions once hung on every sixteenth row, wherever it lay."""
     for seed in range(2):
         scene = damaged(kind, seed)
@@ -103,17 +100,17 @@ def test_repair_moves_with_the_picture(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["antialiased", "noisy"])
-def test_a_picture_that_is_moved_is_rendered_alike(kind: str) -> None:
+def test_a_picture_that_is_moved_is_rendered_alike(kind):
     for to in MOVED[1:3]:
         assert difference(kind, 0, to) < 2e-3
 
 
 @pytest.mark.parametrize("to", MOVED_DRAFT)
-def test_a_draft_that_is_moved_by_cells_is_rendered_alike(to: tuple[int, int]) -> None:
+def test_a_draft_that_is_moved_by_cells_is_rendered_alike(to):
     """Its trust once was 1 beside what it does not trust."""
     assert max(difference("hard", seed, to, quality="draft") for seed in range(2)) < 2e-3
 
 
-def test_trust_of_colors_apart_is_the_least_of_all() -> None:
+def test_trust_of_colors_apart_is_the_least_of_all():
     """It once was that of green, while red showed what was invented."""
     assert difference("hard", 1, (3, 5), color_offsets=[-0.8, 0.0, 0.8]) < 2e-3

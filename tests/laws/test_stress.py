@@ -8,9 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measures import worst
 from tolerances import RENDERED, WHITE
-from torch import Tensor
 
-from defocus_core import QUALITIES, Aperture, DefocusLens, Views, render
+from defocus_core import QUALITIES, Aperture, DefocusLens, render
 
 NOISE = 1e-4  # of the local truth, in the dark beside lights a hundred million times as bright
 MEAN = 1e-6  # rounding of left, right and their mean
@@ -31,11 +30,11 @@ class Shot(NamedTuple):
     quality: str
     blades: int
 
-    def __call__(self, image: Tensor, radius: Tensor, *, left_right: bool = True) -> Views:
+    def __call__(self, image, radius, *, left_right=True):
         aperture = Aperture(self.blades)
         return render(image, radius, aperture=aperture, quality=self.quality, left_right=left_right)
 
-    def mean(self, left: Tensor, right: Tensor) -> Tensor:
+    def mean(self, left, right):
         """Of the halves, weighted by their areas."""
         aperture = Aperture(self.blades)
         share = aperture.fraction(aperture.parts(2)[0])
@@ -47,12 +46,12 @@ shots = st.builds(Shot, st.sampled_from(QUALITIES), st.sampled_from([0, 3, 5, 6,
 untilted = st.sampled_from(["constant", "checkerboard"])
 
 
-def noise(seed: int, *size: int) -> Tensor:
+def noise(seed, *size):
     generator = torch.Generator().manual_seed(seed)
     return torch.rand(size, generator=generator, dtype=torch.float64)
 
 
-def depths(kind: str, seed: int, size: tuple[int, int]) -> Tensor:
+def depths(kind, seed, size):
     """Shares of a range of depth [H, W], 0 to 1."""
     H, W = size
     if kind == "constant":
@@ -72,7 +71,7 @@ spreads = st.sampled_from([0.0, 0.3, 0.9, 4.0, 15.0, 60.0, 400.0, 1e5])
 
 
 @st.composite
-def radii(draw: st.DrawFn, size: tuple[int, int], kinds: st.SearchStrategy[str]) -> Tensor:
+def radii(draw, size, kinds):
     """Signed radii, from none to far more than the frame."""
     spread, seed = draw(spreads), draw(seeds)
     centre = draw(st.sampled_from([-1.0, 0.0, 0.6]))
@@ -80,7 +79,7 @@ def radii(draw: st.DrawFn, size: tuple[int, int], kinds: st.SearchStrategy[str])
 
 
 @st.composite
-def through_a_lens(draw: st.DrawFn, size: tuple[int, int], kinds: st.SearchStrategy[str]) -> Tensor:
+def through_a_lens(draw, size, kinds):
     """Signed radii of depths from a centimetre to a thousand kilometres, or the sky."""
     foclen = draw(st.sampled_from([4.0, 50.0, 400.0]))
     lens = DefocusLens(
@@ -101,7 +100,7 @@ def through_a_lens(draw: st.DrawFn, size: tuple[int, int], kinds: st.SearchStrat
 
 
 @st.composite
-def scenes(draw: st.DrawFn, kinds: st.SearchStrategy[str] = kinds) -> tuple[Tensor, Tensor]:
+def scenes(draw, kinds=kinds):
     """A picture with noise and with white, and its radii."""
     size = draw(sizes)
     radius = draw(st.one_of(radii(size, kinds), through_a_lens(size, kinds)))
@@ -121,17 +120,13 @@ def scenes(draw: st.DrawFn, kinds: st.SearchStrategy[str] = kinds) -> tuple[Tens
 few = settings(deadline=None, derandomize=True, max_examples=60)
 
 
-def three(o: Views) -> tuple[Tensor, Tensor, Tensor]:
-    assert o.left is not None
-    assert o.right is not None
+def three(o):
     return o.render, o.left, o.right
 
 
 @few
 @given(scene=scenes(), shot=shots)
-def test_the_centre_is_a_mean_and_white_stays_white(
-    scene: tuple[Tensor, Tensor], shot: Shot
-) -> None:
+def test_the_centre_is_a_mean_and_white_stays_white(scene, shot):
     image, radius = (x.float() for x in scene)
     o = shot(image, radius)
     for picture in three(o):
@@ -151,9 +146,7 @@ def test_the_centre_is_a_mean_and_white_stays_white(
 
 @few
 @given(scene=scenes(), shot=shots, dtype=st.sampled_from([torch.float16, torch.bfloat16]))
-def test_half_precision_is_float32_rounded(
-    scene: tuple[Tensor, Tensor], shot: Shot, dtype: torch.dtype
-) -> None:
+def test_half_precision_is_float32_rounded(scene, shot, dtype):
     image, radius = scene[0].to(dtype), scene[1].float()
     for picture, exact in zip(
         three(shot(image, radius)), three(shot(image.float(), radius)), strict=True
@@ -166,9 +159,7 @@ def test_half_precision_is_float32_rounded(
 
 @few
 @given(scene=scenes(untilted), shot=shots, dim=st.sampled_from([-1, -2]))
-def test_mirrored_scenes_are_mirrored_pictures(
-    scene: tuple[Tensor, Tensor], shot: Shot, dim: int
-) -> None:
+def test_mirrored_scenes_are_mirrored_pictures(scene, shot, dim):
     """Of the round aperture and of those that are their own mirror image: at 90° all are."""
     image, radius = scene[0], scene[1].double()
     if shot.quality == "draft":  # its coarse pixels begin at the upper left
@@ -187,7 +178,7 @@ def test_mirrored_scenes_are_mirrored_pictures(
 
 
 @st.composite
-def lights(draw: st.DrawFn) -> tuple[Tensor, Tensor, int]:
+def lights(draw):
     """A few lights in the left part of the dark, radii, and the first column none of them reaches.
 
     reported: of more than one pixel in 200 as bright as that, the transforms' rounding shows.
@@ -206,7 +197,7 @@ def lights(draw: st.DrawFn) -> tuple[Tensor, Tensor, int]:
 
 @few
 @given(scene=lights(), shot=shots)
-def test_lights_leave_no_noise_in_the_dark(scene: tuple[Tensor, Tensor, int], shot: Shot) -> None:
+def test_lights_leave_no_noise_in_the_dark(scene, shot):
     *exact, start = scene
     image, radius = (x.float() for x in exact)
     o = shot(image, radius)
@@ -221,9 +212,7 @@ def test_lights_leave_no_noise_in_the_dark(scene: tuple[Tensor, Tensor, int], sh
 
 @few
 @given(scene=lights(), shot=shots, dtype=st.sampled_from([torch.float16, torch.bfloat16]))
-def test_lights_of_half_precision_stay_finite(
-    scene: tuple[Tensor, Tensor, int], shot: Shot, dtype: torch.dtype
-) -> None:
+def test_lights_of_half_precision_stay_finite(scene, shot, dtype):
     image = scene[0].clamp(max=6e4).to(dtype)
     centre = shot(image, scene[1].to(dtype)).render
     assert centre.dtype == dtype

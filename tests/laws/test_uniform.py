@@ -7,13 +7,10 @@ import math
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from measures import inner, second_moments, worst
 from reference import both, left, one_plane, polygon, right, whole
 from scenes import RADII, plane, white
-from tolerances import OVERSAMPLING, RENDERED, WHITE
-from torch import Tensor
+from tolerances import OVERSAMPLING, WHITE
 
 from defocus_core import QUALITIES, Aperture, render
 from defocus_core.renderer.layers.quality import find
@@ -24,7 +21,6 @@ PUPILS = {
     HEXAGON: tuple(both(polygon(6, 10.0), side) for side in (whole, left, right)),
     PENTAGON: tuple(both(polygon(5, 90.0), side) for side in (whole, left, right)),
 }
-EXACT = RENDERED[torch.float64]
 
 # A pixel between two slice radii a < r < b keeps its second moment r²/4, not the fourth: a wave
 # changes by 0.4 (b² - a²)² k⁴ / 768 at most, 6e-3 for slice radii 0.75 px apart. Below 2 px the
@@ -35,7 +31,7 @@ BETWEEN_RUNGS = 1e-2
 BETWEEN_FIRST_RUNGS = 4e-2
 
 
-def isolated(r: float, value: float = 1.0, ground: float = 0.0) -> tuple[Tensor, Tensor]:
+def isolated(r, value=1.0, ground=0.0):
     """A bright pixel in a frame whose border its blur, 20 % wider at most, doesn't see."""
     n = 2 * math.ceil(2.4 * abs(r)) + 9
     image = torch.full((1, n, n), ground, dtype=torch.float64)
@@ -45,44 +41,18 @@ def isolated(r: float, value: float = 1.0, ground: float = 0.0) -> tuple[Tensor,
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
 @pytest.mark.parametrize("kind", RADII)
-def test_white_stays_white(kind: str, aperture: Aperture) -> None:
+def test_white_stays_white(kind, aperture):
     image, radius = (x.float() for x in white(kind))
     for quality in QUALITIES:
         o = render(image, radius, aperture=aperture, quality=quality, left_right=True)
-        for picture in (o.render, o.left, o.right):
-            assert picture is not None
+        for picture in o.images:
             assert worst(picture, 1.0) < WHITE
 
 
-@settings(deadline=None, max_examples=25, derandomize=True)
-@given(
-    size=st.tuples(st.integers(1, 40), st.integers(1, 40)),
-    spread=st.sampled_from([0.2, 1.0, 5.0, 30.0, 400.0]),
-    blades=st.sampled_from([0, 3, 6]),
-    seed=st.integers(0, 1000),
-)
-def test_defocus_is_a_mean(size: tuple[int, int], spread: float, blades: int, seed: int) -> None:
-    """Nothing gets brighter than the brightest or darker than the darkest; white stays white."""
-    random = torch.Generator().manual_seed(seed)
-    image = torch.rand(2, *size, generator=random)
-    image[1] = 1.0
-    radius = spread * (2 * torch.rand(size, generator=random) - 1)
-    o = render(image, radius, aperture=Aperture(blades), left_right=True)
-    for picture in (o.render, o.left, o.right):
-        assert picture is not None
-        assert worst(picture[1], 1.0) < WHITE
-        if picture is not o.render and spread > 20:
-            continue  # the pair's mean is the centre, the halves of noise in depth alone are not
-        tolerance = WHITE if picture is o.render else 0.2  # shifts within a pixel are interpolated
-        assert picture[0].min() > image[0].min() - tolerance
-        assert picture[0].max() < image[0].max() + tolerance
-
-
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_in_focus_is_identity(quality: str) -> None:
+def test_in_focus_is_identity(quality):
     image, radius = plane(0.0)
     o = render(image, radius, quality=quality, left_right=True)
-    assert o.left is not None
     if quality == "reference":  # sixteen parts sum up with rounding
         assert worst(o.render, image) < 1e-14
         assert worst(o.left, image) < 1e-14
@@ -91,7 +61,7 @@ def test_in_focus_is_identity(quality: str) -> None:
         assert torch.equal(o.left, image)
 
 
-def halves_of(image: Tensor, r: float, aperture: Aperture) -> tuple[Tensor, Tensor]:
+def halves_of(image, r, aperture):
     """What each half sees of a plane, as shares of the picture that the whole aperture sees."""
     centre, one, other = (one_plane(image, r, pupil) for pupil in PUPILS[aperture])
     return 2 * centre * one / (one + other), 2 * centre * other / (one + other)
@@ -99,20 +69,19 @@ def halves_of(image: Tensor, r: float, aperture: Aperture) -> tuple[Tensor, Tens
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
 @pytest.mark.parametrize("r", [0.3, 0.6, 1.0, 2.3, -3.7, 6.3, -11.0, 30.0])
-def test_one_slice_is_one_convolution_of_a_scene_that_goes_on(r: float, aperture: Aperture) -> None:
+def test_one_slice_is_one_convolution_of_a_scene_that_goes_on(r, aperture):
     """With one slice there are no slices between which to stand: borders, halves, everything."""
     image, radius = plane(r)
     quality = "standard" if abs(r) < 20 else "reference"  # full resolution
     o = render(image, radius, aperture=aperture, num_layers=1, left_right=True, quality=quality)
     assert worst(o.render, one_plane(image, r, PUPILS[aperture][0])) < OVERSAMPLING
     for picture, half in zip((o.left, o.right), halves_of(image, r, aperture), strict=True):
-        assert picture is not None
         assert worst(picture, half) < OVERSAMPLING
 
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
 @pytest.mark.parametrize("r", [0.6, 1.0, 1.5, 2.3, -3.7, 4.0, 5.0, 6.3, -7.0, 11.0])
-def test_one_plane_is_one_convolution(r: float, aperture: Aperture) -> None:
+def test_one_plane_is_one_convolution(r, aperture):
     """On the slice radii as well, up to the border."""
     image, radius = plane(r)
     border = math.ceil(1.2 * abs(r)) + 1  # a slice radius above r
@@ -122,13 +91,12 @@ def test_one_plane_is_one_convolution(r: float, aperture: Aperture) -> None:
     tolerance = BETWEEN_RUNGS if abs(r) > 2 else BETWEEN_FIRST_RUNGS
     assert worst(error, 0.0) < tolerance
     for picture, half in zip((o.left, o.right), halves_of(image, r, aperture), strict=True):
-        assert picture is not None
         assert worst(picture, half) < 2 * tolerance
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("r", [4.0, 4.1, -5.3, 7.7, -9.9, 12.34, -17.0, 23.9])
-def test_the_second_moment_is_that_of_the_radius(r: float, quality: str) -> None:
+def test_the_second_moment_is_that_of_the_radius(r, quality):
     """On slice radii and between them, on both axes, less the 1/12 px² of a pixel.
 
     A draft has coarse pixels of two px, and a light between two of them is in both.
@@ -139,31 +107,9 @@ def test_the_second_moment_is_that_of_the_radius(r: float, quality: str) -> None
         assert 2 * math.sqrt(moment - 1 / 12) == pytest.approx(abs(r), rel=0.01, abs=coarse_pixel)
 
 
-@pytest.mark.parametrize("aperture", PUPILS, ids=str)
-@pytest.mark.parametrize("r", [6.0, -9.3, 20.0])
-def test_a_highlight_keeps_its_sum(r: float, aperture: Aperture) -> None:
-    picture = render(*isolated(r, 1e3, ground=0.1), aperture=aperture, left_right=True)
-    for image in (picture.render, picture.left, picture.right):
-        assert image is not None
-        # a slice radius above r is 20 % wider at most, the frame is 40 % wider: nothing is lost;
-        # rounding that would be darker than the ground is bounded
-        assert float((image - 0.1).sum()) == pytest.approx(1e3 - 0.1, rel=1e-5)
-
-
-@pytest.mark.parametrize("r", [6.0, -9.3, 20.0])
-def test_the_disc_of_a_highlight_has_the_area_of_the_lens(r: float) -> None:
-    """π r²: r² exactly by the slice radii' shares, 1 / area by less than a slice radius's spacing
-    squared.
-    """
-    disc = render(*isolated(r)).render[0]
-    assert float(disc.sum() / disc[disc.shape[0] // 2, disc.shape[1] // 2]) == pytest.approx(
-        math.pi * r * r, rel=0.01
-    )
-
-
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("r", [6.0, 9.3, -20.0])
-def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r: float, quality: str) -> None:
+def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r, quality):
     """Of each side one anti-aliased pixel and the step between two slice radii."""
     disc = render(*isolated(r), quality=quality).render[0]
     middle = disc.shape[0] // 2
@@ -175,14 +121,8 @@ def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r: float, quality: str
     assert rim <= math.ceil(1 + spacing) + between
 
 
-def test_rounding_beside_a_highlight_stays_below_what_shows() -> None:
-    image, radius = isolated(8.0, 1e3, ground=0.1)
-    picture = render(image.float(), radius.float()).render
-    assert worst(picture[:, :6, :6], 0.1) < 1e-4 * 0.1
-
-
 @pytest.mark.parametrize("r", [1000.0, -1000.0])
-def test_far_out_of_focus_the_frame_is_even(r: float) -> None:
+def test_far_out_of_focus_the_frame_is_even(r):
     """Every pixel is a mean of the frame and of its edge, which goes on.
 
     The lens is 2000 px across here: within the frame its chords differ by 1e-4.
@@ -194,7 +134,7 @@ def test_far_out_of_focus_the_frame_is_even(r: float) -> None:
 
 
 @pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
-def test_the_middle_of_a_gaussian_is_brighter(psf_type: str) -> None:
+def test_the_middle_of_a_gaussian_is_brighter(psf_type):
     disc = render(*isolated(9.0), aperture=Aperture(psf_type=psf_type), num_layers=1).render[0]
     m = disc.shape[0] // 2
     ratio = float(disc[m, m] / disc[m, m + 7])
@@ -203,7 +143,7 @@ def test_the_middle_of_a_gaussian_is_brighter(psf_type: str) -> None:
 
 @pytest.mark.parametrize("r", [-10.8, 5.3, 12.0, 17.0, -23.0])
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_a_light_does_not_stop_itself(quality: str, r: float) -> None:
+def test_a_light_does_not_stop_itself(quality, r):
     """Whatever the distance of the slice radii between which its own surface lies."""
     image = torch.zeros(1, 121, 121, dtype=torch.float64)
     image[0, 60, 60] = 50.0
@@ -213,7 +153,7 @@ def test_a_light_does_not_stop_itself(quality: str, r: float) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 8, 16])
-def test_few_layers_keep_the_energy_of_a_light(count: int) -> None:
+def test_few_layers_keep_the_energy_of_a_light(count):
     image = torch.zeros(1, 81, 161, dtype=torch.float64)
     image[0, 40, 80] = 50.0
     radius = torch.zeros(81, 161, dtype=torch.float64)
@@ -223,7 +163,7 @@ def test_few_layers_keep_the_energy_of_a_light(count: int) -> None:
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_an_odd_polygon_is_one_pupil_at_every_quality(quality: str) -> None:
+def test_an_odd_polygon_is_one_pupil_at_every_quality(quality):
     """Parts count by their area: a triangle's halves are not equal."""
     image, radius = plane(9.0)
     triangle = Aperture(3)
@@ -234,7 +174,7 @@ def test_an_odd_polygon_is_one_pupil_at_every_quality(quality: str) -> None:
 
 
 @pytest.mark.parametrize("edges", [False, True])
-def test_what_is_in_focus_is_copied_wherever_it_is(edges: bool) -> None:
+def test_what_is_in_focus_is_copied_wherever_it_is(edges):
     """Region by region, to the last bit, also beside a blurred part and in every output."""
     image = torch.rand(3, 300, 1500, generator=torch.Generator().manual_seed(8))
     radius = torch.full((300, 1500), 0.1)
@@ -243,15 +183,14 @@ def test_what_is_in_focus_is_copied_wherever_it_is(edges: bool) -> None:
         radius[:, :300] = -6.0
     with torch.no_grad():
         seen = render(image, radius, left_right=True)
-    for picture in (seen.render, seen.left, seen.right):
-        assert picture is not None
+    for picture in seen.images:
         assert torch.equal(picture[..., 900:], image[..., 900:])
     assert (seen.trust[..., 900:] == 1).all()
     assert 0 < seen.stats["pixels_copied"] < image[0].numel()
     assert worst(render(image, radius.requires_grad_()).render.detach(), seen.render) < 2e-6
 
 
-def test_pixels_count_as_blurred_where_slices_were_asked_for() -> None:
+def test_pixels_count_as_blurred_where_slices_were_asked_for():
     image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 0.1)
     with torch.no_grad():
         assert torch.equal(render(image, radius).render, image)
@@ -260,7 +199,7 @@ def test_pixels_count_as_blurred_where_slices_were_asked_for() -> None:
 
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("slope", [0.02, 0.05, 0.1])
-def test_a_light_on_a_slope_keeps_its_light(slope: float, quality: str) -> None:
+def test_a_light_on_a_slope_keeps_its_light(slope, quality):
     """A slope magnifies on one side of the aperture by what it takes away on the other."""
     ground = torch.full((3, 120, 140), 0.3, dtype=torch.float64)
     radius = (slope * (torch.arange(140.0) - 70) + 6).expand(120, 140).double().contiguous()

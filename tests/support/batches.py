@@ -1,20 +1,13 @@
 """Small batches for the tests."""
 
-from __future__ import annotations
-
 import json
 import os
-from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
-from command_line import Ran, pair, render
+from command_line import pair, render
 
-from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
 from defocus_core.batch.lenses.lens import lens_record
-from defocus_core.batch.workers.plan import Chunk, Done, Execute
 
 JOBS = """
 [inputs]
@@ -30,7 +23,7 @@ kinds = ["coc"]
 """
 
 
-def jobs_file(folder: Path, *stems: str, text: str = JOBS) -> Path:
+def jobs_file(folder, *stems, text=JOBS):
     """A jobs file, and two lenses' worth of pictures beside it."""
     for stem in stems or ("a", "b"):
         for file in pair(folder, stem):
@@ -41,30 +34,30 @@ def jobs_file(folder: Path, *stems: str, text: str = JOBS) -> Path:
 
 
 @pytest.fixture
-def folders(tmp_path: Path) -> tuple[Path, Path]:
+def folders(tmp_path):
     """Directories of three pictures."""
     for stem in "abc":
         color, depth = pair(tmp_path, stem)
     return color.parent, depth.parent
 
 
-def again(folders: tuple[Path, Path], out: Path, *args: str) -> Ran:
+def again(folders, out, *args):
     """The CoC of these pictures, whatever was done before."""
     return render(*folders, "-o", out, "--outputs", "coc", *args)
 
 
-def records(out: Path, name: str = "journal.jsonl") -> list[dict[str, Any]]:
+def records(out, name="journal.jsonl"):
     lines = (out / name).read_text().splitlines()
     return [json.loads(line) for line in lines if line]
 
 
-def contents(out: Path) -> dict[str, bytes]:
+def contents(out):
     """All files but journals."""
     found = {path for path in out.rglob("*") if path.is_file() and "journal" not in path.name}
     return {str(path.relative_to(out)): path.read_bytes() for path in found}
 
 
-def without_times(out: Path) -> list[dict[str, Any]]:
+def without_times(out):
     """The records by name, less what differs from one run to another."""
     found = []
     for record in records(out):
@@ -74,10 +67,10 @@ def without_times(out: Path) -> list[dict[str, Any]]:
     return sorted(found, key=lambda record: str(record["sample_id"]))
 
 
-def make_believe(out: Path) -> Execute:
+def make_believe(out):
     """Does jobs without computing anything; the files are there, and hold their names."""
 
-    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+    def execute(chunks, done, stopped):
         for chunk in chunks:
             for number, job in chunk:
                 done(number, _pretended(job, out))
@@ -85,7 +78,7 @@ def make_believe(out: Path) -> Execute:
     return execute
 
 
-def _pretended(job: Job, out: Path) -> dict[str, Any]:
+def _pretended(job, out):
     outputs = {}
     for name, path in job.names.items():
         (out / path).parent.mkdir(exist_ok=True)

@@ -1,12 +1,7 @@
 """A headless Chromium that opens a report, and reads what it shows."""
 
-from __future__ import annotations
-
 import shutil
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,7 +18,7 @@ _PIXEL = """([x, y]) => {
 
 
 @contextmanager
-def chromium() -> Iterator[Any]:
+def chromium():
     """A browser; without one, the test is skipped."""
     playwright = pytest.importorskip(
         "playwright.sync_api", reason="needs playwright; pip install it"
@@ -40,7 +35,7 @@ def chromium() -> Iterator[Any]:
 class Page:
     """A report that is open."""
 
-    def __init__(self, browser: Any, file: Path, **settings: Any) -> None:
+    def __init__(self, browser, file, **settings):
         script = settings.pop("script", "")
         self.page = browser.new_page(viewport={"width": 1400, "height": 900}, **settings)
         self.complaints: list[str] = []
@@ -52,44 +47,44 @@ class Page:
             self.page.add_init_script(script)
         self.page.goto(file.as_uri())
 
-    def press(self, *keys: str) -> None:
+    def press(self, *keys):
         """Press keys, and let the picture be drawn."""
         for key in keys:
             self.page.keyboard.press(key)
         self.settle()
 
-    def settle(self) -> None:
+    def settle(self):
         """Wait until the picture is drawn with all its values."""
         self.wait("document.getElementById('canvas').dataset.drawn")
         self.page.evaluate(
             "new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
         )
 
-    def pixel(self, x: float, y: float) -> list[int]:
+    def pixel(self, x, y):
         """The colour at a place of the view, in parts of its width and height."""
         self.settle()
         return list(self.page.evaluate(_PIXEL, [x, y]))
 
-    def text(self, selector: str) -> str:
+    def text(self, selector):
         """The text of an element."""
         return str(self.page.text_content(selector))
 
-    def names(self) -> list[str]:
+    def names(self):
         """The names in the table, as it is sorted and filtered."""
         return list(self.page.locator("tbody tr:visible .name").all_text_contents())
 
-    def point(self, x: float, y: float) -> None:
+    def point(self, x, y):
         """Move the pointer to a place of the view, in parts of its width and height."""
         box = self.page.locator("#canvas").bounding_box()
         self.page.mouse.move(box["x"] + x * box["width"], box["y"] + y * box["height"])
 
-    def wait(self, condition: str) -> None:
+    def wait(self, condition):
         """Wait until a condition holds, in JavaScript; the page itself may evaluate none."""
         while not self.page.evaluate(condition):
             assert not self.complaints, condition
             self.page.wait_for_timeout(20)
 
-    def close(self) -> None:
+    def close(self):
         """Close it; there must have been no complaint, and nothing loaded but the file."""
         self.page.close()
         assert self.complaints == []

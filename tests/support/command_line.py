@@ -1,10 +1,7 @@
 """Runs the command line inside the test process, and makes small inputs for it."""
 
-from __future__ import annotations
-
 import io
 import json
-from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,22 +31,22 @@ class Ran:
     error: DefocusError | ClickException | None = None
 
     @property
-    def json(self) -> Any:
+    def json(self):
         return json.loads(self.out)
 
 
 class Terminal(io.StringIO):
     """A stream that a person watches."""
 
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 
-def run(*args: str | Path, err: io.StringIO | None = None) -> Ran:
+def run(*args, err=None):
     out, err = io.StringIO(), err or io.StringIO()
     ended: list[Any] = []
 
-    def noting(say: Callable[[Any], Any]) -> Callable[[Any], Any]:
+    def noting(say):
         return lambda error: (ended.append(error), say(error))[1]
 
     with (
@@ -62,11 +59,23 @@ def run(*args: str | Path, err: io.StringIO | None = None) -> Ran:
     return Ran(code, out.getvalue(), err.getvalue(), *ended)
 
 
-def render(*args: str | Path) -> Ran:
+def render(*args):
     return run("render", *LENS, *args)
 
 
-def failed(ran: Ran, exit_code: int, code: str | None, *at: str | Path) -> None:
+def succeed(*args):
+    """Run a command that ends well."""
+    ran = run(*args)
+    assert ran.code == 0, ran.err
+    return ran
+
+
+def photograph(*args):
+    """Render by the lens of most tests, which ends well."""
+    return succeed("render", *LENS, *args)
+
+
+def failed(ran, exit_code, code, *at):
     """Assert that the run ended with this error, whatever was done and said before.
 
     Args:
@@ -89,7 +98,7 @@ def failed(ran: Ran, exit_code: int, code: str | None, *at: str | Path) -> None:
         assert str(each) in subjects, ran.err
 
 
-def refused(ran: Ran, exit_code: int, code: str | None, *at: str | Path) -> None:
+def refused(ran, exit_code, code, *at):
     """Assert that the run did nothing but say this error in one line."""
     failed(ran, exit_code, code, *at)
     assert ran.out == ""
@@ -97,7 +106,7 @@ def refused(ran: Ran, exit_code: int, code: str | None, *at: str | Path) -> None
     assert ran.err.count("\n") == 1
 
 
-def refused_input(ran: Ran, file: Path, *codes: str) -> None:
+def refused_input(ran, file, *codes):
     """Refused because of ``file``, for one of ``codes``, with nothing written beside the inputs."""
     assert isinstance(ran.error, DefocusError)
     assert ran.error.code in codes, ran.err
@@ -106,7 +115,7 @@ def refused_input(ran: Ran, file: Path, *codes: str) -> None:
     assert not (file.parent / "out").exists()
 
 
-def write_exr(path: Path, **channels: np.ndarray[Any, Any]) -> Path:
+def write_exr(path, **channels):
     path.parent.mkdir(parents=True, exist_ok=True)
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     named = {name.replace("_", "."): np.ascontiguousarray(v) for name, v in channels.items()}
@@ -114,51 +123,51 @@ def write_exr(path: Path, **channels: np.ndarray[Any, Any]) -> Path:
     return path
 
 
-def read_exr(path: Path) -> dict[str, np.ndarray[Any, Any]]:
+def read_exr(path):
     channels = OpenEXR.File(str(path), separate_channels=True).channels()
     return {name: np.asarray(channel.pixels) for name, channel in channels.items()}
 
 
-def header(path: Path) -> dict[str, Any]:
+def header(path):
     return dict(OpenEXR.File(str(path), separate_channels=True).header())
 
 
-def texture(width: int = WIDTH, height: int = HEIGHT, seed: int = 0) -> np.ndarray[Any, Any]:
+def texture(width=WIDTH, height=HEIGHT, seed=0):
     """A colour image, float32 [H, W, 3] in 0…1."""
     return np.random.default_rng(seed).random((height, width, 3), np.float32)
 
 
-def ramp(width: int = WIDTH, height: int = HEIGHT) -> np.ndarray[Any, Any]:
+def ramp(width=WIDTH, height=HEIGHT):
     """Depth in metres from 1 at the left to 4 at the right, float32 [H, W]."""
     return np.tile(np.linspace(1, 4, width, dtype=np.float32), (height, 1))
 
 
-def color_exr(path: Path, pixels: np.ndarray[Any, Any] | None = None) -> Path:
+def color_exr(path, pixels=None):
     pixels = texture() if pixels is None else pixels
     return write_exr(path, R=pixels[..., 0], G=pixels[..., 1], B=pixels[..., 2])
 
 
-def depth_exr(path: Path, metres: np.ndarray[Any, Any] | None = None) -> Path:
+def depth_exr(path, metres=None):
     return write_exr(path, Z=ramp() if metres is None else metres)
 
 
-def pair(folder: Path, stem: str = "a") -> tuple[Path, Path]:
+def pair(folder, stem="a"):
     """A colour and a depth file of one picture."""
     return color_exr(folder / "rgb" / f"{stem}.exr"), depth_exr(folder / "depth" / f"{stem}.exr")
 
 
-def files_under(folder: Path) -> set[str]:
+def files_under(folder):
     """All files but the journal and its copy."""
     found = {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_file()}
     return found - {"journal.jsonl"}
 
 
-def hidden_in(folder: Path) -> set[str]:
+def hidden_in(folder):
     """The names of all hidden files."""
     return {path.name for path in folder.rglob(".*")}
 
 
-def thin_lens_radius(z_mm: np.ndarray[Any, Any], *, s: float = 2000.0) -> np.ndarray[Any, Any]:
+def thin_lens_radius(z_mm, *, s=2000.0):
     """f²/(N (s − f)) (z − s)/z / (2 p) for the lens of `command_line.LENS`."""
     f, N = 50.0, 2.0
     return np.asarray(f * f / (N * (s - f)) * (z_mm - s) / z_mm / (2 * PITCH))

@@ -46,9 +46,7 @@ class Source:
     radius: Pixels
     near: Pixels
 
-    def rendered(
-        self, scale: float = 1.0, shift: float = 0.0, move: float = 0.0, **how: Any
-    ) -> Pixels:
+    def rendered(self, scale=1.0, shift=0.0, move=0.0, **how):
         """The picture by radii × scale + shift, its near parts moved by ``move`` px."""
         image, radius = self.image, self.radius
         if move:
@@ -59,7 +57,7 @@ class Source:
             image, radius = image[rows, x], radius[rows, x]
         return _render(image, radius * scale + shift, **how)
 
-    def half(self, nearest: bool) -> Pixels:
+    def half(self, nearest):
         """The picture rendered at half of the size, and enlarged again."""
         height, width = (side // 2 * 2 for side in self.radius.shape)
         small = _render(halved(self.image), self.radius[:height:2, :width:2] / 2)
@@ -68,7 +66,7 @@ class Source:
         return np.pad(large, [*pad, (0, 0)], mode="edge")
 
 
-def _render(image: Pixels, radius: Pixels, view: str = "render", **how: Any) -> Pixels:
+def _render(image, radius, view="render", **how):
     picture = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
     views = render(
         picture,
@@ -82,7 +80,7 @@ def _render(image: Pixels, radius: Pixels, view: str = "render", **how: Any) -> 
 
 
 @cache
-def source(name: str, step: int = 2) -> Source:
+def source(name, step=2):
     """A sample scene, each side divided by ``step``, with lights of 8 and a half."""
     image, depth = (
         oiio.ImageBuf(str(FOLDER / name / file)).get_pixels(oiio.FLOAT)
@@ -113,39 +111,39 @@ class Maker:
     rng: np.random.Generator
 
     @property
-    def size(self) -> tuple[int, int]:
+    def size(self):
         return self.a.shape[0], self.a.shape[1]
 
 
 Change = Callable[[Maker], Pixels]
 
 
-def _tones(curve: Callable[[Pixels], Pixels]) -> Change:
+def _tones(curve):
     """A curve of the sRGB-encoded values below 1; light beyond keeps its distance to white."""
 
-    def change(m: Maker) -> Pixels:
+    def change(m):
         shown = curve(linear_to_srgb(m.a.clip(0, 1)))
         return (srgb_to_linear(shown.clip(0, 1)) + np.maximum(m.a - 1, 0)).astype(np.float32)
 
     return change
 
 
-def _vignette(m: Maker) -> Pixels:
+def _vignette(m):
     height, width = m.size
     y, x = np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j]
     return m.a * np.float32(1 - 0.12 * (x * x + y * y))[..., None]
 
 
-def _saturated(amount: float) -> Change:
-    def change(m: Maker) -> Pixels:
+def _saturated(amount):
+    def change(m):
         luma = m.a @ np.float32([0.2126, 0.7152, 0.0722])
         return np.maximum(luma[..., None] + np.float32(amount) * (m.a - luma[..., None]), 0)
 
     return change
 
 
-def _tile_gains(side: int) -> Change:
-    def change(m: Maker) -> Pixels:
+def _tile_gains(side):
+    def change(m):
         gains = m.rng.uniform(0.985, 1.015, (20, 20))
         rows, columns = (np.arange(n) // side for n in m.size)
         return m.a * np.float32(gains[rows][:, columns])[..., None]
@@ -153,8 +151,8 @@ def _tile_gains(side: int) -> Change:
     return change
 
 
-def _seams(period: int, wide: int, gain: float) -> Change:
-    def change(m: Maker) -> Pixels:
+def _seams(period, wide, gain):
+    def change(m):
         b = m.a.copy()
         for axis, length in enumerate(m.size):
             near = (np.arange(length) + wide // 2) % period < wide
@@ -166,7 +164,7 @@ def _seams(period: int, wide: int, gain: float) -> Change:
     return change
 
 
-def _tiles_exchanged(m: Maker) -> Pixels:
+def _tiles_exchanged(m):
     b, side = m.a.copy(), 32
     b[side : 2 * side, :side], b[:side, 2 * side : 3 * side] = (
         m.a[:side, 2 * side : 3 * side],
@@ -175,15 +173,15 @@ def _tiles_exchanged(m: Maker) -> Pixels:
     return b
 
 
-def _fields_exchanged(m: Maker) -> Pixels:
+def _fields_exchanged(m):
     rows = np.arange(len(m.a)) ^ 1
     return m.a[rows.clip(0, len(m.a) - 1)]
 
 
-def _halo(reach: int, gain: float) -> Change:
+def _halo(reach, gain):
     """Light of another strength on the far side of silhouettes."""
 
-    def change(m: Maker) -> Pixels:
+    def change(m):
         near = m.source.near > 0.5 * (m.source.near.max() + np.median(m.source.near))
         wide = summed(near[..., None].astype(np.float32), np.ones((2 * reach + 1,) * 2))[..., 0] > 0
         return m.a * np.where(wide & ~near, np.float32(gain), np.float32(1))[..., None]
@@ -191,15 +189,15 @@ def _halo(reach: int, gain: float) -> Change:
     return change
 
 
-def _fireflies(m: Maker) -> Pixels:
+def _fireflies(m):
     b = m.a.copy()
     for _ in range(7):
         b[m.rng.integers(0, len(b)), m.rng.integers(0, b.shape[1])] += m.rng.uniform(3, 30)
     return b
 
 
-def _patch(value: float, side: int = 16) -> Change:
-    def change(m: Maker) -> Pixels:
+def _patch(value, side=16):
+    def change(m):
         b = m.a.copy()
         b[20 : 20 + side, 40 : 40 + side] = value
         return b
@@ -207,44 +205,44 @@ def _patch(value: float, side: int = 16) -> Change:
     return change
 
 
-def _noise(sigma: float) -> Change:
+def _noise(sigma):
     return lambda m: (m.a + sigma * m.rng.standard_normal(m.a.shape)).astype(np.float32)
 
 
-def _motion(reach: int, slanted: bool = False) -> Change:
+def _motion(reach, slanted=False):
     kernel = np.eye(2 * reach + 1) if slanted else np.zeros((2 * reach + 1,) * 2)
     kernel[reach] += not slanted
     return lambda m: summed(m.a, kernel)
 
 
-def _sharpened(m: Maker) -> Pixels:
+def _sharpened(m):
     return m.a + np.float32(0.6) * (m.a - summed(m.a, np.ones((3, 3))))
 
 
-def _quantised(levels: int) -> Change:
+def _quantised(levels):
     return lambda m: np.round(m.a * levels) / np.float32(levels)
 
 
-def _quantised_srgb(m: Maker) -> Pixels:
+def _quantised_srgb(m):
     return srgb_to_linear(np.rint(linear_to_srgb(m.a.clip(0, 1)) * 255) / 255).astype(np.float32)
 
 
-def _s_curve(v: Pixels) -> Pixels:
+def _s_curve(v):
     return v + np.float32(0.5) * v * (1 - v) * (v - np.float32(0.5))
 
 
-def _into(primaries: str) -> Change:
+def _into(primaries):
     return lambda m: converted(primaries, m.a)
 
 
-def _matrix(rows: Any) -> Change:
+def _matrix(rows):
     return lambda m: m.a @ np.float32(rows).T
 
 
-def _resized(factor: int, how: str) -> Change:
+def _resized(factor, how):
     """Means of squares of pixels, enlarged again by OpenImageIO."""
 
-    def change(m: Maker) -> Pixels:
+    def change(m):
         height, width = (n // factor * factor for n in m.size)
         cut = m.a[:height, :width]
         small = cut.reshape(height // factor, factor, width // factor, factor, 3).mean((1, 3))
@@ -261,18 +259,18 @@ def _resized(factor: int, how: str) -> Change:
     return change
 
 
-def _padded(image: Pixels, size: tuple[int, int]) -> Pixels:
+def _padded(image, size):
     pad = [(0, n - k) for n, k in zip(size, image.shape, strict=False)]
     return np.pad(image, [*pad, (0, 0)], mode="edge").astype(np.float32)
 
 
-def _noisy(image: Pixels, rng: np.random.Generator, amount: float) -> Pixels:
+def _noisy(image, rng, amount):
     """With noise of photons."""
     noise = rng.standard_normal(image.shape)
     return (image + amount * np.sqrt(np.maximum(image, 0.01)) * noise).astype(np.float32)
 
 
-def _bilateral(image: Pixels) -> Pixels:
+def _bilateral(image):
     """Smeared as by a denoiser: means of neighbours that are alike."""
     shown = linear_to_srgb(image.clip(0, 1)).mean(axis=2)
     total, weights = np.zeros_like(image), np.zeros((*shown.shape, 1), np.float32)
@@ -283,10 +281,10 @@ def _bilateral(image: Pixels) -> Pixels:
     return (total / weights).astype(np.float32)
 
 
-def _of_channel(k: int, change: Change) -> Change:
+def _of_channel(k, change):
     """What is done to one channel alone."""
 
-    def changed(m: Maker) -> Pixels:
+    def changed(m):
         b = m.a.copy()
         b[..., k] = change(m)[..., k]
         return b
@@ -294,34 +292,34 @@ def _of_channel(k: int, change: Change) -> Change:
     return changed
 
 
-def _ghost(m: Maker) -> Pixels:
+def _ghost(m):
     return np.float32(0.6) * m.a + np.float32(0.4) * np.roll(m.a, 6, axis=1)
 
 
-def _monochrome(*weights: float) -> Change:
+def _monochrome(*weights):
     return lambda m: (m.a @ np.float32(weights))[..., None].repeat(3, axis=2)
 
 
-def _lines(m: Maker) -> Pixels:
+def _lines(m):
     b = m.a.copy()
     b[len(b) // 3] = 0
     return b
 
 
-def _covered(m: Maker) -> Pixels:
+def _covered(m):
     """A block of the picture replaced by another part of it."""
     b, (height, width) = m.a.copy(), m.size
     b[height // 2 : height // 2 + 60, 20:110] = m.a[10:70, width // 2 : width // 2 + 90]
     return b
 
 
-def _dropped(m: Maker) -> Pixels:
+def _dropped(m):
     b = m.a.copy()
     b[m.rng.integers(0, len(b), 9), m.rng.integers(0, b.shape[1], 9)] = 0
     return b
 
 
-def _roll(dy: int, dx: int) -> Change:
+def _roll(dy, dx):
     return lambda m: np.roll(m.a, (dy, dx), axis=(0, 1))
 
 
@@ -470,7 +468,7 @@ PAIRS: dict[str, tuple[tuple[str, ...], Callable[[Maker], tuple[Pixels, Pixels]]
 }
 
 
-def _denoised(m: Maker, how: Callable[[Pixels], Pixels]) -> tuple[Pixels, Pixels]:
+def _denoised(m, how):
     noisy = _noisy(m.a, m.rng, 0.03)
     return noisy, how(noisy)
 
@@ -486,18 +484,18 @@ OF_INTEGERS = (
 )
 
 
-def _exr(path: Path, image: Pixels, alpha: Pixels | None = None, dtype: Any = np.float16) -> Path:
+def _exr(path, image, alpha=None, dtype=np.float16):
     made = planes(image, dtype)
     if alpha is not None:
         made["A"] = alpha.astype(dtype)
     return write_planes(path, made)
 
 
-def _eight(image: Pixels) -> Pixels:
+def _eight(image):
     return np.rint(linear_to_srgb(image.clip(0, 1)) * 255).astype(np.uint8)
 
 
-def _jpeg(folder: Path, image: Pixels, quality: int) -> Pixels:
+def _jpeg(folder, image, quality):
     """Samples of 8 bits as a JPEG of that quality has them."""
     file = save(
         folder / "lossy.jpg",
@@ -518,7 +516,7 @@ class Pair:
     b: Path
 
 
-def _lossy(folder: Path, m: Maker, a: Path, png: Path) -> list[Pair]:
+def _lossy(folder, m, a, png):
     """Pairs of lossy codecs, alone and after something else."""
     pairs = []
     jpeg = ("compressed with losses",)
@@ -538,7 +536,7 @@ def _lossy(folder: Path, m: Maker, a: Path, png: Path) -> list[Pair]:
     return pairs
 
 
-def _with_alpha(folder: Path, m: Maker) -> list[Pair]:
+def _with_alpha(folder, m):
     """A picture that is transparent at a soft disc, divided and multiplied by its alpha."""
     y, x = np.mgrid[-1 : 1 : m.size[0] * 1j, -1 : 1 : m.size[1] * 1j]
     alpha = np.clip(6 * (0.8 - np.hypot(x, y)), 0, 1).astype(np.float32)
@@ -562,9 +560,7 @@ def _with_alpha(folder: Path, m: Maker) -> list[Pair]:
     return [*pairs, Pair("no alpha", ("missing channel",), a, _exr(folder / "rgb.exr", light))]
 
 
-def faults(
-    folder: Path, name: str | Source, seed: int = 0, step: int = 2, only: Any = None
-) -> list[Pair]:
+def faults(folder, name, seed=0, step=2, only=None):
     """Pairs with a fault each, of one scene."""
     scene = name if isinstance(name, Source) else source(name, step)
     m = Maker(
@@ -593,7 +589,7 @@ def faults(
     return pairs
 
 
-def benign(folder: Path, name: str | Source, seed: int = 0, step: int = 2) -> list[Pair]:
+def benign(folder, name, seed=0, step=2):
     """Pairs whose differences do not matter, of one scene."""
     scene, rng = (
         name if isinstance(name, Source) else source(name, step),

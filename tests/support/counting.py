@@ -1,15 +1,13 @@
 """Work counted in calls of functions, which depend on no machine and on no other work."""
 
 import sys
-from collections.abc import Callable
-from typing import Any
 
 
-def calls(work: Callable[[], object]) -> int:
+def calls(work):
     """How many functions are called meanwhile in this thread, Python's and those of C."""
     count = 0
 
-    def note(frame: Any, event: str, argument: Any) -> None:
+    def note(frame, event, argument):
         nonlocal count
         count += event in ("call", "c_call")
 

@@ -1,25 +1,11 @@
 """Deep EXR files, written by OpenImageIO: in scan lines or tiles, of half or float."""
 
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-
-import numpy as np
 import OpenImageIO as oiio  # noqa: N813
-from numpy.typing import NDArray
-
-Sample = Mapping[str, float]
 
 
 def write_deep_samples(
-    path: Path,
-    pixels: Sequence[Sequence[Sequence[Sample]]],
-    names: Sequence[str] = ("R", "G", "B", "A", "Z"),
-    *,
-    light: str = "half",
-    tile: int = 0,
-    corner: tuple[int, int] = (0, 0),
-    full: tuple[int, int] | None = None,
-) -> Path:
+    path, pixels, names=("R", "G", "B", "A", "Z"), *, light="half", tile=0, corner=(0, 0), full=None
+):
     """Write rows of pixels, each a list of samples by name of the channel, in any order."""
     height, width = len(pixels), len(pixels[0])
     spec = oiio.ImageSpec(width, height, len(names), "float")
@@ -45,9 +31,7 @@ def write_deep_samples(
     return path
 
 
-def from_layers(
-    colors: NDArray[np.float32], depth: NDArray[np.float32], coverage: NDArray[np.float32]
-) -> list[list[list[dict[str, float]]]]:
+def from_layers(colors, depth, coverage):
     """Samples of layers [L, 3, H, W] that have coverage [L, H, W], in order of the layers."""
     count, height, width = coverage.shape
     return [

@@ -1,25 +1,21 @@
 """Depth files as their formats' own rules say, written without the code under test."""
 
-from __future__ import annotations
-
 import base64
 import struct
-from pathlib import Path
-from typing import Any
 
 import numpy as np
+import pytest
 from image_files import png_chunk, save
-from optional_libraries import require_scipy
 
 
-def png(path: Path, values: Any, dtype: type = np.uint16) -> Path:
+def png(path, values, dtype=np.uint16):
     """A PNG of integers [H, W] or [H, W, C]."""
     samples = np.asarray(values)
     samples = samples if samples.ndim == 3 else samples[:, :, None]
     return save(path, np.ascontiguousarray(samples.astype(dtype)))
 
 
-def pfm(path: Path, values: Any, *, big: bool = False) -> Path:
+def pfm(path, values, *, big=False):
     """A grey PFM, rows from bottom to top."""
     height, width = values.shape
     head = f"Pf\n{width} {height}\n{'1.0' if big else '-1.0'}\n".encode()
@@ -27,14 +23,14 @@ def pfm(path: Path, values: Any, *, big: bool = False) -> Path:
     return path
 
 
-def npy(path: Path, values: Any, dtype: type = np.float32) -> Path:
+def npy(path, values, dtype=np.float32):
     """An NPY file."""
     path.parent.mkdir(parents=True, exist_ok=True)
     np.save(path, np.asarray(values, dtype))
     return path
 
 
-def dpt(path: Path, values: Any) -> Path:
+def dpt(path, values):
     """Sintel's depth: tag, width, height, rows."""
     height, width = values.shape
     head = struct.pack("<fii", 202021.25, width, height)
@@ -42,14 +38,14 @@ def dpt(path: Path, values: Any) -> Path:
     return path
 
 
-def colmap(path: Path, values: Any) -> Path:
+def colmap(path, values):
     """COLMAP's dense map."""
     height, width = values.shape
     path.write_bytes(f"{width}&{height}&1&".encode() + np.asarray(values).astype("<f4").tobytes())
     return path
 
 
-def with_text(path: Path, **texts: str) -> Path:
+def with_text(path, **texts):
     """Text chunks before the end of a PNG."""
     data = path.read_bytes()
     end = data.index(b"IEND") - 4
@@ -58,24 +54,14 @@ def with_text(path: Path, **texts: str) -> Path:
     return path
 
 
-def matlab(path: Path, name: str, values: Any, *, compressed: bool = False) -> Path:
+def matlab(path, name, values, *, compressed=False):
     """A MATLAB 5 file of one array; the test is left out where scipy is not installed."""
-    require_scipy()
-    from scipy.io import savemat
-
-    savemat(path, {name: values}, do_compression=compressed)
+    scipy_io = pytest.importorskip("scipy.io")
+    scipy_io.savemat(path, {name: values}, do_compression=compressed)
     return path
 
 
-def gdepth(
-    path: Path,
-    depth_png: bytes,
-    *,
-    turn: int = 1,
-    picture: Any = None,
-    sharp: bytes = b"",
-    **properties: object,
-) -> Path:
+def gdepth(path, depth_png, *, turn=1, picture=None, sharp=b"", **properties):
     """A JPEG whose XMP has GDepth, its image in two parts of the extended XMP."""
     picture = np.full((2, 3, 3), 128, np.uint8) if picture is None else picture
     save(path, picture, Orientation=turn)

@@ -8,9 +8,9 @@ What only a GPU does (its rounding, its memory) is not pretended.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
 import torch
@@ -48,7 +48,7 @@ class Elsewhere(Tensor):
     held: Tensor
 
     @staticmethod
-    def __new__(cls, held: Tensor) -> Elsewhere:
+    def __new__(cls, held):
         made: Elsewhere = Tensor._make_wrapper_subclass(
             cls,
             held.size(),
@@ -60,34 +60,32 @@ class Elsewhere(Tensor):
         made.held = held
         return made
 
-    def __repr__(self, **_: object) -> str:  # type: ignore[override]
+    def __repr__(self, **_):
         return f"Elsewhere({self.held})"
 
-    def tolist(self) -> list[Any]:
+    def tolist(self):
         return self.cpu().tolist()
 
-    def numpy(self, **_: object) -> Any:  # type: ignore[override]
+    def numpy(self, **_):
         raise TypeError("what is on a device is no array of numpy")
 
     @classmethod
-    def __torch_dispatch__(
-        cls, func: Any, types: Any, args: Any = (), kwargs: Any = None
-    ) -> object:
+    def __torch_dispatch__(cls, func, types, args=(), kwargs=None):
         return _run(func, args, kwargs or {})
 
 
-def there(values: Tensor) -> Tensor:
+def there(values):
     """The same on the other device."""
     return Elsewhere(values)
 
 
-def here(values: Tensor) -> Tensor:
+def here(values):
     """The values of a tensor that must be on the other device."""
     assert isinstance(values, Elsewhere)
     return values.held
 
 
-def _run(func: Any, args: Any, kwargs: Any) -> object:
+def _run(func, args, kwargs):
     """An operation on the device on which its tensors are, or that it names."""
     name = func._schema.name
     tensors = [x for x in tree_flatten((args, kwargs))[0] if isinstance(x, Tensor)]
@@ -117,7 +115,7 @@ def _run(func: Any, args: Any, kwargs: Any) -> object:
         return result
     changed = {id(x.held): x for x in away} if func._schema.is_mutable else {}
 
-    def moved(x: object) -> object:
+    def moved(x):
         if not isinstance(x, Tensor):
             return x
         if id(x) in changed:
@@ -127,25 +125,21 @@ def _run(func: Any, args: Any, kwargs: Any) -> object:
     return tree_map(moved, result)
 
 
-def _held(x: object) -> object:
+def _held(x):
     return x.held if isinstance(x, Elsewhere) else x
 
 
 class _Made(TorchDispatchMode):
     """What is made on the other device."""
 
-    def __torch_dispatch__(
-        self, func: Any, types: Any, args: Any = (), kwargs: Any = None
-    ) -> object:
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         return _run(func, args, kwargs or {})
 
 
 class _Given(TorchFunctionMode):
     """What is made on the other device of numbers of Python's."""
 
-    def __torch_function__(
-        self, func: Any, types: Any, args: Any = (), kwargs: Any = None
-    ) -> object:
+    def __torch_function__(self, func, types, args=(), kwargs=None):
         kwargs = dict(kwargs or {})
         if func is torch.as_tensor and isinstance(args[0], Tensor):
             return args[0].to(**kwargs)
@@ -163,7 +157,7 @@ class _Given(TorchFunctionMode):
 
 
 @contextmanager
-def elsewhere() -> Iterator[None]:
+def elsewhere():
     """Where the other device is known."""
     waits.clear()
     with _known(), pytest.MonkeyPatch.context() as patch:
@@ -171,8 +165,8 @@ def elsewhere() -> Iterator[None]:
         patch.setattr(torch, "inference_mode", lambda mode=True: nullcontext())
         checkpoint = checkpointing.checkpoint
 
-        def again(work: Callable[[object], object], *args: object, **options: object) -> object:
-            def worked(*pieces: object) -> object:
+        def again(work, *args, **options):
+            def worked(*pieces):
                 with _known():  # modes are those of whom the backward pass belongs to
                     return work(*pieces)
 
@@ -183,7 +177,7 @@ def elsewhere() -> Iterator[None]:
 
 
 @contextmanager
-def _known() -> Iterator[None]:
+def _known():
     with _Made(), _Given():
         yield
 

@@ -1,14 +1,11 @@
 """Pictures at the ends of all options, and what in their views or gradients is not finite."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
 import torch
-from torch import Tensor
 
-from defocus_core import Aperture, CatEye, DualPixel, PupilImage, Views, render
+from defocus_core import Aperture, CatEye, DualPixel, PupilImage, render
 
 DTYPES = (torch.float16, torch.bfloat16, torch.float32, torch.float64)
 KINDS = ("constant", "slanted", "checkerboard", "random")
@@ -23,7 +20,7 @@ _MIN_SCALE = 2e-2
 _ROUNDING, _OVERSHOOT = 1e-3, 0.1
 
 
-def dots() -> PupilImage:
+def dots():
     """A pupil whose light lies aside of its middle."""
     picture = torch.zeros(9, 9, dtype=torch.float64)
     picture[1, 2], picture[7, 7], picture[0, 8] = 1.0, 0.5, 0.2
@@ -64,7 +61,7 @@ class Extreme:
     learnt: str = ""
     options: dict[str, Any] = field(default_factory=dict)
 
-    def scene(self) -> tuple[Tensor, Tensor]:
+    def scene(self):
         """The picture [3, H, W] and its radii [H, W]."""
         generator, (H, W) = torch.Generator().manual_seed(self.seed), self.size
         noise = torch.rand(4, H, W, generator=generator, dtype=torch.float64)
@@ -82,7 +79,7 @@ class Extreme:
         wide = self.dtype == torch.float64
         return image.to(self.dtype), radius if wide else radius.float()
 
-    def views(self, image: Tensor, radius: Tensor, leaf: Tensor | None = None) -> Views:
+    def views(self, image, radius, leaf=None):
         """The picture rendered, `leaf` in place of the number that learns."""
         pupil, rim = dict(self.pupil), dict(self.rim)
         if leaf is not None:
@@ -93,7 +90,7 @@ class Extreme:
         aperture, pair = Aperture(**pupil), DualPixel(**self.pair)
         return render(image, radius, aperture=aperture, dual_pixel=pair, left_right=True, **options)
 
-    def _beyond(self, image: Tensor, views: dict[str, Tensor]) -> list[str]:
+    def _beyond(self, image, views):
         """The views that are darker or brighter than the picture, each channel by itself."""
         values = image.double().flatten(1)
         least, greatest = values.amin(1), values.amax(1)
@@ -111,7 +108,7 @@ class Extreme:
                     found.append(f"{name} is {word} than the picture by {float(beyond.amax()):.4g}")
         return found
 
-    def faults(self) -> list[str]:
+    def faults(self):
         """What is not finite, or darker or brighter than the picture and a rounding."""
         image, radius = (x.requires_grad_() for x in self.scene())
         leaves = {"image": image, "radius": radius}

@@ -5,10 +5,8 @@ from __future__ import annotations
 import os
 import signal
 import time
-from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.identity import typed, versions
@@ -18,7 +16,7 @@ from defocus_core.io.safe_files import leftover
 from defocus_core.picture import plain_path
 
 
-def result_of(job: Job) -> dict[str, Any]:
+def result_of(job):
     """What became of a job: who did it."""
     name = job.sample_id
     if name.startswith("deadly"):
@@ -36,7 +34,7 @@ def result_of(job: Job) -> dict[str, Any]:
     return {"status": "ok", "reason": None, "by": os.getpid(), "name": name}
 
 
-def serve(connection: Connection) -> None:
+def serve(connection):
     """Do what comes through the connection."""
     connection.send(READY)
     while (numbered := connection.recv()) is not None:
@@ -44,10 +42,10 @@ def serve(connection: Connection) -> None:
         connection.send((number, result_of(job)))
 
 
-def serve_slowly(connection: Connection) -> None:
+def serve_slowly(connection):
     """Do what comes as a real worker does, whose steps take their time and make nothing."""
 
-    def compute(job: Job, inputs: Any) -> dict[str, Any]:
+    def compute(job, inputs):
         time.sleep(0.5)
         return {"status": "ok", "reason": None}
 
@@ -56,34 +54,34 @@ def serve_slowly(connection: Connection) -> None:
     pool.serve(connection)
 
 
-def serve_on(connection: Connection) -> None:
+def serve_on(connection):
     """Import something that takes a minute."""
     connection.send(READY)
     plain_path.load = lambda: time.sleep(60)
     pool.serve(connection)
 
 
-def serve_mask(connection: Connection) -> None:
+def serve_mask(connection):
     """Say whether Ctrl-C is kept from this process."""
     connection.send(signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, []))
 
 
-def serve_nobody(connection: Connection) -> None:
+def serve_nobody(connection):
     """Die before any work."""
     os._exit(7)
 
 
-def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+def do(jobs, threads):
     """What a Dask worker does."""
     results = [result_of(typed(Job, job)) for job in jobs]
     return {"versions": versions(), "results": results}
 
 
-def do_in_another_version(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+def do_in_another_version(jobs, threads):
     """What a Dask worker does that has not been updated."""
     return {**do(jobs, threads), "versions": {"version": "0.0.1", "renderer": 1}}
 
 
-def cannot_do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+def cannot_do(jobs, threads):
     """What a Dask worker does that lacks something."""
     raise ModuleNotFoundError("No module named 'torch'")

@@ -4,8 +4,6 @@ Started as ``python fuzzing.py FOLDER SEED FIRST END`` it reads the cases FIRST 
 more than 1 GiB of memory beyond its modules, and prints a JSON line before and after each.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -14,7 +12,6 @@ import sys
 import zlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -26,7 +23,7 @@ _NUMBERS = (0, 1, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 _SOUND = "sound"
 
 
-def sound_files(folder: Path) -> dict[str, bytes]:
+def sound_files(folder):
     """The bytes of a small sound file of each format, codec and layout, by name."""
     from image_files import multi_part, random_planes, save, write_deep
 
@@ -63,7 +60,7 @@ def sound_files(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in files}
 
 
-def _exr(path: Path, codec: str, ramp: Any) -> Path:
+def _exr(path, codec, ramp):
     import OpenEXR
 
     header = {
@@ -75,7 +72,7 @@ def _exr(path: Path, codec: str, ramp: Any) -> Path:
     return path
 
 
-def damaged(data: bytes, name: str, rng: random.Random) -> bytes:
+def damaged(data, name, rng):
     """A file with one to four damages of random kinds and places, more often near its beginning."""
     spoiled = bytearray(data)
     for _ in range(rng.randint(1, 4)):
@@ -87,45 +84,45 @@ def damaged(data: bytes, name: str, rng: random.Random) -> bytes:
     return bytes(spoiled)
 
 
-def _place(spoiled: bytearray, rng: random.Random) -> int:
+def _place(spoiled, rng):
     maximum = len(spoiled) - 1
     return rng.randint(0, min(maximum, 400)) if rng.random() < 0.6 else rng.randint(0, maximum)
 
 
-def _flip(spoiled: bytearray, rng: random.Random) -> None:
+def _flip(spoiled, rng):
     spoiled[_place(spoiled, rng)] ^= 1 << rng.randrange(8)
 
 
-def _set_byte(spoiled: bytearray, rng: random.Random) -> None:
+def _set_byte(spoiled, rng):
     spoiled[_place(spoiled, rng)] = rng.choice((*_EXTREMES, rng.randrange(256)))
 
 
-def _set_number(spoiled: bytearray, rng: random.Random) -> None:
+def _set_number(spoiled, rng):
     at, size = _place(spoiled, rng), rng.choice((2, 4, 8))
     number = rng.choice(_NUMBERS) & (256**size - 1)
     spoiled[at : at + size] = number.to_bytes(size, rng.choice(("little", "big")))
 
 
-def _cut_off(spoiled: bytearray, rng: random.Random) -> None:
+def _cut_off(spoiled, rng):
     del spoiled[rng.randint(0, len(spoiled) - 1) :]
 
 
-def _remove(spoiled: bytearray, rng: random.Random) -> None:
+def _remove(spoiled, rng):
     at = _place(spoiled, rng)
     del spoiled[at : at + rng.choice((1, 2, 4, 30))]
 
 
-def _insert(spoiled: bytearray, rng: random.Random) -> None:
+def _insert(spoiled, rng):
     at = _place(spoiled, rng)
     spoiled[at:at] = rng.randbytes(rng.choice((1, 2, 4, 30, 3000)))
 
 
-def _repeat(spoiled: bytearray, rng: random.Random) -> None:
+def _repeat(spoiled, rng):
     at, to = _place(spoiled, rng), _place(spoiled, rng)
     spoiled[to:to] = spoiled[at : at + rng.randint(1, 200)]
 
 
-def _move(spoiled: bytearray, rng: random.Random) -> None:
+def _move(spoiled, rng):
     at, to, size = _place(spoiled, rng), _place(spoiled, rng), rng.randint(1, 64)
     spoiled[to : to + size] = spoiled[at : at + size]
 
@@ -136,7 +133,7 @@ _DAMAGES: tuple[Callable[[bytearray, random.Random], None], ...] = (
 )
 
 
-def _with_checksums(png: bytes) -> bytes:
+def _with_checksums(png):
     """A PNG with checksums that fit its damaged chunks, so that their contents are read."""
     out, at = io.BytesIO(), 8
     out.write(png[:8])
@@ -151,13 +148,13 @@ def _with_checksums(png: bytes) -> bytes:
     return out.getvalue()
 
 
-def case(files: dict[str, bytes], seed: int, index: int) -> tuple[str, bytes]:
+def case(files, seed, index):
     """The name of the sound file of a case, and its damaged bytes."""
     name = sorted(files)[index % len(files)]
     return name, damaged(files[name], name, random.Random(f"{seed} {index}"))
 
 
-def outcome(path: Path) -> dict[str, Any]:
+def outcome(path):
     """``read``, with what info says; ``refused``, with the line; or ``wrong``, with the reason."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
@@ -181,7 +178,7 @@ def outcome(path: Path) -> dict[str, Any]:
     return {"read": text}
 
 
-def _judged(error: BaseException, line: str) -> dict[str, Any]:
+def _judged(error, line):
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, MemoryError) or "bad_alloc" in str(cause) or "allocate" in str(cause):
@@ -192,14 +189,14 @@ def _judged(error: BaseException, line: str) -> dict[str, Any]:
     return {"refused": line}
 
 
-def _main(folder: Path, seed: int, first: int, end: int) -> None:
+def _main(folder, seed, first, end):
     import resource
 
     import defocus_core  # noqa: F401
 
     said = os.dup(1)
 
-    def say(**document: Any) -> None:
+    def say(**document):
         os.write(said, (json.dumps(document) + "\n").encode())
 
     files = sound_files(folder / _SOUND)

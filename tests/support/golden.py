@@ -4,8 +4,6 @@
 keep away from thresholds: float64, and depth that differs in its last bits, make the same pictures.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +23,7 @@ INFINITY = 7.0  # signed radius in px of what is infinitely far
 Pictures = dict[str, Tensor]
 
 
-def rendered(
-    scene: str, dtype: torch.dtype = torch.float32, nudge: float = 0.0
-) -> dict[str, Tensor]:
+def rendered(scene, dtype=torch.float32, nudge=0.0):
     """The pictures of a scene by name.
 
     Args:
@@ -51,7 +47,7 @@ def rendered(
     return pictures
 
 
-def _scene(scene: str) -> tuple[Tensor, Tensor]:
+def _scene(scene):
     """The picture [3, H, W] and the signed radius [H, W] px of a scene, float64."""
     if scene == "slopes":
         return pattern(SIZE, period=13.0), slanted(SIZE, near=-4.3, far=6.7)
@@ -66,7 +62,7 @@ def _scene(scene: str) -> tuple[Tensor, Tensor]:
     return image, radius
 
 
-def _antialiased_card() -> tuple[Tensor, Tensor]:
+def _antialiased_card():
     """A round card whose colour and disparity are averaged over the pixels of its edge."""
     fine = 8
     y, x = ((torch.arange(fine * n, dtype=torch.float64) + 0.5) / fine for n in SIZE)
@@ -77,18 +73,18 @@ def _antialiased_card() -> tuple[Tensor, Tensor]:
     return image, share * -4.1 + (1 - share) * 4.6
 
 
-def _nudged(radius: Tensor, share: float) -> Tensor:
+def _nudged(radius, share):
     signs = torch.rand(radius.shape, generator=torch.Generator().manual_seed(4)) < 0.5
     return radius * torch.where(signs, 1 - share, 1 + share)
 
 
-def stored(scene: str) -> Pictures:
+def stored(scene):
     """The pictures of a scene as they were when they were stored."""
     with np.load(FOLDER / f"{scene}.npz") as arrays:
         return {name: torch.from_numpy(arrays[name]) for name in arrays.files}
 
 
-def store() -> None:
+def store():
     """Render all scenes and store their pictures."""
     for scene in SCENES:
         pictures = {name: picture.numpy() for name, picture in rendered(scene).items()}

@@ -1,9 +1,6 @@
 """Small image files for the tests, written without the code under test."""
 
-from __future__ import annotations
-
 import zlib
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,21 +10,21 @@ import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 SCANLINE = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
 
 
-def random_planes(names: str, shape: tuple[int, int] = (24, 32), seed: int = 0) -> dict[str, Any]:
+def random_planes(names, shape=(24, 32), seed=0):
     rng = np.random.default_rng(seed)
     return {name: rng.random(shape, np.float32).astype(np.float16) for name in names}
 
 
-def box(x0: int, y0: int, x1: int, y1: int) -> tuple[Any, Any]:
+def box(x0, y0, x1, y1):
     return np.array([x0, y0], np.int32), np.array([x1, y1], np.int32)
 
 
-def write_window(path: Path, planes: dict[str, Any], data: Any, display: Any) -> None:
+def write_window(path, planes, data, display):
     header = {**SCANLINE, "dataWindow": data, "displayWindow": display}
     OpenEXR.File(header, planes).write(str(path))
 
 
-def write_deep(path: Path) -> None:
+def write_deep(path):
     samples = np.empty((4, 5), dtype=object)
     for index in np.ndindex(samples.shape):
         samples[index] = np.array([1.0, 2.0], np.float32)
@@ -35,7 +32,7 @@ def write_deep(path: Path) -> None:
     OpenEXR.File(header, {"Z": samples}).write(str(path))
 
 
-def save(path: Path, samples: Any, **attributes: Any) -> Path:
+def save(path, samples, **attributes):
     """Write samples as they are; ``a__b`` stands for the attribute a:b, and ``tile`` for a size."""
     path.parent.mkdir(exist_ok=True)
     height, width, channels = samples.shape
@@ -54,12 +51,12 @@ def save(path: Path, samples: Any, **attributes: Any) -> Path:
     return path
 
 
-def png_chunk(kind: bytes, data: bytes) -> bytes:
+def png_chunk(kind, data):
     body = kind + data
     return len(data).to_bytes(4, "big") + body + zlib.crc32(body).to_bytes(4, "big")
 
 
-def raw_png(path: Path, samples: Any, chunk: bytes) -> Path:
+def raw_png(path, samples, chunk):
     """A 16-bit RGB PNG whose only colour statement is ``chunk``."""
     height, width, _ = samples.shape
     rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
@@ -69,7 +66,7 @@ def raw_png(path: Path, samples: Any, chunk: bytes) -> Path:
     return path
 
 
-def multi_part(path: Path, **parts: dict[str, Any]) -> Path:
+def multi_part(path, **parts):
     made = [OpenEXR.Part({"name": name, **SCANLINE}, planes) for name, planes in parts.items()]
     OpenEXR.File(made).write(str(path))
     return path

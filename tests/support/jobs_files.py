@@ -1,17 +1,11 @@
 """Jobs files for the tests, and what is read from them."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-
 import numpy as np
 from command_line import color_exr, depth_exr, ramp
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.jobs.jobs_file import read_jobs
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.workers.plan import Chunk
 
 LENS = '[lens]\nfocal-length = "50mm"\n'
 FIXED = LENS + 'fnumber = 2\nfocus = "2m"\n'
@@ -29,14 +23,14 @@ kinds = ["render", "coc"]
 """
 
 
-def touch(folder: Path, *names: str) -> Path:
+def touch(folder, *names):
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).touch()
     return folder
 
 
-def jobs_file(folder: Path, text: str, *, inputs: str = "") -> Path:
+def jobs_file(folder, text, *, inputs=""):
     """A jobs file for one picture, unless ``inputs`` says otherwise."""
     if not inputs:
         inputs = 'color = "a.exr"'
@@ -46,22 +40,22 @@ def jobs_file(folder: Path, text: str, *, inputs: str = "") -> Path:
     return path
 
 
-def jobs(folder: Path, text: str, *, inputs: str = "", out: str = "out") -> list[Job]:
+def jobs(folder, text, *, inputs="", out="out"):
     path = jobs_file(folder, text, inputs=inputs)
     return read_jobs(path, Outputs(folder / out), Machine())
 
 
-def names(found: list[Job]) -> list[str]:
+def names(found):
     return [job.sample_id for job in found]
 
 
-def pictures(folder: Path) -> None:
+def pictures(folder):
     for name, nearer in (("a", 1.0), ("b", 2.0)):
         color_exr(folder / f"{name}_rgb.exr")
         depth_exr(folder / f"{name}_z.exr", ramp() * np.float32(nearer))
 
 
-def chunks_of(folder: Path, *names: str, size: int = 1) -> Iterator[Chunk]:
+def chunks_of(folder, *names, size=1):
     jobs = [
         Job(
             Picture(n, folder / n, folder / n),

@@ -17,7 +17,7 @@ import time
 from pathlib import Path
 
 
-def start(arguments: list[str]) -> int:
+def start(arguments):
     """Run a command in a process of its own."""
     process = os.fork()
     if process:
@@ -28,15 +28,15 @@ def start(arguments: list[str]) -> int:
     os._exit(main(arguments))
 
 
-def ended(process: int) -> bool:
+def ended(process):
     return os.waitpid(process, os.WNOHANG)[0] != 0
 
 
-def size(path: Path) -> int:
+def size(path):
     return path.stat().st_size if path.exists() else 0
 
 
-def lies(journal: Path) -> int:
+def lies(journal):
     """Records that are whole and speak of files that are not."""
     count = 0
     for line in journal.read_bytes().split(b"\n")[:-1] if journal.exists() else ():
@@ -45,7 +45,7 @@ def lies(journal: Path) -> int:
     return count
 
 
-def run(seed: int, kills: int, journal: Path, arguments: list[str]) -> None:
+def run(seed, kills, journal, arguments):
     moment = random.Random(seed)
     killed = lied = 0
     while killed < kills:

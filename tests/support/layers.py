@@ -3,17 +3,16 @@
 import math
 
 import torch
-from torch import Tensor
 
 
-def lens_points(count: int) -> list[tuple[float, float]]:
+def lens_points(count):
     """Points spread evenly over the unit disc, in a spiral of golden angles."""
     angle = math.pi * (3 - math.sqrt(5))
     radii = [math.sqrt((k + 0.5) / count) for k in range(count)]
     return [(r * math.cos(k * angle), r * math.sin(k * angle)) for k, r in enumerate(radii)]
 
 
-def brute_force(colors: Tensor, radius: Tensor, coverage: Tensor, count: int = 1024) -> Tensor:
+def brute_force(colors, radius, coverage, count=1024):
     """The picture [C + 1, H, W] of layers [L, C, H, W], with alpha; float64.
 
     Each sample goes to the pixel nearest to where a lens point sees it; there samples are
@@ -39,7 +38,7 @@ def brute_force(colors: Tensor, radius: Tensor, coverage: Tensor, count: int = 1
     return (total / count).T.reshape(-1, H, W)
 
 
-def _over(samples: Tensor, alpha: Tensor, spot: Tensor) -> Tensor:
+def _over(samples, alpha, spot):
     """Samples [n, C] times what those before them in the same spot [n] leave."""
     number = torch.arange(len(spot))
     begins = torch.ones_like(spot, dtype=torch.bool)
@@ -50,6 +49,6 @@ def _over(samples: Tensor, alpha: Tensor, spot: Tensor) -> Tensor:
     return samples * torch.exp(before - before[begin])[:, None]
 
 
-def flattened(colors: Tensor, radius: Tensor, coverage: Tensor) -> Tensor:
+def flattened(colors, radius, coverage):
     """The picture in focus: layers over each other, the nearest first in each pixel."""
     return brute_force(colors, radius * 1e-6, coverage, 1)

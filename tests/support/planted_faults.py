@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -14,7 +14,7 @@ from image_files import box, save
 
 from defocus_core.compare.comparison import compare_pair
 from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.record import CompareSettings, Comparison
+from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.thresholds import Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.images.primaries import NAMED, REC_709, between_primaries
@@ -25,7 +25,7 @@ _NO_RULES = Rules()
 PRIMARIES = ("Rec. 2020", "Display P3", "ACES AP1", "ACES AP0")
 
 
-def scene() -> Pixels:
+def scene():
     """Discs of many sizes and colours before a slope, one brighter than 1: float32 [H, W, 3]."""
     rng = np.random.default_rng(5)
     y, x = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
@@ -38,7 +38,7 @@ def scene() -> Pixels:
     return (image * (1 - cover) + cover * (6.0, 5.0, 3.0)).astype(np.float16).astype(np.float32)
 
 
-def blurred(image: Pixels, sigma: float) -> Pixels:
+def blurred(image, sigma):
     reach = int(3 * sigma) + 1
     weights = np.exp(-(np.arange(-reach, reach + 1) ** 2) / (2 * sigma**2))
     weights /= weights.sum()
@@ -51,35 +51,35 @@ def blurred(image: Pixels, sigma: float) -> Pixels:
     return np.asarray(image, np.float32)
 
 
-def _shifted(image: Pixels, dx: int, dy: int) -> Pixels:
+def _shifted(image, dx, dy):
     rows = (np.arange(HEIGHT) - dy).clip(0, HEIGHT - 1)
     columns = (np.arange(WIDTH) - dx).clip(0, WIDTH - 1)
     return image[rows][:, columns]
 
 
-def _block(image: Pixels, value: float) -> Pixels:
+def _block(image, value):
     image = image.copy()
     image[10:14, 20:24] = value
     return image
 
 
-def _cut(image: Pixels) -> Pixels:
+def _cut(image):
     kept = np.zeros_like(image)
     kept[8:70, 5:100] = image[8:70, 5:100]
     return kept
 
 
-def _encoded(image: Pixels) -> Pixels:
+def _encoded(image):
     return linear_to_srgb(np.clip(image, 0, 1))
 
 
-def _of_channel(image: Pixels, index: int, changed: Pixels) -> Pixels:
+def _of_channel(image, index, changed):
     image = image.copy()
     image[..., index] = changed[..., index]
     return image
 
 
-def warped(image: Pixels, degrees: float = 0.0, scale: float = 1.0, dx: float = 0.0) -> Pixels:
+def warped(image, degrees=0.0, scale=1.0, dx=0.0):
     """Turned and enlarged around the middle, bicubic by Catmull-Rom."""
     height, width = image.shape[:2]
     y, x = np.mgrid[0:height, 0:width] - np.float64([[[height - 1]], [[width - 1]]]) / 2
@@ -95,15 +95,15 @@ def warped(image: Pixels, degrees: float = 0.0, scale: float = 1.0, dx: float = 
     return total
 
 
-def _cubic(t: Pixels) -> Pixels:
+def _cubic(t):
     return np.where(t <= 1, (1.5 * t - 2.5) * t * t + 1, ((-0.5 * t + 2.5) * t - 4) * t + 2)
 
 
-def converted(name: str, image: Pixels) -> Pixels:
+def converted(name, image):
     return image @ between_primaries(REC_709, NAMED[name]).T
 
 
-def summed(image: Pixels, kernel: Pixels) -> Pixels:
+def summed(image, kernel):
     """Through a kernel [k, k] of odd side, of any sum."""
     reach = len(kernel) // 2
     padded = np.pad(image, [(reach, reach), (reach, reach), (0, 0)], mode="edge")
@@ -113,23 +113,23 @@ def summed(image: Pixels, kernel: Pixels) -> Pixels:
     return np.asarray(total, np.float32)
 
 
-def through_disc(image: Pixels, radius: float = 2.0) -> Pixels:
+def through_disc(image, radius=2.0):
     reach = int(np.ceil(radius))
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     return summed(image, np.clip(radius + 0.5 - np.hypot(y, x), 0, 1))
 
 
-def _along(image: Pixels) -> Pixels:
+def _along(image):
     return summed(image, 1.0 * (np.indices((9, 9))[0] == 4))
 
 
-def halved(image: Pixels) -> Pixels:
+def halved(image):
     """Means of 2 x 2 pixels."""
     height, width = (side // 2 * 2 for side in image.shape[:2])
     return image[:height, :width].reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
 
 
-def doubled(small: Pixels) -> Pixels:
+def doubled(small):
     """Twice the size, bilinear."""
     for axis in (0, 1):
         pad = [(1, 1) if axis == k else (0, 0) for k in range(3)]
@@ -141,12 +141,12 @@ def doubled(small: Pixels) -> Pixels:
     return small.astype(np.float32)
 
 
-def median(image: Pixels) -> Pixels:
+def median(image):
     steps = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]
     return np.median([np.roll(image, step, (0, 1)) for step in steps], axis=0).astype(np.float32)
 
 
-def pulled(image: Pixels, radii: Sequence[float] = (1.0, 2.0, 3.0)) -> Pixels:
+def pulled(image, radii=(1.0, 2.0, 3.0)):
     """Blurred more and more down the frame."""
     pictures = np.stack([image, *(through_disc(image, radius) for radius in radii)])
     at = np.linspace(0, len(radii) - 1e-3, len(image))
@@ -265,14 +265,12 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
 }
 
 
-def compared(a: Path, b: Path, rules: Rules = _NO_RULES, **settings: Any) -> Comparison:
+def compared(a, b, rules=_NO_RULES, **settings):
     """The record of two files."""
     return compare_pair(FilePair(b.name, a, b), rules, CompareSettings(**settings))[0]
 
 
-def write_planes(
-    path: Path, planes: dict[str, Pixels], compression: Any = None, **header: Any
-) -> Path:
+def write_planes(path, planes, compression=None, **header):
     """An EXR file in scan lines, ZIP compressed unless another codec is named."""
     codec = OpenEXR.ZIP_COMPRESSION if compression is None else compression
     settings = {"compression": codec, "type": OpenEXR.scanlineimage, **header}
@@ -282,43 +280,43 @@ def write_planes(
     return path
 
 
-def planes(image: Pixels, dtype: Any = np.float16) -> dict[str, Pixels]:
+def planes(image, dtype=np.float16):
     """The channels R, G and B of an image."""
     return {name: image[..., index].astype(dtype) for index, name in enumerate("RGB")}
 
 
-def _tiles(path: Path, image: Pixels) -> None:
+def _tiles(path, image):
     save(path, image.astype(np.float16), tile=(32, 16))
 
 
-def _wide(path: Path, image: Pixels) -> None:
+def _wide(path, image):
     """More data than is shown."""
     data, display = box(-8, -4, WIDTH + 7, HEIGHT + 3), box(0, 0, WIDTH - 1, HEIGHT - 1)
     padded = planes(np.pad(image, ((4, 4), (8, 8), (0, 0)), constant_values=9.0))
     write_planes(path, padded, dataWindow=data, displayWindow=display)
 
 
-def dark_border(image: Pixels) -> Pixels:
+def dark_border(image):
     image = image.copy()
     image[:6] = image[-5:] = image[:, :9] = 0.0
     return image
 
 
-def narrow(path: Path, image: Pixels) -> None:
+def narrow(path, image):
     """Less data than is shown, with 0 in what is not there."""
     inner = planes(image[6:-5, 9:])
     data, display = box(9, 6, WIDTH - 1, HEIGHT - 6), box(0, 0, WIDTH - 1, HEIGHT - 1)
     write_planes(path, inner, dataWindow=data, displayWindow=display)
 
 
-def _codec(name: str) -> Callable[[Path, Pixels], None]:
-    def write(path: Path, image: Pixels) -> None:
+def _codec(name):
+    def write(path, image):
         write_planes(path, planes(image), getattr(OpenEXR, f"{name}_COMPRESSION"))
 
     return write
 
 
-def _parts(path: Path, image: Pixels, order: str = "RGB") -> None:
+def _parts(path, image, order="RGB"):
     """Each channel in a part of its own, in an order."""
     header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
     every = planes(image)
@@ -327,19 +325,19 @@ def _parts(path: Path, image: Pixels, order: str = "RGB") -> None:
     OpenEXR.File(made).write(str(path))
 
 
-def _described(path: Path, image: Pixels) -> None:
+def _described(path, image):
     write_planes(path, planes(image), comments="another day", owner="somebody else")
 
 
-def _as_float(path: Path, image: Pixels) -> None:
+def _as_float(path, image):
     write_planes(path, planes(image, np.float32))
 
 
-def _downwards(path: Path, image: Pixels) -> None:
+def _downwards(path, image):
     write_planes(path, planes(image), lineOrder=OpenEXR.DECREASING_Y)
 
 
-def _small_tiles(path: Path, image: Pixels) -> None:
+def _small_tiles(path, image):
     save(path, image.astype(np.float16), tile=(16, 16))
 
 

@@ -1,11 +1,6 @@
 """Records of a journal, and the files that they speak of, for what is made of a finished batch."""
 
-from __future__ import annotations
-
-from collections.abc import Iterable, Sequence
 from hashlib import blake2b
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 from image_files import save
@@ -14,18 +9,16 @@ from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.jobs.output_kinds import KINDS
 
 
-def png(path: Path, level: int = 0) -> bytes:
+def png(path, level=0):
     path.parent.mkdir(parents=True, exist_ok=True)
     return save(path, np.full((3, 4, 3), level, np.uint8)).read_bytes()
 
 
-def write_index(out: Path, records: Iterable[dict[str, Any]]) -> Path:
+def write_index(out, records):
     return sample_index.write(out, map(sample_index.line, sample_index.entries(records)))
 
 
-def record(
-    out: Path, name: str, kinds: Sequence[str] = ("render", "coc"), level: int = 0, **more: Any
-) -> dict[str, Any]:
+def record(out, name, kinds=("render", "coc"), level=0, **more):
     """A record of one sample that is done, whose outputs lie in ``out``."""
     outputs = {}
     for kind in kinds:

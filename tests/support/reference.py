@@ -6,34 +6,31 @@ first. Nothing here shares code with the renderer.
 """
 
 import math
-from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-Pupil = Callable[[Tensor, Tensor], Tensor]  # x, y in the unit disc -> is it open there?
 
-
-def whole(x: Tensor, y: Tensor) -> Tensor:
+def whole(x, y):
     """The full disc."""
     return x * x + y * y <= 1.0
 
 
-def left(x: Tensor, y: Tensor) -> Tensor:
+def left(x, y):
     """The half of the disc that makes the LEFT picture."""
     return whole(x, y) & (x < 0)
 
 
-def right(x: Tensor, y: Tensor) -> Tensor:
+def right(x, y):
     """The half of the disc that makes the RIGHT picture."""
     return whole(x, y) & (x >= 0)
 
 
-def polygon(blades: int, rotation: float = 0.0) -> Pupil:
+def polygon(blades, rotation=0.0):
     """Regular polygon in the disc, a vertex at `rotation` degrees counter-clockwise from +x."""
 
-    def inside(x: Tensor, y: Tensor) -> Tensor:
+    def inside(x, y):
         open_ = torch.ones_like(x, dtype=torch.bool)
         for k in range(blades):
             # the normal of an edge points between two vertices; y counts downwards
@@ -45,12 +42,12 @@ def polygon(blades: int, rotation: float = 0.0) -> Pupil:
     return inside
 
 
-def both(one: Pupil, other: Pupil) -> Pupil:
+def both(one, other):
     """What is open in both."""
     return lambda x, y: one(x, y) & other(x, y)
 
 
-def lens_points(side: int, pupil: Pupil = whole) -> Tensor:
+def lens_points(side, pupil=whole):
     """Points [n, 2] of a lattice, `side` of them along a diameter, that lie in the pupil.
 
     The lattice is oblique, so that no r makes it fall in step with the pixels, and its right half
@@ -66,7 +63,7 @@ def lens_points(side: int, pupil: Pupil = whole) -> Tensor:
     return torch.stack([x[open_], y[open_]], -1)
 
 
-def kernel(r: float, pupil: Pupil = whole, samples: int = 32) -> Tensor:
+def kernel(r, pupil=whole, samples=32):
     """Share of the pupil, scaled by r, that falls into each pixel [k, k]; odd k, sum 1."""
     half = math.ceil(abs(r) + 0.5)
     k, n = 2 * half + 1, (2 * half + 1) * samples
@@ -78,14 +75,14 @@ def kernel(r: float, pupil: Pupil = whole, samples: int = 32) -> Tensor:
     return count / count.sum()
 
 
-def convolve(image: Tensor, psf: Tensor) -> Tensor:
+def convolve(image, psf):
     """Direct convolution of [C, H, W] with [k, k], zero outside."""
     weight = psf.flip(0, 1)[None, None]
     padded = torch.nn.functional.conv2d(image[:, None], weight, padding=psf.shape[-1] // 2)
     return padded[:, 0]
 
 
-def one_plane(image: Tensor, r: float, pupil: Pupil = whole) -> Tensor:
+def one_plane(image, r, pupil=whole):
     """A plane of one signed radius: one convolution of a picture whose edge goes on."""
     psf = kernel(r, pupil)
     around = psf.shape[-1] // 2
@@ -93,7 +90,7 @@ def one_plane(image: Tensor, r: float, pupil: Pupil = whole) -> Tensor:
     return convolve(padded, psf)[:, around:-around, around:-around]
 
 
-def one_plane_within(image: Tensor, r: float, pupil: Pupil = whole) -> Tensor:
+def one_plane_within(image, r, pupil=whole):
     """A plane with nothing beyond the frame: one convolution, divided by the share inside it."""
     psf = kernel(r, pupil)
     return convolve(image, psf) / convolve(torch.ones_like(image[:1]), psf)
@@ -107,7 +104,7 @@ class Layer(NamedTuple):
     r: float
 
 
-def moved(image: Tensor, dx: float, dy: float) -> Tensor:
+def moved(image, dx, dy):
     """Picture [..., h, w] moved to the nearest pixel; what leaves comes back on the other side.
 
     Over many lens points that is the pupil seen through the box of a pixel: `kernel`.
@@ -115,7 +112,7 @@ def moved(image: Tensor, dx: float, dy: float) -> Tensor:
     return torch.roll(image, (round(dy), round(dx)), (-2, -1))
 
 
-def composite(layers: Sequence[Layer], size: tuple[int, int], u: tuple[float, float]) -> Tensor:
+def composite(layers, size, u):
     """What lens point u sees of layers listed front to back: the middle [C, H, W] of the canvas."""
     H, W = size
     h, w = layers[0].alpha.shape
@@ -130,7 +127,7 @@ def composite(layers: Sequence[Layer], size: tuple[int, int], u: tuple[float, fl
     return total[:, top : top + H, start : start + W]
 
 
-def layered(layers: Sequence[Layer], points: Tensor, size: tuple[int, int]) -> Tensor:
+def layered(layers, points, size):
     """Thin-lens picture [C, H, W] of explicit flat layers, front to back, on a larger canvas.
 
     Nothing is hidden from this one: every layer is given whole, the last one opaque.
@@ -139,7 +136,7 @@ def layered(layers: Sequence[Layer], points: Tensor, size: tuple[int, int]) -> T
     return torch.stack(pictures).mean(0)
 
 
-def flatten(layers: Sequence[Layer], size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+def flatten(layers, size):
     """The pinhole's picture [C, H, W] of the layers and the signed radius [H, W] it sees first."""
     image = composite(layers, size, (0.0, 0.0))
     seen = torch.full(layers[0].alpha.shape, math.inf, dtype=torch.float64)
@@ -149,7 +146,7 @@ def flatten(layers: Sequence[Layer], size: tuple[int, int]) -> tuple[Tensor, Ten
     return image, seen[top : top + size[0], start : start + size[1]]
 
 
-def forward_splat(image: Tensor, signed_radius: Tensor, points: Tensor) -> Tensor:
+def forward_splat(image, signed_radius, points):
     """Mean over lens points of z-buffered views of a picture [C, H, W] with its radius [H, W].
 
     Each pixel moves by r u to the nearest pixel; the smallest r wins, equals share. Pixels that

@@ -1,10 +1,6 @@
 """What the library refuses: a mistake of the user, by its code."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import pytest
 
@@ -12,14 +8,7 @@ from defocus_core.errors import DefocusError
 
 
 @contextmanager
-def refuses(
-    code: str,
-    *facts: str,
-    kind: type[DefocusError] = DefocusError,
-    field: str | None = None,
-    value: str | None = None,
-    path: Path | None = None,
-) -> Iterator[pytest.ExceptionInfo[DefocusError]]:
+def refuses(code, *facts, kind=DefocusError, field=None, value=None, path=None):
     """Assert that the block raises the mistake, and that its problem or remedy has the facts."""
     with pytest.raises(kind) as caught:
         yield caught
@@ -33,7 +22,7 @@ def refuses(
 
 
 @contextmanager
-def refuses_as(refusal: str) -> Iterator[pytest.ExceptionInfo[DefocusError]]:
+def refuses_as(refusal):
     """As ``refuses``, from one cell of a table: the code and, after a space, the field, if any."""
     code, _, field = refusal.partition(" ")
     with refuses(code, field=field or None) as caught:

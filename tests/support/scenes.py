@@ -8,7 +8,7 @@ Scene = tuple[Tensor, Tensor]
 SIZE = (40, 56)  # H, W: not square, so that swapped axes show
 
 
-def slanted(size: tuple[int, int] = SIZE, near: float = -6.0, far: float = 9.0) -> Tensor:
+def slanted(size=SIZE, near=-6.0, far=9.0):
     """Radius of a plane that recedes to the right and a little upwards."""
     H, W = size
     across = torch.linspace(0, 1, W, dtype=torch.float64)[None, :]
@@ -16,21 +16,21 @@ def slanted(size: tuple[int, int] = SIZE, near: float = -6.0, far: float = 9.0) 
     return near + (far - near) * (0.8 * across + 0.2 * upward)
 
 
-def steps(size: tuple[int, int] = SIZE) -> Tensor:
+def steps(size=SIZE):
     """Radius of four upright strips in a mixed order of depth."""
     H, W = size
     values = torch.tensor([4.0, -5.0, 0.0, 8.0], dtype=torch.float64)
     return values[torch.arange(W) * 4 // W].expand(H, W).clone()
 
 
-def checkerboard(size: tuple[int, int] = SIZE) -> Tensor:
+def checkerboard(size=SIZE):
     """Radius that jumps between near and far at every pixel."""
     H, W = size
     odd = (torch.arange(H)[:, None] + torch.arange(W)[None, :]) % 2
     return torch.where(odd == 1, 6.0, -4.0).to(torch.float64)
 
 
-def random_radius(size: tuple[int, int] = SIZE, seed: int = 0) -> Tensor:
+def random_radius(size=SIZE, seed=0):
     """Independent radii from -7 to 7 px."""
     generator = torch.Generator().manual_seed(seed)
     return torch.rand(size, generator=generator, dtype=torch.float64) * 14.0 - 7.0
@@ -44,12 +44,12 @@ RADII = {
 }
 
 
-def white(kind: str = "slanted", size: tuple[int, int] = SIZE) -> Scene:
+def white(kind="slanted", size=SIZE):
     """White everywhere, at the depths named in RADII."""
     return torch.ones(3, *size, dtype=torch.float64), RADII[kind](size)
 
 
-def pattern(size: tuple[int, int] = SIZE, period: float = 9.0) -> Tensor:
+def pattern(size=SIZE, period=9.0):
     """Smooth coloured waves in [0.1, 0.9]."""
     H, W = size
     y = torch.arange(H, dtype=torch.float64)[:, None]
@@ -59,17 +59,12 @@ def pattern(size: tuple[int, int] = SIZE, period: float = 9.0) -> Tensor:
     return 0.5 + 0.4 * torch.stack(waves)
 
 
-def plane(r: float, size: tuple[int, int] = SIZE) -> Scene:
+def plane(r, size=SIZE):
     """Coloured waves at one radius."""
     return pattern(size), torch.full(size, r, dtype=torch.float64)
 
 
-def slanted_waves(size: tuple[int, int] = SIZE) -> Scene:
-    """Coloured waves on a slanted plane through the focus."""
-    return pattern(size, period=14.0), slanted(size)
-
-
-def highlight(r: float = 6.0, value: float = 1000.0, size: tuple[int, int] = SIZE) -> Scene:
+def highlight(r=6.0, value=1000.0, size=SIZE):
     """One bright pixel in the middle of black, all at one radius."""
     H, W = size
     image = torch.zeros(3, H, W, dtype=torch.float64)
@@ -77,9 +72,7 @@ def highlight(r: float = 6.0, value: float = 1000.0, size: tuple[int, int] = SIZ
     return image, torch.full(size, r, dtype=torch.float64)
 
 
-def card_layers(
-    card_r: float, background_r: float, size: tuple[int, int] = SIZE, margin: int = 14
-) -> list[Layer]:
+def card_layers(card_r, background_r, size=SIZE, margin=14):
     """A bright card with straight edges before waves, whole also where the card hides them."""
     h, w = size[0] + 2 * margin, size[1] + 2 * margin
     alpha = torch.zeros(h, w, dtype=torch.float64)
@@ -89,11 +82,11 @@ def card_layers(
     return [Layer(tint * alpha, alpha, card_r), background]
 
 
-def sharp_card(background_r: float = 7.0, size: tuple[int, int] = SIZE) -> Scene:
+def sharp_card(background_r=7.0, size=SIZE):
     """A card in focus before a blurred background."""
     return flatten(card_layers(0.0, background_r, size), size)
 
 
-def blurred_card(card_r: float = -7.0, size: tuple[int, int] = SIZE) -> Scene:
+def blurred_card(card_r=-7.0, size=SIZE):
     """A blurred card before a background in focus."""
     return flatten(card_layers(card_r, 0.0, size), size)

@@ -1,7 +1,6 @@
 """Sharp lines in pictures: steps between neighbours where everything around is blurred."""
 
 import torch
-from torch import Tensor
 
 from defocus_core.tensors.neighbourhoods import extreme_around
 
@@ -10,7 +9,7 @@ from defocus_core.tensors.neighbourhoods import extreme_around
 STEP, BLURRED, AROUND = 20, 6.0, 10
 
 
-def sharp_lines(picture: Tensor, explained: Tensor) -> list[tuple[int, int, int]]:
+def sharp_lines(picture, explained):
     """The lines of sharp steps that nothing explains: row and column of a pixel, and length in px.
 
     Args:
@@ -30,23 +29,23 @@ def sharp_lines(picture: Tensor, explained: Tensor) -> list[tuple[int, int, int]
     return lines
 
 
-def explained_by_truth(truth: Tensor) -> Tensor:
+def explained_by_truth(truth):
     """Where the picture [C, H, W] that a lens would take has a sharp step within 3 px."""
     return extreme_around(_steps(truth), 3, torch.maximum)
 
 
-def explained_by_depth(signed_radius: Tensor) -> Tensor:
+def explained_by_depth(signed_radius):
     """Where something around is not blurred, by radii [H, W] px."""
     return extreme_around(signed_radius.abs(), AROUND, torch.minimum) < BLURRED
 
 
-def _grey(light: Tensor) -> Tensor:
+def _grey(light):
     """Grey levels of sRGB of linear light, 0 to 255."""
     light = light.clamp(0, 1)
     return 255 * torch.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-def _steps(picture: Tensor) -> Tensor:
+def _steps(picture):
     """Whether pixels [H, W] step to a neighbour."""
     grey = _grey(picture).mean(0)
     steps = torch.zeros(grey.shape, dtype=torch.bool)

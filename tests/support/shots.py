@@ -1,8 +1,5 @@
 """Small shots: frames whose depth is noisy, so that they decide together and see others."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 from command_line import color_exr, depth_exr
 
@@ -18,13 +15,13 @@ file = "pull.csv"
 """
 
 
-def smooth(seed: int = 0) -> np.ndarray[Any, Any]:
+def smooth(seed=0):
     """Colours [H, W, 3] that change over some px."""
     coarse = np.random.default_rng(seed).random((HEIGHT // 4, WIDTH // 4, 3))
     return np.kron(coarse, np.ones((4, 4, 1))).astype(np.float32)
 
 
-def still(folder: Path, frames: int = 10, noise: float = 0.02) -> tuple[Path, Path]:
+def still(folder, frames=10, noise=0.02):
     """A shot of a still wall at 3 m whose disparity has noise."""
     for k in range(frames):
         rng = np.random.default_rng(k)
@@ -34,7 +31,7 @@ def still(folder: Path, frames: int = 10, noise: float = 0.02) -> tuple[Path, Pa
     return folder / "rgb.####.exr", folder / "z.####.exr"
 
 
-def pull(folder: Path) -> Path:
+def pull(folder):
     """A jobs file of such a shot whose focus is pulled."""
     still(folder)
     (folder / "pull.csv").write_text(PULL)

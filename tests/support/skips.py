@@ -1,7 +1,5 @@
 """Which tests were skipped, and why; where ``CI`` is set, most reasons fail the run."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 
@@ -11,20 +9,20 @@ import pytest
 ALLOWED = ("needs a GPU", "needs ../shared", "runs as root", "not on this system")
 
 
-def skipped(terminal: pytest.TerminalReporter) -> Counter[str]:
+def skipped(terminal):
     """How many tests were skipped for each reason."""
     reports = terminal.stats.get("skipped", [])
     reasons = (str(report.longrepr[2]) for report in reports if isinstance(report.longrepr, tuple))
     return Counter(reason.removeprefix("Skipped: ") for reason in reasons)
 
 
-def fails_the_run(reason: str) -> bool:
+def fails_the_run(reason):
     """Whether a test must not be skipped here for a reason."""
     return bool(os.environ.get("CI")) and not reason.startswith(ALLOWED)
 
 
 @pytest.hookimpl(tryfirst=True)
-def pytest_sessionfinish(session: pytest.Session) -> None:
+def pytest_sessionfinish(session):
     """Fail a run that was to pass."""
     terminal = session.config.pluginmanager.get_plugin("terminalreporter")
     if terminal is None or hasattr(session.config, "workerinput") or session.exitstatus:
@@ -33,7 +31,7 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
         session.exitstatus = pytest.ExitCode.TESTS_FAILED
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+def pytest_terminal_summary(terminalreporter):
     """One line for each reason."""
     for reason, count in sorted(skipped(terminalreporter).items()):
         word = "SKIPPED, which fails the run" if fails_the_run(reason) else "skipped"

@@ -20,23 +20,20 @@ import re
 import shutil
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 STEPS = ("write", "fsync", "fdatasync", "replace", "rename", "unlink", "mkdir", "rmdir")
 # Not looked at by people; a journal's last line may be torn.
 HIDDEN = re.compile(r"(^|/)\.|journal")
 TIMES = re.compile(rb' time="[0-9.]+"')  # of JUnit
-Stop = Callable[[], None]
 
 
-def kill() -> None:
+def kill():
     """End this process at once."""
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-def fill() -> None:
+def fill():
     """Refuse what was to be written."""
     raise OSError(28, os.strerror(28))
 
@@ -44,19 +41,19 @@ def fill() -> None:
 class Steps:
     """Counts steps, and stops at one; a full disk refuses all further writes, too."""
 
-    def __init__(self, at: int, stop: Stop) -> None:
+    def __init__(self, at, stop):
         self.at, self.stop, self.count = at, stop, 0
 
-    def __call__(self, *, writes: bool = True) -> bool:
+    def __call__(self, *, writes=True):
         """Count a step; whether it is the one to stop at."""
         self.count += 1
         return self.count == self.at or (self.stop is fill and writes and self.count > self.at)
 
-    def counted(self, name: str) -> Callable[..., Any]:
+    def counted(self, name):
         """A function of `os` that is a step."""
         do = getattr(os, name)
 
-        def step(*args: Any, **named: Any) -> Any:
+        def step(*args, **named):
             if name == "write" and args[0] in (1, 2):
                 return do(*args, **named)
             if self(writes=name in STEPS[:3] or name == "mkdir"):
@@ -68,14 +65,14 @@ class Steps:
 
         return step
 
-    def opened(self, number: int, mode: str = "r", *args: Any, **named: Any) -> Any:
+    def opened(self, number, mode="r", *args, **named):
         """``os.fdopen``, whose files count what is written to them."""
         if mode != "wb":
             return FDOPEN(number, mode, *args, **named)
         steps = self
 
         class Counted(io.BufferedWriter):
-            def write(self, data: Any) -> int:
+            def write(self, data):
                 if steps():
                     super().write(bytes(data)[: len(bytes(data)) // 2])
                     super().flush()
@@ -88,7 +85,7 @@ class Steps:
 FDOPEN = os.fdopen
 
 
-def run(arguments: list[str], steps: Steps | None = None) -> int:
+def run(arguments, steps=None):
     """Run a command in a process of its own; its exit code, negative that of a signal."""
     if child := os.fork():
         return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
@@ -105,7 +102,7 @@ def run(arguments: list[str], steps: Steps | None = None) -> int:
     os._exit(code)
 
 
-def files(folder: Path) -> dict[str, str]:
+def files(folder):
     """The hash of each file below a folder; of journals, without what varies."""
     found = {}
     for path in folder.rglob("*"):
@@ -118,7 +115,7 @@ def files(folder: Path) -> dict[str, str]:
     return found
 
 
-def steady(line: bytes) -> bytes:
+def steady(line):
     """A record without the times in it."""
     try:
         record = json.loads(line)
@@ -130,7 +127,7 @@ def steady(line: bytes) -> bytes:
     return json.dumps({**record, "finished": 0, "seconds": 0}).encode()
 
 
-def rounds(stop: Stop, every: int, folder: Path, arguments: list[str]) -> list[dict[str, Any]]:
+def rounds(stop, every, folder, arguments):
     """What comes of a command that is stopped at each of its steps."""
     first = folder.with_name(folder.name + ".first")
     shutil.copytree(folder, first)

@@ -1,7 +1,5 @@
 """One table of tolerances: what rounding may do to a number of order one, per dtype."""
 
-from __future__ import annotations
-
 import torch
 
 ROUNDING = {torch.float64: 1e-12, torch.float32: 1e-6}

@@ -1,13 +1,9 @@
 """Pictures read through windows, and put together from the regions of a renderer."""
 
 from dataclasses import dataclass, field
-from typing import Any
 
 import torch
 from torch import Tensor
-
-from defocus_core import Views
-from defocus_core.renderer.engine.renderer import Renderer
 
 KINDS = ("render", "left", "right")
 
@@ -22,21 +18,21 @@ class Windows:
     device: torch.device = field(default_factory=lambda: torch.device("cpu"))
 
     @property
-    def shape(self) -> tuple[int, ...]:
+    def shape(self):
         return tuple(self.whole.shape)
 
     @property
-    def dtype(self) -> torch.dtype:
+    def dtype(self):
         return self.whole.dtype
 
-    def __getitem__(self, window: Any) -> Tensor:
+    def __getitem__(self, window):
         found = self.whole[window].clone()
         self.largest = max(self.largest, found[..., :, :].shape[-2])
         self.looked_at += found[0].numel() if found.dim() > 2 else found.numel()
         return found
 
 
-def put_together(renderer: Renderer, at_once: int | None = None) -> dict[str, Tensor]:
+def put_together(renderer, at_once=None):
     (H, W), found = renderer.size, {}
     for part in renderer.tiles(at_once):
         for kind in (*KINDS, "trust"):
@@ -47,5 +43,5 @@ def put_together(renderer: Renderer, at_once: int | None = None) -> dict[str, Te
     return found
 
 
-def same(found: dict[str, Tensor], rendering: Views) -> bool:
+def same(found, rendering):
     return all(torch.equal(found[kind], getattr(rendering, kind)) for kind in found)

@@ -1,20 +1,17 @@
 """`defocus fit` finds the lens of a picture, and writes it for `defocus render`."""
 
-from __future__ import annotations
-
 import json
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import failed, read_exr, refused, run, write_exr
+from command_line import failed, read_exr, refused, run, succeed, write_exr
 
 LENS = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "1.6m", "--blades", "0")
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> tuple[Path, Path, Path]:
+def pair(tmp_path):
     """A sharp picture, its depth, and the picture through a lens."""
     random = np.random.default_rng(1)
     coarse = random.random((9, 12, 3)).repeat(8, 0).repeat(8, 1)
@@ -24,25 +21,23 @@ def pair(tmp_path: Path) -> tuple[Path, Path, Path]:
     sharp, z = tmp_path / "a.exr", tmp_path / "z.exr"
     write_exr(sharp, **{name: light[..., i] for i, name in enumerate("RGB")})
     write_exr(z, Z=depth)
-    made = run("render", sharp, z, *LENS, "-o", tmp_path / "out", "--exr-type", "float")
-    assert made.code == 0, made.err
+    succeed("render", sharp, z, *LENS, "-o", tmp_path / "out", "--exr-type", "float")
     return sharp, z, tmp_path / "out" / "render" / "a.exr"
 
 
-def test_the_lens_file_renders_the_picture_again(pair: tuple[Path, Path, Path]) -> None:
+def test_the_lens_file_renders_the_picture_again(pair):
     folder = pair[0].parent
-    ran = run("fit", *pair, "-o", folder / "lens.toml", "--focal-length", "50mm")
-    assert ran.code == 0, ran.err
+    succeed("fit", *pair, "-o", folder / "lens.toml", "--focal-length", "50mm")
     lens = tomllib.loads((folder / "lens.toml").read_text())
     assert lens["fnumber"] == pytest.approx(1.4, rel=0.03)
     words = ("--lens", folder / "lens.toml", "-o", folder / "again", "--exr-type", "float")
-    assert run("render", *pair[:2], *words).code == 0
+    succeed("render", *pair[:2], *words)
     again, seen = (read_exr(path) for path in (folder / "again" / "render" / "a.exr", pair[2]))
     error = max(float(np.sqrt(np.mean((again[c] - seen[c]) ** 2))) for c in "RGB")
     assert error < 0.005
 
 
-def test_it_tells_the_lens_in_words_and_in_json(pair: tuple[Path, Path, Path]) -> None:
+def test_it_tells_the_lens_in_words_and_in_json(pair):
     shown = run("fit", *pair)
     assert "focus 1.6" in shown.out
     assert "residual: all " in shown.out
@@ -53,7 +48,7 @@ def test_it_tells_the_lens_in_words_and_in_json(pair: tuple[Path, Path, Path]) -
     assert record["psnr"]["all"] > 40
 
 
-def test_folders_are_fitted_picture_by_picture(pair: tuple[Path, Path, Path]) -> None:
+def test_folders_are_fitted_picture_by_picture(pair):
     folder = pair[0].parent
     for name, path in zip(("sharp", "depth", "blurred"), pair, strict=True):
         (folder / name).mkdir()
@@ -62,30 +57,14 @@ def test_folders_are_fitted_picture_by_picture(pair: tuple[Path, Path, Path]) ->
     (folder / "lenses").mkdir()
     (folder / "lenses" / "a.toml").touch()
     refused(run("fit", *places, "-o", folder / "lenses"), 3, "exists", "a.toml")
-    assert run("fit", *places, "-o", folder / "lenses", "--overwrite").code == 0
+    succeed("fit", *places, "-o", folder / "lenses", "--overwrite")
     assert "fnumber" in (folder / "lenses" / "a.toml").read_text()
 
 
-def test_exposure_right_and_blades_change_what_is_found(pair: tuple[Path, Path, Path]) -> None:
-    folder = pair[0].parent
-    light = {name: 2 * pixels for name, pixels in read_exr(pair[2]).items()}
-    write_exr(folder / "bright.exr", **light)
-    asked = (*pair[:2], folder / "bright.exr", "--json", "--exposure", "--blades", "0,6")
-    (record,) = json.loads(run("fit", *asked).out)["pairs"]
-    assert record["gains"] == pytest.approx([2, 2, 2], rel=0.02)
-    assert record["blades"] == 0
-    made = run("render", *pair[:2], *LENS, "-o", folder / "dp", "--outputs", "left,right")
-    assert made.code == 0, made.err
-    left, right = (folder / "dp" / side / "a.exr" for side in ("left", "right"))
-    (record,) = json.loads(run("fit", *pair[:2], left, "--right", right, "--json").out)["pairs"]
-    assert record["fnumber"] == pytest.approx(1.4, rel=0.03)
-
-
-def test_the_sensor_of_a_pair_is_written_for_render(pair: tuple[Path, Path, Path]) -> None:
+def test_the_sensor_of_a_pair_is_written_for_render(pair):
     folder = pair[0].parent
     sensor = ("--dp-model", "smooth", "--dp-crosstalk", "0.2", "--outputs", "left,right")
-    made = run("render", *pair[:2], *LENS, *sensor, "-o", folder / "dp", "--exr-type", "float")
-    assert made.code == 0, made.err
+    succeed("render", *pair[:2], *LENS, *sensor, "-o", folder / "dp", "--exr-type", "float")
     left, right = (folder / "dp" / side / "a.exr" for side in ("left", "right"))
     known = ("--focus", "1.6m", "--fnumber", "1.4", "--dual-pixel")
     ran = run("fit", *pair[:2], left, "--right", right, *known, "-o", folder / "dp.toml")
@@ -94,65 +73,50 @@ def test_the_sensor_of_a_pair_is_written_for_render(pair: tuple[Path, Path, Path
     assert lens["dp-crosstalk"] == pytest.approx(0.2, abs=0.01)
     assert (lens["fnumber"], lens["focus"]) == (pytest.approx(1.4), "1.6m")
     asked = ("--lens", folder / "dp.toml", "--outputs", "left", "--exr-type", "float")
-    assert run("render", *pair[:2], *asked, "-o", folder / "dp2").code == 0
+    succeed("render", *pair[:2], *asked, "-o", folder / "dp2")
     again, seen = (read_exr(path) for path in (folder / "dp2" / "left" / "a.exr", left))
     assert max(float(np.abs(again[c] - seen[c]).mean()) for c in "RGB") < 1e-3
 
 
-def test_a_lens_that_explains_nothing_is_written_only_if_it_is_accepted(
-    pair: tuple[Path, Path, Path],
-) -> None:
+def test_a_lens_that_explains_nothing_is_written_only_if_it_is_accepted(pair):
     sharp, depth, seen = pair
     place = sharp.parent / "no.toml"
     asked = ("fit", seen, depth, sharp, "-o", place)
     failed(run(*asked), 1, "swapped")
     assert not place.exists()
-    assert run(*asked, "--accept").code == 0
+    succeed(*asked, "--accept")
     assert place.exists()
 
 
-def test_gamma_shift_and_rotation_are_found_if_asked_for(pair: tuple[Path, Path, Path]) -> None:
+def test_gamma_shift_and_exposure_are_found_if_asked_for(pair):
     folder, sharp, seen = pair[0].parent, read_exr(pair[0]), read_exr(pair[2])
     power = 1 / 1.4
     write_exr(folder / "s.exr", **{c: v[4:-4, 4:-4] ** power for c, v in sharp.items()})
-    write_exr(folder / "b.exr", **{c: v[3:-5, 6:-2] ** power for c, v in seen.items()})
+    write_exr(folder / "b.exr", **{c: (2 * v[3:-5, 6:-2]) ** power for c, v in seen.items()})
     write_exr(folder / "d.exr", Z=read_exr(pair[1])["Z"][4:-4, 4:-4])
     files = [folder / f"{name}.exr" for name in "sdb"]
     width = ("--sensor-width", "33mm")  # of the 88 px that are left of 96
-    ran = run("fit", *files, "--json", "--gamma", "--shift", *width)
-    assert ran.code == 0, ran.err
+    ran = succeed("fit", *files, "--json", "--gamma", "--shift", "--exposure", *width)
     (record,) = json.loads(ran.out)["pairs"]
+    assert record["gains"] == pytest.approx([2, 2, 2], rel=0.05)
     assert record["gamma"] == pytest.approx(1.4, rel=0.03)
     assert record["shift_px"] == pytest.approx([-2, 1], abs=0.1)
     assert record["fnumber"] == pytest.approx(1.4, rel=0.03)
-    shown = run("fit", *files, "--gamma", "--shift").out
+    shown = run("fit", *files, "--gamma", "--shift", "--exposure").out
     assert "gamma 1." in shown
     assert "px to the right" in shown
 
 
-def test_depth_is_repaired_or_not_as_it_is_asked_for(pair: tuple[Path, Path, Path]) -> None:
-    near = 1 / read_exr(pair[1])["Z"]
-    soft = np.mean([np.roll(near, (y, x), (0, 1)) for y in range(-3, 4) for x in range(-3, 4)], 0)
-    write_exr(pair[0].parent / "soft.exr", Z=(1 / soft).astype(np.float32))
-    files = (pair[0], pair[0].parent / "soft.exr", pair[2], "--json")
-    repaired, as_given = (
-        json.loads(run("fit", *files, "--depth-repair", how).out)["pairs"][0]["psnr"]["all"]
-        for how in ("auto", "off")
-    )
-    assert repaired > as_given + 0.1
-
-
-def test_blades_are_written_with_their_rotation(pair: tuple[Path, Path, Path]) -> None:
+def test_blades_are_written_with_their_rotation(pair):
     folder, light = pair[0].parent, read_exr(pair[0])
     for pixels in light.values():
         pixels[20::32, 16::32] = 8.0  # lights show the pupil
     write_exr(folder / "l.exr", **light)
     words = ("--focal-length", "50mm", "--fnumber", "0.7", "--focus", "1.6m", "--blades", "6")
-    made = run(
+    succeed(
         *("render", folder / "l.exr", pair[1], *words, "--blade-rotation", "20"),
         *("-o", folder / "hex", "--exr-type", "float"),
     )
-    assert made.code == 0, made.err
     files = (folder / "l.exr", pair[1], folder / "hex" / "render" / "l.exr")
     ran = run("fit", *files, "--blades", "0,6", "-o", folder / "hex.toml")
     assert "6 blades turned" in ran.out
@@ -177,7 +141,5 @@ def test_blades_are_written_with_their_rotation(pair: tuple[Path, Path, Path]) -
         (("--right", "missing.exr"), 3, "not-found", "missing.exr"),
     ],
 )
-def test_mistakes_are_answered_in_a_line(
-    pair: tuple[Path, Path, Path], words: tuple[str, ...], exit_code: int, code: str, at: str
-) -> None:
+def test_mistakes_are_answered_in_a_line(pair, words, exit_code, code, at):
     refused(run("fit", *pair, *words), exit_code, code, at)

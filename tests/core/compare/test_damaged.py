@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import fuzzing
 import numpy as np
@@ -20,16 +19,16 @@ DEEP = b"\x02\x08\0\0"  # flags of a deep OpenEXR file
 
 
 @pytest.fixture(scope="module")
-def sound(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, bytes]]:
+def sound(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sound")
     return folder, fuzzing.sound_files(folder)
 
 
-def status(a: Path, b: Path) -> str:
+def status(a, b):
     return compared(a, b).status
 
 
-def decoded(path: Path) -> list[Any]:
+def decoded(path):
     """All images of a file, decoded without the code under test."""
     if path.suffix == ".npy":
         return [np.load(path)]
@@ -46,9 +45,7 @@ def decoded(path: Path) -> list[Any]:
 
 
 @pytest.mark.parametrize("cases", [200, pytest.param(3000, marks=pytest.mark.bench)])
-def test_a_damaged_file_is_the_same_only_if_its_pixels_are(
-    cases: int, sound: tuple[Path, dict[str, bytes]], tmp_path: Path
-) -> None:
+def test_a_damaged_file_is_the_same_only_if_its_pixels_are(cases, sound, tmp_path):
     folder, files = sound
     passed = 0
     for index in range(cases):
@@ -64,9 +61,7 @@ def test_a_damaged_file_is_the_same_only_if_its_pixels_are(
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.99])
-def test_a_file_that_was_cut_off_is_unreadable(
-    share: float, sound: tuple[Path, dict[str, bytes]], tmp_path: Path
-) -> None:
+def test_a_file_that_was_cut_off_is_unreadable(share, sound, tmp_path):
     folder, files = sound
     for name, data in files.items():
         bad = tmp_path / name
@@ -74,7 +69,7 @@ def test_a_file_that_was_cut_off_is_unreadable(
         assert status(folder / name, bad) == UNREADABLE, name
 
 
-def test_each_sound_file_is_the_same_as_itself(sound: tuple[Path, dict[str, bytes]]) -> None:
+def test_each_sound_file_is_the_same_as_itself(sound):
     folder, files = sound
     for name in files:
         assert status(folder / name, folder / name) == "same", name

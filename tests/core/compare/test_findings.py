@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -33,23 +32,23 @@ from defocus_core.reports.comparison_words import line
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
 
 
-def names(record: Any) -> list[str]:
+def names(record):
     return [finding.name for finding in record.findings]
 
 
 @pytest.fixture
-def a(tmp_path: Path) -> Path:
+def a(tmp_path):
     return write_planes(tmp_path / "a.exr", planes(scene()))
 
 
-def test_rules_know_the_names_of_all_causes() -> None:
+def test_rules_know_the_names_of_all_causes():
     rows = [row.name.partition(" {")[0] for family in FAMILIES for row in family]
     for name in (name for name in rows if "{" not in name):
         assert any(f"{name} ".startswith(f"{known} ") for known in FINDINGS), name
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_planted_fault_fails_and_is_named(fault: str, tmp_path: Path) -> None:
+def test_a_planted_fault_fails_and_is_named(fault, tmp_path):
     change, name, words = FAULTS[fault]
     dtype = (np.float16, np.float32)[list(FAULTS).index(fault) % 2]
     a = write_planes(tmp_path / "a.exr", planes(scene(), dtype))
@@ -61,7 +60,7 @@ def test_a_planted_fault_fails_and_is_named(fault: str, tmp_path: Path) -> None:
     assert name in [finding["name"] for finding in pair["findings"]]
 
 
-def test_a_smaller_coc_is_told_from_a_larger_one(a: Path, tmp_path: Path) -> None:
+def test_a_smaller_coc_is_told_from_a_larger_one(a, tmp_path):
     b = write_planes(tmp_path / "b.exr", planes(blurred(scene(), 2)))
     (finding,) = compared(b, a).findings
     assert finding.text.startswith("another CoC: blurred less, everywhere alike")
@@ -72,7 +71,7 @@ _OF_INTEGERS = ["right", "left and down", "mirrored", "upside down", "turned", "
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("fault", [*_OF_INTEGERS, "gamma 2 %", "a stop", "2 % darker"])
-def test_faults_of_integers_are_named(fault: str, dtype: Any, tmp_path: Path) -> None:
+def test_faults_of_integers_are_named(fault, dtype, tmp_path):
     change, name, words = FAULTS[fault]
     top = np.iinfo(dtype).max
     stored = np.rint(linear_to_srgb(scene().clip(0, 1)) * top).astype(dtype)
@@ -89,7 +88,7 @@ def test_faults_of_integers_are_named(fault: str, dtype: Any, tmp_path: Path) ->
         assert words in line(record)
 
 
-def test_a_picture_of_16_bits_is_quantised_to_8_in_a_file_of_8_bits(tmp_path: Path) -> None:
+def test_a_picture_of_16_bits_is_quantised_to_8_in_a_file_of_8_bits(tmp_path):
     encoded = linear_to_srgb(scene().clip(0, 1))
     a = save(tmp_path / "a.png", np.rint(encoded * 65535).astype(np.uint16))
     b = save(tmp_path / "b.png", np.rint(encoded * 255).astype(np.uint8))
@@ -98,7 +97,7 @@ def test_a_picture_of_16_bits_is_quantised_to_8_in_a_file_of_8_bits(tmp_path: Pa
     assert record.notes == ("R, G, B uint8 instead of uint16",)
 
 
-def test_light_in_an_exr_and_in_a_png_are_compared_as_light(a: Path, tmp_path: Path) -> None:
+def test_light_in_an_exr_and_in_a_png_are_compared_as_light(a, tmp_path):
     encoded = linear_to_srgb(scene().clip(0, 1))
     b = save(tmp_path / "b.png", np.rint(encoded * 255).astype(np.uint8))
     record = compared(a, b)
@@ -109,7 +108,7 @@ def test_light_in_an_exr_and_in_a_png_are_compared_as_light(a: Path, tmp_path: P
     assert record.encoding == "linear"
 
 
-def test_views_that_were_swapped_are_named(tmp_path: Path) -> None:
+def test_views_that_were_swapped_are_named(tmp_path):
     left, right = planes(scene()), planes(np.roll(scene(), 3, 1) ** 1.3)
     for folder, first, second in (("a", left, right), ("b", right, left)):
         write_planes(tmp_path / folder / "left" / "x.exr", first)
@@ -124,7 +123,7 @@ def test_views_that_were_swapped_are_named(tmp_path: Path) -> None:
     assert ran.out.count("DIFFERENT: left and right swapped,") == 5
 
 
-def test_a_missing_and_a_further_channel_are_named(tmp_path: Path) -> None:
+def test_a_missing_and_a_further_channel_are_named(tmp_path):
     whole = {**planes(scene()), "A": np.ones((HEIGHT, WIDTH), np.float16)}
     part = {name: plane for name, plane in whole.items() if name != "B"}
     a, b = write_planes(tmp_path / "a.exr", whole), write_planes(tmp_path / "b.exr", part)
@@ -134,7 +133,7 @@ def test_a_missing_and_a_further_channel_are_named(tmp_path: Path) -> None:
     assert loose.code == 1
 
 
-def test_rounding_to_half_is_named(tmp_path: Path) -> None:
+def test_rounding_to_half_is_named(tmp_path):
     values = {
         name: plane * np.float32(1.0001) for name, plane in planes(scene(), np.float32).items()
     }
@@ -143,7 +142,7 @@ def test_rounding_to_half_is_named(tmp_path: Path) -> None:
     assert names(compared(a, b)) == ["rounded to half"]
 
 
-def test_maps_of_another_coc_are_named_with_their_ranges(tmp_path: Path) -> None:
+def test_maps_of_another_coc_are_named_with_their_ranges(tmp_path):
     radius = np.linspace(-4, 6, 48 * 64, dtype=np.float32).reshape(48, 64)
     a = write_exr(tmp_path / "a.exr", coc=radius)
     b = write_exr(tmp_path / "b.exr", coc=radius * radius / 6)
@@ -155,7 +154,7 @@ def test_maps_of_another_coc_are_named_with_their_ranges(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("change", ["another picture", "a patch"])
-def test_what_is_not_understood_gets_no_name(change: str, a: Path, tmp_path: Path) -> None:
+def test_what_is_not_understood_gets_no_name(change, a, tmp_path):
     spoiled = scene()
     if change == "a patch":
         spoiled[20:30, 50:61] = 0.5
@@ -171,9 +170,7 @@ def test_what_is_not_understood_gets_no_name(change: str, a: Path, tmp_path: Pat
 
 
 @pytest.mark.parametrize("how", BENIGN)
-def test_the_same_values_written_in_another_way_are_the_same(
-    how: str, a: Path, tmp_path: Path
-) -> None:
+def test_the_same_values_written_in_another_way_are_the_same(how, a, tmp_path):
     BENIGN[how](tmp_path / "b.exr", scene())
     ran = run("compare", a, tmp_path / "b.exr")
     assert (ran.code, ran.err) == (0, "")
@@ -182,7 +179,7 @@ def test_the_same_values_written_in_another_way_are_the_same(
     assert compared(a, tmp_path / "b.exr").findings == ()
 
 
-def test_what_differs_without_changing_a_value_is_noted(a: Path, tmp_path: Path) -> None:
+def test_what_differs_without_changing_a_value_is_noted(a, tmp_path):
     BENIGN["codec PIZ"](tmp_path / "b.exr", scene())
     assert compared(a, tmp_path / "b.exr").notes == ("compression PIZ instead of ZIP",)
     BENIGN["float of half"](tmp_path / "b.exr", scene())
@@ -192,7 +189,7 @@ def test_what_differs_without_changing_a_value_is_noted(a: Path, tmp_path: Path)
     assert note == "data window 144x98 at -8,-4 instead of 128x90 at 0,0"
 
 
-def test_zero_outside_of_a_smaller_data_window_is_the_same(tmp_path: Path) -> None:
+def test_zero_outside_of_a_smaller_data_window_is_the_same(tmp_path):
     a = write_planes(tmp_path / "a.exr", planes(dark_border(scene())))
     narrow(tmp_path / "b.exr", scene())
     assert compared(a, tmp_path / "b.exr").status == "same"
@@ -200,7 +197,7 @@ def test_zero_outside_of_a_smaller_data_window_is_the_same(tmp_path: Path) -> No
     assert compared(a, tmp_path / "c.exr").status == "different"
 
 
-def test_minus_zero_is_zero_and_nan_is_nan(tmp_path: Path) -> None:
+def test_minus_zero_is_zero_and_nan_is_nan(tmp_path):
     image = scene()
     image[:4] = 0.0
     image[5, 6], image[7, 8], image[9, 9] = np.nan, np.inf, -np.inf
@@ -212,7 +209,7 @@ def test_minus_zero_is_zero_and_nan_is_nan(tmp_path: Path) -> None:
     assert record.notes == ("NaN in 1 pixel of both", "Inf in 2 pixels of both")
 
 
-def test_metadata_counts_only_if_asked_for(a: Path, tmp_path: Path) -> None:
+def test_metadata_counts_only_if_asked_for(a, tmp_path):
     b = tmp_path / "b.exr"
     BENIGN["metadata"](b, scene())
     assert "metadata: comments another day instead of nothing" in run("compare", a, b).out
@@ -221,7 +218,7 @@ def test_metadata_counts_only_if_asked_for(a: Path, tmp_path: Path) -> None:
     assert "DIFFERENT" in ran.out
 
 
-def test_the_same_numbers_in_other_primaries_are_a_warning(tmp_path: Path) -> None:
+def test_the_same_numbers_in_other_primaries_are_a_warning(tmp_path):
     for folder, more in (("A", {}), ("B", {"chromaticities": P3})):
         write_planes(tmp_path / folder / "a.exr", planes(scene()), **more)
     a, b = tmp_path / "A", tmp_path / "B"
@@ -241,9 +238,7 @@ def test_the_same_numbers_in_other_primaries_are_a_warning(tmp_path: Path) -> No
         ("tif", "tiles"),
     ],
 )
-def test_integers_written_in_another_way_are_the_same(
-    samples: str, other: str, tmp_path: Path
-) -> None:
+def test_integers_written_in_another_way_are_the_same(samples, other, tmp_path):
     values = (linear_to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
     a = save(tmp_path / f"a.{samples}", values)
     ways = {
@@ -256,9 +251,7 @@ def test_integers_written_in_another_way_are_the_same(
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("swap", [False, True])
-def test_nan_and_inf_on_one_side_fail_whatever_the_thresholds(
-    value: float, swap: bool, a: Path, tmp_path: Path
-) -> None:
+def test_nan_and_inf_on_one_side_fail_whatever_the_thresholds(value, swap, a, tmp_path):
     image = scene()
     image[40, 60] = value
     b = write_planes(tmp_path / "b.exr", planes(image))
@@ -269,7 +262,7 @@ def test_nan_and_inf_on_one_side_fail_whatever_the_thresholds(
     assert "elsewhere equal, worst at 60,40" in ran.out
 
 
-def test_infinities_of_another_sign_differ(tmp_path: Path) -> None:
+def test_infinities_of_another_sign_differ(tmp_path):
     image = scene()
     image[40, 60] = np.inf
     a = write_planes(tmp_path / "a.exr", planes(image))
@@ -279,7 +272,7 @@ def test_infinities_of_another_sign_differ(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["spheres", "lights", "leaves"])
-def test_renders_by_another_fnumber_have_another_coc(name: str, tmp_path: Path) -> None:
+def test_renders_by_another_fnumber_have_another_coc(name, tmp_path):
     folder = Path(__file__).parents[3] / "sample_scenes" / name
     for fnumber in ("2", "2.4"):
         lens = ["--focal-length", "75mm", "--sensor-width", "54mm", "--focus", "1.6m"]
@@ -292,7 +285,7 @@ def test_renders_by_another_fnumber_have_another_coc(name: str, tmp_path: Path) 
     assert finding.values["blurred_less"] > 2 * finding.values["blurred_more"]
 
 
-def test_a_focus_pull_grows_down_the_frame(tmp_path: Path) -> None:
+def test_a_focus_pull_grows_down_the_frame(tmp_path):
     light = 0.1 + 0.5 * np.random.default_rng(4).random((240, 320, 3))
     share = np.linspace(0, 1, 240)[:, None, None]
     a = write_planes(tmp_path / "a.exr", planes(light))
@@ -301,8 +294,8 @@ def test_a_focus_pull_grows_down_the_frame(tmp_path: Path) -> None:
     assert finding.text.endswith("blurred more, growing down the frame")
 
 
-def test_a_tie_of_rivals_is_said_by_their_common_word() -> None:
-    def explained(name: str, left: float) -> Explanation:
+def test_a_tie_of_rivals_is_said_by_their_common_word():
+    def explained(name, left):
         row = Cause(name, lambda _: iter(()), rivals="softened")
         return Explanation(row, FittedCause(left), Finding(name, name))
 
@@ -311,7 +304,7 @@ def test_a_tie_of_rivals_is_said_by_their_common_word() -> None:
     assert among_rivals(blur, [blur, explained("motion blur", 0.26)]) is blur
 
 
-def test_what_rounding_hides_is_too_small_to_name(tmp_path: Path) -> None:
+def test_what_rounding_hides_is_too_small_to_name(tmp_path):
     shown = np.rint(linear_to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
     steps = np.random.default_rng(2).random(shown.shape) < 0.2
     a = save(tmp_path / "a.png", shown.clip(1, 254))
@@ -320,7 +313,7 @@ def test_what_rounding_hides_is_too_small_to_name(tmp_path: Path) -> None:
     assert names(record) == ["too small to name"]
 
 
-def test_a_blur_that_keeps_what_is_sharp_is_another_coc(a: Path, tmp_path: Path) -> None:
+def test_a_blur_that_keeps_what_is_sharp_is_another_coc(a, tmp_path):
     """The left half gets blurrier and the right half, blurred in A, gets sharper."""
     half = np.arange(WIDTH)[None, :, None] < WIDTH // 2
     one = np.where(half, scene(), blurred(scene(), 3))
@@ -333,7 +326,7 @@ def test_a_blur_that_keeps_what_is_sharp_is_another_coc(a: Path, tmp_path: Path)
 
 
 @pytest.mark.parametrize("light", [True, False], ids=["beside light", "alone"])
-def test_depth_is_multiplied_or_offset_and_not_exposed(light: bool, tmp_path: Path) -> None:
+def test_depth_is_multiplied_or_offset_and_not_exposed(light, tmp_path):
     color = planes(scene()) if light else {}
     depth = 1 + 4 * scene()[..., 0].clip(0, 1)
     a = write_planes(tmp_path / "a.exr", {**color, "Z": depth})
@@ -342,7 +335,7 @@ def test_depth_is_multiplied_or_offset_and_not_exposed(light: bool, tmp_path: Pa
         assert [f.text for f in compared(a, b).findings] == [text]
 
 
-def _soft() -> Any:
+def _soft():
     """A picture without fine detail, as those of many pixels are, with a little grain."""
     y, x = np.mgrid[0:256, 0:384]
     light = 0.4 + 0.2 * np.sin(y / 31) * np.cos(x / 43)
@@ -350,7 +343,7 @@ def _soft() -> Any:
     return (light * grain)[..., None] * np.float32([1, 0.8, 0.6])
 
 
-def _brighter_patch(image: Any) -> Any:
+def _brighter_patch(image):
     b = image.copy()
     b[128:192, 192:256] *= 1.3
     return b
@@ -364,7 +357,7 @@ def _brighter_patch(image: Any) -> Any:
     ],
     ids=["pixels left out", "a patch"],
 )
-def test_what_befalls_a_soft_picture_is_told(change: Any, name: str, tmp_path: Path) -> None:
+def test_what_befalls_a_soft_picture_is_told(change, name, tmp_path):
     a = write_planes(tmp_path / "a.exr", planes(_soft(), np.float32))
     b = write_planes(tmp_path / "b.exr", planes(change(_soft()), np.float32))
     assert names(compared(a, b)) == [name]

@@ -22,7 +22,7 @@ NEW = {"render/a.exr": b"new a", "render/b.exr": b"new b"}
 STATUSES = {"render/a.exr": DIFFERENT, "render/b.exr": EXTRA, "render/gone.exr": MISSING}
 
 
-def held(folder: Path) -> dict[str, bytes]:
+def held(folder):
     """Files of golden.json, with what they hold; nothing else lies in the folder."""
     found = {name: (folder / name).read_bytes() for name in store_to_update(folder).files}
     there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
@@ -31,9 +31,7 @@ def held(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("survives", range(6))
-def test_a_kill_while_accepting_leaves_the_old_goldens_or_the_new(
-    survives: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_kill_while_accepting_leaves_the_old_goldens_or_the_new(survives, tmp_path, monkeypatch):
     goldens, root = tmp_path / "goldens", tmp_path / "root"
     for folder, files in ((goldens, OLD), (root, NEW)):
         (folder / "render").mkdir(parents=True)
@@ -45,14 +43,14 @@ def test_a_kill_while_accepting_leaves_the_old_goldens_or_the_new(
     records = [Comparison(name, None, None, status) for name, status in STATUSES.items()]
     steps, replace, store = 0, Path.replace, store_to_update(goldens)
 
-    def killed(self: Path, target: Path) -> Path:
+    def killed(self, target):
         nonlocal steps
         steps += 1
         if steps > survives:
             raise KeyboardInterrupt
         return replace(self, target)
 
-    def full(*_: object) -> None:
+    def full(*_):
         raise OSError(28, "No space left on device")
 
     if survives == 5:
@@ -72,11 +70,11 @@ def test_a_kill_while_accepting_leaves_the_old_goldens_or_the_new(
     assert held(goldens) == NEW
 
 
-def test_a_full_folder_of_scratch_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_full_folder_of_scratch_is_named(tmp_path, monkeypatch):
     for name in ("a_rgb.exr", "a_z.exr"):
         (tmp_path / name).touch()
 
-    def fails(*_: object) -> None:
+    def fails(*_):
         raise InputError("unwritable", "cannot be written", "", path=tmp_path)
 
     monkeypatch.setenv("TMPDIR", str(tmp_path))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,21 +15,21 @@ from defocus_core.compare.selection import widened
 from defocus_core.evaluation import metrics as core
 
 
-def pixels(a: Any, b: Any, selected: Any = None, gamma: float | None = 1.0) -> Pixels:
+def pixels(a, b, selected=None, gamma=1.0):
     split = [tuple(side[..., index] for index in range(3)) for side in (a, b)]
     return Pixels(("R", "G", "B"), *split, gamma, selected)
 
 
-def spoiled(seed: int = 0) -> Any:
+def spoiled(seed=0):
     noise = np.random.default_rng(seed).standard_normal((HEIGHT, WIDTH, 3))
     return (scene() + 0.03 * noise).astype(np.float32)
 
 
-def tensor(image: Any) -> torch.Tensor:
+def tensor(image):
     return torch.from_numpy(np.ascontiguousarray(image)).permute(2, 0, 1).double()
 
 
-def test_psnr_and_ssim_are_those_of_the_core() -> None:
+def test_psnr_and_ssim_are_those_of_the_core():
     a, b = scene(), spoiled()
     shown, aim = core.encoded(tensor(b)), core.encoded(tensor(a))
     metrics = measure(pixels(a, b), over=0.0)
@@ -38,7 +37,7 @@ def test_psnr_and_ssim_are_those_of_the_core() -> None:
     assert metrics["ssim"] == pytest.approx(core.ssim(core.luma(shown), core.luma(aim)), abs=1e-5)
 
 
-def test_the_others_are_their_formulas() -> None:
+def test_the_others_are_their_formulas():
     a, b = scene(), spoiled()
     error = np.abs(b.astype(np.float64) - a)
     metrics = measure(pixels(a, b), over=0.05)
@@ -51,14 +50,14 @@ def test_the_others_are_their_formulas() -> None:
     assert metrics["share"] == (greatest > 0.05).mean()
 
 
-def test_equal_half_floats_and_floats_measure_alike() -> None:
+def test_equal_half_floats_and_floats_measure_alike():
     a, b = scene(), spoiled().astype(np.float16)
     halves = measure(pixels(a.astype(np.float16), b), over=0.01)
     floats = measure(pixels(a, b.astype(np.float32)), over=0.01)
     assert halves == pytest.approx(floats, rel=1e-6)
 
 
-def test_pixels_that_are_not_selected_change_nothing() -> None:
+def test_pixels_that_are_not_selected_change_nothing():
     a, b = scene(), spoiled()
     selected = np.zeros((HEIGHT, WIDTH), bool)
     selected[20:60, 10:80] = True
@@ -69,7 +68,7 @@ def test_pixels_that_are_not_selected_change_nothing() -> None:
     assert within == pytest.approx(cut, rel=1e-7)
 
 
-def test_nan_is_left_out_of_the_numbers() -> None:
+def test_nan_is_left_out_of_the_numbers():
     a, b = scene(), spoiled()
     hole = np.ones((HEIGHT, WIDTH), bool)
     hole[30, 40] = False
@@ -79,14 +78,14 @@ def test_nan_is_left_out_of_the_numbers() -> None:
     assert all(math.isfinite(value) for value in numbers.values())
 
 
-def test_stored_srgb_is_not_encoded_again() -> None:
+def test_stored_srgb_is_not_encoded_again():
     a, b = scene().clip(0, 1), spoiled().clip(0, 1)
     metrics = measure(pixels(a, b, gamma=None), over=0.0)
     squares = tensor(b - a).square().mean(0)
     assert metrics["psnr"] == pytest.approx(core.decibels(squares), abs=1e-3)
 
 
-def test_near_and_away_from_edges_make_the_whole() -> None:
+def test_near_and_away_from_edges_make_the_whole():
     a, b = scene(), spoiled()
     near = np.zeros((HEIGHT, WIDTH), bool)
     near[:, 30:50] = True
@@ -97,7 +96,7 @@ def test_near_and_away_from_edges_make_the_whole() -> None:
 
 
 @pytest.mark.parametrize("reach", [0, 1, 7, 500])
-def test_widening_reaches_as_far_as_it_says(reach: int) -> None:
+def test_widening_reaches_as_far_as_it_says(reach):
     edges = np.zeros((30, 40), bool)
     edges[11:13, 17:] = edges[12:, 16:18] = True
     wide = widened(edges, reach)

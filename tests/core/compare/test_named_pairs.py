@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import compare_pairs
 import pytest
 from planted_faults import compared
 
 from defocus_core.compare.findings.finding import is_place
-from defocus_core.compare.record import Comparison
 from defocus_core.compare.thresholds import PRESETS
 
 # Say how light moved, or that two causes tie, or that it is slight: no cause is claimed.
@@ -17,13 +14,13 @@ _NO_CAUSE = ("spread otherwise", "softened", "too small to name")
 _EITHER = "another CoC or bokeh shape"
 
 
-def judged(pair: compare_pairs.Pair) -> Comparison:
+def judged(pair):
     return compared(pair.a, pair.b, PRESETS["render"])
 
 
 @pytest.mark.bench
 @pytest.mark.parametrize("scene", ["spheres", "lights", "leaves"])
-def test_faults_are_named_or_said_and_none_is_silent(scene: str, tmp_path: Path) -> None:
+def test_faults_are_named_or_said_and_none_is_silent(scene, tmp_path):
     right, wrong, pairs = 0, [], compare_pairs.faults(tmp_path, scene)
     for pair in pairs:
         record = judged(pair)
@@ -41,6 +38,6 @@ def test_faults_are_named_or_said_and_none_is_silent(scene: str, tmp_path: Path)
 
 @pytest.mark.bench
 @pytest.mark.parametrize("scene", ["spheres", "lights", "leaves"])
-def test_at_most_one_benign_pair_fails(scene: str, tmp_path: Path) -> None:
+def test_at_most_one_benign_pair_fails(scene, tmp_path):
     pairs = compare_pairs.benign(tmp_path, scene)
     assert sum(not judged(pair).passes for pair in pairs) <= 1

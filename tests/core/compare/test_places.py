@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import compare_pairs
 import numpy as np
 import planted_faults
@@ -13,7 +10,6 @@ from image_files import save
 from planted_faults import planes, write_planes
 
 from defocus_core.compare.findings.finding import is_place
-from defocus_core.compare.record import Comparison
 from defocus_core.io.images.color_space import linear_to_srgb
 
 SIZE = (120, 160)
@@ -21,7 +17,7 @@ Y, X = np.indices(SIZE)
 RADIUS = np.where(X < 50, 0.2, 6.0).astype(np.float32)  # in focus on the left
 
 
-def light() -> Any:
+def light():
     """Fine detail everywhere, darker at the top and with lights of 2 at the bottom."""
     rng = np.random.default_rng(5)
     image = (0.05 + 0.5 * rng.random((*SIZE, 3))) * np.where(Y < 30, 0.01, 1.0)[..., None]
@@ -29,14 +25,14 @@ def light() -> Any:
     return image.astype(np.float32)
 
 
-def blotches() -> Any:
+def blotches():
     """A pattern of both signs that no cause explains: patches of 3 px, of random gains."""
     rng = np.random.default_rng(6)
     gains = rng.choice([-0.3, -0.1, 0.1, 0.3], (SIZE[0] // 3, SIZE[1] // 3 + 1))
     return np.kron(gains, np.ones((3, 3)))[: SIZE[0], : SIZE[1], None]
 
 
-def compared(folder: Path, where: Any, *, maps: bool = True, coc: Path | None = None) -> Comparison:
+def compared(folder, where, *, maps=True, coc=None):
     a = light()
     b = (a * (1 + blotches() * where[..., None])).astype(np.float32)
     more = {"coc": RADIUS} if maps else {}
@@ -58,7 +54,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("name", PLACES)
-def test_a_difference_without_a_cause_has_its_place(name: str, tmp_path: Path) -> None:
+def test_a_difference_without_a_cause_has_its_place(name, tmp_path):
     record = compared(tmp_path, PLACES[name] + 0.02)
     finding = record.findings[-1]
     assert (finding.name, finding.code) == (name, name.replace(" ", "-"))
@@ -66,11 +62,11 @@ def test_a_difference_without_a_cause_has_its_place(name: str, tmp_path: Path) -
     assert finding.explained is None
 
 
-def test_a_difference_that_is_everywhere_has_no_place(tmp_path: Path) -> None:
+def test_a_difference_that_is_everywhere_has_no_place(tmp_path):
     assert not any(map(is_place, names(compared(tmp_path, np.ones(SIZE)))))
 
 
-def test_focus_is_known_by_a_map_that_is_named_or_lies_beside(tmp_path: Path) -> None:
+def test_focus_is_known_by_a_map_that_is_named_or_lies_beside(tmp_path):
     for folder in ("coc", "render"):
         (tmp_path / folder).mkdir()
     where = PLACES["out of focus only"]
@@ -83,11 +79,11 @@ def test_focus_is_known_by_a_map_that_is_named_or_lies_beside(tmp_path: Path) ->
     assert "out of focus only" in names(beside)
 
 
-def names(record: Comparison) -> list[str]:
+def names(record):
     return [finding.name for finding in record.findings]
 
 
-def test_without_a_map_silhouettes_are_edges(tmp_path: Path) -> None:
+def test_without_a_map_silhouettes_are_edges(tmp_path):
     away = np.hypot(X - 70, Y - 60)
     a = np.where(away < 40, 0.6, 0.1)[..., None] * np.ones(3)
     near = abs(away - 40) < 1.5
@@ -100,7 +96,7 @@ def test_without_a_map_silhouettes_are_edges(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["spheres", "lights"])
-def test_few_pixels_give_no_name_by_chance(name: str, tmp_path: Path) -> None:
+def test_few_pixels_give_no_name_by_chance(name, tmp_path):
     """Of crops of 24 x 16 px, another exposure is named, and another f-number is nothing else."""
     source = compare_pairs.source(name, 3)
     a, wide = source.rendered(), source.rendered(2.0)

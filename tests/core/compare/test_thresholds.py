@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from command_line import write_exr
@@ -13,7 +11,7 @@ from defocus_core.compare import comparison
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings
-from defocus_core.compare.thresholds import Rule, Rules, matches, read_thresholds, rule
+from defocus_core.compare.thresholds import Rules, matches, read_thresholds, rule
 from defocus_core.errors import UsageProblem
 
 
@@ -29,14 +27,14 @@ from defocus_core.errors import UsageProblem
         ("p99.9>1e-3", 0.002, 0.001),
     ],
 )
-def test_a_rule_says_when_a_picture_is_bad(text: str, bad: float, good: float) -> None:
+def test_a_rule_says_when_a_picture_is_bad(text, bad, good):
     assert rule(text).meets(bad)
     assert not rule(text).meets(good)
     assert rule(text).meets(float("nan"))
 
 
 @pytest.mark.parametrize("name", METRICS)
-def test_a_rule_that_lets_everything_through_is_refused(name: str) -> None:
+def test_a_rule_that_lets_everything_through_is_refused(name):
     right, wrong = "><" if METRICS[name].better == "low" else "<>"
     assert rule(f"{name}{right}1").metric == name
     with pytest.raises(QuantityError, match="met by the better pictures"):
@@ -46,22 +44,22 @@ def test_a_rule_that_lets_everything_through_is_refused(name: str) -> None:
 @pytest.mark.parametrize(
     "text", ["psnr", "psnr<", "psnr=45", "psrn<45", "max>1.2.3", "", "45<psnr"]
 )
-def test_what_is_no_rule_is_refused(text: str) -> None:
+def test_what_is_no_rule_is_refused(text):
     with pytest.raises(QuantityError):
         rule(text)
 
 
-def write(folder: Path, text: str) -> Path:
+def write(folder, text):
     file = folder / "compare.toml"
     file.write_text(text)
     return file
 
 
-def texts(rules: tuple[Rule, ...]) -> list[str]:
+def texts(rules):
     return [each.text for each in rules]
 
 
-def test_the_last_pattern_that_matches_wins_and_flags_win_over_all(tmp_path: Path) -> None:
+def test_the_last_pattern_that_matches_wins_and_flags_win_over_all(tmp_path):
     file = write(
         tmp_path,
         "fail = ['psnr<45']\nwarn = 'max>0.02'\nover = 0.5\n"
@@ -79,7 +77,7 @@ def test_the_last_pattern_that_matches_wins_and_flags_win_over_all(tmp_path: Pat
     assert thresholds.idle(["render/a.exr", "x.png"]) == ["left/*"]
 
 
-def test_a_pattern_without_a_slash_means_names_in_any_folder() -> None:
+def test_a_pattern_without_a_slash_means_names_in_any_folder():
     assert matches("left/deep/a.exr", "left/*")
     assert matches("left/a.exr", "a.*")
     assert not matches("left/a.exr", "lef")
@@ -98,15 +96,13 @@ def test_a_pattern_without_a_slash_means_names_in_any_folder() -> None:
         ("[[override]]\nfiles = '*'\nfails = []", "did you mean fail?"),
     ],
 )
-def test_a_file_that_makes_no_sense_is_refused(text: str, words: str, tmp_path: Path) -> None:
+def test_a_file_that_makes_no_sense_is_refused(text, words, tmp_path):
     with pytest.raises(UsageProblem) as caught:
         read_thresholds(write(tmp_path, text))
     assert words in str(caught.value)
 
 
-def test_causes_are_looked_for_only_where_a_rule_needs_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_causes_are_looked_for_only_where_a_rule_needs_one(tmp_path, monkeypatch):
     looked: list[int] = []
     monkeypatch.setattr(comparison, "diagnose", lambda *_: looked.append(1) or [])
     light = np.random.default_rng(0).random((16, 20), np.float32)

@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from torch import Tensor
 from torch.nn.functional import conv1d, pad
 
 from defocus_core import diagnose_depth, repair_depth
@@ -14,19 +13,19 @@ SIZE = (96, 128)
 SCALE, FOCUS = 30.0, 0.8
 
 
-def through_lens(metres: Tensor, focus: float = FOCUS) -> tuple[Tensor, float]:
+def through_lens(metres, focus=FOCUS):
     """Signed radii in px, and that of infinity."""
     infinity = SCALE / focus
     return infinity - SCALE / metres, infinity
 
 
-def a_disc_before(far: Tensor) -> Tensor:
+def a_disc_before(far):
     """Metres of a disc at 0.4 m before what is farther."""
     y, x = (torch.arange(n, dtype=torch.float64) - n / 2 for n in SIZE)
     return torch.where(torch.hypot(y[:, None], x) < 30.3, 0.4, far)
 
 
-def softened(metres: Tensor, deviation: float = 2.0, levels: int = 255) -> Tensor:
+def softened(metres, deviation=2.0, levels=255):
     """Distance as a network writes it into eight bits."""
     offset = torch.arange(-8, 9, dtype=torch.float64)
     kernel = torch.exp(offset.square() / (-2 * deviation**2))
@@ -40,7 +39,7 @@ def softened(metres: Tensor, deviation: float = 2.0, levels: int = 255) -> Tenso
     )
 
 
-def test_edges_soft_in_distance_become_steps_where_they_are() -> None:
+def test_edges_soft_in_distance_become_steps_where_they_are():
     metres = a_disc_before(torch.full(SIZE, 6.0, dtype=torch.float64))
     hard, infinity = through_lens(metres)
     soft, _ = through_lens(softened(metres))
@@ -56,7 +55,7 @@ def test_edges_soft_in_distance_become_steps_where_they_are() -> None:
 
 
 @pytest.mark.parametrize("farthest", [3.0, 40.0, 1000.0])
-def test_a_floor_to_the_horizon_is_not_soft(farthest: float) -> None:
+def test_a_floor_to_the_horizon_is_not_soft(farthest):
     below = torch.arange(SIZE[0], dtype=torch.float64)[:, None] + 0.5
     floor = (0.6 * SIZE[0] / below).flip(0).clamp(max=farthest).expand(SIZE)
     for metres in (floor.clone(), a_disc_before(floor)):
@@ -66,23 +65,22 @@ def test_a_floor_to_the_horizon_is_not_soft(farthest: float) -> None:
         assert found.soft_edges is None or found.antialiased is not None
 
 
-def test_the_scale_spans_the_radii() -> None:
+def test_the_scale_spans_the_radii():
     radii, infinity = through_lens(torch.tensor([0.4, 3.2, 6.0], dtype=torch.float64))
     scale = distance_scale(float(radii.min()), float(radii.max()), infinity)
-    assert scale is not None
     distance = scale.of(radii)
     assert float(distance[0]) == pytest.approx(0.0)
     assert float(distance[2]) == pytest.approx(float(radii[2] - radii[0]))
     assert float(distance[1]) == pytest.approx(float(distance[2]) / 2)  # 3.2 m is half-way
 
 
-def test_no_scale_where_distance_is_unknown_or_infinite() -> None:
+def test_no_scale_where_distance_is_unknown_or_infinite():
     assert distance_scale(-3.0, 4.0, None) is None
     assert distance_scale(-3.0, 4.0, 4.0) is None
     assert distance_scale(4.0, 4.0, 9.0) is None
 
 
-def test_frames_of_a_shot_agree_on_the_scale() -> None:
+def test_frames_of_a_shot_agree_on_the_scale():
     metres = softened(a_disc_before(torch.full(SIZE, 6.0, dtype=torch.float64)))
     repairs, scales = [], []
     for focus in (0.8, 1.5):
@@ -92,5 +90,4 @@ def test_frames_of_a_shot_agree_on_the_scale() -> None:
     agreed = agreed_repair(repairs, scales)
     for repair, focus in zip(repairs, (0.8, 1.5), strict=True):
         through = repair_through(agreed, SCALE, SCALE / focus).ramps_of
-        assert through is not None
         assert through == pytest.approx(repair.ramps_of)

@@ -7,7 +7,6 @@ import numpy as np
 import OpenEXR
 import pytest
 import torch
-from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate
 from windows import Windows
 
@@ -18,7 +17,7 @@ NEAR, FAR = 1.5, 6.0
 SCENES = Path(__file__).parents[3] / "sample_scenes"
 
 
-def disc(size: tuple[int, int] = SIZE) -> tuple[Tensor, Tensor]:
+def disc(size=SIZE):
     """A textured disc before a textured wall, and its depth, both [.., H, W]."""
     y, x = (torch.arange(side, dtype=torch.float64) + 0.5 for side in size)
     is_near = (x - 0.52 * size[1]) ** 2 + (y[:, None] - 0.47 * size[0]) ** 2 < (0.3 * size[0]) ** 2
@@ -28,20 +27,20 @@ def disc(size: tuple[int, int] = SIZE) -> tuple[Tensor, Tensor]:
     return torch.where(is_near, near, wall), torch.where(is_near, NEAR, FAR).double()
 
 
-def sampled(depth: Tensor, step: int) -> Tensor:
+def sampled(depth, step):
     return depth[step // 2 :: step, step // 2 :: step].contiguous()
 
 
-def nearest(depth: Tensor, size: tuple[int, int]) -> Tensor:
+def nearest(depth, size):
     return interpolate(depth[None, None], size, mode="nearest-exact")[0, 0]
 
 
-def whole(depth: Tensor, image: Tensor) -> Tensor:
+def whole(depth, image):
     return GuidedDepth(depth, image)[:]
 
 
 @pytest.mark.parametrize("step", [2, 3, 4])
-def test_edges_lie_where_the_colours_change(step: int) -> None:
+def test_edges_lie_where_the_colours_change(step):
     image, depth = disc()
     small = sampled(depth, step)
     found = nearest(small, SIZE), whole(small, image)
@@ -50,14 +49,14 @@ def test_edges_lie_where_the_colours_change(step: int) -> None:
 
 
 @pytest.mark.parametrize("step", [2, 3, 4])
-def test_no_depth_is_invented_between_surfaces(step: int) -> None:
+def test_no_depth_is_invented_between_surfaces(step):
     image, depth = disc()
     found = whole(sampled(depth, step), image)
     off = torch.minimum((found - NEAR).abs(), (found - FAR).abs())
     assert off.max() < 1e-6
 
 
-def test_sky_stays_sky_up_to_its_edge() -> None:
+def test_sky_stays_sky_up_to_its_edge():
     image, depth = disc()
     depth[depth == FAR] = math.inf
     found = whole(sampled(depth, 2), image)
@@ -65,7 +64,7 @@ def test_sky_stays_sky_up_to_its_edge() -> None:
     assert (torch.isinf(found) != torch.isinf(depth)).sum() < 20
 
 
-def test_slopes_go_on_up_to_an_edge() -> None:
+def test_slopes_go_on_up_to_an_edge():
     """Planes stay planes: their disparity is linear in the pixels."""
     image, depth = disc()
     x = torch.arange(SIZE[1], dtype=torch.float64)
@@ -76,7 +75,7 @@ def test_slopes_go_on_up_to_an_edge() -> None:
     assert right[:, 2:-2].double().mean() > 0.995
 
 
-def test_ramps_are_left_to_the_repair() -> None:
+def test_ramps_are_left_to_the_repair():
     image, _ = disc()
     x = torch.arange(SIZE[1] // 2, dtype=torch.float64).expand(SIZE[0] // 2, -1)
     ramp = 0.2 + 0.6 * ((x - 20) / 8).clamp(0, 1)
@@ -85,7 +84,7 @@ def test_ramps_are_left_to_the_repair() -> None:
     torch.testing.assert_close(found, linear)
 
 
-def test_averages_at_edges_are_no_surface() -> None:
+def test_averages_at_edges_are_no_surface():
     size = (4 * SIZE[0], 4 * SIZE[1])
     image, depth = disc(size)
     averaged = avg_pool2d(1 / depth[None, None], 2)[0, 0]
@@ -96,7 +95,7 @@ def test_averages_at_edges_are_no_surface() -> None:
 
 
 @pytest.mark.parametrize("small", [(48, 64), (33, 44), (24, 32), (120, 160), (1, 1), (1, 2)])
-def test_any_size_becomes_that_of_the_picture(small: tuple[int, int]) -> None:
+def test_any_size_becomes_that_of_the_picture(small):
     image, _ = disc()
     _, depth = disc(small)
     found = whole(depth, image)
@@ -105,7 +104,7 @@ def test_any_size_becomes_that_of_the_picture(small: tuple[int, int]) -> None:
     assert found.max() <= depth.max() + 1e-9
 
 
-def test_windows_are_parts_of_the_whole() -> None:
+def test_windows_are_parts_of_the_whole():
     image, depth = disc()
     guided = GuidedDepth(sampled(depth, 4).float(), Windows(image))
     found = guided[:]
@@ -114,7 +113,7 @@ def test_windows_are_parts_of_the_whole() -> None:
         assert torch.equal(guided[rows, columns], found[rows, columns])
 
 
-def test_a_mirrored_picture_has_mirrored_depth() -> None:
+def test_a_mirrored_picture_has_mirrored_depth():
     image, depth = disc()
     small = avg_pool2d(depth[None, None], 2, 2)[0, 0]
     found = whole(small, image)
@@ -122,20 +121,10 @@ def test_a_mirrored_picture_has_mirrored_depth() -> None:
         torch.testing.assert_close(whole(small.flip(dim), image.flip(dim)).flip(dim), found)
 
 
-@pytest.mark.parametrize("bad", [0.0, -1.0, math.nan])
-def test_depth_that_is_none_is_refused(bad: float) -> None:
-    image, depth = disc()
-    depth[3, 4] = bad
-    with pytest.raises(ValueError, match=r"depth must be \[h, w\] of positive floats"):
-        GuidedDepth(depth, image)
-    with pytest.raises(ValueError, match="depth must be"):
-        GuidedDepth(torch.ones(4, 5, 6), image)
-
-
 @pytest.mark.parametrize("scene", ["layered", "leaves", "lights", "spheres"])
 @pytest.mark.parametrize("step", [2, 4])
-def test_fewer_pixels_are_on_the_wrong_surface_than_by_nearest(scene: str, step: int) -> None:
-    def channels(name: str, *wanted: str) -> Tensor:
+def test_fewer_pixels_are_on_the_wrong_surface_than_by_nearest(scene, step):
+    def channels(name, *wanted):
         with OpenEXR.File(str(SCENES / scene / f"{name}.exr"), separate_channels=True) as file:
             pixels = [file.channels()[each].pixels.astype(np.float64) for each in wanted]
         return torch.from_numpy(np.stack(pixels))

@@ -4,16 +4,14 @@ import pytest
 import torch
 from measures import worst
 from scenes import pattern
-from torch import Tensor
 
-from defocus_core import render
 from defocus_core.depth.matting import radii_by_color, unmixed
 
 SIZE = (32, 48)
 EDGE = 20  # the column that is mixed
 
 
-def card(alpha: float, near_r: float = -6.0, far_r: float = 3.0) -> tuple[Tensor, Tensor]:
+def card(alpha, near_r=-6.0, far_r=3.0):
     """Red on the left before green on the right; column EDGE holds alpha of red."""
     red, green = (torch.tensor(c, dtype=torch.float64) for c in ([0.8, 0.1, 0.2], [0.1, 0.5, 0.3]))
     share = torch.zeros(SIZE[1], dtype=torch.float64)
@@ -24,21 +22,20 @@ def card(alpha: float, near_r: float = -6.0, far_r: float = 3.0) -> tuple[Tensor
 
 
 @pytest.mark.parametrize("alpha", [0.25, 0.4, 0.5, 0.6, 0.75])
-def test_a_mixed_pixel_becomes_two_surfaces(alpha: float) -> None:
+def test_a_mixed_pixel_becomes_two_surfaces(alpha):
     o = unmixed(*card(alpha))
     own = 0 if alpha >= 0.5 else -1
     assert worst(o.color[:, :, EDGE], o.color[:, :, own]) < 0.05
     if alpha >= 0.5:
         assert worst(o.coverage[:, :, EDGE], alpha) < 0.05
     else:
-        assert o.fringe is not None
         assert worst(o.fringe.layer[:, -1], alpha) < 0.06
         assert worst(o.fringe.signed_radius, -6.0) < 1e-12
         assert worst(o.coverage, 1.0) < 1e-3
 
 
 @pytest.mark.parametrize("alpha", [0.25, 0.4])
-def test_a_third_surface_beside_takes_no_part(alpha: float) -> None:
+def test_a_third_surface_beside_takes_no_part(alpha):
     """A pixel of green, mixed with red, does not take the colour of what is between them below."""
     image, radius = card(alpha)
     green, dark = image[:, 0, -1].clone(), image[:, 0, -1] / 8
@@ -50,7 +47,7 @@ def test_a_third_surface_beside_takes_no_part(alpha: float) -> None:
 
 
 @pytest.mark.parametrize("alpha", [0.0, 1.0])
-def test_a_clean_edge_is_left_alone(alpha: float) -> None:
+def test_a_clean_edge_is_left_alone(alpha):
     image, radius = card(alpha)
     o = unmixed(image, radius)
     assert worst(o.color, image) < 1e-12
@@ -59,12 +56,11 @@ def test_a_clean_edge_is_left_alone(alpha: float) -> None:
 
 
 @pytest.mark.parametrize("alpha", [0.2, 0.35, 0.5, 0.65, 0.8])
-def test_the_parts_make_the_pixel(alpha: float) -> None:
+def test_the_parts_make_the_pixel(alpha):
     """α near + (1 - α) far is the colour that was there, over a picture with texture."""
     image, radius = card(alpha)
     image = image * (0.9 + 0.2 * pattern(SIZE))
     o = unmixed(image, radius)
-    assert o.fringe is not None
     remade = o.color.clone()
     for (y, x), layer in zip(o.fringe.at.tolist(), o.fringe.layer, strict=True):
         remade[:, y, x] = layer[:3] + (1 - layer[3]) * remade[:, y, x]
@@ -72,18 +68,17 @@ def test_the_parts_make_the_pixel(alpha: float) -> None:
     assert worst(remade[untouched], image[untouched]) < 0.04  # colours stay in the range around
 
 
-def test_a_wire_of_a_pixel_keeps_its_light() -> None:
+def test_a_wire_of_a_pixel_keeps_its_light():
     """Nowhere is it seen without what is behind it: what is not of one is of the other."""
     image, radius = pattern(SIZE), torch.full(SIZE, 4.0, dtype=torch.float64)
     image[:, :, 10], radius[:, 10] = 0.9, -5.0
     o = unmixed(image, radius)
-    assert o.coverage is not None
     light, share = o.color[:, :, 10], o.coverage[:, :, 10]
     assert worst(share * light + (1 - share) * image[:, :, 12], image[:, :, 10]) < 0.2
 
 
 @pytest.mark.parametrize("share", [0.2, 0.4])
-def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share: float) -> None:
+def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share):
     """No pixel of the wire is off an edge, and none need be whole."""
     green, grey = (torch.tensor(c, dtype=torch.float64) for c in ([0.1, 0.5, 0.3], [0.7, 0.7, 0.7]))
     held = torch.zeros(SIZE[1], dtype=torch.float64)
@@ -102,7 +97,7 @@ def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share: float) -> None:
     assert worst(of_fringe, lost.sum((1, 2))) < 0.02 * SIZE[0]
 
 
-def test_a_steep_slope_is_no_edge() -> None:
+def test_a_steep_slope_is_no_edge():
     """As depth that was estimated has it: 0.9 px per px, over colours that change along it."""
     image = pattern(SIZE)
     radius = (0.9 * (torch.arange(SIZE[1]) - 20.0)).clamp(-3, 3).double().expand(SIZE).clone()
@@ -111,30 +106,7 @@ def test_a_steep_slope_is_no_edge() -> None:
     assert not len(o.fringe.at)
 
 
-def test_a_sharp_subject_has_no_ghost_line() -> None:
-    """Before a blurred background, the anti-aliased edge of a sharp card keeps no old colour.
-
-    The mixed pixel shows α of the card and 1 - α of the blurred background: all green there.
-    """
-    for alpha in (0.3, 0.7):
-        image, radius = card(alpha, near_r=0.0, far_r=6.0)
-        seen = render(image, radius).render[:, 8:-8, EDGE]
-        expected = alpha * image[:, 8:-8, 0] + (1 - alpha) * image[:, 8:-8, -1]
-        assert worst(seen, expected) < 0.03
-        beside = render(image, radius).render[:, 8:-8, EDGE + 1]
-        assert worst(beside, image[:, 8:-8, -1]) < 0.03
-
-
-def test_a_blurred_wire_leaves_no_ghost_line() -> None:
-    """Where the near card is blurred away, the sharp background shows no trace of its edge."""
-    image, radius = card(0.4, near_r=-6.0, far_r=0.0)
-    plain = card(0.0, near_r=-6.0, far_r=0.0)[0]
-    ghost = render(image, radius).render - render(plain, radius).render
-    # what is left is the card's further 0.4 px, blurred over 12
-    assert worst(ghost[:, 8:-8], 0.0) < 0.04
-
-
-def test_print_behind_a_leaf_gets_no_colours_that_are_nowhere() -> None:
+def test_print_behind_a_leaf_gets_no_colours_that_are_nowhere():
     """A colour out of the range of its surface is cut off: what it held is the other surface's."""
     generator = torch.Generator().manual_seed(1)
     size, (y, x) = (60, 80), torch.meshgrid(torch.arange(60), torch.arange(80), indexing="ij")
@@ -154,7 +126,7 @@ def test_print_behind_a_leaf_gets_no_colours_that_are_nowhere() -> None:
         assert (colors.amax(1) - colors.amin(1)).max() < colourful.max() + 0.04
 
 
-def test_a_lamp_beside_a_nearer_surface_stays_whole() -> None:
+def test_a_lamp_beside_a_nearer_surface_stays_whole():
     """What neither surface's colours explain is of the surface that the depth names."""
     image = torch.where(torch.arange(SIZE[1]) < 20, 0.2, 0.3).double().expand(3, *SIZE).clone()
     image[:, 10, 20] = 50.0
@@ -165,7 +137,7 @@ def test_a_lamp_beside_a_nearer_surface_stays_whole() -> None:
 
 
 @pytest.mark.parametrize("px", [1, 2])
-def test_colours_decide_of_which_surface_a_pixel_is(px: int) -> None:
+def test_colours_decide_of_which_surface_a_pixel_is(px):
     """Pixels left to the other surface, on either side of an edge, go to that of their colours."""
     columns, odd = torch.arange(SIZE[1]).expand(SIZE), torch.arange(SIZE[0])[:, None] % 8 == 0
     image = torch.where(columns < 20, 0.2, 0.6).double().expand(3, *SIZE)

@@ -3,7 +3,6 @@
 import pytest
 import torch
 from measures import worst
-from torch import Tensor
 
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
@@ -15,30 +14,30 @@ SIZE = (96, 144)
 LEVELS = 48
 
 
-def slope() -> Tensor:
+def slope():
     """Radii of a bent surface from 0 to 38 px, at most 0.35 px per px."""
     y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
     return 0.2 * x + 0.001 * (y[:, None] - 20) ** 2 + 0.02 * y[:, None]
 
 
-def in_levels(radius: Tensor, count: int = LEVELS) -> Tensor:
+def in_levels(radius, count=LEVELS):
     """The same in so many levels, evenly spaced."""
     minimum, maximum = torch.aminmax(radius)
     step = (maximum - minimum) / (count - 1)
     return minimum + ((radius - minimum) / step).round() * step
 
 
-def seen(radius: Tensor) -> bool:
+def seen(radius):
     return diagnosed(radius, None, threads=1).quantised
 
 
-def cards() -> Tensor:
+def cards():
     """Twelve level cards whose radii differ by 0.8 px."""
     columns = (torch.arange(SIZE[1]) // 12).to(torch.float64)
     return (0.8 * columns - 4).expand(SIZE).clone()
 
 
-def test_depth_in_few_levels_is_told_from_surfaces() -> None:
+def test_depth_in_few_levels_is_told_from_surfaces():
     assert seen(in_levels(slope()))
     assert seen(in_levels(slope().T.contiguous()))
     assert not seen(slope())
@@ -51,13 +50,13 @@ def test_depth_in_few_levels_is_told_from_surfaces() -> None:
 
 
 @pytest.mark.parametrize("height", [255, 256, 257, 258, 520])
-def test_a_band_of_a_few_rows_decides_nothing(height: int) -> None:
+def test_a_band_of_a_few_rows_decides_nothing(height):
     """Rows are looked at 256 at a time."""
     tall = torch.nn.functional.interpolate(slope()[None, None], (height, SIZE[1]), mode="bilinear")
     assert seen(in_levels(tall[0, 0]))
 
 
-def test_small_steps_become_slopes() -> None:
+def test_small_steps_become_slopes():
     given = in_levels(slope())
     found = without_terraces(given)
     within = (slice(8, -8), slice(8, -8))
@@ -68,7 +67,7 @@ def test_small_steps_become_slopes() -> None:
     assert steps[1] < steps[0] / 2
 
 
-def test_edges_and_what_is_steep_stay() -> None:
+def test_edges_and_what_is_steep_stay():
     radius = torch.zeros(SIZE, dtype=torch.float64)
     radius[:, 70:] = 1.5
     assert without_terraces(radius) is radius
@@ -77,7 +76,7 @@ def test_edges_and_what_is_steep_stay() -> None:
     assert without_terraces(steep) is steep
 
 
-def test_an_edge_beside_small_steps_is_no_softer() -> None:
+def test_an_edge_beside_small_steps_is_no_softer():
     radius = in_levels(slope())
     radius[40:60, 50:100] = -9.0
     found = without_terraces(radius)
@@ -85,14 +84,14 @@ def test_an_edge_beside_small_steps_is_no_softer() -> None:
     assert found[radius != -9].amin() >= 0
 
 
-def test_windows_hold_what_the_whole_does() -> None:
+def test_windows_hold_what_the_whole_does():
     radius = in_levels(slope())
     whole, lazily = without_terraces(radius), Repaired(radius, without_terraces, AROUND)
     for box in (Box(0, 0, *SIZE), Box(10, 33, 40, 50), Box(90, 140, 6, 4)):
         assert torch.equal(box.of(lazily), box.of(whole))
 
 
-def test_mirrored_and_turned_levels_are_mirrored_and_turned() -> None:
+def test_mirrored_and_turned_levels_are_mirrored_and_turned():
     radius = in_levels(slope())
     radius[10:80, 4:40] = 3.0
     radius[30:50, 10:31] = 3.5  # a square whose sides end
@@ -103,14 +102,14 @@ def test_mirrored_and_turned_levels_are_mirrored_and_turned() -> None:
     assert worst(without_terraces(radius.T).T, found) < 1e-12
 
 
-def test_depth_in_levels_has_a_gradient() -> None:
+def test_depth_in_levels_has_a_gradient():
     radius = in_levels(slope())[:12, 40:60].clone().requires_grad_()
     assert bool((without_terraces(radius) != radius).any())
     assert torch.autograd.gradcheck(without_terraces, radius)
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard"])
-def test_no_thin_lines_show_what_lies_far_behind(quality: str) -> None:
+def test_no_thin_lines_show_what_lies_far_behind(quality):
     """A black surface in levels, bent about the focus, before a wall that is white."""
     y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
     radius = (0.07 * (x - 60) + 0.03 * (y[:, None] - 40)).clamp(min=-3)
@@ -126,7 +125,7 @@ def test_no_thin_lines_show_what_lies_far_behind(quality: str) -> None:
     assert worst(rough, 0.0) < 0.03  # what is opaque has no holes
 
 
-def without_gaps(radius: Tensor) -> Tensor:
+def without_gaps(radius):
     """The same radii, but for a grain that hides that they are few."""
     grain = torch.rand(SIZE, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
     return radius + 1e-5 * grain

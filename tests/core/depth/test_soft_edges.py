@@ -4,12 +4,10 @@ from functools import partial
 
 import pytest
 import torch
-from measures import inner, worst
+from measures import worst
 from scenes import RADII, pattern
-from torch import Tensor
 from torch.nn.functional import max_pool2d
 
-from defocus_core import render
 from defocus_core.depth.color_profiles import FARTHEST
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
@@ -30,13 +28,13 @@ MIDDLE = SIZE[1] // 2
 NEAR, FAR = 0.0, 20.0
 
 
-def soft_depth(width: int = 7, shift: int = 0, near: float = NEAR, far: float = FAR) -> Tensor:
+def soft_depth(width=7, shift=0, near=NEAR, far=FAR):
     """Radii that ramp from near to far over `width` px, some px off the middle."""
     x = torch.arange(SIZE[1], dtype=torch.float64) + 0.5 - MIDDLE - shift
     return (near + (far - near) * (x / width + 0.5).clamp(0, 1)).expand(SIZE).clone()
 
 
-def two_colors(contrast: float = 1.0, texture: float = 0.0) -> Tensor:
+def two_colors(contrast=1.0, texture=0.0):
     """A green surface on the left, on the right a red one, perhaps with waves."""
     picture = torch.tensor([0.5, 0.1, 0.4], dtype=torch.float64)[:, None, None].repeat(1, *SIZE)
     picture *= 1 + texture * (pattern(SIZE, period=24.0) - 0.5)
@@ -44,7 +42,7 @@ def two_colors(contrast: float = 1.0, texture: float = 0.0) -> Tensor:
     return 0.3 + contrast * (picture - 0.3)
 
 
-def with_hard_edges(radius: Tensor, image: Tensor, steep: float | None = None) -> Tensor:
+def with_hard_edges(radius, image, steep=None):
     """Radii without ramps, their edges where the colours have theirs."""
     slope = slope_of_soft_edges(
         float(radius.detach().min()), float(radius.detach().max()), radius.shape
@@ -54,15 +52,15 @@ def with_hard_edges(radius: Tensor, image: Tensor, steep: float | None = None) -
     return steps if shifts is None else with_shifted_edges(steps, image, shifts)
 
 
-def hard_depth(near: float = NEAR, far: float = FAR) -> Tensor:
+def hard_depth(near=NEAR, far=FAR):
     return soft_depth(1, 0, near, far)
 
 
-def bumpy(seed: int, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
+def bumpy(seed, size):
     """Colours and soft depth of some blobs, which do not quite agree."""
     generator = torch.Generator().manual_seed(seed)
 
-    def waves(cells: int) -> Tensor:
+    def waves(cells):
         coarse = torch.randn(1, 1, -(-size[0] // cells), -(-size[1] // cells), generator=generator)
         return torch.nn.functional.interpolate(coarse, size, mode="bicubic")[0, 0].double()
 
@@ -73,7 +71,7 @@ def bumpy(seed: int, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
 
 @pytest.mark.parametrize("by", [1, 2, 5, 8])
 @pytest.mark.parametrize("size", [(20, 30), (1, 9), (9, 1), (3, 4), (1, 1)])
-def test_extremes_are_those_of_squares(by: int, size: tuple[int, int]) -> None:
+def test_extremes_are_those_of_squares(by, size):
     values = torch.randn(2, *size)
     maximum = max_pool2d(values, 2 * by + 1, stride=1, padding=by)
     assert torch.equal(extreme_around(values, by, torch.maximum), maximum)
@@ -83,10 +81,26 @@ def test_extremes_are_those_of_squares(by: int, size: tuple[int, int]) -> None:
     assert torch.equal(extreme_around(some, by, torch.maximum), expected)
 
 
+@pytest.mark.parametrize("width", [2, 3, 5, 8, 10])
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_soft_edge_becomes_a_step_in_its_middle(width, turned):
+    radius = soft_depth(width, near=-8.0, far=9.0)
+    found = without_ramps(radius.T).T if turned else without_ramps(radius)
+    assert bool(((found == -8.0) | (found == 9.0)).all())
+    assert (found[0] == -8.0).sum() == pytest.approx(MIDDLE, abs=1)
+
+
+def test_a_steep_surface_up_to_an_edge_stays():
+    """A slope of 1.4 px per px that ends before a wall: steep on one side only."""
+    radius = torch.full(SIZE, 20.0, dtype=torch.float64)
+    radius[:, :30] = 1.4 * torch.arange(30, dtype=torch.float64) - 30
+    assert torch.equal(without_ramps(radius), radius)
+
+
 @pytest.mark.parametrize("width", [4, 7, 10])
 @pytest.mark.parametrize("shift", [-6, -3, 0, 3, 6])
 @pytest.mark.parametrize("turned", [False, True])
-def test_the_edge_lies_where_the_colours_change(width: int, shift: int, turned: bool) -> None:
+def test_the_edge_lies_where_the_colours_change(width, shift, turned):
     radius, image = soft_depth(width, shift), two_colors()
     if turned:
         found = with_hard_edges(radius.T.contiguous(), image.mT.contiguous()).T
@@ -97,7 +111,7 @@ def test_the_edge_lies_where_the_colours_change(width: int, shift: int, turned: 
 
 
 @pytest.mark.parametrize("shift", [-4, 0, 4])
-def test_without_colours_it_stays_in_the_middle_of_the_ramp(shift: int) -> None:
+def test_without_colours_it_stays_in_the_middle_of_the_ramp(shift):
     found = with_hard_edges(soft_depth(7, shift), torch.full((3, *SIZE), 0.4).double())
     assert bool(((found == NEAR) | (found == FAR)).all())
     near = (found[SIZE[0] // 2] == NEAR).sum()
@@ -105,43 +119,42 @@ def test_without_colours_it_stays_in_the_middle_of_the_ramp(shift: int) -> None:
 
 
 @pytest.mark.parametrize("exposure", [1e-4, 1e4])
-def test_exposure_decides_nothing(exposure: float) -> None:
+def test_exposure_decides_nothing(exposure):
     image, radius = bumpy(1, (120, 150))
     assert torch.equal(with_hard_edges(radius, exposure * image), with_hard_edges(radius, image))
 
 
 @pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float32])
-def test_precision_decides_little(dtype: torch.dtype) -> None:
+def test_precision_decides_little(dtype):
     radius, image = soft_depth(7, 4).to(dtype), (100 * two_colors()).to(dtype)
     assert torch.equal(with_hard_edges(radius, image), hard_depth().to(dtype))
 
 
 @pytest.mark.parametrize("kind", [kind for kind in RADII if kind != "random"])
-def test_surfaces_and_hard_edges_stay(kind: str) -> None:
+def test_surfaces_and_hard_edges_stay(kind):
     radius = RADII[kind](SIZE)
     assert with_hard_edges(radius, two_colors()) is radius
 
 
 @pytest.mark.parametrize("by", [-3, 2, 5])
-def test_hard_edges_that_are_all_displaced_alike_are_moved(by: int) -> None:
+def test_hard_edges_that_are_all_displaced_alike_are_moved(by):
     """As those of depth that was grown by some px."""
     radius = soft_depth(1, by).repeat(10, 1)
     shifts = measured_shifts(radius, two_colors().repeat(1, 10, 1), 1, soft=None)
-    assert shifts is not None
     assert shifts.median == pytest.approx(by, abs=0.5)
 
 
-def test_hard_edges_where_the_colours_have_theirs_stay() -> None:
+def test_hard_edges_where_the_colours_have_theirs_stay():
     image = two_colors().repeat(1, 10, 1)
     assert measured_shifts(hard_depth().repeat(10, 1), image, 1, soft=None) is None
 
 
-def test_hard_edges_that_are_displaced_here_and_there_stay() -> None:
+def test_hard_edges_that_are_displaced_here_and_there_stay():
     radius = torch.cat([soft_depth(1, by) for by in (-9, -6, -3, 0, 3, 6)] * 2)
     assert measured_shifts(radius, two_colors().repeat(1, 12, 1), 1, soft=None) is None
 
 
-def test_a_slope_beside_an_edge_stays() -> None:
+def test_a_slope_beside_an_edge_stays():
     tilt = 0.2 * (torch.arange(SIZE[0], dtype=torch.float64)[:, None] - SIZE[0] / 2)
     found = with_hard_edges(soft_depth(7, 4) + tilt, two_colors())
     off = (found - hard_depth() - tilt).abs() > 0.2 * 24  # the longest path
@@ -151,7 +164,7 @@ def test_a_slope_beside_an_edge_stays() -> None:
 
 
 @pytest.mark.parametrize("dims", [(-1,), (-2,), (-1, -2)])
-def test_mirrored_pictures_are_mirrored(dims: tuple[int, ...]) -> None:
+def test_mirrored_pictures_are_mirrored(dims):
     image, radius = bumpy(2, (90, 120))
     found = with_hard_edges(radius, image)
     assert bool((found != without_ramps(radius)).any())
@@ -161,13 +174,13 @@ def test_mirrored_pictures_are_mirrored(dims: tuple[int, ...]) -> None:
 
 
 @pytest.mark.parametrize("fatter", [-8, -5, 5, 8])
-def test_an_edge_that_is_far_off_is_found(fatter: int) -> None:
+def test_an_edge_that_is_far_off_is_found(fatter):
     found = with_hard_edges(soft_depth(shift=fatter), two_colors())
     assert worst(found, hard_depth()) == 0
 
 
 @pytest.mark.parametrize("wide", [2, 3])
-def test_a_rim_is_of_the_nearer_surface(wide: int) -> None:
+def test_a_rim_is_of_the_nearer_surface(wide):
     image, radius = two_colors(), soft_depth(shift=-wide)
     rim = slice(MIDDLE - wide, MIDDLE)
     image[:, :, rim] = torch.tensor([0.7, 0.7, 0.8], dtype=torch.float64)[:, None, None]
@@ -175,18 +188,17 @@ def test_a_rim_is_of_the_nearer_surface(wide: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_a_window_holds_what_the_whole_holds(seed: int) -> None:
+def test_a_window_holds_what_the_whole_holds(seed):
     image, radius = bumpy(seed, (300, 340))
     radius = without_ramps(radius, 0.4)
     shifts = measured_shifts(radius, image, 1, soft=0.0)
-    assert shifts is not None
     repair = partial(with_shifted_edges, shifts=shifts)
     whole, lazily = repair(radius, image), Repaired(radius, repair, AROUND_SHIFTS, image)
     for box in (Box(130, 140, 30, 40), Box(0, 150, 64, 64), Box(250, 0, 50, 340)):
         assert torch.equal(box.of(lazily), box.of(whole))
 
 
-def told(radius: Tensor) -> bool:
+def told(radius):
     found = diagnosed(radius, None, threads=1)
     slope = found.soft_edges if found.antialiased is None else None
     if slope is not None:
@@ -197,7 +209,7 @@ def told(radius: Tensor) -> bool:
 
 
 @pytest.mark.parametrize("range_px", [20.0, 40.0, 80.0])
-def test_soft_edges_are_told_from_surfaces(range_px: float) -> None:
+def test_soft_edges_are_told_from_surfaces(range_px):
     """Whatever the lens."""
     for width, soft in ((5, True), (7, True), (12, True), (2, False), (60, False)):
         assert told(soft_depth(width, far=range_px)) is soft
@@ -209,13 +221,13 @@ def test_soft_edges_are_told_from_surfaces(range_px: float) -> None:
     assert not told(one)  # a row of it is no edge
 
 
-def test_a_frame_of_few_pixels_has_surfaces_that_are_as_steep() -> None:
+def test_a_frame_of_few_pixels_has_surfaces_that_are_as_steep():
     y, x = (torch.arange(n, dtype=torch.float64) for n in (16, 24))
     radius = 0.5 * x + 0.4 * y[:, None]
     assert not told(radius)
 
 
-def test_a_steep_surface_among_hard_edges_is_none() -> None:
+def test_a_steep_surface_among_hard_edges_is_none():
     """Like the side of a box."""
     radius = hard_depth()
     radius[10:20, 20:30] = torch.linspace(0, 20, 10).double()
@@ -225,7 +237,7 @@ def test_a_steep_surface_among_hard_edges_is_none() -> None:
 
 
 @pytest.mark.parametrize("height", [120, 255, 256, 257, 258, 259, 520])
-def test_bands_of_rows_decide_nothing(height: int) -> None:
+def test_bands_of_rows_decide_nothing(height):
     """Rows are looked at 256 at a time."""
     image, radius = bumpy(1, (height, 90))
     steep = slope_of_soft_edges(
@@ -236,45 +248,31 @@ def test_bands_of_rows_decide_nothing(height: int) -> None:
     assert not told(with_hard_edges(radius, image, steep))
 
 
-def test_each_radius_has_one_source() -> None:
+def test_each_radius_has_one_source():
     """Radii are taken, not mixed: their gradients add up to one for each pixel."""
     image, radius = bumpy(3, (60, 80))
     given = radius.requires_grad_()
     found = with_hard_edges(given, image)
     weights = torch.rand_like(found)
     (found * weights).sum().backward()
-    assert given.grad is not None
     assert float(given.grad.sum()) == pytest.approx(float(weights.sum()))
     assert bool((given.grad >= 0).all())
 
 
-@pytest.mark.parametrize("shift", [-5, 5])
-def test_a_sharp_subject_has_neither_a_halo_nor_a_blurred_rim(shift: int) -> None:
-    """Depth that is 5 px off, soft or hard, makes the picture that true depth makes."""
-    image = two_colors()
-    slats = 1 + 0.8 * torch.sin(torch.arange(SIZE[0], dtype=torch.float64))[:, None]
-    image[..., MIDDLE:] *= slats
-    true = render(image, hard_depth(far=12.0)).render
-    found = render(image, soft_depth(7, shift, far=12.0)).render
-    off = render(image, soft_depth(1, shift, far=12.0)).render
-    assert worst(inner(found, 4), inner(true, 4)) < 1e-6
-    assert worst(inner(off, 4), inner(true, 4)) < 1e-6
-
-
-def test_low_contrast_is_enough() -> None:
+def test_low_contrast_is_enough():
     image = two_colors(0.3)
     assert torch.equal(with_hard_edges(soft_depth(7, 5), image), hard_depth())
 
 
 @pytest.mark.parametrize("shift", [-6, -3, 0, 3, 6])
-def test_texture_moves_an_edge_by_little(shift: int) -> None:
+def test_texture_moves_an_edge_by_little(shift):
     found = with_hard_edges(soft_depth(7, shift), two_colors(texture=0.4))
     misplaced = int((found != hard_depth()).sum()) / SIZE[0]
     assert misplaced < 2
 
 
 @pytest.mark.parametrize("by", [2.0, 4.0])
-def test_an_edge_that_wanders_comes_to_where_the_colours_change(by: float) -> None:
+def test_an_edge_that_wanders_comes_to_where_the_colours_change(by):
     shifts = (by * torch.sin(torch.arange(SIZE[0]) / 9)).round().int().tolist()
     radius = torch.stack([soft_depth(7, shift)[0] for shift in shifts])
     found = with_hard_edges(radius, two_colors(texture=0.4))
@@ -283,9 +281,7 @@ def test_an_edge_that_wanders_comes_to_where_the_colours_change(by: float) -> No
 
 
 @pytest.mark.parametrize(("near", "far", "by"), [(-20.0, 0.0, 3), (0.0, 20.0, 0)])
-def test_doubt_goes_to_a_nearer_surface_that_is_more_blurred(
-    near: float, far: float, by: int
-) -> None:
+def test_doubt_goes_to_a_nearer_surface_that_is_more_blurred(near, far, by):
     """What is left of it beyond its edge would be a sharp line."""
     doubt = EdgeShifts(0.3, 0.0, (0.0,) * (2 * FARTHEST + 1))
     found = with_shifted_edges(hard_depth(near, far), two_colors(contrast=0.0), doubt)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
-from typing import Any
 
 import pytest
 import torch
@@ -47,12 +46,12 @@ print(1e6 * (memory.peak_mb() - before), bound)
 """
 
 
-def prepared(kind: str, radius: float = 8.8, **options: Any) -> Renderer:
+def prepared(kind, radius=8.8, **options):
     image, signed_radius = scenery(kind, *SIZE, radius)[:2]
     return Renderer(Scene(image, signed_radius), Settings(**options))
 
 
-def test_work_grows_with_blur_views_quality_and_hidden_content() -> None:
+def test_work_grows_with_blur_views_quality_and_hidden_content():
     plane = cost(prepared("plane"))
     assert cost(prepared("plane", radius=0.2)) < plane
     assert cost(prepared("plane", left_right=True)) > plane
@@ -60,7 +59,7 @@ def test_work_grows_with_blur_views_quality_and_hidden_content() -> None:
     assert min(cost(prepared(kind)) for kind in ("floor", "cards")) > plane
 
 
-def test_memory_grows_with_regions_at_once_threads_and_views() -> None:
+def test_memory_grows_with_regions_at_once_threads_and_views():
     large = scenery("cards", 1100, 2000, 8.8)
     one = Renderer(Scene(large[0], large[1]))
     assert memory_bound(one, 2, 2) > memory_bound(one, 2, 1) > memory_bound(one, 1, 1)
@@ -69,7 +68,7 @@ def test_memory_grows_with_regions_at_once_threads_and_views() -> None:
     )
 
 
-def test_double_precision_takes_twice_the_memory() -> None:
+def test_double_precision_takes_twice_the_memory():
     image, radius = (part.double() for part in scenery("cards", *SIZE, 8.8)[:2])
     double = memory_bound(Renderer(Scene(image, radius)), 1, 1)
     assert 1.4 < double / memory_bound(prepared("cards"), 1, 1) <= 2.0
@@ -87,7 +86,7 @@ def test_double_precision_takes_twice_the_memory() -> None:
         "floor 1080 1920 32 draft centre 2",
     ],
 )
-def test_no_rendering_takes_more_memory_than_its_bound(case: str) -> None:
+def test_no_rendering_takes_more_memory_than_its_bound(case):
     command = [sys.executable, "-c", _PEAK, *case.split()]
     ran = subprocess.run(command, capture_output=True, text=True, check=True)
     peak, bound = map(float, ran.stdout.split())
@@ -98,10 +97,10 @@ def test_no_rendering_takes_more_memory_than_its_bound(case: str) -> None:
 @pytest.mark.bench
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
-def test_work_tells_seconds_within_a_factor_of_two(kind: str, quality: str) -> None:
+def test_work_tells_seconds_within_a_factor_of_two(kind, quality):
     torch.set_num_threads(1)
 
-    def seconds_per_unit(kind: str, quality: str) -> float:
+    def seconds_per_unit(kind, quality):
         image, radius = scenery(kind, 540, 960, 16.0)[:2]
         settings = Settings(quality=quality)
         picture = Renderer(Scene(image, radius), settings)

@@ -9,22 +9,21 @@ import numpy as np
 import pytest
 import torch
 from measures import inner, psnr
-from torch import Tensor
 
 from defocus_core.evaluation import metrics
 
 TRUTH = Path(__file__).parents[4] / "shared" / "truth"
 
 
-def noise(*shape: int, seed: int = 0) -> Tensor:
+def noise(*shape, seed=0):
     return torch.rand(shape, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
 
 
-def flat(size: tuple[int, int] = (30, 40)) -> Tensor:
+def flat(size=(30, 40)):
     return torch.zeros(size, dtype=torch.float64)
 
 
-def test_a_picture_is_equal_to_itself() -> None:
+def test_a_picture_is_equal_to_itself():
     picture = noise(3, 30, 40)
     found = metrics.measure(picture, picture, flat(), border=2)
     assert (found.psnr, found.psnr_elsewhere) == (99.0, 99.0)
@@ -33,13 +32,13 @@ def test_a_picture_is_equal_to_itself() -> None:
     assert found.ssim == pytest.approx(1.0)
 
 
-def test_ssim_of_flat_pictures_is_the_ratio_of_their_means() -> None:
+def test_ssim_of_flat_pictures_is_the_ratio_of_their_means():
     a, b = flat() + 0.3, flat() + 0.7
     expected = (2 * 0.3 * 0.7 + 1e-4) / (0.3**2 + 0.7**2 + 1e-4)
     assert metrics.ssim(a, b) == pytest.approx(expected, rel=1e-9)
 
 
-def test_ssim_of_one_window_is_its_formula() -> None:
+def test_ssim_of_one_window_is_its_formula():
     a, b = noise(11, 11), noise(11, 11, seed=1)
     x = torch.arange(-5, 6).double()
     w = torch.exp(-(x[:, None] ** 2 + x**2) / (2 * 1.5**2))
@@ -52,20 +51,20 @@ def test_ssim_of_one_window_is_its_formula() -> None:
     assert metrics.ssim(a, b) == pytest.approx(expected, rel=1e-9)
 
 
-def test_relative_rmse_and_percentile_of_a_constant_error() -> None:
+def test_relative_rmse_and_percentile_of_a_constant_error():
     truth = 0.2 + noise(3, 30, 40)
     found = metrics.measure(truth + 0.05, truth, flat(), border=3)
     assert found.rel_rmse == pytest.approx(0.05 / float(inner(truth, 3).mean()))
     assert found.p999 == pytest.approx(0.05)
 
 
-def test_a_percentile_lies_between_its_neighbours() -> None:
+def test_a_percentile_lies_between_its_neighbours():
     values = noise(7, 333)
     assert metrics.percentile(values, 99.9) == pytest.approx(np.percentile(values.numpy(), 99.9))
     assert metrics.percentile(values, 100.0) == float(values.max())
 
 
-def test_near_an_edge_is_within_the_distance() -> None:
+def test_near_an_edge_is_within_the_distance():
     radius = flat((21, 40))
     radius[:, 20:] = 1.5  # the edge lies between columns 19 and 20
     near = metrics.near_edges(radius, 4.0)
@@ -74,7 +73,7 @@ def test_near_an_edge_is_within_the_distance() -> None:
     assert not metrics.near_edges(radius * 0.6, 4.0).any()  # 0.9 px is a slope
 
 
-def test_near_a_point_is_a_disc() -> None:
+def test_near_a_point_is_a_disc():
     radius = flat((41, 41))
     radius[20, 20] = 9.0  # with its neighbours a cross of five pixels
     y, x = torch.meshgrid(torch.arange(41), torch.arange(41), indexing="ij")
@@ -83,7 +82,7 @@ def test_near_a_point_is_a_disc() -> None:
     assert torch.equal(metrics.near_edges(radius, 6.0), wanted)
 
 
-def test_an_error_at_an_edge_is_found_there() -> None:
+def test_an_error_at_an_edge_is_found_there():
     truth, radius = noise(3, 40, 60), flat((40, 60))
     radius[:, 30:] = 5.0
     picture = truth.clone()
@@ -102,12 +101,12 @@ def test_an_error_at_an_edge_is_found_there() -> None:
         (torch.full((3, 30, 40), math.nan), 0, "finite"),
     ],
 )
-def test_what_cannot_be_measured_is_refused(picture: Tensor, border: int, words: str) -> None:
+def test_what_cannot_be_measured_is_refused(picture, border, words):
     with pytest.raises(ValueError, match=words):
         metrics.measure(picture, torch.ones_like(picture), flat(), border=border)
 
 
-def test_psnr_is_that_of_the_demo() -> None:
+def test_psnr_is_that_of_the_demo():
     a, b = 1.3 * noise(3, 30, 40), 1.3 * noise(3, 30, 40, seed=1)
     found = metrics.measure(a, b, flat(), border=4)
     moved = (np.moveaxis(x.numpy(), 0, -1) for x in (a, b))
@@ -117,7 +116,7 @@ def test_psnr_is_that_of_the_demo() -> None:
 
 
 @pytest.mark.skipif(not (TRUTH / "score.py").exists(), reason="needs ../shared/truth")
-def test_errors_are_those_of_the_truths_own_script() -> None:
+def test_errors_are_those_of_the_truths_own_script():
     pytest.importorskip("scipy")
     spec = importlib.util.spec_from_file_location("score", TRUTH / "score.py")
     assert spec is not None

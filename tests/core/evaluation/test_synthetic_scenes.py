@@ -8,12 +8,12 @@ from defocus_core.evaluation.synthetic_scenes import KINDS, scenery
 SIZE = (60, 96)
 
 
-def radius(kind: str, r: float = 8.0) -> torch.Tensor:
+def radius(kind, r=8.0):
     return scenery(kind, *SIZE, r).signed_radius
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_scene_is_as_large_and_as_blurred_as_asked_for(kind: str) -> None:
+def test_a_scene_is_as_large_and_as_blurred_as_asked_for(kind):
     image, r = scenery(kind, *SIZE, 8.0)
     assert (image.shape, r.shape) == ((3, *SIZE), SIZE)
     maximum = float(r.abs().max())
@@ -23,32 +23,32 @@ def test_a_scene_is_as_large_and_as_blurred_as_asked_for(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_scene_is_the_same_each_time(kind: str) -> None:
+def test_a_scene_is_the_same_each_time(kind):
     for one, other in zip(scenery(kind, *SIZE, 8.0), scenery(kind, *SIZE, 8.0), strict=True):
         assert torch.equal(one, other)
 
 
-def test_four_fifths_of_a_frame_are_in_focus() -> None:
+def test_four_fifths_of_a_frame_are_in_focus():
     assert float((radius("most").abs() < 0.5).double().mean()) == pytest.approx(0.8, abs=0.02)
 
 
-def test_a_floor_crosses_the_focus_without_a_step() -> None:
+def test_a_floor_crosses_the_focus_without_a_step():
     r = radius("floor")
     assert float(r.diff(dim=0).abs().max()) < 0.5
     assert float(r.min()) == pytest.approx(-float(r.max()))
 
 
 @pytest.mark.parametrize("kind", ["cards", "thin", "lights"])
-def test_surfaces_overlap(kind: str) -> None:
+def test_surfaces_overlap(kind):
     assert float(radius(kind).diff(dim=-1).abs().max()) > 1.5
 
 
-def test_cards_lie_on_both_sides_of_the_focus() -> None:
+def test_cards_lie_on_both_sides_of_the_focus():
     assert len(radius("cards").unique()) > 6
     assert float(radius("cards").min()) < -6
 
 
-def test_lights_are_as_dense_at_any_size() -> None:
+def test_lights_are_as_dense_at_any_size():
     small, large = (scenery("lights", n, n, 2.0).image.amax(0) > 1 for n in (128, 256))
     assert int(large.sum()) == pytest.approx(4 * int(small.sum()), rel=0.1)
 
@@ -61,6 +61,6 @@ def test_lights_are_as_dense_at_any_size() -> None:
         (("floor", 9, 9, -1.0), "radius"),
     ],
 )
-def test_what_is_no_scene_is_refused(args: tuple[str, int, int, float], words: str) -> None:
+def test_what_is_no_scene_is_refused(args, words):
     with pytest.raises(ValueError, match=words):
         scenery(*args)

@@ -7,7 +7,6 @@ from itertools import chain, count
 
 import pytest
 import torch
-from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
 from defocus_core import Views
@@ -19,23 +18,23 @@ Render = Callable[..., Views]
 GPU_ALIKE = LawSetting("cpu:0", "standard")  # not "cpu": compared with it as a GPU is
 
 
-def on_pictures(change: Callable[[Tensor], Tensor]) -> Render:
+def on_pictures(change):
     """A renderer that does something to each of its pictures."""
 
-    def wrong(image: Tensor, radius: Tensor, **options: object) -> Views:
+    def wrong(image, radius, **options):
         seen = true_render(image, radius, **options)  # type: ignore[arg-type]
         return seen._replace(images=[change(image) for image in seen.images])
 
     return wrong
 
 
-def on_radii(change: Callable[[Tensor], Tensor]) -> Render:
+def on_radii(change):
     """A renderer that takes radii for others."""
     return lambda image, radius, **options: true_render(image, change(radius), **options)
 
 
-def on_pair(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Render:
-    def wrong(image: Tensor, radius: Tensor, **options: object) -> Views:
+def on_pair(change):
+    def wrong(image, radius, **options):
         seen = true_render(image, radius, **options)  # type: ignore[arg-type]
         if seen.left is None or seen.right is None:
             return seen
@@ -45,34 +44,34 @@ def on_pair(change: Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]) -> Render
     return wrong
 
 
-def brighter_by(option: str) -> Render:
+def brighter_by(option):
     """A renderer whose pictures depend a little on an option that must not matter."""
 
-    def wrong(image: Tensor, radius: Tensor, **options: object) -> Views:
+    def wrong(image, radius, **options):
         scale = 1 + 1e-6 * float(options[option])  # type: ignore[arg-type]
         return on_pictures(lambda picture: picture * scale)(image, radius, **options)
 
     return wrong
 
 
-def brighter_each_time() -> Render:
+def brighter_each_time():
     calls = count()
     return on_pictures(lambda picture: picture * (1 + 1e-3 * next(calls)))
 
 
-def half_precision(picture: Tensor) -> Tensor:
+def half_precision(picture):
     """With the numbers of half precision, unless it is in double."""
     return picture.half().float() if picture.dtype == torch.float32 else picture
 
 
-def vignette(picture: Tensor) -> Tensor:
+def vignette(picture):
     """Darker to the right and below, as if places in the frame mattered."""
     H, W = picture.shape[-2:]
     down, across = torch.linspace(1, 0.999, H)[:, None], torch.linspace(1, 0.999, W)
     return picture * (down * across).to(picture)
 
 
-def soft(picture: Tensor) -> Tensor:
+def soft(picture):
     return avg_pool2d(picture, 9, stride=1, padding=4, count_include_pad=False)
 
 
@@ -109,18 +108,16 @@ FAULTS: dict[str, tuple[Render, set[tuple[str, str]]]] = {
 }
 
 
-def rows(found: list[Check], named: tuple[str, str]) -> list[Check]:
+def rows(found, named):
     law, measured = named
     return [c for c in found if c.law.startswith(law) and c.measured.startswith(measured)]
 
 
-def all_checks(setting: LawSetting) -> list[Check]:
+def all_checks(setting):
     return [check for found in lens_laws.verify(setting) for check in found]
 
 
-def leave_laws(
-    monkeypatch: pytest.MonkeyPatch, sound: list[list[Check]], named: set[tuple[str, str]]
-) -> None:
+def leave_laws(monkeypatch, sound, named):
     """Leave the laws that measure the rows named; the others would take minutes."""
     laws = zip(lens_laws.LAWS, sound, strict=True)
     left = [law for law, passed in laws if any(rows(passed, name) for name in named)]
@@ -128,35 +125,33 @@ def leave_laws(
 
 
 @pytest.fixture(scope="module")
-def sound() -> list[list[Check]]:
+def sound():
     """Of each law."""
     return list(lens_laws.verify(GPU_ALIKE))
 
 
-def test_the_renderer_passes_at_standard_quality(sound: list[list[Check]]) -> None:
+def test_the_renderer_passes_at_standard_quality(sound):
     assert [check for check in chain(*sound) if not check.ok] == []
 
 
 @pytest.mark.parametrize(
     "quality", ["draft", "high", pytest.param("reference", marks=pytest.mark.bench)]
 )
-def test_the_renderer_passes(quality: str) -> None:
+def test_the_renderer_passes(quality):
     found = all_checks(LawSetting(quality=quality))
     assert [check for check in found if not check.ok] == []
     skipped = [check.law for check in found if check.value is None]
     assert skipped == ["CPU and GPU"]
 
 
-def test_two_devices_are_compared(sound: list[list[Check]]) -> None:
+def test_two_devices_are_compared(sound):
     (check,) = rows([*chain(*sound)], ("CPU and GPU", ""))
     assert check.value is not None
     assert check.ok
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_fails_the_rows_of_its_law(
-    fault: str, sound: list[list[Check]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fault_fails_the_rows_of_its_law(fault, sound, monkeypatch):
     wrong, named = FAULTS[fault]
     monkeypatch.setattr(law_probes, "render", wrong)
     leave_laws(monkeypatch, sound, named)
@@ -169,9 +164,7 @@ def test_a_fault_fails_the_rows_of_its_law(
 @pytest.mark.parametrize(
     ("fault", "law"), [("halves swapped", "half discs"), ("one half darker", "left + right")]
 )
-def test_a_fault_of_the_pair_alone_leaves_the_centre_sound(
-    fault: str, law: str, sound: list[list[Check]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_fault_of_the_pair_alone_leaves_the_centre_sound(fault, law, sound, monkeypatch):
     monkeypatch.setattr(law_probes, "render", FAULTS[fault][0])
     centre = {"PSF radius", "sharp rim", "centroid", "energy", "gradient"}
     leave_laws(monkeypatch, sound, {(name, "") for name in (law, *centre)})
@@ -180,14 +173,14 @@ def test_a_fault_of_the_pair_alone_leaves_the_centre_sound(
     assert not failed & centre
 
 
-def test_every_row_can_fail(sound: list[list[Check]]) -> None:
+def test_every_row_can_fail(sound):
     every = [*chain(*sound)]
     failing = [rows(every, name) for _, named in FAULTS.values() for name in named]
     told = {(check.law, check.measured) for found in failing for check in found}
     assert told == {(check.law, check.measured) for check in every}
 
 
-def test_a_check_that_is_not_a_number_fails_and_one_without_a_number_does_not() -> None:
+def test_a_check_that_is_not_a_number_fails_and_one_without_a_number_does_not():
     check = Check("law", "measured", "px", 1.0, 1.0)
     assert check.ok
     assert replace(check, value=None).ok
@@ -196,7 +189,7 @@ def test_a_check_that_is_not_a_number_fails_and_one_without_a_number_does_not() 
 
 
 @pytest.mark.parametrize("r", [8.0, 20.0])
-def test_a_disc_is_measured_as_what_it_is(r: float) -> None:
+def test_a_disc_is_measured_as_what_it_is(r):
     """The disc is anti-aliased over one pixel: 0.8 px of a linear fall."""
     at = torch.arange(61, dtype=torch.float64) - 30
     disc = (r + 0.5 - torch.hypot(at, at[:, None])).clamp(0, 1)

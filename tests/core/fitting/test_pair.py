@@ -1,10 +1,7 @@
 """The blur between two pictures is found again, whatever else differs between them."""
 
-from __future__ import annotations
-
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core import Aperture, DefocusLens, DualPixel, fit, fnum_of_strength, render
 from defocus_core.fitting.pictures import shifted
@@ -12,7 +9,7 @@ from defocus_core.fitting.pictures import shifted
 STRENGTH, FOCUS = 14.0, 0.45  # px for a disparity of 1; disparity
 
 
-def scene(side: int = 96) -> tuple[Tensor, Tensor]:
+def scene(side=96):
     """Textured slopes and a card: light [3, H, W] and disparity [H, W]."""
     generator = torch.Generator().manual_seed(3)
     fine = torch.rand(3, side, side, generator=generator)
@@ -23,11 +20,11 @@ def scene(side: int = 96) -> tuple[Tensor, Tensor]:
     return image, disparity
 
 
-def blurred(image: Tensor, disparity: Tensor, **options: object) -> Tensor:
-    return render(image, STRENGTH * (FOCUS - disparity), **options).render  # type: ignore[arg-type]
+def blurred(image, disparity, **options):
+    return render(image, STRENGTH * (FOCUS - disparity), **options).render
 
 
-def test_focus_and_strength_are_found_from_two_pictures() -> None:
+def test_focus_and_strength_are_found_from_two_pictures():
     image, disparity = scene()
     found = fit(image, disparity, blurred(image, disparity))
     assert found.strength == pytest.approx(STRENGTH, rel=0.01)
@@ -37,7 +34,7 @@ def test_focus_and_strength_are_found_from_two_pictures() -> None:
     assert not found.doubts
 
 
-def test_depth_of_unknown_scale_and_shift_gives_the_same_radii() -> None:
+def test_depth_of_unknown_scale_and_shift_gives_the_same_radii():
     image, disparity = scene()
     found = fit(image, 40 - 7 * (1 - disparity.double()), blurred(image, disparity))
     radius = found.strength * (found.focus - (40 - 7 * (1 - disparity)))
@@ -45,7 +42,7 @@ def test_depth_of_unknown_scale_and_shift_gives_the_same_radii() -> None:
     assert float((radius - wanted).abs().median()) < 0.02 * float(wanted.abs().median())
 
 
-def test_exposure_and_white_balance_are_found_beside_the_blur() -> None:
+def test_exposure_and_white_balance_are_found_beside_the_blur():
     image, disparity = scene()
     gains = torch.tensor([0.8, 1.1, 1.3])
     observed = blurred(image, disparity) * gains[:, None, None]
@@ -54,9 +51,7 @@ def test_exposure_and_white_balance_are_found_beside_the_blur() -> None:
     assert found.focus == pytest.approx(FOCUS, abs=0.01)
 
 
-def test_a_search_crosses_the_focus_to_the_same_blur_on_its_other_side(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_search_crosses_the_focus_to_the_same_blur_on_its_other_side(monkeypatch):
     """A wall that is 1.4 px beyond the focus looks as one that is as much nearer."""
     image, _ = scene(64)
     wall = torch.linspace(0.05, 0.15, 64)[:, None].repeat(1, 64)
@@ -69,23 +64,12 @@ def test_a_search_crosses_the_focus_to_the_same_blur_on_its_other_side(
     assert found.strength == pytest.approx(14, rel=0.005)
 
 
-def test_left_and_right_tell_the_blur_too() -> None:
-    image, disparity = scene()
-    views = render(image, STRENGTH * (FOCUS - disparity), left_right=True)
-    assert views.left is not None
-    assert views.right is not None
-    found = fit(image, disparity, (views.left, views.right))
-    assert found.strength == pytest.approx(STRENGTH, rel=0.01)
-    assert found.focus == pytest.approx(FOCUS, abs=0.01)
-
-
-def test_the_photodiodes_and_their_sides_are_found_with_the_lens() -> None:
+def test_the_photodiodes_and_their_sides_are_found_with_the_lens():
     image, disparity = scene()
     sensor = DualPixel("smooth", 0.1)
     views = render(image, STRENGTH * (FOCUS - disparity), left_right=True, dual_pixel=sensor)
     choices = [DualPixel(), DualPixel("smooth")]
     found = fit(image, disparity, (views.right, views.left), dual_pixels=choices, crosstalk=True)
-    assert found.dual_pixel is not None
     assert found.dual_pixel.model == "smooth"
     assert found.dual_pixel.crosstalk == pytest.approx(0.1, abs=0.01)
     assert found.crosstalk_error < 0.02
@@ -94,7 +78,7 @@ def test_the_photodiodes_and_their_sides_are_found_with_the_lens() -> None:
     assert found.strength == pytest.approx(STRENGTH, rel=0.01)
 
 
-def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading() -> None:
+def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading():
     image, _ = scene()
     plane, sensor = torch.full((96, 96), 0.2), DualPixel(crosstalk=0.2)
     views = render(image, STRENGTH * (FOCUS - plane), left_right=True, dual_pixel=sensor)
@@ -109,7 +93,6 @@ def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading() -> None
     )
     assert found.focus == FOCUS
     assert found.strength == pytest.approx(STRENGTH, rel=0.01)
-    assert found.dual_pixel is not None
     assert found.dual_pixel.crosstalk == pytest.approx(0.2, abs=0.01)
     assert found.shading[0] == pytest.approx((1.0, -0.1, 0.0), abs=0.01)
     assert found.shading[1] == pytest.approx((0.9, 0.0, 0.0), abs=0.01)
@@ -117,7 +100,7 @@ def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading() -> None
     assert not found.doubts  # the focus is given, not extrapolated
 
 
-def test_the_pupil_is_chosen_that_explains_the_picture() -> None:
+def test_the_pupil_is_chosen_that_explains_the_picture():
     image, disparity = scene()
     image[:, 20::32, 16::32] = 8.0  # lights show it
     observed = blurred(image, disparity, aperture=Aperture(5))
@@ -125,7 +108,7 @@ def test_the_pupil_is_chosen_that_explains_the_picture() -> None:
     assert found.aperture.blades == 5
 
 
-def test_the_rotation_of_the_blades_is_found() -> None:
+def test_the_rotation_of_the_blades_is_found():
     image, disparity = scene()
     image[:, 20::32, 16::32] = 8.0
     observed = blurred(image, disparity, aperture=Aperture(5, 25.0))
@@ -135,8 +118,8 @@ def test_the_rotation_of_the_blades_is_found() -> None:
     assert found.strength == pytest.approx(STRENGTH, rel=0.02)
 
 
-@pytest.mark.parametrize("power", [0.7, 1.5])
-def test_the_power_is_found_by_which_pictures_are_light(power: float) -> None:
+@pytest.mark.parametrize("power", [pytest.param(0.7, marks=pytest.mark.bench), 1.5])
+def test_the_power_is_found_by_which_pictures_are_light(power):
     image, disparity = scene()
     files = [light ** (1 / power) for light in (image, blurred(image, disparity))]
     found = fit(files[0], disparity, files[1], gamma=True)
@@ -146,7 +129,7 @@ def test_the_power_is_found_by_which_pictures_are_light(power: float) -> None:
     assert fit(files[0], disparity, files[1]).psnr[0] < found.psnr[0] - 3
 
 
-def test_a_shift_between_the_pictures_is_found() -> None:
+def test_a_shift_between_the_pictures_is_found():
     image, disparity = scene(120)
     observed = blurred(image, disparity)
     moved = fit(image[:, 4:-4, 4:-4], disparity[4:-4, 4:-4], observed[:, 2:-6, 7:-1], shift=True)
@@ -155,7 +138,7 @@ def test_a_shift_between_the_pictures_is_found() -> None:
     assert moved.focus == pytest.approx(FOCUS, abs=0.01)
 
 
-def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them() -> None:
+def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them():
     place = torch.arange(80) + 0.5
     wave = torch.sin(0.7 * place)[None, None, None].expand(1, 1, 60, 80)
     moved = shifted(wave, 2.3, 0.0)[..., 8:-8]
@@ -165,7 +148,7 @@ def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them() -> None:
     torch.testing.assert_close(turned, moved)
 
 
-def test_lights_that_are_clipped_do_not_mislead() -> None:
+def test_lights_that_are_clipped_do_not_mislead():
     """A light of 60 spreads as a disc, of which the clipped light of 1 explains nothing."""
     image, disparity = scene(144)
     image = 0.7 * image
@@ -176,7 +159,7 @@ def test_lights_that_are_clipped_do_not_mislead() -> None:
     assert found.psnr[0] > 50
 
 
-def test_pictures_of_which_all_is_clipped_are_refused() -> None:
+def test_pictures_of_which_all_is_clipped_are_refused():
     image, disparity = scene(64)
     with pytest.raises(ValueError, match="hardly a pixel tells anything"):
         fit(torch.ones_like(image), disparity, torch.ones_like(image))
@@ -186,7 +169,7 @@ def test_pictures_of_which_all_is_clipped_are_refused() -> None:
     assert [refusal.code for refusal in found.refusals] == ["not-explained"]
 
 
-def test_depth_is_repaired_in_a_fit_as_it_is_asked_for() -> None:
+def test_depth_is_repaired_in_a_fit_as_it_is_asked_for():
     """Edges of depth that are soft by 3 px: with and without their repair other pictures fit."""
     image, disparity = scene()
     box = torch.ones(1, 1, 7, 7) / 49
@@ -199,27 +182,13 @@ def test_depth_is_repaired_in_a_fit_as_it_is_asked_for() -> None:
     assert surfaces.psnr[1] < repaired.psnr[1]
 
 
-def test_what_cannot_be_told_is_said() -> None:
+def test_what_cannot_be_told_is_said():
     image, disparity = scene()
     found = fit(image, disparity, image)
     assert any("hardly anything is blurred" in doubt for doubt in found.doubts)
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda i, d: (i, d[:-1], i), "same size"),
-        (lambda i, d: (i, d, i[:, :-1]), "shape of sharp"),
-        (lambda i, d: (i, d * torch.inf, i), "finite"),
-        (lambda i, d: (i, torch.ones_like(d), i), "differ somewhere"),
-    ],
-)
-def test_pictures_that_do_not_belong_together_are_refused(change, words: str) -> None:
-    with pytest.raises(ValueError, match=words):
-        fit(*change(*scene(64)))
-
-
-def test_the_f_number_of_a_strength_blurs_as_strongly() -> None:
+def test_the_f_number_of_a_strength_blurs_as_strongly():
     fnum = fnum_of_strength(9000.0, 1 / 1700, 50.0, 0.02)
     lens = DefocusLens(50.0, fnum, (20.0, 20.0), (1000, 1000), "cpu", torch.float64)
     lens.refocus(1700.0)

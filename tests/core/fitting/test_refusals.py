@@ -1,7 +1,5 @@
 """Pairs that no lens explains are refused for what they are, on all sample scenes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -13,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from defocus_core import Aperture, DualPixel, fit, read_color, read_depth, render
-from defocus_core.fitting.refusals import JudgedPair, Refusal, refusals_of
+from defocus_core.fitting.refusals import JudgedPair, refusals_of
 from defocus_core.fitting.residual import Optics, Residual, error_of
 from defocus_core.fitting.unknowns import Candidate
 
@@ -24,7 +22,7 @@ REFUSED = {"swapped", "not-one-scene", "not-explained"}
 
 
 @cache
-def scene(name: str, width: int) -> tuple[Tensor, Tensor]:
+def scene(name, width):
     """Light [3, H, W] and disparity [H, W] of a sample scene at a width."""
     planes = read_color(SCENES / name / "rgb.exr").light
     light = torch.from_numpy(np.stack([plane[:] for plane in planes], dtype="float32"))
@@ -35,25 +33,25 @@ def scene(name: str, width: int) -> tuple[Tensor, Tensor]:
     return small, interpolate(disparity[None, None], size, mode="nearest")[0, 0]
 
 
-def lens(disparity: Tensor, maximum: float) -> Candidate:
+def lens(disparity, maximum):
     """Focus on the middle of the disparities, and the greatest radius in px."""
     focus = float(disparity.median())
     return Candidate(maximum / float((focus - disparity).abs().max()), focus)
 
 
 @cache
-def blurred(name: str, width: int) -> tuple[Tensor, Tensor, Tensor, Candidate]:
+def blurred(name, width):
     light, disparity = scene(name, width)
     point = lens(disparity, width / 30)
     return light, disparity, render(light, point.strength * (point.focus - disparity)).render, point
 
 
-def unrelated(light: Tensor, _: Tensor, name: str) -> Tensor:
+def unrelated(light, _, name):
     other = blurred(NAMES[NAMES.index(name) - 1], light.shape[2])[2]
     return interpolate(other[None], light.shape[1:], mode="area")[0]
 
 
-def cropped(_: Tensor, observed: Tensor, __: str) -> Tensor:
+def cropped(_, observed, __):
     height, width = observed.shape[1:]
     part = observed[None, :, height // 10 : -height // 10, width // 10 : -width // 10]
     return interpolate(part, (height, width), mode="bilinear")[0]
@@ -70,14 +68,14 @@ HOSTILE: dict[str, tuple[Callable[[Tensor, Tensor, str], Tensor], set[str]]] = {
 }
 
 
-def said(refusals: list[Refusal]) -> str:
+def said(refusals):
     """The option that a refusal proposes, or its code; nothing where there is none."""
     for code, _, remedy in refusals:
         return remedy.removeprefix("add ") if code == "other-cause" else code
     return ""
 
 
-def judged(sharp: Tensor, disparity: Tensor, observed: Tensor, point: Candidate) -> str:
+def judged(sharp, disparity, observed, point):
     """What is said of a point of a pair."""
     residual = Residual(sharp, disparity, (observed,), exposure=False)
     evidence = JudgedPair.of(residual, point, Optics(Aperture(), DualPixel()))
@@ -86,9 +84,7 @@ def judged(sharp: Tensor, disparity: Tensor, observed: Tensor, point: Candidate)
 
 @pytest.mark.parametrize("kind", HOSTILE)
 @pytest.mark.parametrize("strength", [0.02, 1.0, 4.0])
-def test_a_hostile_pair_is_refused_by_the_right_lens_and_by_hardly_any(
-    kind: str, strength: float
-) -> None:
+def test_a_hostile_pair_is_refused_by_the_right_lens_and_by_hardly_any(kind, strength):
     change, wanted = HOSTILE[kind]
     for name in NAMES:
         light, disparity, observed, point = blurred(name, 120)
@@ -96,13 +92,13 @@ def test_a_hostile_pair_is_refused_by_the_right_lens_and_by_hardly_any(
         assert judged(light, disparity, change(light, observed, name), found) in wanted, name
 
 
-def test_a_sharp_picture_in_the_place_of_the_blurred_one_is_said_to_be_it() -> None:
+def test_a_sharp_picture_in_the_place_of_the_blurred_one_is_said_to_be_it():
     for name in NAMES:
         light, disparity, observed, point = blurred(name, 120)
         assert judged(observed, disparity, light, point) == "swapped"
 
 
-def test_the_right_lens_leaves_no_difference_of_a_clean_pair() -> None:
+def test_the_right_lens_leaves_no_difference_of_a_clean_pair():
     for name in NAMES:
         light, disparity, observed, point = blurred(name, 120)
         residual = Residual(light, disparity, (observed,), exposure=False)
@@ -110,7 +106,7 @@ def test_the_right_lens_leaves_no_difference_of_a_clean_pair() -> None:
         assert error_of(*there) < 1e-12, name
 
 
-def test_the_right_lens_is_not_refused() -> None:
+def test_the_right_lens_is_not_refused():
     for name in NAMES:
         light, disparity, observed, point = blurred(name, 120)
         assert not judged(light, disparity, observed, point), name
@@ -122,7 +118,7 @@ def test_the_right_lens_is_not_refused() -> None:
 @pytest.mark.bench
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_the_fit_of_a_hostile_pair_is_refused(name: str, kind: str) -> None:
+def test_the_fit_of_a_hostile_pair_is_refused(name, kind):
     light, disparity, observed, _ = blurred(name, 240)
     change, wanted = HOSTILE[kind]
     if kind == "gamma":
@@ -132,7 +128,7 @@ def test_the_fit_of_a_hostile_pair_is_refused(name: str, kind: str) -> None:
 
 @pytest.mark.bench
 @pytest.mark.parametrize("name", NAMES)
-def test_ten_lenses_of_a_scene_are_found(name: str) -> None:
+def test_ten_lenses_of_a_scene_are_found(name):
     generator = torch.Generator().manual_seed(5)
     light, disparity = scene(name, 480)
     nearest = float(disparity.max())

@@ -1,7 +1,5 @@
 """Kernels are the exact areas of the pupil over each pixel."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -9,7 +7,6 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tolerances import ROUNDING, SUM
-from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
@@ -25,7 +22,7 @@ OBLIQUE = Part(x0=-0.43, x1=0.61, y0=-0.27, y1=0.9)
 FINE = 61  # sub-pixels on a side of a supersampled pixel; odd, so the axes cut through middles
 
 
-def sampled(radius: float, size: int, aperture: Aperture, part: Part) -> Tensor:
+def sampled(radius, size, aperture, part):
     """The kernel by counting sub-pixel centres inside half planes."""
     fine = (torch.arange(size * FINE, dtype=torch.float64) + 0.5) / FINE - size / 2
     x, y = fine[None, :] / radius, fine[:, None] / radius
@@ -40,11 +37,11 @@ def sampled(radius: float, size: int, aperture: Aperture, part: Part) -> Tensor:
     return counts / counts.sum()
 
 
-def double(value: float) -> Tensor:
+def double(value):
     return torch.tensor(value, dtype=torch.float64)
 
 
-def centres(size: int) -> Tensor:
+def centres(size):
     return torch.arange(size, dtype=torch.float64) - (size - 1) / 2
 
 
@@ -107,13 +104,6 @@ def test_second_moment_of_a_disc_is_a_quarter_r_squared_plus_a_twelfth(size):
     assert (from_moment / radius - 1).abs()[radius >= 4].max() < 0.005
 
 
-def test_the_effective_radius_grows_steadily_and_not_by_whole_pixels():
-    radii = torch.arange(2, 6, 0.05, dtype=torch.float64)
-    moments = (DISC.kernel(radii, 15).sum(-2) * centres(15) ** 2).sum(-1)
-    steps = (2 * (moments - 1 / 12).sqrt()).diff()
-    assert ((steps > 0.03) & (steps < 0.07)).all()
-
-
 @pytest.mark.parametrize("radius", [2.5, 7.3, -7.3, 40.0])
 @pytest.mark.parametrize("size", [85, 86])
 def test_half_discs_lie_4_r_over_3_pi_to_the_side_of_their_lens_half(radius, size):
@@ -140,12 +130,6 @@ def test_round_and_even_pupils_are_the_plain_mean_of_their_halves(blades, psf_ty
     left, right, full = (aperture.kernel(double(6.2), 18, p) for p in (LEFT, RIGHT, FULL))
     assert aperture.fraction(LEFT) == pytest.approx(0.5, abs=1e-12)
     torch.testing.assert_close((left + right) / 2, full, atol=1e-14, rtol=0)
-
-
-@pytest.mark.parametrize("size", [17, 18])
-def test_the_halves_of_a_disc_are_mirror_images(size):
-    left, right = (DISC.kernel(double(6.2), size, p) for p in (LEFT, RIGHT))
-    torch.testing.assert_close(left, right.flip(-1), atol=1e-14, rtol=0)
 
 
 def test_rotation_puts_a_vertex_counter_clockwise_from_plus_x_as_seen():
@@ -187,7 +171,6 @@ def test_gradients_are_finite_where_square_roots_vanish(aperture, size):
     radius = torch.tensor([0, 1e-30, 0.5, 1, 1.5, -2, 4, 300], dtype=torch.float64)
     radius.requires_grad_()
     (aperture.kernel(radius, size) ** 2).sum().backward()
-    assert radius.grad is not None
     assert radius.grad.isfinite().all()
     assert radius.grad[:2].tolist() == [0, 0]
 
@@ -254,21 +237,3 @@ def test_gaussian_parts_weigh_their_share_of_the_profile():
     plain = [DISC.fraction(part) for part in DISC.parts(16)]
     assert weights[0] < plain[0]  # the outermost part weighs less
     assert weights[5] > plain[5]  # the innermost more
-
-
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (lambda: Aperture(blades=2), "blades must be 0 or at least 3, got 2"),
-        (lambda: Aperture(blades=-1), "got -1"),
-        (lambda: Aperture(rotation=math.nan), "rotation must be a finite angle"),
-        (lambda: Aperture(psf_type="airy"), "pillbox, gaussian, got 'airy'"),
-        (lambda: DISC.kernel(double(1.0), 0), "size must be at least 1"),
-        (lambda: DISC.kernel(torch.tensor(3), 7), "floating-point"),
-        (lambda: DISC.kernel(double(1.0), 7, Part(x0=0.9, y0=0.9)), "overlap the pupil"),
-        (lambda: DISC.parts(3), "1, 2, 4 or 16, got 3"),
-    ],
-)
-def test_wrong_arguments_are_named_with_what_was_got(wrong, said):
-    with pytest.raises(ValueError, match=said):
-        wrong()

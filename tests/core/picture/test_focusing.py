@@ -6,7 +6,6 @@ import math
 import pickle
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,16 +24,16 @@ from defocus_core.picture.steps.focusing import with_focus
 LENS = Lens(50.0, 2.0, 2000.0)
 
 
-def depth_of(metres: np.ndarray[Any, Any]) -> Depth:
+def depth_of(metres):
     planes = np.asarray(metres, np.float32)
     return Depth(planes, Path("depth.exr"), "Z", "")
 
 
-def at(percent: float) -> Lens:
+def at(percent):
     return replace(LENS, foc_dist=None, focus_percentile=percent)
 
 
-def reach(lens: Lens, depth: Depth) -> float:
+def reach(lens, depth):
     height, width = depth.metres.shape
     return float(np.abs(signed_radius(lens, depth.metres, (width, height))).max())
 
@@ -42,25 +41,23 @@ def reach(lens: Lens, depth: Depth) -> float:
 @pytest.mark.parametrize(
     ("percent", "metres"), [(0, 1), (25, 1), (26, 2), (50, 2), (51, 5), (100, 5)]
 )
-def test_a_percentile_is_the_distance_of_a_pixel_sky_and_holes_aside(
-    percent: float, metres: float
-) -> None:
+def test_a_percentile_is_the_distance_of_a_pixel_sky_and_holes_aside(percent, metres):
     depth = depth_of(np.array([[1, 2, 5, 5], [math.inf, math.inf, math.nan, 0]]))
     assert with_focus(at(percent), depth).foc_dist == metres * 1000
 
 
-def test_where_all_is_sky_there_is_nothing_to_focus_on() -> None:
+def test_where_all_is_sky_there_is_nothing_to_focus_on():
     with refuses("no-valid-depth", kind=Rejected) as caught:
         with_focus(at(50), depth_of(np.full((2, 2), math.inf)))
     assert pickle.loads(pickle.dumps(caught.value)).code == "no-valid-depth"
 
 
-def test_a_percentile_nearer_than_the_focal_length_is_rejected() -> None:
+def test_a_percentile_nearer_than_the_focal_length_is_rejected():
     with refuses("focus-too-near", "40mm", kind=Rejected):
         with_focus(at(50), depth_of(np.full((2, 2), 0.04)))
 
 
-def test_blur_beyond_the_maximum_is_rejected_and_blur_up_to_it_is_not() -> None:
+def test_blur_beyond_the_maximum_is_rejected_and_blur_up_to_it_is_not():
     depth = depth_of(ramp())
     largest = reach(LENS, depth)
     assert with_focus(replace(LENS, max_coc=largest * 1.001), depth).foc_dist == 2000.0
@@ -68,7 +65,7 @@ def test_blur_beyond_the_maximum_is_rejected_and_blur_up_to_it_is_not() -> None:
         with_focus(replace(LENS, max_coc=largest * 0.999), depth)
 
 
-def test_sky_counts_for_the_maximum() -> None:
+def test_sky_counts_for_the_maximum():
     metres = ramp()
     metres[0, 0] = math.inf
     lens = replace(LENS, foc_dist=1000.0)
@@ -77,12 +74,12 @@ def test_sky_counts_for_the_maximum() -> None:
         with_focus(replace(lens, max_coc=largest * 1.001), depth_of(metres))
 
 
-def drawn(index: int, fnumber: str, max_coc: float) -> Lens:
+def drawn(index, fnumber, max_coc):
     options = (("focal-length", "50mm"), ("fnumber", fnumber), ("focus", "2m"), ("blades", "6"))
     return drawn_lens(Draw(7, "a", index, options), "", max_coc)
 
 
-def test_a_lens_that_does_not_suit_the_picture_is_drawn_again_within_its_range() -> None:
+def test_a_lens_that_does_not_suit_the_picture_is_drawn_again_within_its_range():
     depth = depth_of(ramp())
     maximum = reach(replace(LENS, fnum=4.0), depth)
     lenses = [drawn(index, "loguniform(1, 16)", maximum) for index in range(20)]
@@ -94,12 +91,12 @@ def test_a_lens_that_does_not_suit_the_picture_is_drawn_again_within_its_range()
     assert found == [with_focus(lens, depth) for lens in lenses]
 
 
-def test_when_no_draw_suits_the_picture_it_is_rejected() -> None:
+def test_when_no_draw_suits_the_picture_it_is_rejected():
     with refuses("coc-too-large", f"last of {ATTEMPTS} lenses", kind=Rejected):
         with_focus(drawn(0, "uniform(1, 2)", 0.01), depth_of(ramp()))
 
 
-def test_the_focus_of_a_percentile_is_written_down(tmp_path: Path) -> None:
+def test_the_focus_of_a_percentile_is_written_down(tmp_path):
     color, depth = color_exr(tmp_path / "a.exr"), depth_exr(tmp_path / "z.exr")
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "percentile(100)")
     ran = run("render", color, depth, "-o", tmp_path / "out", "--json", *lens)
@@ -108,13 +105,13 @@ def test_the_focus_of_a_percentile_is_written_down(tmp_path: Path) -> None:
     assert header(tmp_path / "out" / "render" / "a.exr")["defocus:focus"] == "4m"
 
 
-def test_a_focus_that_is_no_percentile_is_refused(tmp_path: Path) -> None:
+def test_a_focus_that_is_no_percentile_is_refused(tmp_path):
     for text in ("percentile(101)", "percentile(5m)", "percentile()", "percentile(5, 95)"):
         lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", text)
         refused(run("render", "a", "b", "-o", tmp_path / "out", *lens), 2, "malformed", "focus")
 
 
 @pytest.mark.parametrize("focus", [50.000001, 50.00001])
-def test_a_focus_hardly_beyond_the_focal_length_is_refused(focus: float) -> None:
+def test_a_focus_hardly_beyond_the_focal_length_is_refused(focus):
     with refuses("out-of-range"):
         radii_of(replace(LENS, foc_dist=focus), depth_of(np.full((2, 300), 5.0)), IN_MEMORY)

@@ -37,14 +37,14 @@ KINDS = {
 
 
 def job_of(
-    folder: Path,
+    folder,
     *,
-    soft: bool = False,
-    clipped: bool = False,
-    lens: Lens = LENS,
-    outputs: Outputs = Outputs(Path()),  # noqa: B008
-    machine: Machine = Machine(),  # noqa: B008
-) -> Job:
+    soft=False,
+    clipped=False,
+    lens=LENS,
+    outputs=Outputs(Path()),  # noqa: B008
+    machine=Machine(),  # noqa: B008
+):
     depth = SCENE / "depth.exr"
     if soft:  # edges as wide as estimated ones
         metres = read_depth(depth).metres
@@ -58,14 +58,14 @@ def job_of(
     return Job(picture, lens, Reading(), replace(outputs, root=folder), machine)
 
 
-def test_a_measurement_renders_a_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_measurement_renders_a_picture(monkeypatch):
     monkeypatch.setattr(forecast, "_SCENE", ("cards", 48, 64, 3.0))
     work_per_second.cache_clear()
     assert 1e5 < work_per_second("cpu", 1) < 1e12
     work_per_second.cache_clear()
 
 
-def test_what_is_written_takes_time_in_a_forecast(tmp_path: Path) -> None:
+def test_what_is_written_takes_time_in_a_forecast(tmp_path):
     color, depth = color_exr(tmp_path / "a.exr"), depth_exr(tmp_path / "z.exr")
     few = Job(Picture("a", color, depth), LENS, Reading(), Outputs(tmp_path), Machine())
     many = replace(few, outputs=replace(PHOTO, root=tmp_path, kinds=ALL))
@@ -75,9 +75,7 @@ def test_what_is_written_takes_time_in_a_forecast(tmp_path: Path) -> None:
 
 
 @pytest.mark.bench
-def test_twelve_kinds_of_job_take_what_is_foreseen(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_twelve_kinds_of_job_take_what_is_foreseen(tmp_path, monkeypatch):
     monkeypatch.setattr(forecast, "work_per_second", work_per_second)
     factors = {}
     for name, options in KINDS.items():

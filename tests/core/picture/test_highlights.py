@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ PHOTOGRAPHS = {
 }
 
 
-def encoded(planes: dict[str, Any]) -> Any:
+def encoded(planes):
     """sRGB [3, H, W] in levels of 8 bits, not rounded."""
     linear = np.stack([planes[name] for name in "RGB"]).astype(np.float32).clip(0, 1)
     low = linear <= 0.0031308
@@ -37,7 +36,7 @@ def encoded(planes: dict[str, Any]) -> Any:
 
 @pytest.mark.skipif(not REAL.exists(), reason="needs ../shared/real")
 @pytest.mark.parametrize("name", PHOTOGRAPHS)
-def test_nothing_changes_beyond_the_reach_of_lights(tmp_path: Path, name: str) -> None:
+def test_nothing_changes_beyond_the_reach_of_lights(tmp_path, name):
     (color, depth, *kind), lens, (beyond, changed) = PHOTOGRAPHS[name]
     found = {}
     for word in ("off", "auto"):
@@ -56,7 +55,7 @@ def test_nothing_changes_beyond_the_reach_of_lights(tmp_path: Path, name: str) -
     assert (apart[far] > 1).mean() <= changed
 
 
-def _reached(photograph: Path, radius: Any) -> Any:
+def _reached(photograph, radius):
     """Where the light of pixels reaches that are brightened, by windows of 16 px."""
     import OpenImageIO as oiio  # noqa: N813
     import torch
@@ -75,7 +74,7 @@ def _reached(photograph: Path, radius: Any) -> Any:
     return reached
 
 
-def test_the_light_of_lamps_does_not_guide_the_repair_of_depth(tmp_path: Path) -> None:
+def test_the_light_of_lamps_does_not_guide_the_repair_of_depth(tmp_path):
     rng = np.random.default_rng(1)
     y, x = np.mgrid[:96, :128]
     card = np.hypot(y - 48, x - 64) < 28

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,9 +19,7 @@ LENS = Lens(50.0, 2.0, 2000.0)
 SCENE = np.geomspace(1.0, 40.0, 320 * 240).reshape(240, 320)  # m
 
 
-def warnings(
-    metres: Any, lens: Lens = LENS, *, path: str = "depth.exr", declared: bool = False, **more: str
-) -> tuple[str, ...]:
+def warnings(metres, lens=LENS, *, path="depth.exr", declared=False, **more):
     depth = Depth(np.asarray(metres, np.float32), Path(path), more.get("channel", "Z"), "")
     radius, ends, *_ = radii_of(lens, depth, IN_MEMORY)
     words = of_radii(depth, radius, ends, lens, declared=declared)
@@ -31,30 +28,28 @@ def warnings(
 
 @pytest.mark.parametrize("foclen", [24.0, 50.0, 85.0])
 @pytest.mark.parametrize("focus", [1000.0, 2000.0, 8000.0, math.inf])
-def test_a_lens_focused_in_the_scene_or_at_infinity_is_not_doubted(
-    foclen: float, focus: float
-) -> None:
+def test_a_lens_focused_in_the_scene_or_at_infinity_is_not_doubted(foclen, focus):
     assert not warnings(SCENE, Lens(foclen, 2.0, focus))
 
 
-def test_a_scene_as_good_as_sharp_is_not_doubted() -> None:
+def test_a_scene_as_good_as_sharp_is_not_doubted():
     assert not warnings(SCENE * 100, Lens(8.0, 16.0, 2000.0))
 
 
-def test_sky_beside_what_is_in_focus_is_not_doubted() -> None:
+def test_sky_beside_what_is_in_focus_is_not_doubted():
     metres = np.full((240, 320), math.inf)
     metres[:3] = 2.0
     assert not warnings(metres)
 
 
-def test_centimetres_taken_for_metres_leave_nothing_in_focus() -> None:
+def test_centimetres_taken_for_metres_leave_nothing_in_focus():
     (line,) = warnings(SCENE * 100)
     assert "nothing is in focus at 2m: depth goes from 100m to 4000m" in line
     assert line.endswith("check ‹depth-unit› and ‹focus›")
 
 
 @pytest.mark.parametrize("number", [0, 255, 300, 400])
-def test_a_number_beyond_those_of_the_file_is_not_in_focus(number: float) -> None:
+def test_a_number_beyond_those_of_the_file_is_not_in_focus(number):
     numbers = np.linspace(0, 255, 48, dtype=np.float32).reshape(6, 8)
     depth = Depth(numbers, Path("d.png"), "", "", is_radius=True, is_relative=True)
     lens = with_blur_reach(Lens(math.nan, math.nan, None, blur=30.0, focus_value=number), [depth])
@@ -65,12 +60,12 @@ def test_a_number_beyond_those_of_the_file_is_not_in_focus(number: float) -> Non
         assert f"nothing is in focus at the number {number}: numbers go from 0 to 255" in lines[0]
 
 
-def test_metres_taken_for_millimetres_lie_nearer_than_the_focal_length() -> None:
+def test_metres_taken_for_millimetres_lie_nearer_than_the_focal_length():
     (line,) = warnings(SCENE / 1000)
     assert "nearer than the focal length 50mm in 76800 pixels" in line
 
 
-def test_a_blur_wider_than_the_picture_is_told() -> None:
+def test_a_blur_wider_than_the_picture_is_told():
     metres = SCENE.copy()
     metres[0, 0] = 0.06
     (line,) = warnings(metres, Lens(50.0, 1.0, 2000.0))
@@ -78,22 +73,22 @@ def test_a_blur_wider_than_the_picture_is_told() -> None:
     assert "depth goes from 60mm to 40m" in line
 
 
-def test_a_focus_in_a_gap_of_the_scene_is_told() -> None:
+def test_a_focus_in_a_gap_of_the_scene_is_told():
     (line,) = warnings(np.where(SCENE < 3, 1.0, 20.0))
     assert "nothing is in focus at 2m: depth goes from 1m to 20m" in line
 
 
-def test_all_sky_has_no_range() -> None:
+def test_all_sky_has_no_range():
     (line,) = warnings(np.full((240, 320), math.inf))
     assert "nowhere but to the sky" in line
 
 
-def test_whoever_declared_the_unit_is_not_asked_to_declare_it() -> None:
+def test_whoever_declared_the_unit_is_not_asked_to_declare_it():
     (line,) = warnings(SCENE * 100, declared=True)
     assert line.endswith("check the declared format or unit and ‹focus›")
 
 
-def test_a_pfm_beside_calib_txt_may_be_disparity(tmp_path: Path) -> None:
+def test_a_pfm_beside_calib_txt_may_be_disparity(tmp_path):
     path = str(tmp_path / "disp0.pfm")
     assert not warnings(SCENE, path=path)
     (tmp_path / "calib.txt").write_text("cam0=[1 0 0; 0 1 0; 0 0 1]\n")
@@ -102,14 +97,14 @@ def test_a_pfm_beside_calib_txt_may_be_disparity(tmp_path: Path) -> None:
     assert not warnings(SCENE, path=path, declared=True)
 
 
-def test_channels_of_unreal_are_in_centimetres() -> None:
+def test_channels_of_unreal_are_in_centimetres():
     channel = "FinalImageMovieRenderQueue_WorldDepth.R"
     (line,) = warnings(SCENE, channel=channel)
     assert "‹depth-format› unreal-mrq" in line
     assert not warnings(SCENE, channel=channel, declared=True)
 
 
-def test_the_array_of_hypersim_holds_distances_to_the_point() -> None:
+def test_the_array_of_hypersim_holds_distances_to_the_point():
     path = "frame.0000.depth_meters.hdf5"
     (line,) = warnings(SCENE, path=path, channel="dataset")
     assert "‹depth-format› hypersim" in line

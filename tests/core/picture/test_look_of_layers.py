@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +18,7 @@ KINDS = ("over", "deep", "holdout")
 SHIFT = ("--axial-color", "0.4mm:-0.3mm")
 
 
-def layers() -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # type: ignore[type-arg]
+def layers():  # type: ignore[type-arg]
     """A half-covered card before a background that covers all: colours, depth, coverage."""
     near, rng = disc(), np.random.default_rng(1)
     coverage = np.stack([0.75 * near, np.ones_like(near)])
@@ -31,7 +29,7 @@ def layers() -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # type: ignore[type-
     return color, depth, coverage
 
 
-def scene(folder: Path, kind: str, *, turned: bool = False) -> list[str | Path]:
+def scene(folder, kind, *, turned=False):
     """What a command is given for the layers."""
     color, depth, coverage = (
         np.ascontiguousarray(a.swapaxes(-1, -2)) if turned else a for a in layers()
@@ -51,7 +49,7 @@ def scene(folder: Path, kind: str, *, turned: bool = False) -> list[str | Path]:
     return [file, "--holdout", write_deep_samples(folder / "cut.exr", cut, light="float")]
 
 
-def shown(folder: Path, given: list[str | Path], *options: str) -> dict[str, Any]:
+def shown(folder, given, *options):
     """The channels of each kind of picture, as `render.R`."""
     out = folder / "out"
     ran = run("render", *given, "-o", out, *LENS, "--exr-type", "float", *options)
@@ -64,7 +62,7 @@ def shown(folder: Path, given: list[str | Path], *options: str) -> dict[str, Any
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_axial_color_moves_red_and_blue_alone(tmp_path: Path, kind: str) -> None:
+def test_axial_color_moves_red_and_blue_alone(tmp_path, kind):
     plain = shown(tmp_path / "p", scene(tmp_path / "p", kind))
     axial = shown(tmp_path / "a", scene(tmp_path / "a", kind), *SHIFT)
     assert plain.keys() == axial.keys()
@@ -75,7 +73,7 @@ def test_axial_color_moves_red_and_blue_alone(tmp_path: Path, kind: str) -> None
         assert axial[name].sum() == pytest.approx(plain[name].sum(), rel=0.01)
 
 
-def test_each_colour_of_a_deep_picture_is_that_of_its_own_focus(tmp_path: Path) -> None:
+def test_each_colour_of_a_deep_picture_is_that_of_its_own_focus(tmp_path):
     axial = shown(tmp_path / "a", scene(tmp_path / "a", "deep"), *SHIFT)
     color, depth, coverage = (torch.from_numpy(np.array(a, np.float64)) for a in layers())
     height, width = coverage.shape[-2:]
@@ -89,7 +87,7 @@ def test_each_colour_of_a_deep_picture_is_that_of_its_own_focus(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_up_and_down_are_left_and_right_of_the_turned_scene(tmp_path: Path, kind: str) -> None:
+def test_up_and_down_are_left_and_right_of_the_turned_scene(tmp_path, kind):
     width = ("--sensor-width", f"{9 * 40 / 60}mm")
     upright = shown(tmp_path / "a", scene(tmp_path / "a", kind), "--outputs", "up,down")
     given = scene(tmp_path / "b", kind, turned=True)
@@ -100,7 +98,7 @@ def test_up_and_down_are_left_and_right_of_the_turned_scene(tmp_path: Path, kind
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_colour_of_layers_sees_its_own_opening(tmp_path: Path, kind: str) -> None:
+def test_each_colour_of_layers_sees_its_own_opening(tmp_path, kind):
     picture = np.zeros((12, 12, 3))
     picture[:, :4, 0] = picture[:, 4:8, 1] = picture[:, 8:, 2] = 1
     np.save(tmp_path / "filter.npy", picture)
@@ -112,7 +110,7 @@ def test_each_colour_of_layers_sees_its_own_opening(tmp_path: Path, kind: str) -
         assert np.abs(filtered[f"render.{name}"] - plain[f"render.{name}"]).max() > 0.02
 
 
-def test_clipped_lights_of_an_element_are_brightened_and_counted(tmp_path: Path) -> None:
+def test_clipped_lights_of_an_element_are_brightened_and_counted(tmp_path):
     own, ones = element(disc(), (0.2, 0.2, 0.2), 1.1), np.ones((40, 60), np.float32)
     for name in "RGB":
         own[name][20:22, 30:32] = 1

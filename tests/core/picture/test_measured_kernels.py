@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ WIDE = ("--focal-length", "50mm", "--fnumber", "1.6", "--focus", "2m", "--sensor
 
 
 @pytest.fixture
-def lights(tmp_path: Path) -> tuple[Path, Path]:
+def lights(tmp_path):
     """Two lights on black beyond the focus, one on each side."""
     pixels = np.zeros((*SIZE, 3), np.float32)
     pixels[24, 14] = pixels[24, 57] = 1000.0
@@ -24,14 +23,14 @@ def lights(tmp_path: Path) -> tuple[Path, Path]:
     return color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "d.exr", depth)
 
 
-def field() -> np.ndarray:  # type: ignore[type-arg]
+def field():  # type: ignore[type-arg]
     """Kernels of 1 x 2 places: discs without their right or without their left side."""
     k = np.arange(-10, 11)
     disc = (k[None] ** 2 + k[:, None] ** 2 <= 100).astype(np.float32)
     return np.stack([disc * (k < 4), disc * (k > -4)])[None]
 
 
-def pair() -> np.ndarray:  # type: ignore[type-arg]
+def pair():  # type: ignore[type-arg]
     """Left and right of a sensor that splits light less than half discs do."""
     v = np.linspace(-1, 1, 21)
     disc = (v[None] ** 2 + v[:, None] ** 2 <= 1).astype(np.float32)
@@ -39,13 +38,13 @@ def pair() -> np.ndarray:  # type: ignore[type-arg]
     return np.stack([left, disc - left])
 
 
-def shown(folder: Path, *args: str | Path) -> dict[str, np.ndarray]:  # type: ignore[type-arg]
+def shown(folder, *args):  # type: ignore[type-arg]
     ran = run("render", *args, "-o", folder, *WIDE, "--exr-type", "float")
     assert ran.code == 0, ran.err
     return {file.parent.name: read_exr(file) for file in folder.glob("*/a.exr")}
 
 
-def test_lights_are_the_kernels_of_their_side(lights: tuple[Path, Path], tmp_path: Path) -> None:
+def test_lights_are_the_kernels_of_their_side(lights, tmp_path):
     np.save(tmp_path / "field.npy", field())
     render = shown(tmp_path / "o", *lights, "--aperture-image", tmp_path / "field.npy")["render"]
     light = render["G"]
@@ -62,7 +61,7 @@ def test_lights_are_the_kernels_of_their_side(lights: tuple[Path, Path], tmp_pat
     np.testing.assert_array_equal(again["G"], light)
 
 
-def test_photodiodes_see_what_their_kernels_say(lights: tuple[Path, Path], tmp_path: Path) -> None:
+def test_photodiodes_see_what_their_kernels_say(lights, tmp_path):
     np.save(tmp_path / "pair.npy", pair())
     (tmp_path / "sensor.toml").write_text('dp-model = "pair.npy"\n')
     options = (*lights, "--outputs", "render,left,right,disparity,coc")
@@ -81,9 +80,7 @@ def test_photodiodes_see_what_their_kernels_say(lights: tuple[Path, Path], tmp_p
     assert header(tmp_path / "o/left/a.exr")["defocus:dp_kernels"] == "pair.npy"
 
 
-def test_kernels_over_the_frame_split_each_light_as_at_its_place(
-    lights: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_kernels_over_the_frame_split_each_light_as_at_its_place(lights, tmp_path):
     left, right = pair()
     near, grid = 0.45 * (left + right), tmp_path / "grid.npz"
     np.savez(grid, left=[[left, near + 0.1 * left]], right=[[right, near + 0.1 * right]])
@@ -101,9 +98,7 @@ def test_kernels_over_the_frame_split_each_light_as_at_its_place(
     refused(run("render", *lights, *out), 3, "wrong-size", grid)
 
 
-def test_kernels_are_inputs_of_a_batch_and_are_found_again(
-    lights: tuple[Path, Path], tmp_path: Path
-) -> None:
+def test_kernels_are_inputs_of_a_batch_and_are_found_again(lights, tmp_path):
     np.save(tmp_path / "pair.npy", pair())
     np.save(tmp_path / "field.npy", field())
     jobs = tmp_path / "jobs.toml"
@@ -121,7 +116,7 @@ def test_kernels_are_inputs_of_a_batch_and_are_found_again(
     record = json.loads((tmp_path / "out/journal.jsonl").read_text().splitlines()[-1])
     assert {"aperture_image", "dp_kernels"} <= record["inputs"].keys()
 
-    def done() -> int:
+    def done():
         return len((tmp_path / "out/journal.jsonl").read_text().splitlines())
 
     before = done()
@@ -143,12 +138,12 @@ def test_kernels_are_inputs_of_a_batch_and_are_found_again(
     ],
 )
 def test_kernels_that_make_no_sense_are_refused(
-    lights: tuple[Path, Path],
-    tmp_path: Path,
-    option: str,
-    values: np.ndarray,  # type: ignore[type-arg]
-    code: str,
-) -> None:
+    lights,
+    tmp_path,
+    option,
+    values,  # type: ignore[type-arg]
+    code,
+):
     np.save(tmp_path / "k.npy", values)
     out = ("-o", tmp_path / "out", "--outputs", "left")
     ran = run("render", *lights, *out, *LENS, option, tmp_path / "k.npy")
@@ -156,7 +151,7 @@ def test_kernels_that_make_no_sense_are_refused(
     assert not list((tmp_path / "out").glob("left/*"))
 
 
-def test_a_rim_does_not_clip_kernels_twice(lights: tuple[Path, Path], tmp_path: Path) -> None:
+def test_a_rim_does_not_clip_kernels_twice(lights, tmp_path):
     np.save(tmp_path / "field.npy", field())
     options = ("--aperture-image", tmp_path / "field.npy", "--cat-eye", "1.05:1.5")
     ran = run("render", *lights, "-o", tmp_path / "out", *LENS, *options)

@@ -35,12 +35,12 @@ SIZE = (70, 90)
 
 
 @pytest.fixture
-def scratch(monkeypatch: pytest.MonkeyPatch) -> list[Scratch]:
+def scratch(monkeypatch):
     """Everything goes through scratch files, in strips of few rows."""
     made: list[Scratch] = []
     begin = Scratch.__init__
 
-    def spy(self: Scratch, *args: Any) -> None:
+    def spy(self, *args):
         made.append(self)
         begin(self, *args)
 
@@ -52,12 +52,12 @@ def scratch(monkeypatch: pytest.MonkeyPatch) -> list[Scratch]:
     return made
 
 
-def files(folder: Path) -> dict[str, bytes]:
+def files(folder):
     paths = (path for path in folder.rglob("*") if path.is_file() and path.parent != folder)
     return {str(path.relative_to(folder)): path.read_bytes() for path in paths}
 
 
-def frames(tmp_path: Path, kind: str) -> tuple[Path, Path]:
+def frames(tmp_path, kind):
     pixels = texture(*SIZE)
     color = color_exr(tmp_path / "c.exr", pixels)
     if kind == "png":
@@ -71,9 +71,7 @@ def frames(tmp_path: Path, kind: str) -> tuple[Path, Path]:
 
 @pytest.mark.parametrize("kind", ["exr", "png", "tiff"])
 @pytest.mark.parametrize("written", ["exr", "float", "png", "png16", "tiff", "jpg"])
-def test_scratch_files_change_no_byte(
-    kind: str, written: str, tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_scratch_files_change_no_byte(kind, written, tmp_path, request):
     args = (*frames(tmp_path, kind), "--outputs", KINDS, "--threads", "2")
     more = ("--exr-type", "float") if written == "float" else ("--format", written)
     preview = ("--preview",) if written == "png" else ()
@@ -85,9 +83,7 @@ def test_scratch_files_change_no_byte(
     assert files(tmp_path / "a") == files(tmp_path / "b")
 
 
-def test_what_lies_behind_goes_through_scratch_files_too(
-    tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_what_lies_behind_goes_through_scratch_files_too(tmp_path, request):
     near = np.where(ramp(*SIZE) < ramp(*SIZE).mean(), 0.5, ramp(*SIZE)).astype(np.float32)
     color, depth = (
         color_exr(tmp_path / "c.exr", texture(*SIZE)),
@@ -101,9 +97,7 @@ def test_what_lies_behind_goes_through_scratch_files_too(
     assert files(tmp_path / "out_a") == files(tmp_path / "out_b")
 
 
-def test_holes_and_infinite_pixels_are_found_in_scratch_files(
-    tmp_path: Path, scratch: list[Scratch]
-) -> None:
+def test_holes_and_infinite_pixels_are_found_in_scratch_files(tmp_path, scratch):
     pixels, depth = texture(*SIZE), ramp(*SIZE)
     depth[40, 7] = depth[60, 1] = np.nan
     args = (color_exr(tmp_path / "c.exr", pixels), depth_exr(tmp_path / "z.exr", depth))
@@ -114,18 +108,14 @@ def test_holes_and_infinite_pixels_are_found_in_scratch_files(
     refused(render(*args, "-o", tmp_path / "out"), 3, "not-finite", "c.exr")
 
 
-def test_a_damaged_file_is_refused_in_strips_as_well(
-    tmp_path: Path, scratch: list[Scratch]
-) -> None:
+def test_a_damaged_file_is_refused_in_strips_as_well(tmp_path, scratch):
     color, depth = frames(tmp_path, "exr")
     color.write_bytes(color.read_bytes()[:-400])
     refused(render(color, depth, "-o", tmp_path / "out"), 3, "damaged", color)
 
 
-def test_no_room_for_scratch_is_said_before_any_work(
-    tmp_path: Path, scratch: list[Scratch], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(*_: object) -> None:
+def test_no_room_for_scratch_is_said_before_any_work(tmp_path, scratch, monkeypatch):
+    def full(*_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.posix_fallocate", full)
@@ -135,9 +125,7 @@ def test_no_room_for_scratch_is_said_before_any_work(
     refused(ran, 3, "no-space", tmp_path)
 
 
-def test_scratch_files_have_no_name_and_lie_where_tmpdir_says(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scratch_files_have_no_name_and_lie_where_tmpdir_says(tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     assert arrays.scratch_folder() == tmp_path
@@ -147,7 +135,7 @@ def test_scratch_files_have_no_name_and_lie_where_tmpdir_says(
 
 
 @pytest.mark.parametrize("dtype", ["float16", "float32", "uint32", "bool"])
-def test_a_scratch_file_is_cut_and_filled_like_an_array(dtype: str) -> None:
+def test_a_scratch_file_is_cut_and_filled_like_an_array(dtype):
     whole = (np.random.default_rng(3).random((40, 30)) * 9).astype(dtype)
     made = Scratch((40, 30), dtype)
     made[0:17] = whole[:17]
@@ -159,7 +147,7 @@ def test_a_scratch_file_is_cut_and_filled_like_an_array(dtype: str) -> None:
     assert not made[2:4].any()
 
 
-def job(tmp_path: Path, limit: int, size: tuple[int, int] = SIZE, kinds: str = "render") -> Job:
+def job(tmp_path, limit, size=SIZE, kinds="render"):
     color = color_exr(tmp_path / "c.exr", texture(*size))
     depth = depth_exr(tmp_path / "z.exr", ramp(*size))
     outputs = Outputs(tmp_path / "out", tuple(kinds.split(",")))
@@ -168,17 +156,15 @@ def job(tmp_path: Path, limit: int, size: tuple[int, int] = SIZE, kinds: str = "
 
 
 def test_memory_for_program_and_files_alone_is_refused_before_they_are_decoded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr(plain_path, "base_mb", lambda: 900.0)
     monkeypatch.setattr(plain_path, "read_pair", None)
     with refuses("out-of-memory", "‹memory›"):
         plain_path.read(job(tmp_path, 900 * memory.MB, (70, 90)))
 
 
-def test_what_fits_into_half_of_the_memory_is_held(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_fits_into_half_of_the_memory_is_held(tmp_path, monkeypatch):
     monkeypatch.setattr(memory_budget, "base_mb", lambda: 100.0)
     size = (512, 1024)
     arrays_mb = memory_budget.holding(job(tmp_path, 2**33, size)).arrays_mb
@@ -189,9 +175,7 @@ def test_what_fits_into_half_of_the_memory_is_held(
     assert pair_ == pytest.approx(arrays_mb + 2 * 6 * math.prod(size) / memory.MB)
 
 
-def test_a_dry_run_says_how_much_scratch_and_where(
-    tmp_path: Path, scratch: list[Scratch], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_dry_run_says_how_much_scratch_and_where(tmp_path, scratch, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", None)
     args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out", "--dry-run")
@@ -201,14 +185,12 @@ def test_a_dry_run_says_how_much_scratch_and_where(
     assert told["scratch_folder"] == str(tmp_path)
 
 
-def test_scratch_is_told_of_in_many_words(tmp_path: Path, scratch: list[Scratch]) -> None:
+def test_scratch_is_told_of_in_many_words(tmp_path, scratch):
     ran = render(*frames(tmp_path, "exr"), "-o", tmp_path / "out", "-v")
     assert f"MB of scratch in {arrays.scratch_folder()}" in ran.err
 
 
-def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(memory_budget, "_sizes", lambda job: (900.0, 700.0))
     monkeypatch.setattr(memory_budget, "capacity_mb", lambda machine: 800.0)
     monkeypatch.setattr("defocus_core.picture.plain_path.capacity_mb", lambda machine: 800.0)
@@ -216,9 +198,7 @@ def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(
     refused(ran, 3, "out-of-memory", "c.png")
 
 
-def test_too_little_memory_is_refused_with_how_much_would_do(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_too_little_memory_is_refused_with_how_much_would_do(tmp_path, monkeypatch):
     args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out")
     ran = render(*args, "--memory", "20MB", "--threads", "1")
     refused(ran, 3, "out-of-memory", "c.exr")
@@ -235,17 +215,15 @@ def test_too_little_memory_is_refused_with_how_much_would_do(
 @pytest.mark.parametrize("arrays", [5.0, 53.0, 160.0, 500.0, 2000.0])
 @pytest.mark.parametrize("needed", [10.0, 113.0, 415.0, 900.0])
 @pytest.mark.parametrize("limit", [300, 800, 1100])
-def test_the_limit_that_is_proposed_is_enough_and_hardly_more(
-    limit: int, needed: float, arrays: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_limit_that_is_proposed_is_enough_and_hardly_more(limit, needed, arrays, monkeypatch):
     monkeypatch.setattr(memory_budget, "_sizes", lambda job: (arrays, 0.0))
     monkeypatch.setattr(memory_budget, "base_mb", lambda: 220.0)
 
-    def job(limit_mb: float) -> Job:
+    def job(limit_mb):
         picture, machine = Picture("a", Path(), Path()), Machine(memory=int(limit_mb * memory.MB))
         return Job(picture, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path()), machine)
 
-    def suffices(limit_mb: float) -> bool:
+    def suffices(limit_mb):
         return memory_budget.holding(job(limit_mb)).room_mb >= needed
 
     if not suffices(limit):
@@ -259,7 +237,7 @@ def test_the_limit_that_is_proposed_is_enough_and_hardly_more(
 class Gated:
     """Which of two pictures is in at a time."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, each_mb: float, half_mb: float) -> None:
+    def __init__(self, monkeypatch, each_mb, half_mb):
         monkeypatch.setattr(memory_budget, "_sizes", lambda job: (each_mb, 0.0))
         monkeypatch.setattr(memory_budget, "capacity_mb", lambda machine: 2 * half_mb)
         self.gate, self.entered = memory_budget.Gate(), threading.Event()
@@ -268,17 +246,17 @@ class Gated:
         self.thread = threading.Thread(target=lambda: self._enter(some), daemon=True)
         self.thread.start()
 
-    def _enter(self, some: Any) -> None:
+    def _enter(self, some):
         self.gate.enter(1, some)
         self.entered.set()
 
 
-def test_pictures_that_fit_beside_each_other_are_let_in(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_that_fit_beside_each_other_are_let_in(monkeypatch):
     assert Gated(monkeypatch, each_mb=20, half_mb=100).entered.wait()
 
 
 @pytest.mark.parametrize("each_mb", [30.0, 60.0, 400.0])
-def test_others_wait_until_there_is_room(each_mb: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_others_wait_until_there_is_room(each_mb, monkeypatch):
     gated = Gated(monkeypatch, each_mb, half_mb=100)
     time.sleep(0.05)
     assert not gated.entered.is_set()
@@ -286,13 +264,13 @@ def test_others_wait_until_there_is_room(each_mb: float, monkeypatch: pytest.Mon
     assert gated.entered.wait()
 
 
-def test_nobody_waits_at_an_open_gate(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_waits_at_an_open_gate(monkeypatch):
     gated = Gated(monkeypatch, each_mb=60, half_mb=100)
     gated.gate.open()
     assert gated.entered.wait()
 
 
-def test_tile_sets_the_grid(tmp_path: Path) -> None:
+def test_tile_sets_the_grid(tmp_path):
     args = (*frames(tmp_path, "exr"), "--json")
     (usual,) = render(*args, "-o", tmp_path / "a").json["pictures"]
     (small,) = render(*args, "-o", tmp_path / "b", "--tile", "32").json["pictures"]
@@ -301,12 +279,12 @@ def test_tile_sets_the_grid(tmp_path: Path) -> None:
     assert not again["done_before"], "other tiles make other last digits"
 
 
-def out_of_memory(monkeypatch: pytest.MonkeyPatch, fits: int) -> list[int | None]:
+def out_of_memory(monkeypatch, fits):
     """A device that holds some regions at once; how many are tried on it."""
     tried: list[int | None] = []
     true_tiles = renderer.Renderer.tiles
 
-    def tiles(self: renderer.Renderer, at_once: int | None = None, progress: Any = None) -> Any:
+    def tiles(self, at_once=None, progress=None):
         tried.append(at_once)
         parts = true_tiles(self, at_once, progress)
         if at_once is None or at_once > fits:
@@ -318,9 +296,7 @@ def out_of_memory(monkeypatch: pytest.MonkeyPatch, fits: int) -> list[int | None
     return tried
 
 
-def test_where_a_gpu_runs_out_of_memory_regions_come_one_by_one(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_a_gpu_runs_out_of_memory_regions_come_one_by_one(tmp_path, monkeypatch):
     args = (*pair(tmp_path), "--threads", "2")
     render(*args, "-o", tmp_path / "a")
     tried = out_of_memory(monkeypatch, fits=1)
@@ -329,15 +305,13 @@ def test_where_a_gpu_runs_out_of_memory_regions_come_one_by_one(
     assert files(tmp_path / "a") == files(tmp_path / "b")
 
 
-def test_where_no_region_fits_a_gpu_the_picture_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_no_region_fits_a_gpu_the_picture_is_refused(tmp_path, monkeypatch):
     out_of_memory(monkeypatch, fits=0)
     ran = render(*pair(tmp_path), "-o", tmp_path / "out")
     refused(ran, 3, "out-of-memory", "a.exr")
 
 
-def test_a_megabyte_is_that_of_the_option() -> None:
+def test_a_megabyte_is_that_of_the_option():
     assert memory_budget.limit_mb(Machine(memory=byte_count("500MB"))) == 500
     if not memory.held_mb():
         pytest.skip("not on this system: it does not tell")
@@ -345,7 +319,7 @@ def test_a_megabyte_is_that_of_the_option() -> None:
     assert memory.held_mb() == pytest.approx(pages * os.sysconf("SC_PAGE_SIZE") / 1e6, rel=0.02)
 
 
-def test_processes_share_the_memory_unless_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_processes_share_the_memory_unless_told(monkeypatch):
     monkeypatch.setattr(memory, "available_mb", lambda: 1000.0)
     shared = WorkerConfig("local", 4, 1, "cpu", None, None).machine.memory
     assert shared == int(0.8 * 1000 / 4 * memory.MB)
@@ -367,12 +341,8 @@ def test_processes_share_the_memory_unless_told(monkeypatch: pytest.MonkeyPatch)
     ],
 )
 def test_each_core_has_a_process_if_there_is_memory_for_it(
-    monkeypatch: pytest.MonkeyPatch,
-    available: float | None,
-    threads: int | None,
-    processes: int | None,
-    shared_out: tuple[int, int],
-) -> None:
+    monkeypatch, available, threads, processes, shared_out
+):
     free = iter([available])
     monkeypatch.setattr(memory, "available_mb", lambda: next(free, 0.0))
     monkeypatch.setattr(pool, "cores", lambda: 8)
@@ -381,7 +351,7 @@ def test_each_core_has_a_process_if_there_is_memory_for_it(
     assert crew.count == shared_out[0], "whatever is free by now"
 
 
-def test_tiles_of_a_job_stay_when_another_machine_does_it(tmp_path: Path) -> None:
+def test_tiles_of_a_job_stay_when_another_machine_does_it(tmp_path):
     asked = replace(job(tmp_path, 2**33), machine=Machine("draft", tile=64))
     (same,) = computed_by([asked], Machine(threads=3))
     assert same.machine == Machine("draft", threads=3, tile=64)

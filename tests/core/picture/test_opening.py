@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from image_files import save
@@ -12,18 +10,14 @@ from refusals import refuses
 from defocus_core.picture import opening
 
 
-def test_a_picture_too_wide_for_a_pupil_is_not_decoded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_picture_too_wide_for_a_pupil_is_not_decoded(tmp_path, monkeypatch):
     save(tmp_path / "wide.png", np.ones((1, 5000, 1), np.uint8))
     monkeypatch.setattr("defocus_core.io.images.color.read_color", pytest.fail)
     with refuses("malformed", "1 × 1 × 5000", path=tmp_path / "wide.png"):
         opening.pupil_images(tmp_path / "wide.png")
 
 
-def test_an_array_of_no_possible_size_is_damaged(
-    tmp_path: Path, recwarn: pytest.WarningsRecorder
-) -> None:
+def test_an_array_of_no_possible_size_is_damaged(tmp_path, recwarn):
     np.save(tmp_path / "a.npy", np.ones((4, 4), np.float32))
     data = (tmp_path / "a.npy").read_bytes()
     shape = b"(4, 4), }"

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import pytest
 from command_line import color_exr, depth_exr
@@ -35,31 +34,31 @@ OTHER_FILES = {
 }
 
 
-def job(folder: Path, **lens: Any) -> Job:
+def job(folder, **lens):
     picture = Picture("a", color_exr(folder / "c.exr"), depth_exr(folder / "z.exr"))
     outputs = Outputs(folder / "out")
     return Job(picture, Lens(50.0, 2.0, 2000.0, **lens), Reading(), outputs, Machine())
 
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: f"{step.stage}-{step.module}")
-def test_a_step_is_a_function_of_its_module(step: Any) -> None:
+def test_a_step_is_a_function_of_its_module(step):
     function = getattr(import_module(f"{steps.__name__}.{step.module}"), step.stage)
     assert function.__doc__
 
 
-def test_each_module_of_a_step_is_in_the_table() -> None:
+def test_each_module_of_a_step_is_in_the_table():
     modules = {path.stem for path in Path(steps.__path__[0]).glob("*.py")}
     assert modules - {"__init__", "table"} == {step.module for step in STEPS}
 
 
-def test_the_plain_path_knows_no_step() -> None:
+def test_the_plain_path_knows_no_step():
     folder = Path(steps.__path__[0]).parent
     for path in folder.glob("*.py"):
         known = set(re.findall(r"picture\.steps\.(\w+) import", path.read_text()))
         assert known <= {"table"}, path
 
 
-def test_no_step_knows_another_but_what_it_is_made_of() -> None:
+def test_no_step_knows_another_but_what_it_is_made_of():
     """A plate has an alpha and an overscan, and frames that decide together find a focus."""
     known = {
         (path.stem, step.module)
@@ -75,7 +74,7 @@ def test_no_step_knows_another_but_what_it_is_made_of() -> None:
     }
 
 
-def test_what_does_not_apply_is_not_imported(tmp_path: Path) -> None:
+def test_what_does_not_apply_is_not_imported(tmp_path):
     (tmp_path / "out").mkdir()
     files = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
     words = ["--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "-o", "out"]
@@ -96,7 +95,7 @@ def test_what_does_not_apply_is_not_imported(tmp_path: Path) -> None:
     assert {name.split(".")[-1] for name in names}.isdisjoint(OTHER_FILES)
 
 
-def test_headers_are_parsed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_headers_are_parsed_once(tmp_path, monkeypatch):
     asked, parsed = job(tmp_path), []
     parse = header.raw_headers
     monkeypatch.setattr(header, "raw_headers", lambda file: parsed.append(file.name) or parse(file))

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from contextlib import contextmanager
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -26,7 +24,7 @@ from defocus_core.tensors.derived import chosen, plus, transposed
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4)
 
 
-def test_arrays_come_back_as_they_were() -> None:
+def test_arrays_come_back_as_they_were():
     assert np.array_equal(to_array(to_device(VALUES, torch.device("cpu"))), VALUES)
     with elsewhere():
         gone = to_device(VALUES, torch.device(NAME))
@@ -34,7 +32,7 @@ def test_arrays_come_back_as_they_were() -> None:
         assert np.array_equal(to_array(there(torch.from_numpy(VALUES))), VALUES)
 
 
-def test_windows_are_read_onto_the_device() -> None:
+def test_windows_are_read_onto_the_device():
     with elsewhere():
         seen = windows([VALUES, 2 * VALUES], NAME)[..., 1:, 2:]
     assert np.array_equal(here(seen), np.stack([VALUES, 2 * VALUES])[:, 1:, 2:])
@@ -48,7 +46,7 @@ CUTS = (
 
 
 @pytest.mark.parametrize("cut", CUTS, ids=str)
-def test_windows_of_what_is_computed_are_those_of_the_whole(cut: Any) -> None:
+def test_windows_of_what_is_computed_are_those_of_the_whole(cut):
     planes = [VALUES, VALUES**2, -VALUES]
     image = windows(planes, "cpu")
     whole, inner = torch.from_numpy(np.stack(planes)), cut if isinstance(cut, tuple) else (cut,)
@@ -69,20 +67,20 @@ def test_windows_of_what_is_computed_are_those_of_the_whole(cut: Any) -> None:
 
 
 @contextmanager
-def gpu(patch: pytest.MonkeyPatch) -> Iterator[list[str]]:
+def gpu(patch):
     """What is asked of a GPU, which takes and gives tensors as they are."""
     asked: list[str] = []
     empty = torch.empty
 
-    def pinned(values: Tensor) -> Tensor:
+    def pinned(values):
         asked.append("pinned")
         return values.clone()
 
-    def moved(values: Tensor, device: torch.device, *, non_blocking: bool = False) -> Tensor:
+    def moved(values, device, *, non_blocking=False):
         asked.append(f"to {device.type}, {'without' if non_blocking else 'with'} waiting")
         return values.clone()
 
-    def made(*size: object, pin_memory: bool = False, **options: object) -> Tensor:
+    def made(*size, pin_memory=False, **options):
         asked.append("pinned" if pin_memory else "made")
         return empty(*size, **options)  # type: ignore[call-overload, no-any-return]
 
@@ -96,7 +94,7 @@ def gpu(patch: pytest.MonkeyPatch) -> Iterator[list[str]]:
         yield asked
 
 
-def test_copies_to_a_gpu_are_pinned(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_copies_to_a_gpu_are_pinned(monkeypatch):
     with gpu(monkeypatch) as asked:
         gone = to_device(VALUES, torch.device("cuda"))
         assert asked == ["pinned", "to cuda, without waiting"]

@@ -10,14 +10,13 @@ import torch
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from tolerances import ROUNDING, SUM
-from torch import Tensor
 
 from defocus_core import DefocusLens, RandomDefocus
 
 DEPTHS = torch.tensor([120.0, 800.0, 1999.0, 2000.0, 2500.0, 1e5, math.inf], dtype=torch.float64)
 
 
-def camera(foc_dist: float | Tensor = 2000.0, **changes) -> DefocusLens:
+def camera(foc_dist=2000.0, **changes):
     """A 50 mm f/1.4 on a 36 mm sensor 480 px wide."""
     lens = DefocusLens(
         changes.pop("foclen", 50.0),
@@ -30,11 +29,11 @@ def camera(foc_dist: float | Tensor = 2000.0, **changes) -> DefocusLens:
     return lens
 
 
-def parameter(value: float) -> Tensor:
+def parameter(value):
     return torch.tensor(value, dtype=torch.float64, requires_grad=True)
 
 
-def shot(pictures: int) -> tuple[Tensor, Tensor]:
+def shot(pictures):
     """Pictures of two planes each, and their depth in mm."""
     image = torch.rand(pictures, 2, 12, 16, generator=torch.Generator().manual_seed(3)).double()
     depth = torch.full((pictures, 12, 16), 2600.0, dtype=torch.float64)
@@ -42,7 +41,7 @@ def shot(pictures: int) -> tuple[Tensor, Tensor]:
     return image, depth * torch.linspace(1.0, 1.2, pictures).double()[:, None, None]
 
 
-def test_a_lens_of_each_picture_renders_as_alone_and_has_its_gradients() -> None:
+def test_a_lens_of_each_picture_renders_as_alone_and_has_its_gradients():
     image, depth = shot(3)
     values = torch.tensor([[50.0, 35.0, 85.0], [1.4, 2.0, 4.0], [2000.0, 1700.0, 2400.0]]).double()
     foclen, fnum, focus = together = [row.clone().requires_grad_() for row in values]
@@ -57,7 +56,7 @@ def test_a_lens_of_each_picture_renders_as_alone_and_has_its_gradients() -> None
         torch.testing.assert_close(gradients[:, n], wanted)
 
 
-def test_a_lens_of_each_picture_needs_as_many_pictures() -> None:
+def test_a_lens_of_each_picture_needs_as_many_pictures():
     lens = camera(fnum=torch.tensor([1.4, 2.0]))
     with pytest.raises(ValueError, match="fnum must be one number, or one for each of 3 pictures"):
         lens.render_rgbd(*shot(3))
@@ -65,7 +64,7 @@ def test_a_lens_of_each_picture_needs_as_many_pictures() -> None:
         lens.radius_at_infinity()
 
 
-def test_depth_may_be_in_metres() -> None:
+def test_depth_may_be_in_metres():
     image, depth = shot(1)
     lens = camera(depth_unit="m")
     assert torch.equal(lens.signed_radius(depth / 1000), camera().signed_radius(depth))
@@ -389,7 +388,7 @@ def test_a_map_of_nothing_is_refused(grid):
             of_grid(grid=grid)
 
 
-def test_a_sharp_range_has_no_blur_and_leaves_the_law_outside() -> None:
+def test_a_sharp_range_has_no_blur_and_leaves_the_law_outside():
     lens = DefocusLens(50.0, 1.4, (36.0, 24.0), (480, 320))
     lens.refocus(2000.0)
     z = torch.tensor([1000.0, 1800.0, 2100.0, 2400.0, 2400.1, math.inf], dtype=torch.float64)

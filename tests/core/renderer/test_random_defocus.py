@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 import torch
@@ -11,27 +10,27 @@ from tolerances import RENDERED
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset
 
-from defocus_core import Aperture, DefocusLens, Distribution, Lenses, RandomDefocus, Views, render
+from defocus_core import Aperture, DefocusLens, Distribution, RandomDefocus, render
 from defocus_core.optics.distributions import ATTEMPTS
 
 SIZE = (12, 18)  # H, W
 
 
-def image(batch: int = 3) -> Tensor:
+def image(batch=3):
     return torch.rand(batch, 3, *SIZE, generator=torch.Generator().manual_seed(1))
 
 
-def depth(batch: int = 3) -> Tensor:
+def depth(batch=3):
     ramp = torch.linspace(1000.0, 4000.0, SIZE[1]).expand(batch, 1, *SIZE)
     return ramp * torch.arange(1, batch + 1)[:, None, None, None]
 
 
-def draft(**ranges: Any) -> RandomDefocus:
+def draft(**ranges):
     return RandomDefocus(quality="draft", **ranges)
 
 
-def test_a_sample_is_the_same_in_any_batch() -> None:
-    def tensors(views: Views, lenses: Lenses) -> list[Tensor]:
+def test_a_sample_is_the_same_in_any_batch():
+    def tensors(views, lenses):
         return [*views.images, views.trust, *lenses]
 
     whole = tensors(*draft(left_right=True)(image(), depth(), [5, 6, 7]))
@@ -40,7 +39,7 @@ def test_a_sample_is_the_same_in_any_batch() -> None:
         torch.testing.assert_close(together[1:2], single, rtol=0, atol=0)
 
 
-def test_other_seeds_draw_other_lenses_and_a_generator_draws_seeds() -> None:
+def test_other_seeds_draw_other_lenses_and_a_generator_draws_seeds():
     same = [x.expand(3, -1, -1, -1) for x in (image(1), depth(1))]
     (first, lenses), (second, _) = (
         draft()(*same, torch.Generator().manual_seed(4)) for _ in range(2)
@@ -51,7 +50,7 @@ def test_other_seeds_draw_other_lenses_and_a_generator_draws_seeds() -> None:
     assert not torch.equal(lenses.fnum, other.fnum)
 
 
-def test_what_is_rendered_is_what_the_lens_drawn_takes() -> None:
+def test_what_is_rendered_is_what_the_lens_drawn_takes():
     views, drawn = draft(left_right=True)(image(), depth(), [5, 6, 7])
     for index in range(3):
         lens = DefocusLens(
@@ -68,7 +67,7 @@ def test_what_is_rendered_is_what_the_lens_drawn_takes() -> None:
     torch.testing.assert_close((views.left + views.right) / 2, views.render)
 
 
-def test_anti_aliased_depth_is_one_of_distances_here_too() -> None:
+def test_anti_aliased_depth_is_one_of_distances_here_too():
     size = (64, 96)
     y, x = ((torch.arange(8 * n) + 0.5) / 8 for n in size)
     fine = torch.where(x + 0.37 * y[:, None] < 60.2, 1000.0, 4000.0)
@@ -80,7 +79,7 @@ def test_anti_aliased_depth_is_one_of_distances_here_too() -> None:
     torch.testing.assert_close(views.render, lens.render_rgbd(picture, averaged))
 
 
-def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
+def test_lenses_are_spread_over_their_ranges_and_stay_within():
     tiny = torch.ones(200, 1, 1, 100), torch.linspace(1000, 2000, 100).expand(200, 1, 1, 100)
     defocus = draft(
         foclen=Distribution("loguniform", (20, 80)),
@@ -105,7 +104,7 @@ def test_lenses_are_spread_over_their_ranges_and_stay_within() -> None:
     assert together.abs().max() < 4 / math.sqrt(200)
 
 
-def test_numbers_and_equal_ends_fix_the_lens() -> None:
+def test_numbers_and_equal_ends_fix_the_lens():
     nearest = Distribution("percentile", (0, 0))
     fixed = draft(foclen=50.0, fnum=Distribution("loguniform", (2, 2)), foc_dist=nearest, blades=0)
     _, lenses = fixed(image(), depth(), [1, 2, 3])
@@ -114,7 +113,7 @@ def test_numbers_and_equal_ends_fix_the_lens() -> None:
     assert lenses.foc_dist.tolist() == [1000, 2000, 3000]
 
 
-def test_sky_is_not_focused_on_unless_there_is_nothing_else() -> None:
+def test_sky_is_not_focused_on_unless_there_is_nothing_else():
     far = depth(2).clone()
     far[0, :, :, 9:] = math.inf
     far[1] = math.inf
@@ -125,7 +124,7 @@ def test_sky_is_not_focused_on_unless_there_is_nothing_else() -> None:
     torch.testing.assert_close(views.render[1], image(2)[1], rtol=0, atol=RENDERED[torch.float32])
 
 
-def test_a_lens_that_blurs_too_much_is_drawn_again_and_the_others_stay() -> None:
+def test_a_lens_that_blurs_too_much_is_drawn_again_and_the_others_stay():
     _, free = draft()(image(), depth(), [1, 2, 3])
     maximum = free.signed_radius.abs().amax((1, 2, 3))
     bound = float(maximum.median()) * (1 + 1e-5)
@@ -136,7 +135,7 @@ def test_a_lens_that_blurs_too_much_is_drawn_again_and_the_others_stay() -> None
     assert bool(((bounded.fnum >= 1.4) & (bounded.fnum <= 16)).all())
 
 
-def test_where_no_lens_drawn_suits_a_picture_it_is_refused() -> None:
+def test_where_no_lens_drawn_suits_a_picture_it_is_refused():
     with pytest.raises(ValueError, match=f"max_radius must allow some lens.* {ATTEMPTS} lenses"):
         draft(max_radius=1e-9)(image(), depth(), [1, 2, 3])
 
@@ -155,12 +154,12 @@ def test_where_no_lens_drawn_suits_a_picture_it_is_refused() -> None:
         ("choice", (), "must have values to choose from"),
     ],
 )
-def test_what_nothing_can_be_drawn_from_is_refused(kind: str, values: Any, words: str) -> None:
+def test_what_nothing_can_be_drawn_from_is_refused(kind, values, words):
     with pytest.raises(ValueError, match=words):
         Distribution(kind, values)
 
 
-def test_gradients_reach_image_and_depth() -> None:
+def test_gradients_reach_image_and_depth():
     sharp, planes = image(1).requires_grad_(), depth(1).requires_grad_()
     draft(fnum=0.25)(sharp, planes, [3])[0].render.square().sum().backward()
     assert sharp.grad is not None
@@ -172,18 +171,18 @@ def test_gradients_reach_image_and_depth() -> None:
 class Frames(Dataset[dict[str, Tensor]]):
     """A training set: each sample has its own lens, the same one whenever it is asked for."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.defocus = draft(fnum=Distribution("loguniform", (1.4, 4.0)))
 
-    def __len__(self) -> int:
+    def __len__(self):
         return 4
 
-    def __getitem__(self, index: int) -> dict[str, Tensor]:
+    def __getitem__(self, index):
         views, lenses = self.defocus(image(4)[index, None], depth(4)[index, None], [index])
         return {"index": torch.tensor(index), "render": views.render[0], "fnum": lenses.fnum[0]}
 
 
-def test_a_data_loader_gets_each_sample_with_its_own_lens() -> None:
+def test_a_data_loader_gets_each_sample_with_its_own_lens():
     samples = Frames()
     shuffled = DataLoader(samples, batch_size=3, shuffle=True)
     renders = {int(i): x for b in shuffled for i, x in zip(b["index"], b["render"], strict=True)}
@@ -193,7 +192,7 @@ def test_a_data_loader_gets_each_sample_with_its_own_lens() -> None:
 
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
-def test_the_lens_does_not_depend_on_the_device() -> None:
+def test_the_lens_does_not_depend_on_the_device():
     cpu, on_cpu = draft()(image(), depth(), [1, 2, 3])
     gpu, on_gpu = draft()(image().cuda(), depth().cuda(), [1, 2, 3])
     assert gpu.render.is_cuda
@@ -215,9 +214,7 @@ def test_the_lens_does_not_depend_on_the_device() -> None:
         ("quality must", {"quality": "best"}),
     ],
 )
-def test_what_makes_no_sense_is_refused_when_the_ranges_are_given(
-    words: str, arguments: dict[str, Any]
-) -> None:
+def test_what_makes_no_sense_is_refused_when_the_ranges_are_given(words, arguments):
     with pytest.raises(ValueError, match=words):
         RandomDefocus(**arguments)
 
@@ -238,7 +235,7 @@ def test_what_makes_no_sense_is_refused_when_the_ranges_are_given(
         ),
     ],
 )
-def test_what_does_not_fit_together_is_refused(words: str, arguments: tuple[Any, ...]) -> None:
+def test_what_does_not_fit_together_is_refused(words, arguments):
     with pytest.raises(ValueError, match=words):
         draft()(*arguments)
 
@@ -255,7 +252,7 @@ LOOK = {
 
 
 @pytest.mark.parametrize("name", LOOK)
-def test_each_option_of_the_look_is_drawn_within_its_range_and_shows(name: str) -> None:
+def test_each_option_of_the_look_is_drawn_within_its_range_and_shows(name):
     near = torch.full((2, 1, *SIZE), 700.0)
     known = {"foclen": 85.0, "fnum": 1.4, "foc_dist": 3000.0, "blades": 6, "left_right": True}
     plain, _ = draft(**known)(image(2), near, [1, 2])
@@ -270,7 +267,7 @@ def test_each_option_of_the_look_is_drawn_within_its_range_and_shows(name: str) 
     assert float(apart.min()) > 1e-3
 
 
-def test_blades_that_are_drawn_away_have_no_curvature() -> None:
+def test_blades_that_are_drawn_away_have_no_curvature():
     blades = Distribution("choice", (0, 6))
     _, lenses = draft(blades=blades, curvature=0.5)(
         image(1).expand(8, -1, -1, -1), depth(8), range(8)
@@ -289,6 +286,6 @@ def test_blades_that_are_drawn_away_have_no_curvature() -> None:
         ({"crosstalk": 0.5}, "crosstalk must be"),
     ],
 )
-def test_a_look_that_makes_no_sense_is_refused(options: dict[str, Any], words: str) -> None:
+def test_a_look_that_makes_no_sense_is_refused(options, words):
     with pytest.raises(ValueError, match=words):
         RandomDefocus(**options)

@@ -6,7 +6,6 @@ import pytest
 import torch
 from command_line import read_exr, run
 from sharp_lines import explained_by_depth, explained_by_truth, sharp_lines
-from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 
 from defocus_core import render
@@ -27,7 +26,7 @@ PLACES = [f"street {focus}" for focus in ("0.8m", "4m", "10m", "inf")]
 PLACES += [f"cup {focus}" for focus in ("4m", "10m", "inf")]
 
 
-def card(*, rim: bool) -> tuple[Tensor, Tensor]:
+def card(*, rim):
     """A dark card before a wall in focus, with a light rim of 2 px or none; and where it is."""
     g = torch.Generator().manual_seed(0)
     is_card = torch.zeros(130, 160, dtype=torch.bool)
@@ -39,14 +38,14 @@ def card(*, rim: bool) -> tuple[Tensor, Tensor]:
     return torch.where(within, front, torch.where(is_card, edge, wall)), is_card
 
 
-def estimated(is_card: Tensor, thinner: int) -> Tensor:
+def estimated(is_card, thinner):
     """Radii [H, W] px as a network draws them: thinner, and soft."""
     thin = ~extreme_around(~is_card, thinner, torch.maximum)
     around = pad(torch.where(thin, RADIUS, 0.0)[None, None], (2, 2, 2, 2), mode="replicate")
     return avg_pool2d(around, 5, 1)[0, 0]
 
 
-def longest_line(is_card: Tensor, image: Tensor, radii: Tensor, repair: str = "auto") -> int:
+def longest_line(is_card, image, radii, repair="auto"):
     truth = render(image, torch.where(is_card, RADIUS, 0.0), depth_repair="off").render
     picture = render(image, radii, depth_repair=repair).render
     lines = sharp_lines(picture, explained_by_truth(truth))
@@ -55,12 +54,12 @@ def longest_line(is_card: Tensor, image: Tensor, radii: Tensor, repair: str = "a
 
 @pytest.mark.parametrize("thinner", [2, 3])
 @pytest.mark.parametrize("rim", [False, True])
-def test_a_thinned_card_leaves_no_line(rim: bool, thinner: int) -> None:
+def test_a_thinned_card_leaves_no_line(rim, thinner):
     image, is_card = card(rim=rim)
     assert longest_line(is_card, image, estimated(is_card, thinner)) <= LONGEST
 
 
-def test_lines_are_found_where_depth_is_not_repaired() -> None:
+def test_lines_are_found_where_depth_is_not_repaired():
     image, is_card = card(rim=True)
     assert longest_line(is_card, image, estimated(is_card, 3), "off") > 0
     assert longest_line(is_card, image, torch.where(is_card, RADIUS, 0.0), "off") == 0
@@ -69,7 +68,7 @@ def test_lines_are_found_where_depth_is_not_repaired() -> None:
 @pytest.mark.bench
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs ../shared/real")
 @pytest.mark.parametrize("place", PLACES)
-def test_photographs_have_no_line(place: str, tmp_path: Path) -> None:
+def test_photographs_have_no_line(place, tmp_path):
     name, focus = place.split()
     color, depth, *options = PHOTOGRAPHS[name]
     lens = ("--fnumber", "1.4", "--sensor-width", "36mm", "--focus", focus)

@@ -21,16 +21,16 @@ from defocus_core.sequences.shot_repair import agreed_repair, repair_through
 SIZE = (24, 32)
 
 
-def noisy(seed: int, deviation: float = 0.3) -> torch.Tensor:
+def noisy(seed, deviation=0.3):
     generator = torch.Generator().manual_seed(seed)
     return 5 + deviation * torch.randn(SIZE, generator=generator)
 
 
-def texture(seed: int = 0) -> torch.Tensor:
+def texture(seed=0):
     return torch.rand((3, *SIZE), generator=torch.Generator().manual_seed(seed))
 
 
-def test_most_frames_decide_on_a_repair_and_thresholds_are_medians() -> None:
+def test_most_frames_decide_on_a_repair_and_thresholds_are_medians():
     repairs = [DepthRepair(noise=0.2), DepthRepair(noise=0.8), DepthRepair(quantised=True)]
     agreed = agreed_repair(repairs, [1.0, 2.0, 3.0])
     assert agreed == DepthRepair(noise=pytest.approx(0.3))
@@ -38,14 +38,14 @@ def test_most_frames_decide_on_a_repair_and_thresholds_are_medians() -> None:
     assert agreed_repair([*repairs, *[DepthRepair()] * 3], [1.0] * 6) == DepthRepair()
 
 
-def test_averages_of_distance_have_the_infinity_of_each_lens() -> None:
+def test_averages_of_distance_have_the_infinity_of_each_lens():
     of_distance = agreed_repair([DepthRepair(antialiased=7.0)] * 2, [1.0, 2.0])
     assert repair_through(of_distance, 1.0, 4.5).antialiased == 4.5
     of_disparity = agreed_repair([DepthRepair(antialiased=math.inf)] * 2, [1.0, 2.0])
     assert repair_through(of_disparity, 1.0, 4.5).antialiased == math.inf
 
 
-def test_soft_and_shifted_edges_scale_with_the_lens() -> None:
+def test_soft_and_shifted_edges_scale_with_the_lens():
     shifts = EdgeShifts(0.4, 2.0, (0.0, 1.0))
     each = [DepthRepair(soft_edges=0.4, ramps=True, edge_shifts=shifts)] * 2
     through = repair_through(agreed_repair(each, [2.0, 2.0]), 4.0, None)
@@ -54,16 +54,16 @@ def test_soft_and_shifted_edges_scale_with_the_lens() -> None:
     assert through.edge_shifts == shifts._replace(step=0.8)
 
 
-def test_frames_and_scales_must_match() -> None:
+def test_frames_and_scales_must_match():
     for repairs, scales in (([], []), ([DepthRepair()], [])):
         with pytest.raises(ValueError, match="as many frames"):
             agreed_repair(repairs, scales)
 
 
-def test_a_decided_repair_is_the_one_that_is_made() -> None:
+def test_a_decided_repair_is_the_one_that_is_made():
     image, radius = texture(), noisy(1)
 
-    def rendered(settings: Settings) -> torch.Tensor:
+    def rendered(settings):
         return torch.cat([part.render for part in Renderer(Scene(image, radius), settings).tiles()])
 
     decided = rendered(Settings(decided=DepthRepair(noise=0.3)))
@@ -72,7 +72,7 @@ def test_a_decided_repair_is_the_one_that_is_made() -> None:
     assert (found - decided).abs().max() < 0.12 * (found - none).abs().max()
 
 
-def test_still_noise_falls_with_the_root_of_the_number_of_frames() -> None:
+def test_still_noise_falls_with_the_root_of_the_number_of_frames():
     image = texture()
     frames = [Frame(image, noisy(k)) for k in range(9)]
     mean, count = temporal_mean(frames[0], frames[1:], 0.3)
@@ -80,7 +80,7 @@ def test_still_noise_falls_with_the_root_of_the_number_of_frames() -> None:
     assert (mean - 5).std() == pytest.approx(0.1, rel=0.1)
 
 
-def test_other_colours_and_other_depth_are_not_averaged() -> None:
+def test_other_colours_and_other_depth_are_not_averaged():
     image, radius = texture(), noisy(0)
     _, count = temporal_mean(Frame(image, radius), [Frame(texture(1), noisy(1))], 0.3)
     assert count.mean() < 1.05
@@ -89,14 +89,14 @@ def test_other_colours_and_other_depth_are_not_averaged() -> None:
     assert count.mean() < 1.2
 
 
-def test_an_edge_of_depth_stays_where_it_is() -> None:
+def test_an_edge_of_depth_stays_where_it_is():
     image, step = texture(), torch.where(torch.arange(SIZE[1]) < 16, -3.0, 4.0)
     frames = [Frame(image, noisy(k) - 5 + step) for k in range(9)]
     mean, _ = temporal_mean(frames[0], frames[1:], 0.3)
     assert (mean - step).abs().max() < 0.7
 
 
-def test_depth_is_averaged_along_motion() -> None:
+def test_depth_is_averaged_along_motion():
     image, slope = texture(), torch.arange(SIZE[1]).expand(SIZE) * 0.5
     moved = Frame(image.roll(3, -1), (noisy(1) - 5 + slope).roll(3, -1))
     along = moved._replace(motion=torch.tensor([3.0, 0.0])[:, None, None].expand(2, *SIZE))
@@ -108,7 +108,7 @@ def test_depth_is_averaged_along_motion() -> None:
     assert (mean - slope)[inner].std() == pytest.approx(0.3 / math.sqrt(2), rel=0.1)
 
 
-def test_motion_is_chained_by_surface_and_goes_on_behind_another() -> None:
+def test_motion_is_chained_by_surface_and_goes_on_behind_another():
     near = torch.zeros(SIZE)
     near[:, 12:16] = -5.0  # hides the middle of the second frame
     first, second = (torch.zeros(2, *SIZE) for _ in range(2))
@@ -121,7 +121,7 @@ def test_motion_is_chained_by_surface_and_goes_on_behind_another() -> None:
     assert not total[1].any()
 
 
-def test_a_neighbour_shows_what_a_card_hides() -> None:
+def test_a_neighbour_shows_what_a_card_hides():
     wall, seen = texture(), torch.full(SIZE, 6.0)
     seen[6:18, 8:16] = -4.0
     later = torch.full(SIZE, 6.0)
@@ -136,7 +136,7 @@ def test_a_neighbour_shows_what_a_card_hides() -> None:
     assert (hidden.signed_radius[expected] == 6).all()
 
 
-def test_what_was_seen_counts_as_seen() -> None:
+def test_what_was_seen_counts_as_seen():
     wall, radius = texture(), torch.zeros(SIZE)
     radius[6:18, 8:24] = -6.0
     still = torch.zeros(2, *SIZE)
@@ -147,12 +147,12 @@ def test_what_was_seen_counts_as_seen() -> None:
     assert with_it.trust[inner].min() > 0.99
 
 
-def test_places_are_columns_and_rows() -> None:
+def test_places_are_columns_and_rows():
     at = positions(SIZE, torch.zeros(1))
     assert at[:, 5, 7].tolist() == [7, 5]
 
 
-def test_depth_that_comes_nearer_is_followed() -> None:
+def test_depth_that_comes_nearer_is_followed():
     disparity = torch.linspace(0.1, 1.0, 400)
     nearer = disparity / (1 - 0.05 * disparity)  # by 0.05 along the axis
     there = (20 * (0.4 - nearer)).where(torch.arange(400) % 5 > 0, torch.tensor(9.0))
@@ -162,7 +162,7 @@ def test_depth_that_comes_nearer_is_followed() -> None:
     assert spread.max() < 0.05
 
 
-def test_near_surfaces_are_followed_though_the_background_is_most_of_the_picture() -> None:
+def test_near_surfaces_are_followed_though_the_background_is_most_of_the_picture():
     disparity = torch.cat([torch.full((4000,), 0.1), torch.full((100,), 1.5)])
     nearer = disparity / (1 - 0.04 * disparity)
     radius, spread = approached(-10 * disparity, -10 * nearer)
@@ -170,7 +170,7 @@ def test_near_surfaces_are_followed_though_the_background_is_most_of_the_picture
     assert spread.max() < 1e-5
 
 
-def test_of_two_neighbours_the_closest_tells_what_is_hidden() -> None:
+def test_of_two_neighbours_the_closest_tells_what_is_hidden():
     radius = torch.full(SIZE, 6.0)
     radius[6:18, 8:16] = -4.0
     still = torch.zeros(2, *SIZE)
@@ -184,7 +184,7 @@ def test_of_two_neighbours_the_closest_tells_what_is_hidden() -> None:
     assert (seen_behind(frame, [sign, wall]).color[:, 8:16, 10:14] == 0.9).all()
 
 
-def test_a_surface_that_was_farther_before_is_not_hidden_by_itself() -> None:
+def test_a_surface_that_was_farther_before_is_not_hidden_by_itself():
     slope = torch.linspace(-6, 6, SIZE[1]).expand(SIZE).contiguous()
     before = Frame(texture(), slope + 0.8, torch.zeros(2, *SIZE))
     assert not seen_behind(Frame(texture(), slope), [before]).mask.any()

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core.tensors.clipped_lights import Runs
 
 
-def flooded(mask: Tensor) -> Tensor:
+def flooded(mask):
     """Numbers of the blobs of a mask, 0 outside, by flooding one after another."""
     numbers, count = torch.zeros_like(mask, dtype=torch.int64), 0
     for row, column in mask.nonzero().tolist():
@@ -25,7 +24,7 @@ def flooded(mask: Tensor) -> Tensor:
     return numbers
 
 
-def spiral() -> Tensor:
+def spiral():
     """One blob, whose runs are far apart along it."""
     mask = torch.zeros(31, 31, dtype=torch.bool)
     for k in range(0, 15, 2):
@@ -38,17 +37,17 @@ def spiral() -> Tensor:
 
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.45, 0.7, 1.0])
 @pytest.mark.parametrize("band", [1, 7, 40])
-def test_blobs_are_connected_areas(share: float, band: int) -> None:
+def test_blobs_are_connected_areas(share, band):
     mask = torch.rand(40, 33, generator=torch.Generator().manual_seed(3)) < share
     _check(mask, band)
 
 
-def test_a_spiral_is_one_blob() -> None:
+def test_a_spiral_is_one_blob():
     assert flooded(spiral()).max() == 1
     _check(spiral(), 31)
 
 
-def _check(mask: Tensor, band: int) -> None:
+def _check(mask, band):
     width = mask.shape[1]
     runs = Runs.joined([Runs.of(mask[y : y + band], y) for y in range(0, len(mask), band)])
     assert int(runs.area.sum()) == int(mask.sum())

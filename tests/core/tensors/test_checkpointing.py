@@ -1,20 +1,18 @@
 """What a backward pass computes again: the same gradients, from far fewer tensors kept."""
 
-import pytest
 import torch
-from torch import Tensor
 from torch.autograd.graph import saved_tensors_hooks
 
 from defocus_core import render
 from defocus_core.renderer.engine import region_schedule
 
 
-def kept_and_gradients(image: Tensor, radius: Tensor) -> tuple[int, Tensor, Tensor]:
+def kept_and_gradients(image, radius):
     """Bytes that a forward pass keeps, and what the backward pass makes of them."""
     image, radius = image.clone().requires_grad_(), radius.clone().requires_grad_()
     kept: dict[int, int] = {}
 
-    def keep(values: Tensor) -> Tensor:
+    def keep(values):
         kept[values.untyped_storage().data_ptr()] = values.untyped_storage().nbytes()
         return values
 
@@ -28,7 +26,7 @@ def kept_and_gradients(image: Tensor, radius: Tensor) -> tuple[int, Tensor, Tens
     return sum(kept.values()), image.grad, radius.grad
 
 
-def test_a_backward_pass_keeps_little_and_finds_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_backward_pass_keeps_little_and_finds_the_same(monkeypatch):
     generator = torch.Generator().manual_seed(1)
     image = torch.rand(3, 200, 260, generator=generator)
     radius = torch.full((200, 260), 7.0) + torch.rand(200, 260, generator=generator)
@@ -41,7 +39,7 @@ def test_a_backward_pass_keeps_little_and_finds_the_same(monkeypatch: pytest.Mon
     assert torch.equal(of_radius, radius_too)
 
 
-def test_progress_ends_with_the_picture() -> None:
+def test_progress_ends_with_the_picture():
     image, radius = torch.rand(3, 40, 210, requires_grad=True), torch.full((40, 210), 3.0)
     told: list[tuple[int, int]] = []
     o = render(image, radius, progress=lambda *counts: told.append(counts))

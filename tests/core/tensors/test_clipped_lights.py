@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core import AUTO_LIGHTS, with_lights
 from defocus_core.tensors.clipped_lights import ClippedLights
 
 
-def street() -> Tensor:
+def street():
     """A dim picture with a white lamp, an orange one, and a white wall."""
     image = 0.3 * torch.rand(3, 120, 400, generator=torch.Generator().manual_seed(1))
     image[:, 20:23, 50:53] = 1.0
@@ -19,7 +18,7 @@ def street() -> Tensor:
     return image
 
 
-def test_lamps_get_the_gain_in_their_hue_and_walls_and_the_dim_stay() -> None:
+def test_lamps_get_the_gain_in_their_hue_and_walls_and_the_dim_stay():
     image = street()
     lit = with_lights(image, *AUTO_LIGHTS)
     assert float(lit[0, 21, 51]) > 0.7 * AUTO_LIGHTS[1]
@@ -31,7 +30,7 @@ def test_lamps_get_the_gain_in_their_hue_and_walls_and_the_dim_stay() -> None:
     assert torch.equal(lit[:, dim], image[:, dim])
 
 
-def test_all_of_a_blob_gets_one_gain_and_blobs_are_counted() -> None:
+def test_all_of_a_blob_gets_one_gain_and_blobs_are_counted():
     image = street()
     image[:, 70:74, 20:26] = 1.0
     lights = ClippedLights(image, *AUTO_LIGHTS)
@@ -43,7 +42,7 @@ def test_all_of_a_blob_gets_one_gain_and_blobs_are_counted() -> None:
 
 
 @pytest.mark.parametrize("ground", [0.88, 0.8])
-def test_small_spots_of_a_bright_wall_just_beyond_white_stay(ground: float) -> None:
+def test_small_spots_of_a_bright_wall_just_beyond_white_stay(ground):
     image = torch.full((3, 120, 400), ground)
     image[:, 20:23, 50:53] = 1.0
     share = (float(with_lights(image, *AUTO_LIGHTS)[0, 21, 51]) - 1) / (AUTO_LIGHTS[1] - 1)
@@ -53,7 +52,7 @@ def test_small_spots_of_a_bright_wall_just_beyond_white_stay(ground: float) -> N
     assert float(with_lights(image, *AUTO_LIGHTS)[0, 21, 51]) > 0.8 * AUTO_LIGHTS[1]
 
 
-def test_a_surface_of_a_colour_stays_where_a_white_one_of_its_size_is_a_lamp() -> None:
+def test_a_surface_of_a_colour_stays_where_a_white_one_of_its_size_is_a_lamp():
     image = torch.full((3, 300, 400), 0.1)
     image[:, 100:107, 100:107] = torch.tensor([0.1, 0.4, 1.0])[:, None, None]
     image[:, 200:207, 100:107] = 1.0
@@ -64,7 +63,7 @@ def test_a_surface_of_a_colour_stays_where_a_white_one_of_its_size_is_a_lamp() -
     assert torch.equal(with_lights(image, *AUTO_LIGHTS)[:, 20:140], image[:, 20:140])
 
 
-def test_the_light_is_continuous_in_the_threshold_where_blobs_grow_together() -> None:
+def test_the_light_is_continuous_in_the_threshold_where_blobs_grow_together():
     image = street()
     image[:, 20, 50] = 0.85
     image[:, 20, 53:202] = 0.82  # a bridge from the lamp to the wall
@@ -74,15 +73,15 @@ def test_the_light_is_continuous_in_the_threshold_where_blobs_grow_together() ->
     assert lit[0][0, 21, 51] < 0.7 * lit[-1][0, 21, 51]
 
 
-def test_windows_are_cut_from_the_whole() -> None:
+def test_windows_are_cut_from_the_whole():
     class Read:
         """A source that is no tensor."""
 
-        def __init__(self, image: Tensor) -> None:
+        def __init__(self, image):
             self._image = image
             self.shape, self.dtype, self.device = tuple(image.shape), image.dtype, image.device
 
-        def __getitem__(self, window: object) -> Tensor:
+        def __getitem__(self, window):
             return self._image[window]
 
     image = street()
@@ -90,7 +89,7 @@ def test_windows_are_cut_from_the_whole() -> None:
     torch.testing.assert_close(source[..., 10:70, 30:100], whole[..., 10:70, 30:100])
 
 
-def test_measured_light_and_alpha_stay() -> None:
+def test_measured_light_and_alpha_stay():
     image = street()
     image[0, 5, 5] = 3.0
     assert with_lights(image, 0.8, 16.0) is image
@@ -100,21 +99,21 @@ def test_measured_light_and_alpha_stay() -> None:
     torch.testing.assert_close(lit[:3], with_lights(street(), 0.8, 16.0))
 
 
-def test_gradients_flow_to_threshold_and_gain() -> None:
+def test_gradients_flow_to_threshold_and_gain():
     image = street().double()[:, 10:40, 40:70]
     image[:, 4, 4] = 0.9
     values = [torch.tensor(v, dtype=torch.float64, requires_grad=True) for v in (0.8, 16.0)]
     assert torch.autograd.gradcheck(lambda t, g: with_lights(image, t, g), values, fast_mode=True)
 
 
-def test_lights_that_make_no_sense_are_refused() -> None:
+def test_lights_that_make_no_sense_are_refused():
     with pytest.raises(ValueError, match="threshold must be"):
         with_lights(street(), 1.0, 2.0)
     with pytest.raises(ValueError, match="gain must be"):
         with_lights(street(), 0.8, 0.5)
 
 
-def test_what_is_in_focus_is_left_alone() -> None:
+def test_what_is_in_focus_is_left_alone():
     image, blurred = street(), torch.full((120, 400), -5.0)
     every = ClippedLights(image, *AUTO_LIGHTS)
     assert torch.equal(ClippedLights(image, *AUTO_LIGHTS, signed_radius=blurred).added, every.added)

@@ -4,7 +4,6 @@ there are 0.
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core.tensors.resampling import cubic_weights, linear_weights, resampled
 
@@ -14,17 +13,17 @@ LIKE = torch.zeros((), dtype=torch.float64)
 FIRSTS = (2.25, 2.75)
 
 
-def line(count: int, step: float = 1.0, first: float = 0.0) -> Tensor:
+def line(count, step=1.0, first=0.0):
     return first + step * torch.arange(count, dtype=torch.float64)
 
 
-def polynomial(down: Tensor, across: Tensor, degree: int) -> Tensor:
+def polynomial(down, across, degree):
     """Of two channels; numbers of order one where there are a hundred coarse pixels."""
     values = 1 + down[:, None] / 100 - across / 200
     return torch.stack([values, 1 - values]) ** degree
 
 
-def read(coarse: Tensor, kind: str, size: tuple[int, int], level: int) -> Tensor:
+def read(coarse, kind, size, level):
     make, step = KINDS[kind][0], 0.5**level
     return resampled(
         coarse, *(make(first, n, step, LIKE) for first, n in zip(FIRSTS, size, strict=True))
@@ -34,7 +33,7 @@ def read(coarse: Tensor, kind: str, size: tuple[int, int], level: int) -> Tensor
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("level", [1, 2, 3])
 @pytest.mark.parametrize("size", [(192, 192), (120, 55), (9, 1)])
-def test_polynomials_stay_what_they_are(kind: str, level: int, size: tuple[int, int]) -> None:
+def test_polynomials_stay_what_they_are(kind, level, size):
     degree, step = KINDS[kind][1], 0.5**level
     coarse = polynomial(line(110), line(120), degree)
     down, across = (line(n, step, first) for first, n in zip(FIRSTS, size, strict=True))
@@ -43,7 +42,7 @@ def test_polynomials_stay_what_they_are(kind: str, level: int, size: tuple[int, 
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_cells_that_are_not_there_are_dark(kind: str) -> None:
+def test_cells_that_are_not_there_are_dark(kind):
     """As if there were zeros around them; whatever the last block lacks is among these."""
     coarse = torch.rand(1, 40, 31, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     framed = torch.nn.functional.pad(coarse, (5, 60, 5, 60))
@@ -55,7 +54,7 @@ def test_cells_that_are_not_there_are_dark(kind: str) -> None:
     torch.testing.assert_close(read_of, read_within, rtol=0, atol=1e-14)
 
 
-def test_products_are_not_rounded_to_fewer_bits() -> None:
+def test_products_are_not_rounded_to_fewer_bits():
     coarse = torch.rand(1, 64, 64, generator=torch.Generator().manual_seed(1))
     shares = cubic_weights(2.25, 100, 0.5, coarse)
     exact = resampled(coarse, shares, shares)

@@ -1,19 +1,18 @@
 """Threads compute what the one that began them would, to the last bit."""
 
 import torch
-from torch import Tensor
 
 from defocus_core.tensors.threads import threaded
 
 
-def test_transforms_are_those_of_the_caller() -> None:
+def test_transforms_are_those_of_the_caller():
     """Those of a new thread are shared among all cores, unless it is told: other last bits."""
     generator = torch.Generator().manual_seed(0)
     spectra = [
         torch.fft.rfft2(torch.rand(4, n, n, generator=generator)) for n in (16, 32, 64, 128, 240)
     ]
 
-    def inverse(spectrum: Tensor) -> Tensor:
+    def inverse(spectrum):
         rows = torch.fft.ifft(spectrum, dim=-2)[..., 2:-2, :]
         return torch.fft.irfft(rows, n=spectrum.shape[-2])
 

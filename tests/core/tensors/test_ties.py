@@ -1,13 +1,10 @@
 """Rounding decides nothing: not where depth is in levels, and much is as far from this as that."""
 
-from collections.abc import Callable
-
 import pytest
 import torch
-from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate, pad
 
-from defocus_core import Views, render
+from defocus_core import render
 from defocus_core.evaluation.law_probes import rounded, worst_relative
 from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
 from defocus_core.tensors.neighbourhoods import halfway
@@ -19,11 +16,11 @@ ROUNDED = 2e-4  # rounding where the lens sees little, up to 1e-4; a tie broken 
 STEPS = [(0.25, 8), (0.5, 16), (1.0, 10), (1.6, 8), (2.0, 6), (3.2, 5)]
 
 
-def cards(seed: int) -> tuple[Tensor, Tensor]:
+def cards(seed):
     """Thirty cards over each other, some as thin as wires, in equal steps of radius."""
     generator = torch.Generator().manual_seed(seed)
 
-    def some(below: int, minimum: int = 0) -> int:
+    def some(below, minimum=0):
         return int(torch.randint(minimum, below, (1,), generator=generator))
 
     H, W = 80 + seed % 2, 104 + seed // 2 % 2
@@ -40,20 +37,20 @@ def cards(seed: int) -> tuple[Tensor, Tensor]:
     return image, radius
 
 
-def averaged(seed: int) -> tuple[Tensor, Tensor]:
+def averaged(seed):
     """The same with depth averaged over three by three pixels."""
     image, radius = cards(seed)
     return image, avg_pool2d(pad(radius[None], (1, 1, 1, 1), mode="replicate"), 3, 1)[0]
 
 
-def in_half_precision(seed: int) -> tuple[Tensor, Tensor]:
+def in_half_precision(seed):
     """The same with surfaces that are not quite level, in half precision."""
     image, radius = cards(seed)
     uneven = 0.02 * torch.rand(radius.shape, generator=torch.Generator().manual_seed(seed))
     return image, (radius + uneven).half().float()
 
 
-def terraces(seed: int) -> tuple[Tensor, Tensor]:
+def terraces(seed):
     """A hilly surface in levels of 0.3 px."""
     image, radius = cards(seed)
     hills = torch.rand(1, 1, 8, 10, generator=torch.Generator().manual_seed(seed))
@@ -61,7 +58,7 @@ def terraces(seed: int) -> tuple[Tensor, Tensor]:
     return image, 0.3 * (60 * wide).round() - 8
 
 
-def off(one: Views, other: Views) -> float:
+def off(one, other):
     """By how much two renderings differ at most."""
     pairs = (
         (one.render, other.render),
@@ -74,7 +71,7 @@ def off(one: Views, other: Views) -> float:
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
 @pytest.mark.parametrize("seed", range(6))
-def test_the_last_bits_of_levels_make_no_other_picture(seed: int, quality: str) -> None:
+def test_the_last_bits_of_levels_make_no_other_picture(seed, quality):
     image, radius = cards(seed)
     one = render(image, radius, quality=quality, left_right=True)
     other = render(image, rounded(radius), quality=quality, left_right=True)
@@ -83,9 +80,7 @@ def test_the_last_bits_of_levels_make_no_other_picture(seed: int, quality: str) 
 
 @pytest.mark.parametrize("kind", [averaged, in_half_precision, terraces])
 @pytest.mark.parametrize("seed", range(6))
-def test_nor_do_those_of_depth_that_is_repaired(
-    seed: int, kind: Callable[[int], tuple[Tensor, Tensor]]
-) -> None:
+def test_nor_do_those_of_depth_that_is_repaired(seed, kind):
     image, radius = kind(seed)
     one = render(image, radius, left_right=True)
     assert off(one, render(image, rounded(radius), left_right=True)) < ROUNDED
@@ -94,7 +89,7 @@ def test_nor_do_those_of_depth_that_is_repaired(
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
 @pytest.mark.parametrize("seed", range(6, 12))
-def test_single_precision_is_enough(seed: int, quality: str) -> None:
+def test_single_precision_is_enough(seed, quality):
     image, radius = cards(seed)
     one = render(image, radius, quality=quality, left_right=True)
     other = render(image.double(), radius.double(), quality=quality, left_right=True)
@@ -103,7 +98,7 @@ def test_single_precision_is_enough(seed: int, quality: str) -> None:
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
 @pytest.mark.parametrize("seed", range(6))
-def test_what_stops_lights_does_not_hang_on_last_bits(seed: int, quality: str) -> None:
+def test_what_stops_lights_does_not_hang_on_last_bits(seed, quality):
     """In front of a light, places in slices of equal steps lie in the middle between pixels."""
     image, radius = cards(seed)
     generator = torch.Generator().manual_seed(seed)
@@ -120,7 +115,7 @@ def test_what_stops_lights_does_not_hang_on_last_bits(seed: int, quality: str) -
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_parts_of_the_aperture_move_only_what_they_see(seed: int) -> None:
+def test_parts_of_the_aperture_move_only_what_they_see(seed):
     """A part of sixteen may miss a wire near focus altogether: what it sees of it is rounding."""
     image, radius = cards(seed)
     one = render(image, radius, quality="reference", left_right=True)
@@ -128,7 +123,7 @@ def test_parts_of_the_aperture_move_only_what_they_see(seed: int) -> None:
     assert off(one, other) < ROUNDED
 
 
-def test_each_level_is_rounded_as_one() -> None:
+def test_each_level_is_rounded_as_one():
     _, radius = cards(3)
     other = rounded(radius)
     assert 0 < float((other - radius).abs().max()) < 1e-5
@@ -136,14 +131,14 @@ def test_each_level_is_rounded_as_one() -> None:
         assert len(other[radius == level].unique()) == 1
 
 
-def test_what_lies_in_the_middle_belongs_to_the_farther() -> None:
+def test_what_lies_in_the_middle_belongs_to_the_farther():
     near, far = torch.tensor(-4.0), torch.tensor(4.0)
     border = halfway(near, far)
     assert float(border) < 0.0 < float(far)
     assert abs(float(border)) < 0.1 * float(far)
 
 
-def test_resolutions_do_not_depend_on_the_last_bit_of_the_range() -> None:
+def test_resolutions_do_not_depend_on_the_last_bit_of_the_range():
     """The range of radii is often a power of two."""
     image, radius = cards(2)
     ends = radius.clamp(-8, 8)

@@ -9,7 +9,7 @@ from defocus_core.tensors.tiling import TILE, grid_over
 
 
 @pytest.mark.parametrize("size", [(1, 1), (128, 128), (129, 300), (40, 1000)])
-def test_tiles_cover_every_pixel_once(size: tuple[int, int]) -> None:
+def test_tiles_cover_every_pixel_once(size):
     seen = torch.zeros(size)
     for box in grid_over(*size).tiles:
         assert max(box.height, box.width) <= TILE
@@ -18,7 +18,7 @@ def test_tiles_cover_every_pixel_once(size: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("place", [(0, 0), (63, 64), (99, 149), (31, 70)])
-def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place: tuple[int, int]) -> None:
+def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place):
     """To a block: none is forgotten, none from farther than 16 px beyond its reach is kept."""
     places = torch.zeros(100, 150)
     places[place] = 1.0
@@ -34,21 +34,21 @@ def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place: tuple[int, int
             assert 1 not in plan
 
 
-def test_what_does_not_exist_reaches_nothing() -> None:
+def test_what_does_not_exist_reaches_nothing():
     grid = grid_over(40, 40).tiles
     nothing = torch.zeros(40, 40, dtype=torch.bool)
     blocks = blocks_of(torch.zeros(40, 40), 2, nothing)
     assert visible_slices(blocks, [0, 1], grid) == [[]]
 
 
-def test_points_are_found_where_pixels_would_be() -> None:
+def test_points_are_found_where_pixels_would_be():
     places, at = torch.tensor([0.0, 0.5, 1.0]), torch.tensor([[0, 0], [39, 57], [17, 30]])
     dense, present = torch.zeros(40, 60), torch.zeros(40, 60, dtype=torch.bool)
     dense[at[:, 0], at[:, 1]], present[at[:, 0], at[:, 1]] = places, True
     assert torch.equal(blocks_at(places, at, 2, (40, 60)), blocks_of(dense, 2, present))
 
 
-def test_a_grid_is_cut_to_a_rectangle() -> None:
+def test_a_grid_is_cut_to_a_rectangle():
     grid = grid_over(300, 400, 100)
     part = grid.within(Box(80, 150, 150, 90))
     assert part is not None

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 
 import pytest
 import torch
-from torch import Tensor
 
-from defocus_core import DefocusLens, RandomDefocus, Views, render
+from defocus_core import DefocusLens, RandomDefocus, render
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
@@ -18,7 +16,7 @@ from defocus_core.renderer.engine.settings import Settings
 
 
 @contextmanager
-def default_dtype(dtype: torch.dtype) -> Iterator[None]:
+def default_dtype(dtype):
     before = torch.get_default_dtype()
     torch.set_default_dtype(dtype)
     yield
@@ -26,21 +24,21 @@ def default_dtype(dtype: torch.dtype) -> Iterator[None]:
 
 
 @contextmanager
-def rounded_products() -> Iterator[None]:
+def rounded_products():
     torch.set_float32_matmul_precision("medium")
     yield
     torch.set_float32_matmul_precision("highest")
 
 
 @contextmanager
-def deterministic_algorithms() -> Iterator[None]:
+def deterministic_algorithms():
     torch.use_deterministic_algorithms(True)
     yield
     torch.use_deterministic_algorithms(False)
 
 
 @contextmanager
-def two_threads() -> Iterator[None]:
+def two_threads():
     before = torch.get_num_threads()
     torch.set_num_threads(2)
     yield
@@ -59,11 +57,11 @@ MODES = {
 
 
 @pytest.fixture(params=MODES)
-def mode(request: pytest.FixtureRequest) -> AbstractContextManager[None]:
+def mode(request):
     return MODES[request.param]()
 
 
-def pictures(seen: Views) -> Tensor:
+def pictures(seen):
     assert seen.left is not None
     assert seen.right is not None
     return torch.cat([seen.render, seen.left, seen.right, seen.trust])
@@ -71,7 +69,7 @@ def pictures(seen: Views) -> Tensor:
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
 @pytest.mark.parametrize("threads", [1, 2])
-def test_the_callers_modes_do_not_change_a_picture(mode, quality: str, threads: int) -> None:
+def test_the_callers_modes_do_not_change_a_picture(mode, quality, threads):
     image, radius = scenery("cards", 72, 220, 30.0)  # two tiles
     wanted = pictures(render(image, radius, quality=quality, left_right=True))
     with mode:
@@ -85,7 +83,7 @@ def test_the_callers_modes_do_not_change_a_picture(mode, quality: str, threads: 
 
 # backward sums in the caller's threads, and so in another order
 @pytest.mark.parametrize("name", sorted(MODES.keys() - {"two threads of torch"}))
-def test_the_callers_modes_do_not_change_a_gradient(name: str) -> None:
+def test_the_callers_modes_do_not_change_a_gradient(name):
     image, radius = (x.requires_grad_() for x in scenery("cards", 64, 80, 8.0))
     wanted = torch.autograd.grad(render(image, radius).render.square().sum(), (image, radius))
     with MODES[name]():
@@ -95,11 +93,11 @@ def test_the_callers_modes_do_not_change_a_gradient(name: str) -> None:
     assert all(map(torch.equal, found, wanted))
 
 
-def test_products_are_not_rounded_as_the_caller_allows() -> None:
+def test_products_are_not_rounded_as_the_caller_allows():
     product = torch.rand(64, 64, generator=torch.Generator().manual_seed(0))
     image, radius = (x.requires_grad_() for x in scenery("cards", 72, 220, 40.0))
 
-    def seen() -> list[Tensor]:
+    def seen():
         rendering = render(image, radius, left_right=True)
         energy = rendering.render.square().sum()
         return [pictures(rendering), *torch.autograd.grad(energy, (image, radius))]
@@ -113,7 +111,7 @@ def test_products_are_not_rounded_as_the_caller_allows() -> None:
         pytest.skip("not on this system: it rounds no products")
 
 
-def test_the_callers_modes_do_not_change_a_lens(mode) -> None:
+def test_the_callers_modes_do_not_change_a_lens(mode):
     image, depth = torch.rand(2, 3, 24, 32), torch.linspace(1e3, 5e3, 32).expand(2, 24, 32)
     lens = DefocusLens(50.0, 1.4, (36.0, 27.0), (32, 24))
     psf = lens.psf(torch.tensor([0.0, 0.0, 900.0]))
@@ -127,12 +125,12 @@ def test_the_callers_modes_do_not_change_a_lens(mode) -> None:
     assert (lenses.fnum.device.type, lenses.fnum.dtype) == ("cpu", torch.float64)
 
 
-def test_torch_uses_one_thread_within_a_picture_and_the_callers_number_after_it() -> None:
+def test_torch_uses_one_thread_within_a_picture_and_the_callers_number_after_it():
     """Else the threads of small operations wait for each other, up to 18 times as long."""
     numbers = []
     image, radius = scenery("cards", 100, 120, 8.0)
 
-    def progress(done: int, of: int) -> None:
+    def progress(done, of):
         numbers.append(torch.get_num_threads())
 
     with two_threads():

@@ -21,15 +21,15 @@ IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)
 DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
 
 
-def lens(foclen: Any = 50.0, fnum: Any = 1.4, **options: Any) -> DefocusLens:
+def lens(foclen=50.0, fnum=1.4, **options):
     return DefocusLens(foclen, fnum, (36.0, 27.0), (16, 12), **{"device": "cpu", **options})
 
 
-def drawn(image: Any = IMAGE[None], depth: Any = DEPTH, seeds: Any = (1,), **ranges: Any) -> Any:
+def drawn(image=IMAGE[None], depth=DEPTH, seeds=(1,), **ranges):
     return RandomDefocus(**ranges)(image, depth, seeds)
 
 
-def tiled(image: Any = IMAGE, radius: Any = RADIUS, hidden: Any = None, **options: Any) -> Any:
+def tiled(image=IMAGE, radius=RADIUS, hidden=None, **options):
     return list(Renderer(Scene(image, radius, hidden), Settings(**options)).tiles())
 
 
@@ -98,13 +98,13 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
 
 
 @pytest.mark.parametrize(("wrong", "said"), WRONG)
-def test_what_makes_no_sense_is_refused_by_name(wrong: Callable[[], Any], said: str) -> None:
+def test_what_makes_no_sense_is_refused_by_name(wrong, said):
     with pytest.raises(ValueError, match=said) as told:
         wrong()
     assert "; " in str(told.value), "what would do"
 
 
-def odd(values: Any) -> list[tuple[Any, str]]:
+def odd(values):
     """Tensors that are no plain arrays of numbers, and how an error names them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
@@ -120,7 +120,7 @@ def odd(values: Any) -> list[tuple[Any, str]]:
 
 
 @pytest.mark.parametrize("at", range(7))
-def test_tensors_that_are_not_dense_are_refused(at: int) -> None:
+def test_tensors_that_are_not_dense_are_refused(at):
     image, name = odd(IMAGE[None].clone())[at]
     radius, depth = (odd(values[None, None].clone())[at][0] for values in (RADIUS, DEPTH[0]))
     scene = (IMAGE[None], RADIUS[None])
@@ -142,7 +142,7 @@ def test_tensors_that_are_not_dense_are_refused(at: int) -> None:
             use()
 
 
-def test_a_hidden_layer_is_of_floats() -> None:
+def test_a_hidden_layer_is_of_floats():
     scene = (IMAGE[None], RADIUS[None])
     for wrong in (scene[0] > 0, (255 * scene[0]).byte(), scene[0] + 0j):
         with pytest.raises(ValueError, match="hidden color and signed_radius must be of floats"):
@@ -170,9 +170,7 @@ WRONG_LATER: list[tuple[str, Any, str]] = [
 
 
 @pytest.mark.parametrize(("name", "wrong", "said"), WRONG_LATER)
-def test_what_makes_no_sense_any_more_is_refused_where_it_is_used(
-    name: str, wrong: Any, said: str
-) -> None:
+def test_what_makes_no_sense_any_more_is_refused_where_it_is_used(name, wrong, said):
     changed = lens()
     setattr(changed, name, wrong)
     uses = [changed.psf_map]
@@ -198,9 +196,7 @@ def test_what_makes_no_sense_any_more_is_refused_where_it_is_used(
         ("threads", 0),
     ],
 )
-def test_random_lenses_are_not_drawn_from_what_makes_no_sense_any_more(
-    name: str, wrong: Any
-) -> None:
+def test_random_lenses_are_not_drawn_from_what_makes_no_sense_any_more(name, wrong):
     defocus = RandomDefocus(max_radius=4.0)
     first = defocus(IMAGE[None], DEPTH, [1])[1].signed_radius.abs().max()
     defocus.max_radius = float(first) / 2
@@ -210,7 +206,7 @@ def test_random_lenses_are_not_drawn_from_what_makes_no_sense_any_more(
         defocus(IMAGE[None], DEPTH, [1])
 
 
-def test_limits_on_depth_may_be_tensors_and_have_gradients() -> None:
+def test_limits_on_depth_may_be_tensors_and_have_gradients():
     limited = lens()
     limited.d_close = torch.tensor([1500.0], requires_grad=True)
     limited.signed_coc(DEPTH).sum().backward()
@@ -218,7 +214,7 @@ def test_limits_on_depth_may_be_tensors_and_have_gradients() -> None:
     assert float(limited.d_close.grad) > 0
 
 
-def test_what_is_a_number_all_the_same_is_taken_for_it() -> None:
+def test_what_is_a_number_all_the_same_is_taken_for_it():
     points, whole = (
         torch.tensor([[0.0, 0.0, 900.0]]),
         lens().psf(torch.tensor([[0.0, 0, 900]]), ks=33),
@@ -237,7 +233,7 @@ def test_what_is_a_number_all_the_same_is_taken_for_it() -> None:
     assert drawn(blades=counts)[1].blades.tolist() == [6]
 
 
-def test_a_parameter_of_one_element_is_a_number() -> None:
+def test_a_parameter_of_one_element_is_a_number():
     parameters = [torch.nn.Parameter(torch.tensor([x])) for x in (50.0, 1.4, 2000.0)]
     one, usual = lens(*parameters[:2]), lens()
     one.refocus(parameters[2]), usual.refocus(2000.0)
@@ -248,12 +244,12 @@ def test_a_parameter_of_one_element_is_a_number() -> None:
     assert all(x.grad is not None and bool((x.grad != 0).all()) for x in parameters)
 
 
-def test_a_half_precision_lens_computes_in_float32() -> None:
+def test_a_half_precision_lens_computes_in_float32():
     assert lens(dtype=torch.float16).coc(1000.0) == lens().coc(1000.0)
 
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
-def test_what_is_finite_stays_finite(quality: str) -> None:
+def test_what_is_finite_stays_finite(quality):
     radius = torch.where(RADIUS > 1, 8.0, -8.0)
     exact = render(IMAGE.double(), radius, quality=quality, left_right=True)
     seen = render(IMAGE * 2.0**99, radius, quality=quality, left_right=True)
@@ -263,7 +259,7 @@ def test_what_is_finite_stays_finite(quality: str) -> None:
         )
 
 
-def test_pictures_may_be_changed_in_place() -> None:
+def test_pictures_may_be_changed_in_place():
     image = IMAGE.clone().requires_grad_()
     seen = render(image, RADIUS, left_right=True)
     seen.render.clamp_(0, 0.5).sum().backward()
@@ -272,7 +268,7 @@ def test_pictures_may_be_changed_in_place() -> None:
 
 @pytest.mark.parametrize("count", [1, 2])
 @pytest.mark.parametrize("recorded", [False, True])
-def test_each_picture_has_memory_of_its_own(count: int, recorded: bool) -> None:
+def test_each_picture_has_memory_of_its_own(count, recorded):
     image, radius = IMAGE.mT.contiguous().mT.expand(count, 3, 12, 16), RADIUS.expand(count, 12, 16)
     with torch.set_grad_enabled(recorded):
         seen = render(image, radius, left_right=True)
@@ -282,7 +278,7 @@ def test_each_picture_has_memory_of_its_own(count: int, recorded: bool) -> None:
         assert picture.untyped_storage().nbytes() == picture.nbytes
 
 
-def test_a_renderer_counts_the_same_each_time() -> None:
+def test_a_renderer_counts_the_same_each_time():
     renderer = Renderer(Scene(IMAGE, RADIUS))
     for _ in range(2):
         assert len(list(renderer.tiles())) == 1

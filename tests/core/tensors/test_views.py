@@ -13,7 +13,7 @@ from defocus_core.tensors.views import batch, joined
 SIZE = (40, 70)  # H, W
 
 
-def views(kinds: int = 3, seed: int = 0) -> Views:
+def views(kinds=3, seed=0):
     generator = torch.Generator().manual_seed(seed)
     images = [torch.rand(3, *SIZE, generator=generator) for _ in range(kinds)]
     trust = torch.rand(1, *SIZE, generator=generator)
@@ -22,7 +22,7 @@ def views(kinds: int = 3, seed: int = 0) -> Views:
 
 @pytest.mark.parametrize("gradients", [True, False])
 @pytest.mark.parametrize("kinds", [1, 3])
-def test_parts_joined_are_the_whole(kinds: int, gradients: bool) -> None:
+def test_parts_joined_are_the_whole(kinds, gradients):
     whole, grid = views(kinds), grid_over(*SIZE, 32)
     boxes = [tile.seen_from(Box(-16, -32, 0, 0)) for tile in grid.tiles]
     parts = [whole.within(box)._replace(stats={"pixels": box.area}) for box in boxes]
@@ -34,7 +34,7 @@ def test_parts_joined_are_the_whole(kinds: int, gradients: bool) -> None:
         assert torch.equal(one, other)
 
 
-def test_a_batch_holds_each_picture_and_the_sum_of_the_work() -> None:
+def test_a_batch_holds_each_picture_and_the_sum_of_the_work():
     both = batch([views(seed=1), views(seed=2)])
     assert both.stats == {"pixels": 10, "tiles": 3}
     assert both.left is not None
@@ -45,7 +45,7 @@ def test_a_batch_holds_each_picture_and_the_sum_of_the_work() -> None:
         assert torch.equal(both.trust[i], one.trust)
 
 
-def test_without_left_and_right_there_are_none() -> None:
+def test_without_left_and_right_there_are_none():
     alone = views(kinds=1)
     assert (alone.left, alone.right) == (None, None)
     assert alone.to(torch.float64).trust.dtype == torch.float64

@@ -9,8 +9,6 @@ import shutil
 import subprocess
 import sys
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
 
 import pytest
 from command_line import header, read_exr
@@ -21,10 +19,9 @@ from defocus_cli.words import batch as batch_report
 from defocus_core import run_batch
 from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.datasets.finished import samples
-from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.identity import plain, typed
-from defocus_core.batch.journal.journal import Record, read_all
+from defocus_core.batch.journal.journal import read_all
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
@@ -33,14 +30,14 @@ from defocus_core.errors import InputError
 DRAFT = '[machine]\nquality = "draft"\n'
 
 
-def carried_out(folder: Path, text: str, name: str = "out") -> tuple[run.Summary, list[Record]]:
+def carried_out(folder, text, name="out"):
     todo, out = jobs(folder, text + DRAFT, inputs=INPUTS, out=name), folder / name
     execution = run.Execution(pipeline.execute)
     summary = run.carry_out(todo, out, execution, batch_report.BatchReport(each=False))
     return summary, Ledger(out, read_all(out)).live
 
 
-def test_a_drawn_lens_is_the_same_in_file_journal_index_and_shard(tmp_path: Path) -> None:
+def test_a_drawn_lens_is_the_same_in_file_journal_index_and_shard(tmp_path):
     pictures(tmp_path)
     summary, records = carried_out(tmp_path, LENS + SAMPLE)
     assert summary.statuses == {"ok": 8}
@@ -59,7 +56,7 @@ def test_a_drawn_lens_is_the_same_in_file_journal_index_and_shard(tmp_path: Path
     assert [path.name for path in shards] == ["samples-000000.tar"]
 
 
-def test_a_rejected_picture_is_in_the_journal_and_not_in_the_index(tmp_path: Path) -> None:
+def test_a_rejected_picture_is_in_the_journal_and_not_in_the_index(tmp_path):
     pictures(tmp_path)
     text = (
         LENS + 'fnumber = 2\nmax-coc = "0.3px"\n[sweep]\nfocus = ["1m", "percentile(50)", "5m"]\n'
@@ -72,13 +69,13 @@ def test_a_rejected_picture_is_in_the_journal_and_not_in_the_index(tmp_path: Pat
     assert carried_out(tmp_path, text)[0].skipped == 6
 
 
-def index(folder: Path, text: str) -> list[dict[str, Any]]:
+def index(folder, text):
     _, records = carried_out(folder, text)
     lines = write_index(folder / "out", records).read_text().splitlines()
     return [json.loads(line) for line in lines]
 
 
-def test_a_sweep_that_grows_does_what_is_new(tmp_path: Path) -> None:
+def test_a_sweep_that_grows_does_what_is_new(tmp_path):
     pictures(tmp_path)
     text = LENS + 'fnumber = 2\n[sweep]\nfocus = ["1m", "2m"]\n'
     few = index(tmp_path, text)
@@ -92,7 +89,7 @@ def test_a_sweep_that_grows_does_what_is_new(tmp_path: Path) -> None:
     assert all(now[line["sample_id"]] == line for line in few)
 
 
-def test_a_job_with_a_drawn_lens_survives_the_journal(tmp_path: Path) -> None:
+def test_a_job_with_a_drawn_lens_survives_the_journal(tmp_path):
     lens = jobs(tmp_path, LENS + SAMPLE)[0].lens
     assert lens.draw is not None
     assert typed(Lens, json.loads(json.dumps(plain(lens)))) == lens
@@ -102,16 +99,16 @@ class Killed(BaseException):
     """Ends a process at once."""
 
 
-def test_the_index_is_true_at_every_moment_of_a_run_that_changes_samples(tmp_path: Path) -> None:
+def test_the_index_is_true_at_every_moment_of_a_run_that_changes_samples(tmp_path):
     pictures(tmp_path)
 
     drawn = SAMPLE.replace('["render", "coc"]', '["coc"]')
 
-    def run_until(seed: int, killed_after: int) -> None:
+    def run_until(seed, killed_after):
         text = LENS + drawn.replace("seed = 7", f"seed = {seed}")
         todo, count = jobs(tmp_path, text, inputs=INPUTS), 0
 
-        def ended(job: Job, record: Record) -> None:
+        def ended(job, record):
             nonlocal count
             count += 1
             if count == killed_after:
@@ -120,7 +117,7 @@ def test_the_index_is_true_at_every_moment_of_a_run_that_changes_samples(tmp_pat
         with suppress(Killed):
             run_batch(todo, tmp_path / "out", ended=ended)
 
-    def true_samples() -> int:
+    def true_samples():
         found = list(samples(tmp_path / "out"))
         for sample in found:
             told = header(sample.files["coc"])
@@ -138,7 +135,7 @@ def test_the_index_is_true_at_every_moment_of_a_run_that_changes_samples(tmp_pat
     assert (tmp_path / "out" / "card.json").exists()
 
 
-def test_effects_are_absent_where_the_draw_says_so(tmp_path: Path) -> None:
+def test_effects_are_absent_where_the_draw_says_so(tmp_path):
     pictures(tmp_path)
     effects = "noise = 'choice(off, 4000:3)'\nobstruction = 'choice(off, 0.4)'\n"
     effects += "cat-eye = 'choice(off, 1.05:1.5)'\n"
@@ -155,7 +152,7 @@ def test_effects_are_absent_where_the_draw_says_so(tmp_path: Path) -> None:
     assert read == [lens["noise"] and (4000.0, 3.0) for lens in lenses]
 
 
-def test_another_limit_redoes_what_it_draws_anew(tmp_path: Path) -> None:
+def test_another_limit_redoes_what_it_draws_anew(tmp_path):
     pictures(tmp_path)
     carried_out(tmp_path, LENS + SAMPLE)
     for limit in ("0.2px", "9px", "0.3px"):
@@ -171,7 +168,7 @@ def test_another_limit_redoes_what_it_draws_anew(tmp_path: Path) -> None:
         assert carried_out(tmp_path, text)[0].skipped == 8
 
 
-def outputs(out: Path) -> dict[str, Any]:
+def outputs(out):
     """Lens and hashes of each sample."""
     live = {record["sample_id"]: record for record in Ledger(out, read_all(out)).live}
     return {
@@ -181,7 +178,7 @@ def outputs(out: Path) -> dict[str, Any]:
 
 
 @pytest.mark.bench
-def test_each_sample_that_is_read_is_true_after_kills(tmp_path: Path) -> None:
+def test_each_sample_that_is_read_is_true_after_kills(tmp_path):
     pictures(tmp_path)
     moments, killed = random.Random(9), 0
     seeds = itertools.count(1)
@@ -198,7 +195,7 @@ def test_each_sample_that_is_read_is_true_after_kills(tmp_path: Path) -> None:
         require_true(tmp_path / "out")
 
 
-def require_true(out: Path) -> None:
+def require_true(out):
     """Each sample of the index, if there is one, has the files and the lens that it tells of."""
     with suppress(InputError):
         for sample in samples(out):

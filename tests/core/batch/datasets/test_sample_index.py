@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import pytest
 from records import record, write_index
@@ -18,13 +15,13 @@ from defocus_core.batch.journal.journal import Journal, journal_path
 from defocus_core.batch.lenses.lens import Lens
 
 
-def written(out: Path, *records: dict[str, Any]) -> list[dict[str, Any]]:
+def written(out, *records):
     path = write_index(out, records)
     assert path == out / "metadata.jsonl"
     return [json.loads(line) for line in path.read_text().splitlines()]
 
 
-def test_a_sample_is_a_line_whose_file_name_comes_first(tmp_path: Path) -> None:
+def test_a_sample_is_a_line_whose_file_name_comes_first(tmp_path):
     line = written(tmp_path, record(tmp_path, "a", ("coc", "left", "render")))[0]
     assert next(iter(line)) == "file_name"
     assert (line["file_name"], line["left_file_name"]) == ("render/a.png", "left/a.png")
@@ -37,18 +34,18 @@ def test_a_sample_is_a_line_whose_file_name_comes_first(tmp_path: Path) -> None:
     assert line["inputs"] == {"color": "color.exr", "depth": "depth.exr"}
 
 
-def test_only_maps_are_files_too(tmp_path: Path) -> None:
+def test_only_maps_are_files_too(tmp_path):
     assert written(tmp_path, record(tmp_path, "a", ("coc",)))[0]["file_name"] == "coc/a.exr"
 
 
-def test_the_order_of_the_records_is_not_that_of_the_index(tmp_path: Path) -> None:
+def test_the_order_of_the_records_is_not_that_of_the_index(tmp_path):
     one, two = record(tmp_path, "a"), record(tmp_path, "b", seconds=9.0)
     found = written(tmp_path, two, one)
     assert [line["sample_id"] for line in found] == ["a", "b"]
     assert found == written(tmp_path, one, {**two, "seconds": 1.0})
 
 
-def test_neither_time_nor_place_is_in_it(tmp_path: Path) -> None:
+def test_neither_time_nor_place_is_in_it(tmp_path):
     written(tmp_path, record(tmp_path, "a"))
     text = (tmp_path / "metadata.jsonl").read_text()
     assert str(tmp_path) not in text
@@ -59,19 +56,19 @@ def test_neither_time_nor_place_is_in_it(tmp_path: Path) -> None:
     ("change", "kinds"), [({"version": "2"}, {"render", "coc"}), ({"renderer": 2}, {"coc"})]
 )
 def test_pictures_of_two_releases_make_one_sample_if_they_have_one_renderer(
-    change: dict[str, object], kinds: set[str], tmp_path: Path
-) -> None:
+    change, kinds, tmp_path
+):
     first, later = record(tmp_path, "a", ["render"]), record(tmp_path, "a", ["coc"], **change)
     (entry,) = sample_index.entries([first, later])
     assert set(entry["outputs"]) == kinds
 
 
-def test_what_failed_is_no_sample(tmp_path: Path) -> None:
+def test_what_failed_is_no_sample(tmp_path):
     failed = {"sample_id": "b", "status": "failed", "reason": "unreadable"}
     assert len(written(tmp_path, record(tmp_path, "a"), failed)) == 1
 
 
-def test_every_key_has_one_type(tmp_path: Path) -> None:
+def test_every_key_has_one_type(tmp_path):
     one = record(tmp_path, "a")
     far = {**one["lens"], "focus_mm": "inf", "focal_length_mm": 50.5, "focus_percentile": 7.5}
     drawn = {**far, "draw": {"seed": 7, "index": 0, "attempt": 3}, "focus_at_px": [3, 4]}
@@ -82,7 +79,7 @@ def test_every_key_has_one_type(tmp_path: Path) -> None:
     assert (lens["focus_mm"], lens["focus_dioptres"], lens["draw_attempt"]) == (None, 0, 3)
 
 
-def test_an_index_is_replaced_as_a_whole(tmp_path: Path, monkeypatch) -> None:
+def test_an_index_is_replaced_as_a_whole(tmp_path, monkeypatch):
     written(tmp_path, record(tmp_path, "a"))
     before = (tmp_path / "metadata.jsonl").read_bytes()
     broken = record(tmp_path, "c")
@@ -92,7 +89,7 @@ def test_an_index_is_replaced_as_a_whole(tmp_path: Path, monkeypatch) -> None:
     assert (tmp_path / "metadata.jsonl").read_bytes() == before
 
 
-def test_the_index_reads_as_samples(tmp_path: Path) -> None:
+def test_the_index_reads_as_samples(tmp_path):
     far = {**record(tmp_path, "a")["lens"], "focus_mm": "inf", "focus_at_px": [3, 4]}
     written(tmp_path, record(tmp_path, "a"), record(tmp_path, "b", lens=far))
     first, second = samples(str(tmp_path))
@@ -104,7 +101,7 @@ def test_the_index_reads_as_samples(tmp_path: Path) -> None:
     assert first.record["version"] == "1"
 
 
-def test_what_is_no_index_is_told(tmp_path: Path) -> None:
+def test_what_is_no_index_is_told(tmp_path):
     with refuses("not-found"):
         list(samples(tmp_path))
     (tmp_path / "metadata.jsonl").write_text('{"sample_id": "a"}\n')
@@ -112,7 +109,7 @@ def test_what_is_no_index_is_told(tmp_path: Path) -> None:
         list(samples(tmp_path))
 
 
-def test_hugging_face_loads_the_splits(tmp_path: Path, datasets: ModuleType) -> None:
+def test_hugging_face_loads_the_splits(tmp_path, datasets):
     """Whatever the pictures are named, and whatever one split alone has to say."""
     far = {**record(tmp_path, "a")["lens"], "focus_mm": "inf"}
     kinds = ("render", "left", "coc")
@@ -131,9 +128,7 @@ def test_hugging_face_loads_the_splits(tmp_path: Path, datasets: ModuleType) -> 
 
 
 @pytest.mark.parametrize("kinds", [("render", "coc"), ("coc",)])
-def test_hugging_face_loads_a_set_without_splits(
-    kinds: tuple[str, ...], tmp_path: Path, datasets: ModuleType
-) -> None:
+def test_hugging_face_loads_a_set_without_splits(kinds, tmp_path, datasets):
     write_all(tmp_path, [record(tmp_path, name, kinds, level=10) for name in ("a", "test_b")])
     loaded = datasets.load_dataset(str(tmp_path), cache_dir=str(tmp_path / "cache"))
     assert {split: list(rows["sample_id"]) for split, rows in loaded.items()} == {
@@ -142,7 +137,7 @@ def test_hugging_face_loads_a_set_without_splits(
     assert ("image" in loaded["train"].features) == ("render" in kinds)
 
 
-def write_all(out: Path, records: list[dict[str, Any]]) -> None:
+def write_all(out, records):
     with Journal(journal_path(out)) as journal:
         for each in records:
             journal.append(each)
@@ -150,12 +145,12 @@ def write_all(out: Path, records: list[dict[str, Any]]) -> None:
 
 
 @pytest.fixture
-def datasets() -> ModuleType:
+def datasets():
     pytest.importorskip("PIL")
     return pytest.importorskip("datasets")
 
 
-def test_pandas_reads_the_index(tmp_path: Path) -> None:
+def test_pandas_reads_the_index(tmp_path):
     pandas = pytest.importorskip("pandas")
     written(tmp_path, record(tmp_path, "a"), record(tmp_path, "b"))
     table = pandas.read_json(tmp_path / "metadata.jsonl", lines=True)

@@ -6,7 +6,6 @@ import json
 import os
 import tarfile
 from itertools import groupby
-from pathlib import Path
 
 from records import record
 from refusals import refuses
@@ -16,16 +15,16 @@ from defocus_core.batch.datasets import tar_shards
 LARGE = 10**9
 
 
-def names(path: Path) -> list[str]:
+def names(path):
     with tarfile.open(path) as tar:
         return tar.getnames()
 
 
-def packed(out: Path, count: int, limit: int = LARGE) -> list[Path]:
+def packed(out, count, limit=LARGE):
     return tar_shards.write(out, [record(out, f"a_f1.4_s{i:03}") for i in range(count)], limit)
 
 
-def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path: Path) -> None:
+def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path):
     shard = packed(tmp_path, 2)[0]
     assert shard == tmp_path / "shards" / "samples-000000.tar"
     keys = ["a_f1_4_s000", "a_f1_4_s001"]
@@ -37,7 +36,7 @@ def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path: Path) -> No
     assert json.loads(data["a_f1_4_s001.json"])["sample_id"] == "a_f1.4_s001"
 
 
-def test_files_of_one_sample_have_one_key_and_follow_one_another(tmp_path: Path) -> None:
+def test_files_of_one_sample_have_one_key_and_follow_one_another(tmp_path):
     records = [record(tmp_path, name) for name in ("a.1", "a_1", "a", "a.b.c", "b" * 120)]
     found = names(tar_shards.write(tmp_path, records, LARGE)[0])
     keys = [key for key, _ in groupby(name.split(".")[0] for name in found)]
@@ -51,7 +50,7 @@ def test_files_of_one_sample_have_one_key_and_follow_one_another(tmp_path: Path)
     assert f"{escaped}.json" in found
 
 
-def test_the_bytes_depend_on_the_samples_alone(tmp_path: Path) -> None:
+def test_the_bytes_depend_on_the_samples_alone(tmp_path):
     one = packed(tmp_path / "one", 3)[0]
     records = [record(tmp_path / "two", f"a_f1.4_s{i:03}", seconds=i) for i in (2, 0, 1)]
     os.utime(tmp_path / "two/render/a_f1.4_s001.png", (1, 1))
@@ -59,7 +58,7 @@ def test_the_bytes_depend_on_the_samples_alone(tmp_path: Path) -> None:
     assert one.read_bytes() == two.read_bytes()
 
 
-def test_shards_hold_all_and_none_is_larger_than_it_may(tmp_path: Path) -> None:
+def test_shards_hold_all_and_none_is_larger_than_it_may(tmp_path):
     limit = 30_000
     shards = packed(tmp_path, 40, limit)
     assert len(shards) > 2
@@ -71,11 +70,11 @@ def test_shards_hold_all_and_none_is_larger_than_it_may(tmp_path: Path) -> None:
     assert sum(one["samples"] for one in listed) == 40
 
 
-def test_a_sample_that_is_too_large_has_a_shard_to_itself(tmp_path: Path) -> None:
+def test_a_sample_that_is_too_large_has_a_shard_to_itself(tmp_path):
     assert [len(names(path)) for path in packed(tmp_path, 2, 1)] == [3, 3]
 
 
-def test_what_is_no_longer_needed_goes(tmp_path: Path) -> None:
+def test_what_is_no_longer_needed_goes(tmp_path):
     assert len(packed(tmp_path, 3, 1)) == 3
     kept = tmp_path / "shards" / "samples-of-mine.tar"
     kept.touch()
@@ -84,7 +83,7 @@ def test_what_is_no_longer_needed_goes(tmp_path: Path) -> None:
     assert left == {"samples-000000.tar", "shards.json", kept.name}
 
 
-def test_a_shard_is_packed_again_only_if_something_of_it_changed(tmp_path: Path) -> None:
+def test_a_shard_is_packed_again_only_if_something_of_it_changed(tmp_path):
     records = [record(tmp_path, name) for name in "abc"]
     shards = tar_shards.write(tmp_path, records, 1)
     for path in shards:
@@ -96,7 +95,7 @@ def test_a_shard_is_packed_again_only_if_something_of_it_changed(tmp_path: Path)
     assert [len(names(path)) for path in shards] == [3, 3, 3]
 
 
-def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path: Path) -> None:
+def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path):
     records = [record(tmp_path, name) for name in "ab"]
     (tmp_path / "coc" / "b.exr").unlink()
     with refuses("unreadable"):
@@ -104,11 +103,11 @@ def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path: Path) ->
     assert not list(tmp_path.glob("shards/*"))
 
 
-def test_an_output_that_shrinks_while_it_is_packed_leaves_no_shard(tmp_path, monkeypatch) -> None:
+def test_an_output_that_shrinks_while_it_is_packed_leaves_no_shard(tmp_path, monkeypatch):
     records = [record(tmp_path, "a")]
     whole = tar_shards.written_whole
 
-    def shrunk(path: Path, out: Path):
+    def shrunk(path, out):
         (tmp_path / "coc" / "a.exr").write_bytes(b"")
         return whole(path, out)
 
@@ -118,7 +117,7 @@ def test_an_output_that_shrinks_while_it_is_packed_leaves_no_shard(tmp_path, mon
     assert not list(tmp_path.glob("shards/*"))
 
 
-def test_the_order_is_shuffled_by_a_seed_if_asked(tmp_path: Path) -> None:
+def test_the_order_is_shuffled_by_a_seed_if_asked(tmp_path):
     sorted_names = [name for tar in packed(tmp_path, 12) for name in names(tar)]
     orders = []
     for seed in (1, 1, 2):

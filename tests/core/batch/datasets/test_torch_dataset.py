@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from defocus_core.batch.datasets.finished import samples
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(tmp_path_factory):
     """A batch of two pictures by two lenses, with maps in EXR."""
     folder = tmp_path_factory.mktemp("batch")
     for stem in "ab":
@@ -38,7 +37,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
-def test_an_item_is_what_the_files_hold(out: Path) -> None:
+def test_an_item_is_what_the_files_hold(out):
     data = BatchDataset(out, ["left", "coc"])
     assert len(data) == 4
     for item, sample in zip((data[n] for n in range(4)), samples(out), strict=True):
@@ -51,7 +50,7 @@ def test_an_item_is_what_the_files_hold(out: Path) -> None:
         assert item["lens"]["focus_dioptres"] == pytest.approx(wanted)
 
 
-def test_maps_of_tiff_are_read_too(tmp_path: Path) -> None:
+def test_maps_of_tiff_are_read_too(tmp_path):
     color, depth = pair(tmp_path)
     tables: dict[str, Any] = {
         "inputs": {"color": str(color), "depth": str(depth)},
@@ -64,8 +63,8 @@ def test_maps_of_tiff_are_read_too(tmp_path: Path) -> None:
     assert (ends.min(), ends.max()) == pytest.approx(sample.coc_px, rel=1e-6)
 
 
-def test_a_loader_joins_crops_alike_with_any_workers(out: Path) -> None:
-    def batches(workers: int, epoch: int = 0) -> torch.Tensor:
+def test_a_loader_joins_crops_alike_with_any_workers(out):
+    def batches(workers, epoch=0):
         data = BatchDataset(out, ["left", "image"], crop=(8, 12), seed=5)
         data.set_epoch(epoch)
         loader = DataLoader(
@@ -84,10 +83,8 @@ def test_a_loader_joins_crops_alike_with_any_workers(out: Path) -> None:
 
 
 @pytest.mark.parametrize("options", [{}, {"num_workers": 2, "persistent_workers": True}])
-def test_each_epoch_has_crops_of_its_own_that_a_seed_repeats(
-    options: dict[str, Any], out: Path
-) -> None:
-    def epochs(seed: int, first: int = 0) -> list[torch.Tensor]:
+def test_each_epoch_has_crops_of_its_own_that_a_seed_repeats(options, out):
+    def epochs(seed, first=0):
         data = BatchDataset(out, ["left"], crop=(8, 12), seed=seed)
         data.set_epoch(first)
         loader = DataLoader(data, **options)
@@ -100,7 +97,7 @@ def test_each_epoch_has_crops_of_its_own_that_a_seed_repeats(
     assert not torch.equal(seen[0], epochs(6)[0])
 
 
-def test_a_split_and_a_transform(out: Path) -> None:
+def test_a_split_and_a_transform(out):
     names = [
         set(BatchDataset(out, split=split, kinds=["coc"], transform=lambda i: i["sample_id"]))
         for split in ("train", "test")
@@ -118,6 +115,6 @@ def test_a_split_and_a_transform(out: Path) -> None:
         ({"kinds": ["left"], "crop": 10_000}, "wrong-size"),
     ],
 )
-def test_what_is_not_there_is_said(out: Path, options: dict[str, Any], code: str) -> None:
+def test_what_is_not_there_is_said(out, options, code):
     with refuses(code):
         BatchDataset(out, **options)

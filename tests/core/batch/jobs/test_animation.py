@@ -6,21 +6,21 @@ from refusals import refuses, refuses_as
 
 from defocus_core.batch.jobs.job import Picture
 from defocus_core.batch.jobs.lens_from_options import parsed
-from defocus_core.batch.jobs.shot_lenses import Animation, ShotLenses, read_animation
+from defocus_core.batch.jobs.shot_lenses import ShotLenses, read_animation
 
 
-def animation(folder: Path, text: str, name: str = "pull.csv", **how: str) -> Animation:
+def animation(folder, text, name="pull.csv", **how):
     file = folder / name
     file.write_text(text)
     option = f"{how['option']}={file}" if "option" in how else str(file)
     return read_animation([option], how.get("interpolation"))
 
 
-def values(shot: Animation, frame: int) -> dict[str, object]:
+def values(shot, frame):
     return {name: parsed(name, text) for name, text in shot.texts(frame).items()}
 
 
-def test_values_go_evenly_in_the_variable_in_which_blur_is_smooth(tmp_path: Path) -> None:
+def test_values_go_evenly_in_the_variable_in_which_blur_is_smooth(tmp_path):
     text = "frame,focus,fnumber,focal-length,blade-rotation\n1,1m,1,20mm,0\n3,3m,4,80mm,30\n"
     middle = values(animation(tmp_path, text), 2)
     assert middle["focus"] == pytest.approx(1500)  # in disparity
@@ -29,13 +29,13 @@ def test_values_go_evenly_in_the_variable_in_which_blur_is_smooth(tmp_path: Path
     assert middle["blade-rotation"] == pytest.approx(15)
 
 
-def test_a_pull_reaches_infinity(tmp_path: Path) -> None:
+def test_a_pull_reaches_infinity(tmp_path):
     shot = animation(tmp_path, "frame,focus\n1,1m\n3,inf\n")
     assert values(shot, 2)["focus"] == pytest.approx(2000)
     assert values(shot, 3)["focus"] == math.inf
 
 
-def test_a_key_is_taken_as_it_is_written_and_the_ends_hold(tmp_path: Path) -> None:
+def test_a_key_is_taken_as_it_is_written_and_the_ends_hold(tmp_path):
     shot = animation(tmp_path, "frame,focus\n10,1.3m\n20,2.3m\n")
     assert [shot.texts(frame)["focus"] for frame in (5, 10, 20, 99)] == [
         *("1.3m", "1.3m", "2.3m", "2.3m"),
@@ -43,19 +43,19 @@ def test_a_key_is_taken_as_it_is_written_and_the_ends_hold(tmp_path: Path) -> No
     assert shot.frames == (10, 20)
 
 
-def test_ease_is_slow_at_keys_and_the_same_in_the_middle(tmp_path: Path) -> None:
+def test_ease_is_slow_at_keys_and_the_same_in_the_middle(tmp_path):
     text = "frame,blade-rotation\n0,0\n10,100\n"
     straight, eased = (animation(tmp_path, text, interpolation=how) for how in ("linear", "ease"))
     turns = [[float(shot.texts(f)["blade-rotation"]) for f in (1, 5)] for shot in (straight, eased)]
     assert turns == [[10, 50], [pytest.approx(2.8), 50]]
 
 
-def test_a_tracked_point_is_a_focus_and_blades_hold(tmp_path: Path) -> None:
+def test_a_tracked_point_is_a_focus_and_blades_hold(tmp_path):
     shot = animation(tmp_path, "frame,x,y,blades\n1,10,20,6\n3,21,20,8\n")
     assert shot.texts(2) == {"focus-at": "16,20", "blades": "6"}
 
 
-def test_ranges_of_distances_go_in_disparity_and_shapes_of_blades_evenly(tmp_path: Path) -> None:
+def test_ranges_of_distances_go_in_disparity_and_shapes_of_blades_evenly(tmp_path):
     text = "frame,sharp-range,blade-curvature\n1,1m..3m,0\n3,3m..inf,1\n"
     middle = values(animation(tmp_path, text), 2)
     assert middle["sharp-range"] == pytest.approx((1500, 6000))
@@ -74,22 +74,20 @@ def test_ranges_of_distances_go_in_disparity_and_shapes_of_blades_evenly(tmp_pat
         ("dp-model", "split", "smooth", "split"),
     ],
 )
-def test_pairs_go_evenly_and_words_and_seeds_hold(
-    tmp_path: Path, option: str, first: str, last: str, middle: object
-) -> None:
+def test_pairs_go_evenly_and_words_and_seeds_hold(tmp_path, option, first, last, middle):
     shot = animation(tmp_path, f"frame,{option}\n1,{first}\n3,{last}\n")
     found = values(shot, 2)[option]
     assert found == (pytest.approx(middle) if isinstance(middle, tuple) else middle)
 
 
-def test_bare_numbers_are_metres_of_focus_and_millimetres_of_lenses(tmp_path: Path) -> None:
+def test_bare_numbers_are_metres_of_focus_and_millimetres_of_lenses(tmp_path):
     shot = animation(tmp_path, "frame,focus,focal-length\n1,2,35\n")
     assert values(shot, 1) == {"focus": 2000, "focal-length": 35}
     curve = animation(tmp_path, "1001 1.5\n", "a.curve", option="focus")
     assert values(curve, 1001) == {"focus": 1500}
 
 
-def test_keys_in_toml_say_how_they_are_joined(tmp_path: Path) -> None:
+def test_keys_in_toml_say_how_they_are_joined(tmp_path):
     text = '[animate]\ninterpolation = "ease"\nfocus = {1001 = "1.2m", 1060 = "4m"}\n'
     shot = animation(tmp_path, text, "pull.toml")
     assert shot.interpolation == "ease"
@@ -109,26 +107,26 @@ def test_keys_in_toml_say_how_they_are_joined(tmp_path: Path) -> None:
         ("a.chan", "1 0 0 0 0 0 0 190\n", "malformed line 1"),
     ],
 )
-def test_what_makes_no_sense_is_refused(tmp_path: Path, name: str, text: str, refusal: str) -> None:
+def test_what_makes_no_sense_is_refused(tmp_path, name, text, refusal):
     with refuses_as(refusal):
         animation(tmp_path, text, name)
 
 
-def test_between_percentiles_there_is_nothing(tmp_path: Path) -> None:
+def test_between_percentiles_there_is_nothing(tmp_path):
     shot = animation(tmp_path, "frame,focus\n1,percentile(5)\n3,percentile(50)\n")
     assert shot.texts(1) == {"focus": "percentile(5)"}
     with refuses("idle-option", field="focus"):
         shot.texts(2)
 
 
-def test_one_option_is_animated_once(tmp_path: Path) -> None:
+def test_one_option_is_animated_once(tmp_path):
     (tmp_path / "a.csv").write_text("frame,focus\n1,1m\n")
     (tmp_path / "b.txt").write_text("1 1m\n")
     with refuses("contradiction"):
         read_animation([str(tmp_path / "a.csv"), f"focus={tmp_path / 'b.txt'}"], None)
 
 
-def test_flags_complete_keys_and_may_not_contradict_them(tmp_path: Path) -> None:
+def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
     shot = animation(tmp_path, "frame,focus,fnumber\n1,1m,2\n2,2m,2\n")
     picture = Picture("a", Path("a.exr"), Path("b.exr"), frame=2)
     lens, _ = ShotLenses({"focal-length": 50.0}, animation=shot).of(picture)

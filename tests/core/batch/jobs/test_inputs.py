@@ -29,9 +29,7 @@ from defocus_core.io.wildcards import matching
         ("**/rgb.exr", {"s1": "s1/rgb.exr", "s2": "s2/rgb.exr"}),
     ],
 )
-def test_wildcards_name_what_they_match(
-    tmp_path: Path, pattern: str, named: dict[str, str]
-) -> None:
+def test_wildcards_name_what_they_match(tmp_path, pattern, named):
     touch(tmp_path, "f/1.exr", "f/2_rgb.exr", "f/notes.txt", "s1/rgb.exr", "s2/rgb.exr")
     wanted = {name: tmp_path / file for name, file in named.items()}
     for folder, text in ((tmp_path, pattern), (Path("/"), f"{tmp_path}/{pattern}")):
@@ -40,9 +38,7 @@ def test_wildcards_name_what_they_match(
 
 
 @pytest.mark.parametrize("closed", [".", "s1", "s1/rgb"])
-def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(
-    closed: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(closed, tmp_path, monkeypatch):
     touch(tmp_path, "s0/rgb/a.exr", "s1/rgb/a.exr")
     access = os.access
     monkeypatch.setattr(os, "access", lambda path, mode: path != tmp_path / closed)
@@ -52,7 +48,7 @@ def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(
     assert len(list(matching(tmp_path, "*/rgb/*.exr"))) == 2
 
 
-def test_patterns_pair_by_what_their_wildcards_stand_for(tmp_path: Path) -> None:
+def test_patterns_pair_by_what_their_wildcards_stand_for(tmp_path):
     touch(tmp_path, "c/2_rgb.png", "c/1_rgb.png", "d/1.npy", "d/2.npy", "h/1.exr", "h/2.exr")
     inputs = 'color = "c/*_rgb.png"\ndepth = "d/*.npy"\nhidden-color = "h/*.exr"'
     hidden = Picture("1", tmp_path / "h/1.exr", tmp_path / "h/1.exr")
@@ -73,8 +69,8 @@ def test_patterns_pair_by_what_their_wildcards_stand_for(tmp_path: Path) -> None
     ],
 )
 def test_a_name_has_the_text_before_a_wildcard_that_all_patterns_share(
-    tmp_path: Path, color: str, depth: str | None, named: list[str]
-) -> None:
+    tmp_path, color, depth, named
+):
     touch(tmp_path, *(f"scenes/{s}/{f}.exr" for s in ("spheres", "street") for f in ("rgb", "z")))
     touch(tmp_path, *(f"seq/{f}" for i in "12" for f in (f"frame.000{i}.exr", f"frame.000{i}.npy")))
     touch(tmp_path, "seq/z.0001.npy", "seq/z.0002.npy")
@@ -82,7 +78,7 @@ def test_a_name_has_the_text_before_a_wildcard_that_all_patterns_share(
     assert names(jobs(tmp_path, FIXED, inputs=inputs)) == named
 
 
-def test_links_that_lead_in_a_circle_are_refused(tmp_path: Path) -> None:
+def test_links_that_lead_in_a_circle_are_refused(tmp_path):
     """Followed to the 40 links that the system allows, two in each folder are 2**40 paths."""
     touch(tmp_path, "a/rgb.exr", "b/rgb.exr")
     for number in (1, 2):
@@ -92,7 +88,7 @@ def test_links_that_lead_in_a_circle_are_refused(tmp_path: Path) -> None:
         jobs(tmp_path, FIXED, inputs='color = "**/*.exr"')
 
 
-def test_folders_and_single_files_pair_as_on_the_command_line(tmp_path: Path) -> None:
+def test_folders_and_single_files_pair_as_on_the_command_line(tmp_path):
     touch(tmp_path, "c/1.png", "d/1.npy", "photo.jpg", "z.exr", "b.exr", "bz.exr")
     found = jobs(tmp_path, FIXED, inputs='color = "c"\ndepth = "d"')
     assert found[0].picture == Picture("1", tmp_path / "c/1.png", tmp_path / "d/1.npy")
@@ -102,13 +98,13 @@ def test_folders_and_single_files_pair_as_on_the_command_line(tmp_path: Path) ->
     assert picture.hidden == Picture("b", tmp_path / "b.exr", tmp_path / "bz.exr")
 
 
-def test_a_pattern_without_depth_is_of_scenes(tmp_path: Path) -> None:
+def test_a_pattern_without_depth_is_of_scenes(tmp_path):
     touch(tmp_path, "1.exr", "2.exr", "3.png")
     found = jobs(tmp_path, FIXED, inputs='color = "*.*"')
     assert [job.picture.depth.name for job in found] == ["1.exr", "2.exr"]
 
 
-def write_list(folder: Path, kind: str, *rows: dict[str, object]) -> None:
+def write_list(folder, kind, *rows):
     lines = [json.dumps(row) for row in rows]
     if kind == "csv":
         keys = list(dict.fromkeys(key for row in rows for key in row))
@@ -119,9 +115,7 @@ def write_list(folder: Path, kind: str, *rows: dict[str, object]) -> None:
 
 
 @pytest.mark.parametrize("kind", ["csv", "jsonl"])
-def test_a_list_has_a_row_for_each_picture_with_a_lens_of_its_own(
-    tmp_path: Path, kind: str
-) -> None:
+def test_a_list_has_a_row_for_each_picture_with_a_lens_of_its_own(tmp_path, kind):
     touch(tmp_path, "a.png", "z.exr")
     rows: list[dict[str, object]] = [
         {"color": "../a.png", "depth": "../z.exr", "stem": 7, "focus": "3m", "blades": 6},
@@ -136,7 +130,7 @@ def test_a_list_has_a_row_for_each_picture_with_a_lens_of_its_own(
     assert (second.sample_id, second.lens.foc_dist, second.lens.blades) == ("s", 2000, 0)
 
 
-def test_tables_and_lists_and_patterns_come_one_after_another(tmp_path: Path) -> None:
+def test_tables_and_lists_and_patterns_come_one_after_another(tmp_path):
     touch(tmp_path, "a.exr", "b.exr")
     (tmp_path / "l.csv").write_text("color\nb.exr\n")
     inputs = 'color = "a*.exr"\nlist = ["l.csv"]\n[[inputs.pictures]]\ncolor = "a.exr"\nstem = "c"'
@@ -175,7 +169,7 @@ def test_tables_and_lists_and_patterns_come_one_after_another(tmp_path: Path) ->
         ('[[inputs.pictures]]\ncolor = "c.exr"\nfocus = "2"', "malformed focus"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, inputs: str, refusal: str) -> None:
+def test_what_is_wrong_is_told_with_its_place(tmp_path, inputs, refusal):
     touch(tmp_path, "1.png", "1.jpg", "2.png", "1.npy", "3.npy", "c.exr", "l.txt")
     with refuses_as(refusal):
         jobs(tmp_path, FIXED, inputs=inputs or "\n")
@@ -200,22 +194,20 @@ def test_what_is_wrong_is_told_with_its_place(tmp_path: Path, inputs: str, refus
         ("l.jsonl", "\xff".encode("latin-1").decode("latin-1"), "malformed line 1"),
     ],
 )
-def test_what_is_wrong_in_a_list_is_told_with_its_line(
-    tmp_path: Path, name: str, text: str, refusal: str
-) -> None:
+def test_what_is_wrong_in_a_list_is_told_with_its_line(tmp_path, name, text, refusal):
     touch(tmp_path, "c.exr")
     (tmp_path / name).write_bytes(text.encode(errors="surrogateescape"))
     with refuses_as(refusal):
         jobs(tmp_path, FIXED, inputs=f'list = "{name}"')
 
 
-def test_one_missing_file_of_a_list_is_left_to_its_own_job(tmp_path: Path) -> None:
+def test_one_missing_file_of_a_list_is_left_to_its_own_job(tmp_path):
     touch(tmp_path, "b.exr")
     (tmp_path / "l.csv").write_text("color\nmissing.exr\nb.exr\n")
     assert names(jobs(tmp_path, FIXED, inputs='list = "l.csv"')) == ["missing", "b"]
 
 
-def test_a_picture_may_not_bring_what_is_swept(tmp_path: Path) -> None:
+def test_a_picture_may_not_bring_what_is_swept(tmp_path):
     touch(tmp_path, "b.exr")
     (tmp_path / "l.csv").write_text("color,focus-at\nb.exr,3 4\n".replace("3 4", '"3,4"'))
     sweep = FIXED.replace('focus = "2m"\n', "") + '[sweep]\nfocus = ["1m"]\n'
@@ -223,7 +215,7 @@ def test_a_picture_may_not_bring_what_is_swept(tmp_path: Path) -> None:
         jobs(tmp_path, sweep, inputs='list = "l.csv"')
 
 
-def test_a_row_of_a_list_takes_half_a_kilobyte(tmp_path: Path) -> None:
+def test_a_row_of_a_list_takes_half_a_kilobyte(tmp_path):
     touch(tmp_path, "c.png")
     rows = [f"c.png,d.npy,{number:07}" for number in range(10_000)]
     (tmp_path / "list.csv").write_text("\n".join(["color,depth,stem", *rows]))

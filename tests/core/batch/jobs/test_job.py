@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 from refusals import refuses, refuses_as
 
@@ -12,20 +10,20 @@ from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.lenses.lens import Lens
 
 
-def touch(folder: Path, *names: str) -> Path:
+def touch(folder, *names):
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         (folder / name).touch()
     return folder
 
 
-def test_two_files_are_one_picture_named_by_its_colour(tmp_path: Path) -> None:
+def test_two_files_are_one_picture_named_by_its_colour(tmp_path):
     folder = touch(tmp_path, "photo.v2.jpg", "anything.png")
     color, depth = folder / "photo.v2.jpg", folder / "anything.png"
     assert find_pictures(color, depth) == [Picture("photo.v2", color, depth)]
 
 
-def test_directories_pair_by_stem_in_order(tmp_path: Path) -> None:
+def test_directories_pair_by_stem_in_order(tmp_path):
     color = touch(tmp_path / "c", "2.png", "1.JPG", ".1.png", "notes.txt")
     depth = touch(tmp_path / "d", "1.exr", "2.npy", ".hidden.exr", "readme.md")
     assert find_pictures(color, depth) == [
@@ -34,7 +32,7 @@ def test_directories_pair_by_stem_in_order(tmp_path: Path) -> None:
     ]
 
 
-def test_a_photograph_is_depth_of_what_has_no_other(tmp_path: Path) -> None:
+def test_a_photograph_is_depth_of_what_has_no_other(tmp_path):
     color = touch(tmp_path / "c", "1.png", "2.png")
     depth = touch(tmp_path / "d", "1.png", "1.jpg", "2.jpg", "sheet.jpg")
     assert find_pictures(color, depth) == [
@@ -46,7 +44,7 @@ def test_a_photograph_is_depth_of_what_has_no_other(tmp_path: Path) -> None:
         find_pictures(both, both)
 
 
-def test_one_exr_is_colour_and_depth(tmp_path: Path) -> None:
+def test_one_exr_is_colour_and_depth(tmp_path):
     folder = touch(tmp_path, "b.exr", "a.exr", "c.png")
     file = folder / "a.exr"
     assert find_pictures(file, None) == [Picture("a", file, file)]
@@ -63,27 +61,25 @@ def test_one_exr_is_colour_and_depth(tmp_path: Path) -> None:
         ([], ["1.exr"], "empty"),
     ],
 )
-def test_what_does_not_pair_is_named(
-    tmp_path: Path, colors: list[str], depths: list[str], refusal: str
-) -> None:
+def test_what_does_not_pair_is_named(tmp_path, colors, depths, refusal):
     color, depth = touch(tmp_path / "c", *colors), touch(tmp_path / "d", *depths)
     with refuses_as(refusal):
         find_pictures(color, depth)
 
 
-def test_a_file_does_not_pair_with_a_directory(tmp_path: Path) -> None:
+def test_a_file_does_not_pair_with_a_directory(tmp_path):
     folder = touch(tmp_path / "c", "1.png")
     for one, other in ((folder, folder / "1.png"), (folder / "1.png", folder)):
         with refuses("wrong-type"):
             find_pictures(one, other)
 
 
-def test_a_lone_file_that_holds_no_depth_is_refused(tmp_path: Path) -> None:
+def test_a_lone_file_that_holds_no_depth_is_refused(tmp_path):
     with refuses("no-depth"):
         find_pictures(touch(tmp_path, "a.png") / "a.png", None)
 
 
-def test_outputs_have_one_file_for_each_kind(tmp_path: Path) -> None:
+def test_outputs_have_one_file_for_each_kind(tmp_path):
     outputs = Outputs(tmp_path, kinds=("render", "coc"), format="jpg", preview=True)
     picture = Picture("a.b", tmp_path / "a.b.png", tmp_path / "z.exr")
     job = Job(picture, Lens(50.0, 2.0, 2000.0), Reading(), outputs, Machine())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import pytest
 from jobs_files import FIXED, LENS, jobs, jobs_file, names, touch
@@ -14,7 +13,7 @@ from defocus_core.batch.jobs.jobs_file import read_jobs
 from defocus_core.batch.lenses.lens import Lens
 
 
-def test_every_table_reaches_the_job(tmp_path: Path) -> None:
+def test_every_table_reaches_the_job(tmp_path):
     text = """
 [reading]
 depth-unit = "cm"
@@ -45,7 +44,7 @@ depth-repair = "off"
     assert (job.lens.max_coc, job.machine.tolerance) == (40, 0.5)
 
 
-def test_what_a_file_does_not_say_is_as_told(tmp_path: Path) -> None:
+def test_what_a_file_does_not_say_is_as_told(tmp_path):
     outputs = Outputs(tmp_path / "o", ("left",), "png16")
     machine = Machine("high", device="cuda", threads=2)
     job = read_jobs(jobs_file(tmp_path, FIXED), outputs, machine)[0]
@@ -53,7 +52,7 @@ def test_what_a_file_does_not_say_is_as_told(tmp_path: Path) -> None:
     assert job.sample_id == "a"
 
 
-def test_a_lens_file_lies_below_the_options_of_the_jobs_file(tmp_path: Path) -> None:
+def test_a_lens_file_lies_below_the_options_of_the_jobs_file(tmp_path):
     (tmp_path / "l.toml").write_text(
         'focal-length = "85mm"\naperture-diameter = "1in"\nfocus = inf\n'
     )
@@ -63,7 +62,7 @@ def test_a_lens_file_lies_below_the_options_of_the_jobs_file(tmp_path: Path) -> 
     assert jobs(tmp_path, text)[0].lens == Lens(85.0, 85 / 25.4, 2000.0)
 
 
-def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
+def test_all_lenses_of_a_picture_follow_one_another(tmp_path):
     touch(tmp_path, "1.exr", "2.exr")
     found = jobs(tmp_path, FIXED + "[sweep]\nblades = [0, 5]\n", inputs='color = "*.exr"')
     assert names(found) == ["1_blades0", "1_blades5", "2_blades0", "2_blades5"]
@@ -101,19 +100,19 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path: Path) -> None:
         (FIXED + "file = 'no.toml'\n", "not-found"),
     ],
 )
-def test_what_is_wrong_is_told_with_its_key(tmp_path: Path, text: str, refusal: str) -> None:
+def test_what_is_wrong_is_told_with_its_key(tmp_path, text, refusal):
     with refuses_as(refusal):
         jobs(tmp_path, text)
 
 
 @pytest.mark.parametrize("text", ["[inputs", "\0", "\xff", "inputs = 3\n"])
-def test_what_is_no_toml_or_no_table_is_refused(tmp_path: Path, text: str) -> None:
+def test_what_is_no_toml_or_no_table_is_refused(tmp_path, text):
     (tmp_path / "jobs.toml").write_bytes(text.encode("latin-1"))
     with refuses("malformed"):
         read_jobs(tmp_path / "jobs.toml", Outputs(tmp_path), Machine())
 
 
-def test_more_jobs_than_anybody_means_are_refused_before_they_are_made(tmp_path: Path) -> None:
+def test_more_jobs_than_anybody_means_are_refused_before_they_are_made(tmp_path):
     text = (
         LENS
         + 'focus = "2m"\n[sweep]\nblades = [5, 6, 7, 8, 9, 10, 11]\nblade-rotation = "0..9 @ 9"\n'

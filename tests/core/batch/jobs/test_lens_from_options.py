@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
 
 import pytest
 from refusals import refuses, refuses_as
@@ -18,7 +15,7 @@ OTHER_WAYS = 'focal-length = "50mm"\naperture-diameter = "25mm"\nfocus-at = [3, 
 TURNED = "blade-rotation = 30\n"
 
 
-def lens_file(folder: Path, text: str) -> Path:
+def lens_file(folder, text):
     path = folder / "lens.toml"
     path.write_text(text)
     return path
@@ -45,9 +42,7 @@ def lens_file(folder: Path, text: str) -> Path:
         (f"blades = 6\n{TURNED}", {**FLAGS, "blades": 0}, Lens(50.0, 2.0, 2e3)),
     ],
 )
-def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(
-    text: str, flags: Mapping[str, Any], lens: Lens, tmp_path: Path
-) -> None:
+def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(text, flags, lens, tmp_path):
     assert make_lens(flags, lens_file(tmp_path, text)) == lens
 
 
@@ -73,14 +68,12 @@ def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(
         ("fnumber = 2\nfocus 2m\n", {}, "malformed"),
     ],
 )
-def test_what_makes_no_lens_is_refused_with_its_option(
-    text: str, change: Mapping[str, Any], refusal: str, tmp_path: Path
-) -> None:
+def test_what_makes_no_lens_is_refused_with_its_option(text, change, refusal, tmp_path):
     with refuses_as(refusal):
         make_lens({**FLAGS, **change}, lens_file(tmp_path, text))
 
 
-def test_a_file_that_is_not_there_is_input(tmp_path: Path) -> None:
+def test_a_file_that_is_not_there_is_input(tmp_path):
     for path, code in ((tmp_path / "no.toml", "not-found"), (tmp_path, "unreadable")):
         with refuses(code, path=path):
             make_lens(FLAGS, path)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Any
 
 import pytest
 from command_line import pair, run
@@ -21,7 +19,7 @@ ABOUT = {
 }
 
 
-def tables(folder: Path, **about: str) -> dict[str, Any]:
+def tables(folder, **about):
     color, depth = pair(folder)
     return {
         "inputs": {"color": str(color), "depth": str(depth)},
@@ -31,7 +29,7 @@ def tables(folder: Path, **about: str) -> dict[str, Any]:
     }
 
 
-def as_toml(values: dict[str, Any]) -> str:
+def as_toml(values):
     lines = []
     for name, table in values.items():
         lines += [f"[{name}]", *(f"{key} = {json.dumps(value)}" for key, value in table.items())]
@@ -39,7 +37,7 @@ def as_toml(values: dict[str, Any]) -> str:
 
 
 @pytest.mark.parametrize("by", ["file", "tables"])
-def test_card_and_index_have_what_the_jobs_file_says(by: str, tmp_path: Path) -> None:
+def test_card_and_index_have_what_the_jobs_file_says(by, tmp_path):
     out = tmp_path / "out"
     if by == "file":
         text = as_toml(tables(tmp_path, **ABOUT))
@@ -60,19 +58,19 @@ def test_card_and_index_have_what_the_jobs_file_says(by: str, tmp_path: Path) ->
     assert json.loads((out / "card.json").read_text())["origin"] == ABOUT
 
 
-def test_without_a_word_there_is_none(tmp_path: Path) -> None:
+def test_without_a_word_there_is_none(tmp_path):
     run_batch(tables(tmp_path), tmp_path / "out")
     (sample,) = samples(tmp_path / "out")
     assert sample.record["licence"] is None
     assert "license:" not in (tmp_path / "out" / "README.md").read_text()
 
 
-def test_an_unknown_word_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_word_is_refused(tmp_path):
     with refuses("unknown-name", "licence"):
         run_batch(tables(tmp_path, license="MIT"), tmp_path / "out")
 
 
-def test_a_file_of_others_stays(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_file_of_others_stays(tmp_path, caplog):
     (tmp_path / "a.toml").write_text("[dataset]\ntitle = 'a'\n")
     (tmp_path / "jobs.toml").write_text("mine")
     keep(tmp_path, tmp_path / "a.toml")

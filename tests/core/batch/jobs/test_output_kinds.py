@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,25 +13,25 @@ from command_line import header, pair, read_exr, render, run
 
 from defocus_cli.commands.help import text
 from defocus_core import render as rendered
-from defocus_core.batch.jobs.output_kinds import KINDS, Kind
+from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 
 MAPS = [kind for kind in KINDS.values() if not kind.image]
 TOLD = [kind for kind in MAPS if not kind.source]  # others are told as what they are of
 
 
-def name_of(kind: Kind) -> str:
+def name_of(kind):
     return kind.name
 
 
-def written(folder: Path, kind: Kind) -> Path:
+def written(folder, kind):
     ran = render(*pair(folder), "-o", folder / "out", "--outputs", kind.name, "--preview")
     assert ran.code == 0, ran.err
     return folder / "out" / kind.name / "a.exr"
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
-def test_a_kind_is_written_alone_with_its_name(kind: Kind, tmp_path: Path) -> None:
+def test_a_kind_is_written_alone_with_its_name(kind, tmp_path):
     file = written(tmp_path, kind)
     assert header(file)["defocus:kind"] == kind.name
     channels = read_exr(file)
@@ -46,7 +45,7 @@ def test_a_kind_is_written_alone_with_its_name(kind: Kind, tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("kind", TOLD, ids=name_of)
-def test_info_tells_what_a_map_shows(kind: Kind, tmp_path: Path) -> None:
+def test_info_tells_what_a_map_shows(kind, tmp_path):
     file = written(tmp_path, kind)
     values = read_exr(file)[kind.channel or kind.name]
     minimum, maximum = float(values.min()), float(values.max())
@@ -57,20 +56,20 @@ def test_info_tells_what_a_map_shows(kind: Kind, tmp_path: Path) -> None:
     assert shown[f"range_{kind.unit}" if kind.unit else "range"] == [minimum, maximum]
 
 
-def test_help_has_a_line_for_each_kind() -> None:
+def test_help_has_a_line_for_each_kind():
     shown = run("render", "--help").out
     assert all(f"    {kind.name:<13} {kind.help}\n" in shown for kind in KINDS.values())
     assert f"maps ({', '.join(kind.name for kind in MAPS)})" in " ".join(shown.split())
 
 
-def test_the_topic_on_conventions_lists_each_kind() -> None:
+def test_the_topic_on_conventions_lists_each_kind():
     table = text("conventions").partition("| kind | picture | file |")[2].partition("\n\n")[0]
     listed = re.findall("`(\\w+)`", " ".join(row.split("|")[0] for row in table.split("\n|")[1:]))
     assert listed == list(KINDS)
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
-def test_a_kind_computes_pixels_of_its_shape(kind: Kind) -> None:
+def test_a_kind_computes_pixels_of_its_shape(kind):
     radius = torch.linspace(-3, 3, 48).reshape(6, 8)
     if kind.of_radius:
         assert kind.of_radius(radius.numpy(), 0.85).shape == radius.shape
@@ -82,11 +81,11 @@ def test_a_kind_computes_pixels_of_its_shape(kind: Kind) -> None:
         assert getattr(views, view).shape[-3:] == (3 if kind.image else 1, 6, 8)
 
 
-def test_memory_is_counted_for_what_is_held_until_it_is_written() -> None:
+def test_memory_is_counted_for_what_is_held_until_it_is_written():
     expected = {"render": 8, "left": 8, "coc": 0, "disparity": 0, "trust": 4, "multiview": 16}
     assert {name: KINDS[name].memory_bytes(4, 2) for name in expected} == expected
 
 
-def test_maps_but_that_of_depth_are_no_depth() -> None:
+def test_maps_but_that_of_depth_are_no_depth():
     maps = {kind.name for kind in KINDS.values() if not kind.image}
     assert maps - {"depth"} == {*NO_DEPTH}

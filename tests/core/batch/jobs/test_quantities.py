@@ -42,16 +42,12 @@ REFUSED: Sequence[tuple[Callable[[str], Any], Sequence[str], str]] = (
 
 
 @pytest.mark.parametrize(("parse", "values"), READ)
-def test_a_quantity_is_its_number_times_its_unit(
-    parse: Callable[[str], Any], values: Mapping[str, Any]
-) -> None:
+def test_a_quantity_is_its_number_times_its_unit(parse, values):
     assert {text: parse(text) for text in values} == values
 
 
 @pytest.mark.parametrize(("parse", "texts", "words"), REFUSED)
-def test_what_is_no_such_quantity_is_refused_with_an_example(
-    parse: Callable[[str], Any], texts: Sequence[str], words: str
-) -> None:
+def test_what_is_no_such_quantity_is_refused_with_an_example(parse, texts, words):
     for text in texts:
         with pytest.raises(QuantityError) as raised:
             parse(text)
@@ -59,5 +55,5 @@ def test_what_is_no_such_quantity_is_refused_with_an_example(
 
 
 @given(st.floats(1e-3, 1e7))
-def test_a_length_written_out_is_read_back(mm: float) -> None:
+def test_a_length_written_out_is_read_back(mm):
     assert quantities.length(quantities.length_text(mm, 9)) == pytest.approx(mm, rel=1e-8)

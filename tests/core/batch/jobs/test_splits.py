@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -17,33 +16,33 @@ from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.batch.lenses.lens import Lens
 
 
-def splits(**values: Any):
+def splits(**values):
     return read_splits(Table(Path("jobs.toml"), "split", values))
 
 
-def picture(stem: str, frame: int | None = None) -> Picture:
+def picture(stem, frame=None):
     return Picture(stem, Path("a.exr"), Path("z.exr"), frame=frame)
 
 
-def assigned(names: Any, **values: Any) -> dict[str, str]:
+def assigned(names, **values):
     found = splits(**values).of([picture(name) for name in names])
     return {name: split.name for name, split in zip(names, found, strict=True)}
 
 
-def job(name: str, **values: Any) -> Job:
+def job(name, **values):
     asked = Outputs(Path("out"))
     lens, (split,) = Lens(50.0, 2.0, 2000.0), splits(**values).of([picture(name)])
     return Job(picture(name), lens, Reading(), asked, Machine(), split=split)
 
 
-def kept(recorded: dict[str, set[str]], names: str, **values: Any) -> dict[str, str]:
+def kept(recorded, names, **values):
     jobs = with_recorded([job(name, **values) for name in names], recorded)
     return {each.sample_id: each.split.name for each in jobs}
 
 
 @settings(deadline=None)
 @given(shares=st.lists(st.integers(1, 20), min_size=1, max_size=4))
-def test_each_split_has_its_share_of_the_scenes_in_the_long_run(shares: list[int]) -> None:
+def test_each_split_has_its_share_of_the_scenes_in_the_long_run(shares):
     wanted = {f"s{n}": share / sum(shares) for n, share in enumerate(shares)}
     found = Counter(assigned([f"scene{n}" for n in range(2000)], **wanted).values())
     for name, share in wanted.items():
@@ -52,7 +51,7 @@ def test_each_split_has_its_share_of_the_scenes_in_the_long_run(shares: list[int
 
 @settings(deadline=None)
 @given(names=st.sets(st.text("abc123", min_size=1), min_size=2))
-def test_no_scene_moves_when_another_is_added_removed_or_renamed(names: set[str]) -> None:
+def test_no_scene_moves_when_another_is_added_removed_or_renamed(names):
     every = assigned(sorted(names), train=0.7, val=0.1, test=0.2)
     for left_out in names:
         others = assigned(sorted(names - {left_out} | {"other"}), train=0.7, val=0.1, test=0.2)
@@ -60,23 +59,23 @@ def test_no_scene_moves_when_another_is_added_removed_or_renamed(names: set[str]
 
 
 @pytest.mark.parametrize("text", ["(", "[a", "(?P<a", "a**"])
-def test_an_expression_that_is_none_is_refused(text: str) -> None:
+def test_an_expression_that_is_none_is_refused(text):
     with refuses_as("malformed scene"):
         splits(train=1, scene=text)
 
 
-def test_splits_without_a_scene_are_said(caplog: pytest.LogCaptureFixture) -> None:
+def test_splits_without_a_scene_are_said(caplog):
     assert set(kept({}, "ac", train=0.5, val=0.25, test=0.25).values()) == {"train"}
     assert "none of 2 scenes is in test, val" in caplog.text
 
 
-def test_a_scene_stays_in_the_split_that_is_recorded(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_scene_stays_in_the_split_that_is_recorded(caplog):
     shares = {"train": 0.5, "val": 0.25, "test": 0.25}
     assert kept({"a": {"val"}, "b": {"train"}}, "ac", **shares) == {"a": "val", "c": "train"}
     assert "1 scene kept where the journal has it" in caplog.text
 
 
-def test_a_picture_goes_with_the_recorded_ones_of_its_scene() -> None:
+def test_a_picture_goes_with_the_recorded_ones_of_its_scene():
     shares = {"train": 0.5, "test": 0.5, "scene": "^."}
     jobs = [job(name, **shares) for name in ("a1", "a2")]
     for split in ("train", "test"):
@@ -84,20 +83,18 @@ def test_a_picture_goes_with_the_recorded_ones_of_its_scene() -> None:
 
 
 @pytest.mark.parametrize("recorded", [{"old"}, {"train", "test"}])
-def test_a_split_that_is_none_any_more_or_leaks_is_given_up_and_said(
-    recorded: set[str], caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_split_that_is_none_any_more_or_leaks_is_given_up_and_said(recorded, caplog):
     assert kept({"a": recorded}, "a", train=0.9, test=0.1) == assigned("a", train=0.9, test=0.1)
     assert "1 scene in another split than before" in caplog.text
 
 
-def test_the_frames_of_a_shot_share_their_split() -> None:
+def test_the_frames_of_a_shot_share_their_split():
     shots = [picture(f"{name}.{n}", n) for name in ("a", "b") for n in range(9)]
     found = splits(train=0.5, test=0.5).of(shots)
     assert (len(set(found[:9])), len(set(found[9:]))) == (1, 1)
 
 
-def test_an_expression_says_what_a_scene_is() -> None:
+def test_an_expression_says_what_a_scene_is():
     both = splits(train=0.5, test=0.5, scene=r"^(\w+)_\d+$")
     found = both.of([picture(f"{scene}_{n}") for n in range(9) for scene in "ab"])
     assert [split.name for split in found] == ["train", "test"] * 9
@@ -116,6 +113,6 @@ def test_an_expression_says_what_a_scene_is() -> None:
         ({"scene": "a"}, "missing-option scene"),
     ],
 )
-def test_shares_that_make_no_sense_are_refused(values: dict[str, Any], refusal: str) -> None:
+def test_shares_that_make_no_sense_are_refused(values, refusal):
     with refuses_as(refusal):
         splits(**values)

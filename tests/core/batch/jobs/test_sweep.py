@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import pairwise
-from pathlib import Path
 from statistics import mean
-from typing import Any
 
 import pytest
 from jobs_files import FIXED, LENS, jobs, names, touch
 from refusals import refuses, refuses_as
 
-from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.jobs.lens_from_options import checked
 from defocus_core.batch.jobs.lens_plan import drawn_lens
 from defocus_core.picture.opening import dual_pixel_of
 
 
-def swept(folder: Path, text: str, lens: str = "") -> list[Job]:
+def swept(folder, text, lens=""):
     return jobs(folder, f"{LENS}{lens}\n[sweep]\n{text}\n")
 
 
-def sampled(folder: Path, sample: str, lens: str = "", *, inputs: str = "") -> list[Job]:
+def sampled(folder, sample, lens="", *, inputs=""):
     return jobs(folder, f"{LENS}{lens}\n[sample]\n{sample}\n", inputs=inputs)
 
 
-def test_lists_make_a_grid_whose_names_say_what_is_swept(tmp_path: Path) -> None:
+def test_lists_make_a_grid_whose_names_say_what_is_swept(tmp_path):
     found = swept(tmp_path, 'fnumber = [1.4, 2.8]\nfocus = ["50cm", "2m", "inf", "percentile(5)"]')
     assert names(found)[:5] == [
         "a_f1.4_focus500mm",
@@ -41,7 +37,7 @@ def test_lists_make_a_grid_whose_names_say_what_is_swept(tmp_path: Path) -> None
     assert found[3].lens.focus_percentile == 5
 
 
-def test_blades_are_turned_where_there_are_any(tmp_path: Path) -> None:
+def test_blades_are_turned_where_there_are_any(tmp_path):
     turn = "blade-rotation = 10\n"
     found = swept(tmp_path, "blades = [0, 6]", f'fnumber = 2\nfocus = "2m"\n{turn}')
     assert [job.lens.blade_rotation for job in found] == [0, 10]
@@ -62,7 +58,7 @@ def test_blades_are_turned_where_there_are_any(tmp_path: Path) -> None:
         ("blade-rotation = [-7.5]", "a_turn-7.5"),
     ],
 )
-def test_every_option_of_a_lens_can_be_swept(tmp_path: Path, sweep: str, name: str) -> None:
+def test_every_option_of_a_lens_can_be_swept(tmp_path, sweep, name):
     fixed = {"focal-length": '"50mm"', "fnumber": "2", "focus": '"2m"', "blades": "6"}
     key = {"aperture-diameter": "fnumber", "focus-at": "focus"}.get(
         sweep.split()[0], sweep.split()[0]
@@ -71,13 +67,13 @@ def test_every_option_of_a_lens_can_be_swept(tmp_path: Path, sweep: str, name: s
     assert names(jobs(tmp_path, f"[lens]\n{lens}[sweep]\n{sweep}\n")) == [name]
 
 
-def test_a_name_stays_when_the_list_grows(tmp_path: Path) -> None:
+def test_a_name_stays_when_the_list_grows(tmp_path):
     few = {job.sample_id: job.lens for job in swept(tmp_path, 'focus = ["2m"]', "fnumber = 2")}
     more = swept(tmp_path, 'focus = ["1m", "2m", "3m"]', "fnumber = 2")
     assert few.items() <= {job.sample_id: job.lens for job in more}.items()
 
 
-def test_lenses_that_belong_together_are_no_grid(tmp_path: Path) -> None:
+def test_lenses_that_belong_together_are_no_grid(tmp_path):
     sets = 'lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]\nblades = [0, 6]'
     assert names(swept(tmp_path, sets)) == [
         "a_f2_focus1m_blades0",
@@ -87,7 +83,7 @@ def test_lenses_that_belong_together_are_no_grid(tmp_path: Path) -> None:
     ]
 
 
-def steps(values: Sequence[float]) -> list[float]:
+def steps(values):
     return [b - a for a, b in pairwise(values)]
 
 
@@ -95,7 +91,7 @@ def steps(values: Sequence[float]) -> list[float]:
     ("scale", "law"),
     [("disparity", lambda z: 1 / z), ("depth", lambda z: z), ("log", math.log)],
 )
-def test_a_focal_stack_has_equal_steps_in_what_it_says(tmp_path, scale, law) -> None:
+def test_a_focal_stack_has_equal_steps_in_what_it_says(tmp_path, scale, law):
     found = swept(tmp_path, f'focus = "0.5m..8m @ 12 in {scale}"', "fnumber = 2")
     distances = [job.lens.foc_dist for job in found]
     assert len(found) == 12
@@ -104,12 +100,12 @@ def test_a_focal_stack_has_equal_steps_in_what_it_says(tmp_path, scale, law) -> 
     assert between == pytest.approx([mean(between)] * 11, rel=1e-4)
 
 
-def test_a_focal_stack_in_disparity_reaches_infinity(tmp_path: Path) -> None:
+def test_a_focal_stack_in_disparity_reaches_infinity(tmp_path):
     found = swept(tmp_path, 'focus = "2m..inf @ 3"', "fnumber = 2")
     assert [job.lens.foc_dist for job in found] == [2000, 4000, math.inf]
 
 
-def test_ranges_are_of_any_number(tmp_path: Path) -> None:
+def test_ranges_are_of_any_number(tmp_path):
     sweep = 'fnumber = "1..16 @ 5 in log"\nblades = "5..7 @ 3"\nblade-rotation = "-10..10 @ 3"'
     found = swept(tmp_path, sweep, 'focus = "2m"')
     assert sorted({job.lens.fnum for job in found}) == [1, 2, 4, 8, 16]
@@ -144,18 +140,18 @@ def test_ranges_are_of_any_number(tmp_path: Path) -> None:
         ("fnumber = '1..2 @ 400'\nfocus = '1m..2m @ 400'", "out-of-range [sweep]"),
     ],
 )
-def test_what_is_wrong_in_a_sweep_is_told_with_its_key(tmp_path, sweep, refusal) -> None:
+def test_what_is_wrong_in_a_sweep_is_told_with_its_key(tmp_path, sweep, refusal):
     with refuses_as(refusal):
         swept(tmp_path, sweep, "fnumber = 2" if sweep.startswith("focus") else 'focus = "2m"')
 
 
 @pytest.mark.parametrize("values", ["'1..2 @ 100001'", str([2] * 100_001)])
 def test_a_sweep_that_is_too_long_is_refused_before_its_values_are_read(
-    values: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    values, tmp_path, monkeypatch
+):
     read: list[object] = []
 
-    def counted(*args: Any) -> str:
+    def counted(*args):
         read.append(args)
         return checked(*args)
 
@@ -168,7 +164,7 @@ def test_a_sweep_that_is_too_long_is_refused_before_its_values_are_read(
 SAMPLE = 'n = 200\nseed = 7\nfnumber = "loguniform(1.4, 16)"\nfocus = "percentile(5, 95)"\n'
 
 
-def test_draws_are_of_their_distributions(tmp_path: Path) -> None:
+def test_draws_are_of_their_distributions(tmp_path):
     more = 'blades = "choice(0, 6)"\nblade-rotation = "uniform(-10, 20)"\n'
     lenses = [job.lens for job in sampled(tmp_path, SAMPLE + more)]
     stops = [math.log(lens.fnum / 1.4) / math.log(16 / 1.4) for lens in lenses]
@@ -183,7 +179,7 @@ def test_draws_are_of_their_distributions(tmp_path: Path) -> None:
     assert {lens.blades for lens in lenses} == {0, 6}
 
 
-def test_sensors_are_drawn(tmp_path: Path) -> None:
+def test_sensors_are_drawn(tmp_path):
     text = 'n = 60\nseed = 7\ndp-model = "choice(@pixel4, @canon-dpp, split)"\n'
     drawn = [dual_pixel_of(job.lens) for job in sampled(tmp_path, text, FIXED.removeprefix(LENS))]
     apart = {each.model: round(each.apart, 3) for each in drawn}
@@ -191,14 +187,14 @@ def test_sensors_are_drawn(tmp_path: Path) -> None:
     assert all(10 < [each.model for each in drawn].count(model) < 30 for model in apart)
 
 
-def test_a_focus_drawn_in_disparity_is_uniform_in_it(tmp_path: Path) -> None:
+def test_a_focus_drawn_in_disparity_is_uniform_in_it(tmp_path):
     text = 'n = 200\nseed = 1\nfocus = "disparity(2m, inf)"\n'
     shares = [2000 / (job.lens.foc_dist or 0) for job in sampled(tmp_path, text, "fnumber = 2")]
     assert 0 <= min(shares) <= max(shares) <= 1
     assert abs(mean(shares) - 0.5) < 3 / math.sqrt(12 * 200)
 
 
-def test_draws_of_an_option_do_not_follow_those_of_another(tmp_path: Path) -> None:
+def test_draws_of_an_option_do_not_follow_those_of_another(tmp_path):
     text = 'n = 200\nseed = 7\nfnumber = "uniform(1, 2)"\nfocus = "uniform(1m, 2m)"\n'
     pairs = [
         (job.lens.fnum - 1.5, (job.lens.foc_dist or 0) / 1000 - 1.5)
@@ -207,7 +203,7 @@ def test_draws_of_an_option_do_not_follow_those_of_another(tmp_path: Path) -> No
     assert abs(mean(a * b * 12 for a, b in pairs)) < 3 / math.sqrt(200)
 
 
-def test_a_draw_depends_on_seed_name_and_index_alone(tmp_path: Path) -> None:
+def test_a_draw_depends_on_seed_name_and_index_alone(tmp_path):
     touch(tmp_path, "1.exr", "2.exr", "3.exr")
     all_three = sampled(tmp_path, SAMPLE, inputs='color = "*.exr"')
     one = sampled(tmp_path, SAMPLE.replace("200", "9"), "blades = 0", inputs='color = "2.exr"')
@@ -218,7 +214,7 @@ def test_a_draw_depends_on_seed_name_and_index_alone(tmp_path: Path) -> None:
     assert sum(job.lens.fnum == alike[job.sample_id] for job in other) < 5
 
 
-def test_the_numbers_drawn_are_these_for_ever(tmp_path: Path) -> None:
+def test_the_numbers_drawn_are_these_for_ever(tmp_path):
     """A published data set must come out of its jobs file again."""
     found = sampled(tmp_path, SAMPLE.replace("200", "2"))
     assert names(found) == ["a_s000", "a_s001"]
@@ -226,13 +222,13 @@ def test_the_numbers_drawn_are_these_for_ever(tmp_path: Path) -> None:
     assert drawn == [(1.72343, 67.126), (1.94229, 33.485)]
 
 
-def test_draws_are_taken_for_each_lens_of_a_sweep(tmp_path: Path) -> None:
+def test_draws_are_taken_for_each_lens_of_a_sweep(tmp_path):
     text = f"{LENS}[sweep]\nblades = [0, 6]\n[sample]\n{SAMPLE.replace('200', '2')}"
     found = jobs(tmp_path, text)
     assert names(found) == ["a_blades0_s000", "a_blades0_s001", "a_blades6_s000", "a_blades6_s001"]
 
 
-def test_draws_of_one_value_of_a_sweep_do_not_follow_those_of_another(tmp_path: Path) -> None:
+def test_draws_of_one_value_of_a_sweep_do_not_follow_those_of_another(tmp_path):
     text = f"{LENS}[sweep]\nblades = [0, 6]\n[sample]\n{SAMPLE}"
     stops = [math.log(job.lens.fnum / 1.4) / math.log(16 / 1.4) for job in jobs(tmp_path, text)]
     assert len(set(stops)) == 400
@@ -240,7 +236,7 @@ def test_draws_of_one_value_of_a_sweep_do_not_follow_those_of_another(tmp_path: 
     assert abs(mean((a - 0.5) * (b - 0.5) * 12 for a, b in pairs)) < 3 / math.sqrt(200)
 
 
-def test_a_lens_knows_what_it_was_drawn_from(tmp_path: Path) -> None:
+def test_a_lens_knows_what_it_was_drawn_from(tmp_path):
     fixed = 'n = 1\nseed = 7\nfnumber = "uniform(2, 4)"\n'
     for more in ('max-coc = "40px"\nfocus = "uniform(1m, 2m)"', 'focus = "percentile(5, 95)"'):
         lens = sampled(tmp_path, fixed + more)[0].lens
@@ -275,13 +271,13 @@ def test_a_lens_knows_what_it_was_drawn_from(tmp_path: Path) -> None:
         ("n = 5\nseed = 7\nmax-coc = '4mm'\nblades = 'choice(5, 6)'", "malformed max-coc"),
     ],
 )
-def test_what_is_wrong_in_a_sample_is_told_with_its_key(tmp_path, sample, refusal) -> None:
+def test_what_is_wrong_in_a_sample_is_told_with_its_key(tmp_path, sample, refusal):
     lens = "fnumber = 2\n" if "focus" in sample else 'focus = "2m"\n'
     with refuses_as(refusal):
         sampled(tmp_path, sample, lens)
 
 
-def test_what_is_swept_is_not_drawn(tmp_path: Path) -> None:
+def test_what_is_swept_is_not_drawn(tmp_path):
     text = FIXED.replace("fnumber = 2\n", "") + "[sweep]\nfnumber = [2]\n"
     text += '[sample]\nn = 1\nseed = 1\naperture-diameter = "uniform(1mm, 2mm)"\n'
     with refuses("contradiction", field="aperture-diameter"):

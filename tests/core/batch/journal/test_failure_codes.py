@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.batch.journal.records import FAILURES, REJECTIONS, Step, verdict
+from defocus_core.batch.journal.records import FAILURES, REJECTIONS, verdict
 from defocus_core.errors import InputError, Rejected, TooLarge, UsageProblem
 from defocus_core.io.safe_files import unwritable
 
@@ -17,7 +17,7 @@ SOURCES = sorted(Path(__file__).parents[4].glob("defocus_c*/**/*.py"))
 HERE = Path("a.exr")
 
 
-def full() -> InputError:
+def full():
     system = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     error = unwritable(HERE, system)
     error.__cause__ = system
@@ -44,16 +44,14 @@ def full() -> InputError:
         (Rejected("coc-too-large", "blurs", "", path=HERE), "render", "rejected", "coc-too-large"),
     ],
 )
-def test_an_exception_has_a_status_and_a_reason(
-    error: Exception, step: Step, status: str, reason: str
-) -> None:
+def test_an_exception_has_a_status_and_a_reason(error, step, status, reason):
     found = verdict(error, step)
     assert (found.status, found.reason) == (status, reason)
     assert found.message
     assert "\n" not in found.message
 
 
-def test_codes_of_rejections_are_all_listed() -> None:
+def test_codes_of_rejections_are_all_listed():
     text = "".join(path.read_text() for path in SOURCES if path.stem == "focusing")
     codes = set(re.findall(r'Rejected\(\s*"([a-z-]+)"', text))
     assert codes == set(REJECTIONS)

@@ -28,7 +28,7 @@ FRAME = FrameLens(replace(PICTURE, frame=3), LENS)
 SHOT = Shot((FRAME,), (FRAME.picture,), (FRAME, FRAME), "forward")
 
 
-def test_where_and_by_whom_it_is_done_is_no_part_of_a_job() -> None:
+def test_where_and_by_whom_it_is_done_is_no_part_of_a_job():
     elsewhere = replace(
         JOB,
         picture=replace(PICTURE, color=Path("/far/a.exr"), depth=Path("/far/z.exr")),
@@ -55,13 +55,11 @@ def test_where_and_by_whom_it_is_done_is_no_part_of_a_job() -> None:
         {"picture": HIDDEN},
     ],
 )
-def test_what_decides_the_outputs_is(change: dict[str, object]) -> None:
+def test_what_decides_the_outputs_is(change):
     assert identity.recipe(replace(JOB, **change)) != identity.recipe(JOB)  # type: ignore[arg-type]
 
 
-def test_another_renderer_is_another_recipe_and_another_release_is_not(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_another_renderer_is_another_recipe_and_another_release_is_not(monkeypatch):
     before = identity.recipe(JOB)
     monkeypatch.setattr(identity, "version", lambda: "99.0")
     assert identity.recipe(JOB) == before
@@ -69,7 +67,7 @@ def test_another_renderer_is_another_recipe_and_another_release_is_not(
     assert identity.recipe(JOB) != before
 
 
-def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_torch() -> None:
+def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_torch():
     code = (
         "import sys; from defocus_core.batch.journal.identity import versions;"
         "print(versions()['renderer'], 'torch' in sys.modules)"
@@ -78,7 +76,7 @@ def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_tor
     assert ran.stdout.split() == [str(RENDERER_VERSION), "False"]
 
 
-def test_a_job_is_named_by_its_recipe_and_the_bytes_of_its_inputs() -> None:
+def test_a_job_is_named_by_its_recipe_and_the_bytes_of_its_inputs():
     inputs = {"color": {"blake2b": "1", "mtime_ns": 5}, "depth": {"blake2b": "2"}}
     name = identity.name("r", inputs)
     assert name == identity.name("r", inputs | {"color": {"blake2b": "1", "mtime_ns": 6}})
@@ -86,7 +84,7 @@ def test_a_job_is_named_by_its_recipe_and_the_bytes_of_its_inputs() -> None:
     assert name != identity.name("s", inputs)
 
 
-def test_a_file_is_unchanged_by_size_and_time_or_else_by_its_bytes(tmp_path: Path) -> None:
+def test_a_file_is_unchanged_by_size_and_time_or_else_by_its_bytes(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"abc")
     stamp = identity.stamp(path)
@@ -103,7 +101,7 @@ def test_a_file_is_unchanged_by_size_and_time_or_else_by_its_bytes(tmp_path: Pat
     assert not identity.unchanged(tmp_path / "none", stamp)
 
 
-def test_a_time_that_is_only_just_past_is_not_relied_on(tmp_path: Path) -> None:
+def test_a_time_that_is_only_just_past_is_not_relied_on(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"abc")
     fresh = identity.settled_stamp(path)
@@ -118,11 +116,11 @@ def test_a_time_that_is_only_just_past_is_not_relied_on(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "job", [JOB, replace(JOB, shot=SHOT), replace(JOB, picture=HIDDEN, lens=LENS, suffix="_x")]
 )
-def test_a_job_survives_being_made_plain(job: Job) -> None:
+def test_a_job_survives_being_made_plain(job):
     assert typed(Job, plain(job)) == job
 
 
 @pytest.mark.parametrize("bad", [{"stem": 1, "colour": "a"}, 3, {"picture": {}}])
-def test_what_is_no_job_is_refused(bad: object) -> None:
+def test_what_is_no_job_is_refused(bad):
     with pytest.raises(ValueError, match="is no Job"):
         typed(Job, bad)

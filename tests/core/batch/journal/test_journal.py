@@ -6,7 +6,6 @@ import errno
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
 from counting import calls
@@ -50,23 +49,23 @@ WHOLE = {
 }
 
 
-def record(name: str, status: str = "ok", *kinds: str, **more: Any) -> dict[str, Any]:
+def record(name, status="ok", *kinds, **more):
     outputs = {kind: {"path": f"{kind}/{name}.exr"} for kind in kinds or ("render",)}
     return {**WHOLE, "sample_id": name, "status": status, "outputs": outputs, **more}
 
 
-def write(path: Path, *records: dict[str, Any]) -> None:
+def write(path, *records):
     with Journal(path) as journal:
         for each in records:
             journal.append(each)
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     return tmp_path / "journal.jsonl"
 
 
-def test_what_is_written_is_read(path: Path) -> None:
+def test_what_is_written_is_read(path):
     records = [record("a"), record("ü\n\udcff", "failed")]
     write(path, *records)
     assert read(path) == records
@@ -74,7 +73,7 @@ def test_what_is_written_is_read(path: Path) -> None:
     assert read(path) == [*records, record("c")]
 
 
-def test_a_journal_is_a_line_of_json_for_each_record(path: Path) -> None:
+def test_a_journal_is_a_line_of_json_for_each_record(path):
     write(path, record("a"), record("b"))
     write(path, record("c"))
     lines = path.read_text().splitlines(keepends=True)
@@ -83,7 +82,7 @@ def test_a_journal_is_a_line_of_json_for_each_record(path: Path) -> None:
     assert merged([record(name) for name in "abac"]) == path.read_bytes(), "each once"
 
 
-def test_a_record_that_lacks_its_newline_alone_is_whole(path: Path) -> None:
+def test_a_record_that_lacks_its_newline_alone_is_whole(path):
     write(path, record("a"))
     os.truncate(path, path.stat().st_size - 1)
     assert read(path) == [record("a")]
@@ -91,7 +90,7 @@ def test_a_record_that_lacks_its_newline_alone_is_whole(path: Path) -> None:
     assert read(path) == [record("a"), record("b")]
 
 
-def test_no_journal_is_an_empty_one_and_nothing_to_tell_leaves_none(path: Path) -> None:
+def test_no_journal_is_an_empty_one_and_nothing_to_tell_leaves_none(path):
     assert read(path) == []
     write(path)
     assert not path.exists()
@@ -101,7 +100,7 @@ TORN = [b"\n", b'{"sample_id": "b", "sta', bytes(4), b'\0\0"status": "ok"}\n', b
 
 
 @pytest.mark.parametrize("torn", TORN, ids=range(len(TORN)))
-def test_a_torn_tail_costs_itself_alone(torn: bytes, path: Path) -> None:
+def test_a_torn_tail_costs_itself_alone(torn, path):
     for before in ([], [record("a")]):
         path.write_bytes(merged(before) + torn)
         assert read(path) == before
@@ -117,19 +116,15 @@ def test_a_torn_tail_costs_itself_alone(torn: bytes, path: Path) -> None:
         (b', "status"', b', "st', 'line 1, of ü "1"'),
     ],
 )
-def test_a_broken_line_elsewhere_is_named_by_number_and_sample(
-    old: bytes, new: bytes, place: str, path: Path
-) -> None:
+def test_a_broken_line_elsewhere_is_named_by_number_and_sample(old, new, place, path):
     write(path, record('ü "1"'), record("b"))
     path.write_bytes(path.read_bytes().replace(old, new, 1))
     with refuses("damaged", place):
         read(path)
 
 
-def test_a_full_disk_leaves_the_journal_as_it_was(
-    path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(number: int) -> None:
+def test_a_full_disk_leaves_the_journal_as_it_was(path, monkeypatch):
+    def full(number):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     write(path, record("a"))
@@ -146,9 +141,7 @@ def test_a_full_disk_leaves_the_journal_as_it_was(
 
 @pytest.mark.parametrize("true", [None, Shard(1, 2), Shard(2, 2)])
 @pytest.mark.parametrize("step", [-1, 1])
-def test_the_file_says_which_record_of_two_journals_is_true_and_no_clock_does(
-    true: Shard | None, step: int, tmp_path: Path
-) -> None:
+def test_the_file_says_which_record_of_two_journals_is_true_and_no_clock_does(true, step, tmp_path):
     (tmp_path / "render").mkdir()
     file = tmp_path / "render" / "a.exr"
     for second, shard in enumerate((None, Shard(1, 2), Shard(2, 2)), 1):
@@ -161,7 +154,7 @@ def test_the_file_says_which_record_of_two_journals_is_true_and_no_clock_does(
     assert Ledger(tmp_path, read_all(tmp_path)).live[-1]["quality"] == str(true)
 
 
-def test_within_a_journal_the_last_line_holds_whatever_its_clock_said(path: Path) -> None:
+def test_within_a_journal_the_last_line_holds_whatever_its_clock_said(path):
     early, late = (f"2026-01-01T00:00:0{second}+00:00" for second in (1, 2))
     write(path, record("a", finished=late, quality="draft"))
     write(path, record("a", finished=early, quality="high"))
@@ -170,9 +163,7 @@ def test_within_a_journal_the_last_line_holds_whatever_its_clock_said(path: Path
     assert {one["sample_id"]: one["quality"] for one in live} == {"a": "high", "b": "draft"}
 
 
-def test_paths_of_inputs_lead_to_them_through_linked_folders(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_paths_of_inputs_lead_to_them_through_linked_folders(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for folder in ("deep/jobs", "deep/rgb", "rgb", "disk", "out"):
         Path(folder).mkdir(parents=True)
@@ -184,14 +175,14 @@ def test_paths_of_inputs_lead_to_them_through_linked_folders(
     assert input_path(Path("a.exr"), Path("jobs")) == "../../a.exr"
 
 
-def test_the_last_record_of_a_file_holds(tmp_path: Path) -> None:
+def test_the_last_record_of_a_file_holds(tmp_path):
     records = [record("a", "failed"), record("b"), record("a"), record("b", "failed")]
     live = Ledger(tmp_path, records).live
     assert {each["sample_id"]: each["status"] for each in live} == {"a": "ok", "b": "failed"}
     assert Ledger(tmp_path, records).files == {"render/a.exr", "render/b.exr"}, "known"
 
 
-def test_a_record_holds_until_all_its_files_are_another_s(tmp_path: Path) -> None:
+def test_a_record_holds_until_all_its_files_are_another_s(tmp_path):
     records = [record("a", "ok", "render", "coc"), record("a", "ok", "coc")]
     rest, last = Ledger(tmp_path, records).live
     assert set(rest["outputs"]) == {"render"}
@@ -209,19 +200,19 @@ def test_a_record_holds_until_all_its_files_are_another_s(tmp_path: Path) -> Non
     ],
 )
 def test_a_preview_alone_is_no_record_nor_what_made_nothing_and_shares_a_file(
-    before: tuple[str, ...], after: tuple[str, ...], tmp_path: Path
-) -> None:
+    before, after, tmp_path
+):
     records = [record("a", *before), record("a", *after)]
     assert Ledger(tmp_path, records).live == records[1:]
 
 
-def test_a_record_takes_as_much_work_among_many_as_among_few(tmp_path: Path) -> None:
+def test_a_record_takes_as_much_work_among_many_as_among_few(tmp_path):
     stamp = {"size": 12345, "mtime_ns": 1795253203760916575, "blake2b": "6e1e6abe453ed82f" * 2}
     files = {kind: {"path": f"{kind}/%d.exr", **stamp} for kind in ("render", "coc")}
     text = json.dumps(record("%d", inputs={"color": stamp | {"path": "%d.exr"}}, outputs=files))
     path = tmp_path / "journal.jsonl"
 
-    def read_of(count: int) -> int:
+    def read_of(count):
         path.write_text("".join(text.replace("%d", str(i)) + "\n" for i in range(count)))
         work = calls(lambda: ledgers.append(Ledger(tmp_path, read_all(tmp_path))))
         assert len(ledgers[-1].live) == count

@@ -10,9 +10,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -30,7 +28,7 @@ HOLD = (
 
 
 @contextmanager
-def held_elsewhere(out: Path) -> Iterator[subprocess.Popen[str]]:
+def held_elsewhere(out):
     """Another process that holds the lock."""
     words = [sys.executable, "-c", HOLD, str(out)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
@@ -40,7 +38,7 @@ def held_elsewhere(out: Path) -> Iterator[subprocess.Popen[str]]:
         process.kill()
 
 
-def try_lock(out: Path, shard: Shard | None = None) -> list[str]:
+def try_lock(out, shard=None):
     """Hold the lock for a moment; the lines that were said."""
     said: list[str] = []
     with locked(out, shard, say=said.append):
@@ -49,14 +47,14 @@ def try_lock(out: Path, shard: Shard | None = None) -> list[str]:
 
 
 @pytest.fixture
-def short_lease(monkeypatch: pytest.MonkeyPatch) -> None:
+def short_lease(monkeypatch):
     """A holder that has not touched its lock for a second has lost it."""
     monkeypatch.setattr(lock, "BEAT", 0.2)
     monkeypatch.setattr(lock, "LEASE", 1.0)
     monkeypatch.setattr(lock, "GLANCE", 0.5)
 
 
-def leave(out: Path) -> Path:
+def leave(out):
     """The lock of a process of another machine, which nobody touches."""
     lines = ("filelock/2", "pid=1", "host=elsewhere", "mode=lease", "token=1f")
     path = lock_path(out)
@@ -64,9 +62,7 @@ def leave(out: Path) -> Path:
     return path
 
 
-def test_a_second_writer_is_told_who_is_first(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_writer_is_told_who_is_first(tmp_path, monkeypatch):
     monkeypatch.setattr(lock, "GLANCE", 1e6)  # it need not wait until the lock seems forgotten
     with held_elsewhere(tmp_path) as first:
         name = f"process {first.pid} on {socket.gethostname()}"
@@ -75,13 +71,13 @@ def test_a_second_writer_is_told_who_is_first(
         assert holder(tmp_path) == name
 
 
-def test_a_lock_that_is_given_back_can_be_taken_and_leaves_no_file(tmp_path: Path) -> None:
+def test_a_lock_that_is_given_back_can_be_taken_and_leaves_no_file(tmp_path):
     assert try_lock(tmp_path) == try_lock(tmp_path) == []
     assert list(tmp_path.iterdir()) == []
     assert holder(tmp_path) is None
 
 
-def test_the_lock_of_a_process_that_was_killed_is_taken_over_and_it_is_said(tmp_path: Path) -> None:
+def test_the_lock_of_a_process_that_was_killed_is_taken_over_and_it_is_said(tmp_path):
     with held_elsewhere(tmp_path) as first:
         first.send_signal(signal.SIGKILL)
         first.wait()
@@ -90,9 +86,7 @@ def test_the_lock_of_a_process_that_was_killed_is_taken_over_and_it_is_said(tmp_
     assert f"left behind by process {first.pid}" in said
 
 
-def test_a_lock_of_a_process_that_was_killed_has_no_holder_and_asking_does_not_take_it(
-    tmp_path: Path,
-) -> None:
+def test_a_lock_of_a_process_that_was_killed_has_no_holder_and_asking_does_not_take_it(tmp_path):
     with held_elsewhere(tmp_path) as first:
         assert holder(tmp_path) is not None
         first.kill()
@@ -104,9 +98,7 @@ def test_a_lock_of_a_process_that_was_killed_has_no_holder_and_asking_does_not_t
 
 @pytest.mark.usefixtures("short_lease")
 @pytest.mark.parametrize("ahead", [-1e6, 0.0, 1e6])
-def test_a_lock_that_nobody_touches_is_taken_over_whatever_its_clock_says(
-    ahead: float, tmp_path: Path
-) -> None:
+def test_a_lock_that_nobody_touches_is_taken_over_whatever_its_clock_says(ahead, tmp_path):
     path = leave(tmp_path)
     os.utime(path, (time.time() + ahead,) * 2)
     assert holder(tmp_path) == "process 1 on elsewhere"
@@ -117,7 +109,7 @@ def test_a_lock_that_nobody_touches_is_taken_over_whatever_its_clock_says(
 
 
 @pytest.mark.usefixtures("short_lease")
-def test_a_holder_that_was_suspended_learns_that_it_lost_the_lock(tmp_path: Path) -> None:
+def test_a_holder_that_was_suspended_learns_that_it_lost_the_lock(tmp_path):
     """As `kill -STOP` does, which suspends the thread that touches the lock, too."""
     script = (
         "import sys; from pathlib import Path; from defocus_core.batch.journal import lock\n"
@@ -141,7 +133,7 @@ def test_a_holder_that_was_suspended_learns_that_it_lost_the_lock(tmp_path: Path
             require_held()
 
 
-def test_a_holder_whose_lock_was_removed_learns_it(tmp_path: Path) -> None:
+def test_a_holder_whose_lock_was_removed_learns_it(tmp_path):
     with locked(tmp_path, say=print) as require_held:
         require_held()
         lock_path(tmp_path).unlink()
@@ -149,7 +141,7 @@ def test_a_holder_whose_lock_was_removed_learns_it(tmp_path: Path) -> None:
             require_held()
 
 
-def test_a_lock_that_is_a_link_is_never_written_through(tmp_path: Path) -> None:
+def test_a_lock_that_is_a_link_is_never_written_through(tmp_path):
     (tmp_path / "mine").write_text("mine")
     lock_path(tmp_path).symlink_to("mine")
     try_lock(tmp_path)
@@ -157,8 +149,8 @@ def test_a_lock_that_is_a_link_is_never_written_through(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
-def test_a_full_disk_leaves_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(number: int, data: bytes) -> int:
+def test_a_full_disk_leaves_no_lock(tmp_path, monkeypatch):
+    def full(number, data):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     with monkeypatch.context() as patched:
@@ -170,7 +162,7 @@ def test_a_full_disk_leaves_no_lock(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.usefixtures("short_lease")
-def test_an_empty_lock_is_refused_with_the_remedy(tmp_path: Path) -> None:
+def test_an_empty_lock_is_refused_with_the_remedy(tmp_path):
     """A process was killed between making it and signing it."""
     lock_path(tmp_path).touch()
     assert holder(tmp_path) is None
@@ -178,12 +170,12 @@ def test_an_empty_lock_is_refused_with_the_remedy(tmp_path: Path) -> None:
         try_lock(tmp_path)
 
 
-def test_a_lock_that_is_just_being_made_is_waited_for(tmp_path: Path) -> None:
+def test_a_lock_that_is_just_being_made_is_waited_for(tmp_path):
     """Of two commands that begin at once, one sees the other's lock before it is signed."""
     path = lock_path(tmp_path)
     path.touch()
 
-    def made_and_given_back() -> None:
+    def made_and_given_back():
         time.sleep(0.2)
         os.utime(path, ns=(1, 1))
         time.sleep(0.3)
@@ -195,7 +187,7 @@ def test_a_lock_that_is_just_being_made_is_waited_for(tmp_path: Path) -> None:
     other.join()
 
 
-def test_shards_of_one_division_go_together_and_with_nothing_else(tmp_path: Path) -> None:
+def test_shards_of_one_division_go_together_and_with_nothing_else(tmp_path):
     with locked(tmp_path, Shard(1, 2), say=print):
         try_lock(tmp_path, Shard(2, 2))
         for other in (Shard(1, 2), Shard(2, 3), None):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -41,22 +40,22 @@ OUTSIDE = (
 )
 
 
-def journal_of(out: Path, *lines: object) -> Path:
+def journal_of(out, *lines):
     path = journal_path(out)
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
     return path
 
 
-def output(path: str) -> dict[str, Any]:
+def output(path):
     return {"outputs": {"render": {"path": path}}}
 
 
-def test_what_a_batch_writes_is_a_record(tmp_path: Path) -> None:
+def test_what_a_batch_writes_is_a_record(tmp_path):
     assert fault_of(record(tmp_path, "a")) is None
 
 
 @pytest.mark.parametrize("key", NEEDED)
-def test_a_line_that_lacks_a_key_is_named_by_its_number(key: str, tmp_path: Path) -> None:
+def test_a_line_that_lacks_a_key_is_named_by_its_number(key, tmp_path):
     whole = record(tmp_path, "a")
     lacking = {name: value for name, value in whole.items() if name != key}
     journal_of(tmp_path, whole, lacking)
@@ -66,25 +65,21 @@ def test_a_line_that_lacks_a_key_is_named_by_its_number(key: str, tmp_path: Path
 
 
 @pytest.mark.parametrize("line", [None, 3, "ok", [], [{}], {}])
-def test_json_that_is_no_record_is_refused_even_as_the_last_line(
-    line: object, tmp_path: Path
-) -> None:
+def test_json_that_is_no_record_is_refused_even_as_the_last_line(line, tmp_path):
     path = journal_of(tmp_path, record(tmp_path, "a"), line)
     with refuses("damaged", "line 2"):
         read(path)
 
 
 @pytest.mark.parametrize(("change", "message"), WRONG)
-def test_a_value_that_is_wrong_is_told(
-    change: dict[str, Any], message: str, tmp_path: Path
-) -> None:
+def test_a_value_that_is_wrong_is_told(change, message, tmp_path):
     path = journal_of(tmp_path, record(tmp_path, "a", **change))
     with refuses("damaged", "line 1", message):
         read(path)
 
 
 @pytest.mark.parametrize("key", ["coc_px", "size", "seconds"])
-def test_numbers_that_are_no_json_are_refused(key: str, tmp_path: Path) -> None:
+def test_numbers_that_are_no_json_are_refused(key, tmp_path):
     bad = record(tmp_path, "a", **{key: [float("nan"), 1]})
     path = journal_of(tmp_path, bad, record(tmp_path, "b"))
     with refuses("damaged", "line 1"):
@@ -92,13 +87,13 @@ def test_numbers_that_are_no_json_are_refused(key: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", OUTSIDE)
-def test_an_output_that_is_no_file_of_out_is_refused(path: str, tmp_path: Path) -> None:
+def test_an_output_that_is_no_file_of_out_is_refused(path, tmp_path):
     journal = journal_of(tmp_path, record(tmp_path, "b"), record(tmp_path, "a", **output(path)))
     with refuses("damaged", "line 2", "no file of a kind"):
         read(journal)
 
 
-def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path: Path) -> None:
+def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path):
     out, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     out.mkdir()
     elsewhere.mkdir()
@@ -115,7 +110,7 @@ def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path: Path) -> None:
     assert len(read_all(out)) == 1
 
 
-def test_a_link_in_place_of_an_output_is_not_packed(tmp_path: Path) -> None:
+def test_a_link_in_place_of_an_output_is_not_packed(tmp_path):
     sample = record(tmp_path, "a", ["render"])
     secret = tmp_path / "secret"
     (tmp_path / "render" / "a.png").replace(secret)
@@ -126,9 +121,7 @@ def test_a_link_in_place_of_an_output_is_not_packed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("stem", ["../a", "b"])
-def test_settings_that_name_other_files_than_the_outputs_are_not_tried_again(
-    stem: str, tmp_path: Path
-) -> None:
+def test_settings_that_name_other_files_than_the_outputs_are_not_tried_again(stem, tmp_path):
     settings = {
         "stem": "a",
         "suffix": "",
@@ -160,7 +153,7 @@ PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/a.exr"]]}
         json.dumps({**PLAN, "jobs": [[1]]}),
     ],
 )
-def test_a_broken_plan_of_a_run_is_refused(plan: str, tmp_path: Path) -> None:
+def test_a_broken_plan_of_a_run_is_refused(plan, tmp_path):
     run_file.run_path(tmp_path).write_text(plan)
     with refuses("malformed"):
         run_file.plan_of(tmp_path)

@@ -7,14 +7,14 @@ from dataclasses import fields
 import pytest
 
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS, RECORDED, LensParam
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS, RECORDED
 
 ROWS = LENS_OPTIONS.values()
 name_of = {"ids": lambda row: row.name}
 
 
 @pytest.mark.parametrize("row", ROWS, **name_of)
-def test_a_value_is_read_as_it_was_written(row: LensParam) -> None:
+def test_a_value_is_read_as_it_was_written(row):
     value = row.parse(row.example)
     assert row.parse(row.text(value)) == value
     assert row.parse(row.shown(value)) == value
@@ -22,7 +22,7 @@ def test_a_value_is_read_as_it_was_written(row: LensParam) -> None:
 
 
 @pytest.mark.parametrize("row", ROWS, **name_of)
-def test_an_option_has_a_field_of_a_lens_or_says_the_same_as_one_that_has(row: LensParam) -> None:
+def test_an_option_has_a_field_of_a_lens_or_says_the_same_as_one_that_has(row):
     known = {field.name for field in fields(Lens)}
     assert row.field in known or row.instead_of in LENS_OPTIONS
     assert row.file_field in {"", *known}
@@ -30,7 +30,7 @@ def test_an_option_has_a_field_of_a_lens_or_says_the_same_as_one_that_has(row: L
 
 
 @pytest.mark.parametrize("row", RECORDED.values(), **name_of)
-def test_all_digits_are_written_where_nobody_says_how_many(row: LensParam) -> None:
+def test_all_digits_are_written_where_nobody_says_how_many(row):
     value = 7 if row.name == "blades" else 7.123456789012
     assert row.parse(row.text(value)) == value
     assert row.text(value) != row.shown(value) or row.name == "blades"

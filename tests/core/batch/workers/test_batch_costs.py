@@ -7,7 +7,6 @@ import resource
 import subprocess
 import sys
 from datetime import datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +17,7 @@ pytestmark = pytest.mark.bench
 WIDTH, HEIGHT = 1920, 1080
 
 
-def scene(folder: Path, stem: str, seed: int) -> None:
+def scene(folder, stem, seed):
     """A picture of patches with some noise; a card before a floor, and sky."""
     patches = np.kron(texture(48, 27, seed), np.ones((40, 40, 1), np.float32))
     color_exr(folder / "rgb" / f"{stem}.exr", patches * (0.9 + 0.1 * texture(WIDTH, HEIGHT, seed)))
@@ -28,13 +27,13 @@ def scene(folder: Path, stem: str, seed: int) -> None:
     depth_exr(folder / "depth" / f"{stem}.exr", metres)
 
 
-def jobs_of(folder: Path, focus: str) -> None:
+def jobs_of(folder, focus):
     """Write a jobs file that renders each picture at some distances."""
     text = JOBS.replace('["1.5m", "2m"]', focus).replace('"coc"', '"render"')
     (folder / "jobs.toml").write_text(text)
 
 
-def batch(folder: Path, focus: str, out: Path, *args: str) -> float:
+def batch(folder, focus, out, *args):
     """CPU seconds of a batch on one process."""
     jobs_of(folder, focus)
     words = [sys.executable, "-m", "defocus_cli", "batch", folder / "jobs.toml", "-o", out]
@@ -45,7 +44,7 @@ def batch(folder: Path, focus: str, out: Path, *args: str) -> float:
 
 
 @pytest.mark.parametrize("threads", ["1", "2"])
-def test_five_lenses_cost_at_most_four_times_one(tmp_path: Path, threads: str) -> None:
+def test_five_lenses_cost_at_most_four_times_one(tmp_path, threads):
     scene(tmp_path, "a", 0)
     one = batch(tmp_path, '["2m"]', tmp_path / "one", "--threads", threads)
     five = batch(tmp_path, '"1.5m..3m @ 5"', tmp_path / "five", "--threads", threads)
@@ -53,7 +52,7 @@ def test_five_lenses_cost_at_most_four_times_one(tmp_path: Path, threads: str) -
 
 
 @pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="not on this system: one core")
-def test_rendering_is_busy(tmp_path: Path) -> None:
+def test_rendering_is_busy(tmp_path):
     for number in range(16):
         scene(tmp_path, f"{number:02}", number)
     batch(tmp_path, '["2m"]', tmp_path / "out", "--threads", "1")
@@ -63,7 +62,7 @@ def test_rendering_is_busy(tmp_path: Path) -> None:
     assert busy >= 0.9 * (ended - begun).total_seconds()
 
 
-def test_memory_does_not_grow_with_the_jobs(tmp_path: Path) -> None:
+def test_memory_does_not_grow_with_the_jobs(tmp_path):
     pair(tmp_path)
     jobs_of(tmp_path, '"1.5m..3m @ 2000 in depth"')
     script = (

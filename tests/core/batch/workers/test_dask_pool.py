@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -21,7 +19,7 @@ distributed = pytest.importorskip("distributed")
 
 
 @pytest.fixture(scope="module")
-def cluster() -> Iterator[str]:
+def cluster():
     """The address of a cluster of processes that listens on this machine alone."""
     settings = {"distributed.scheduler.allowed-failures": 1, "distributed.comm.retry.count": 0}
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
@@ -32,16 +30,10 @@ def cluster() -> Iterator[str]:
         yield started.scheduler_address
 
 
-def results_of(
-    address: str,
-    folder: Path,
-    *names: str,
-    size: int = 1,
-    stopped: Callable[[], bool] = lambda: False,
-) -> dict[int, Any]:
+def results_of(address, folder, *names, size=1, stopped=lambda: False):
     results: dict[int, Any] = {}
 
-    def done(number: int, result: Any) -> None:
+    def done(number, result):
         assert number not in results, "told twice"
         results[number] = result
 
@@ -50,9 +42,7 @@ def results_of(
     return results
 
 
-def test_jobs_of_a_worker_that_was_killed_are_done_by_another(
-    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_jobs_of_a_worker_that_was_killed_are_done_by_another(cluster, tmp_path, monkeypatch):
     assert cluster.startswith("tcp://127.0.0.1:")
     monkeypatch.setattr(dask_pool, "do", fake_worker.do)
     names = [*"abcde", "once", *(f"slow{i}" for i in range(8))]
@@ -60,9 +50,7 @@ def test_jobs_of_a_worker_that_was_killed_are_done_by_another(
     assert [results[i]["name"] for i in range(len(names))] == names
 
 
-def test_a_job_that_kills_its_workers_has_failed_and_no_other_has(
-    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_job_that_kills_its_workers_has_failed_and_no_other_has(cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(dask_pool, "do", fake_worker.do)
     results = results_of(cluster, tmp_path, "a", "deadly", "b", size=3)
     assert [results[i]["status"] for i in range(3)] == ["ok", "failed", "ok"]
@@ -79,22 +67,18 @@ def test_a_job_that_kills_its_workers_has_failed_and_no_other_has(
         (fake_worker.cannot_do, "cannot do jobs: ModuleNotFoundError: No module named 'torch'"),
     ],
 )
-def test_workers_that_are_not_alike_are_refused(
-    work: Any, words: str, cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workers_that_are_not_alike_are_refused(work, words, cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(dask_pool, "do", work)
     with pytest.raises(InputError, match=words):
         results_of(cluster, tmp_path, "a")
 
 
-def test_nothing_new_is_begun_when_stopped(
-    cluster: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_nothing_new_is_begun_when_stopped(cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(dask_pool, "do", fake_worker.do)
     assert results_of(cluster, tmp_path, "a", "b", stopped=lambda: True) == {}
 
 
-def test_a_scheduler_that_goes_away_is_told_of(tmp_path: Path) -> None:
+def test_a_scheduler_that_goes_away_is_told_of(tmp_path):
     client: Any = SimpleNamespace(scheduler=SimpleNamespace(address="tcp://head:8786"))
     gone: Any = SimpleNamespace(cancelled=lambda: True)
     submitted = dask_pool._Submitted(client, iter([]), print, lambda: False, None)
@@ -102,9 +86,7 @@ def test_a_scheduler_that_goes_away_is_told_of(tmp_path: Path) -> None:
         submitted._take(gone, [])
 
 
-def test_nobody_waits_for_workers_without_knowing(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_nobody_waits_for_workers_without_knowing(tmp_path, caplog):
     scheduler = SimpleNamespace(address="tcp://head:8786")
     client: Any = SimpleNamespace(
         scheduler=scheduler,
@@ -120,18 +102,14 @@ def test_nobody_waits_for_workers_without_knowing(
     assert caplog.messages == ["tcp://head:8786: has no workers; waiting for some"]
 
 
-def test_a_scheduler_that_does_not_answer_is_told_of(
-    tmp_path: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scheduler_that_does_not_answer_is_told_of(tmp_path, out, monkeypatch):
     monkeypatch.setattr(dask_pool, "CONNECT", "0.2s")
     ran = run("batch", jobs_file(tmp_path), "-o", out, "--scheduler", "tcp://127.0.0.1:9")
     refused(ran, 3, "unreachable", "127.0.0.1:9")
 
 
 @pytest.mark.parametrize("made", [jobs_file, pull], ids=["pictures", "shot"])
-def test_dask_makes_the_same_bytes_and_the_same_journal(
-    made: Callable[[Path], Path], tmp_path: Path, out: Path
-) -> None:
+def test_dask_makes_the_same_bytes_and_the_same_journal(made, tmp_path, out):
     path = made(tmp_path)
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(

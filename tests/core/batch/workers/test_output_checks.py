@@ -14,18 +14,18 @@ from defocus_core.io.safe_files import written_whole
 LENS = Lens(50.0, 2.0, 2000.0)
 
 
-def touch(folder: Path, *names: str) -> Path:
+def touch(folder, *names):
     folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         (folder / name).touch()
     return folder
 
 
-def jobs_for(pictures: list[Picture], outputs: Outputs) -> list[Job]:
+def jobs_for(pictures, outputs):
     return [Job(picture, LENS, Reading(), outputs, Machine()) for picture in pictures]
 
 
-def test_what_exists_is_refused_unless_it_is_known_or_told(tmp_path: Path) -> None:
+def test_what_exists_is_refused_unless_it_is_known_or_told(tmp_path):
     pictures = [Picture(stem, tmp_path / f"{stem}.exr", tmp_path / "z.exr") for stem in "abc"]
     touch(tmp_path / "out" / "render", "b.exr", "c.exr")
     jobs = jobs_for(pictures, Outputs(tmp_path / "out"))
@@ -37,7 +37,7 @@ def test_what_exists_is_refused_unless_it_is_known_or_told(tmp_path: Path) -> No
     refuse_unknown(jobs_for(pictures, Outputs(tmp_path / "out", overwrite=True)), set())
 
 
-def test_a_directory_is_never_replaced(tmp_path: Path) -> None:
+def test_a_directory_is_never_replaced(tmp_path):
     jobs = jobs_for(
         [Picture("a", tmp_path / "a", tmp_path / "z")], Outputs(tmp_path, overwrite=True)
     )
@@ -46,13 +46,13 @@ def test_a_directory_is_never_replaced(tmp_path: Path) -> None:
         refuse_unknown(jobs, {"render/a.exr"})
 
 
-def test_an_input_is_never_overwritten(tmp_path: Path) -> None:
+def test_an_input_is_never_overwritten(tmp_path):
     file = touch(tmp_path / "render", "a.exr") / "a.exr"
     with refuses("replaces-input"):
         refuse_misplaced(jobs_for([Picture("a", file, file)], Outputs(tmp_path, overwrite=True)))
 
 
-def test_an_input_is_never_overwritten_by_another_name_of_it(tmp_path: Path) -> None:
+def test_an_input_is_never_overwritten_by_another_name_of_it(tmp_path):
     file = touch(tmp_path / "out" / "render", "a.exr") / "a.exr"
     (tmp_path / "linked").symlink_to(tmp_path / "out")
     (tmp_path / "a.exr").symlink_to(file)
@@ -62,13 +62,13 @@ def test_an_input_is_never_overwritten_by_another_name_of_it(tmp_path: Path) -> 
             refuse_misplaced(jobs_for([Picture("a", color, color)], outputs))
 
 
-def test_no_file_is_written_twice(tmp_path: Path) -> None:
+def test_no_file_is_written_twice(tmp_path):
     pictures = [Picture(stem, tmp_path / stem, tmp_path / "z") for stem in ("a", "a.preview")]
     with refuses("duplicate"):
         refuse_misplaced(jobs_for(pictures, Outputs(tmp_path / "out", format="png", preview=True)))
 
 
-def test_a_folder_of_outputs_that_leads_elsewhere_is_refused(tmp_path: Path) -> None:
+def test_a_folder_of_outputs_that_leads_elsewhere_is_refused(tmp_path):
     """The next run would find records of files that do not lie in OUT."""
     pictures, out = [Picture("a", tmp_path / "a", tmp_path / "z")], tmp_path / "out"
     for folder in ("elsewhere", "out/here"):
@@ -83,7 +83,7 @@ def test_a_folder_of_outputs_that_leads_elsewhere_is_refused(tmp_path: Path) -> 
     refuse_misplaced(jobs_for(pictures, Outputs(tmp_path / "named")))
 
 
-def test_a_file_in_place_of_a_directory_is_refused(tmp_path: Path) -> None:
+def test_a_file_in_place_of_a_directory_is_refused(tmp_path):
     pictures = [Picture("a", tmp_path / "a", tmp_path / "z")]
     file = touch(tmp_path, "out") / "out"
     for root in (file, file / "deeper"):
@@ -91,7 +91,7 @@ def test_a_file_in_place_of_a_directory_is_refused(tmp_path: Path) -> None:
             refuse_misplaced(jobs_for(pictures, Outputs(root)))
 
 
-def test_names_that_no_file_can_have_are_refused(tmp_path: Path) -> None:
+def test_names_that_no_file_can_have_are_refused(tmp_path):
     outputs = Outputs(tmp_path, preview=True)
     fits = "é" * 121  # 242 bytes, and .preview.png
     refuse_misplaced(jobs_for([Picture(fits, tmp_path / "a", tmp_path / "z")], outputs))
@@ -101,7 +101,7 @@ def test_names_that_no_file_can_have_are_refused(tmp_path: Path) -> None:
         refuse_misplaced(jobs_for([Picture(fits + "é", tmp_path / "a", tmp_path / "z")], outputs))
 
 
-def test_names_of_wide_characters_can_be_written_whole(tmp_path: Path) -> None:
+def test_names_of_wide_characters_can_be_written_whole(tmp_path):
     path = tmp_path / f"{'𝄞' * 62}.exr"
     with written_whole(path) as file:
         file.write(b"whole")

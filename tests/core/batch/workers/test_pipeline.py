@@ -5,9 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,14 +21,14 @@ LENS = Lens(50.0, 2.0, 2000.0)
 class Steps:
     """Stands for the steps of jobs, and notes when they begin and end."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.events: list[tuple[str, str]] = []
         self.fails: tuple[str, str] = ("", "")
         self.interrupted: tuple[str, str] = ("", "")
         self.waits = threading.get_ident()
         self.meanwhile: dict[tuple[str, str], set[tuple[str, str]]] = {}
 
-    def step(self, name: str, job: Job) -> None:
+    def step(self, name, job):
         self.events.append((f"{name}", job.sample_id))
         if self.interrupted == (name, job.sample_id):  # Ctrl-C, at the thread that waits
             signal.pthread_kill(self.waits, signal.SIGINT)
@@ -39,11 +37,11 @@ class Steps:
             time.sleep(STEP)
         self.events.append((f"{name}.", job.sample_id))
 
-    def read(self, job: Job) -> Any:
+    def read(self, job):
         self.step("read", job)
         return {"status": "failed"} if self.fails == ("read", job.sample_id) else "inputs"
 
-    def compute(self, job: Job, inputs: Any, progress: Any = None) -> Any:
+    def compute(self, job, inputs, progress=None):
         if isinstance(inputs, dict):
             return inputs
         self.step("compute", job)
@@ -51,18 +49,18 @@ class Steps:
             return {"status": "failed"}
         return job
 
-    def write(self, made: Any) -> Any:
+    def write(self, made):
         if isinstance(made, dict):
             return made
         self.step("write", made)
         return {"status": "ok"}
 
-    def at(self, event: str, name: str) -> int:
+    def at(self, event, name):
         return self.events.index((event, name))
 
 
 @pytest.fixture
-def steps(monkeypatch: pytest.MonkeyPatch) -> Steps:
+def steps(monkeypatch):
     made = Steps()
     monkeypatch.setattr(job_result, "Reader", lambda: made)
     monkeypatch.setattr(job_result, "compute", made.compute)
@@ -70,13 +68,13 @@ def steps(monkeypatch: pytest.MonkeyPatch) -> Steps:
     return made
 
 
-def jobs(names: str) -> Iterator[tuple[int, Job]]:
+def jobs(names):
     for number, name in enumerate(names):
         picture = Picture(name, Path(name), Path(name))
         yield number, Job(picture, LENS, Reading(), Outputs(Path("out")), Machine())
 
 
-def test_the_next_is_read_and_the_last_is_written_while_one_is_computed(steps: Steps) -> None:
+def test_the_next_is_read_and_the_last_is_written_while_one_is_computed(steps):
     """Each waits for those two: the run would else never end."""
     for before, now, after in ("abc", "bcd", "cde", "def"):
         steps.meanwhile["compute", now] = {("read", after), ("write", before)}
@@ -85,7 +83,7 @@ def test_the_next_is_read_and_the_last_is_written_while_one_is_computed(steps: S
     assert done == list(range(8))
 
 
-def test_one_picture_waits_at_most_before_and_behind(steps: Steps) -> None:
+def test_one_picture_waits_at_most_before_and_behind(steps):
     pipeline.run(jobs("abcdefgh"), lambda number, result: None)
     for before, now, after in ("abc", "bcd", "cde", "def", "efg", "fgh"):
         assert steps.at("read", after) > steps.at("read.", now)
@@ -93,7 +91,7 @@ def test_one_picture_waits_at_most_before_and_behind(steps: Steps) -> None:
         assert steps.at("compute.", after) > steps.at("write.", before)
 
 
-def test_one_job_is_a_call_without_threads(steps: Steps, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_job_is_a_call_without_threads(steps, monkeypatch):
     monkeypatch.setattr(plain_path, "load", lambda: None)
     monkeypatch.setattr(threading.Thread, "start", None)
     done: list[int] = []
@@ -104,7 +102,7 @@ def test_one_job_is_a_call_without_threads(steps: Steps, monkeypatch: pytest.Mon
 
 
 @pytest.mark.parametrize("step", ["read", "compute"])
-def test_what_fails_skips_the_steps_that_follow(step: str, steps: Steps) -> None:
+def test_what_fails_skips_the_steps_that_follow(step, steps):
     steps.fails = (step, "b")
     done: dict[int, str] = {}
     pipeline.run(jobs("abc"), lambda number, result: done.update({number: result["status"]}))
@@ -112,8 +110,8 @@ def test_what_fails_skips_the_steps_that_follow(step: str, steps: Steps) -> None
     assert ("write", "b") not in steps.events
 
 
-def test_what_done_raises_ends_the_run(steps: Steps) -> None:
-    def done(number: int, result: Any) -> None:
+def test_what_done_raises_ends_the_run(steps):
+    def done(number, result):
         raise OSError("the disk is full")
 
     with pytest.raises(OSError, match="full"):
@@ -121,8 +119,8 @@ def test_what_done_raises_ends_the_run(steps: Steps) -> None:
     assert ("compute", "g") not in steps.events
 
 
-def test_what_the_jobs_raise_ends_the_run_after_those_before(steps: Steps) -> None:
-    def broken() -> Iterator[tuple[int, Job]]:
+def test_what_the_jobs_raise_ends_the_run_after_those_before(steps):
+    def broken():
         yield from jobs("ab")
         raise OSError("no note can be made")
 
@@ -133,10 +131,10 @@ def test_what_the_jobs_raise_ends_the_run_after_those_before(steps: Steps) -> No
     assert threading.active_count() < 20
 
 
-def test_what_was_read_ahead_when_it_is_stopped_is_let_go(steps: Steps) -> None:
+def test_what_was_read_ahead_when_it_is_stopped_is_let_go(steps):
     done: list[int] = []
 
-    def stopped() -> bool:  # asked before b is computed: a is written, c is read
+    def stopped():  # asked before b is computed: a is written, c is read
         return ("compute.", "a") in steps.events
 
     pipeline.run(jobs("abcdefgh"), lambda number, result: done.append(number), stopped=stopped)
@@ -145,7 +143,7 @@ def test_what_was_read_ahead_when_it_is_stopped_is_let_go(steps: Steps) -> None:
     assert ("read", "d") not in steps.events
 
 
-def test_ctrl_c_during_the_last_write_comes_after_it(steps: Steps) -> None:
+def test_ctrl_c_during_the_last_write_comes_after_it(steps):
     done: list[int] = []
     steps.interrupted = ("write", "a")
     with pytest.raises(KeyboardInterrupt):
@@ -153,7 +151,7 @@ def test_ctrl_c_during_the_last_write_comes_after_it(steps: Steps) -> None:
     assert done == [0]
 
 
-def test_what_is_being_decoded_ends_before_the_run_does(steps: Steps) -> None:
+def test_what_is_being_decoded_ends_before_the_run_does(steps):
     steps.interrupted = ("read", "b")  # while a is computed
     with pytest.raises(KeyboardInterrupt):
         pipeline.run(jobs("abc"), lambda number, result: None)
@@ -161,14 +159,12 @@ def test_what_is_being_decoded_ends_before_the_run_does(steps: Steps) -> None:
     assert begun == {name for event, name in steps.events if event == "read."}
 
 
-def test_jobs_of_one_picture_are_decoded_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_jobs_of_one_picture_are_decoded_once(tmp_path, monkeypatch):
     from defocus_core.picture.take import Inputs
 
     decoded: list[str] = []
 
-    def load(job: Job) -> Any:
+    def load(job):
         decoded.append(job.picture.stem)
         return Inputs(*[None] * 3)  # type: ignore[arg-type]
 

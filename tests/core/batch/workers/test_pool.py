@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +22,10 @@ from defocus_core.errors import InputError
 LENS = Lens(50.0, 2.0, 2000.0)
 
 
-def results_of(
-    chunks: Iterator[Chunk],
-    processes: int = 2,
-    stopped: Callable[[dict[int, Any]], bool] = lambda done: False,
-    serve: Any = fake_worker.serve,
-) -> dict[int, Any]:
+def results_of(chunks, processes=2, stopped=lambda done: False, serve=fake_worker.serve):
     results: dict[int, Any] = {}
 
-    def done(number: int, result: Any) -> None:
+    def done(number, result):
         assert number not in results, "told twice"
         results[number] = result
 
@@ -39,7 +33,7 @@ def results_of(
     return results
 
 
-def test_each_job_is_done_once_and_all_processes_help(tmp_path: Path) -> None:
+def test_each_job_is_done_once_and_all_processes_help(tmp_path):
     names = [f"slow{i}" for i in range(24)]
     results = results_of(chunks_of(tmp_path, *names, size=3))
     assert [results[i]["name"] for i in range(24)] == names
@@ -49,19 +43,19 @@ def test_each_job_is_done_once_and_all_processes_help(tmp_path: Path) -> None:
     assert all(not Path(f"/proc/{pid}").exists() for pid in workers), "they are gone"
 
 
-def test_no_more_processes_than_work(tmp_path: Path) -> None:
+def test_no_more_processes_than_work(tmp_path):
     results = results_of(chunks_of(tmp_path, "slow1", "slow2", size=2), processes=8)
     assert len({result["by"] for result in results.values()}) == 1
 
 
-def test_jobs_of_a_process_that_was_killed_are_done_by_another(tmp_path: Path) -> None:
+def test_jobs_of_a_process_that_was_killed_are_done_by_another(tmp_path):
     names = ["a", "once", "b", "c", "d"]
     results = results_of(chunks_of(tmp_path, *names), processes=1)
     assert [results[i]["status"] for i in range(5)] == ["ok"] * 5
     assert len({result["by"] for result in results.values()}) > 1
 
 
-def test_a_job_that_kills_its_processes_has_failed_and_no_other_has(tmp_path: Path) -> None:
+def test_a_job_that_kills_its_processes_has_failed_and_no_other_has(tmp_path):
     names = [*"abc", "deadly1", *"def", "deadly2", *"ghi"]
     results = results_of(chunks_of(tmp_path, *names, size=2))
     failed = {names[n] for n, result in results.items() if result["status"] == "failed"}
@@ -73,7 +67,7 @@ def test_a_job_that_kills_its_processes_has_failed_and_no_other_has(tmp_path: Pa
     assert f"{STRIKES} processes that worked on it died, the last by SIGKILL" in deadly["message"]
 
 
-def test_processes_end_with_their_coordinator(tmp_path: Path) -> None:
+def test_processes_end_with_their_coordinator(tmp_path):
     script = (
         "import multiprocessing, os, signal, sys; sys.path.insert(0, sys.argv[1])\n"
         "import fake_worker; context = multiprocessing.get_context('spawn')\n"
@@ -90,7 +84,7 @@ def test_processes_end_with_their_coordinator(tmp_path: Path) -> None:
         time.sleep(0.01)
 
 
-def test_ctrl_c_is_kept_from_the_first_process_too(tmp_path: Path) -> None:
+def test_ctrl_c_is_kept_from_the_first_process_too(tmp_path):
     """Python starts a process of its own before the first, and then lets SIGINT through."""
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import fake_worker\n"
@@ -102,11 +96,11 @@ def test_ctrl_c_is_kept_from_the_first_process_too(tmp_path: Path) -> None:
     assert ran.stdout == "True\n"
 
 
-def test_nothing_new_is_begun_when_stopped(tmp_path: Path) -> None:
+def test_nothing_new_is_begun_when_stopped(tmp_path):
     names = [f"slow{i}" for i in range(50)]
     taken: list[Chunk] = []
 
-    def chunks() -> Iterator[Chunk]:
+    def chunks():
         for chunk in chunks_of(tmp_path, *names, size=8):
             taken.append(chunk)
             yield chunk
@@ -116,7 +110,7 @@ def test_nothing_new_is_begun_when_stopped(tmp_path: Path) -> None:
     assert len(taken) <= 4
 
 
-def test_what_processes_have_read_ahead_is_let_go_when_stopped(tmp_path: Path) -> None:
+def test_what_processes_have_read_ahead_is_let_go_when_stopped(tmp_path):
     """Of the jobs that a process has, it ends the one that it is at when it is told."""
     results = results_of(
         chunks_of(tmp_path, *"abcdef"),
@@ -127,13 +121,13 @@ def test_what_processes_have_read_ahead_is_let_go_when_stopped(tmp_path: Path) -
     assert list(results) in ([0], [0, 1])
 
 
-def test_processes_that_cannot_start_are_told_of(tmp_path: Path) -> None:
+def test_processes_that_cannot_start_are_told_of(tmp_path):
     with pytest.raises(InputError, match=r"worker processes: die when they start \(exit code 7\)"):
         results_of(chunks_of(tmp_path, "a", "b"), serve=fake_worker.serve_nobody)
 
 
-def test_what_cannot_be_recorded_stops_all(tmp_path: Path) -> None:
-    def done(number: int, result: Any) -> None:
+def test_what_cannot_be_recorded_stops_all(tmp_path):
+    def done(number, result):
         raise InputError("", "is full", path="disk")
 
     pool = Pool(2, chunks_of(tmp_path, *"abcdef"), done, lambda: False, fake_worker.serve)

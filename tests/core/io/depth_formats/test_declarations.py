@@ -6,8 +6,6 @@ import math
 import struct
 import sys
 import zlib
-from pathlib import Path
-from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
@@ -21,7 +19,7 @@ from refusals import refuses
 
 from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.depth_formats.depth import Depth, read_depth
+from defocus_core.io.depth_formats.depth import read_depth
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
 from defocus_core.picture.pair import InputPair
@@ -30,17 +28,17 @@ from defocus_core.picture.pair import read as read_both
 RAMP = np.array([[0, 51, 102], [153, 204, 255]])
 
 
-def read(path: Path, lens_focal: float | None = None, **said: Any) -> Depth:
+def read(path, lens_focal=None, **said):
     return read_depth(path, DepthReading(**said), lens_focal=lens_focal)
 
 
-def test_names_and_aliases_are_unlike() -> None:
+def test_names_and_aliases_are_unlike():
     names = [name for row in FORMATS.values() for name in (row.name, *row.aliases)]
     assert len(names) == len(set(names)) == len(NAMES)
 
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
-def test_the_ends_of_a_range_are_those_of_the_type(dtype: type, tmp_path: Path) -> None:
+def test_the_ends_of_a_range_are_those_of_the_type(dtype, tmp_path):
     top = 1 if dtype is np.float32 else np.iinfo(dtype).max
     share = RAMP / 255 * 0.8  # the file itself has neither end
     path = npy(tmp_path / "a.npy", (share * top).round(6), dtype)
@@ -53,7 +51,7 @@ def test_the_ends_of_a_range_are_those_of_the_type(dtype: type, tmp_path: Path) 
     np.testing.assert_allclose(depth, 2 + share * 48, rtol=1e-6)
 
 
-def test_a_range_may_end_at_infinity_and_be_swapped(tmp_path: Path) -> None:
+def test_a_range_may_end_at_infinity_and_be_swapped(tmp_path):
     path = png(tmp_path / "a.png", RAMP, np.uint8)
     metres = read(path, depth_kind="disparity", depth_range=(2000.0, math.inf)).metres
     assert metres[0, 0] == np.inf
@@ -63,7 +61,7 @@ def test_a_range_may_end_at_infinity_and_be_swapped(tmp_path: Path) -> None:
     assert dark_is_near[1, 2] == 50
 
 
-def test_grey_pictures_of_three_channels_are_depth_if_a_range_says_so(tmp_path: Path) -> None:
+def test_grey_pictures_of_three_channels_are_depth_if_a_range_says_so(tmp_path):
     grey = np.repeat(RAMP[:, :, None], 3, axis=2).astype(np.uint8)
     said = {"depth_format": "depth-anything", "depth_range": (1000.0, 9000.0)}
     assert read(save(tmp_path / "a.png", grey), **said).metres[1, 2] == 1
@@ -72,26 +70,26 @@ def test_grey_pictures_of_three_channels_are_depth_if_a_range_says_so(tmp_path: 
         read(save(tmp_path / "b.png", grey), **said)
 
 
-def test_a_scale_and_a_shift_of_disparity(tmp_path: Path) -> None:
+def test_a_scale_and_a_shift_of_disparity(tmp_path):
     path = npy(tmp_path / "a.npy", [[1.0, 4.0], [0.0, 9.0]])
     metres = read(path, depth_kind="disparity", depth_scale=0.5, doffs=0.25).metres
     np.testing.assert_allclose(metres, 1 / (np.load(path) * 0.5 + 0.25))
 
 
-def test_disparity_in_steps_of_a_scale_by_a_calibration(tmp_path: Path) -> None:
+def test_disparity_in_steps_of_a_scale_by_a_calibration(tmp_path):
     path = png(tmp_path / "a.png", [[256, 2560]])  # KITTI's stereo disparity: px · 256
     said = {"depth_scale": 1 / 256, "focal_px": 700.0, "baseline": 500.0}
     metres = read(path, depth_kind="disparity", **said).metres
     np.testing.assert_allclose(metres, [[350.0, 35.0]])
 
 
-def test_a_unit_and_a_scale_multiply(tmp_path: Path) -> None:
+def test_a_unit_and_a_scale_multiply(tmp_path):
     path = npy(tmp_path / "a.npy", [[100.0, 200.0]])
     np.testing.assert_allclose(read(path, depth_unit="cm", depth_scale=3).metres, [[3.0, 6.0]])
     np.testing.assert_allclose(read(path, depth_scale=0.5).metres, [[50.0, 100.0]])
 
 
-def test_the_field_of_view_of_distances_to_the_point(tmp_path: Path) -> None:
+def test_the_field_of_view_of_distances_to_the_point(tmp_path):
     height, width, focal = 3, 4, 2.0  # a field of view of 90°
     y, x = np.mgrid[:height, :width] - np.array([1.0, 1.5])[:, None, None]
     path = npy(tmp_path / "a.npy", 6 * np.sqrt(x**2 + y**2 + focal**2) / focal)
@@ -106,7 +104,7 @@ def test_the_field_of_view_of_distances_to_the_point(tmp_path: Path) -> None:
         read(path, geometry="radial")
 
 
-def test_from_a_number_on_is_sky(tmp_path: Path) -> None:
+def test_from_a_number_on_is_sky(tmp_path):
     path = npy(tmp_path / "a.npy", [[1.0, 99.0, 100.0]])
     assert np.isposinf(read(path, sky=100).metres).tolist() == [[False, False, True]]
     said = {"depth_kind": "disparity", "depth_scale": 1.0, "sky": 1.0}
@@ -140,14 +138,12 @@ def test_from_a_number_on_is_sky(tmp_path: Path) -> None:
         ({"depth_kind": "disparity", "depth_unit": "cm"}, "idle-option", "depth-unit"),
     ],
 )
-def test_what_means_nothing_or_contradicts_is_refused(
-    said: dict[str, Any], code: str, field: str, tmp_path: Path
-) -> None:
+def test_what_means_nothing_or_contradicts_is_refused(said, code, field, tmp_path):
     with refuses(code, kind=UsageProblem, field=field):
         read(png(tmp_path / "a.png", RAMP), **said)
 
 
-def test_floats_beyond_0_and_1_have_no_range(tmp_path: Path) -> None:
+def test_floats_beyond_0_and_1_have_no_range(tmp_path):
     path = pfm(tmp_path / "a.pfm", np.array([[0.0, 4523.0]]))  # as MiDaS writes
     with refuses("out-of-range", "from 0 to 4523", "‹depth-range›", "‹depth-scale›"):
         read(path, depth_format="midas", depth_range=(1000.0, 9000.0))
@@ -155,7 +151,7 @@ def test_floats_beyond_0_and_1_have_no_range(tmp_path: Path) -> None:
     np.testing.assert_allclose(metres, [[1 / 0.05, 1 / 0.5023]])
 
 
-def test_relative_disparity_of_a_video_needs_a_range(tmp_path: Path) -> None:
+def test_relative_disparity_of_a_video_needs_a_range(tmp_path):
     np.savez(tmp_path / "a.npz", depths=np.full((3, 4), 0.5))
     said = {"depth_format": "video-depth-anything", "depth_kind": "disparity"}
     needed = ("‹depth-range›", "‹depth-scale›", "‹doffs›")
@@ -175,8 +171,8 @@ def test_relative_disparity_of_a_video_needs_a_range(tmp_path: Path) -> None:
     ],
 )
 def test_a_library_that_is_not_there_is_named_with_its_extra(
-    name: str, magic: bytes, library: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    name, magic, library, tmp_path, monkeypatch
+):
     monkeypatch.setitem(sys.modules, library, None)
     (tmp_path / name).write_bytes(magic + bytes(64))
     extra = {"h5py": "hdf5", "pillow_heif": "heif", "scipy.io": "mat"}[library]
@@ -184,20 +180,20 @@ def test_a_library_that_is_not_there_is_named_with_its_extra(
         read(tmp_path / name)
 
 
-def test_another_type_of_file_than_the_format_comes_in(tmp_path: Path) -> None:
+def test_another_type_of_file_than_the_format_comes_in(tmp_path):
     path = npy(tmp_path / "a.npy", [[1.0]])
     with refuses("wrong-type", "an NPY", "16-bit PNG", path=path):
         read(path, depth_format="kitti")
 
 
-def test_integers_of_ros_are_millimetres_and_floats_metres(tmp_path: Path) -> None:
+def test_integers_of_ros_are_millimetres_and_floats_metres(tmp_path):
     assert read(npy(tmp_path / "a.npy", [[2.5]]), depth_format="ros").metres[0, 0] == 2.5
     path = npy(tmp_path / "b.npy", [[2500]], np.uint16)
     assert read(path, depth_format="ros").metres[0, 0] == 2.5
 
 
 @pytest.mark.parametrize("dtype", ["f8", "f4", "u1", "u2", "i4"])
-def test_matlab_files_are_read_column_by_column(dtype: str, tmp_path: Path) -> None:
+def test_matlab_files_are_read_column_by_column(dtype, tmp_path):
     values = np.arange(1, 13).reshape(3, 4).astype(dtype)
     for compressed in (False, True):
         path = matlab(tmp_path / "a.mat", "Depth", values, compressed=compressed)
@@ -210,9 +206,7 @@ def test_matlab_files_are_read_column_by_column(dtype: str, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("compressed", [False, True])
-def test_a_type_that_no_matlab_file_has_does_not_end_the_process(
-    compressed: bool, tmp_path: Path
-) -> None:
+def test_a_type_that_no_matlab_file_has_does_not_end_the_process(compressed, tmp_path):
     sound = matlab(tmp_path / "a.mat", "Depth", np.arange(1.0, 13)).read_bytes()
     for place in (128, 136, 152, 168, 184):  # of the array, and of its parts
         for kind in (0, 8, 14, 15, 200, 60000):
@@ -228,7 +222,7 @@ def test_a_type_that_no_matlab_file_has_does_not_end_the_process(
                 read(tmp_path / "b.mat")
 
 
-def test_an_array_that_inflates_beyond_the_limit_is_refused(tmp_path: Path) -> None:
+def test_an_array_that_inflates_beyond_the_limit_is_refused(tmp_path):
     path = matlab(tmp_path / "a.mat", "Depth", np.ones((2, 2)))
     packed = zlib.compress(bytes(2**28 + 1))
     path.write_bytes(path.read_bytes()[:128] + struct.pack("<II", 15, len(packed)) + packed)
@@ -236,13 +230,13 @@ def test_an_array_that_inflates_beyond_the_limit_is_refused(tmp_path: Path) -> N
         read(path)
 
 
-def test_complex_numbers_are_no_depth(tmp_path: Path) -> None:
+def test_complex_numbers_are_no_depth(tmp_path):
     path = matlab(tmp_path / "a.mat", "Depth", np.ones((2, 3)) * 1j)
     with refuses("not-numbers", path=path):
         read(path)
 
 
-def test_an_array_of_a_container_is_chosen_by_name(tmp_path: Path) -> None:
+def test_an_array_of_a_container_is_chosen_by_name(tmp_path):
     near, far = np.full((2, 3), 1.0), np.full((2, 3), 2.0)
     np.savez(tmp_path / "a.npz", near=near, far=far, names=np.array(["a"]))
     with refuses("ambiguous", "near, far", "‹depth-channel›"):
@@ -252,7 +246,7 @@ def test_an_array_of_a_container_is_chosen_by_name(tmp_path: Path) -> None:
         read(tmp_path / "a.npz", depth_channel="z")
 
 
-def test_a_frame_of_several_is_chosen_by_its_number(tmp_path: Path) -> None:
+def test_a_frame_of_several_is_chosen_by_its_number(tmp_path):
     frames = np.stack([np.full((5, 6), number) for number in (1.0, 2.0, 3.0)])
     np.savez(tmp_path / "a.npz", depth=frames)
     with refuses("ambiguous", "3 frames", "‹part›"):
@@ -262,7 +256,7 @@ def test_a_frame_of_several_is_chosen_by_its_number(tmp_path: Path) -> None:
         read(tmp_path / "a.npz", part=3)
 
 
-def test_a_compressed_array_that_claims_more_than_its_file_is_refused(tmp_path: Path) -> None:
+def test_a_compressed_array_that_claims_more_than_its_file_is_refused(tmp_path):
     header = {"descr": "|u1", "fortran_order": False, "shape": (40000, 40000)}
     with ZipFile(tmp_path / "a.npz", "w") as file, file.open("depth.npy", "w") as member:
         np.lib.format.write_array_header_1_0(member, header)
@@ -270,7 +264,7 @@ def test_a_compressed_array_that_claims_more_than_its_file_is_refused(tmp_path: 
         read(tmp_path / "a.npz", depth_unit="m")
 
 
-def test_a_sidecar_that_makes_no_sense_is_named(tmp_path: Path) -> None:
+def test_a_sidecar_that_makes_no_sense_is_named(tmp_path):
     (tmp_path / "calib.txt").write_text("cam0=[0 0 1; 0 1 1; 0 0 1]\nbaseline=1\n")
     path = pfm(tmp_path / "a.pfm", np.ones((2, 3)))
     with refuses("malformed", "a.pfm", path=tmp_path / "calib.txt"):
@@ -283,7 +277,7 @@ def test_a_sidecar_that_makes_no_sense_is_named(tmp_path: Path) -> None:
         )
 
 
-def test_what_the_user_says_wins_over_the_sidecar(tmp_path: Path) -> None:
+def test_what_the_user_says_wins_over_the_sidecar(tmp_path):
     (tmp_path / "calib.txt").write_text("cam0=[10 0 1; 0 1 1; 0 0 1]\nbaseline=1000\ndoffs=0\n")
     path = pfm(tmp_path / "a.pfm", np.ones((2, 3)))
     assert read(path, depth_format="middlebury").metres[0, 0] == 10
@@ -291,7 +285,7 @@ def test_what_the_user_says_wins_over_the_sidecar(tmp_path: Path) -> None:
     assert read(path, depth_format="middlebury", **said).metres[0, 0] == 5
 
 
-def test_a_mask_of_another_size_is_refused(tmp_path: Path) -> None:
+def test_a_mask_of_another_size_is_refused(tmp_path):
     depth, mask = npy(tmp_path / "a.npy", np.ones((2, 3))), tmp_path / "a_mask.npy"
     npy(mask, np.ones((2, 2)))
     with refuses("wrong-size", "2x2 px", "3x2 px", path=mask):
@@ -303,7 +297,7 @@ def test_a_mask_of_another_size_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("option", ["baseline", "doffs", "focal_px"])
-def test_disparity_in_1_over_metres_has_no_calibration(option: str, tmp_path: Path) -> None:
+def test_disparity_in_1_over_metres_has_no_calibration(option, tmp_path):
     path = write_exr(tmp_path / "a.exr", Z=np.ones((2, 3), np.float32))
     name = option.replace("_", "-")
     with refuses("idle-option", field=name):
@@ -311,9 +305,7 @@ def test_disparity_in_1_over_metres_has_no_calibration(option: str, tmp_path: Pa
     assert read(path, depth_format="nuke-scanline", depth_unit="cm").metres[0, 0] == 0.01 / 1
 
 
-def test_a_scale_means_nothing_where_the_file_says_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scale_means_nothing_where_the_file_says_it(tmp_path, monkeypatch):
     with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
     (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
     with refuses("idle-option", field="depth-scale"):
@@ -321,9 +313,7 @@ def test_a_scale_means_nothing_where_the_file_says_it(
 
 
 @pytest.mark.parametrize("axis", [1.0, -1.0])
-def test_positions_in_the_world_are_depth_by_the_camera_of_the_header(
-    axis: float, tmp_path: Path
-) -> None:
+def test_positions_in_the_world_are_depth_by_the_camera_of_the_header(axis, tmp_path):
     turn, place = math.radians(30), np.array([1.0, 2.0, 3.0])
     sine, cosine = math.sin(turn), math.cos(turn)
     rotation = np.array([[cosine, 0, axis * sine], [0, 1, 0], [-sine, 0, axis * cosine]])
@@ -347,7 +337,7 @@ TURNS = {3: RAMP[::-1, ::-1], 6: np.rot90(RAMP, -1), 8: np.rot90(RAMP, 1)}
 
 
 @pytest.mark.parametrize("turn", TURNS)
-def test_depth_in_a_photograph_is_turned_with_it(turn: int, tmp_path: Path) -> None:
+def test_depth_in_a_photograph_is_turned_with_it(turn, tmp_path):
     image = png(tmp_path / "a.png", RAMP, np.uint8).read_bytes()
     said = {"Format": "RangeLinear", "Near": 1, "Far": 2, "Units": "m"}
     path = gdepth(tmp_path / "a.jpg", image, turn=turn, **said)
@@ -356,9 +346,7 @@ def test_depth_in_a_photograph_is_turned_with_it(turn: int, tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize("turn", TURNS)
-def test_depth_beside_a_photograph_is_turned_with_it_if_that_is_said(
-    turn: int, tmp_path: Path
-) -> None:
+def test_depth_beside_a_photograph_is_turned_with_it_if_that_is_said(turn, tmp_path):
     photo = save(tmp_path / "a.jpg", np.zeros((*RAMP.shape, 3), np.uint8), Orientation=turn)
     picture = Picture("a", photo, png(tmp_path / "a.png", RAMP + 1, np.uint16))
     if turn != 3:
@@ -368,7 +356,7 @@ def test_depth_beside_a_photograph_is_turned_with_it_if_that_is_said(
     np.testing.assert_allclose(depth.metres, (TURNS[turn] + 1) / 1000, rtol=1e-6)
 
 
-def test_a_pointer_of_git_lfs_is_named_as_that(tmp_path: Path) -> None:
+def test_a_pointer_of_git_lfs_is_named_as_that(tmp_path):
     pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n"
     for name in ("a.exr", "a.png", "a.npy", "a.heic"):
         (tmp_path / name).write_text(pointer)
@@ -376,11 +364,11 @@ def test_a_pointer_of_git_lfs_is_named_as_that(tmp_path: Path) -> None:
             read(tmp_path / name)
 
 
-def grey_ramp(height: int = 64, width: int = 96) -> Any:
+def grey_ramp(height=64, width=96):
     return np.broadcast_to(np.linspace(10, 245, width), (height, width))
 
 
-def test_grey_of_a_jpeg_of_three_channels_is_grey(tmp_path: Path) -> None:
+def test_grey_of_a_jpeg_of_three_channels_is_grey(tmp_path):
     noise = np.random.default_rng(0).integers(-5, 6, (64, 96, 3))
     noisy = np.clip(grey_ramp()[..., None] + noise, 0, 255).astype(np.uint8)
     path = save(tmp_path / "a.jpg", noisy)
@@ -392,7 +380,7 @@ def test_grey_of_a_jpeg_of_three_channels_is_grey(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", ["inferno", "viridis", "turbo", "jet", "plasma", "Spectral"])
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
-def test_depth_drawn_in_colours_is_refused_by_name(name: str, suffix: str, tmp_path: Path) -> None:
+def test_depth_drawn_in_colours_is_refused_by_name(name, suffix, tmp_path):
     colormaps = pytest.importorskip("matplotlib").colormaps
     drawn = (colormaps[name](grey_ramp() / 255)[..., :3] * 255).astype(np.uint8)
     path = save(tmp_path / f"a.{suffix}", drawn)
@@ -401,14 +389,14 @@ def test_depth_drawn_in_colours_is_refused_by_name(name: str, suffix: str, tmp_p
             read(path, **said)
 
 
-def test_a_photograph_is_no_depth(tmp_path: Path) -> None:
+def test_a_photograph_is_no_depth(tmp_path):
     photo = np.random.default_rng(0).integers(0, 255, (64, 96, 3)).astype(np.uint8)
     with refuses("not-one-channel", "R, G, B"):
         read(save(tmp_path / "a.png", photo), relative=True)
 
 
 @pytest.mark.parametrize("top", [255, 2047, 65535])
-def test_pgm_is_depth(top: int, tmp_path: Path) -> None:
+def test_pgm_is_depth(top, tmp_path):
     numbers = np.arange(1, 13).reshape(3, 4) * 20
     data = numbers.astype("u1" if top == 255 else ">u2").tobytes()
     (tmp_path / "a.pgm").write_bytes(b"P5\n# made by hand\n4 3\n%d\n" % top + data)
@@ -419,7 +407,7 @@ def test_pgm_is_depth(top: int, tmp_path: Path) -> None:
         read(tmp_path / "cut.pgm", depth_unit="mm")
 
 
-def test_16_bits_from_end_to_end_are_scaled_file_by_file(tmp_path: Path) -> None:
+def test_16_bits_from_end_to_end_are_scaled_file_by_file(tmp_path):
     path = png(tmp_path / "a.png", np.linspace(0, 65535, 48).reshape(6, 8), np.uint16)
     with refuses("unknown-unit", "scaled file by file", "‹depth-range› NEAR FAR", path=path):
         read(path)

@@ -21,17 +21,15 @@ from defocus_core.io.images.color import read_color
 INF = np.float32(np.inf)
 
 
-def read_depth(
-    path: Path, *, channel: str | None = None, part: int | None = None, unit: str | None = None
-) -> Depth:
+def read_depth(path, *, channel=None, part=None, unit=None):
     return read_any(path, DepthReading(depth_channel=channel, part=part, depth_unit=unit))
 
 
-def plane(seed: int = 0, shape: tuple[int, int] = (5, 6)) -> Any:
+def plane(seed=0, shape=(5, 6)):
     return np.random.default_rng(seed).random(shape, np.float32) + 1
 
 
-def exr(path: Path, *names: str) -> Path:
+def exr(path, *names):
     """An EXR file whose every channel differs."""
     write_exr(path, {name: plane(seed) for seed, name in enumerate(names)}, {})
     return path
@@ -52,9 +50,7 @@ def exr(path: Path, *names: str) -> Path:
         (["R"], "R"),
     ],
 )
-def test_the_depth_channel_is_found_by_its_name(
-    tmp_path: Path, names: list[str], depth: str
-) -> None:
+def test_the_depth_channel_is_found_by_its_name(tmp_path, names, depth):
     read = read_depth(exr(tmp_path / "a.exr", *names))
     assert read.channel == depth
     np.testing.assert_array_equal(read.metres, plane(names.index(depth)))
@@ -76,7 +72,7 @@ def test_the_depth_channel_is_found_by_its_name(
         "ViewLayer.Depth.V",
     ],
 )
-def test_depth_is_known_by_the_names_that_programs_write(tmp_path: Path, names: str) -> None:
+def test_depth_is_known_by_the_names_that_programs_write(tmp_path, names):
     own = names.split()
     path = exr(tmp_path / "a.exr", *own, "R", "G", "B", "N.X", "N.Y", "N.Z", "P.X", "P.Y", "P.Z")
     read = read_depth(path)
@@ -84,20 +80,20 @@ def test_depth_is_known_by_the_names_that_programs_write(tmp_path: Path, names: 
     np.testing.assert_array_equal(read.metres, plane(0))
 
 
-def test_a_layer_of_one_channel_is_chosen_by_its_name(tmp_path: Path) -> None:
+def test_a_layer_of_one_channel_is_chosen_by_its_name(tmp_path):
     path = exr(tmp_path / "a.exr", "fog.Y", "far.R", "far.G", "R", "G", "B")
     np.testing.assert_array_equal(read_depth(path, channel="Fog").metres, plane(0))
     with refuses("no-such-channel"):
         read_depth(path, channel="far")
 
 
-def test_the_likeliest_channel_is_proposed(tmp_path: Path) -> None:
+def test_the_likeliest_channel_is_proposed(tmp_path):
     path = exr(tmp_path / "a.exr", "R", "G", "B", "Px", "Py", "Pz", "camera_distance.y")
     with refuses("no-depth", "‹depth-channel› Pz", kind=NoDepthChannel):
         read_depth(path)
 
 
-def test_depth_that_is_negative_in_front_of_the_camera(tmp_path: Path) -> None:
+def test_depth_that_is_negative_in_front_of_the_camera(tmp_path):
     values = -np.array([[1.0, 2.5, 1e10]], np.float32)
     write_exr(tmp_path / "a.exr", {"Pz": values}, {})
     with refuses("invalid-depth", "negative", "‹depth-scale› -1"):
@@ -107,7 +103,7 @@ def test_depth_that_is_negative_in_front_of_the_camera(tmp_path: Path) -> None:
         np.testing.assert_array_equal(read_any(tmp_path / "a.exr", reading).metres, wanted)
 
 
-def test_several_candidates_are_listed_and_chosen(tmp_path: Path) -> None:
+def test_several_candidates_are_listed_and_chosen(tmp_path):
     path = exr(tmp_path / "a.exr", "Z", "depth.Z", "R")
     with refuses("ambiguous", "Z, depth.Z", "‹depth-channel› Z"):
         read_depth(path)
@@ -117,13 +113,13 @@ def test_several_candidates_are_listed_and_chosen(tmp_path: Path) -> None:
         read_depth(path, channel="W")
 
 
-def test_names_are_compared_exactly_first(tmp_path: Path) -> None:
+def test_names_are_compared_exactly_first(tmp_path):
     path = exr(tmp_path / "a.exr", "a", "A", "b")
     np.testing.assert_array_equal(read_depth(path, channel="A").metres, plane(1))
     np.testing.assert_array_equal(read_depth(path, channel="B").metres, plane(2))
 
 
-def test_all_parts_are_searched(tmp_path: Path) -> None:
+def test_all_parts_are_searched(tmp_path):
     z = plane(7, (24, 32))
     path = multi_part(tmp_path / "a.exr", rgba=random_planes("RGBA"), depth={"Z": z})
     read = read_depth(path)
@@ -134,7 +130,7 @@ def test_all_parts_are_searched(tmp_path: Path) -> None:
     np.testing.assert_array_equal(color.extras["Z"], z)
 
 
-def test_depth_in_two_parts_is_listed_and_chosen(tmp_path: Path) -> None:
+def test_depth_in_two_parts_is_listed_and_chosen(tmp_path):
     near, far = plane(1, (24, 32)), plane(2, (24, 32))
     path = multi_part(tmp_path / "a.exr", left={"Z": near}, right={"Z": far})
     with refuses("ambiguous", "left/Z, right/Z", "‹depth-channel› left/Z", "‹part›"):
@@ -143,13 +139,13 @@ def test_depth_in_two_parts_is_listed_and_chosen(tmp_path: Path) -> None:
         np.testing.assert_array_equal(found.metres, far)
 
 
-def test_a_part_called_depth_wins_over_one_called_mist(tmp_path: Path) -> None:
+def test_a_part_called_depth_wins_over_one_called_mist(tmp_path):
     z, mist = plane(1, (24, 32)), plane(2, (24, 32))
     parts: dict[str, Any] = {"ViewLayer.Mist": {"Z": mist}, "ViewLayer.Depth": {"Z": z}}
     np.testing.assert_array_equal(read_depth(multi_part(tmp_path / "a.exr", **parts)).metres, z)
 
 
-def test_no_depth_names_the_channels_there_are(tmp_path: Path) -> None:
+def test_no_depth_names_the_channels_there_are(tmp_path):
     with refuses("no-depth", "B, G, R", "‹depth-channel› NAME", kind=NoDepthChannel):
         read_depth(exr(tmp_path / "a.exr", "R", "G", "B"))
     grey = {name: plane() for name in "RGB"}
@@ -165,13 +161,13 @@ def test_no_depth_names_the_channels_there_are(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1), ("ft", 0.3048)])
-def test_units(tmp_path: Path, unit: str, metres: float) -> None:
+def test_units(tmp_path, unit, metres):
     path = exr(tmp_path / "a.exr", "Z")
     read = read_depth(path, unit=unit)
     np.testing.assert_array_equal(read.metres, (plane().astype(np.float64) * metres).astype("f"))
 
 
-def test_sky_and_holes(tmp_path: Path) -> None:
+def test_sky_and_holes(tmp_path):
     values = np.array([[np.inf, 1e10, 9.9e9, 65504, np.nan, 0, -1, -np.inf, 2]], np.float32)
     write_exr(tmp_path / "a.exr", {"Z": values}, {})
     read = read_depth(tmp_path / "a.exr")
@@ -182,7 +178,7 @@ def test_sky_and_holes(tmp_path: Path) -> None:
     assert np.isposinf(read_depth(tmp_path / "a.exr", unit="mm").metres[0]).sum() == 2
 
 
-def test_the_largest_half_is_sky_in_half_channels_only(tmp_path: Path) -> None:
+def test_the_largest_half_is_sky_in_half_channels_only(tmp_path):
     write_exr(tmp_path / "a.exr", {"Z": np.array([[65504, 65472, np.inf]], np.float16)}, {})
     read = read_depth(tmp_path / "a.exr")
     assert read.metres.tolist() == [[INF, 65472, INF]]
@@ -197,7 +193,7 @@ def test_the_largest_half_is_sky_in_half_channels_only(tmp_path: Path) -> None:
         assert read_depth(tmp_path / "a.npy").metres.tolist() == [[INF, 65472, INF]]
 
 
-def test_require_valid_names_count_and_first_pixel(tmp_path: Path) -> None:
+def test_require_valid_names_count_and_first_pixel(tmp_path):
     values = plane()
     write_exr(tmp_path / "a.exr", {"Z": values}, {})
     require_valid(read_depth(tmp_path / "a.exr"))
@@ -207,7 +203,7 @@ def test_require_valid_names_count_and_first_pixel(tmp_path: Path) -> None:
         require_valid(read_depth(tmp_path / "a.exr"))
 
 
-def test_depth_must_cover_the_picture(tmp_path: Path) -> None:
+def test_depth_must_cover_the_picture(tmp_path):
     write_window(tmp_path / "a.exr", {"Z": plane(0, (3, 4))}, box(1, 1, 4, 3), box(0, 0, 5, 5))
     with refuses("invalid-depth", "in 24 pixels", "4x3 at 1,1"):
         require_valid(read_depth(tmp_path / "a.exr"))
@@ -217,7 +213,7 @@ def test_depth_must_cover_the_picture(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_pfm_rows_run_from_bottom_to_top(tmp_path: Path, order: str) -> None:
+def test_pfm_rows_run_from_bottom_to_top(tmp_path, order):
     values = plane()
     scale = -1.0 if order == "<" else 1.0
     body = values[::-1].astype(f"{order}f4").tobytes()
@@ -229,7 +225,7 @@ def test_pfm_rows_run_from_bottom_to_top(tmp_path: Path, order: str) -> None:
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b" \n", b" "])
-def test_the_header_of_a_pfm_ends_with_its_line(tmp_path: Path, end: bytes) -> None:
+def test_the_header_of_a_pfm_ends_with_its_line(tmp_path, end):
     values = plane()
     values[-1, 0] = np.frombuffer(b"\n\r A", "<f4")[0]  # pixels may look like an end of a line
     body = b"" if end == b" " else values[::-1].astype("<f4").tobytes()
@@ -251,14 +247,14 @@ def test_the_header_of_a_pfm_ends_with_its_line(tmp_path: Path, end: bytes) -> N
         (b"PF\n6 5\n-1\n" + bytes(360), "not-one-channel", "PF"),
     ],
 )
-def test_a_bad_pfm_is_refused(tmp_path: Path, content: bytes, code: str, fact: str) -> None:
+def test_a_bad_pfm_is_refused(tmp_path, content, code, fact):
     (tmp_path / "a.pfm").write_bytes(content)
     with refuses(code, fact, path=tmp_path / "a.pfm"):
         read_depth(tmp_path / "a.pfm")
 
 
 @pytest.mark.parametrize("dtype", ["f2", "<f4", ">f4", "f8"])
-def test_npy_is_read_in_any_float(tmp_path: Path, dtype: str) -> None:
+def test_npy_is_read_in_any_float(tmp_path, dtype):
     values = plane().astype(dtype)
     for name, saved in (("a.npy", values), ("b.npy", values[:, :, None])):
         np.save(tmp_path / name, saved)
@@ -267,7 +263,7 @@ def test_npy_is_read_in_any_float(tmp_path: Path, dtype: str) -> None:
         assert read.metres.dtype == np.dtype("=f4")
 
 
-def test_a_bad_npy_is_refused(tmp_path: Path) -> None:
+def test_a_bad_npy_is_refused(tmp_path):
     path = tmp_path / "a.npy"
     bad: list[tuple[Any, str]] = [
         (np.ones((2, 3), np.uint16), "unknown-unit"),
@@ -284,7 +280,7 @@ def test_a_bad_npy_is_refused(tmp_path: Path) -> None:
         read_depth(path)
 
 
-def test_16_bit_integers_are_millimetres_and_0_is_a_hole(tmp_path: Path) -> None:
+def test_16_bit_integers_are_millimetres_and_0_is_a_hole(tmp_path):
     values = np.array([[0, 1, 1000, 65534]], np.uint16)
     for name, said in (("a.png", "16-bit PNG"), ("a.tif", "16-bit TIF")):
         read = read_depth(save(tmp_path / name, values[:, :, None]))
@@ -294,7 +290,7 @@ def test_16_bit_integers_are_millimetres_and_0_is_a_hole(tmp_path: Path) -> None
         assert read_depth(tmp_path / name, unit="cm").metres[0, 2] == 10
 
 
-def test_whole_numbers_in_exr_have_no_unit_but_the_one_given(tmp_path: Path) -> None:
+def test_whole_numbers_in_exr_have_no_unit_but_the_one_given(tmp_path):
     path = tmp_path / "a.exr"
     write_exr(path, {"Z": np.array([[0, 1000, 70_000]], np.uint32)}, {})
     with refuses("unknown-unit", "‹depth-unit› mm", path=path):
@@ -304,19 +300,19 @@ def test_whole_numbers_in_exr_have_no_unit_but_the_one_given(tmp_path: Path) -> 
     assert read.note == "EXR uint32 channel Z, millimetres"
 
 
-def test_float_tiff_is_metres(tmp_path: Path) -> None:
+def test_float_tiff_is_metres(tmp_path):
     read = read_depth(save(tmp_path / "a.tif", plane()[:, :, None]))
     np.testing.assert_array_equal(read.metres, plane())
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg"])
-def test_8_bit_depth_is_refused_with_the_reason(tmp_path: Path, suffix: str) -> None:
+def test_8_bit_depth_is_refused_with_the_reason(tmp_path, suffix):
     path = save(tmp_path / f"a.{suffix}", np.full((4, 5, 1), 9, np.uint8))
     with refuses("unknown-unit", "16-bit PNG in millimetres", path=path):
         read_depth(path)
 
 
-def test_depth_has_one_channel(tmp_path: Path) -> None:
+def test_depth_has_one_channel(tmp_path):
     path = save(tmp_path / "a.png", np.ones((4, 5, 3), np.uint16))
     with refuses("not-one-channel", "R, G, B", path=path):
         read_depth(path)
@@ -324,11 +320,11 @@ def test_depth_has_one_channel(tmp_path: Path) -> None:
         read_depth(path, channel="R")
 
 
-def test_of_deep_data_depth_is_that_of_the_first_surface(tmp_path: Path) -> None:
+def test_of_deep_data_depth_is_that_of_the_first_surface(tmp_path):
     write_deep(tmp_path / "a.exr")
     assert (read_depth(tmp_path / "a.exr").metres == 1).all()
 
 
-def test_depth_is_plain_data() -> None:
+def test_depth_is_plain_data():
     depth = Depth(plane(), Path("a.exr"), "Z", "note")
     require_valid(depth)

@@ -15,7 +15,7 @@ import OpenEXR
 import pytest
 from command_line import read_exr, refused, run, write_exr
 from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
-from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
+from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 from refusals import refuses
 
 from defocus_core.batch.jobs.reading_options import READING_OPTIONS, make_reading
@@ -46,7 +46,7 @@ class Example:
     rtol: float = 1e-6
 
 
-def marked(values: Any = DEPTH, *, hole: float | None = None, sky: float | None = None) -> Any:
+def marked(values=DEPTH, *, hole=None, sky=None):
     """Numbers with one that stands for a hole, and one that stands for sky."""
     numbers = np.array(values, np.float64)
     if hole is not None:
@@ -56,13 +56,11 @@ def marked(values: Any = DEPTH, *, hole: float | None = None, sky: float | None 
     return numbers
 
 
-def metres(*, hole: bool = False, sky: bool = False) -> Any:
+def metres(*, hole=False, sky=False):
     return marked(hole=NAN if hole else None, sky=INF if sky else None)
 
 
-def png_of(
-    folder: Path, *, scale: float, hole: float | None = None, sky: float | None = None
-) -> Example:
+def png_of(folder, *, scale, hole=None, sky=None):
     """A 16-bit PNG of depth · scale."""
     numbers = np.round(marked(DEPTH * scale, hole=hole, sky=sky))
     expected = np.round(DEPTH * scale) / scale
@@ -72,54 +70,54 @@ def png_of(
     return Example(png(folder / "a.png", numbers), expected)
 
 
-def exr(folder: Path, name: str, numbers: Any, **others: Any) -> Path:
+def exr(folder, name, numbers, **others):
     planes = {name: numbers, **others}
     return write_exr(folder / "a.exr", **{key: np.float32(v) for key, v in planes.items()})
 
 
-def radial(focal: float, depth: Any = DEPTH) -> Any:
+def radial(focal, depth=DEPTH):
     """Distance to the points of a picture of a focal length in px."""
     height, width = depth.shape
     y, x = np.mgrid[:height, :width] - np.array([(height - 1) / 2, (width - 1) / 2])[:, None, None]
     return depth * np.sqrt(x**2 + y**2 + focal**2) / focal
 
 
-def of_hdf5(folder: Path, **arrays: Any) -> Path:
+def of_hdf5(folder, **arrays):
     path = folder / "a.hdf5"
     return write_hdf5(path, {name: np.asarray(v, np.float32) for name, v in arrays.items()})
 
 
-def _hypersim(folder: Path) -> Example:
+def _hypersim(folder):
     focal = 886.81 * 4 / 1024
     return Example(of_hdf5(folder, dataset=marked(radial(focal), hole=NAN)), metres(hole=True))
 
 
-def _tartanair2(folder: Path) -> Example:
+def _tartanair2(folder):
     floats = marked(sky=10000.0).astype("<f4")
     blue_first = floats.view(np.uint8).reshape(3, 4, 4)
     path = png(folder / "a.png", blue_first[..., [2, 1, 0, 3]], np.uint8)
     return Example(path, metres(sky=True))
 
 
-def _sintel(folder: Path) -> Example:
+def _sintel(folder):
     (folder / "invalid").mkdir()
     png(folder / "invalid" / "a.png", marked(np.zeros((3, 4)), hole=255), np.uint8)
     return Example(dpt(folder / "a.dpt", marked(sky=1e6)), metres(hole=True, sky=True))
 
 
-def _nyu_mat(folder: Path) -> Example:
+def _nyu_mat(folder):
     frames = np.stack([DEPTH.T + 100, DEPTH.T])  # N, W, H
     raw = np.stack([DEPTH.T, marked(hole=0).T])
     path = of_hdf5(folder, depths=frames, rawDepths=raw)
     return Example(path, metres(hole=True), ("--part", "1"))
 
 
-def _diode(folder: Path) -> Example:
+def _diode(folder):
     npy(folder / "a_depth_mask.npy", marked(np.ones((3, 4)), hole=0))
     return Example(npy(folder / "a_depth.npy", DEPTH[:, :, None]), metres(hole=True))
 
 
-def _eth3d(folder: Path) -> Example:
+def _eth3d(folder):
     values = np.broadcast_to(np.arange(1, 6049, dtype="<f4"), (4032, 6048)).copy()
     values[1:, :] += 1
     values[0, 0] = INF
@@ -128,13 +126,13 @@ def _eth3d(folder: Path) -> Example:
     return Example(folder / "a.JPG", values)
 
 
-def _float16(folder: Path, *options: str, factor: float = 1.0) -> Example:
+def _float16(folder, *options, factor=1.0):
     halves = marked(hole=0).astype(np.float16)
     path = png(folder / "a.png", halves.view(np.uint16))
     return Example(path, metres(hole=True) * factor, options)
 
 
-def _class_mask(folder: Path, name: str, number: int, scale: float) -> Example:
+def _class_mask(folder, name, number, scale):
     (folder / "depth").mkdir()
     classes = marked(np.full((3, 4), 7), sky=number)
     place = folder / name.format(stem="a_0003", number="0003")
@@ -144,11 +142,11 @@ def _class_mask(folder: Path, name: str, number: int, scale: float) -> Example:
     return Example(path, metres(sky=True), rtol=1e-5)
 
 
-def _omniobject3d(folder: Path) -> Example:
+def _omniobject3d(folder):
     return Example(exr(folder, "X", DEPTH * 3, B=DEPTH * 2, Y=marked(sky=65504)), metres(sky=True))
 
 
-def _ibims1(folder: Path) -> Example:
+def _ibims1(folder):
     example = png_of(folder, scale=65535 / 50, hole=0, sky=65535)
     (folder / "mask_invalid").mkdir()
     mask = np.full((3, 4), 255)
@@ -158,18 +156,18 @@ def _ibims1(folder: Path) -> Example:
     return example
 
 
-def _scenenet(folder: Path) -> Example:
+def _scenenet(folder):
     numbers = np.round(radial(5.0) * 1000)
     numbers[HOLE] = 0
     path, options = png(folder / "a.png", numbers), ("--focal-px", "5")
     return Example(path, metres(hole=True), options, rtol=1e-3)
 
 
-def _ros(folder: Path) -> Example:
+def _ros(folder):
     return png_of(folder, scale=1000, hole=0)
 
 
-def _middlebury(folder: Path) -> Example:
+def _middlebury(folder):
     text = "cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]\ncam1=[1 0 0; 0 1 0; 0 0 1]\n"
     (folder / "calib.txt").write_text(f"{text}doffs=124.343\nbaseline=193.001\nwidth=2964\n")
     disparity = 3979.911 * 0.193001 / DEPTH - 124.343 / 1
@@ -178,14 +176,14 @@ def _middlebury(folder: Path) -> Example:
     )
 
 
-def _middlebury2006(folder: Path) -> Example:
+def _middlebury2006(folder):
     (folder / "dmin.txt").write_text("20\n")
     numbers = np.round(3740 * 0.16 / (DEPTH + 2) - 20)
     depth = marked(3740 * 0.16 / (numbers + 20), hole=NAN)
     return Example(png(folder / "disp1.png", marked(numbers, hole=0), np.uint8), depth)
 
 
-def _cityscapes(folder: Path) -> Example:
+def _cityscapes(folder):
     own, cameras = (folder / name / "train" / "ulm" for name in ("disparity", "camera"))
     for made in (own, cameras):
         made.mkdir(parents=True)
@@ -196,7 +194,7 @@ def _cityscapes(folder: Path) -> Example:
     return Example(path, metres(hole=True), rtol=1e-3)
 
 
-def _unrealstereo4k(folder: Path) -> Example:
+def _unrealstereo4k(folder):
     for number, x in (("0", 1.0), ("1", 0.5)):  # world to camera: the second is 0.5 to the right
         pose = f"1 0 0 {x} 0 1 0 2 0 0 1 3"
         path = folder / f"Extrinsics{number}" / "00007.txt"
@@ -206,7 +204,7 @@ def _unrealstereo4k(folder: Path) -> Example:
     return Example(npy(folder / "Disp0" / "00007.npy", disparity), metres(hole=True))
 
 
-def _spring(folder: Path) -> Example:
+def _spring(folder):
     (folder / "cam_data").mkdir()
     (folder / "cam_data" / "intrinsics.txt").write_text("900 900 4 3\n1000 1000 4 3\n")
     (folder / "disp1_left").mkdir()
@@ -216,7 +214,7 @@ def _spring(folder: Path) -> Example:
     return Example(path, metres(hole=True))
 
 
-def _hci(folder: Path) -> Example:
+def _hci(folder):
     lines = ["[intrinsics]", "focal_length_mm = 100.0", "image_resolution_x_px = 512"]
     lines += ["image_resolution_y_px = 512", "sensor_size_mm = 35.0", "[extrinsics]"]
     lines += ["baseline_mm = 90.0", "focus_distance_m = 9.0"]
@@ -227,7 +225,7 @@ def _hci(folder: Path) -> Example:
     return Example(pfm(folder / "gt_disp_lowres.pfm", disparity), metres(), rtol=1e-5)
 
 
-def _ffs(folder: Path) -> Example:
+def _ffs(folder):
     packed = np.round(1000 * 500 * 0.1 / DEPTH).astype(int)
     red, rest = np.divmod(packed, 255**2)
     path = png(folder / "a.png", np.stack([red, rest // 255, rest % 255], axis=2), np.uint8)
@@ -235,21 +233,21 @@ def _ffs(folder: Path) -> Example:
     return Example(path, 500 * 0.1 / (packed / 1000), options)
 
 
-def _carla(folder: Path) -> Example:
+def _carla(folder):
     packed = np.round(marked(sky=1000.0) / 1000 * (2**24 - 1)).astype(int)
     planes = [packed % 256, packed // 256 % 256, packed // 65536]
     path = png(folder / "a.png", np.stack([*planes, packed * 0 + 255], axis=2), np.uint8)
     return Example(path, metres(sky=True), rtol=1e-4)
 
 
-def _moge_png(folder: Path) -> Example:
+def _moge_png(folder):
     share = np.log(DEPTH / 0.5) / np.log(50 / 0.5)
     numbers = marked(1 + np.round(share * 65533), hole=0, sky=65535)
     path = with_text(png(folder / "a.png", numbers), near="0.5", far="50.0")
     return Example(path, metres(hole=True, sky=True), rtol=1e-4)
 
 
-def _moge(folder: Path) -> Example:
+def _moge(folder):
     mask = marked(np.full((3, 4), 255), hole=0)
     png(folder / "mask.png", mask, np.uint8)
     numbers = marked(hole=INF)
@@ -259,26 +257,26 @@ def _moge(folder: Path) -> Example:
     return Example(write_exr(folder / "depth.exr", Y=np.float32(numbers)), expected)
 
 
-def _affine(folder: Path) -> Example:
+def _affine(folder):
     share = (DEPTH - 1) / 19
     return Example(
         npy(folder / "a.npy", share), metres(), ("--depth-range", "1m", "20m"), rtol=1e-5
     )
 
 
-def _relative(folder: Path) -> Example:
+def _relative(folder):
     numbers = np.round(255 * (1 / DEPTH - 1 / 20) / (1 - 1 / 20))
     expected = 1 / (1 / 20 + numbers / 255 * (1 - 1 / 20))
     path = png(folder / "a.png", numbers, np.uint8)
     return Example(path, expected, ("--depth-range", "1m", "20m"))
 
 
-def _video(folder: Path) -> Example:
+def _video(folder):
     np.savez(folder / "a.npz", depths=np.stack([DEPTH + 1, DEPTH]).astype(np.float32))
     return Example(folder / "a.npz", metres(), ("--depth-kind", "depth", "--part", "1"))
 
 
-def _heic(folder: Path) -> Example:
+def _heic(folder):
     (folder / "a.heic").write_bytes(HEIC_MAGIC)
     return Example(folder / "a.heic", 1 / (0.15 + HEIC_NUMBERS / 255 * (3.22 - 0.15)))
 
@@ -286,7 +284,7 @@ def _heic(folder: Path) -> Example:
 HEIC_NUMBERS = np.arange(12).reshape(3, 4) * 20
 
 
-def _gdepth(folder: Path) -> Example:
+def _gdepth(folder):
     numbers = np.arange(12).reshape(3, 4) * 20
     image = png(folder / "depth.png", numbers, np.uint8).read_bytes()
     properties = {"Format": "RangeInverse", "Near": 0.5, "Far": 25.0, "Mime": "image/png"}
@@ -295,62 +293,54 @@ def _gdepth(folder: Path) -> Example:
     return Example(path, far * near / (far - numbers / 255 * (far - near)))
 
 
-def _npz(folder: Path, *options: str, **arrays: Any) -> Example:
+def _npz(folder, *options, **arrays):
     np.savez(folder / "a.npz", **{k: v.astype(np.float32) for k, v in arrays.items()})
     return Example(folder / "a.npz", metres(sky=True), options)
 
 
-def _blenderproc(folder: Path) -> Example:
+def _blenderproc(folder):
     path = of_hdf5(folder, colors=DEPTH * 2, depth=marked(sky=1e10), distance=DEPTH * 3)
     return Example(path, metres(sky=True))
 
 
-def _exr_of(
-    folder: Path,
-    name: str,
-    *options: str,
-    hole: Any = None,
-    sky: Any = None,
-    factor: float = 1.0,
-    **others: Any,
-) -> Example:
+def _exr_of(folder, name, *options, hole=None, sky=None, factor=1.0, **others):
     numbers = marked(DEPTH * factor, hole=hole, sky=sky)
     expected = metres(hole=hole is not None, sky=sky is not None)
     return Example(exr(folder, name, numbers, **others), expected, options)
 
 
-def _radial_exr(folder: Path, name: str, *options: str) -> Example:
+def _radial_exr(folder, name, *options):
     numbers = marked(radial(5.0), hole=0)
     return Example(
         exr(folder, name, numbers), metres(hole=True), ("--focal-px", "5", *options), 1e-5
     )
 
 
-def _npy_of(folder: Path, *options: str, hole: Any = None, sky: Any = None) -> Example:
+def _npy_of(folder, *options, hole=None, sky=None):
     path = npy(folder / "a.npy", marked(hole=hole, sky=sky))
     return Example(path, metres(hole=hole is not None, sky=sky is not None), options)
 
 
-def _irs(folder: Path) -> Example:
+def _irs(folder):
     return Example(exr(folder, "G", marked(48 / DEPTH, hole=0)), metres(hole=True))
 
 
-def _nuke(folder: Path) -> Example:
+def _nuke(folder):
     path = exr(folder, "depth.Z", marked(1 / DEPTH, sky=0), R=DEPTH, G=DEPTH, B=DEPTH)
     return Example(path, metres(sky=True))
 
 
-def _arnold(folder: Path) -> Example:
+def _arnold(folder):
     alpha = marked(np.ones((3, 4)), sky=0)
     return _exr_of(folder, "Z", hole=0, sky=3.0, R=DEPTH, G=DEPTH, B=DEPTH, A=alpha)
 
 
-def _houdini(folder: Path) -> Example:
+def _houdini(folder):
     alpha = marked(np.ones((3, 4)), sky=0)
     return _exr_of(folder, "Pz", hole=0, sky=3.0, factor=-1, A=alpha)
 
 
-def _sceneflow(folder: Path) -> Example:
+def _sceneflow(folder):
     return Example(pfm(folder / "a.pfm", marked(1050 / DEPTH, sky=0)), metres(sky=True))
 
 
@@ -447,7 +437,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
 }
 
 
-def _unreal(folder: Path) -> Example:
+def _unreal(folder):
     numbers = marked(DEPTH * 100, sky=65504 * 3e3)
     depth = {f"FinalImageMovieRenderQueue_WorldDepth.{c}": numbers for c in "RGB"}
     depth["FinalImageMovieRenderQueue_WorldDepth.A"] = numbers * 0 + 1
@@ -458,28 +448,27 @@ def _unreal(folder: Path) -> Example:
     return Example(path, metres(sky=True))
 
 
-def _quarter(folder: Path) -> Example:
+def _quarter(folder):
     numbers = marked(np.round(DEPTH * 0.8 * 4000), hole=0)
     return Example(png(folder / "a.png", numbers), metres(hole=True) * 0.8)
 
 
-def _fifth(folder: Path) -> Example:
+def _fifth(folder):
     numbers = marked(np.round(DEPTH * 0.5 * 5000), hole=0)
     return Example(png(folder / "a.png", numbers), metres(hole=True) * 0.5)
 
 
 @pytest.fixture(autouse=True)
-def libraries(monkeypatch: pytest.MonkeyPatch) -> None:
-    with_hdf5(monkeypatch)
+def libraries(monkeypatch):
     with_heic(monkeypatch, HEIC_NUMBERS.astype(np.uint8), d_min=0.15, d_max=3.22)
 
 
-def test_every_format_has_an_example() -> None:
+def test_every_format_has_an_example():
     assert EXAMPLES.keys() == FORMATS.keys()
 
 
 @pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"coc"}))  # which holds no depth
-def test_a_file_of_the_format_becomes_planar_metres(name: str, tmp_path: Path) -> None:
+def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
     example = EXAMPLES[name](tmp_path)
     out = tmp_path / "out.exr"
     ran = run(
@@ -494,7 +483,7 @@ def test_a_file_of_the_format_becomes_planar_metres(name: str, tmp_path: Path) -
 
 
 @pytest.mark.parametrize("name", FORMATS)
-def test_invalid_pixels_are_told_from_sky_and_refused(name: str, tmp_path: Path) -> None:
+def test_invalid_pixels_are_told_from_sky_and_refused(name, tmp_path):
     example = EXAMPLES[name](tmp_path)
     words = list(example.options)
     fields: dict[str, Any] = {"depth_format": name}
@@ -538,7 +527,7 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name: str, tmp_path: Path)
         ("disparity", "--focal-px PX and --baseline 65mm, or --depth-range NEAR FAR, or"),
     ],
 )
-def test_what_no_format_may_guess_is_asked_for(name: str, words: str, tmp_path: Path) -> None:
+def test_what_no_format_may_guess_is_asked_for(name, words, tmp_path):
     example = EXAMPLES[name](tmp_path)
     for sidecar in (p for p in tmp_path.rglob("*") if p.suffix in (".txt", ".cfg")):
         sidecar.unlink()

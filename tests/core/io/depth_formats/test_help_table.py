@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from defocus_cli.commands.help import text
 from defocus_core.errors import with_dashes
-from defocus_core.io.depth_formats.rules import ANY, FLOATS, SKY, DepthFormat
+from defocus_core.io.depth_formats.rules import ANY, FLOATS, SKY
 from defocus_core.io.depth_formats.table import ROWS
 
 
-def number(value: float) -> str:
+def number(value):
     return f"{value:.8g}"
 
 
-def files(row: DepthFormat) -> str:
+def files(row):
     if set(row.files) == set(ANY):
         return "any"
     kinds = list(row.files)
@@ -21,14 +21,14 @@ def files(row: DepthFormat) -> str:
     return ", ".join(kinds)
 
 
-def factor(scale: float) -> str:
+def factor(scale):
     if abs(scale) == 1:
         return "v" if scale > 0 else "-v"
     below = 1 / scale
     return f"v / {number(below)}" if scale < 1 else f"{number(scale)} v"
 
 
-def rule(row: DepthFormat) -> str:
+def rule(row):
     """What the numbers v become."""
     if row.rule == "radius":
         return "px of radius"
@@ -53,7 +53,7 @@ def rule(row: DepthFormat) -> str:
     return scaled if row.rule else "depth or disparity"
 
 
-def marks(row: DepthFormat) -> str:
+def marks(row):
     """Which numbers are invalid, and which are sky."""
     invalid = [number(n) for n in row.invalid] + ["inf"] * row.invalid_infinity
     invalid += [f"{row.holes} 0"] * bool(row.holes)
@@ -65,7 +65,7 @@ def marks(row: DepthFormat) -> str:
     return "; ".join(told) or "–"
 
 
-def needed(row: DepthFormat) -> str:
+def needed(row):
     """What must be said, or lie beside the file."""
     told = [f"`--{need}`" for need in row.needs] + ["`--depth-kind`"] * (not row.rule)
     if row.geometry == "ask":
@@ -84,7 +84,7 @@ def needed(row: DepthFormat) -> str:
     return ", ".join(told) or "–"
 
 
-def line(row: DepthFormat) -> str:
+def line(row):
     names = ", ".join(f"`{name}`" for name in (row.name, *row.aliases))
     geometry = " (radial)" if row.geometry == "radial" else ""
     title = with_dashes(f"{row.title}; {row.note}" if row.note else row.title)
@@ -92,7 +92,7 @@ def line(row: DepthFormat) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def test_every_format_is_listed_as_the_table_has_it() -> None:
+def test_every_format_is_listed_as_the_table_has_it():
     listed = [each for each in text("depth").splitlines() if each.startswith("| `")]
     missing = [line(row) for row in ROWS if line(row) not in listed]
     assert not missing, "\n".join(["defocus_cli/help/depth.md lacks:", *missing])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from depth_files import npy
@@ -16,23 +14,23 @@ from defocus_core.io.depth_formats.reading import DepthReading
 INF, NAN = np.inf, np.nan
 
 
-def filled(rows: list[list[float]]) -> list[list[float]]:
+def filled(rows):
     metres = np.array(rows, np.float32)
     fill_from_farther(metres, lambda rows: metres[rows] > 0)
     found: list[list[float]] = metres.tolist()
     return found
 
 
-def test_a_hole_takes_the_farther_of_its_neighbours_in_the_row() -> None:
+def test_a_hole_takes_the_farther_of_its_neighbours_in_the_row():
     assert filled([[1, NAN, 0, 5, -1]]) == [[1, 5, 5, 5, 5]]
     assert filled([[NAN, 3, NAN, 2]]) == [[3, 3, 3, 2]]
 
 
-def test_sky_is_the_farthest_neighbour() -> None:
+def test_sky_is_the_farthest_neighbour():
     assert filled([[2, NAN, INF]]) == [[2, INF, INF]]
 
 
-def test_a_row_without_depth_takes_the_farther_of_the_rows_beside_it() -> None:
+def test_a_row_without_depth_takes_the_farther_of_the_rows_beside_it():
     assert filled([[0, 0], [1, 9], [0, 0], [0, 0], [5, 2]]) == [
         *([[1, 9]] * 2),
         *([[5, 9]] * 2),
@@ -40,11 +38,11 @@ def test_a_row_without_depth_takes_the_farther_of_the_rows_beside_it() -> None:
     ]
 
 
-def test_depth_stays_as_it_is() -> None:
+def test_depth_stays_as_it_is():
     assert filled([[1, 2], [3, 4]]) == [[1, 2], [3, 4]]
 
 
-def test_nothing_can_be_filled_from_nothing(tmp_path: Path) -> None:
+def test_nothing_can_be_filled_from_nothing(tmp_path):
     path = npy(tmp_path / "a.npy", [[0.0, NAN]])
     with refuses("invalid-depth", path=path):
         read_depth(path, DepthReading(invalid="fill"))
@@ -59,9 +57,7 @@ def test_nothing_can_be_filled_from_nothing(tmp_path: Path) -> None:
         ("on", "fill", [[3, 3, 1], [2, 2, 2], [-1, -1, 0]]),
     ],
 )
-def test_of_relative_disparity_the_farthest_number_is_far(
-    invert: str | None, how: str, found: list[list[float]], tmp_path: Path
-) -> None:
+def test_of_relative_disparity_the_farthest_number_is_far(invert, how, found, tmp_path):
     path = npy(tmp_path / "a.npy", [[3.0, NAN, 1.0], [INF, 2.0, 2.0], [NAN, -1.0, 0.0]])
     reading = DepthReading(invalid=how, relative=True, invert=invert)
     assert read_depth(path, reading).metres[:].tolist() == found
@@ -72,9 +68,7 @@ def test_of_relative_disparity_the_farthest_number_is_far(
 
 @pytest.mark.parametrize("keeping", [Keeping(), Keeping(scratch=True)])
 @pytest.mark.parametrize(("how", "value"), [("far", INF), ("fill", 3.0)])
-def test_replaced_pixels_are_counted_and_told(
-    how: str, value: float, keeping: Keeping, tmp_path: Path
-) -> None:
+def test_replaced_pixels_are_counted_and_told(how, value, keeping, tmp_path):
     path = npy(tmp_path / "a.npy", [[3.0, 0.0], [NAN, 2.0]])
     depth = read_depth(path, DepthReading(invalid=how), keeping=keeping)
     require_valid(depth)
@@ -86,7 +80,7 @@ def test_replaced_pixels_are_counted_and_told(
     assert f"a.npy: 2 invalid pixels {words}" in depth.warnings
 
 
-def test_16_bits_with_holes_are_asked_for_their_format(tmp_path: Path) -> None:
+def test_16_bits_with_holes_are_asked_for_their_format(tmp_path):
     from depth_files import png
 
     path = png(tmp_path / "a.png", [[0, 1000]])

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from depth_files import png
@@ -16,7 +13,7 @@ from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import FORMATS
 
 
-def numbers(size: tuple[int, int], *, zeros: float = 0.0, tops: float = 0.0) -> Any:
+def numbers(size, *, zeros=0.0, tops=0.0):
     draw = np.random.default_rng(5)
     values = draw.integers(500, 20000, size[::-1])
     share = draw.random(size[::-1])
@@ -36,7 +33,7 @@ LIKELY = [
 
 
 @pytest.mark.parametrize(("name", "place", "values"), LIKELY)
-def test_a_likely_format_is_named(name: str, place: str, values: Any, tmp_path: Path) -> None:
+def test_a_likely_format_is_named(name, place, values, tmp_path):
     path = tmp_path / place
     path.parent.mkdir(parents=True, exist_ok=True)
     png(path, values)
@@ -57,13 +54,13 @@ def test_a_likely_format_is_named(name: str, place: str, values: Any, tmp_path: 
         ("nyu/depth/00001.png", numbers(SMALL, zeros=0.2)),
     ],
 )
-def test_millimetres_are_read(place: str, values: Any, tmp_path: Path) -> None:
+def test_millimetres_are_read(place, values, tmp_path):
     (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
     read = read_depth(png(tmp_path / place, values))
     np.testing.assert_allclose(read.metres, values / 1000, rtol=1e-6)
 
 
-def test_signs_are_of_formats_that_read_otherwise() -> None:
+def test_signs_are_of_formats_that_read_otherwise():
     for row in (FORMATS[sign.format] for sign in SIGNS):
         assert "16-bit PNG" in row.files
         assert (row.rule, row.scale, row.bits) != ("scale", 1 / 1000, "")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import struct
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -22,7 +20,7 @@ from defocus_core.io.exr.windows import Window
 CODECS = ("NO", "RLE", "ZIPS")
 
 
-def part(seed: int, codec: str, name: str = "") -> tuple[Any, dict[str, Any]]:
+def part(seed, codec, name=""):
     """A deep part of 0 to 5 samples a pixel, noisy and even ones; and its channels."""
     noise = np.random.default_rng(seed)
     counts = noise.integers(0, 6, (9, 7))
@@ -41,12 +39,12 @@ def part(seed: int, codec: str, name: str = "") -> tuple[Any, dict[str, Any]]:
     return OpenEXR.Part(header, dict(channels), name), channels
 
 
-def flat(pixels: Any) -> Any:
+def flat(pixels):
     return np.concatenate(list(pixels.ravel()))
 
 
 @pytest.mark.parametrize("codec", CODECS)
-def test_samples_of_each_compression_are_what_was_written(codec: str, tmp_path: Path) -> None:
+def test_samples_of_each_compression_are_what_was_written(codec, tmp_path):
     parts = [part(seed, codec, name) for seed, name in enumerate(("a", "b"))]
     for number, chosen in enumerate((parts[:1], parts)):
         path = tmp_path / f"{number}.exr"
@@ -60,9 +58,7 @@ def test_samples_of_each_compression_are_what_was_written(codec: str, tmp_path: 
 
 
 @pytest.mark.parametrize(("promised", "code"), [(1 << 60, "too-large"), (1 << 20, "damaged")])
-def test_what_chunks_promise_is_counted_before_it_is_allocated(
-    promised: int, code: str, tmp_path: Path
-) -> None:
+def test_what_chunks_promise_is_counted_before_it_is_allocated(promised, code, tmp_path):
     samples = [{"R": 1.0, "G": 0.5, "B": 0.2, "A": 1.0, "Z": 2.0}]
     path = write_deep_samples(tmp_path / "a.exr", [[samples] * 8] * 8)
     (header,) = read_headers(path)
@@ -75,7 +71,7 @@ def test_what_chunks_promise_is_counted_before_it_is_allocated(
         summary(path, header)
 
 
-def test_chunks_lie_where_they_say(tmp_path: Path) -> None:
+def test_chunks_lie_where_they_say(tmp_path):
     """One chunk in the place of all would be as many samples as the header likes."""
     path = write_deep_samples(tmp_path / "a.exr", [[[{"A": 1.0, "Z": 2.0}]] * 8] * 8, ("A", "Z"))
     (header,) = read_headers(path)
@@ -88,7 +84,7 @@ def test_chunks_lie_where_they_say(tmp_path: Path) -> None:
         summary(path, header)
 
 
-def test_a_pixel_of_many_samples_is_merged_at_once() -> None:
+def test_a_pixel_of_many_samples_is_merged_at_once():
     """A row of a file of 60 kB may hold millions; one merge a step took minutes."""
     count, generator = 50_000, np.random.default_rng(0)
     pixel, depth = np.zeros(count, np.int32), np.sort(generator.uniform(1, 9, count))
@@ -103,9 +99,7 @@ def test_a_pixel_of_many_samples_is_merged_at_once() -> None:
     assert shown[1] == pytest.approx(shown[0], rel=1e-5)  # 1 - alpha is a float
 
 
-def test_samples_are_counted_and_none_is_decoded(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_samples_are_counted_and_none_is_decoded(tmp_path, monkeypatch):
     one = {"R": 1.0, "G": 0.5, "B": 0.2, "A": 1.0, "Z": 2.0}
     path = write_deep_samples(tmp_path / "a.exr", [[[one] * 3, [one]], [[], [one] * 7]])
     (header,) = read_headers(path)

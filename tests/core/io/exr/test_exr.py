@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import clamped_half, write_exr
 
 
-def test_every_pixel_type_comes_back_bit_for_bit(tmp_path: Path) -> None:
+def test_every_pixel_type_comes_back_bit_for_bit(tmp_path):
     planes: dict[str, Any] = {
         "half": np.array([[0.1, 65504.0, -np.inf]], np.float16),
         "float": np.array([[0.1, 1e30, np.nan]], np.float32),
@@ -42,7 +41,7 @@ def test_every_pixel_type_comes_back_bit_for_bit(tmp_path: Path) -> None:
         assert part.channels[name].tobytes() == plane.tobytes()
 
 
-def test_metadata_goes_through_and_structure_does_not(tmp_path: Path) -> None:
+def test_metadata_goes_through_and_structure_does_not(tmp_path):
     said = {"owner": "ünï", "isoSpeed": 100.0, "frame": 3, "worldToCamera": np.eye(4, dtype="f")}
     structure = {"compression": OpenEXR.PIZ_COMPRESSION, "name": "x", "chunkCount": 9}
     write_exr(tmp_path / "a.exr", random_planes("Y"), {**said, **structure})
@@ -54,7 +53,7 @@ def test_metadata_goes_through_and_structure_does_not(tmp_path: Path) -> None:
         np.testing.assert_array_equal(header(tmp_path / "b.exr")[name], value)
 
 
-def test_writing_leaves_the_callers_arguments_alone(tmp_path: Path) -> None:
+def test_writing_leaves_the_callers_arguments_alone(tmp_path):
     attributes: dict[str, object] = {"defocus:focus": "2m"}
     planes = random_planes("RGB")
     write_exr(tmp_path / "a.exr", planes, attributes)
@@ -67,7 +66,7 @@ def test_writing_leaves_the_callers_arguments_alone(tmp_path: Path) -> None:
     [(-2, -3, 14, 12), (3, 2, 7, 6), (5, 5, 20, 20), (40, 40, 50, 50)],
     ids=["overscan", "inside", "overlap", "outside"],
 )
-def test_the_display_window_is_what_comes_back(tmp_path: Path, data: tuple[int, ...]) -> None:
+def test_the_display_window_is_what_comes_back(tmp_path, data):
     x0, y0, x1, y1 = data
     everywhere = np.zeros((100, 100), np.float32)  # scene whose (0, 0) is at (-20, -20)
     written = np.random.default_rng(1).random((y1 - y0 + 1, x1 - x0 + 1), np.float32)
@@ -77,7 +76,7 @@ def test_the_display_window_is_what_comes_back(tmp_path: Path, data: tuple[int, 
     np.testing.assert_array_equal(part.channels["Z"], everywhere[20:28, 20:30])
 
 
-def test_headers_name_parts_types_and_depth_of_data(tmp_path: Path) -> None:
+def test_headers_name_parts_types_and_depth_of_data(tmp_path):
     parts = [
         OpenEXR.Part({"name": "rgba", **SCANLINE}, random_planes("RGBA")),
         OpenEXR.Part({"name": "ids", **SCANLINE}, {"id": np.zeros((24, 32), np.uint32)}),
@@ -92,14 +91,14 @@ def test_headers_name_parts_types_and_depth_of_data(tmp_path: Path) -> None:
     assert read_headers(tmp_path / "deep.exr")[0].deep
 
 
-def test_clamping_to_half_counts_pixels_and_keeps_the_rest() -> None:
+def test_clamping_to_half_counts_pixels_and_keeps_the_rest():
     values = np.array([1.0, 65504.0, 65510.0, -1e9, np.inf, np.nan], np.float32)
     half, beyond = clamped_half(values)
     np.testing.assert_array_equal(half, np.array([1, 65504, 65504, -65504, 65504, np.nan], "e"))
     assert beyond.tolist() == [False, False, True, True, True, False]
 
 
-def test_a_claimed_size_is_checked_before_allocation(tmp_path: Path) -> None:
+def test_a_claimed_size_is_checked_before_allocation(tmp_path):
     path = tmp_path / "a.exr"
     write_exr(path, random_planes("Y"), {})
     honest = path.read_bytes()
@@ -110,7 +109,7 @@ def test_a_claimed_size_is_checked_before_allocation(tmp_path: Path) -> None:
             read_parts(path)
 
 
-def test_a_part_lost_to_damage_is_an_error(tmp_path: Path) -> None:
+def test_a_part_lost_to_damage_is_an_error(tmp_path):
     # OpenEXR drops such a part with a print and shifts the others.
     path = tmp_path / "a.exr"
     parts = [
@@ -123,9 +122,7 @@ def test_a_part_lost_to_damage_is_an_error(tmp_path: Path) -> None:
         read_parts(path)
 
 
-def test_damage_is_an_input_error_or_unseen_never_a_crash(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_damage_is_an_input_error_or_unseen_never_a_crash(tmp_path, capfd):
     path = tmp_path / "a.exr"
     write_exr(path, random_planes("RGBZ", (40, 50)), {"owner": "someone"})
     sound = path.read_bytes()
@@ -154,7 +151,7 @@ def test_damage_is_an_input_error_or_unseen_never_a_crash(
         (b"\x89PNG\r\n\x1a\n", "wrong-type"),
     ],
 )
-def test_not_an_exr_file_says_so(tmp_path: Path, content: bytes, code: str) -> None:
+def test_not_an_exr_file_says_so(tmp_path, content, code):
     path = tmp_path / "a.exr"
     path.write_bytes(content)
     with refuses(code, path=path):
@@ -164,13 +161,13 @@ def test_not_an_exr_file_says_so(tmp_path: Path, content: bytes, code: str) -> N
 COMPRESSIONS = [name for name in dir(OpenEXR) if name.endswith("_COMPRESSION")]
 
 
-def tiles(width: int, height: int) -> dict[str, Any]:
+def tiles(width, height):
     described = OpenEXR.TileDescription()
     described.xSize, described.ySize = width, height
     return {"type": OpenEXR.tiledimage, "tiles": described, "compression": OpenEXR.ZIP_COMPRESSION}
 
 
-def whole_by_openexr(path: Path) -> list[dict[str, Any]]:
+def whole_by_openexr(path):
     """Every channel of every part as OpenEXR decodes it at once, put into the display window."""
     parts = []
     for part in OpenEXR.File(str(path), separate_channels=True).parts:
@@ -186,7 +183,7 @@ def whole_by_openexr(path: Path) -> list[dict[str, Any]]:
     return parts
 
 
-def same_in_pieces(path: Path, monkeypatch: pytest.MonkeyPatch, piece_bytes: int = 3000) -> None:
+def same_in_pieces(path, monkeypatch, piece_bytes=3000):
     for pieces in (piece_bytes, 1 << 25):
         monkeypatch.setattr(reading, "_STRIP_BYTES", pieces)
         for scratch in (False, True):
@@ -199,7 +196,7 @@ def same_in_pieces(path: Path, monkeypatch: pytest.MonkeyPatch, piece_bytes: int
                     np.testing.assert_array_equal(pixels, plane)
 
 
-def mixed_planes(shape: tuple[int, int]) -> dict[str, Any]:
+def mixed_planes(shape):
     """Types in an order that no two neighbours share, whole numbers beyond what float holds."""
     rng = np.random.default_rng(7)
     return {
@@ -211,18 +208,14 @@ def mixed_planes(shape: tuple[int, int]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_scan_lines_of_all_compressions_are_the_same_in_pieces(
-    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scan_lines_of_all_compressions_are_the_same_in_pieces(compression, tmp_path, monkeypatch):
     header = {"type": OpenEXR.scanlineimage, "compression": getattr(OpenEXR, compression)}
     OpenEXR.File(header, mixed_planes((600, 20))).write(str(tmp_path / "a.exr"))
     same_in_pieces(tmp_path / "a.exr", monkeypatch)
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_tiles_of_all_compressions_are_the_same_in_pieces(
-    compression: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tiles_of_all_compressions_are_the_same_in_pieces(compression, tmp_path, monkeypatch):
     header = {**tiles(16, 24), "compression": getattr(OpenEXR, compression)}
     OpenEXR.File(header, mixed_planes((70, 50))).write(str(tmp_path / "a.exr"))
     same_in_pieces(tmp_path / "a.exr", monkeypatch)
@@ -230,8 +223,8 @@ def test_tiles_of_all_compressions_are_the_same_in_pieces(
 
 @pytest.mark.parametrize("piece_bytes", [1, 20_000, 10**6])
 def test_a_texture_with_its_smaller_copies_is_the_same_in_pieces_of_any_size(
-    piece_bytes: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    piece_bytes, tmp_path, monkeypatch
+):
     texture = oiio.ImageBuf(oiio.ImageSpec(50, 70, 3, "float"))
     texture.set_pixels(oiio.ROI(), np.random.default_rng(4).random((70, 50, 3), np.float32))
     tiled = oiio.ImageSpec()
@@ -240,9 +233,7 @@ def test_a_texture_with_its_smaller_copies_is_the_same_in_pieces_of_any_size(
     same_in_pieces(tmp_path / "a.exr", monkeypatch, piece_bytes)
 
 
-def test_tiled_parts_and_windows_are_the_same_in_pieces(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tiled_parts_and_windows_are_the_same_in_pieces(tmp_path, monkeypatch):
     data, display = box(-5, 7, 44, 66), box(0, 0, 39, 79)
     windows = {"dataWindow": data, "displayWindow": display}
     parts = [
@@ -254,16 +245,14 @@ def test_tiled_parts_and_windows_are_the_same_in_pieces(
     same_in_pieces(tmp_path / "a.exr", monkeypatch)
 
 
-def test_a_tile_too_large_to_be_decoded_at_once_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_tile_too_large_to_be_decoded_at_once_is_refused(tmp_path, monkeypatch):
     OpenEXR.File(tiles(64, 64), random_planes("RGB", (70, 80))).write(str(tmp_path / "a.exr"))
     monkeypatch.setattr(reading, "_LARGEST_TILE", 64 * 64 * 6 - 1)
     with refuses("no-pieces", "‹memory›"):
         read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
 
 
-def test_of_subsampled_channels_only_chroma_is_read(tmp_path: Path) -> None:
+def test_of_subsampled_channels_only_chroma_is_read(tmp_path):
     path, plane = tmp_path / "a.exr", random_planes("R", (24, 32))["R"]
     OpenEXR.File(dict(SCANLINE), {"R": plane, "mask": OpenEXR.Channel(plane, 2, 2)}).write(
         str(path)
@@ -275,7 +264,7 @@ def test_of_subsampled_channels_only_chroma_is_read(tmp_path: Path) -> None:
     np.testing.assert_array_equal(part.channels["R"], plane)
 
 
-def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path: Path) -> None:
+def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path):
     """It refuses pictures larger than memory, which are read in pieces, and 1025 channels."""
     names = [f"c{index}" for index in range(1030)]
     planes = {name: np.full((20, 30), index, np.float16) for index, name in enumerate(names)}
@@ -293,7 +282,7 @@ def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path: Path) -> Non
     assert all((part.channels[name][:] == plane).all() for name, plane in planes.items())
 
 
-def test_openexr_refuses_a_header_with_text_that_is_not_utf_8(tmp_path: Path) -> None:
+def test_openexr_refuses_a_header_with_text_that_is_not_utf_8(tmp_path):
     """The reason why headers are read by hand; test_carried.py shows that text goes through."""
     path = tmp_path / "a.exr"
     OpenEXR.File({**SCANLINE, "owner": "J?rgen"}, random_planes("Y")).write(str(path))
@@ -304,9 +293,7 @@ def test_openexr_refuses_a_header_with_text_that_is_not_utf_8(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("rows", [256, 512, 10_000])
-def test_strips_make_the_file_that_openexr_writes_at_once(
-    rows: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_strips_make_the_file_that_openexr_writes_at_once(rows, tmp_path, monkeypatch):
     planes, corner = mixed_planes((600, 20)), (-3, 5)
     row_bytes = 20 * sum(plane.dtype.itemsize for plane in planes.values())
     monkeypatch.setattr(writing, "_STRIP_BYTES", rows * row_bytes)
@@ -317,7 +304,7 @@ def test_strips_make_the_file_that_openexr_writes_at_once(
     assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
 
 
-def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path: Path) -> None:
+def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path):
     for aspect, usual in ((1.0, True), (2.0, True), (11.0, False), (0.05, False)):
         path = tmp_path / f"{aspect}.exr"
         header = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": aspect}
@@ -331,9 +318,7 @@ def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", [*CODECS, "dwaa:300"])
-def test_each_codec_makes_the_file_that_openexr_writes_at_once(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_codec_makes_the_file_that_openexr_writes_at_once(name, tmp_path, monkeypatch):
     monkeypatch.setattr(writing, "_STRIP_BYTES", 1)
     planes = random_planes("RGBZ", (600, 8))
     write_exr(tmp_path / "a.exr", planes, {}, compression=name)

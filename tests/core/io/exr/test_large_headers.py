@@ -5,9 +5,6 @@ from __future__ import annotations
 import struct
 import sys
 import time
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
@@ -25,11 +22,11 @@ from defocus_core.io.images.color import _extras, read_color
 from defocus_core.io.images.describe import describe
 
 
-def attribute(name: str, kind: str, value: bytes) -> bytes:
+def attribute(name, kind, value):
     return b"%s\0%s\0%s%s" % (name.encode(), kind.encode(), struct.pack("<i", len(value)), value)
 
 
-def part(*more: bytes, channels: int = 3) -> bytes:
+def part(*more, channels=3):
     listed = b"".join(b"c%d\0" % n + struct.pack("<i4x2i", 1, 1, 1) for n in range(channels))
     window = struct.pack("<4i", 0, 0, 7, 7)
     windows = (attribute(name, "box2i", window) for name in ("dataWindow", "displayWindow"))
@@ -52,9 +49,7 @@ MANY = [attribute(f"a{n}", "int", bytes(4)) for n in range(3000)]
     ],
     ids=["channels", "channels of all parts", "parts", "views", "attributes of a part", "of all"],
 )
-def test_a_header_of_more_than_any_picture_has_is_refused(
-    what: str, flags: int, header: bytes, tmp_path: Path
-) -> None:
+def test_a_header_of_more_than_any_picture_has_is_refused(what, flags, header, tmp_path):
     path = tmp_path / "a.exr"
     path.write_bytes(MAGIC + struct.pack("<I", 2 | flags) + header)
     with refuses("too-large") as caught:
@@ -62,11 +57,11 @@ def test_a_header_of_more_than_any_picture_has_is_refused(
     assert caught.value.problem.endswith(what)
 
 
-def work(done: Callable[[], Any]) -> int:
+def work(done):
     """How many functions are called."""
     count = 0
 
-    def counted(*_: object) -> None:
+    def counted(*_):
         nonlocal count
         count += 1
 
@@ -78,7 +73,7 @@ def work(done: Callable[[], Any]) -> int:
     return count
 
 
-def read(path: Path) -> None:
+def read(path):
     headers = read_headers(path)
     describe(path)
     choose_color(path, headers, layer=None, part=0)
@@ -88,7 +83,7 @@ def read(path: Path) -> None:
 
 
 @pytest.mark.parametrize("of", ["channels", "parts"])
-def test_work_is_linear_in_the_channels_and_parts_of_a_file(of: str, tmp_path: Path) -> None:
+def test_work_is_linear_in_the_channels_and_parts_of_a_file(of, tmp_path):
     """A thousand channels and 200 parts are legal."""
     counts = []
     for count in (500, 1000) if of == "channels" else (100, 200):
@@ -103,7 +98,7 @@ def test_work_is_linear_in_the_channels_and_parts_of_a_file(of: str, tmp_path: P
     assert all_of_them < 2.2 * half
 
 
-def test_a_look_at_the_colour_decodes_no_other_channel(tmp_path: Path) -> None:
+def test_a_look_at_the_colour_decodes_no_other_channel(tmp_path):
     """Of thousands of channels, to read all takes the square of their number."""
     path = multi_part(tmp_path / "a.exr", first=random_planes("BGRZ"), other=random_planes("N"))
     whole, alone = read_color(path), read_color(path, carried=False)
@@ -113,8 +108,8 @@ def test_a_look_at_the_colour_decodes_no_other_channel(tmp_path: Path) -> None:
 
 
 @pytest.mark.bench
-def test_layers_are_found_in_time_linear_in_the_channels() -> None:
-    def seconds(count: int) -> float:
+def test_layers_are_found_in_time_linear_in_the_channels():
+    def seconds(count):
         names, times = [f"l{n}.R" for n in range(count)], []
         for _ in range(3):
             start = time.process_time()
@@ -126,9 +121,7 @@ def test_layers_are_found_in_time_linear_in_the_channels() -> None:
     assert seconds(4000) < 8 * seconds(1000)
 
 
-def test_a_file_of_many_parts_is_opened_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_of_many_parts_is_opened_once(tmp_path, monkeypatch):
     """To open it is to read all headers."""
     path = multi_part(tmp_path / "a.exr", **{f"p{n}": random_planes("Y") for n in range(20)})
     opened = []
@@ -136,7 +129,7 @@ def test_a_file_of_many_parts_is_opened_once(
 
     class Counting:
         @staticmethod
-        def open(*arguments: Any) -> Any:
+        def open(*arguments):
             opened.append(arguments)
             return open_file(*arguments)
 
@@ -145,9 +138,7 @@ def test_a_file_of_many_parts_is_opened_once(
     assert len(opened) == 1
 
 
-def test_a_tiff_of_more_pages_than_are_read_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_tiff_of_more_pages_than_are_read_is_refused(tmp_path, monkeypatch):
     path = save(tmp_path / "a.tif", np.zeros((2, 2, 3), np.uint8))
     monkeypatch.setattr(raster, "_MOST_PAGES", 1)
     assert len(raster.read_pages(path)) == 1

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import OpenEXR
 import pytest
@@ -22,17 +19,17 @@ ONE_PART = (
 )
 
 
-def planes_of(*names: str) -> dict[str, Any]:
+def planes_of(*names):
     """A plane for each name, of one number that is its place among the names."""
     return {name: np.full((4, 6), index, np.float16) for index, name in enumerate(names)}
 
 
-def one_part(path: Path, *names: str, **attributes: Any) -> Path:
+def one_part(path, *names, **attributes):
     OpenEXR.File({**SCANLINE, **attributes}, planes_of(*names)).write(str(path))
     return path
 
 
-def several_parts(path: Path, parts: dict[str, tuple[str, str]]) -> Path:
+def several_parts(path, parts):
     """Parts of RGBA or Z by name, each with its view."""
     made = []
     for name, (channels, view) in parts.items():
@@ -42,12 +39,12 @@ def several_parts(path: Path, parts: dict[str, tuple[str, str]]) -> Path:
     return path
 
 
-def plain_names(path: Path, view: str | None) -> dict[str, str]:
+def plain_names(path, view):
     headers = in_view(path, read_headers(path), view)
     return {channel.plain: channel.name for header in headers for channel in header.channels}
 
 
-def test_views_of_one_part_are_in_the_names_of_its_channels(tmp_path: Path) -> None:
+def test_views_of_one_part_are_in_the_names_of_its_channels(tmp_path):
     path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])
     assert views_of(read_headers(path)) == ("right", "left")
     of_no_view = {"disparityL.x": "disparityL.x"}
@@ -62,9 +59,7 @@ def test_views_of_one_part_are_in_the_names_of_its_channels(tmp_path: Path) -> N
     "attributes", [("left", "left", "right", "right"), ("", "", "", "")], ids=["said", "by name"]
 )
 @pytest.mark.parametrize("end", [".", "_", "-"])
-def test_views_of_parts_are_their_attribute_or_the_end_of_their_name(
-    attributes: tuple[str, ...], end: str, tmp_path: Path
-) -> None:
+def test_views_of_parts_are_their_attribute_or_the_end_of_their_name(attributes, end, tmp_path):
     names = [f"{layer}{end}{view}" for view in ("left", "right") for layer in ("rgba", "depth")]
     kinds = zip(("RGBA", "Z", "RGBA", "Z"), attributes, strict=True)
     path = several_parts(tmp_path / "a.exr", dict(zip(names, kinds, strict=True)))
@@ -77,26 +72,26 @@ def test_views_of_parts_are_their_attribute_or_the_end_of_their_name(
     assert "view right" in color.note
 
 
-def test_without_a_name_the_default_view_is_taken_and_said_to_be(tmp_path: Path) -> None:
+def test_without_a_name_the_default_view_is_taken_and_said_to_be(tmp_path):
     parts = {"right": ("RGB", "right"), "left": ("RGB", "left")}
     color = read_color(several_parts(tmp_path / "a.exr", parts))
     np.testing.assert_array_equal(color.planes[0], random_planes("RGB", (4, 6))["R"])
     assert color.warnings == ("view right taken, the default of right, left; ‹view› names another",)
 
 
-def test_a_view_that_is_not_there_is_refused_with_those_that_are(tmp_path: Path) -> None:
+def test_a_view_that_is_not_there_is_refused_with_those_that_are(tmp_path):
     path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])
     with refuses("no-such-view", "right, left", "‹view›", path=path):
         read_color(path, view="centre")
 
 
-def test_a_picture_without_views_has_none(tmp_path: Path) -> None:
+def test_a_picture_without_views_has_none(tmp_path):
     path = one_part(tmp_path / "a.exr", "R", "G", "B", "Z", "left.mask", "diffuse.R")
     assert views_of(read_headers(path)) == ()
     assert set(plain_names(path, None)) == {"R", "G", "B", "Z", "left.mask", "diffuse.R"}
 
 
-def test_views_are_known_by_left_and_right_where_attributes_were_lost(tmp_path: Path) -> None:
+def test_views_are_known_by_left_and_right_where_attributes_were_lost(tmp_path):
     names = (*(f"View.Combined.{side}.{c}" for side in ("left", "right") for c in "RGB"),)
     path = one_part(tmp_path / "a.exr", *names)
     assert views_of(read_headers(path)) == ("left", "right")
@@ -106,7 +101,7 @@ def test_views_are_known_by_left_and_right_where_attributes_were_lost(tmp_path: 
 
 
 @pytest.mark.parametrize("damage", [b"\xff\xff\xff\x7f", b"\xfe\xff\xff\xff"])
-def test_a_damaged_list_of_views_is_an_error(damage: bytes, tmp_path: Path) -> None:
+def test_a_damaged_list_of_views_is_an_error(damage, tmp_path):
     path = one_part(tmp_path / "a.exr", *ONE_PART, multiView=["right", "left"])
     data = path.read_bytes()
     path.write_bytes(data.replace(b"\x05\0\0\0right", damage + b"right"))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from fractions import Fraction
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,14 +28,12 @@ X, Y = 5, -7  # of the display window's first pixel
 DISPLAY = (X, Y, X + WIDTH - 1, Y + HEIGHT - 1)
 
 
-def planes(names: str, height: int, width: int) -> dict[str, Any]:
+def planes(names, height, width):
     rng = np.random.default_rng(1)
     return {name: 1 + rng.random((height, width), np.float32) for name in names}
 
 
-def test_overscan_is_read_and_cropped_to_the_display_window_which_is_written_back(
-    tmp_path: Path, out: Path
-) -> None:
+def test_overscan_is_read_and_cropped_to_the_display_window_which_is_written_back(tmp_path, out):
     whole = planes("RGB", HEIGHT + 7, WIDTH + 5) | {"Z": np.full((HEIGHT + 7, WIDTH + 5), 2.0, "f")}
     path = tmp_path / "a.exr"
     write_window(path, dict(whole), box(X - 2, Y - 3, X + WIDTH + 2, Y + HEIGHT + 3), box(*DISPLAY))
@@ -54,9 +51,7 @@ def test_overscan_is_read_and_cropped_to_the_display_window_which_is_written_bac
 
 
 @pytest.mark.parametrize("names", ["RGB", "RGBA"])
-def test_a_frame_without_pixels_is_nothing_and_said_so(
-    names: str, tmp_path: Path, depth: Path, out: Path
-) -> None:
+def test_a_frame_without_pixels_is_nothing_and_said_so(names, tmp_path, depth, out):
     path = tmp_path / "a.exr"
     write_window(path, planes(names, 6, 10), box(2, 1, 11, 6), box(0, 0, WIDTH - 1, HEIGHT - 1))
     ran = render(path, depth, "-o", out, "-v")
@@ -68,9 +63,7 @@ def test_a_frame_without_pixels_is_nothing_and_said_so(
     assert "nothing outside the data window 10x6 at 2,1" in run("info", path).out
 
 
-def test_a_part_that_no_output_can_hold_is_said_to_be_left_out(
-    tmp_path: Path, depth: Path, out: Path
-) -> None:
+def test_a_part_that_no_output_can_hold_is_said_to_be_left_out(tmp_path, depth, out):
     samples = np.empty((HEIGHT, WIDTH), dtype=object)
     for index in np.ndindex(samples.shape):
         samples[index] = np.ones(2, np.float32)
@@ -88,9 +81,7 @@ def test_a_part_that_no_output_can_hold_is_said_to_be_left_out(
         assert left_out not in render(*args).err
 
 
-def test_attributes_of_any_type_and_text_come_back_as_they_were(
-    tmp_path: Path, depth: Path, out: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_attributes_of_any_type_and_text_come_back_as_they_were(tmp_path, depth, out, monkeypatch):
     said: dict[str, Any] = {
         "framesPerSecond": Fraction(24000, 1001),
         "ours": OpenEXR.OpaqueAttribute(b"\1\2\xff", "madeHere"),
@@ -115,9 +106,7 @@ def test_attributes_of_any_type_and_text_come_back_as_they_were(
     assert render(out / "render" / "a.exr", depth, "-o", tmp_path / "again").code == 0
 
 
-def test_a_thumbnail_stays_behind_as_it_shows_the_picture_in_focus(
-    tmp_path: Path, depth: Path, out: Path
-) -> None:
+def test_a_thumbnail_stays_behind_as_it_shows_the_picture_in_focus(tmp_path, depth, out):
     path = tmp_path / "a.exr"
     attributes = {**SCANLINE, "preview": OpenEXR.PreviewImage(2, 1)}
     OpenEXR.File(attributes, planes("RGB", HEIGHT, WIDTH)).write(str(path))
@@ -126,9 +115,7 @@ def test_a_thumbnail_stays_behind_as_it_shows_the_picture_in_focus(
     assert "preview" not in header(out / "render" / "a.exr")
 
 
-def test_a_name_that_is_not_utf_8_is_not_called_damage(
-    tmp_path: Path, depth: Path, out: Path
-) -> None:
+def test_a_name_that_is_not_utf_8_is_not_called_damage(tmp_path, depth, out):
     for name in ("mask", "about"):
         path = tmp_path / f"{name}.exr"
         channels = planes("RGB", HEIGHT, WIDTH) | {"mask": ramp()}

@@ -32,20 +32,20 @@ from defocus_core.renderer.engine import statistics
 SHAPE = (6, 7)
 
 
-def srgb(encoded: Any) -> Any:
+def srgb(encoded):
     """IEC 61966-2-1, written as in the standard."""
     encoded = np.asarray(encoded, np.float64)
     return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
 
 
-def integers(bits: int, channels: int) -> Any:
+def integers(bits, channels):
     dtype = np.uint8 if bits == 8 else np.uint16
     return np.random.default_rng(3).integers(0, 2**bits, (*SHAPE, channels), dtype)
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif"])
 @pytest.mark.parametrize("bits", [8, 16])
-def test_integers_are_srgb(tmp_path: Path, suffix: str, bits: int) -> None:
+def test_integers_are_srgb(tmp_path, suffix, bits):
     samples = integers(bits, 3)
     color = read_color(save(tmp_path / f"a.{suffix}", samples))
     assert color.channels == ("R", "G", "B")
@@ -54,7 +54,7 @@ def test_integers_are_srgb(tmp_path: Path, suffix: str, bits: int) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif"])
-def test_alpha_is_multiplied_in_linear_light(tmp_path: Path, suffix: str) -> None:
+def test_alpha_is_multiplied_in_linear_light(tmp_path, suffix):
     samples = integers(16, 4)
     samples[0, 0, 3] = 0
     color = read_color(save(tmp_path / f"a.{suffix}", samples))
@@ -64,14 +64,14 @@ def test_alpha_is_multiplied_in_linear_light(tmp_path: Path, suffix: str) -> Non
     np.testing.assert_allclose(color.pixels, expected, rtol=1e-6)
 
 
-def test_associated_alpha_is_divided_out_before_decoding(tmp_path: Path) -> None:
+def test_associated_alpha_is_divided_out_before_decoding(tmp_path):
     white_half_covering = np.full((*SHAPE, 4), 128, np.uint8)
     path = save(tmp_path / "a.tif", white_half_covering, oiio__UnassociatedAlpha=0)
     np.testing.assert_allclose(read_color(path).pixels, 128 / 255, rtol=1e-6)
 
 
 @pytest.mark.parametrize("gamma", [1.0, 1.8])
-def test_a_declared_gamma_is_respected(tmp_path: Path, gamma: float) -> None:
+def test_a_declared_gamma_is_respected(tmp_path, gamma):
     samples = integers(16, 3)
     declared = png_chunk(b"gAMA", round(100_000 / gamma).to_bytes(4, "big"))
     color = read_color(raw_png(tmp_path / "a.png", samples, declared))
@@ -79,23 +79,21 @@ def test_a_declared_gamma_is_respected(tmp_path: Path, gamma: float) -> None:
 
 
 @pytest.mark.parametrize("suffix", ["tif", "hdr"])
-def test_floats_are_linear(tmp_path: Path, suffix: str) -> None:
+def test_floats_are_linear(tmp_path, suffix):
     samples = np.random.default_rng(4).random((*SHAPE, 3), np.float32) * 50
     color = read_color(save(tmp_path / f"a.{suffix}", samples))
     rgbe_step = 64 / 256
     np.testing.assert_allclose(color.pixels, samples, atol=rgbe_step if suffix == "hdr" else 0)
 
 
-def test_grey_is_y(tmp_path: Path) -> None:
+def test_grey_is_y(tmp_path):
     assert read_color(save(tmp_path / "a.png", integers(8, 1))).channels == ("Y",)
     assert read_color(save(tmp_path / "b.png", integers(8, 2))).channels == ("Y", "A")
 
 
 @pytest.mark.parametrize("strip", [1, 10**6])
 @pytest.mark.parametrize("turn", range(1, 9))
-def test_a_photograph_comes_upright(
-    tmp_path: Path, turn: int, strip: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_photograph_comes_upright(tmp_path, turn, strip, monkeypatch):
     monkeypatch.setattr(arrays.bands, "__defaults__", (strip,))
     upright = np.arange(42, dtype=np.uint8).reshape(*SHAPE, 1).repeat(3, axis=2)
     # EXIF: where row 0 and column 0 of the stored image are seen.
@@ -128,9 +126,7 @@ def test_a_photograph_comes_upright(
         ("elsewhere.tif", {"tile": (16, 16), "x": 7, "y": 11}),
     ],
 )
-def test_strips_of_a_file_are_the_whole(
-    name: str, more: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_strips_of_a_file_are_the_whole(name, more, tmp_path, monkeypatch):
     samples = np.random.default_rng(5).integers(0, 256, (40, 29, 3), np.uint8)
     if name.endswith("hdr"):
         samples = samples.astype(np.float32)
@@ -141,7 +137,7 @@ def test_strips_of_a_file_are_the_whole(
     np.testing.assert_array_equal(read_color(path).pixels, whole)
 
 
-def test_what_a_decoder_holds_at_once_is_known(tmp_path: Path) -> None:
+def test_what_a_decoder_holds_at_once_is_known(tmp_path):
     samples = integers(8, 3)
     for name, more, at_once in (
         ("a.png", {}, False),
@@ -159,7 +155,7 @@ def test_what_a_decoder_holds_at_once_is_known(tmp_path: Path) -> None:
     assert not read_color(path).pixels.any()
 
 
-def test_exr_colour_is_taken_as_it_is(tmp_path: Path) -> None:
+def test_exr_colour_is_taken_as_it_is(tmp_path):
     planes = random_planes("RGBA")
     ids = np.arange(24 * 32, dtype=np.uint32).reshape(24, 32)
     path = tmp_path / "a.exr"
@@ -173,7 +169,7 @@ def test_exr_colour_is_taken_as_it_is(tmp_path: Path) -> None:
     assert color.extras["Z"].dtype == np.float16
 
 
-def test_outside_the_data_window_is_nothing(tmp_path: Path) -> None:
+def test_outside_the_data_window_is_nothing(tmp_path):
     planes = {name: np.ones((3, 4), np.float16) for name in "RGB"}
     write_window(tmp_path / "a.exr", planes, box(2, 1, 5, 3), box(0, 0, 7, 5))
     color = read_color(tmp_path / "a.exr")
@@ -183,7 +179,7 @@ def test_outside_the_data_window_is_nothing(tmp_path: Path) -> None:
     assert pixels.sum() == pixels[1:4, 2:6].sum() == 3 * 4 * 4
 
 
-def layered(path: Path, *layers: str) -> Path:
+def layered(path, *layers):
     planes: dict[str, Any] = {}
     for seed, layer in enumerate(layers):
         dot = f"{layer}." if layer else ""
@@ -192,7 +188,7 @@ def layered(path: Path, *layers: str) -> Path:
     return path
 
 
-def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path: Path) -> None:
+def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path):
     path = layered(tmp_path / "a.exr", "ViewLayer.Emit", "ViewLayer.DiffCol")
     with refuses("ambiguous", "DiffCol, ViewLayer.Emit", "‹color-layer›", path=path):
         read_color(path)
@@ -206,14 +202,14 @@ def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path: Path) -> 
         read_color(path, layer="beauty")
 
 
-def test_the_default_layer_needs_no_choice(tmp_path: Path) -> None:
+def test_the_default_layer_needs_no_choice(tmp_path):
     path = layered(tmp_path / "a.exr", "diffuse", "")
     np.testing.assert_array_equal(
         read_color(path).pixels[..., 0], random_planes("R", seed=1)["R"].astype(np.float32)
     )
 
 
-def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path: Path) -> None:
+def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path):
     left, right = random_planes("RGB", seed=0), random_planes("RGB", seed=1)
     path = multi_part(tmp_path / "a.exr", left=dict(left), right=dict(right))
     with refuses("ambiguous", "left/RGB, right/RGB", "‹part›", path=path):
@@ -230,20 +226,20 @@ def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("names", ["Z", "XYZ", "RG"])
-def test_no_colour_names_the_channels_there_are(tmp_path: Path, names: str) -> None:
+def test_no_colour_names_the_channels_there_are(tmp_path, names):
     write_exr(tmp_path / "a.exr", random_planes(names), {})
     with refuses("no-color", f"only {', '.join(sorted(names))}"):
         read_color(tmp_path / "a.exr")
 
 
-def test_lone_chroma_is_not_taken_for_colour(tmp_path: Path) -> None:
+def test_lone_chroma_is_not_taken_for_colour(tmp_path):
     planes = random_planes("Y")
     write_exr(tmp_path / "a.exr", {**planes, "RY": planes["Y"]}, {})
     with refuses("no-color"):
         read_color(tmp_path / "a.exr")
 
 
-def test_a_header_that_lies_about_chroma_is_an_error(tmp_path: Path) -> None:
+def test_a_header_that_lies_about_chroma_is_an_error(tmp_path):
     planes, path = random_planes("Y"), tmp_path / "a.exr"
     write_exr(path, {**planes, "RY": planes["Y"], "BY": planes["Y"]}, {})
     data = bytearray(path.read_bytes())
@@ -255,7 +251,7 @@ def test_a_header_that_lies_about_chroma_is_an_error(tmp_path: Path) -> None:
         read_color(path)
 
 
-def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path: Path) -> None:
+def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path):
     path = save(tmp_path / "a.tif", integers(16, 1))
     data = path.read_bytes()
     black_is_0 = struct.pack("<HHII", 262, 3, 1, 1)
@@ -265,9 +261,7 @@ def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path: Path) -> None:
         read_color(path)
 
 
-def test_bad_files_are_told_in_one_line_and_nothing_is_printed(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_files_are_told_in_one_line_and_nothing_is_printed(tmp_path, capfd):
     sound = {suffix: save(tmp_path / f"s.{suffix}", integers(8, 3)) for suffix in ("png", "tif")}
     write_exr(tmp_path / "s.exr", random_planes("RGB"), {})
     write_deep(tmp_path / "deep.exr")
@@ -301,7 +295,7 @@ def test_bad_files_are_told_in_one_line_and_nothing_is_printed(
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_png_claiming_a_gigapixel_is_refused(tmp_path: Path) -> None:
+def test_a_png_claiming_a_gigapixel_is_refused(tmp_path):
     path = raw_png(tmp_path / "a.png", integers(16, 3), b"")
     sound = path.read_bytes()
     head = (30_000).to_bytes(4, "big") * 2 + bytes([16, 2, 0, 0, 0])
@@ -310,7 +304,7 @@ def test_a_png_claiming_a_gigapixel_is_refused(tmp_path: Path) -> None:
         read_color(path)
 
 
-def test_a_layer_is_asked_only_of_exr(tmp_path: Path) -> None:
+def test_a_layer_is_asked_only_of_exr(tmp_path):
     path = save(tmp_path / "a.png", integers(8, 3))
     with refuses("idle-option", kind=UsageProblem, field="color-layer"):
         read_color(path, layer="x")
@@ -318,7 +312,7 @@ def test_a_layer_is_asked_only_of_exr(tmp_path: Path) -> None:
     assert read_color(path, part=1).channels == ("R", "G", "B")
 
 
-def test_infinite_colour_is_refused_by_name() -> None:
+def test_infinite_colour_is_refused_by_name():
     pixels = np.zeros((3, 4, 3), np.float32)
     require_finite(Color(tuple(np.moveaxis(pixels, 2, 0)), ("R", "G", "B"), Path("a.exr")))
     pixels[1, 2, 0] = np.inf
@@ -328,7 +322,7 @@ def test_infinite_colour_is_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize("beyond", [3e38, -1e31])
-def test_light_too_bright_to_be_summed_is_refused(beyond: float) -> None:
+def test_light_too_bright_to_be_summed_is_refused(beyond):
     """It made NaN in `left`, or an error of the renderer that named no file."""
     plane = np.full((3, 4), 1e30, np.float32)
     require_finite(Color((plane,), ("Y",), Path("a.exr")))
@@ -338,7 +332,7 @@ def test_light_too_bright_to_be_summed_is_refused(beyond: float) -> None:
     assert BRIGHTEST == statistics.BRIGHTEST
 
 
-def test_describe_reads_headers_only(tmp_path: Path) -> None:
+def test_describe_reads_headers_only(tmp_path):
     path = multi_part(
         tmp_path / "a.exr",
         rgba=random_planes("RGB"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ PHOTOGRAPH = (texture() * 255).astype(np.uint8)
 DEEP = (texture() * 65535).astype(np.uint16)
 
 
-def profile(name: str) -> bytes:
+def profile(name):
     """An ICC profile of a display, with no more than its name."""
     text = name.encode() + b"\0"
     described = b"desc" + bytes(4) + struct.pack(">I", len(text)) + text + bytes(78)
@@ -29,7 +28,7 @@ def profile(name: str) -> bytes:
     return head + struct.pack(">I4sII", 1, b"desc", 144, len(described)) + described
 
 
-def with_profile(path: Path, name: str) -> Path:
+def with_profile(path, name):
     spec = oiio.ImageSpec(PHOTOGRAPH.shape[1], PHOTOGRAPH.shape[0], 3, "uint8")
     data = np.frombuffer(profile(name), np.uint8)
     spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(data)}]"), data)
@@ -41,9 +40,7 @@ def with_profile(path: Path, name: str) -> Path:
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
-def test_a_profile_that_is_not_of_srgb_is_said_not_to_be_applied(
-    tmp_path: Path, suffix: str
-) -> None:
+def test_a_profile_that_is_not_of_srgb_is_said_not_to_be_applied(tmp_path, suffix):
     wide = with_profile(tmp_path / f"wide.{suffix}", "Display P3")
     plain = with_profile(tmp_path / f"plain.{suffix}", "sRGB IEC61966-2.1")
     depth = depth_exr(tmp_path / "z.exr")
@@ -67,9 +64,7 @@ def test_a_profile_that_is_not_of_srgb_is_said_not_to_be_applied(
         ((1, 1), "g24_rec709_display"),
     ],
 )
-def test_a_code_of_colours_that_is_not_known_is_said(
-    tmp_path: Path, code: tuple[int, int], space: str
-) -> None:
+def test_a_code_of_colours_that_is_not_known_is_said(tmp_path, code, space):
     chunk = png_chunk(b"cICP", bytes([*code, 0, 1]))
     color = read_color(raw_png(tmp_path / "a.png", DEEP, chunk))
     assert color.note.startswith("16-bit, taken as sRGB")
@@ -77,7 +72,7 @@ def test_a_code_of_colours_that_is_not_known_is_said(
     assert len(color.warnings) == bool(space)
 
 
-def test_the_curve_that_is_taken_is_told(tmp_path: Path) -> None:
+def test_the_curve_that_is_taken_is_told(tmp_path):
     for gamma, told in ((1.0, "linear"), (1.8, "the power 1.8"), (2.2, "the power 2.2")):
         chunk = png_chunk(b"gAMA", round(100_000 / gamma).to_bytes(4, "big"))
         color = read_color(raw_png(tmp_path / "a.png", DEEP, chunk))

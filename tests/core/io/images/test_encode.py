@@ -8,7 +8,6 @@ import resource
 import sys
 import time
 from contextlib import suppress
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -29,7 +28,7 @@ SUFFIXES = (".exr", *FORMATS)
 ATTRIBUTES = {"defocus:focus": "2m"}
 
 
-def picture(channels: int = 3, shape: tuple[int, int] = (20, 30)) -> Any:
+def picture(channels=3, shape=(20, 30)):
     """Linear pixels 0…1; premultiplied if there is alpha, which then has zeros."""
     pixels = np.random.default_rng(5).random((*shape, channels), np.float32)
     if channels == 4:
@@ -38,13 +37,13 @@ def picture(channels: int = 3, shape: tuple[int, int] = (20, 30)) -> Any:
     return pixels
 
 
-def left_behind(directory: Path) -> list[str]:
+def left_behind(directory):
     """Files, and directories that are named like one; those made for a file may stay."""
     return sorted(path.name for path in directory.rglob("*") if path.is_file() or path.suffix)
 
 
 @pytest.mark.parametrize("channels", ["Y", "RGB", "RGBA"])
-def test_exr_keeps_what_its_type_can(tmp_path: Path, channels: str) -> None:
+def test_exr_keeps_what_its_type_can(tmp_path, channels):
     pixels = picture(len(channels)) * 300
     for exr_type, dtype in (("half", np.float16), ("float", np.float32)):
         path = tmp_path / f"{exr_type}.exr"
@@ -55,7 +54,7 @@ def test_exr_keeps_what_its_type_can(tmp_path: Path, channels: str) -> None:
         assert {kind for _, kind in describe(path).parts[0].channels} == {exr_type}
 
 
-def test_what_half_cannot_hold_is_clamped_and_counted(tmp_path: Path) -> None:
+def test_what_half_cannot_hold_is_clamped_and_counted(tmp_path):
     pixels = picture()
     pixels[3, 4] = 1e6
     pixels[5, 6, 0] = -70_000
@@ -66,7 +65,7 @@ def test_what_half_cannot_hold_is_clamped_and_counted(tmp_path: Path) -> None:
     assert write_image(path, pixels, "RGB", exr_type="float", attributes={}) == []
 
 
-def test_everything_else_in_an_exr_goes_through(tmp_path: Path) -> None:
+def test_everything_else_in_an_exr_goes_through(tmp_path):
     extras = {
         "Z": picture()[..., 0] * 1e9,
         "id": np.arange(600, dtype=np.uint32).reshape(20, 30),
@@ -86,9 +85,7 @@ def test_everything_else_in_an_exr_goes_through(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("name", "bits"), [("a.png", 8), ("a.png", 16), ("a.tif", 16)])
 @pytest.mark.parametrize("channels", ["Y", "RGB", "RGBA"])
-def test_display_formats_come_back_within_half_a_step(
-    tmp_path: Path, name: str, bits: int, channels: str
-) -> None:
+def test_display_formats_come_back_within_half_a_step(tmp_path, name, bits, channels):
     pixels = picture(len(channels))
     assert write_image(tmp_path / name, pixels, channels, bits=bits, attributes={}) == []
     color = read_color(tmp_path / name)
@@ -98,7 +95,7 @@ def test_display_formats_come_back_within_half_a_step(
     np.testing.assert_allclose(color.pixels, pixels, atol=1.01 * step)
 
 
-def test_alpha_is_written_unassociated(tmp_path: Path) -> None:
+def test_alpha_is_written_unassociated(tmp_path):
     pixels = np.full((1, 1, 4), 0.5, np.float32)  # white, half covering
     for name in ("a.png", "a.tif"):
         write_image(tmp_path / name, pixels, "RGBA", bits=16, attributes={})
@@ -108,9 +105,7 @@ def test_alpha_is_written_unassociated(tmp_path: Path) -> None:
         assert file.read_image("uint16")[0, 0].tolist() == [65535, 65535, 65535, 32768]
 
 
-def test_tifffile_reads_maps_and_pictures_without_further_codecs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tifffile_reads_maps_and_pictures_without_further_codecs(tmp_path, monkeypatch):
     tifffile = pytest.importorskip("tifffile")
     monkeypatch.setitem(sys.modules, "imagecodecs", None)
     depth = np.linspace(1, 9, 48, dtype=np.float32).reshape(6, 8) ** 3
@@ -120,7 +115,7 @@ def test_tifffile_reads_maps_and_pictures_without_further_codecs(
     np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), 65535)
 
 
-def test_jpeg_shows_the_colour_over_black_and_says_so(tmp_path: Path) -> None:
+def test_jpeg_shows_the_colour_over_black_and_says_so(tmp_path):
     pixels = np.broadcast_to(np.array([0.5, 0.25, 0.125, 0.5], "f"), (16, 16, 4))
     (warning,) = write_image(tmp_path / "a.jpg", pixels, "RGBA", attributes={})
     assert "alpha" in warning
@@ -129,7 +124,7 @@ def test_jpeg_shows_the_colour_over_black_and_says_so(tmp_path: Path) -> None:
     np.testing.assert_allclose(color.pixels, pixels[..., :3], atol=0.01)
 
 
-def test_clipped_highlights_are_counted(tmp_path: Path) -> None:
+def test_clipped_highlights_are_counted(tmp_path):
     pixels = picture()
     pixels[2, 3] = 7
     pixels[2, 4] = 1.0000002  # white, as blur returns it
@@ -137,7 +132,7 @@ def test_clipped_highlights_are_counted(tmp_path: Path) -> None:
     assert warning == "1 pixel brighter than white shown as white"
 
 
-def test_a_webp_holds_grey_as_three_colours_and_alpha(tmp_path: Path) -> None:
+def test_a_webp_holds_grey_as_three_colours_and_alpha(tmp_path):
     pixels = np.full((16, 16, 2), (0.2, 0.5), np.float32)
     write_image(tmp_path / "a.webp", pixels, "YA", attributes={})
     color = read_color(tmp_path / "a.webp")
@@ -146,7 +141,7 @@ def test_a_webp_holds_grey_as_three_colours_and_alpha(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
-def test_clipped_negative_colours_are_counted(suffix: str, tmp_path: Path) -> None:
+def test_clipped_negative_colours_are_counted(suffix, tmp_path):
     pixels = picture()
     pixels[2, 3:5, 1] = -0.2
     pixels[2, 5] = -1e-7  # black, as blur returns it
@@ -154,8 +149,8 @@ def test_clipped_negative_colours_are_counted(suffix: str, tmp_path: Path) -> No
     assert warning == "2 pixels below black shown as black"
 
 
-def test_the_same_picture_makes_the_same_bytes(tmp_path: Path) -> None:
-    def written() -> dict[str, bytes]:
+def test_the_same_picture_makes_the_same_bytes(tmp_path):
+    def written():
         for suffix in SUFFIXES:
             path = tmp_path / f"a{suffix}"
             write_image(path, picture(), "RGB", bits=16, attributes=ATTRIBUTES)
@@ -167,16 +162,14 @@ def test_the_same_picture_makes_the_same_bytes(tmp_path: Path) -> None:
     assert len(first) == len(SUFFIXES)
 
 
-def test_an_unknown_suffix_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_suffix_is_refused(tmp_path):
     with refuses("wrong-type", ".exr, .png", kind=UsageProblem):
         write_image(tmp_path / "a.gif", picture(), "RGB", attributes={})
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_a_full_disk_leaves_nothing_behind(
-    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def full(_: int) -> None:
+def test_a_full_disk_leaves_nothing_behind(tmp_path, suffix, monkeypatch):
+    def full(_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(os, "fsync", full)
@@ -185,7 +178,7 @@ def test_a_full_disk_leaves_nothing_behind(
     assert left_behind(tmp_path) == []
 
 
-def test_a_failure_inside_the_exr_encoder_leaves_the_old_file(tmp_path: Path) -> None:
+def test_a_failure_inside_the_exr_encoder_leaves_the_old_file(tmp_path):
     path = tmp_path / "a.exr"
     path.write_text("old")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -200,7 +193,7 @@ def test_a_failure_inside_the_exr_encoder_leaves_the_old_file(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_an_unwritable_output_is_an_input_error(tmp_path: Path, suffix: str) -> None:
+def test_an_unwritable_output_is_an_input_error(tmp_path, suffix):
     (tmp_path / "file").touch()
     (tmp_path / f"taken{suffix}").mkdir()
     for path in (tmp_path / f"file/a{suffix}", tmp_path / f"taken{suffix}"):
@@ -209,7 +202,7 @@ def test_an_unwritable_output_is_an_input_error(tmp_path: Path, suffix: str) -> 
     assert left_behind(tmp_path) == sorted(["file", f"taken{suffix}"])
 
 
-def test_an_interrupted_write_leaves_what_was_there(tmp_path: Path) -> None:
+def test_an_interrupted_write_leaves_what_was_there(tmp_path):
     path = tmp_path / "made/a.bin"
     with suppress(KeyboardInterrupt), written_whole(path) as file:
         file.write(b"half")
@@ -222,13 +215,13 @@ def test_an_interrupted_write_leaves_what_was_there(tmp_path: Path) -> None:
     assert left_behind(tmp_path) == ["a.bin"]
 
 
-def test_nothing_is_printed(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_nothing_is_printed(tmp_path, capfd):
     for suffix in SUFFIXES:
         write_image(tmp_path / f"a{suffix}", picture(4), "RGBA", attributes=ATTRIBUTES)
     assert capfd.readouterr() == ("", "")
 
 
-def test_the_diverging_map_is_symmetric_about_focus() -> None:
+def test_the_diverging_map_is_symmetric_about_focus():
     radius = np.array([[-8, -4, 0, 4, 8]], np.float32)
     near, half_near, focus, half_far, far = diverging(radius, largest(radius))[0]
     assert focus.tolist() == [1, 1, 1]
@@ -241,7 +234,7 @@ def test_the_diverging_map_is_symmetric_about_focus() -> None:
     assert np.all(diverging(np.zeros((2, 2), np.float32), 0.0) == 1)
 
 
-def test_previews_are_8_bit_png(tmp_path: Path) -> None:
+def test_previews_are_8_bit_png(tmp_path):
     write_preview(tmp_path / "a.png", picture(4) * 2)
     write_signed_preview(tmp_path / "b.png", picture(1)[..., 0] - 0.5)
     for name in ("a.png", "b.png"):
@@ -251,21 +244,21 @@ def test_previews_are_8_bit_png(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_the_largest_of_all_floats_is_white_without_a_word() -> None:
+def test_the_largest_of_all_floats_is_white_without_a_word():
     glare = np.full((1, 1, 3), np.finfo(np.float32).max, np.float32)
     encoded, clipped, _ = display_encoded(glare, "RGB", 8, keep_alpha=True)
     assert (encoded == 255).all()
     assert clipped == 1
 
 
-def test_rounding_where_nothing_is_seen_is_not_clipped() -> None:
+def test_rounding_where_nothing_is_seen_is_not_clipped():
     nearly_clear = np.array([[[5e-9, 0, 0, 1e-9], [0.2, 0, 0, 0.1]]], np.float32)
     encoded, clipped, _ = display_encoded(nearly_clear, "RGBA", 8, keep_alpha=True)
     assert clipped == 1, "the second one alone"
     assert encoded[0, :, 3].tolist() == [0, 26]
 
 
-def test_overshoot_of_a_picture_within_white_is_no_loss(tmp_path: Path) -> None:
+def test_overshoot_of_a_picture_within_white_is_no_loss(tmp_path):
     over = np.array([[[1.05, 0.5, -0.02]]], np.float32)
     for name in ("a.png", "a.jpg", "a.tif"):
         assert write_image(tmp_path / name, over, "RGB", attributes={}, has_clipped=False) == []

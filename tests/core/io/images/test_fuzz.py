@@ -15,7 +15,7 @@ from pathlib import Path
 from queue import Empty, Queue
 from random import Random
 from threading import Thread
-from typing import IO, Any
+from typing import Any
 
 import fuzzing
 import numpy as np
@@ -30,7 +30,7 @@ MAX_SECONDS = 60.0  # of one file, on a machine with other work
 ROOT = Path(__file__).parents[4]
 
 
-def reports(folder: Path, first: int, end: int) -> list[dict[str, Any]]:
+def reports(folder, first, end):
     """What a process reports of its cases; the last one is ``wrong`` if it crashed or hung."""
     command = [sys.executable, fuzzing.__file__, folder, SEED, first, end]
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
@@ -64,14 +64,14 @@ def reports(folder: Path, first: int, end: int) -> list[dict[str, Any]]:
     return found
 
 
-def _pass_on(stream: IO[bytes], lines: Queue[bytes]) -> None:
+def _pass_on(stream, lines):
     for line in stream:
         lines.put(line)
     lines.put(b"")
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="not on this system: no Linux")
-def test_damaged_files_are_refused_in_one_line_or_read(tmp_path: Path) -> None:
+def test_damaged_files_are_refused_in_one_line_or_read(tmp_path):
     found: list[dict[str, Any]] = []
     first = 0
     while first < CASES:
@@ -88,9 +88,7 @@ def test_damaged_files_are_refused_in_one_line_or_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["zip.exr", "3x8.png", "3x16.png", "zip8.tif"])
-def test_damaged_pixels_are_noticed_where_the_format_has_checksums(
-    name: str, tmp_path: Path
-) -> None:
+def test_damaged_pixels_are_noticed_where_the_format_has_checksums(name, tmp_path):
     """Other codecs of EXR and TIFF, and JPEG, have none: their damage may be read as pixels."""
     data, path, rng = fuzzing.sound_files(tmp_path)[name], tmp_path / name, Random(SEED)
     sound = read_color(path).pixels

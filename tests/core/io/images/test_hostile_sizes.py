@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tracemalloc
 import zipfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ from defocus_core.reports.html import layers
 from defocus_core.reports.inspection import inspection
 
 
-def sparse_npy(path: Path, shape: tuple[int, ...]) -> Path:
+def sparse_npy(path, shape):
     """An NPY file that takes a few KB of the disk, whatever its header says."""
     with path.open("wb") as file:
         header = {"shape": shape, "fortran_order": False, "descr": "<f4"}
@@ -35,9 +34,7 @@ def sparse_npy(path: Path, shape: tuple[int, ...]) -> Path:
 
 
 @pytest.mark.parametrize("shape", [(60_000, 60_000), (1, 60_000, 60_000), (MAX_PIXELS + 1, 1)])
-def test_npy_obeys_the_limit_of_pixels(
-    shape: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_npy_obeys_the_limit_of_pixels(shape, tmp_path, monkeypatch):
     monkeypatch.setattr(below, "_HOLLOW", 2**40)
     path = sparse_npy(tmp_path / "a.npy", shape)
     for read in (describe, read_float_map):
@@ -45,9 +42,7 @@ def test_npy_obeys_the_limit_of_pixels(
             read(path)
 
 
-def test_info_reads_a_large_file_into_scratch(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_info_reads_a_large_file_into_scratch(tmp_path, monkeypatch):
     """A PNG of 236 kB may have 81 million pixels, which took 1 GB; now it takes 100 MB."""
     color, depth = pair(tmp_path)
     render(color, depth, "-o", tmp_path / "out", "--outputs", "coc,trust")
@@ -60,7 +55,7 @@ def test_info_reads_a_large_file_into_scratch(
     made = []
     new = arrays.Scratch.__init__
 
-    def counted(scratch: arrays.Scratch, shape: tuple[int, int], dtype: Any) -> None:
+    def counted(scratch, shape, dtype):
         made.append(shape)
         new(scratch, shape, dtype)
 
@@ -71,9 +66,7 @@ def test_info_reads_a_large_file_into_scratch(
     assert read_color(png).pixels.shape == texture().shape
 
 
-def test_info_decodes_no_more_at_once_than_it_may(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_info_decodes_no_more_at_once_than_it_may(tmp_path, monkeypatch):
     """The decoder holds all of an interlaced PNG: 8 GB of a file of 1 MB."""
     path = save(tmp_path / "a.jpg", (255 * texture()).astype(np.uint8))
     monkeypatch.setattr(inspection, "_MAX_AT_ONCE", 0.001)
@@ -83,9 +76,7 @@ def test_info_decodes_no_more_at_once_than_it_may(
 
 
 @pytest.mark.parametrize("kind", ["png", "exr", "npz"])
-def test_info_decodes_no_more_numbers_than_a_small_file_can_have(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_info_decodes_no_more_numbers_than_a_small_file_can_have(kind, tmp_path, monkeypatch):
     """A PNG of 5 MB may have 1.2e9: 40 s; an EXR of 2.5 MB took 5 GB to be called no depth."""
     path = tmp_path / f"a.{kind}"
     match kind:
@@ -109,9 +100,7 @@ def test_info_decodes_no_more_numbers_than_a_small_file_can_have(
     assert run("info", path) == decoded
 
 
-def test_whether_an_exr_is_grey_is_looked_up_without_holding_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_whether_an_exr_is_grey_is_looked_up_without_holding_it(tmp_path, monkeypatch):
     grey = np.repeat(texture()[..., :1], 3, axis=2)
     grey[0, 0] = np.nan
     path = color_exr(tmp_path / "a.exr", grey)
@@ -122,9 +111,7 @@ def test_whether_an_exr_is_grey_is_looked_up_without_holding_it(
         depth.read_depth(tmp_path / "b.exr")
 
 
-def test_info_decodes_no_array_larger_than_it_may(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_info_decodes_no_array_larger_than_it_may(tmp_path, monkeypatch):
     """Nor to look for evidence of its format: 3 GB of a file of 3 MB."""
     np.savez_compressed(tmp_path / "a.npz", depth=np.zeros((40, 50)))
     monkeypatch.setattr(inspection, "_MAX_AT_ONCE", 0.001)
@@ -135,9 +122,7 @@ def test_info_decodes_no_array_larger_than_it_may(
 
 
 @pytest.mark.parametrize("kind", ["npz", "png", "exr", "npy"])
-def test_depth_of_another_size_is_refused_before_it_is_read(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_depth_of_another_size_is_refused_before_it_is_read(kind, tmp_path, monkeypatch):
     """An NPZ of 20000 x 20000 zeros has 1.5 MB and took 3.4 GB to be refused."""
     path = tmp_path / f"a.{kind}"
     if kind == "npz":
@@ -156,7 +141,7 @@ def test_depth_of_another_size_is_refused_before_it_is_read(
         depth.read_depth(path, size=(60, 40))
 
 
-def test_the_header_of_a_member_is_read_no_longer_than_headers_are(tmp_path: Path) -> None:
+def test_the_header_of_a_member_is_read_no_longer_than_headers_are(tmp_path):
     """One of 900 MB of blanks, 1 MB compressed, took 1.8 GB."""
     path = tmp_path / "a.npz"
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
@@ -171,9 +156,7 @@ def test_the_header_of_a_member_is_read_no_longer_than_headers_are(tmp_path: Pat
     assert peak < size / 8
 
 
-def test_a_container_of_too_many_arrays_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_container_of_too_many_arrays_is_refused(tmp_path, monkeypatch):
     np.savez(tmp_path / "a.npz", *[np.ones((2, 2))] * 3)
     assert len(array_files.read_entries(tmp_path / "a.npz")) == 3
     monkeypatch.setattr(array_files, "_MAX_ARRAYS", 2)
@@ -182,9 +165,7 @@ def test_a_container_of_too_many_arrays_is_refused(
 
 
 @pytest.mark.parametrize("shape", [(2, 32, 32, 4096, 4096), (2, 5000, 5)])
-def test_kernels_too_large_are_refused_before_they_are_read(
-    shape: tuple[int, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_kernels_too_large_are_refused_before_they_are_read(shape, tmp_path, monkeypatch):
     side = array_files.ArrayEntry(shape[1:], "float32", lambda _: pytest.fail("it was read"))
     np.savez(tmp_path / "k.npz", left=np.ones((2, 2)))
     monkeypatch.setattr(array_files, "read_entries", lambda _: {"left": side, "right": side})
@@ -192,9 +173,7 @@ def test_kernels_too_large_are_refused_before_they_are_read(
         opening.measured_pair(tmp_path / "k.npz")
 
 
-def test_a_report_draws_nothing_that_takes_all_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_report_draws_nothing_that_takes_all_memory(tmp_path, monkeypatch):
     """A PNG of 400 kB in the place of a picture of the batch took 14 GB."""
     files = [("render", color_exr(tmp_path / "a.exr"))]
     assert len(list(layers.drawn_files(files, values=False))) == 1

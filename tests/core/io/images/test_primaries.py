@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,22 +38,22 @@ SRGB_CURVE = (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
 NAMES = pytest.mark.parametrize("name", WIDE)
 
 
-def patches() -> Any:
+def patches():
     """Linear colours of Rec. 709, [24, 32, 3]."""
     return np.random.default_rng(3).uniform(0.02, 0.98, (24, 32, 3)).astype(np.float32)
 
 
-def in_primaries(rgb: Any, name: str) -> Any:
+def in_primaries(rgb, name):
     matrix = between_primaries(REC_709, WIDE[name])
     assert matrix is not None
     return (rgb @ matrix.T).astype(np.float32)
 
 
-def fixed(*numbers: float) -> bytes:
+def fixed(*numbers):
     return b"".join(struct.pack(">i", round(number * 65536)) for number in numbers)
 
 
-def profile(primaries: Any, curve: bytes, *, chad: bool = True) -> bytes:
+def profile(primaries, curve, *, chad=True):
     """An ICC profile of one curve and a matrix."""
     native = xyz_of_primaries(primaries)
     white = native.sum(1)
@@ -78,11 +77,11 @@ def profile(primaries: Any, curve: bytes, *, chad: bool = True) -> bytes:
     return head + struct.pack(">I", len(tags)) + table + body
 
 
-def parametric(kind: int, *numbers: float) -> bytes:
+def parametric(kind, *numbers):
     return b"para" + bytes(4) + struct.pack(">HH", kind, 0) + fixed(*numbers)
 
 
-def with_profile(path: Path, samples: Any, data: bytes) -> Path:
+def with_profile(path, samples, data):
     array = np.frombuffer(data, np.uint8)
     spec = oiio.ImageSpec(samples.shape[1], samples.shape[0], 3, samples.dtype.name)
     spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(data)}]"), array)
@@ -93,24 +92,24 @@ def with_profile(path: Path, samples: Any, data: bytes) -> Path:
     return path
 
 
-def exr(path: Path, rgb: Any, **attributes: Any) -> Path:
+def exr(path, rgb, **attributes):
     planes = {c: np.ascontiguousarray(rgb[..., i]) for i, c in enumerate("RGB")}
     OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(path))
     return path
 
 
-def depth(folder: Path) -> Path:
+def depth(folder):
     OpenEXR.File({**SCANLINE}, {"Z": np.full((24, 32), 3, np.float32)}).write(str(folder / "z.exr"))
     return folder / "z.exr"
 
 
-def png16(path: Path) -> Any:
+def png16(path):
     pixels: Any = oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
     return pixels
 
 
 @NAMES
-def test_white_stays_white_and_back_is_the_inverse(name: str) -> None:
+def test_white_stays_white_and_back_is_the_inverse(name):
     there, back = between_primaries(REC_709, WIDE[name]), between_primaries(WIDE[name])
     assert there is not None
     assert back is not None
@@ -119,7 +118,7 @@ def test_white_stays_white_and_back_is_the_inverse(name: str) -> None:
     assert primaries_name(WIDE[name]) == name
 
 
-def test_ap0_to_rec_709_has_the_published_numbers() -> None:
+def test_ap0_to_rec_709_has_the_published_numbers():
     # Academy TB-2014-004 by way of the ACES transforms, which adapt by CAT02: alike to 0.01.
     matrix = between_primaries(WIDE["ACES AP0"])
     assert matrix is not None
@@ -128,7 +127,7 @@ def test_ap0_to_rec_709_has_the_published_numbers() -> None:
 
 
 @NAMES
-def test_srgb_of_an_exr_is_that_of_its_twin(name: str, tmp_path: Path) -> None:
+def test_srgb_of_an_exr_is_that_of_its_twin(name, tmp_path):
     rgb = patches()
     twin = exr(tmp_path / "twin.exr", rgb)
     wide = exr(tmp_path / "wide.exr", in_primaries(rgb, name), chromaticities=WIDE[name])
@@ -140,7 +139,7 @@ def test_srgb_of_an_exr_is_that_of_its_twin(name: str, tmp_path: Path) -> None:
     assert f"primaries {name}" in read_color(wide).note
 
 
-def test_a_hidden_picture_of_other_primaries_is_refused(tmp_path: Path) -> None:
+def test_a_hidden_picture_of_other_primaries_is_refused(tmp_path):
     color = exr(tmp_path / "a.exr", patches())
     wide = exr(tmp_path / "wide.exr", patches(), chromaticities=WIDE["ACES AP1"])
     z = depth(tmp_path)
@@ -148,7 +147,7 @@ def test_a_hidden_picture_of_other_primaries_is_refused(tmp_path: Path) -> None:
     refused(ran, 3, "wrong-type", wide)
 
 
-def test_an_exr_of_other_primaries_stays_one(tmp_path: Path) -> None:
+def test_an_exr_of_other_primaries_stays_one(tmp_path):
     wide = exr(tmp_path / "wide.exr", patches(), chromaticities=WIDE["ACES AP1"])
     render(wide, depth(tmp_path), "-o", tmp_path / "out")
     header = read_headers(tmp_path / "out" / "render" / "wide.exr")[0]
@@ -157,7 +156,7 @@ def test_an_exr_of_other_primaries_stays_one(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", ["png", "tif"])
 @pytest.mark.parametrize("chad", [True, False])
-def test_a_profile_is_decoded(tmp_path: Path, suffix: str, chad: bool) -> None:
+def test_a_profile_is_decoded(tmp_path, suffix, chad):
     rgb = patches()
     encoded = linear_to_srgb(in_primaries(rgb, "Display P3"))
     samples = np.rint(encoded * 65535).astype(np.uint16)
@@ -190,7 +189,7 @@ TABLE = np.rint(srgb_to_linear(np.linspace(0, 1, 1024)) * 65535).astype(">u2")
         (parametric(4, *SRGB_CURVE, 0.0, 0.0), srgb_to_linear(X)),
     ],
 )
-def test_each_kind_of_curve(curve: bytes, light: Any) -> None:
+def test_each_kind_of_curve(curve, light):
     found = read_profile(profile(WIDE["Adobe RGB"], curve))
     assert found is not None
     np.testing.assert_allclose(found.curves[0], light, atol=5e-5)
@@ -200,7 +199,7 @@ def test_each_kind_of_curve(curve: bytes, light: Any) -> None:
 @pytest.mark.parametrize(
     "curve", [parametric(0, 1.0), parametric(0, 2.4), parametric(3, *SRGB_CURVE)]
 )
-def test_every_number_of_a_profile_comes_back(curve: bytes, dtype: Any) -> None:
+def test_every_number_of_a_profile_comes_back(curve, dtype):
     found = read_profile(profile(WIDE["Adobe RGB"], curve))
     assert found is not None
     top = np.iinfo(dtype).max
@@ -211,14 +210,14 @@ def test_every_number_of_a_profile_comes_back(curve: bytes, dtype: Any) -> None:
     assert found.samples(beyond).tolist() == [[[0, 0, 1]]]
 
 
-def test_what_is_no_profile_of_curves_is_none() -> None:
+def test_what_is_no_profile_of_curves_is_none():
     whole = profile(WIDE["Adobe RGB"], parametric(0, 2.2))
     assert read_profile(whole) is not None
     for broken in (b"", whole[:150], whole.replace(b"rTRC", b"none"), b"\xff" * 400):
         assert read_profile(broken) is None
 
 
-def test_primaries_without_colours_are_said_where_they_are_needed(tmp_path: Path) -> None:
+def test_primaries_without_colours_are_said_where_they_are_needed(tmp_path):
     line = (0.1, 0.1, 0.2, 0.2, 0.3, 0.3, 0.25, 0.25)
     color = read_color(exr(tmp_path / "a.exr", patches(), chromaticities=line))
     with pytest.raises(InputError) as caught:
@@ -227,7 +226,7 @@ def test_primaries_without_colours_are_said_where_they_are_needed(tmp_path: Path
     assert not (tmp_path / "b.png").exists()
 
 
-def test_webp_is_read(tmp_path: Path) -> None:
+def test_webp_is_read(tmp_path):
     smooth = np.broadcast_to(np.linspace(40, 200, 64), (48, 64))[..., None].astype(np.uint8)
     path = save(tmp_path / "a.webp", np.repeat(smooth, 3, 2))
     assert read_color(path).pixels.shape == (48, 64, 3)
@@ -241,7 +240,7 @@ PROFILES = {
 }
 
 
-def embedded(path: Path) -> bytes:
+def embedded(path):
     data = oiio.ImageBuf(str(path)).spec().getattribute("ICCProfile")
     return b"" if data is None else bytes(data)
 
@@ -251,9 +250,7 @@ def embedded(path: Path) -> bytes:
     ("name", "suffix"),
     [("Display P3", "png"), ("Adobe RGB", "jpg"), ("ProPhoto", "tif"), ("Display P3", "webp")],
 )
-def test_a_picture_keeps_its_profile_and_in_focus_its_numbers(
-    name: str, suffix: str, kind: str, tmp_path: Path
-) -> None:
+def test_a_picture_keeps_its_profile_and_in_focus_its_numbers(name, suffix, kind, tmp_path):
     ramp = np.linspace(0, 255, 24 * 32).reshape(24, 32, 1)
     samples = np.rint(ramp * (1.0, 0.8, 0.6)).astype(np.uint8)
     photo = with_profile(tmp_path / f"a.{suffix}", samples, PROFILES[name])
@@ -265,7 +262,7 @@ def test_a_picture_keeps_its_profile_and_in_focus_its_numbers(
     assert np.abs(png16(made) - png16(photo)).max() < (0.025 if kind in ("jpg", "webp") else 1e-4)
 
 
-def test_a_picture_is_made_srgb_only_if_that_is_asked_for(tmp_path: Path) -> None:
+def test_a_picture_is_made_srgb_only_if_that_is_asked_for(tmp_path):
     rgb = patches()
     samples = np.rint(linear_to_srgb(in_primaries(rgb, "Display P3")) * 65535).astype(np.uint16)
     photo = with_profile(tmp_path / "a.png", samples, PROFILES["Display P3"])
@@ -280,7 +277,7 @@ def test_a_picture_is_made_srgb_only_if_that_is_asked_for(tmp_path: Path) -> Non
     refused(linear, 2, "idle-option", "color-space")
 
 
-def test_the_picture_in_false_colour_is_srgb(tmp_path: Path) -> None:
+def test_the_picture_in_false_colour_is_srgb(tmp_path):
     samples = np.full((24, 32, 3), 200, np.uint8)
     photo = with_profile(tmp_path / "a.png", samples, PROFILES["Display P3"])
     options = ("--outputs", "focus", "--format", "png")
@@ -299,6 +296,6 @@ def test_the_picture_in_false_colour_is_srgb(tmp_path: Path) -> None:
     ],
     ids=["a power of 0", "flat", "falling", "a slope of 0"],
 )
-def test_a_curve_that_does_not_rise_from_black_to_white_is_not_applied(curve: bytes) -> None:
+def test_a_curve_that_does_not_rise_from_black_to_white_is_not_applied(curve):
     """It cannot be undone: all of a picture would be white, or black."""
     assert read_profile(profile(REC_709, curve)) is None

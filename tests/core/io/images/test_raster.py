@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from defocus_core.io.images.describe import describe
 THUMBNAIL = 1
 
 
-def tiff(path: Path, *pages: Any, kinds: dict[int, int] | None = None) -> Path:
+def tiff(path, *pages, kinds=None):
     """A TIFF of some pages; ``kinds`` has the NewSubfileType of those that have one."""
     specs = [
         oiio.ImageSpec(page.shape[1], page.shape[0], page.shape[2], str(page.dtype))
@@ -34,11 +33,11 @@ def tiff(path: Path, *pages: Any, kinds: dict[int, int] | None = None) -> Path:
     return path
 
 
-def photograph(seed: int) -> Any:
+def photograph(seed):
     return (texture(seed=seed) * 255).astype(np.uint8)
 
 
-def test_of_several_pages_one_is_chosen_by_number(tmp_path: Path) -> None:
+def test_of_several_pages_one_is_chosen_by_number(tmp_path):
     pages = [photograph(seed) for seed in range(3)]
     path = tiff(tmp_path / "a.tif", *pages)
     with refuses("ambiguous", "3 pages", "‹part›", path=path):
@@ -50,7 +49,7 @@ def test_of_several_pages_one_is_chosen_by_number(tmp_path: Path) -> None:
         read_color(path, part=3)
 
 
-def test_a_thumbnail_is_no_page_to_choose_from(tmp_path: Path) -> None:
+def test_a_thumbnail_is_no_page_to_choose_from(tmp_path):
     small, large = photograph(1)[::2, ::2], photograph(0)
     path = tiff(tmp_path / "a.tif", small, large, kinds={0: THUMBNAIL})
     assert read_color(path).shape == large.shape
@@ -58,7 +57,7 @@ def test_a_thumbnail_is_no_page_to_choose_from(tmp_path: Path) -> None:
     assert read_color(path, part=0).shape == small.shape
 
 
-def test_render_and_info_take_the_same_page(tmp_path: Path, out: Path) -> None:
+def test_render_and_info_take_the_same_page(tmp_path, out):
     color = tiff(tmp_path / "a.tif", photograph(0), photograph(1))
     depth = depth_exr(tmp_path / "z.exr", np.full_like(ramp(), 2))  # in focus
     refused_input(render(color, depth, "-o", out), color, "ambiguous")
@@ -74,7 +73,7 @@ def test_render_and_info_take_the_same_page(tmp_path: Path, out: Path) -> None:
         np.testing.assert_allclose(red, expected, rtol=1e-3)  # half
 
 
-def test_a_page_may_be_the_depth(tmp_path: Path) -> None:
+def test_a_page_may_be_the_depth(tmp_path):
     millimetres = (ramp() * 1000).astype(np.uint16)[..., None]
     path = tiff(tmp_path / "z.tif", np.zeros_like(millimetres), millimetres)
     told = run("info", path, "--part", "1", "--json").json["files"][0]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
@@ -22,19 +20,19 @@ PHOTOGRAPH = {
 OF_ENCODING = {"Orientation": 3, "Exif__PixelXDimension": 7, "Exif__ColorSpace": 65535}
 
 
-def tags(path: Path) -> dict[str, object]:
+def tags(path):
     file = oiio.ImageInput.open(str(path))
     return {attribute.name: attribute.value for attribute in file.spec().extra_attribs}
 
 
-def photograph(folder: Path, suffix: str) -> Path:
+def photograph(folder, suffix):
     samples = (255 * texture(WIDTH, HEIGHT)).astype(np.uint8)
     return save(folder / f"photo{suffix}", samples, **PHOTOGRAPH, **OF_ENCODING)
 
 
 @pytest.mark.parametrize("kept_by", ["jpg", "png", "tiff"])
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])
-def test_camera_and_author_are_kept(suffix: str, kept_by: str, tmp_path: Path) -> None:
+def test_camera_and_author_are_kept(suffix, kept_by, tmp_path):
     photo, depth = photograph(tmp_path, suffix), depth_exr(tmp_path / "depth.exr")
     known = tags(photo)
     assert known["FNumber"] == pytest.approx(2.8), "OpenImageIO did not write it"
@@ -52,7 +50,7 @@ def test_camera_and_author_are_kept(suffix: str, kept_by: str, tmp_path: Path) -
     assert kept.get("Exif:ColorSpace", 1) == 1
 
 
-def test_text_that_is_not_utf_8_is_taken_for_latin_1(tmp_path: Path) -> None:
+def test_text_that_is_not_utf_8_is_taken_for_latin_1(tmp_path):
     samples = (255 * texture(WIDTH, HEIGHT)).astype(np.uint8)
     photo = save(tmp_path / "photo.jpg", samples, Artist="J?rgen")
     photo.write_bytes(photo.read_bytes().replace(b"J?rgen", b"J\xfcrgen"))
@@ -62,7 +60,7 @@ def test_text_that_is_not_utf_8_is_taken_for_latin_1(tmp_path: Path) -> None:
     assert tags(tmp_path / "out" / "render" / "photo.jpg")["Artist"] == "J\xfcrgen"
 
 
-def test_tags_that_are_too_long_for_a_jpeg_are_left_out(tmp_path: Path) -> None:
+def test_tags_that_are_too_long_for_a_jpeg_are_left_out(tmp_path):
     """libjpeg ends the process if they are more than 64 KB."""
     groups = ("Exif__LensModel", "Exif__UserComment", "Exif__LensMake", "Exif__BodySerialNumber")
     long = dict.fromkeys((*groups, "ImageDescription", "Artist", "Copyright"), "é" * 10000)
@@ -76,7 +74,7 @@ def test_tags_that_are_too_long_for_a_jpeg_are_left_out(tmp_path: Path) -> None:
     assert "Artist" not in kept
 
 
-def test_exr_takes_no_tags_of_a_photograph(tmp_path: Path) -> None:
+def test_exr_takes_no_tags_of_a_photograph(tmp_path):
     photo, depth = photograph(tmp_path, ".jpg"), depth_exr(tmp_path / "depth.exr")
     assert render(photo, depth, "-o", tmp_path / "out").code == 0
     assert "FNumber" not in tags(tmp_path / "out" / "render" / "photo.exr")

@@ -1,4 +1,3 @@
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -18,13 +17,13 @@ from defocus_core.io.shots.frame_patterns import (
 )
 
 
-def touch(folder: Path, *names: str) -> None:
+def touch(folder, *names):
     for name in names:
         (folder / name).touch()
 
 
 @pytest.mark.parametrize("name", ["shot.####.exr", "shot.%04d.exr"])
-def test_a_pattern_stands_for_numbers_of_at_least_its_digits(tmp_path: Path, name: str) -> None:
+def test_a_pattern_stands_for_numbers_of_at_least_its_digits(tmp_path, name):
     touch(tmp_path, "shot.0998.exr", "shot.1001.exr", "shot.10000.exr", "shot.12.exr")
     touch(tmp_path, "shot.0998.png", "other.1001.exr", "shot.1001.exr.tmp")
     files = frames_of(tmp_path / name)
@@ -35,7 +34,7 @@ def test_a_pattern_stands_for_numbers_of_at_least_its_digits(tmp_path: Path, nam
     }
 
 
-def test_negative_frames_are_not_left_out(tmp_path: Path) -> None:
+def test_negative_frames_are_not_left_out(tmp_path):
     touch(tmp_path, "s.-002.exr", "s.-0001.exr", "s.0000.exr", "s.0001.exr", "s.-1.exr")
     for name in ("s.####.exr", "s.%04d.exr"):
         assert list(frames_of(tmp_path / name)) == [-2, -1, 0, 1]
@@ -44,7 +43,7 @@ def test_negative_frames_are_not_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["s.%99999999999d.exr", "s.%0999d.exr", "s.####.exr"])
-def test_numbers_that_no_frame_has_are_refused(name: str, tmp_path: Path) -> None:
+def test_numbers_that_no_frame_has_are_refused(name, tmp_path):
     touch(tmp_path, "s.0001.exr", "s.0002.exr", f"s.{'9' * 32}.exr")
     with pytest.raises(InputError) as caught:
         frames_of(tmp_path / name)
@@ -52,20 +51,20 @@ def test_numbers_that_no_frame_has_are_refused(name: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("find", [expected, gaps])
-def test_a_stray_number_is_refused_before_its_gaps_are_listed(find: Callable[..., object]) -> None:
+def test_a_stray_number_is_refused_before_its_gaps_are_listed(find):
     with pytest.raises(UsageProblem) as caught:
         find([1, 2, 10**9])
     assert (caught.value.code, caught.value.field) == ("out-of-range", "frames")
 
 
-def test_a_file_whose_name_looks_like_a_pattern_is_a_file(tmp_path: Path) -> None:
+def test_a_file_whose_name_looks_like_a_pattern_is_a_file(tmp_path):
     touch(tmp_path, "take#2.exr")
     assert not is_pattern(tmp_path / "take#2.exr")
     assert is_pattern(tmp_path / "take#.exr")
     assert not is_pattern(tmp_path / "take.exr")
 
 
-def test_a_pattern_without_files_is_refused(tmp_path: Path) -> None:
+def test_a_pattern_without_files_is_refused(tmp_path):
     for name in ("shot.####.exr", "none/shot.####.exr", "sh[o]t.####.exr"):
         with refuses("not-found", path=tmp_path / name):
             frames_of(tmp_path / name)
@@ -77,7 +76,7 @@ def test_a_pattern_without_files_is_refused(tmp_path: Path) -> None:
     ("text", "numbers"),
     [("1001-1004", (1001, 1002, 1003, 1004)), ("1-7x2, 3", (1, 3, 5, 7)), ("9,2", (2, 9))],
 )
-def test_lists_of_frames(text: str, numbers: tuple[int, ...]) -> None:
+def test_lists_of_frames(text, numbers):
     assert frame_numbers(text, "--frames") == numbers
 
 
@@ -85,12 +84,12 @@ def test_lists_of_frames(text: str, numbers: tuple[int, ...]) -> None:
     ("text", "code"),
     [("", "malformed"), ("a-b", "malformed"), ("1.5", "malformed"), ("1-99999999999", "too-large")],
 )
-def test_what_is_no_list_of_frames_is_refused(text: str, code: str) -> None:
+def test_what_is_no_list_of_frames_is_refused(text, code):
     with refuses(code, kind=UsageProblem):
         frame_numbers(text, "‹frames›")
 
 
-def test_a_shot_on_twos_has_no_gaps_but_a_hole_is_one() -> None:
+def test_a_shot_on_twos_has_no_gaps_but_a_hole_is_one():
     assert gaps([1, 3, 5, 7]) == ()
     assert gaps([1, 3, 7, 9]) == (5,)
     assert gaps([1001, 1002, 1004]) == (1003,)
@@ -98,7 +97,7 @@ def test_a_shot_on_twos_has_no_gaps_but_a_hole_is_one() -> None:
     assert in_words([1003, 1005, 1006]) == "3 frames, 1003, 1005-1006"
 
 
-def test_missing_frames_are_an_error_that_names_them_or_are_left_out() -> None:
+def test_missing_frames_are_an_error_that_names_them_or_are_left_out():
     color, depth = Path("c.#.exr"), Path("d.#.exr")
     files = {color: dict.fromkeys((1, 2, 3, 5), color), depth: dict.fromkeys((1, 3, 4, 5), depth)}
     with refuses("missing-frames", "1 frame, 4, d.#.exr 1 frame, 2", path=color):
@@ -111,7 +110,7 @@ def test_missing_frames_are_an_error_that_names_them_or_are_left_out() -> None:
         chosen(files, FrameChoice((9,), "skip"))
 
 
-def test_windows_of_frames_are_moved_at_the_ends_not_cut() -> None:
+def test_windows_of_frames_are_moved_at_the_ends_not_cut():
     assert [*window_of(9, 4, 3)] == [3, 4, 5]
     assert [*window_of(9, 0, 3)] == [0, 1, 2]
     assert [*window_of(9, 8, 5)] == [4, 5, 6, 7, 8]

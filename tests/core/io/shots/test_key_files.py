@@ -1,19 +1,17 @@
-from pathlib import Path
-
 import pytest
 from refusals import refuses
 
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, read_keys
 
 
-def texts(folder: Path, name: str, text: str, option: str | None = None) -> dict[str, object]:
+def texts(folder, name, text, option=None):
     file = folder / name
     file.write_text(text)
     keys = read_keys(file, option)
     return {n: {frame: key.text for frame, key in each.items()} for n, each in keys.items()}
 
 
-def test_columns_of_csv_are_options_and_empty_cells_no_keys(tmp_path: Path) -> None:
+def test_columns_of_csv_are_options_and_empty_cells_no_keys(tmp_path):
     text = "# a pull\nframe,focus,focal_length,x,y\n1001,1.2m,50mm,3,4\n1005,,55mm,5,6\n"
     assert texts(tmp_path, "pull.csv", text) == {
         "focus": {1001: "1.2m"},
@@ -22,14 +20,14 @@ def test_columns_of_csv_are_options_and_empty_cells_no_keys(tmp_path: Path) -> N
     }
 
 
-def test_a_curve_has_lines_of_a_frame_and_a_value(tmp_path: Path) -> None:
+def test_a_curve_has_lines_of_a_frame_and_a_value(tmp_path):
     for name, text in (("a.txt", "1001 1.5\n1005 2.5\n"), ("a.csv", "1001,1.5\n1005,2.5\n")):
         assert texts(tmp_path, name, text, "focus") == {"focus": {1001: "1.5", 1005: "2.5"}}
     with refuses("missing-option", "‹animate› focus=", path=tmp_path / "a.txt"):
         texts(tmp_path, "a.txt", "1001 1.5\n")
 
 
-def test_a_camera_of_nuke_gives_its_field_of_view(tmp_path: Path) -> None:
+def test_a_camera_of_nuke_gives_its_field_of_view(tmp_path):
     lines = "1\t0 0 0\t0 0 0\t40.5\n2\t0 0 1\t0 0 0\t41\n"
     assert texts(tmp_path, "cam.chan", lines) == {FIELD_OF_VIEW: {1: "40.5", 2: "41"}}
     with refuses("malformed", path=tmp_path / "old.chan", field="line 1"):
@@ -50,17 +48,17 @@ def test_a_camera_of_nuke_gives_its_field_of_view(tmp_path: Path) -> None:
         ("\0", "wrong-type", ""),
     ],
 )
-def test_what_makes_no_sense_is_refused(tmp_path: Path, text: str, code: str, field: str) -> None:
+def test_what_makes_no_sense_is_refused(tmp_path, text, code, field):
     with refuses(code, path=tmp_path / "pull.csv", field=field):
         texts(tmp_path, "pull.csv", text)
 
 
-def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+def test_a_missing_file_is_refused(tmp_path):
     with refuses("not-found", path=tmp_path / "none.csv"):
         read_keys(tmp_path / "none.csv", None)
 
 
-def test_more_lines_than_a_shot_has_are_refused(tmp_path: Path) -> None:
+def test_more_lines_than_a_shot_has_are_refused(tmp_path):
     """A million took 17 s, with their lens at each frame."""
     lines = "".join(f"{frame} 2m\n" for frame in range(2**17 + 1))
     (tmp_path / "a.txt").write_text(lines)

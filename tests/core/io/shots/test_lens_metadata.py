@@ -1,6 +1,5 @@
 import math
 import struct
-from pathlib import Path
 
 import numpy as np
 import OpenEXR
@@ -10,17 +9,17 @@ from image_files import SCANLINE, box, save
 from defocus_core.io.shots.lens_metadata import lens_of
 
 
-def exr(path: Path, **attributes: object) -> Path:
+def exr(path, **attributes):
     planes = {name: np.ones((2, 3), np.float16) for name in "RGB"}
     OpenEXR.File({**SCANLINE, **attributes}, planes).write(str(path))
     return path
 
 
-def texts(path: Path, metres: float = 1.0) -> dict[str, tuple[str, str]]:
+def texts(path, metres=1.0):
     return {name: tuple(taken) for name, taken in lens_of(path, metres).items()}  # type: ignore[misc]
 
 
-def test_the_standard_attributes_of_openexr(tmp_path: Path) -> None:
+def test_the_standard_attributes_of_openexr(tmp_path):
     attributes = {"focus": 2.5, "aperture": 2.0, "tStop": 2.2, "nominalFocalLength": 50.0}
     file = exr(
         tmp_path / "a.exr",
@@ -38,7 +37,7 @@ def test_the_standard_attributes_of_openexr(tmp_path: Path) -> None:
     }
 
 
-def test_the_first_attribute_that_makes_sense_wins_and_infinity_is_a_focus(tmp_path: Path) -> None:
+def test_the_first_attribute_that_makes_sense_wins_and_infinity_is_a_focus(tmp_path):
     file = exr(tmp_path / "a.exr", focus=math.inf, aperture=0.0, tStop=4.0, nominalFocalLength=35.0)
     assert texts(file) == {
         "focal-length": ("35mm", "nominalFocalLength"),
@@ -47,7 +46,7 @@ def test_the_first_attribute_that_makes_sense_wins_and_infinity_is_a_focus(tmp_p
     }
 
 
-def test_v_ray_measures_its_target_in_the_unit_of_the_scene(tmp_path: Path) -> None:
+def test_v_ray_measures_its_target_in_the_unit_of_the_scene(tmp_path):
     attributes = {"cameraFNumber": 8.0, "cameraFocalLength": 35.0, "cameraAperture": 36.0}
     file = exr(tmp_path / "a.exr", **attributes, cameraTargetDistance=200.0)
     assert texts(file, metres=0.01)["focus"] == ("2m", "cameraTargetDistance")
@@ -56,7 +55,7 @@ def test_v_ray_measures_its_target_in_the_unit_of_the_scene(tmp_path: Path) -> N
     assert "focus" not in texts(none)
 
 
-def test_numbers_that_are_texts_are_read_and_other_texts_are_not(tmp_path: Path) -> None:
+def test_numbers_that_are_texts_are_read_and_other_texts_are_not(tmp_path):
     assert texts(exr(tmp_path / "a.exr", aperture="2.8", focus="far")) == {
         "fnumber": ("2.8", "aperture")
     }
@@ -65,7 +64,7 @@ def test_numbers_that_are_texts_are_read_and_other_texts_are_not(tmp_path: Path)
 @pytest.mark.parametrize(
     ("distance", "focus"), [(3.5, "3.5m"), (float(0xFFFFFFFF), "inf"), (0.0, None)]
 )
-def test_a_photograph_has_exif(tmp_path: Path, distance: float, focus: str | None) -> None:
+def test_a_photograph_has_exif(tmp_path, distance, focus):
     pixels = np.full((8, 12, 3), 128, np.uint8)
     file = save(
         tmp_path / "a.jpg",
@@ -86,14 +85,14 @@ def test_a_photograph_has_exif(tmp_path: Path, distance: float, focus: str | Non
     [((24, 36), 1, 18), ((24, 36), 6, 12), ((36, 24), 1, 12), ((24, 32), 3, 17.3066)],
 )
 def test_the_sensor_has_the_diagonal_of_the_equivalent_and_the_shape_of_the_upright_frame(
-    size: tuple[int, int], turn: int, millimetres: float, tmp_path: Path
-) -> None:
+    size, turn, millimetres, tmp_path
+):
     exif = {"Exif__FocalLength": 26.0, "Exif__FocalLengthIn35mmFilm": 52, "Orientation": turn}
     file = save(tmp_path / "a.jpg", np.full((*size, 3), 128, np.uint8), **exif)
     assert texts(file)["sensor-width"][0] == f"{millimetres:g}mm"
 
 
-def test_a_damaged_attribute_is_no_number(tmp_path: Path) -> None:
+def test_a_damaged_attribute_is_no_number(tmp_path):
     file = exr(tmp_path / "a.exr", aperture=2.0)
     data = file.read_bytes()
     at = data.index(b"aperture\0float\0") + len(b"aperture\0float\0") + 4

@@ -8,7 +8,7 @@ from defocus_core.renderer.blur.fourier import kernel_spectra, reach, transform_
 
 
 @pytest.mark.parametrize("n", [*range(1, 300), 1000, 4097, 12345])
-def test_a_transform_length_is_near_and_fast(n: int) -> None:
+def test_a_transform_length_is_near_and_fast(n):
     length = transform_length(n)
     assert n <= length < 1.2 * n + 16
     assert length % 16 == 0
@@ -19,7 +19,7 @@ def test_a_transform_length_is_near_and_fast(n: int) -> None:
 
 
 @pytest.mark.parametrize("r", [0.0, 0.4, 0.5, 0.51, 1.5, -1.6, 7.0, -30.49])
-def test_a_slice_spreads_as_far_as_its_kernel(r: float) -> None:
+def test_a_slice_spreads_as_far_as_its_kernel(r):
     spread = reach(r, 1000)
     psf = Aperture().kernel(torch.tensor(r, dtype=torch.float64), 2 * spread + 3)
     assert float(psf[1:-1, 1:-1].sum()) == pytest.approx(1.0, abs=1e-12)
@@ -27,11 +27,11 @@ def test_a_slice_spreads_as_far_as_its_kernel(r: float) -> None:
         assert psf[:, 1].sum() > 0
 
 
-def test_no_slice_spreads_farther_than_the_frame() -> None:
+def test_no_slice_spreads_farther_than_the_frame():
     assert reach(1e6, 99) == reach(-1e6, 99) == 99
 
 
-def test_a_kernel_wider_than_its_window_keeps_what_reaches_the_samples() -> None:
+def test_a_kernel_wider_than_its_window_keeps_what_reaches_the_samples():
     kernel = torch.rand(1, 9, 9, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     light = torch.zeros(8, 8, dtype=torch.float64)
     light[:3, :3] = 1 + torch.arange(9).view(3, 3)

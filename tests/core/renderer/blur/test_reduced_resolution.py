@@ -6,7 +6,6 @@ import pytest
 import torch
 from measures import worst
 from tolerances import RENDERED
-from torch import Tensor
 
 from defocus_core import render
 from defocus_core.renderer.layers import quality
@@ -22,13 +21,13 @@ SIZES = [(40, 56), (41, 57), (7, 150), (130, 200)]
 
 
 @pytest.fixture
-def halved_early(monkeypatch: pytest.MonkeyPatch) -> None:
+def halved_early(monkeypatch):
     """Radii from 2 px on are blurred at reduced resolution: small frames show what large do."""
     early = replace(quality.QUALITY["standard"], full_resolution=2.0)
     monkeypatch.setitem(quality.QUALITY, "standard", early)
 
 
-def scene(size: tuple[int, int], r: float) -> tuple[Tensor, Tensor]:
+def scene(size, r):
     """Noise with a card before it that is as much nearer than focus."""
     H, W = size
     image = torch.rand(3, H, W, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
@@ -39,7 +38,7 @@ def scene(size: tuple[int, int], r: float) -> tuple[Tensor, Tensor]:
 
 @pytest.mark.parametrize("level", [1, 2, 3])
 @pytest.mark.parametrize("size", [(24, 40), (25, 41), (24, 41)])
-def test_a_slice_is_averaged_as_its_pixels_are(size: tuple[int, int], level: int) -> None:
+def test_a_slice_is_averaged_as_its_pixels_are(size, level):
     """Wherever it lies in the frame, and with what nearer surfaces have in the same pixels."""
     H, W = size
     generator = torch.Generator().manual_seed(level)
@@ -69,7 +68,7 @@ def test_a_slice_is_averaged_as_its_pixels_are(size: tuple[int, int], level: int
 
 
 @pytest.mark.parametrize(("r", "bound"), [(24.0, 2.0), (-36.0, 2.0), (60.0, 1.5), (100.0, 1.0)])
-def test_a_wide_blur_is_nearly_that_at_full_resolution(r: float, bound: float) -> None:
+def test_a_wide_blur_is_nearly_that_at_full_resolution(r, bound):
     """Noise without any smoothness to help: what is left of it is the ripple of the rim."""
     size = (270, 400)
     image = torch.rand(1, *size, generator=torch.Generator().manual_seed(5), dtype=torch.float64)
@@ -81,7 +80,7 @@ def test_a_wide_blur_is_nearly_that_at_full_resolution(r: float, bound: float) -
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.usefixtures("halved_early")
-def test_flips_change_nothing(size: tuple[int, int]) -> None:
+def test_flips_change_nothing(size):
     image, radius = scene(size, 9.0)
     whole = render(image, radius).render
     for dim in (-1, -2):
@@ -90,7 +89,7 @@ def test_flips_change_nothing(size: tuple[int, int]) -> None:
 
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.usefixtures("halved_early")
-def test_white_stays_white(size: tuple[int, int]) -> None:
+def test_white_stays_white(size):
     radius = scene(size, 9.0)[1] * torch.linspace(0, 1, size[1], dtype=torch.float64)
     white = render(torch.ones(3, *size, dtype=torch.float64), radius, left_right=True)
     for picture in (white.render, white.left, white.right):
@@ -99,7 +98,7 @@ def test_white_stays_white(size: tuple[int, int]) -> None:
 
 
 @pytest.mark.usefixtures("halved_early")
-def test_regions_leave_no_seam(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_regions_leave_no_seam(monkeypatch):
     image, radius = scene((300, 420), 9.0)
     whole = render(image, radius, left_right=True)
     monkeypatch.setattr(tiling, "_REGION", 128)
@@ -111,7 +110,7 @@ def test_regions_leave_no_seam(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("halved_early")
-def test_depth_has_gradients() -> None:
+def test_depth_has_gradients():
     image, radius = scene((12, 14), 5.0)
     radius = (radius + 0.3 * torch.rand(12, 14, dtype=torch.float64)).requires_grad_()
     weight = torch.rand(3, 12, 14, generator=torch.Generator().manual_seed(7), dtype=torch.float64)
@@ -126,9 +125,7 @@ def test_depth_has_gradients() -> None:
 
 
 @pytest.mark.parametrize("upright", [False, True])
-def test_what_lies_beyond_the_reach_of_a_region_does_not_wrap_around(
-    monkeypatch: pytest.MonkeyPatch, upright: bool
-) -> None:
+def test_what_lies_beyond_the_reach_of_a_region_does_not_wrap_around(monkeypatch, upright):
     """A wider layer makes a region hold more than a narrower one may see."""
     size = (1500, 40)
     image = torch.rand(3, *size, generator=torch.Generator().manual_seed(5), dtype=torch.float64)

@@ -5,10 +5,9 @@ from functools import cache
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
+from defocus_core.optics.parts import FULL, LEFT, RIGHT
 from defocus_core.renderer.compositing.bokeh_discs import draw
 from defocus_core.renderer.compositing.highlights import Highlights, threshold
 from defocus_core.renderer.compositing.occluders import Occluder
@@ -24,18 +23,18 @@ WHOLE = Box(0, 0, H, W)
 class Scene:
     """Radii of pixels, their places between slices, and which lie beside an edge of depth."""
 
-    def __init__(self, signed_radius: Tensor) -> None:
+    def __init__(self, signed_radius):
         self.places = slice_position(signed_radius, RADII).tolist()
         self.radii = radii = signed_radius.tolist()
         self.edges = [[beside_an_edge(y, x, radii) for x in range(W)] for y in range(H)]
 
 
 @cache
-def scene_of(background: float) -> Scene:
+def scene_of(background):
     return Scene(surfaces(background))
 
 
-def surfaces(background: float) -> Tensor:
+def surfaces(background):
     """Radii [H, W] of a background with upright wires in focus and a near card before it."""
     r = torch.full((H, W), background, dtype=torch.float64)
     r[:, 10::17] = 0.4
@@ -43,12 +42,12 @@ def surfaces(background: float) -> Tensor:
     return r
 
 
-def lights(radii: Tensor, *, at: list[tuple[int, int]]) -> Highlights:
+def lights(radii, *, at):
     light = torch.tensor([[3.0, 1e6, -0.1]], dtype=radii.dtype)
     return Highlights(torch.tensor(at), light * torch.arange(1, len(at) + 1)[:, None], radii)
 
 
-def pixel_by_pixel(some: Highlights, scene: Scene, aperture: Aperture, part: Part) -> Tensor:
+def pixel_by_pixel(some, scene, aperture, part):
     """Each disc pixel: the kernel, times what no slice before it stops.
 
     Of a disc of few pixels that is the mean over the lens, for all of them.
@@ -90,15 +89,7 @@ def pixel_by_pixel(some: Highlights, scene: Scene, aperture: Aperture, part: Par
 
 
 @cache
-def come_through(
-    at: tuple[int, int],
-    limit: float,
-    away: tuple[float, float],
-    scale: tuple[float, ...],
-    scene: Scene,
-    *,
-    between: bool,
-) -> float:
+def come_through(at, limit, away, scale, scene, *, between):
     """What no slice nearer than a limit stops, so many times as far away from a light.
 
     Beside edges of depth it is interpolated between pixels, if asked for.
@@ -118,33 +109,31 @@ def come_through(
     return max(free, 0.0)
 
 
-def share_at(y: int, x: int, k: int, limit: float, scene: Scene) -> float:
+def share_at(y, x, k, limit, scene):
     """The share of a pixel in slice k, if it is nearer than the limit."""
     y, x = min(max(y, 0), H - 1), min(max(x, 0), W - 1)
     return max(0.0, 1 - abs(scene.places[y][x] - k)) if scene.radii[y][x] < limit else 0.0
 
 
-def beside_an_edge(y: int, x: int, radii: list[list[float]]) -> bool:
+def beside_an_edge(y, x, radii):
     y, x = min(max(y, 0), H - 1), min(max(x, 0), W - 1)
     rows = radii[max(y - 1, 0) : y + 2]
     around = [r for row in rows for r in row[max(x - 1, 0) : x + 2]]
     return max(around) - min(around) > 1.513
 
 
-def _ends(place: float) -> list[tuple[int, float]]:
+def _ends(place):
     """The two pixels beside a place, and their shares."""
     below = math.floor(place)
     return [(below, below + 1 - place), (below + 1, place - below)]
 
 
-def _at(light: int, away: float) -> int:
+def _at(light, away):
     """The pixel nearest to a place; of two the one towards the light."""
     return round(light + away - math.copysign(0.01, away))
 
 
-def drawn(
-    some: Highlights, signed_radius: Tensor, aperture: Aperture, parts: list[Part], box: Box = WHOLE
-) -> Tensor:
+def drawn(some, signed_radius, aperture, parts, box=WHOLE):
     occluder = Occluder(
         signed_radius, slice_position(signed_radius, RADII), torch.ones_like(signed_radius)
     )
@@ -163,7 +152,7 @@ AT = [(30, 44), (0, 0), (60, 70), (28, 30), (3, 82), (29, 47)]
         [-7.3, -7.3, -11.9, 2.0, 18.0, -1.2],
     ],
 )
-def test_discs_are_those_drawn_pixel_by_pixel(radii: list[float], aperture: Aperture) -> None:
+def test_discs_are_those_drawn_pixel_by_pixel(radii, aperture):
     some = lights(torch.tensor(radii, dtype=torch.float64), at=AT)
     for background in (26.0, -8.0):
         scene = surfaces(background)
@@ -173,7 +162,7 @@ def test_discs_are_those_drawn_pixel_by_pixel(radii: list[float], aperture: Aper
             assert (found - wanted).abs().max() <= 1e-12 * wanted.abs().max()
 
 
-def test_a_part_of_the_frame_is_that_of_the_whole() -> None:
+def test_a_part_of_the_frame_is_that_of_the_whole():
     some = lights(torch.tensor([25.3, 24.0, 3.2, 9.0, 12.0, 0.2], dtype=torch.float64), at=AT)
     scene, box = surfaces(26.0), Box(17, 33, 20, 31)
     whole = drawn(some, scene, Aperture(), [FULL])
@@ -181,7 +170,7 @@ def test_a_part_of_the_frame_is_that_of_the_whole() -> None:
     assert (box.of(whole) - part).abs().max() <= 1e-12 * whole.abs().max()
 
 
-def test_nothing_shows_beside_a_disc_as_bright_as_the_sun() -> None:
+def test_nothing_shows_beside_a_disc_as_bright_as_the_sun():
     some = Highlights(torch.tensor([[30, 40]]), torch.tensor([[1e6]]), torch.tensor([20.0]))
     picture = drawn(some, torch.full((H, W), 20.0), Aperture(), [FULL])[0, 0]
     away = torch.hypot(torch.arange(H)[:, None] - 30.0, torch.arange(W) - 40.0)
@@ -189,11 +178,11 @@ def test_nothing_shows_beside_a_disc_as_bright_as_the_sun() -> None:
     assert picture.sum() == pytest.approx(1e6, rel=1e-6)
 
 
-def test_discs_have_the_gradient_of_the_kernel() -> None:
+def test_discs_have_the_gradient_of_the_kernel():
     scene = surfaces(26.0)
     weights = torch.rand(1, 3, H, W, generator=torch.Generator().manual_seed(0)).double()
 
-    def total(radii: Tensor, light: Tensor) -> Tensor:
+    def total(radii, light):
         some = Highlights(torch.tensor(AT[:3]), light, radii)
         return (drawn(some, scene, Aperture(), [FULL]) * weights).sum()
 
@@ -203,7 +192,7 @@ def test_discs_have_the_gradient_of_the_kernel() -> None:
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
-def test_a_shadow_is_as_dark_as_its_surface_covers(share: float) -> None:
+def test_a_shadow_is_as_dark_as_its_surface_covers(share):
     """A wire one px wide that covers a share of its pixels; half of them are fringe samples."""
     radius = torch.full((H, W), 24.0, dtype=torch.float64)
     wire = torch.zeros(H, W, dtype=torch.bool)
@@ -223,7 +212,7 @@ def test_a_shadow_is_as_dark_as_its_surface_covers(share: float) -> None:
         assert dimmed[:, :13].abs().max() < 1e-12  # nothing beside it
 
 
-def test_the_shadow_of_a_slanted_wire_has_no_saw_teeth() -> None:
+def test_the_shadow_of_a_slanted_wire_has_no_saw_teeth():
     """Its darkness changes from row to row no more than the coverage of the wire's own pixels."""
     y, x = torch.arange(H, dtype=torch.float64)[:, None], torch.arange(W, dtype=torch.float64)
     away = (x - 44.0 - 0.23 * (y - 30.0)).abs()
@@ -244,13 +233,11 @@ def test_the_shadow_of_a_slanted_wire_has_no_saw_teeth() -> None:
 @pytest.mark.parametrize(
     ("count", "radius", "alone"), [(50, 60.0, True), (500, 60.0, False), (500, 10.0, True)]
 )
-def test_discs_are_drawn_one_by_one_as_long_as_all_of_them_are_few_frames(
-    count: int, radius: float, alone: bool
-) -> None:
+def test_discs_are_drawn_one_by_one_as_long_as_all_of_them_are_few_frames(count, radius, alone):
     light = torch.full((400, 500), 0.5)
     brightness = light.flatten()
 
-    def limit(maximum: float) -> float:
+    def limit(maximum):
         brightness[:count] = maximum
         return threshold(Ranks(counted(light), lambda: [light], light.dtype), maximum, radius)
 

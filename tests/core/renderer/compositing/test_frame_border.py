@@ -5,14 +5,13 @@ import math
 import pytest
 import torch
 from measures import worst
-from torch import Tensor
 
 from defocus_core import QUALITIES, Aperture, render
 from defocus_core.renderer.compositing.frame_border import fraction_in_frame
 from defocus_core.tensors.box import Box
 
 
-def seen_by_samples(r: float, x: int, y: int, size: tuple[int, int], aperture: Aperture) -> Tensor:
+def seen_by_samples(r, x, y, size, aperture):
     """The share of samples of each of four parts of a round pupil that lands in the frame."""
     u = torch.rand(2, 400_000, generator=torch.Generator().manual_seed(1), dtype=torch.float64)
     u = 2 * u - 1
@@ -29,7 +28,7 @@ def seen_by_samples(r: float, x: int, y: int, size: tuple[int, int], aperture: A
 
 
 @pytest.mark.parametrize(("r", "x", "y"), [(9.0, 2, 30), (-9.0, 2, 30), (12.0, 38, 1), (2.5, 0, 0)])
-def test_the_share_in_the_frame_is_that_of_samples(r: float, x: int, y: int) -> None:
+def test_the_share_in_the_frame_is_that_of_samples(r, x, y):
     size, aperture = (50, 40), Aperture()
     radius = torch.full((1, 1), r, dtype=torch.float64)
     found = fraction_in_frame(radius, Box(y, x, 1, 1), size, aperture, aperture.parts(4))
@@ -37,7 +36,7 @@ def test_the_share_in_the_frame_is_that_of_samples(r: float, x: int, y: int) -> 
 
 
 @pytest.mark.parametrize("quality", QUALITIES[:3])
-def test_nothing_leaks_past_a_card_that_the_frame_cuts(quality: str) -> None:
+def test_nothing_leaks_past_a_card_that_the_frame_cuts(quality):
     """Farther below its edge than it is blurred a black card is black, to the last column."""
     image = torch.full((1, 90, 120), 0.8)
     radius = torch.full((90, 120), 20.0)
@@ -50,9 +49,7 @@ def test_nothing_leaks_past_a_card_that_the_frame_cuts(quality: str) -> None:
 
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("size", [(1, 1), (1, 2), (2, 2)])
-def test_a_frame_smaller_than_a_disc_is_trusted_for_its_share(
-    size: tuple[int, int], quality: str
-) -> None:
+def test_a_frame_smaller_than_a_disc_is_trusted_for_its_share(size, quality):
     r, area = 5.0, size[0] * size[1]
     trust = render(torch.ones(3, *size), torch.full(size, r), quality=quality).trust
     area = 4 if quality == "draft" else area  # a coarse pixel

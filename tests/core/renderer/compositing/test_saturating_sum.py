@@ -4,7 +4,6 @@ import pytest
 import torch
 from measures import worst
 from tolerances import ROUNDING
-from torch import Tensor
 
 from defocus_core.renderer.compositing.saturating_sum import (
     add_behind,
@@ -15,13 +14,13 @@ from defocus_core.renderer.compositing.saturating_sum import (
 EXACT = ROUNDING[torch.float64]
 
 
-def layer(coverage: float, color: float) -> Tensor:
+def layer(coverage, color):
     """[M, C + 1, h, w] of one colour, premultiplied."""
     values = torch.tensor([coverage * color, coverage], dtype=torch.float64)
     return values[None, :, None, None].expand(2, -1, 3, 4).clone()
 
 
-def composite(*layers: tuple[float, float]) -> Tensor:
+def composite(*layers):
     """Layers (coverage, colour), front to back."""
     seen = torch.zeros(2, 2, 3, 4, dtype=torch.float64)
     for coverage, color in layers:
@@ -29,33 +28,33 @@ def composite(*layers: tuple[float, float]) -> Tensor:
     return seen
 
 
-def test_complementary_coverages_add() -> None:
+def test_complementary_coverages_add():
     seen = composite((0.3, 1.0), (0.7, 0.5))
     assert worst(seen[:, 1], 1.0) < EXACT
     assert worst(seen[:, 0], 0.3 + 0.35) < EXACT
 
 
-def test_full_coverage_hides_everything_behind() -> None:
+def test_full_coverage_hides_everything_behind():
     assert torch.equal(composite((1.0, 0.2), (1.0, 1e6)), composite((1.0, 0.2)))
 
 
-def test_coverage_saturates_at_one() -> None:
+def test_coverage_saturates_at_one():
     seen = composite((0.6, 1.0), (0.8, 0.5), (0.5, 9.0))
     assert worst(seen[:, 1], 1.0) < EXACT
     assert worst(seen[:, 0], 0.6 + 0.4 * 0.5) < EXACT
 
 
-def test_nothing_adds_nothing() -> None:
+def test_nothing_adds_nothing():
     assert torch.equal(composite((0.4, 1.0), (0.0, 0.0)), composite((0.4, 1.0)))
 
 
-def test_a_picture_is_divided_by_what_was_seen() -> None:
+def test_a_picture_is_divided_by_what_was_seen():
     assert worst(picture(composite((0.4, 0.8))), 0.8) < EXACT
 
 
 @pytest.mark.parametrize("minimum", [0.0, -0.3])
 @pytest.mark.parametrize("fraction", [0.5, 0.4])
-def test_the_mean_of_a_pair_is_the_centre(fraction: float, minimum: float) -> None:
+def test_the_mean_of_a_pair_is_the_centre(fraction, minimum):
     random = torch.Generator().manual_seed(0)
     centre, left, right = torch.rand(3, 2, 5, 7, generator=random, dtype=torch.float64)
     left[0, 0] = right[0, 0] = 0.0
@@ -67,7 +66,7 @@ def test_the_mean_of_a_pair_is_the_centre(fraction: float, minimum: float) -> No
     assert worst(exact, torch.stack([left, right])) < EXACT
 
 
-def test_a_gradient_leaves_its_inputs_alone() -> None:
+def test_a_gradient_leaves_its_inputs_alone():
     front = layer(0.5, 1.0)
     with torch.enable_grad():
         add_behind(front, layer(0.5, 0.2))
@@ -75,7 +74,7 @@ def test_a_gradient_leaves_its_inputs_alone() -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_a_pair_of_a_share_that_learns_warns_of_nothing() -> None:
+def test_a_pair_of_a_share_that_learns_warns_of_nothing():
     centre, share = torch.rand(3, 4, 4), torch.tensor(0.45, requires_grad=True)
     pair_of(centre, 0.4 * centre, 0.6 * centre, fraction=share)[0].sum().backward()
     assert share.grad is not None

@@ -15,17 +15,17 @@ from defocus_core.renderer.engine.draft_coarse import (
 from defocus_core.tensors import derived
 
 
-def noise(*size: int) -> Tensor:
+def noise(*size):
     return torch.rand(size, generator=torch.Generator().manual_seed(4), dtype=torch.float64)
 
 
-def test_colours_of_a_cell_are_the_means_of_its_pixels() -> None:
+def test_colours_of_a_cell_are_the_means_of_its_pixels():
     image = noise(3, 6, 8)
     expected = torch.nn.functional.avg_pool2d(image[None], 2)[0]
     assert torch.allclose(means(image), expected, atol=1e-15)
 
 
-def test_cells_of_an_odd_frame_are_pixels_with_half_of_those_beside_them() -> None:
+def test_cells_of_an_odd_frame_are_pixels_with_half_of_those_beside_them():
     image = noise(3, 5, 8)
     coarse = HalfSize(means, image)
     assert tuple(coarse.shape) == (3, 3, 4)
@@ -46,9 +46,7 @@ def test_cells_of_an_odd_frame_are_pixels_with_half_of_those_beside_them() -> No
         ([-5.0, -5.2, -5.4, 3.4], -5.2),
     ],
 )
-def test_the_radius_of_a_cell_is_that_of_the_surface_which_holds_most_of_it(
-    px: list[float], expected: float
-) -> None:
+def test_the_radius_of_a_cell_is_that_of_the_surface_which_holds_most_of_it(px, expected):
     for order in ([0, 1, 2, 3], [3, 1, 0, 2], [2, 3, 1, 0]):
         radius = torch.tensor([px[i] for i in order], dtype=torch.float64).view(2, 2)
         plain = noise(3, 2, 2)
@@ -56,7 +54,7 @@ def test_the_radius_of_a_cell_is_that_of_the_surface_which_holds_most_of_it(
         assert float(coarse_radii(radius, plain)) == pytest.approx(expected / 2, abs=1e-12)
 
 
-def test_the_light_of_a_cell_belongs_where_its_pixel_is() -> None:
+def test_the_light_of_a_cell_belongs_where_its_pixel_is():
     radius = torch.tensor([[-5.0, -5.2], [-5.1, 30.0]])
     image = torch.full((3, 2, 2), 0.5)
     image[:, 1, 1] = 50.0
@@ -64,7 +62,7 @@ def test_the_light_of_a_cell_belongs_where_its_pixel_is() -> None:
     assert float(surface_radii(radius, image.flip(-1))) == pytest.approx(-5.1)
 
 
-def test_a_known_layer_in_cells_has_the_known_pixels_of_each_cell() -> None:
+def test_a_known_layer_in_cells_has_the_known_pixels_of_each_cell():
     mask = torch.tensor([[True, False, False, False], [True, True, False, False]])
     color = torch.tensor([[[0.3, 99.0, 99.0, 99.0], [0.6, 0.9, 99.0, 99.0]]])
     radius = torch.tensor([[4.0, torch.nan, 9.0, 9.0], [4.2, 4.4, 9.0, 9.0]])
@@ -75,7 +73,7 @@ def test_a_known_layer_in_cells_has_the_known_pixels_of_each_cell() -> None:
     assert torch.allclose(radii[:], torch.tensor([[2.1, 0.0]]))
 
 
-def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_are_cuts_of_the_whole(monkeypatch):
     monkeypatch.setattr(derived, "_HELD", 0)
     image = noise(2, 21, 34)
     whole = half_size(means, image, threads=2, hold=False)
@@ -89,7 +87,7 @@ def test_windows_are_cuts_of_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     assert torch.equal(coarse[::8, 3::8], whole[:, ::8, 3::8])
 
 
-def test_gradients_reach_the_pixels_of_the_surface() -> None:
+def test_gradients_reach_the_pixels_of_the_surface():
     radius = torch.tensor([[-5.0, 3.0], [3.2, 3.4]], dtype=torch.float64, requires_grad=True)
     surface_radii(radius, torch.ones(3, 2, 2)).sum().backward()
     assert radius.grad is not None

@@ -7,7 +7,6 @@ import torch
 
 from defocus_core import render
 from defocus_core.renderer.engine import region_schedule
-from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.preparation import content_of, frame_of
 from defocus_core.renderer.engine.region_schedule import blurred_part
 from defocus_core.renderer.engine.settings import Settings
@@ -27,7 +26,7 @@ SPOTS = {
 }
 
 
-def scene(spot: Box, *, hard: bool) -> tuple[torch.Tensor, torch.Tensor]:
+def scene(spot, *, hard):
     """Noise, and radii that rise from the border of a rectangle inwards, slowly or at once."""
     image = torch.rand(3, H, W, generator=torch.Generator().manual_seed(0))
     y, x = torch.arange(H)[:, None], torch.arange(W)
@@ -39,7 +38,7 @@ def scene(spot: Box, *, hard: bool) -> tuple[torch.Tensor, torch.Tensor]:
     return image, -9.0 * (inside > 0).float() if hard else (0.3 * inside).clamp(max=7)
 
 
-def frame_for(image: torch.Tensor, radius: torch.Tensor) -> SharedFrame:
+def frame_for(image, radius):
     quality = find("standard")
     content = content_of(surveyed(image, radius, torch.float32, 1), quality)
     return frame_of(image, radius, Settings(), quality, None, content)
@@ -47,9 +46,7 @@ def frame_for(image: torch.Tensor, radius: torch.Tensor) -> SharedFrame:
 
 @pytest.mark.parametrize("hard", [False, True])
 @pytest.mark.parametrize("spot", SPOTS)
-def test_what_is_copied_is_what_would_be_computed(
-    spot: str, hard: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_copied_is_what_would_be_computed(spot, hard, monkeypatch):
     image, radius = scene(SPOTS[spot], hard=hard)
     views = render(image, radius, left_right=True, tile=96)
     with monkeypatch.context() as patch:
@@ -65,7 +62,7 @@ def test_what_is_copied_is_what_would_be_computed(
 
 @pytest.mark.parametrize("hard", [False, True])
 @pytest.mark.parametrize("spot", SPOTS)
-def test_tiles_are_cut_to_the_blocks_that_light_reaches(spot: str, hard: bool) -> None:
+def test_tiles_are_cut_to_the_blocks_that_light_reaches(spot, hard):
     image, radius = scene(SPOTS[spot], hard=hard)
     frame = frame_for(image, radius)
     part = blurred_part(frame, frame.grid, radius)
@@ -77,7 +74,7 @@ def test_tiles_are_cut_to_the_blocks_that_light_reaches(spot: str, hard: bool) -
     assert all(side % BLOCK == 0 for side in part.box[:2])
 
 
-def test_a_little_blur_reaches_less_far_than_much_of_it() -> None:
+def test_a_little_blur_reaches_less_far_than_much_of_it():
     """Light of a pixel spreads by its own radius, not by the greatest of the frame."""
     y = torch.arange(H)[:, None].expand(H, W)
     radius = 40 * (1 - y / 120).clamp(min=0)
@@ -87,7 +84,7 @@ def test_a_little_blur_reaches_less_far_than_much_of_it() -> None:
     assert 120 < part.box.height <= 120 + 24 + 2 * BLOCK < 120 + frame.margin
 
 
-def test_of_a_frame_in_focus_nothing_must_be_computed() -> None:
+def test_of_a_frame_in_focus_nothing_must_be_computed():
     image, radius = scene(Box(0, 0, 0, 0), hard=False)
     frame = frame_for(image, radius)
     assert blurred_part(frame, frame.grid, radius) is None
@@ -98,7 +95,7 @@ def test_of_a_frame_in_focus_nothing_must_be_computed() -> None:
     assert part.box.area < grid.box.area / 10
 
 
-def test_what_is_copied_hands_gradients_on() -> None:
+def test_what_is_copied_hands_gradients_on():
     image, radius = scene(SPOTS["middle"], hard=True)
     plain = render(image, radius, tile=96)
     weights = torch.rand(3, H, W, generator=torch.Generator().manual_seed(1))

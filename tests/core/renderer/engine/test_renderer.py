@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from torch import Tensor
 from windows import KINDS, Windows, put_together, same
 
 from defocus_core import render
@@ -18,7 +17,7 @@ from defocus_core.tensors.tiling import TILE
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])
 @pytest.mark.parametrize(("threads", "at_once"), [(1, None), (3, 1), (2, 2)])
-def test_a_renderer_is_the_rendering(kind: str, threads: int, at_once: int | None) -> None:
+def test_a_renderer_is_the_rendering(kind, threads, at_once):
     image, radius = scenery(kind, 700, 330, 6.0)
     whole = render(image, radius, left_right=True)
     pixels, radii = Windows(image), Windows(radius)
@@ -29,14 +28,14 @@ def test_a_renderer_is_the_rendering(kind: str, threads: int, at_once: int | Non
     assert renderer.stats == whole.stats
 
 
-def soft_picture(height: int, width: int) -> tuple[Tensor, Tensor]:
+def soft_picture(height, width):
     """Cards whose depth is soft at edges."""
     image, radius = scenery("cards", height, width, 24.0)
     around = torch.nn.functional.pad(radius[None, None], (4, 4, 4, 4), mode="replicate")
     return image, torch.nn.functional.avg_pool2d(around, 9, stride=1)[0, 0]
 
 
-def test_a_renderer_of_soft_depth_is_its_rendering() -> None:
+def test_a_renderer_of_soft_depth_is_its_rendering():
     image, radius = soft_picture(700, 280)
     whole = render(image, radius)
     renderer = Renderer(Scene(Windows(image), Windows(radius)), Settings(threads=2))
@@ -45,7 +44,7 @@ def test_a_renderer_of_soft_depth_is_its_rendering() -> None:
     assert torch.equal(render(image, radius, threads=3).render, whole.render)
 
 
-def test_no_window_is_as_high_as_a_high_frame() -> None:
+def test_no_window_is_as_high_as_a_high_frame():
     image, radius = scenery("most", 4096, 40, 3.0)
     pixels, radii = Windows(image), Windows(radius)
     pictures = put_together(Renderer(Scene(pixels, radii)))
@@ -53,7 +52,7 @@ def test_no_window_is_as_high_as_a_high_frame() -> None:
     assert max(pixels.largest, radii.largest) < 1500
 
 
-def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch):
     monkeypatch.setattr(derived, "_HELD", 0)
     image, radius = scenery("cards", 512, 512, 12.0)
     whole, looked_at = render(image, radius, quality="draft"), {}
@@ -65,14 +64,14 @@ def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch: pytest.MonkeyPa
     assert looked_at[True] < 5.5 < 9 < looked_at[False]
 
 
-def test_half_colour_is_rendered_as_the_same_colour_in_float() -> None:
+def test_half_colour_is_rendered_as_the_same_colour_in_float():
     image, radius = scenery("most", 200, 300, 5.0)
     pictures = put_together(Renderer(Scene(image.half(), radius)))
     assert pictures["render"].dtype == torch.float32
     assert same(pictures, render(image.half().float(), radius))
 
 
-def test_a_known_layer_is_read_through_windows_too() -> None:
+def test_a_known_layer_is_read_through_windows_too():
     image, radius = scenery("cards", 200, 260, 8.0)
     known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     whole = render(image, radius, hidden=known)
@@ -81,7 +80,7 @@ def test_a_known_layer_is_read_through_windows_too() -> None:
     assert same(put_together(renderer), whole)
 
 
-def test_costs_are_the_same_through_windows_and_of_tensors() -> None:
+def test_costs_are_the_same_through_windows_and_of_tensors():
     image, radius = scenery("lights", 1100, 900, 6.0)
     of_windows = cost(Renderer(Scene(Windows(image), Windows(radius))))
     assert of_windows == cost(Renderer(Scene(image, radius)))
@@ -89,7 +88,7 @@ def test_costs_are_the_same_through_windows_and_of_tensors() -> None:
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor"])
 @pytest.mark.parametrize("tile", [48, 80, 320])
-def test_another_side_of_tiles_changes_the_last_digits_alone(kind: str, tile: int) -> None:
+def test_another_side_of_tiles_changes_the_last_digits_alone(kind, tile):
     image, radius = scenery(kind, 200, 250, 8.0)
     usual = render(image, radius, left_right=True)
     other = render(image, radius, left_right=True, tile=tile)
@@ -105,7 +104,7 @@ def test_another_side_of_tiles_changes_the_last_digits_alone(kind: str, tile: in
 @pytest.mark.parametrize("kind", ["cards", "thin"])
 @pytest.mark.parametrize("quality", ["draft", "standard", "high"])
 @pytest.mark.parametrize("tile", [48, 320])
-def test_a_tile_sees_all_that_spreads_to_it(kind: str, quality: str, tile: int) -> None:
+def test_a_tile_sees_all_that_spreads_to_it(kind, quality, tile):
     """In double precision nothing but what a tile left out would tell: large radii, edges."""
     image, radius = (x.double() for x in scenery(kind, 200, 250, 24.0))
     usual = render(image, radius, quality=quality, left_right=True)
@@ -114,18 +113,18 @@ def test_a_tile_sees_all_that_spreads_to_it(kind: str, quality: str, tile: int) 
         assert float((getattr(usual, name) - getattr(other, name)).abs().max()) < 1e-7, name
 
 
-def test_a_tile_has_a_least_side() -> None:
+def test_a_tile_has_a_least_side():
     image, radius = scenery("floor", 32, 32, 2.0)
     with pytest.raises(ValueError, match="tile must be at least 16, got 15"):
         render(image, radius, tile=15)
 
 
-def test_shapes_of_a_renderer_must_match() -> None:
+def test_shapes_of_a_renderer_must_match():
     with pytest.raises(ValueError, match=r"image must be \[C, H, W\]"):
         Renderer(Scene(torch.zeros(3, 8, 8), torch.zeros(8, 9)))
 
 
-def test_the_caller_who_takes_a_region_keeps_gradients() -> None:
+def test_the_caller_who_takes_a_region_keeps_gradients():
     """Also a caller who takes only the first region."""
     image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 3.0)
     regions = Renderer(Scene(image, radius)).tiles()

@@ -2,7 +2,6 @@
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.soft_edges import around_ramps, without_ramps
@@ -14,11 +13,11 @@ from defocus_core.tensors.source import bands
 SIZE = (600, 24)
 
 
-def noise(*size: int) -> Tensor:
+def noise(*size):
     return torch.randn(size, generator=torch.Generator().manual_seed(3))
 
 
-def test_bands_are_all_rows_once() -> None:
+def test_bands_are_all_rows_once():
     for width in (24, 30_000, 10**7):
         picture = torch.zeros(()).expand(SIZE[0], width)
         rows = [y for first, last in bands(picture) for y in range(first, last)]
@@ -27,7 +26,7 @@ def test_bands_are_all_rows_once() -> None:
 
 
 @pytest.mark.parametrize("row", [0, 255, 256, 598])
-def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
+def test_the_steepest_step_is_seen_wherever_it_is(row):
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 7.0
     radius[row, 5] = 1.0
@@ -37,7 +36,7 @@ def test_the_steepest_step_is_seen_wherever_it_is(row: int) -> None:
 
 
 @pytest.mark.parametrize("row", [1, 254, 255, 256, 598])
-def test_a_soft_edge_is_seen_wherever_it_is(row: int) -> None:
+def test_a_soft_edge_is_seen_wherever_it_is(row):
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 4.0
     assert not diagnosed(radius, None, threads=1).ramps
@@ -47,7 +46,7 @@ def test_a_soft_edge_is_seen_wherever_it_is(row: int) -> None:
 
 
 @pytest.mark.parametrize("row", [3, 254, 255, 256, 590])
-def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row: int) -> None:
+def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row):
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 4.0
     radius[row, 5] = 2.0
@@ -57,7 +56,7 @@ def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row: int) -> None
         assert diagnosed(few.T, None, threads=2).ramps == ramps
 
 
-def test_brightness_is_that_of_the_brightest_channel() -> None:
+def test_brightness_is_that_of_the_brightest_channel():
     image = noise(3, *SIZE)
     survey = surveyed(image.half(), torch.zeros(SIZE), torch.float32, 2)
     whole = image.half().float().amax(0).flatten().clamp(min=0).sort().values
@@ -69,9 +68,7 @@ def test_brightness_is_that_of_the_brightest_channel() -> None:
 
 
 @pytest.mark.parametrize(("dark", "double"), [(1.1e-3, False), (0.9e-3, True)])
-def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(
-    dark: float, double: bool
-) -> None:
+def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(dark, double):
     image = torch.zeros(3, *SIZE)
     image[1, :400] = dark
     image[0, 7, 7] = 1.0
@@ -82,7 +79,7 @@ def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(
 
 @pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
 @pytest.mark.parametrize("row", [0, 300, 599])
-def test_what_is_not_finite_is_found_in_every_band(value: float, row: int) -> None:
+def test_what_is_not_finite_is_found_in_every_band(value, row):
     image, radius = noise(3, *SIZE), torch.zeros(SIZE)
     broken = image.clone()
     broken[1, row, 3] = value
@@ -93,7 +90,7 @@ def test_what_is_not_finite_is_found_in_every_band(value: float, row: int) -> No
         surveyed(image, radius, torch.float32, 1)
 
 
-def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole() -> None:
+def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole():
     y = torch.arange(SIZE[0]).double()
     radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
     whole = without_ramps(radius)

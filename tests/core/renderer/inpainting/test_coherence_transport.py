@@ -6,13 +6,12 @@ import pytest
 import torch
 from measures import worst
 from scenes import pattern
-from torch import Tensor
 from torch.autograd import gradcheck
 
 from defocus_core.renderer.inpainting.coherence_transport import structure, transported
 from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
 from defocus_core.renderer.inpainting.two_layer_pyramid import coarser, pixels_of
-from defocus_core.tensors.pyramid import Axis, axes
+from defocus_core.tensors.pyramid import axes
 
 H, W = 96, 112
 MIDDLE = axes((H, W))
@@ -20,14 +19,14 @@ BAR = slice(50, 60)  # columns that a nearer bar hides
 FAR, NEAR = 4.0, -7.0
 
 
-def tensor_of(image: Tensor, radius: Tensor, middle: tuple[Axis, Axis] = MIDDLE) -> Tensor:
+def tensor_of(image, radius, middle=MIDDLE):
     """The structure tensor [3, h, w] at a quarter of the resolution of a picture."""
     picture = torch.cat([image, radius[None]])
     quarter = coarser(structure(coarser(pixels_of([picture], radius, middle))))
     return quarter.first.values[-3:].reshape(3, *quarter.size)
 
 
-def stripes(degrees: float, period: float = 14.0) -> Tensor:
+def stripes(degrees, period=14.0):
     """Smooth stripes [2, H, W], at an angle from upright."""
     y, x = torch.arange(H, dtype=torch.float64)[:, None], torch.arange(W, dtype=torch.float64)
     turned = x * math.cos(math.radians(degrees)) + y * math.sin(math.radians(degrees))
@@ -35,7 +34,7 @@ def stripes(degrees: float, period: float = 14.0) -> Tensor:
     return torch.stack([wave, 1 - wave])
 
 
-def behind_a_bar(background: Tensor) -> tuple[Tensor, Tensor]:
+def behind_a_bar(background):
     """A plain bar before a background, and the radii of both."""
     image, radius = background.clone(), torch.full((H, W), FAR, dtype=torch.float64)
     image[..., BAR], radius[:, BAR] = 0.9, NEAR
@@ -43,7 +42,7 @@ def behind_a_bar(background: Tensor) -> tuple[Tensor, Tensor]:
 
 
 @pytest.mark.parametrize("degrees", [0.0, 25.0, 45.0, 70.0, 90.0])
-def test_the_tensor_of_stripes_points_across_them(degrees: float) -> None:
+def test_the_tensor_of_stripes_points_across_them(degrees):
     image = stripes(degrees)[:1]
     tensor = tensor_of(image, torch.zeros(H, W, dtype=torch.float64))
     xx, xy, yy = tensor[:, 5:-5, 5:-5]
@@ -52,13 +51,13 @@ def test_the_tensor_of_stripes_points_across_them(degrees: float) -> None:
     assert worst(off, 0.0) < 2.5
 
 
-def test_edges_of_depth_have_no_direction() -> None:
+def test_edges_of_depth_have_no_direction():
     image, radius = behind_a_bar(torch.full((2, H, W), 0.2, dtype=torch.float64))
     assert worst(tensor_of(image, radius), 0.0) < 1e-30
 
 
 @pytest.mark.parametrize("degrees", [35.0, 60.0, 90.0, 120.0])
-def test_stripes_go_on_behind_a_bar(degrees: float) -> None:
+def test_stripes_go_on_behind_a_bar(degrees):
     background = stripes(degrees)
     found = hidden_layer(*behind_a_bar(background))
     assert found is not None
@@ -70,7 +69,7 @@ def test_stripes_go_on_behind_a_bar(degrees: float) -> None:
     assert float(off.max()) < 0.2
 
 
-def test_without_a_direction_nothing_is_transported() -> None:
+def test_without_a_direction_nothing_is_transported():
     """Waves in all directions, and none at all."""
     y, x = torch.arange(H, dtype=torch.float64)[:, None], torch.arange(W, dtype=torch.float64)
     bumps = (0.5 + 0.2 * torch.sin(x / 1.3) * torch.sin(y / 1.3))[None]
@@ -86,7 +85,7 @@ def test_without_a_direction_nothing_is_transported() -> None:
         assert worst(found, smooth[:, :1]) < 0.05
 
 
-def test_what_lies_at_another_distance_lends_no_colour() -> None:
+def test_what_lies_at_another_distance_lends_no_colour():
     background = stripes(90.0)
     image, radius = behind_a_bar(background)
     picture = torch.cat([image, radius[None]])
@@ -100,7 +99,7 @@ def test_what_lies_at_another_distance_lends_no_colour() -> None:
         assert worst(found, expected) < 1e-3
 
 
-def test_one_end_counts_the_less_the_farther_it_is() -> None:
+def test_one_end_counts_the_less_the_farther_it_is():
     image = torch.full((1, 1, 40), 0.2, dtype=torch.float64)
     radius = torch.full((1, 40), NEAR, dtype=torch.float64)
     image[..., :10], radius[:, :10] = 1.0, FAR
@@ -117,7 +116,7 @@ def test_one_end_counts_the_less_the_farther_it_is() -> None:
     assert found[-1] == 0
 
 
-def test_mirrored_pictures_hide_mirrored_content() -> None:
+def test_mirrored_pictures_hide_mirrored_content():
     image, radius = behind_a_bar(pattern((H, W)) + stripes(55.0).repeat(2, 1, 1)[:3])
     found = hidden_layer(image, radius)
     assert found is not None
@@ -127,7 +126,7 @@ def test_mirrored_pictures_hide_mirrored_content() -> None:
         assert worst(other.color.flip(dims), found.color) < 1e-10
 
 
-def test_gradients_pass_through_directions() -> None:
+def test_gradients_pass_through_directions():
     image = torch.rand(2, 9, 12, dtype=torch.float64, generator=torch.manual_seed(3))
     image.requires_grad_()
     radius = torch.full((9, 12), FAR, dtype=torch.float64)
@@ -135,7 +134,7 @@ def test_gradients_pass_through_directions() -> None:
     at = torch.tensor([[4, 5], [3, 6], [6, 7]])
     border = torch.zeros(3, dtype=torch.float64)
 
-    def colors(image: Tensor) -> Tensor:
+    def colors(image):
         tensor = tensor_of(image, radius, axes((9, 12)))[:, at[:, 0] // 4, 0].T
         smooth = torch.cat([image[:, at[:, 0], 2].T, torch.full((3, 1), FAR)], 1)
         picture = torch.cat([image, radius[None]])

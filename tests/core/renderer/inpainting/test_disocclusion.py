@@ -5,7 +5,6 @@ import math
 import pytest
 import torch
 from scenes import random_radius
-from torch import Tensor
 
 from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
 from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
@@ -19,7 +18,7 @@ SKY, SIGN, WIRE = 14.0, 0.0, -4.0
 WIRES = slice(38, 40)
 
 
-def street(wires: slice = WIRES) -> tuple[Tensor, Tensor]:
+def street(wires=WIRES):
     """A sky, a sign before it, and upright wires before both: of one colour each."""
     radius = torch.full(SIZE, SKY, dtype=torch.float64)
     radius[8:56, 16:64] = SIGN
@@ -31,7 +30,7 @@ def street(wires: slice = WIRES) -> tuple[Tensor, Tensor]:
 
 
 @pytest.mark.parametrize("level", [0, 1])
-def test_behind_a_wire_comes_what_is_beside_it(level: int) -> None:
+def test_behind_a_wire_comes_what_is_beside_it(level):
     image, radius = street()
     hidden = hidden_layer(image, radius, level=level)
     assert hidden is not None
@@ -46,7 +45,7 @@ def test_behind_a_wire_comes_what_is_beside_it(level: int) -> None:
 
 
 @pytest.mark.parametrize("level", [0, 1])
-def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(level: int) -> None:
+def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(level):
     wires = slice(24, 26)
     image, radius = street(wires)
     radius = torch.where(radius == WIRE, -12.0, torch.where(radius == SIGN, -9.0, 0.0)).double()
@@ -61,9 +60,7 @@ def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(level: int) -
 @pytest.mark.parametrize("quality", ["standard", "high"])
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("wires", [WIRES, slice(24, 26)], ids=["amid", "aside"])
-def test_a_sign_in_focus_is_not_tinted_by_the_sky_behind_a_blurred_wire(
-    quality: str, known: bool, wires: slice
-) -> None:
+def test_a_sign_in_focus_is_not_tinted_by_the_sky_behind_a_blurred_wire(quality, known, wires):
     """What is hidden occludes, too: behind the sign goes on the sky, and is not seen there."""
     image, radius = street(wires)
     behind = street(slice(0, 0))
@@ -78,9 +75,7 @@ def test_a_sign_in_focus_is_not_tinted_by_the_sky_behind_a_blurred_wire(
 @pytest.mark.parametrize("quality", ["standard", "high"])
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize("sign", [-9.0, -4.0, -2.5, 2.5, 4.0, 9.0])
-def test_nor_is_a_sign_that_is_much_less_blurred_than_the_sky(
-    quality: str, known: bool, sign: float
-) -> None:
+def test_nor_is_a_sign_that_is_much_less_blurred_than_the_sky(quality, known, sign):
     """Whatever the colour of the sky, where the lens sees nothing but wires and the sign."""
     size, wire, sky = (120, 160), -20.0, 30.0
     y, x = torch.meshgrid(*map(torch.arange, size), indexing="ij")
@@ -98,7 +93,7 @@ def test_nor_is_a_sign_that_is_much_less_blurred_than_the_sky(
     assert (seen[0] - seen[1])[:, within].abs().max() < 2e-3
 
 
-def crossing(wall: float = 0.0, wire: float = -8.0) -> tuple[Tensor, Tensor]:
+def crossing(wall=0.0, wire=-8.0):
     """A wall, a level wire before it, and an upright one before both: of one colour each."""
     radius = torch.full(SIZE, wall, dtype=torch.float64)
     radius[30:36] = wire
@@ -109,7 +104,7 @@ def crossing(wall: float = 0.0, wire: float = -8.0) -> tuple[Tensor, Tensor]:
 
 @pytest.mark.parametrize("level", [0, 1])
 @pytest.mark.parametrize(("wall", "channel"), [(0.0, 0), (12.0, 1)])
-def test_behind_a_crossing_goes_on_what_is_sharper(wall: float, channel: int, level: int) -> None:
+def test_behind_a_crossing_goes_on_what_is_sharper(wall, channel, level):
     image, radius = crossing(wall)
     layer = hidden_layer(image, radius, level=level)
     assert layer is not None
@@ -122,9 +117,7 @@ def test_behind_a_crossing_goes_on_what_is_sharper(wall: float, channel: int, le
 
 # In high, pixels of the upright wire beside the crossing take a quarter of the level one.
 @pytest.mark.parametrize(("quality", "step"), [("standard", 0.15), ("high", 0.35)])
-def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(
-    quality: str, step: float
-) -> None:
+def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(quality, step):
     image, radius = crossing()
     wall = render(image, radius, quality=quality).render[0, 20:46, 28:52]
     through = (1 - 2 * 3 / (math.pi * 22)) * (1 - 2 * 6 / (math.pi * 8))  # what both let pass
@@ -132,7 +125,7 @@ def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(
     assert max(float(wall.diff(dim=dim).abs().max()) for dim in (0, 1)) < step
 
 
-def test_beside_a_wire_a_draft_has_no_line() -> None:
+def test_beside_a_wire_a_draft_has_no_line():
     """What is in focus is as it was only where it is seen, not where it shows behind a wire."""
     image, radius = crossing()
     wall = render(image, radius, quality="draft").render[0, 8:26, :38]
@@ -140,7 +133,7 @@ def test_beside_a_wire_a_draft_has_no_line() -> None:
 
 
 @pytest.mark.parametrize("kind", ["street", "random"])
-def test_how_far_an_edge_shows_is_the_greatest_cone(kind: str) -> None:
+def test_how_far_an_edge_shows_is_the_greatest_cone(kind):
     radius = street()[1] if kind == "street" else random_radius(SIZE)
     reach = backdrop_of(radius[None], radius).reach
     revealed = reach.behind(radius, Box(0, 0, *SIZE), axes(SIZE), 0)

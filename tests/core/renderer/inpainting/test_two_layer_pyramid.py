@@ -4,10 +4,8 @@ import pytest
 import torch
 from measures import worst
 from scenes import pattern
-from torch import Tensor
 
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
-    PyramidLevel,
     coarser,
     pixels_of,
     stacked,
@@ -15,9 +13,7 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
 from defocus_core.tensors.pyramid import axes
 
 
-def levels(
-    image: Tensor, radius: Tensor, count: int, weight: Tensor | None = None
-) -> list[PyramidLevel]:
+def levels(image, radius, count, weight=None):
     """A picture and its radii, halved some times."""
     size = (radius.shape[0], radius.shape[1])
     found = [pixels_of([image, radius[None]], radius, axes(size), weight)]
@@ -26,7 +22,7 @@ def levels(
     return found
 
 
-def planes(level: PyramidLevel) -> list[Tensor]:
+def planes(level):
     """All that a level tells, as pictures [..., h, w]; of the second surface 0 where it is none."""
     found = list(level.first.parts)
     if level.second is not None:
@@ -40,7 +36,7 @@ def planes(level: PyramidLevel) -> list[Tensor]:
 
 
 @pytest.mark.parametrize("size", [(12, 20), (13, 20), (12, 21), (13, 21)])
-def test_mirrored_pictures_halve_to_mirrored_ones(size: tuple[int, int]) -> None:
+def test_mirrored_pictures_halve_to_mirrored_ones(size):
     image = pattern(size)
     radius = 9 * torch.rand(size, dtype=torch.float64, generator=torch.manual_seed(1))
     ours = levels(image, radius, 3)
@@ -51,7 +47,7 @@ def test_mirrored_pictures_halve_to_mirrored_ones(size: tuple[int, int]) -> None
 
 
 @pytest.mark.parametrize("edge", range(6, 12))
-def test_cells_on_an_edge_hold_both_surfaces_apart(edge: int) -> None:
+def test_cells_on_an_edge_hold_both_surfaces_apart(edge):
     x = torch.arange(20, dtype=torch.float64).expand(12, 20)
     near, color = x < edge, torch.where(x < edge, 0.2, 0.7)
     radius = torch.where(near, -5.0, 4.0).to(x)
@@ -65,7 +61,7 @@ def test_cells_on_an_edge_hold_both_surfaces_apart(edge: int) -> None:
             assert worst(level.second.values, torch.tensor([[0.2], [-5.0]])) < 1e-12
 
 
-def test_one_surface_halves_to_its_means() -> None:
+def test_one_surface_halves_to_its_means():
     image = pattern((8, 12))
     radius = torch.full((8, 12), 3.0, dtype=torch.float64)
     _, half, quarter = levels(image, radius, 2)
@@ -76,7 +72,7 @@ def test_one_surface_halves_to_its_means() -> None:
     assert worst(quarter.first.values[-1], 3.0) < 1e-12
 
 
-def test_pixels_that_do_not_count_leave_no_trace() -> None:
+def test_pixels_that_do_not_count_leave_no_trace():
     image, radius = torch.full((1, 16, 16), 0.5, dtype=torch.float64), torch.ones(16, 16) * 2.0
     image[:, 5:9, 3:12], counts = 1e6, torch.ones(16, 16, dtype=torch.bool)
     counts[5:9, 3:12] = False
@@ -87,7 +83,7 @@ def test_pixels_that_do_not_count_leave_no_trace() -> None:
 
 
 @pytest.mark.parametrize("cut", [4, 6])
-def test_rows_put_together_are_the_whole(cut: int) -> None:
+def test_rows_put_together_are_the_whole(cut):
     size = (16, 20)
     image = pattern(size)
     radius = 9 * torch.rand(size, dtype=torch.float64, generator=torch.manual_seed(2))

@@ -13,7 +13,7 @@ SIZE = (70, 110)
 
 
 @st.composite
-def layers(draw: st.DrawFn) -> torch.Tensor:
+def layers(draw):
     """[H, W] bool, a few pixels."""
     layer = torch.zeros(SIZE, dtype=torch.bool)
     for _ in range(draw(st.integers(0, 4))):
@@ -21,14 +21,14 @@ def layers(draw: st.DrawFn) -> torch.Tensor:
     return layer
 
 
-def blocks(layer: torch.Tensor) -> torch.Tensor:
+def blocks(layer):
     down, across = (-n % BLOCK for n in layer.shape)
     wide = torch.nn.functional.pad(layer, (0, across, 0, down))
     return wide.unflatten(0, (-1, BLOCK)).unflatten(2, (-1, BLOCK)).any(3).any(1)
 
 
 @given(layer=layers(), margin=st.integers(0, 40))
-def test_all_that_reaches_a_tile_is_in_its_patch(layer: torch.Tensor, margin: int) -> None:
+def test_all_that_reaches_a_tile_is_in_its_patch(layer, margin):
     """And all that it shows: at most a block more than a pixel and its reach need."""
     tiles = grid_over(*SIZE, side=32).tiles
     (found,) = patches(blocks(layer)[None], tiles, [margin], SIZE)
@@ -51,7 +51,7 @@ def test_all_that_reaches_a_tile_is_in_its_patch(layer: torch.Tensor, margin: in
 
 
 @given(some=st.lists(st.tuples(layers(), st.integers(0, 40)), min_size=1, max_size=4))
-def test_layers_do_not_know_of_each_other(some: list[tuple[torch.Tensor, int]]) -> None:
+def test_layers_do_not_know_of_each_other(some):
     tiles = grid_over(*SIZE, side=32).tiles
     stacked = torch.stack([blocks(layer) for layer, _ in some])
     found = patches(stacked, tiles, [margin for _, margin in some], SIZE)
@@ -66,9 +66,7 @@ def test_layers_do_not_know_of_each_other(some: list[tuple[torch.Tensor, int]]) 
     start=st.integers(-40, 60),
     size=st.integers(1, 60),
 )
-def test_what_wraps_around_falls_outside(
-    lit: int, length: int, margin: int, start: int, size: int
-) -> None:
+def test_what_wraps_around_falls_outside(lit, length, margin, start, size):
     source = Span(lit, lit + length)
     seen = source.grown(margin).within(Span(start, start + size))
     if seen.length <= 0:
@@ -82,7 +80,7 @@ def test_what_wraps_around_falls_outside(
 
 
 @pytest.mark.parametrize("maximum", [(96, 128), (48, 64)])
-def test_a_transform_lies_within_that_of_the_tile(maximum: tuple[int, int]) -> None:
+def test_a_transform_lies_within_that_of_the_tile(maximum):
     layer = torch.zeros(SIZE, dtype=torch.bool)
     layer[60:, 100:] = True
     tile, margin = Box(32, 64, maximum[0] - 16, maximum[1] - 16), 8

@@ -23,20 +23,20 @@ RADII = torch.linspace(-23.0, 31.0, 217, dtype=torch.float64)[None]
 EXACT = ROUNDING[torch.float64]
 
 
-def shares(spaced: tuple[float, ...]) -> torch.Tensor:
+def shares(spaced):
     """[K, 1, n] of RADII."""
     slices = torch.arange(len(spaced), dtype=torch.float64)
     return membership(slice_position(RADII, spaced), slices)
 
 
-def test_two_slices_have_gradients_too() -> None:
+def test_two_slices_have_gradients_too():
     r = torch.tensor([1.5, 2.0, 3.0], requires_grad=True)
     (gradient,) = torch.autograd.grad(slice_position(r, (1.5, 3.0)).sum(), r)
     assert (gradient > 0).all()
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_shares_are_a_partition_of_unity(quality: str) -> None:
+def test_shares_are_a_partition_of_unity(quality):
     share = shares(slice_radii(-23.0, 31.0, find(quality)))
     assert (share.sum(0) - 1).abs().max() < EXACT
     assert share.min() >= 0
@@ -44,7 +44,7 @@ def test_shares_are_a_partition_of_unity(quality: str) -> None:
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_shares_keep_the_second_moment(quality: str) -> None:
+def test_shares_keep_the_second_moment(quality):
     spaced = slice_radii(-23.0, 31.0, find(quality))
     square = (shares(spaced) * torch.tensor(spaced, dtype=torch.float64)[:, None, None] ** 2).sum(0)
     off = (square - RADII**2) / RADII.abs().clamp(min=1) ** 2
@@ -55,7 +55,7 @@ def test_shares_keep_the_second_moment(quality: str) -> None:
     assert (square[RADII.abs() <= SHARP] == 0).all()
 
 
-def test_shares_have_no_step() -> None:
+def test_shares_have_no_step():
     radii = torch.linspace(-1.2, 1.2, 24001, dtype=torch.float64)
     for quality in QUALITIES:
         found = slice_position(radii, slice_radii(-1.2, 1.2, find(quality)))
@@ -65,7 +65,7 @@ def test_shares_have_no_step() -> None:
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("reach", [0.1, 5.0, 200.0, 1e6])
-def test_a_pixel_stands_between_the_rungs_beside_it(reach: float, dtype: torch.dtype) -> None:
+def test_a_pixel_stands_between_the_rungs_beside_it(reach, dtype):
     """On a slice radius and next to it, too; on long slice radii as on short ones, and with equal
     slice radii.
     """
@@ -86,7 +86,7 @@ def test_a_pixel_stands_between_the_rungs_beside_it(reach: float, dtype: torch.d
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_the_ladder_stands_where_it_stands(quality: str) -> None:
+def test_the_ladder_stands_where_it_stands(quality):
     """A range only chooses which slice radii are there, focus among them, mirrored about it."""
     wide, narrow = slice_radii(-40.0, 40.0, find(quality)), slice_radii(-3.3, 7.9, find(quality))
     assert set(narrow) <= set(wide)
@@ -96,13 +96,13 @@ def test_the_ladder_stands_where_it_stands(quality: str) -> None:
     assert wide == tuple(-r for r in reversed(wide))
 
 
-def test_an_even_ladder_has_exactly_its_count_and_spans_the_range() -> None:
+def test_an_even_ladder_has_exactly_its_count_and_spans_the_range():
     assert evenly(-2.0, 6.0, 1) == (2.0,)
     assert evenly(-2.0, 6.0, 5) == (-2.0, 0.0, 2.0, 4.0, 6.0)
     assert (shares(evenly(-2.0, 6.0, 5)).sum(0) - 1).abs().max() < EXACT
 
 
-def test_better_qualities_are_off_by_less_and_the_cheapest_is_chosen() -> None:
+def test_better_qualities_are_off_by_less_and_the_cheapest_is_chosen():
     off = [quantisation(-23.0, 31.0, quality) for quality in QUALITIES]
     assert off == sorted(off, reverse=True)
     for quality, error in zip(QUALITIES, off, strict=True):
@@ -112,7 +112,7 @@ def test_better_qualities_are_off_by_less_and_the_cheapest_is_chosen() -> None:
         cheapest_within(off[-1] * 0.9, -23.0, 31.0)
 
 
-def test_an_unreachable_tolerance_says_which_one_can_be_had() -> None:
+def test_an_unreachable_tolerance_says_which_one_can_be_had():
     finest = quantisation(-23.0, 31.0, QUALITIES[-1])
     with pytest.raises(UnreachableTolerance) as caught:
         cheapest_within(finest * 0.9, -23.0, 31.0)
@@ -124,7 +124,7 @@ def test_an_unreachable_tolerance_says_which_one_can_be_had() -> None:
     assert (str(sent), vars(sent)) == (str(error), vars(error))
 
 
-def test_quantisation_is_that_of_the_rungs_in_use() -> None:
+def test_quantisation_is_that_of_the_rungs_in_use():
     assert quantisation(0.0, 0.0, "standard") == 0.0
     assert quantisation(0.1, 0.2, "standard") == find("standard").near_spacing / 2
     assert quantisation(-60.0, 0.0, "standard") == quantisation(0.0, 60.0, "standard")

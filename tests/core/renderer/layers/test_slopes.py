@@ -12,13 +12,13 @@ from defocus_core.tensors.box import Box
 SIZE = (40, 60)
 
 
-def ramp(across: float, down: float) -> torch.Tensor:
+def ramp(across, down):
     y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
     return across * x + down * y[:, None]
 
 
 @pytest.mark.parametrize(("across", "down"), [(0.0, 0.0), (0.2, -0.1), (-0.6, 0.5)])
-def test_the_slope_of_a_plane_is_its_gradient(across: float, down: float) -> None:
+def test_the_slope_of_a_plane_is_its_gradient(across, down):
     found = slopes(ramp(across, down))
     if across == down == 0:
         assert found is None
@@ -28,7 +28,7 @@ def test_the_slope_of_a_plane_is_its_gradient(across: float, down: float) -> Non
         assert worst(found[1], down) < 1e-12
 
 
-def test_an_edge_is_no_slope() -> None:
+def test_an_edge_is_no_slope():
     """Beside a step of 9 px a level surface is level, and a tilted one as tilted as elsewhere.
 
     To 0.01: the difference across the edge counts as much as its inverse square.
@@ -42,7 +42,7 @@ def test_an_edge_is_no_slope() -> None:
     assert worst(found[1], -0.1) < 1e-12
 
 
-def test_a_steep_line_is_left_out_and_a_steep_area_is_not() -> None:
+def test_a_steep_line_is_left_out_and_a_steep_area_is_not():
     radius = torch.zeros(SIZE, dtype=torch.float64)
     radius[:, 20:] = torch.arange(40, dtype=torch.float64).clamp(max=2) * 0.8
     assert slopes(radius, 0.1) is None
@@ -52,13 +52,13 @@ def test_a_steep_line_is_left_out_and_a_steep_area_is_not() -> None:
     assert worst(found[0, :, 23:30], 0.8) < 1e-12
 
 
-def test_no_slope_is_longer_than_one() -> None:
+def test_no_slope_is_longer_than_one():
     found = slopes(ramp(3.0, -4.0))
     assert found is not None
     assert worst((found**2).sum(0).sqrt(), 1.0) < 1e-12
 
 
-def lens_view(steepness: float, samples: int) -> torch.Tensor:
+def lens_view(steepness, samples):
     """Waves on a plane of radius s (x - x0): lens point u sees x + u s (x - x0) at x, exactly.
 
     Solved for the pixel q that lands on x: q = (x + s u.x x0) / (1 + s u.x), down q = y - r(q) u.y.
@@ -77,15 +77,13 @@ def lens_view(steepness: float, samples: int) -> torch.Tensor:
     return total / count
 
 
-def waves(x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+def waves(x, y):
     phases = [(1.0, 0.3), (-0.4, 1.0), (0.7, 0.7)]
     return 0.5 + 0.4 * torch.stack([torch.sin(0.35 * (a * x + b * y) + 2 * a) for a, b in phases])
 
 
 @pytest.mark.parametrize(("steepness", "at_least"), [(0.2, 52.0), (0.5, 45.0), (0.8, 39.0)])
-def test_a_steep_plane_is_seen_as_densely_as_the_lens_sees_it(
-    steepness: float, at_least: float
-) -> None:
+def test_a_steep_plane_is_seen_as_densely_as_the_lens_sees_it(steepness, at_least):
     y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
     image = waves(x[None, :].expand(SIZE), y[:, None].expand(SIZE))
     radius = (steepness * (x - SIZE[1] / 2)).expand(SIZE).clone()
@@ -93,7 +91,7 @@ def test_a_steep_plane_is_seen_as_densely_as_the_lens_sees_it(
     assert psnr(inner(render(image, radius).render, 15), truth) > at_least
 
 
-def test_a_plane_has_one_slope_where_it_is_alone() -> None:
+def test_a_plane_has_one_slope_where_it_is_alone():
     lean = torch.zeros(2, 64, 96, dtype=torch.float64)
     lean[0], lean[1] = 0.2, -0.3
     lean[:, 40:, 64:] = 0.4
@@ -109,7 +107,7 @@ def test_a_plane_has_one_slope_where_it_is_alone() -> None:
     assert planes.slopes([], Box(0, 0, 16, 16)) == []
 
 
-def test_enough_of_the_square_around_is_counted_to_the_pixel() -> None:
+def test_enough_of_the_square_around_is_counted_to_the_pixel():
     """Squares that the frame cuts have fewer pixels, of which as large a share is enough."""
     mask = torch.rand(23, 31, generator=torch.Generator().manual_seed(6)) < 0.35
     found = _many_around(mask)
@@ -120,9 +118,7 @@ def test_enough_of_the_square_around_is_counted_to_the_pixel() -> None:
 
 
 @pytest.mark.parametrize("top", [8.0, 60.0])
-def test_a_tilted_kernel_does_what_a_tilted_slice_does(
-    top: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_tilted_kernel_does_what_a_tilted_slice_does(top, monkeypatch):
     """At full resolution and at reduced; a wire before the floor is not as tilted."""
     image = torch.rand(3, 150, 200, generator=torch.Generator().manual_seed(4))
     radius = torch.linspace(top, -top, 150)[:, None].repeat(1, 200)

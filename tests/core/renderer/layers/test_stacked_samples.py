@@ -2,7 +2,6 @@ import time
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core.renderer.layers import samples, stacked_samples
 from defocus_core.renderer.render import render_layers
@@ -10,7 +9,7 @@ from defocus_core.renderer.render import render_layers
 _KINDS = ("opaque", "thin", "ordered")
 
 
-def _layers(count: int, kind: str, side: int = 8) -> tuple[Tensor, Tensor, Tensor]:
+def _layers(count, kind, side=8):
     generator = torch.Generator().manual_seed(7)
     radius = torch.rand(count, side, side, generator=generator) * 10 - 5
     if kind == "ordered":
@@ -22,9 +21,7 @@ def _layers(count: int, kind: str, side: int = 8) -> tuple[Tensor, Tensor, Tenso
 
 
 @pytest.mark.parametrize("kind", _KINDS)
-def test_many_layers_are_composited_as_each_alone(
-    monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
+def test_many_layers_are_composited_as_each_alone(monkeypatch, kind):
     layers = _layers(120, kind)
     views = render_layers(*layers)
     (gradient,) = torch.autograd.grad(views.render.square().sum(), layers[0])
@@ -38,8 +35,8 @@ def test_many_layers_are_composited_as_each_alone(
 
 @pytest.mark.bench
 @pytest.mark.parametrize("kind", _KINDS)
-def test_time_grows_with_the_layers_and_not_their_pairs(kind: str) -> None:
-    def seconds(count: int) -> float:
+def test_time_grows_with_the_layers_and_not_their_pairs(kind):
+    def seconds(count):
         color, radius, cover = _layers(count, kind, 16)
         start = time.process_time()
         render_layers(color.detach(), radius, cover)

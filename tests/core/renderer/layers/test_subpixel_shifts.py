@@ -4,7 +4,6 @@ import math
 
 import pytest
 import torch
-from torch import Tensor
 
 from defocus_core import Aperture, render
 from defocus_core.evaluation.law_probes import PERIOD, shift, wave
@@ -12,7 +11,7 @@ from defocus_core.evaluation.law_probes import PERIOD, shift, wave
 SIZE = (24, 96)
 
 
-def expected(r: float) -> float:
+def expected(r):
     """Px between waves seen through two half discs: near 8 r / (3π), and less for large radii."""
     u = (torch.arange(2000, dtype=torch.float64) + 0.5) / 2000
     weight, angle = (1 - u * u).sqrt(), 2 * math.pi * r * u / PERIOD
@@ -22,7 +21,7 @@ def expected(r: float) -> float:
 
 @pytest.mark.parametrize("quality", ["draft", "standard", "high", "reference"])
 @pytest.mark.parametrize("r", [-1.7, -0.9, -0.4, 0.0, 0.3, 0.5, 0.75, 1.0, 1.5, 1.9, 3.3, 5.0])
-def test_halves_are_as_far_apart_as_their_centroids(r: float, quality: str) -> None:
+def test_halves_are_as_far_apart_as_their_centroids(r, quality):
     image = wave(SIZE)
     radius = torch.full(image.shape[1:], r, dtype=torch.float64)
     o = render(image, radius, quality=quality, left_right=True)
@@ -37,7 +36,7 @@ def test_halves_are_as_far_apart_as_their_centroids(r: float, quality: str) -> N
     assert torch.allclose((o.left + o.right) / 2, o.render)
 
 
-def test_polygons_shift_by_their_own_centroids() -> None:
+def test_polygons_shift_by_their_own_centroids():
     """A hexagon with vertices at ±x: its right half reaches from the middle to 7/18 on average."""
     image, r = wave(SIZE), 0.6
     radius = torch.full(image.shape[1:], r, dtype=torch.float64)
@@ -47,7 +46,7 @@ def test_polygons_shift_by_their_own_centroids() -> None:
     assert shift(o.right) - shift(o.left) == pytest.approx(2 * r * 7 / 18, abs=0.04)
 
 
-def test_what_counts_as_in_focus_is_not_shifted() -> None:
+def test_what_counts_as_in_focus_is_not_shifted():
     """And beyond it shifts begin without a step."""
     image = wave(SIZE)
     found = []
@@ -61,7 +60,7 @@ def test_what_counts_as_in_focus_is_not_shifted() -> None:
     assert found[3] - found[2] < 0.05
 
 
-def test_colours_of_another_surface_have_no_part_in_a_shift() -> None:
+def test_colours_of_another_surface_have_no_part_in_a_shift():
     """Two cards side by side, white and black: neither gets the other's colour within itself."""
     image = torch.zeros(1, 24, 40, dtype=torch.float64)
     image[..., 20:] = 1
@@ -74,11 +73,11 @@ def test_colours_of_another_surface_have_no_part_in_a_shift() -> None:
     assert float(moved[0]) > 1.5 * float(moved[1])
 
 
-def test_shifts_of_less_than_a_pixel_have_gradients() -> None:
+def test_shifts_of_less_than_a_pixel_have_gradients():
     image = wave((8, 32)).requires_grad_()
     radius = torch.full(image.shape[1:], 0.4, dtype=torch.float64, requires_grad=True)
 
-    def left(image: Tensor, radius: Tensor) -> Tensor:
+    def left(image, radius):
         found = render(image, radius, left_right=True).left
         assert found is not None
         return found

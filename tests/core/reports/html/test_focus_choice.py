@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,13 +27,13 @@ SHOWN = """() => {
 }"""
 
 
-def numbers() -> Any:
+def numbers():
     """A near left half, and a far right one."""
     return np.where(np.arange(WIDTH) < WIDTH // 2, 200, 40) + np.zeros((HEIGHT, 1))
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory):
     """A photograph with relative depth, an EXR with metres, and a page of each."""
     root = tmp_path_factory.mktemp("choose")
     color = texture(WIDTH, HEIGHT)
@@ -53,7 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser():
     with chromium() as opened:
         yield opened
 
@@ -61,27 +59,27 @@ def browser() -> Iterator[Any]:
 class Choice(Page):
     """A page to choose on that is open."""
 
-    def settle(self) -> None:
+    def settle(self):
         self.wait("document.getElementById('picture').dataset.shown")
         self.page.wait_for_timeout(200)
 
-    def click(self, x: float, y: float) -> None:
+    def click(self, x, y):
         self.settle()
         box = self.page.locator("#picture").bounding_box()
         self.page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
         self.settle()
 
     @property
-    def shown(self) -> Any:
+    def shown(self):
         self.settle()
         return np.reshape(self.page.evaluate(SHOWN), (HEIGHT, WIDTH, 4))[..., :3] / 255
 
     @property
-    def command(self) -> list[str]:
+    def command(self):
         return shlex.split(self.text("#details code"))
 
 
-def rendered(words: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def rendered(words, folder, monkeypatch):
     """What the command of a page renders, in sRGB."""
     monkeypatch.chdir(folder)
     ran = run(*words[1:], "--quality", "draft")
@@ -98,8 +96,8 @@ def rendered(words: list[str], folder: Path, monkeypatch: pytest.MonkeyPatch) ->
     ],
 )
 def test_a_click_shows_the_picture_of_the_command_below_it(
-    page: str, options: tuple[str, str], folder: Path, browser: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    page, options, folder, browser, monkeypatch
+):
     opened, pictures = Choice(browser, folder / page), []
     for x, strength, said in zip((0.255, 0.755), "23", options, strict=True):
         opened.click(x, 0.505)
@@ -115,7 +113,7 @@ def test_a_click_shows_the_picture_of_the_command_below_it(
     opened.close()
 
 
-def test_keys_do_all_of_it(folder: Path, browser: Any) -> None:
+def test_keys_do_all_of_it(folder, browser):
     opened = Choice(browser, folder / "photo.html")
     opened.settle()
     opened.press("ArrowRight", "ArrowDown")
@@ -128,7 +126,7 @@ def test_keys_do_all_of_it(folder: Path, browser: Any) -> None:
     opened.close()
 
 
-def test_a_page_is_replaced_and_no_other_file(folder: Path) -> None:
+def test_a_page_is_replaced_and_no_other_file(folder):
     files = (folder / "a b.png", folder / "z.png")
     before = (folder / "a b.png").read_bytes()
     refused(run("choose", *files, "-o", files[0]), 3, "exists", files[0])
@@ -137,7 +135,7 @@ def test_a_page_is_replaced_and_no_other_file(folder: Path) -> None:
     refused(ran, 2, "missing-option", "focal-length")
 
 
-def test_pictures_that_have_no_room_are_worse(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_that_have_no_room_are_worse(monkeypatch):
     rng = np.random.default_rng(0)
     pictures = [rng.integers(0, 255, (64, 64, 3), np.uint8) for _ in range(4)]
     free = sum(map(len, focus_choice._within_room(pictures)))
@@ -147,7 +145,7 @@ def test_pictures_that_have_no_room_are_worse(monkeypatch: pytest.MonkeyPatch) -
     assert 9_500_000 * 4 / 3 < 13e6, "with the map, less than 15 MB"
 
 
-def test_focuses_lie_where_the_depth_has_mass_and_are_there() -> None:
+def test_focuses_lie_where_the_depth_has_mass_and_are_there():
     rng = np.random.default_rng(0)
     disparity = np.concatenate([rng.uniform(0, 0.1, 8000), rng.uniform(0.9, 1, 1000), [0.5]])
     found = np.array(focuses_of(disparity.reshape(1, -1)))

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from browser import Page, chromium
@@ -18,22 +14,22 @@ BEFORE, AFTER = 0.25, 0.5
 SHOWN = {BEFORE: 137, AFTER: 188}  # sRGB
 
 
-def constant(value: float) -> Any:
+def constant(value):
     return np.full((HEIGHT, WIDTH), value, np.float16)
 
 
-def write(path: Path, plane: Any) -> None:
+def write(path, plane):
     write_exr(path, R=plane, G=plane, B=plane)
 
 
-def patched(value: float) -> Any:
+def patched(value):
     plane = constant(BEFORE)
     plane[PATCH] = value
     return plane
 
 
 @pytest.fixture(scope="module")
-def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def report(tmp_path_factory):
     """Pairs: one brighter, one with a bright patch, one with NaN, one the same, one with a name."""
     root = tmp_path_factory.mktemp("report")
     pairs = {
@@ -60,25 +56,25 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
+def browser():
     with chromium() as opened:
         yield opened
 
 
 @pytest.fixture
-def page(browser: Any, report: Path) -> Iterator[Page]:
+def page(browser, report):
     opened = Page(browser, report)
     yield opened
     opened.close()
 
 
-def choose(page: Page, name: str) -> None:
+def choose(page, name):
     page.page.click(f"tbody button.name:text-is('{name}')")
     page.wait(f"document.getElementById('title').textContent === '{name}'")
     page.settle()
 
 
-def test_failures_come_first_and_the_first_is_shown(page: Page) -> None:
+def test_failures_come_first_and_the_first_is_shown(page):
     names = page.names()
     assert names[0] == "render/nan.exr"
     assert set(names[:4]) == {"render/nan.exr", "render/patch.exr", "render/brighter.exr", HOSTILE}
@@ -86,7 +82,7 @@ def test_failures_come_first_and_the_first_is_shown(page: Page) -> None:
     assert "NaN in 256 pixels" in page.text("#details")
 
 
-def test_a_hostile_name_is_text(page: Page) -> None:
+def test_a_hostile_name_is_text(page):
     assert HOSTILE in page.names()
     page.page.locator("tbody button.name", has_text="hacked").click()
     assert page.text("#title") == HOSTILE
@@ -95,7 +91,7 @@ def test_a_hostile_name_is_text(page: Page) -> None:
     assert "'\"'\"'" in command  # quoted for a shell
 
 
-def test_a_picture_is_split_by_the_slider(page: Page) -> None:
+def test_a_picture_is_split_by_the_slider(page):
     choose(page, "render/brighter.exr")
     assert page.pixel(0.4, 0.3)[0] == pytest.approx(SHOWN[BEFORE], abs=1)
     assert page.pixel(0.6, 0.3)[0] == pytest.approx(SHOWN[AFTER], abs=1)
@@ -108,7 +104,7 @@ def test_a_picture_is_split_by_the_slider(page: Page) -> None:
     assert page.pixel(0.5, 0.3)[0] == pytest.approx(SHOWN[AFTER], abs=1)
 
 
-def test_one_picture_alone_and_flicker(page: Page) -> None:
+def test_one_picture_alone_and_flicker(page):
     choose(page, "render/brighter.exr")
     page.press("1")
     assert page.pixel(0.6, 0.3)[0] == pytest.approx(SHOWN[BEFORE], abs=1)
@@ -120,7 +116,7 @@ def test_one_picture_alone_and_flicker(page: Page) -> None:
     assert page.text("#badge") in "AB"
 
 
-def test_exposure_shows_light_beyond_white(page: Page) -> None:
+def test_exposure_shows_light_beyond_white(page):
     choose(page, "render/patch.exr")
     page.press("2")
     middle = (0.5 + 16 / WIDTH * 0.5, 0.35)
@@ -132,7 +128,7 @@ def test_exposure_shows_light_beyond_white(page: Page) -> None:
     assert page.text("#stops") == "-3.5 EV"
 
 
-def test_the_difference_is_hot_where_pixels_differ_and_nan_is_magenta(page: Page) -> None:
+def test_the_difference_is_hot_where_pixels_differ_and_nan_is_magenta(page):
     choose(page, "render/patch.exr")
     page.press("d")
     assert not page.page.is_hidden("#legend")
@@ -143,7 +139,7 @@ def test_the_difference_is_hot_where_pixels_differ_and_nan_is_magenta(page: Page
     assert page.pixel(0.62, 0.35)[:3] == [255, 0, 255]
 
 
-def test_values_under_the_pointer_are_those_of_the_files(page: Page) -> None:
+def test_values_under_the_pointer_are_those_of_the_files(page):
     choose(page, "render/patch.exr")
     page.press("g")  # the worst pixel, in the middle of the view
     page.point(0.5, 0.5)
@@ -153,7 +149,7 @@ def test_values_under_the_pointer_are_those_of_the_files(page: Page) -> None:
     assert "px" in words  # of the CoC
 
 
-def test_zoom_and_place_stay_while_items_change(page: Page) -> None:
+def test_zoom_and_place_stay_while_items_change(page):
     choose(page, "render/patch.exr")
     page.press("g")
     page.point(0.5, 0.5)
@@ -168,7 +164,7 @@ def test_zoom_and_place_stay_while_items_change(page: Page) -> None:
     assert page.pixel(0.01, 0.5)[3] == 0  # the whole picture has a border
 
 
-def test_the_coc_lies_over_the_picture(page: Page) -> None:
+def test_the_coc_lies_over_the_picture(page):
     choose(page, "render/patch.exr")
     page.press("1")
     plain = page.pixel(0.3, 0.8)
@@ -180,7 +176,7 @@ def test_the_coc_lies_over_the_picture(page: Page) -> None:
     assert page.pixel(0.3, 0.8) == plain
 
 
-def test_left_and_right_wiggle(page: Page) -> None:
+def test_left_and_right_wiggle(page):
     choose(page, "render/brighter.exr")
     assert page.page.is_disabled("#wiggle")
     choose(page, "render/patch.exr")
@@ -191,7 +187,7 @@ def test_left_and_right_wiggle(page: Page) -> None:
     assert page.text("#badge") == "A | B"
 
 
-def test_arrows_go_through_the_items_and_the_help_names_keys(page: Page) -> None:
+def test_arrows_go_through_the_items_and_the_help_names_keys(page):
     names = page.names()
     page.press("ArrowDown")
     assert page.text("#title") == names[1]
@@ -206,7 +202,7 @@ def test_arrows_go_through_the_items_and_the_help_names_keys(page: Page) -> None
     assert page.page.get_attribute("[data-mode=flicker]", "aria-pressed") == "false"
 
 
-def test_the_table_is_filtered_by_words_rules_and_status(page: Page) -> None:
+def test_the_table_is_filtered_by_words_rules_and_status(page):
     every = len(page.names())
     page.press("/")
     page.page.keyboard.type("patch")
@@ -222,7 +218,7 @@ def test_the_table_is_filtered_by_words_rules_and_status(page: Page) -> None:
     assert "render/frame2.exr" in page.names()
 
 
-def test_the_table_is_sorted_by_a_column(page: Page) -> None:
+def test_the_table_is_sorted_by_a_column(page):
     page.page.click("[data-sort=name]")
     names = page.names()
     assert names.index("render/frame2.exr") < names.index("render/frame10.exr")
@@ -233,7 +229,7 @@ def test_the_table_is_sorted_by_a_column(page: Page) -> None:
     assert page.page.get_attribute("th:has([data-sort=psnr])", "aria-sort") == "descending"
 
 
-def test_items_play_like_a_film(page: Page) -> None:
+def test_items_play_like_a_film(page):
     page.page.fill("#filter", "frame")
     page.page.click("[data-sort=name]")
     page.page.locator("#canvas").focus()
@@ -248,11 +244,11 @@ def test_items_play_like_a_film(page: Page) -> None:
     assert page.pixel(0.5, 0.3)[0] == pytest.approx(SHOWN[BEFORE], abs=3)  # a thumbnail
 
 
-def test_thumbnails_are_decoded_as_they_come_into_view(page: Page) -> None:
+def test_thumbnails_are_decoded_as_they_come_into_view(page):
     page.wait("document.querySelector('tbody img').naturalWidth > 0")
 
 
-def test_everything_that_can_be_used_has_a_name(page: Page) -> None:
+def test_everything_that_can_be_used_has_a_name(page):
     unnamed = page.page.evaluate(
         """[...document.querySelectorAll("button, input, select, canvas")].filter(each =>
         !each.textContent.trim() && !each.getAttribute("aria-label") && !each.closest("label"))
@@ -261,7 +257,7 @@ def test_everything_that_can_be_used_has_a_name(page: Page) -> None:
     assert unnamed == []
 
 
-def test_dark_and_light(browser: Any, report: Path) -> None:
+def test_dark_and_light(browser, report):
     shades = []
     for scheme in ("light", "dark"):
         page = Page(browser, report, color_scheme=scheme)
@@ -271,7 +267,7 @@ def test_dark_and_light(browser: Any, report: Path) -> None:
     assert shades[0] > 200 > 60 > shades[1]
 
 
-def test_a_browser_without_webgl_shows_the_table_and_says_so(browser: Any, report: Path) -> None:
+def test_a_browser_without_webgl_shows_the_table_and_says_so(browser, report):
     page = Page(browser, report, script="HTMLCanvasElement.prototype.getContext = () => null")
     assert "no WebGL 2" in page.text("#failure")
     page.page.click("tbody button.name:text-is('render/patch.exr')")

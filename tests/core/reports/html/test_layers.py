@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import zlib
-from typing import Any
 
 import numpy as np
 import pytest
 
 from defocus_core.reports.html import layers
-from defocus_core.reports.html.item import StoredHalves
 
 
-def unpacked(packed: StoredHalves, channels: int, base: Any = None) -> Any:
+def unpacked(packed, channels, base=None):
     """As the script of the report does it: [C, H, W]."""
     width, height = packed.size
     data = np.frombuffer(zlib.decompress(packed.data), np.uint8).astype(np.uint16)
@@ -23,20 +21,20 @@ def unpacked(packed: StoredHalves, channels: int, base: Any = None) -> Any:
 
 
 @pytest.fixture
-def planes() -> list[Any]:
+def planes():
     rng = np.random.default_rng(0)
     values = rng.normal(0, 100, (3, 21, 34)).astype(np.float16)
     values[0, 3, 4], values[1, 0, 0], values[2, 20, 33] = np.nan, np.inf, -0.0
     return list(values)
 
 
-def test_values_come_back_exactly(planes: list[Any]) -> None:
+def test_values_come_back_exactly(planes):
     packed = layers.pack(layers.half_bits(planes, 1.0), (5, 7), 1.0)
     assert np.array_equal(unpacked(packed, 3), np.stack(planes), equal_nan=True)
     assert (packed.corner, packed.size, packed.base) == ((5, 7), (34, 21), "")
 
 
-def test_a_layer_like_another_is_stored_as_their_difference(planes: list[Any]) -> None:
+def test_a_layer_like_another_is_stored_as_their_difference(planes):
     bits = layers.half_bits(planes, 1.0)
     changed = [plane.copy() for plane in planes]
     changed[1][4:6, 4:6] = 7.0
@@ -47,13 +45,13 @@ def test_a_layer_like_another_is_stored_as_their_difference(planes: list[Any]) -
     assert np.array_equal(unpacked(packed, 3, bits), np.stack(changed), equal_nan=True)
 
 
-def test_another_base_is_used_only_where_it_is_shorter(planes: list[Any]) -> None:
+def test_another_base_is_used_only_where_it_is_shorter(planes):
     flat = [np.ones_like(plane) for plane in planes]
     base = ("a", layers.half_bits(planes, 1.0))
     assert layers.pack(layers.half_bits(flat, 1.0), (0, 0), 1.0, base).base == ""
 
 
-def test_bytes_are_whole_numbers_and_exact() -> None:
+def test_bytes_are_whole_numbers_and_exact():
     plane = (np.arange(256, dtype=np.uint8).reshape(16, 16) / 255).astype(np.float32)
     scale = layers.common_scale([plane], "uint8")
     assert layers.is_exact([plane], scale)
@@ -62,19 +60,19 @@ def test_bytes_are_whole_numbers_and_exact() -> None:
     assert not layers.is_exact([plane], 1.0)
 
 
-def test_light_decoded_from_bytes_is_not_rounded_to_bytes() -> None:
+def test_light_decoded_from_bytes_is_not_rounded_to_bytes():
     plane = ((np.arange(256) / 255) ** 2.2).astype(np.float32).reshape(16, 16)
     assert layers.common_scale([plane], "uint8") == 1.0
 
 
-def test_what_is_beyond_half_is_scaled_and_not_clamped() -> None:
+def test_what_is_beyond_half_is_scaled_and_not_clamped():
     plane = np.array([[1e9, -3e7, 0.0]])
     scale = layers.common_scale([plane], "float")
     packed = layers.pack(layers.half_bits([plane], scale), (0, 0), scale)
     assert unpacked(packed, 1)[0] == pytest.approx(plane, rel=1e-3)
 
 
-def test_a_tiny_difference_keeps_its_digits() -> None:
+def test_a_tiny_difference_keeps_its_digits():
     plane = np.array([[3e-9, 1e-9, 0.0]])
     scale = layers.unit_scale([plane])
     packed = layers.pack(layers.half_bits([plane], scale), (0, 0), scale)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import html_reports
 import numpy as np
@@ -18,7 +15,7 @@ NEAR, FAR = 1.0, 4.0
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def out(tmp_path_factory):
     """A shot of a card before a wall and the sky; the focus goes from 1 m to infinity."""
     root = tmp_path_factory.mktemp("shot")
     for frame in FRAMES:
@@ -36,19 +33,19 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def page(out: Path) -> Iterator[Page]:
+def page(out):
     with chromium() as browser:
         opened = Page(browser, out / "report.html")
         yield opened
         opened.close()
 
 
-def places(page: Page) -> list[tuple[float, float]]:
+def places(page):
     points = page.page.get_attribute("#chart polyline", "points").split()
     return [(float(x), float(y)) for x, y in (point.split(",") for point in points)]
 
 
-def test_frames_know_their_number_focus_and_quantiles_of_disparity(out: Path) -> None:
+def test_frames_know_their_number_focus_and_quantiles_of_disparity(out):
     depths = [each["depth"] for each in html_reports.items(out / "report.html")]
     assert [depth["frame"] for depth in depths] == list(FRAMES)
     assert {depth["shot"] for depth in depths} == {"sh010.#"}
@@ -61,7 +58,7 @@ def test_frames_know_their_number_focus_and_quantiles_of_disparity(out: Path) ->
         assert nearer == pytest.approx(48 / 384, abs=0.05)
 
 
-def test_only_frames_have_depth_over_time(tmp_path: Path) -> None:
+def test_only_frames_have_depth_over_time(tmp_path):
     assert render(*pair(tmp_path), "-o", tmp_path / "out").code == 0
     assert run("report", tmp_path / "out").code == 0
     (item,) = html_reports.items(tmp_path / "out" / "report.html")
@@ -71,7 +68,7 @@ def test_only_frames_have_depth_over_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("broken", [7, {"frame": "1"}, {"frame": 1, "disparity": [1, None]}])
-def test_a_journal_of_elsewhere_may_hold_anything(out: Path, tmp_path: Path, broken: Any) -> None:
+def test_a_journal_of_elsewhere_may_hold_anything(out, tmp_path, broken):
     records = [json.loads(line) for line in (out / "journal.jsonl").read_text().splitlines()]
     for record in records:
         record["measures"]["depth_over_time"] = broken
@@ -80,7 +77,7 @@ def test_a_journal_of_elsewhere_may_hold_anything(out: Path, tmp_path: Path, bro
     assert all(each["depth"] is None for each in html_reports.items(tmp_path / "report.html"))
 
 
-def test_the_focus_is_a_curve_over_the_depth_of_each_frame(page: Page) -> None:
+def test_the_focus_is_a_curve_over_the_depth_of_each_frame(page):
     points = places(page)
     assert len(points) == len(FRAMES)
     assert points == sorted(points)  # frames to the right
@@ -92,7 +89,7 @@ def test_the_focus_is_a_curve_over_the_depth_of_each_frame(page: Page) -> None:
     assert words == "Frame 8: focus 1 m, depth 1 m to ∞, half of it 4 m to 4 m"
 
 
-def test_the_chart_shows_the_frame_and_a_click_goes_to_one(page: Page) -> None:
+def test_the_chart_shows_the_frame_and_a_click_goes_to_one(page):
     points = places(page)
     page.press("ArrowDown", "ArrowDown")
     assert float(page.page.get_attribute("#chart .now", "x1")) == pytest.approx(points[2][0])
@@ -105,7 +102,7 @@ def test_the_chart_shows_the_frame_and_a_click_goes_to_one(page: Page) -> None:
     assert page.text("#chart-words").startswith("Frame 12: focus ∞")
 
 
-def test_a_shot_plays_without_an_exception_and_its_frames_have_numbers(page: Page) -> None:
+def test_a_shot_plays_without_an_exception_and_its_frames_have_numbers(page):
     assert page.text("#position") == "1 of 5 · frame 0008"
     page.page.locator("#canvas").focus()
     page.press(" ")
@@ -115,7 +112,7 @@ def test_a_shot_plays_without_an_exception_and_its_frames_have_numbers(page: Pag
     assert page.complaints == []
 
 
-def test_a_report_without_a_shot_has_no_chart(tmp_path: Path) -> None:
+def test_a_report_without_a_shot_has_no_chart(tmp_path):
     assert render(*pair(tmp_path), "-o", tmp_path / "out").code == 0
     assert run("report", tmp_path / "out").code == 0
     with chromium() as browser:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import Any
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.jobs.lens_from_options import lens_of
@@ -31,7 +30,7 @@ LENS = {
 }
 
 
-def command(values: dict[str, Any], reading: Reading) -> list[str]:
+def command(values, reading):
     """The words of the command of a picture taken by a lens of options."""
     picture = Picture("a", Path("a.exr"), Path("a.exr"))
     job = Job(picture, lens_of(values), reading, Outputs(Path()), Machine())
@@ -45,7 +44,7 @@ def command(values: dict[str, Any], reading: Reading) -> list[str]:
     return shlex.split(render_command(record, Path()))
 
 
-def test_a_command_has_a_blur_in_pixels() -> None:
+def test_a_command_has_a_blur_in_pixels():
     blur = {"blur": 7.123456789, "focus-value": 0.2, "clamp-blur": 6.0, "blades": 5}
     words = command(blur, Reading(invert="invert"))
     said = words[words.index("-o") + 2 :]
@@ -54,7 +53,7 @@ def test_a_command_has_a_blur_in_pixels() -> None:
     assert said[-1] == "--invert"
 
 
-def test_a_command_has_every_digit_of_a_lens() -> None:
+def test_a_command_has_every_digit_of_a_lens():
     values = {name: LENS_OPTIONS[name].parse(text) for name, text in LENS.items()}
     reading = Reading(depth_range=(1000.0, 20000.5), fov=40.0, geometry="radial")
     words = command(values, reading)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
@@ -13,13 +10,13 @@ from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import PLAIN, SIGNED
 
 
-def decoded(data: bytes, folder: Path) -> Any:
+def decoded(data, folder):
     file = folder / ("x.png" if data.startswith(b"\x89PNG") else "x.jpg")
     file.write_bytes(data)
     return oiio.ImageBuf(str(file)).get_pixels(oiio.UINT8)
 
 
-def test_no_side_is_longer_than_asked(tmp_path: Path) -> None:
+def test_no_side_is_longer_than_asked(tmp_path):
     plane = np.full((101, 999), 0.25, np.float32)
     shown = decoded(thumbnails.of_light([plane] * 3, 1.0), tmp_path)
     assert shown.shape[1] <= thumbnails.SIDE
@@ -27,7 +24,7 @@ def test_no_side_is_longer_than_asked(tmp_path: Path) -> None:
     assert shown.std() < 1
 
 
-def test_a_lone_pixel_that_differs_is_seen(tmp_path: Path) -> None:
+def test_a_lone_pixel_that_differs_is_seen(tmp_path):
     difference = np.zeros((2160, 3840))
     difference[1000, 2000] = 1.0
     shown = decoded(thumbnails.of_difference(difference, 1.0), tmp_path)
@@ -36,14 +33,14 @@ def test_a_lone_pixel_that_differs_is_seen(tmp_path: Path) -> None:
 
 
 @pytest.mark.filterwarnings("error")
-def test_numbers_beyond_single_precision_are_shown(tmp_path: Path) -> None:
+def test_numbers_beyond_single_precision_are_shown(tmp_path):
     plane = np.linspace(-1e300, 1e300, 64).reshape(8, 8)
     shown = decoded(thumbnails.of_map(plane, thumbnails.ends_of(plane, PLAIN)), tmp_path)
     assert (shown[0, 0, 0], shown[7, 7, 0]) == (0, 255)
     assert decoded(thumbnails.of_difference(np.abs(plane), 1e300), tmp_path)[0, 0].min() > 100
 
 
-def test_nan_is_magenta(tmp_path: Path) -> None:
+def test_nan_is_magenta(tmp_path):
     plane = np.full((640, 640), 0.25, np.float16)
     plane[300:340, 300:340] = np.nan
     for data in (thumbnails.of_light([plane] * 3, 1.0), thumbnails.of_difference(plane, 1.0)):
@@ -52,9 +49,7 @@ def test_nan_is_magenta(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("kind", "ends"), [(SIGNED, (-4.0, 4.0)), (PLAIN, (-4.0, 2.0))])
-def test_maps_are_grey_between_their_ends(
-    kind: str, ends: tuple[float, float], tmp_path: Path
-) -> None:
+def test_maps_are_grey_between_their_ends(kind, ends, tmp_path):
     plane = np.array([[-4.0, 2.0, np.inf, np.nan]], np.float32)
     assert thumbnails.ends_of(plane, kind) == ends
     shown = decoded(thumbnails.of_map(plane[:, :2], ends), tmp_path)

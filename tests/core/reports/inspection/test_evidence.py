@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from command_line import ramp, run, write_exr
 from depth_files import gdepth, npy, pfm, png, with_text
 from image_files import save
-from optional_libraries import HEIC_MAGIC, with_hdf5, with_heic, write_hdf5
+from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.io.depth_formats.table import FORMATS
@@ -20,7 +17,7 @@ FEW, MANY = (14, 40, 0.4), (60, 24, 0.1)  # squares, their side in px, contrast 
 ROWS, COLUMNS = np.mgrid[:240, :320]
 
 
-def evidence(path: Path, *args: str) -> str:
+def evidence(path, *args):
     ran = run("info", "--json", path, *args)
     assert ran.code == 0, ran.err
     (record,) = ran.json["files"]
@@ -30,12 +27,12 @@ def evidence(path: Path, *args: str) -> str:
     return "\n".join(told)
 
 
-def test_plain_depth_has_none(tmp_path: Path) -> None:
+def test_plain_depth_has_none(tmp_path):
     assert evidence(write_exr(tmp_path / "a.exr", Z=ramp())) == ""
     assert evidence(npy(tmp_path / "a.npy", ramp())) == ""
 
 
-def test_the_greatest_number_of_16_bits(tmp_path: Path) -> None:
+def test_the_greatest_number_of_16_bits(tmp_path):
     numbers = np.full((10, 10), 1000)
     numbers[:3, :4] = 65535
     told = evidence(png(tmp_path / "a.png", numbers))
@@ -47,14 +44,14 @@ def test_the_greatest_number_of_16_bits(tmp_path: Path) -> None:
     assert evidence(tmp_path / "a.png", "--depth-format", "vkitti2") == ""
 
 
-def test_text_chunks_near_and_far(tmp_path: Path) -> None:
+def test_text_chunks_near_and_far(tmp_path):
     numbers = np.full((10, 10), 1000)
     numbers[:3, :4] = 65535
     path = with_text(png(tmp_path / "a.png", numbers), near="1", far="9")
     assert evidence(path) == "text chunks near and far: moge-png; say --depth-format moge-png"
 
 
-def test_zeros_of_16_bits_are_holes_or_far(tmp_path: Path) -> None:
+def test_zeros_of_16_bits_are_holes_or_far(tmp_path):
     numbers = np.full((10, 10), 1000)
     numbers[5] = 0
     told = evidence(png(tmp_path / "a.png", numbers))
@@ -65,13 +62,13 @@ def test_zeros_of_16_bits_are_holes_or_far(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("beside", "name"), [("calib.txt", "middlebury"), ("parameters.cfg", "hci-lightfield")]
 )
-def test_a_sidecar_beside_a_pfm(beside: str, name: str, tmp_path: Path) -> None:
+def test_a_sidecar_beside_a_pfm(beside, name, tmp_path):
     (tmp_path / beside).write_text("")
     told = evidence(pfm(tmp_path / "a.pfm", ramp()))
     assert told == f"{beside} beside it: {name}; say --depth-format {name}"
 
 
-def test_channels_of_unreal(tmp_path: Path) -> None:
+def test_channels_of_unreal(tmp_path):
     planes = {"FinalImageMovieRenderQueue_WorldDepth.R": ramp() * 100}
     header_free = write_exr(tmp_path / "a.exr", **{"R": ramp(), "G": ramp(), "B": ramp() + 1})
     assert evidence(header_free) == ""
@@ -82,18 +79,14 @@ def test_channels_of_unreal(tmp_path: Path) -> None:
     assert "unreal-mrq; say --depth-format unreal-mrq" in evidence(path)
 
 
-def test_arrays_of_hdf5(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with_hdf5(monkeypatch)
+def test_arrays_of_hdf5(tmp_path, monkeypatch):
     path = write_hdf5(tmp_path / "a.hdf5", {"dataset": np.float32(ramp())})
     ran = run("info", path)
     assert ran.code == 0, ran.err
     assert "depth: 1 m to 4 m" in ran.out
 
 
-def test_arrays_to_choose_from_are_named_and_their_format(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with_hdf5(monkeypatch)
+def test_arrays_to_choose_from_are_named_and_their_format(tmp_path, monkeypatch):
     arrays = {"depths": np.ones((2, 8, 6), "f4"), "rawDepths": np.ones((2, 8, 6), "f4")}
     path = write_hdf5(tmp_path / "nyu.mat", arrays)
     assert "nyu-mat; say --depth-format nyu-mat" in evidence(path)
@@ -102,7 +95,7 @@ def test_arrays_to_choose_from_are_named_and_their_format(
     assert "spring; say --depth-format spring" in evidence(path)
 
 
-def test_8_bits_are_relative(tmp_path: Path) -> None:
+def test_8_bits_are_relative(tmp_path):
     path = png(tmp_path / "a.png", ramp() * 50, np.uint8)
     told = evidence(path)
     assert "8 bits: relative depth of a network; say --blur 20px --focus-at X,Y" in told
@@ -110,7 +103,7 @@ def test_8_bits_are_relative(tmp_path: Path) -> None:
     assert evidence(path, *said) == ""
 
 
-def test_a_grey_picture_in_three_channels_is_told_what_one_channel_is(tmp_path: Path) -> None:
+def test_a_grey_picture_in_three_channels_is_told_what_one_channel_is(tmp_path):
     one = png(tmp_path / "one.png", ramp() * 50, np.uint8)
     grey = np.repeat((ramp() * 50)[..., None], 3, 2)
     three = png(tmp_path / "three.png", grey, np.uint8)
@@ -121,13 +114,13 @@ def test_a_grey_picture_in_three_channels_is_told_what_one_channel_is(tmp_path: 
     assert evidence(png(tmp_path / "colored.png", grey, np.uint8)) == ""
 
 
-def test_every_format_that_is_named_exists() -> None:
+def test_every_format_that_is_named_exists():
     from defocus_core.reports.inspection import evidence as module
 
     assert {*module._TELLING_NAMES, *module._BESIDE} <= FORMATS.keys()
 
 
-def test_gdepth_in_a_photograph(tmp_path: Path) -> None:
+def test_gdepth_in_a_photograph(tmp_path):
     image = png(tmp_path / "d.png", ramp() * 50, np.uint8).read_bytes()
     path = gdepth(tmp_path / "a.jpg", image, Format="RangeLinear", Near=1, Far=5, Units="m")
     told = "GDepth in its XMP: android-gdepth; say --depth-format android-gdepth"
@@ -135,7 +128,7 @@ def test_gdepth_in_a_photograph(tmp_path: Path) -> None:
     assert "depth: 1.78431 m to" in run("info", path, "--depth-format", "android-gdepth").out
 
 
-def test_the_depth_image_of_a_heic_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_depth_image_of_a_heic_file(tmp_path, monkeypatch):
     with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
     (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
     assert "say --depth-format apple-heic" in evidence(tmp_path / "a.heic")
@@ -144,7 +137,7 @@ def test_the_depth_image_of_a_heic_file(tmp_path: Path, monkeypatch: pytest.Monk
     assert "depth: 0.5 m to 10 m" in ran.out
 
 
-def test_relative_depth_that_is_nearer_at_the_top_may_be_inverted(tmp_path: Path) -> None:
+def test_relative_depth_that_is_nearer_at_the_top_may_be_inverted(tmp_path):
     floor = np.repeat(np.linspace(10, 240, 60)[:, None], 40, 1)
     path = png(tmp_path / "z.png", floor, np.uint8)
     blur = ("--blur", "20px", "--focus-value", "100")
@@ -159,7 +152,7 @@ def test_relative_depth_that_is_nearer_at_the_top_may_be_inverted(tmp_path: Path
     assert (ran.code, "invert" in ran.err) == (0, False)
 
 
-def cards(count: int, side: int, checks: float) -> tuple[Any, Any]:
+def cards(count, side, checks):
     """Checked squares at 1 to 4 m before a checked wall at 9 m; contrast of the checks."""
     numbers = np.random.default_rng(3)
     metres = np.full((240, 320), 9.0)
@@ -172,14 +165,14 @@ def cards(count: int, side: int, checks: float) -> tuple[Any, Any]:
     return color.astype(np.float32), metres.astype(np.float32)
 
 
-def blurred(image: Any, times: int) -> Any:
+def blurred(image, times):
     for _ in range(times):
         padded = np.pad(image, 1, mode="edge")
         image = sum(padded[y : y + 240, x : x + 320] for y in range(3) for x in range(3)) / 9
     return image
 
 
-def pair_evidence(folder: Path, color: Any, metres: Any) -> tuple[str, ...]:
+def pair_evidence(folder, color, metres):
     grey = np.float32(color)
     pair = (
         write_exr(folder / "c.exr", R=grey, G=grey, B=grey),
@@ -188,25 +181,25 @@ def pair_evidence(folder: Path, color: Any, metres: Any) -> tuple[str, ...]:
     return evidence_of_pair(*pair, Reading())
 
 
-def test_a_sharp_picture_on_its_depth_is_not_doubted(tmp_path: Path) -> None:
+def test_a_sharp_picture_on_its_depth_is_not_doubted(tmp_path):
     assert not pair_evidence(tmp_path, *cards(*FEW))
     assert not pair_evidence(tmp_path, *cards(*MANY))
 
 
-def test_a_picture_that_is_blurred_far_away_is_told(tmp_path: Path) -> None:
+def test_a_picture_that_is_blurred_far_away_is_told(tmp_path):
     color, metres = cards(*FEW)
     (line,) = pair_evidence(tmp_path, np.where(metres > 5, blurred(color, 12), color), metres)
     assert "the colour looks blurred already" in line
     assert "at 9 m" in line
 
 
-def test_a_picture_that_is_blurred_everywhere_is_told(tmp_path: Path) -> None:
+def test_a_picture_that_is_blurred_everywhere_is_told(tmp_path):
     color, metres = cards(*FEW)
     (line,) = pair_evidence(tmp_path, blurred(color, 8), metres)
     assert "the colour looks blurred everywhere" in line
 
 
-def test_depth_that_lies_beside_the_colour_is_told_with_its_shift(tmp_path: Path) -> None:
+def test_depth_that_lies_beside_the_colour_is_told_with_its_shift(tmp_path):
     color, metres = cards(*MANY)
     (line,) = pair_evidence(tmp_path, color, np.roll(metres, (5, -7), (0, 1)))
     assert "do not lie on each other" in line
@@ -214,20 +207,20 @@ def test_depth_that_lies_beside_the_colour_is_told_with_its_shift(tmp_path: Path
 
 
 @pytest.mark.parametrize(("axis", "words"), [(0, "upside down"), (1, "mirrored left to right")])
-def test_depth_that_is_mirrored_is_told(axis: int, words: str, tmp_path: Path) -> None:
+def test_depth_that_is_mirrored_is_told(axis, words, tmp_path):
     color, metres = cards(*MANY)
     (line,) = pair_evidence(tmp_path, color, np.flip(metres, axis).copy())
     assert words in line
 
 
-def test_noise_and_walls_without_edges_are_not_doubted(tmp_path: Path) -> None:
+def test_noise_and_walls_without_edges_are_not_doubted(tmp_path):
     noise = np.random.default_rng(0).random((240, 320))
     assert not pair_evidence(tmp_path, noise, np.float32(cards(*MANY)[1]))
     flat = np.full((240, 320), 0.5)
     assert not pair_evidence(tmp_path, flat, np.full((240, 320), 3, np.float32))
 
 
-def test_info_compares_a_colour_and_a_depth_file(tmp_path: Path) -> None:
+def test_info_compares_a_colour_and_a_depth_file(tmp_path):
     color, metres = cards(*MANY)
     grey = dict.fromkeys("RGB", color)
     image, depth = (
@@ -245,7 +238,7 @@ def test_info_compares_a_colour_and_a_depth_file(tmp_path: Path) -> None:
     assert run("info", image, depth, both, "--json").json["pairs"] == []
 
 
-def test_a_photograph_as_depth_is_no_picture_of_its_own(tmp_path: Path) -> None:
+def test_a_photograph_as_depth_is_no_picture_of_its_own(tmp_path):
     share = np.repeat(blurred(cards(*FEW)[0], 8)[:, :, None], 3, axis=2)
     path = save(tmp_path / "disparity.jpg", (255 * share).astype(np.uint8))
     said = ("--depth-kind", "disparity", "--depth-range", "1m", "9m", "--json")
