@@ -40,17 +40,17 @@ def flat_nonzero(mask: Tensor) -> Tensor:
 def taken(values: Tensor, mask: Tensor) -> Tensor:
     """The values [n] of the pixels in a mask.
 
-    Elsewhere than on a CPU, where the host would wait for their number, those of all pixels
-    [..., n], 0 for the others.
+    Of a batch, and elsewhere than on a CPU, where the host would wait for their number, those of
+    all pixels [..., n], 0 for the others.
     """
-    if launches_cost(values.device):
+    if values.dim() > 2 or launches_cost(values.device):
         return torch.where(mask, values, 0)
     return values.flatten()[flat_nonzero(mask)]
 
 
 def tally(numbers: Tensor, kinds: int) -> Tensor:
     """How often [..., kinds] each number from 0 occurs in [..., n]; waits for nothing."""
-    if not launches_cost(numbers.device):
+    if not launches_cost(numbers.device) and numbers.dim() == 1:
         return torch.bincount(numbers, minlength=kinds)
     counts = torch.zeros(*numbers.shape[:-1], kinds, dtype=torch.long, device=numbers.device)
     return counts.scatter_add_(-1, numbers.long(), counts.new_ones(()).expand_as(numbers))

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import pytest
 import torch
-from elsewhere import DEVICES, NAME, Device, elsewhere, there, waits
+from elsewhere import CPU, DEVICES, NAME, Device, elsewhere, there, waits
 from torch import Tensor
 
 from defocus_core import (
@@ -55,6 +55,13 @@ Agree = Callable[..., None]
 @pytest.fixture(params=DEVICES)
 def device(request: pytest.FixtureRequest) -> Device:
     """Each device that there is beside the CPU."""
+    found: Device = request.param
+    return found
+
+
+@pytest.fixture(params=[*DEVICES, pytest.param(CPU, id="cpu")])
+def anywhere(request: pytest.FixtureRequest) -> Device:
+    """Each device, the CPU included."""
     found: Device = request.param
     return found
 
@@ -339,38 +346,40 @@ def test_a_picture_takes_few_launches(device: Device, kind: str, maximum: int, w
     ],
     ids=lambda options: "-".join(options),
 )
-def test_a_batch_is_its_pictures(device: Device, options: dict[str, object]) -> None:
+def test_a_batch_is_its_pictures(anywhere: Device, options: dict[str, object]) -> None:
     # of other ranges of radius, one with highlights: no two plans are the same
     scenes = [scene(kind, (41, 52)) for kind in ("floor", "cards", "most", "lights")]
     radii = [radius * (0.4 + 0.4 * i) for i, (_, radius) in enumerate(scenes)]
     images = [image for image, _ in scenes]
-    with torch.no_grad(), device.known():
+    with torch.no_grad(), anywhere.known():
         each = [
-            pictures(*map(device.there, pair), **options)
+            pictures(*map(anywhere.there, pair), **options)
             for pair in zip(images, radii, strict=True)
         ]
-        batch = pictures(*(device.there(torch.stack(x)) for x in (images, radii)), **options)
+        batch = pictures(*(anywhere.there(torch.stack(x)) for x in (images, radii)), **options)
         for together, apart in zip(batch, zip(*each, strict=True), strict=True):
             if together is None:
                 continue
-            alone = torch.stack([device.here(x) for x in apart if x is not None])
-            torch.testing.assert_close(device.here(together), alone, rtol=0, atol=device.within)
+            alone = torch.stack([anywhere.here(x) for x in apart if x is not None])
+            torch.testing.assert_close(anywhere.here(together), alone, rtol=0, atol=anywhere.within)
 
 
 # depth that needs a repair is repaired picture by picture
 @pytest.mark.parametrize(("kind", "repair"), [("floor", "auto"), ("cards", "off")])
 def test_a_batch_takes_half_as_many_launches_again_as_a_picture(
-    device: Device, kind: str, repair: str
+    anywhere: Device, kind: str, repair: str
 ) -> None:
-    image, radius = map(device.there, scene(kind, (41, 52)))
+    image, radius = map(anywhere.there, scene(kind, (41, 52)))
     counted: list[Launches] = []
     for many in (1, 6):
         pair = [torch.stack([values] * many) for values in (image, radius)]
-        with torch.no_grad(), device.known(), Launches(device.name) as counts:
+        with torch.no_grad(), anywhere.known(), Launches(anywhere.name) as counts:
             render(pair[0], pair[1], depth_repair=repair)
         counted.append(counts)
-    assert counted[1].launches <= 1.5 * counted[0].launches
-    assert counted[1].waits <= 1.5 * counted[0].waits
+    # a CPU transforms kernels one by one
+    more = 3 if anywhere is CPU else 1.5
+    assert counted[1].launches <= more * counted[0].launches
+    assert counted[1].waits <= more * counted[0].waits
 
 
 def random_lenses(**options: Any) -> RandomDefocus:
@@ -403,28 +412,33 @@ def depths_of(count: int, size: tuple[int, int]) -> Tensor:
     ],
     ids=lambda options: "-".join(options),
 )
-def test_a_batch_of_random_lenses_is_its_pictures(device: Device, options: dict[str, Any]) -> None:
+def test_a_batch_of_random_lenses_is_its_pictures(
+    anywhere: Device, options: dict[str, Any]
+) -> None:
     size = (41, 52)
     images, depth = torch.stack([scene("cards", size)[0]] * 4), depths_of(4, size)
     lenses, counted = random_lenses(**options), list[Launches]()
 
     def taken(numbers: list[int]) -> list[Tensor]:
-        with Launches(device.name) as counts:
-            views, _ = lenses(device.there(images[numbers]), device.there(depth[numbers]), numbers)
+        with Launches(anywhere.name) as counts:
+            views, _ = lenses(
+                anywhere.there(images[numbers]), anywhere.there(depth[numbers]), numbers
+            )
         counted.append(counts)
-        return [device.here(x) for x in (*views.images, views.trust)]
+        return [anywhere.here(x) for x in (*views.images, views.trust)]
 
-    with torch.no_grad(), device.known():
+    with torch.no_grad(), anywhere.known():
         each = [torch.cat(x) for x in zip(*(taken([number]) for number in range(4)), strict=True)]
         together = taken([0, 1, 2, 3])
     for batch, alone in zip(together, each, strict=True):
-        torch.testing.assert_close(batch, alone, rtol=0, atol=device.within)
+        torch.testing.assert_close(batch, alone, rtol=0, atol=anywhere.within)
     *ones, every = counted
-    assert every.launches <= 1.5 * max(one.launches for one in ones)
-    assert every.waits <= 1.5 * max(one.waits for one in ones)
+    more = len(ones) if anywhere is CPU else 1.5  # which draws the kernels of each lens, too
+    assert every.launches <= more * max(one.launches for one in ones)
+    assert every.waits <= more * max(one.waits for one in ones)
 
 
-def test_so_are_its_gradients(device: Device) -> None:
+def test_so_are_its_gradients(anywhere: Device) -> None:
     size = (18, 24)
     images, depth = torch.stack([scene("cards", size)[0]] * 2), depths_of(2, size)
     values = {"curvature": 0.4, "squeeze": 1.2}
@@ -432,13 +446,13 @@ def test_so_are_its_gradients(device: Device) -> None:
     lenses = random_lenses(blades=6, **learnt)
 
     def gradients(numbers: list[int]) -> list[Tensor]:
-        given = [device.there(x[numbers].clone()).requires_grad_() for x in (images, depth)]
+        given = [anywhere.there(x[numbers].clone()).requires_grad_() for x in (images, depth)]
         views, _ = lenses(*given, numbers)
         loss = views.render.square().sum()
         image, radius, *of_lens = torch.autograd.grad(loss, [*given, *learnt.values()])
-        return [device.here(image), device.here(radius), torch.stack(of_lens)[None]]
+        return [anywhere.here(image), anywhere.here(radius), torch.stack(of_lens)[None]]
 
-    with device.known():
+    with anywhere.known():
         each = [torch.cat(x) for x in zip(gradients([0]), gradients([1]), strict=True)]
         together = gradients([0, 1])
     each[-1] = each[-1].sum(0, keepdim=True)

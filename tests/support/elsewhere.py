@@ -208,6 +208,7 @@ class Device(NamedTuple):
 
 
 PRETENDED = Device(NAME, there, here, elsewhere, 2e-6)
+CPU = Device("cpu", lambda x: x, lambda x: x, nullcontext, 1e-6)
 CUDA = Device("cuda", lambda x: x.to("cuda"), lambda x: x.cpu(), nullcontext, 1e-4)
 DEVICES = [
     pytest.param(PRETENDED, id="pretended"),

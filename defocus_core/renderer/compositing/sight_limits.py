@@ -15,6 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 
 # Px around the disc of a pixel that it may see: edges lie between pixels, some half a pixel off.
 _AROUND = 0.7
@@ -48,6 +49,13 @@ class SightLimits(NamedTuple):
     def over(self, box: Box) -> SightLimits:
         """Those in a box."""
         return self._replace(farthest=box.of(self.farthest))
+
+    def without(self, pictures: list[bool]) -> SightLimits:
+        """Those of a batch, without limits in some of its pictures."""
+        if not any(pictures):
+            return self
+        free = sent(pictures, self.farthest)[:, None, None].bool()
+        return self._replace(farthest=self.farthest.masked_fill(free, len(self.layer_of)))
 
     def to(self, layer_index: int) -> Tensor | None:
         """Whether [..., h, w] the lens sees as far as a layer; None if it does everywhere."""

@@ -1,5 +1,6 @@
-"""Batches: pictures of one size that an accelerator computes at once, for it waits for launches.
+"""Batches: pictures of one size that are computed at once, for each operation takes long to begin.
 
+An accelerator computes as many as fit into its memory, a CPU small ones, which fit into its cache.
 Pictures [C, B, H, W] have one plan: what any of them needs is computed for all, and is nothing in
 the others. Pictures whose plans would change each other are batches of their own.
 """
@@ -24,8 +25,9 @@ from defocus_core.renderer.engine.statistics import surveyed_each
 from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.tensors.device_plan import launches_cost, tile_pixels
 
-# Bytes that a pixel takes with all layers of its tile, at least.
-_BYTES_EACH = 2000
+# Pixels that a CPU computes at once; and bytes that one takes elsewhere with all layers of its
+# tile, at least.
+_PIXELS, _BYTES_EACH = 1 << 16, 2000
 
 
 class PictureBatch(NamedTuple):
@@ -37,14 +39,14 @@ class PictureBatch(NamedTuple):
 
 
 def fit_together(pixels: Tensor, settings: Settings) -> bool:
-    """Whether pictures [B, C, H, W] are computed in batches: where launches cost, and they fit.
+    """Whether pictures [B, C, H, W] are computed in batches: where two of them fit, at least.
 
     A draft changes its size, and an exact number of slices spans the radii of each picture.
     """
     (count, _, H, W), options = pixels.shape, settings.repair
     by_scene = settings.num_layers is None and not find(settings.quality).half_size
     by_diagnosis = options in (RepairOptions(), RepairOptions(on=False))
-    fits = launches_cost(pixels.device) and _most_pixels(pixels.device) >= 2 * H * W
+    fits = _most_pixels(pixels.device) >= 2 * H * W
     return count > 1 and fits and by_scene and by_diagnosis
 
 
@@ -124,4 +126,4 @@ def _is_opaque(content: Content, settings: Settings, pixels: Tensor) -> bool:
 
 def _most_pixels(device: torch.device) -> int:
     """The greatest number of pixels that are computed at once."""
-    return tile_pixels(device, _BYTES_EACH)
+    return tile_pixels(device, _BYTES_EACH) if launches_cost(device) else _PIXELS

@@ -38,8 +38,7 @@ class Content(NamedTuple):
     limit: float  # brightness that a highlight exceeds
     highlights: bool  # whether there are highlights
     double: bool  # whether float32 is too coarse for the pixels
-    # The limits of each picture of a batch; empty for one
-    each: tuple[tuple[float, float], ...] = ()
+    each: tuple[Content, ...] = ()  # those of each picture of a batch; empty for one
 
     @classmethod
     def of_batch(cls, contents: Sequence[Content]) -> Content:
@@ -56,7 +55,7 @@ class Content(NamedTuple):
                 )
             ),
             limit=max(c.limit for c in contents),
-            each=tuple(c.limits for c in contents),
+            each=tuple(contents),
         )
 
 

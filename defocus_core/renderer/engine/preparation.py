@@ -96,7 +96,7 @@ def frame_of(
     sample *= math.prod(signed_radius.shape[:-2])
     grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
     sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
-    own = [_slice_radii(*one, quality, settings) for one in content.each]
+    own = [_slice_radii(*one.limits, quality, settings) for one in content.each]
     each = _own_slices(own, radii) if isinstance(settings.aperture, Apertures) else ()
     slicing = partial(
         _slicing, radii, sizes, settings.aperture, division.parts, dtype, pixels.device, each

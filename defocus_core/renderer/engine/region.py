@@ -135,11 +135,11 @@ class Region:
         self, signed_radius: Tensor, positions: Tensor, core: Box
     ) -> SightLimits | None:
         """How far the lens sees at each pixel of the region; None if no surface hides another."""
-        slices = self._frame.slices
-        if not self._frame.content.edges:
+        slices, content = self._frame.slices, self._frame.content
+        if not content.edges:
             return None
         limits = SightLimits.of(signed_radius, positions, slices.visible.layers, slices.octaves)
-        return limits.over(core)
+        return limits.over(core).without([not one.edges for one in content.each])
 
     def _drawn(self, highlights: Highlights, occluders: Sequence[Occluder], core: Box) -> Tensor:
         """The discs of highlights behind surfaces, for each part of the aperture."""

@@ -139,7 +139,9 @@ def _first_beyond(
             (x + torch.add(half_across, across, alpha=step * scale).long()).clamp_(0, W - 1)
         )
 
-    if launches_cost(r.device):  # all at once, and none waits for the one before
+    if first is not None or launches_cost(
+        r.device
+    ):  # all at once, and none waits for the one before
         every = torch.stack([spots_at(step) for step in _STEPS])
         every = every if first is None else every + first
         known = r.index_select(0, every.flatten()).view(every.shape) > border
@@ -147,7 +149,6 @@ def _first_beyond(
         distance = sent(_STEPS, r).index_select(0, which)
         distance = torch.where(known.any(0), distance, torch.inf)
         return every.gather(0, which[None])[0], distance
-    assert first is None, "on a CPU pictures are computed one by one"
     for step in _STEPS:
         limit, spot = state[-1], spots_at(step)
         known = r.index_select(0, spot) > limit
