@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import accumulate, pairwise
+from threading import Lock
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.fourier import kernel_spectra, kernels, reach, transform_length
@@ -22,6 +25,37 @@ from defocus_core.tensors.device_plan import launches_cost, sent
 _SIZES = 4
 # Number of slopes of a slice whose tilted kernels are cached.
 _PLANES = 4
+# Bytes of the spectra that are kept for further pictures.
+_MAX_BYTES = 1 << 25
+
+
+class _KeptSpectra:
+    """Spectra that further pictures of one size and quality need, the latest used ones."""
+
+    def __init__(self) -> None:
+        """Keep none yet."""
+        self._lock, self._bytes = Lock(), 0
+        self._spectra: OrderedDict[object, Tensor] = OrderedDict()
+
+    def get(self, key: object) -> Tensor | None:
+        """The spectrum of a key; None if there is none."""
+        with self._lock:
+            if key in self._spectra:
+                self._spectra.move_to_end(key)
+            return self._spectra.get(key)
+
+    def keep(self, key: object, spectrum: Tensor) -> None:
+        """Keep a spectrum, and as many of the others as there is room for."""
+        with self._lock:
+            if key is None or key in self._spectra:
+                return
+            self._spectra[key] = spectrum
+            self._bytes += spectrum.nbytes
+            while self._bytes > _MAX_BYTES:
+                self._bytes -= self._spectra.popitem(last=False)[1].nbytes
+
+
+_KEPT = _KeptSpectra()
 
 
 class Spread(NamedTuple):
@@ -128,10 +162,24 @@ class TransformWindow:
         if self.requires_grad:  # a backward pass computes it again
             return self._transformed([slice_index], size, leaning=leaning)[0]
         slice_indices = self.slices if launches_cost(self.like.device) else [slice_index]
-        spectra = self._transformed(slice_indices, size, leaning=leaning)
-        for each, spectrum in zip(slice_indices, spectra, strict=True):
-            self.spectra[each, size, leaning] = spectrum
+        keys = [self._key(each, size, leaning=leaning) for each in slice_indices]
+        spectra: Sequence[Tensor | None] = [_KEPT.get(key) for key in keys]
+        if any(kept is None for kept in spectra):
+            with torch.inference_mode(False), torch.no_grad():  # for calls that need gradients
+                spectra = self._transformed(slice_indices, size, leaning=leaning)
+            for key, kept in zip(keys, spectra, strict=True):
+                _KEPT.keep(key, kept)
+        for each, kept in zip(slice_indices, spectra, strict=True):
+            self.spectra[each, size, leaning] = kept
         return self.spectra[slice_index, size, leaning]
+
+    def _key(self, slice_index: int, size: tuple[int, int], *, leaning: bool) -> object:
+        """What the spectrum of a slice depends on; None if it is of this picture alone."""
+        if self.views or isinstance(self.aperture, Apertures):
+            return None
+        radius = float(self.radii[self.slices.index(slice_index)])
+        kind = self.like.dtype, self.like.device, self.level, leaning
+        return radius, size, self.margin, self.aperture.fixed, tuple(self.parts), kind
 
     def _transformed(
         self, slice_indices: list[int], size: tuple[int, int], *, leaning: bool

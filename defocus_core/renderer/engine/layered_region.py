@@ -44,6 +44,7 @@ class LayeredRegion(Region):
         grid: Grid,
         scene: Scene,
         backdrop: Backdrop | SurfacesOfColors | None,
+        shown: Unmixed | None = None,
     ) -> None:
         """Find the samples of a region, and prepare their blur.
 
@@ -53,7 +54,7 @@ class LayeredRegion(Region):
         self._layered = scene.layered
         self._behind: Sliced | None = None
         self._nothing: Sliced | None = None
-        super().__init__(frame, grid, scene, backdrop)
+        super().__init__(frame, grid, scene, backdrop, shown)
         if self._fallback is not None:  # with alpha, and without the light of highlights
             plain = grid.box.of(scene.image).to(frame.dtype).clamp(max=frame.content.limit)
             self._fallback = border_fallback(plain, frame.trace)

@@ -6,7 +6,7 @@ import math
 from bisect import bisect_left, bisect_right
 from collections import Counter
 from collections.abc import Callable
-from functools import partial
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import torch
@@ -82,12 +82,12 @@ def frame_of(
     inwards = 0
     if exact or max(map(abs, border)) > SHARP:
         coarse_too = (level, stride) if edges else None
-        inwards = _inwards(border, radii, layer_indices, quality, coarse_too)
+        inwards = _inwards(border, radii, quality, coarse_too)
     # whole blocks, so that those of the frame stay where they are
     rows, columns = (-(-min(inwards, max(n, _BEYOND)) // BLOCK) * BLOCK for n in size)
     maximum = max(size[0] + rows, size[1] + columns) - 1
-    fine = _at_resolution(radii, layer_indices, quality, maximum, 0)
-    coarse = _at_resolution(radii, layer_indices, quality, maximum, level)
+    fine = _at_resolution(radii, quality, maximum, 0)
+    coarse = _at_resolution(radii, quality, maximum, level)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
     division = _division(settings, quality)
@@ -236,16 +236,15 @@ def _slices(
 def _inwards(
     border: tuple[float, float],
     radii: tuple[float, ...],
-    layer_indices: list[int],
     quality: Quality,
     hidden: tuple[int, int] | None,  # halvings and stride of what is invented; None if nothing is
 ) -> int:
     """How far light from beyond the frame reaches into it, in px."""
-    unbounded = _at_resolution(radii, layer_indices, quality, _ANY_PX, 0)
+    unbounded = _at_resolution(radii, quality, _ANY_PX, 0)
     inwards = _reach_of(border, radii, unbounded.reaches)
     if hidden is not None:
         level, stride = hidden
-        unbounded = _at_resolution(radii, layer_indices, quality, _ANY_PX, level)
+        unbounded = _at_resolution(radii, quality, _ANY_PX, level)
         inwards = max(inwards, _reach_of(border, radii, unbounded.reaches, stride))
     return inwards
 
@@ -281,16 +280,14 @@ def _slicing(
     return Slicing(stride, level, slice_windows, layer_of, reached, reaches)
 
 
+@lru_cache(maxsize=256)
 def _at_resolution(
-    radii: tuple[float, ...],
-    layer_indices: list[int],
-    quality: Quality,
-    maximum: int,
-    level: int,
+    radii: tuple[float, ...], quality: Quality, maximum: int, level: int
 ) -> _Resolution:
     """The slices at a resolution; their light reaches `maximum` px at most."""
     step = 1 << level
     scaled = tuple(r / step for r in radii)
+    layer_indices = layers(radii, quality)
     spreads = spreads_of(scaled, layer_indices, quality.full_resolution / step, -(-maximum // step))
     reaches = [spread.px for spread in spreads]
     if level:  # a pixel has shares in coarse pixels beside it, and is read between two

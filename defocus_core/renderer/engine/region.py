@@ -65,15 +65,17 @@ class Region:
         grid: Grid,
         scene: Scene,
         backdrop: Backdrop | SurfacesOfColors | None,
+        shown: Unmixed | None = None,
     ) -> None:
         """Find the surfaces of a region, and prepare their blur.
 
         `backdrop`: the frame at low resolution, or hidden surfaces that are continued for all
-        colours; None if nothing is continued.
+        colours; None if nothing is continued; `shown`: the visible surfaces of the frame; None to
+        find those of the region.
         """
         frame = frame_at(frame, grid.box)
         self._frame, self._grid, self._tiles = frame, grid, grid.tiles
-        self._scene = scene
+        self._scene, self._shown_at_once = scene, shown
         core, content, slices = grid.box, frame.content, frame.slices
         outer = core.grown(frame.margin, frame.box)
         reach = max(frame.farthest + frame.farthest % 2, *frame.beyond)  # even: it may be halved
@@ -124,6 +126,8 @@ class Region:
         frame = self._frame
         if self._shared is not None:
             shown = self._shared.shown
+        elif self._shown_at_once is not None and outer == frame.box:
+            shown = self._shown_at_once
         else:
             shown = taken_apart(pixels, signed_radius, self._scene.matte, outer, frame)
         if frame.content.highlights:

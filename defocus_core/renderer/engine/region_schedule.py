@@ -10,11 +10,12 @@ from itertools import count, islice
 import torch
 from torch import Tensor
 
+from defocus_core.depth.matting import Unmixed
 from defocus_core.renderer.engine.frame import NEIGHBOURHOOD, SharedFrame
 from defocus_core.renderer.engine.layered_region import LayeredRegion
 from defocus_core.renderer.engine.region import Region
 from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.shared_surfaces import SurfacesOfColors
+from defocus_core.renderer.engine.shared_surfaces import SurfacesOfColors, taken_apart
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.tensors.box import Box, Span
@@ -44,8 +45,9 @@ def rendered_regions(
     """The views of each region of a picture, row by row, each from left to right."""
     threads = frame.settings.threads
     pixels, signed_radius, layered = scene.image, scene.signed_radius, scene.layered
-    backdrop = _backdrop(frame, scene)
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
+    shown = _shown_at_once(frame, scene) if len(grids) == 1 else None
+    backdrop = _backdrop(frame, scene, shown)
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
     may_copy = not (isinstance(signed_radius, Tensor) and signed_radius.requires_grad)
@@ -65,7 +67,7 @@ def rendered_regions(
         tiles: list[Views] = []
         with unrecorded(signed_radius.device):
             kind = Region if layered is None else LayeredRegion
-            region = kind(frame, part, scene, backdrop)
+            region = kind(frame, part, scene, backdrop, shown)
             work = recomputed(region.tile), range(len(part.tiles)), threads // at_once
             for tile in threaded(*work):
                 tiles.append(tile)
@@ -82,27 +84,41 @@ def rendered_regions(
     return in_order()
 
 
-def _backdrop(frame: SharedFrame, scene: Scene) -> Backdrop | SurfacesOfColors | None:
+def _shown_at_once(frame: SharedFrame, scene: Scene) -> Unmixed | None:
+    """The surfaces of a small frame, for its region and its backdrop; None to find them by part."""
+    taken_elsewhere = scene.layered or scene.surfaces or scene.matte is not None
+    if taken_elsewhere or not (frame.content.edges and frame.quality.unmixes):
+        return None
+    pixels, radius = (
+        frame.box.of(x).to(frame.dtype).contiguous() for x in (scene.image, scene.signed_radius)
+    )
+    return taken_apart(pixels, radius, None, frame.box, frame)
+
+
+def _backdrop(
+    frame: SharedFrame, scene: Scene, shown: Unmixed | None
+) -> Backdrop | SurfacesOfColors | None:
     """What hidden surfaces are continued from; None if none is."""
     content, layered = frame.content, scene.layered
     if not content.edges or scene.surfaces is not None:
         return scene.surfaces if content.edges else None
     if layered is not None and not layered.is_continued:
         return None
-    shown, limit = scene.image, content.limit
+    pixels, limit = scene.image, content.limit
     if layered is not None:
         if not layered.blurs_alpha:
-            in_memory = isinstance(shown, Tensor)
-            shown = shown[:-1] if in_memory else layered.picture(alpha=False)
+            in_memory = isinstance(pixels, Tensor)
+            pixels = pixels[:-1] if in_memory else layered.picture(alpha=False)
         limit = max(limit, 1.0)  # alpha is no light
     return backdrop_of(
-        shown,
+        pixels,
         scene.signed_radius,
         limit,
         frame.dtype,
         frame.settings.threads,
         content.limits,
         unmixes=frame.quality.unmixes and layered is None,
+        shown=shown,
     )
 
 

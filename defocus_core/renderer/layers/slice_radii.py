@@ -120,6 +120,7 @@ def evenly(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
     return tuple(minimum + (maximum - minimum) * k / (count - 1) for k in range(count))
 
 
+@lru_cache(maxsize=64)
 def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
     """For each slice the number of its layer, ascending: slices of a layer add, layers occlude.
 
@@ -144,19 +145,14 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     """
     if len(radii) == 1:
         return torch.zeros_like(signed_radius)
-    pieces = _pieces(radii)
-    lower, a, b, c = (
-        sent(column, signed_radius)
-        for column in zip(*((p.slice_index, p.a, p.b, p.c) for p in pieces), strict=True)
-    )
-    r = signed_radius.flatten()
-    ends = sent([p.end for p in pieces], r)
+    r, linear = signed_radius.flatten(), any(piece.b for piece in _pieces(radii))
+    lower, ends, a, b, c = _columns(radii, r.dtype, r.device)
     piece = torch.bucketize(r.detach(), ends[:-1], right=True, out_int32=True)
     if torch.is_grad_enabled() and r.requires_grad:  # on a limit, the piece before it
         before = (piece - 1).clamp(min=0)
         piece = torch.where(tied(r, ends.index_select(0, before)), before, piece)
     fraction = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
-    if any(p.b for p in pieces):
+    if linear:
         fraction = fraction.addcmul(b.index_select(0, piece), r)
     lower, share = lower.index_select(0, piece), fraction.clamp(0, 1)
     if torch.is_grad_enabled() and r.requires_grad:  # positions round more than their fractions
@@ -176,7 +172,7 @@ class _QuadraticPiece(NamedTuple):
     c: float
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
     """The pieces of the function from radii to shares, in ascending order."""
     pieces = []
@@ -192,6 +188,18 @@ def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
         if sharp and high == 0:
             pieces[-3] = whole._replace(end=-SOFT)
     return pieces
+
+
+@lru_cache(maxsize=32)
+def _columns(
+    radii: tuple[float, ...], dtype: torch.dtype, device: torch.device
+) -> tuple[Tensor, ...]:
+    """The fields of `_pieces`, each of all pieces."""
+    with torch.inference_mode(False):  # they are cached for calls that need gradients, too
+        return tuple(
+            sent(column, torch.empty(0, dtype=dtype, device=device))
+            for column in zip(*_pieces(radii), strict=True)
+        )
 
 
 def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
