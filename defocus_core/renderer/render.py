@@ -17,14 +17,18 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import apart
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.engine.batches import batches, fit_together
-from defocus_core.renderer.engine.renderer import Renderer, repaired_once, shared_surfaces
+from defocus_core.renderer.engine.renderer import (
+    Renderer,
+    batches,
+    fit_together,
+    repaired_once,
+    shared_surfaces,
+)
 from defocus_core.renderer.engine.scene import Scene, check_hidden
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.tensors.checkpointing import recorded_for
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.torch_modes import graph_break, own_modes
+from defocus_core.tensors.torch_modes import graph_break, own_modes, recorded_for
 from defocus_core.tensors.validation import check_image, maps_of, numbers
 from defocus_core.tensors.views import Views, batch, in_order, of_channels
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from defocus_core import QUALITIES, Views, render
 from defocus_core.renderer.engine import preparation
-from defocus_core.tensors import tiling
+from defocus_core.tensors import box as tiling
 
 EXACT = RENDERED[torch.float64]
 SIZES = [(40, 56), (41, 57), (7, 150), (130, 200)]  # odd, even, thin, more than one tile

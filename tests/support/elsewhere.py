@@ -19,7 +19,7 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten, tree_map
 
-from defocus_core.tensors import checkpointing
+from defocus_core.tensors import torch_modes
 
 # A device that is there without hardware; what is really on it has no values, which is noticed.
 NAME = "meta"
@@ -169,7 +169,7 @@ def elsewhere() -> Iterator[None]:
     with _known(), pytest.MonkeyPatch.context() as patch:
         # views of what was made in another mode have no version, of subclasses
         patch.setattr(torch, "inference_mode", lambda mode=True: nullcontext())
-        checkpoint = checkpointing.checkpoint
+        checkpoint = torch_modes.checkpoint
 
         def again(work: Callable[[object], object], *args: object, **options: object) -> object:
             def worked(*pieces: object) -> object:
@@ -178,7 +178,7 @@ def elsewhere() -> Iterator[None]:
 
             return checkpoint(worked, *args, **options)
 
-        patch.setattr(checkpointing, "checkpoint", again)
+        patch.setattr(torch_modes, "checkpoint", again)
         yield
 
 

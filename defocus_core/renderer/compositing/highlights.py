@@ -14,10 +14,10 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.matting import Unmixed
-from defocus_core.renderer.layers.stacked_samples import Sampled
+from defocus_core.renderer.layers.samples import Sampled
+from defocus_core.tensors.box import BLOCK
 from defocus_core.tensors.order_statistics import Ranks
 from defocus_core.tensors.sparse_masks import positions_of
-from defocus_core.tensors.tiling import BLOCK
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 _BRIGHTER = 2.0

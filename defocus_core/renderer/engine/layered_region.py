@@ -10,26 +10,21 @@ from torch import Tensor
 from defocus_core.depth.matting import Unmixed, whole
 from defocus_core.renderer.blur.layer_blur import Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
+from defocus_core.renderer.compositing.bokeh_discs import Occluder
 from defocus_core.renderer.compositing.frame_border import border_fallback
 from defocus_core.renderer.compositing.highlights import Highlights, split_samples
-from defocus_core.renderer.compositing.occluders import Occluder
-from defocus_core.renderer.compositing.openings import Openings
 from defocus_core.renderer.compositing.saturating_sum import within_alpha
+from defocus_core.renderer.compositing.sight import Openings
 from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.hidden_fill import Filling
-from defocus_core.renderer.engine.layer_order import add_in_order
+from defocus_core.renderer.engine.layer_order import Filling, add_in_order
 from defocus_core.renderer.engine.region import Region
-from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.shared_surfaces import SurfacesOfColors, continued
+from defocus_core.renderer.engine.scene import Scene, SurfacesOfColors, continued
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
-from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.renderer.inpainting.known_layer import separated
-from defocus_core.renderer.layers.samples import SurfaceSamples
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, separated
+from defocus_core.renderer.layers.samples import Sampled, SampleStack, SurfaceSamples
 from defocus_core.renderer.layers.slice_radii import slice_position
-from defocus_core.renderer.layers.stacked_samples import Sampled, SampleStack
-from defocus_core.tensors.box import Box
+from defocus_core.tensors.box import Box, Grid
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.tiling import Grid
 
 # Samples at the border of the frame that are looked up at once; bounds memory.
 _SAMPLES_AT_ONCE = 1 << 17

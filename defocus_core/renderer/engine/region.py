@@ -13,47 +13,36 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.matting import Unmixed
-from defocus_core.renderer.blur.field_blend import blended
-from defocus_core.renderer.blur.layer_blur import Blur, Sliced
+from defocus_core.renderer.blur.layer_blur import Blur, Sliced, blended
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
-from defocus_core.renderer.compositing.bokeh_discs import draw
-from defocus_core.renderer.compositing.color_range import ColorRange
+from defocus_core.renderer.compositing.bokeh_discs import Occluder, draw, occluders_of
 from defocus_core.renderer.compositing.frame_border import border_fallback, fraction_in_frame
 from defocus_core.renderer.compositing.highlights import Highlights, split
-from defocus_core.renderer.compositing.occluders import Occluder, occluders_of
 from defocus_core.renderer.compositing.saturating_sum import (
+    ColorRange,
     add_light,
     count_negative,
     pair_of,
     picture,
 )
-from defocus_core.renderer.compositing.sight_limits import SightLimits
-from defocus_core.renderer.engine.field import corner_views, frame_at, views_of
-from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.hidden_fill import Filling
-from defocus_core.renderer.engine.layer_order import add_in_order
-from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.shared_surfaces import (
+from defocus_core.renderer.compositing.sight import SightLimits
+from defocus_core.renderer.engine.frame import SharedFrame, corner_views, frame_at, views_of
+from defocus_core.renderer.engine.layer_order import Filling, add_in_order
+from defocus_core.renderer.engine.scene import (
     RegionSurfaces,
+    Scene,
     SurfacesOfColors,
     continued,
     taken_apart,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
-from defocus_core.renderer.inpainting.known_layer import known_within, separated
+from defocus_core.renderer.inpainting.hidden_layers import known_within, separated
 from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
 from defocus_core.renderer.layers.slice_radii import slice_position
-from defocus_core.renderer.layers.slopes import AROUND as AROUND_SLOPES
-from defocus_core.renderer.layers.slopes import slopes
-from defocus_core.renderer.layers.subpixel_shifts import AROUND as AROUND_SHIFTS
-from defocus_core.renderer.layers.subpixel_shifts import Shifts
-from defocus_core.tensors.box import Box
+from defocus_core.renderer.layers.slopes import AROUND, Shifts, slopes
+from defocus_core.tensors.box import Box, Grid
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.tiling import Grid
 from defocus_core.tensors.views import Views
-
-# Px around a pixel that decide the slope of its radius, and the gradient of its colours.
-_AROUND = max(AROUND_SLOPES, AROUND_SHIFTS)
 
 
 class Region:
@@ -172,7 +161,7 @@ class Region:
         """The visible surfaces, from pixels, their radii, and their positions."""
         frame, inside = self._frame, self._inside
         radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
-        around = inside.grown(_AROUND, Box(0, 0, *signed_radius.shape[-2:]))
+        around = inside.grown(AROUND, Box(0, 0, *signed_radius.shape[-2:]))
         inner, radius = inside.seen_from(around), around.of(signed_radius)
         positions = around.of(positions)
         lean = shifts = None

@@ -14,15 +14,13 @@ from defocus_core.depth.matting import Unmixed
 from defocus_core.renderer.engine.frame import NEIGHBOURHOOD, SharedFrame
 from defocus_core.renderer.engine.layered_region import LayeredRegion
 from defocus_core.renderer.engine.region import Region
-from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.shared_surfaces import SurfacesOfColors, taken_apart
+from defocus_core.renderer.engine.scene import Scene, SurfacesOfColors, taken_apart
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.layers.slice_radii import SHARP
-from defocus_core.tensors.box import Box, Span
-from defocus_core.tensors.checkpointing import recomputed, unrecorded
+from defocus_core.tensors.box import BLOCK, Box, Grid, Span, regions
 from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.threads import threaded
-from defocus_core.tensors.tiling import BLOCK, Grid, regions
+from defocus_core.tensors.torch_modes import recomputed, unrecorded
 from defocus_core.tensors.views import Views, added, joined
 
 # Greater than all rows and columns.

@@ -1,7 +1,11 @@
-"""Slice radii: slices by signed CoC radius, and the share of each pixel in them.
+"""Slice radii: slices by signed CoC radius, the share of each pixel in them, and their order.
 
-Slice radii, in px, depend on the quality alone. A pixel between two slice radii
-belongs to both, by weights that sum to one and keep the second moment of its blur: linear in r².
+Slice radii, in px, depend on the quality alone. A pixel between two slice radii belongs to both, by
+weights that sum to one and keep the second moment of its blur: linear in r².
+
+Visible layers are composited first, for they are known. But light of a far more blurred surface
+spreads over hidden surfaces in front of it, and would shine through them: a sign behind a fence
+would be tinted by the sky. So such a hidden octave is composited before the more blurred one.
 """
 
 from __future__ import annotations
@@ -234,3 +238,52 @@ def slice_before(positions: Tensor) -> Tensor:
     """
     nearest = positions.round()
     return torch.where(tied(positions, nearest), nearest - 1, positions.floor()).clamp(min=0)
+
+
+# A hidden octave comes before visible layers whose radius is this many times its greatest one.
+# Surfaces of like radii cover each other by chance; for them the order stays.
+_MORE = 1.263
+
+
+class CompositeOrder(NamedTuple):
+    """The places of hidden octaves in the order of visible layers."""
+
+    around: int  # number of the first visible layer that is not blurred nearer than focus
+    # Number of the first visible layer beyond focus; greater than all numbers if there is none
+    beyond: int
+    # For each hidden octave, nearest first, the number of the first visible layer that comes
+    # after it. Octaves that come before no visible layer are absent
+    ahead: dict[int, int]
+    # For each picture of a batch, whose slices are those of all, the greatest octave that is
+    # ahead by its own; empty where there is one picture
+    greatest: tuple[int, ...] = ()
+
+    def pictures_with(self, octave: int, like: Tensor) -> Tensor | None:
+        """1 for pictures [B, 1, 1] in which an octave is ahead, else 0; None if it is in all."""
+        if all(abs(octave) <= greatest for greatest in self.greatest):
+            return None
+        which = [float(abs(octave) <= greatest) for greatest in self.greatest]
+        return sent(which, like)[:, None, None]
+
+
+def octaves(radii: tuple[float, ...]) -> list[int]:
+    """For each slice its octave: 0 if |r| < 2 px, 1 up to 4 px, ...; negative nearer than focus."""
+    sizes = (math.floor(math.log2(max(abs(r), ALONE / 2) / ALONE)) + 1 for r in radii)
+    return [size if r > 0 else -size for size, r in zip(sizes, radii, strict=True)]
+
+
+def composite_order(radii: tuple[float, ...], layer_indices: list[int]) -> CompositeOrder:
+    """The composite order of hidden octaves, by the radii in px and the layers of slices."""
+    minimum: dict[int, float] = {}
+    for r, layer_index in zip(radii, layer_indices, strict=True):
+        if r >= ALONE:
+            minimum[layer_index] = min(minimum.get(layer_index, r), r)
+    ahead = {}
+    for octave in sorted({o for o in octaves(radii) if o}):
+        maximum = ALONE * 2.0 ** abs(octave)
+        later = [layer_index for layer_index, r in minimum.items() if r >= _MORE * maximum]
+        if later:
+            ahead[octave] = min(later)
+    around = sum(r <= -ALONE for r in radii)
+    first = layer_indices[around] if around < len(radii) else len(radii)
+    return CompositeOrder(first, min(minimum, default=len(radii)), ahead)

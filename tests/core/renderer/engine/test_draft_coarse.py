@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.engine.draft_coarse import (
+from defocus_core.renderer.engine.drafts import (
     HalfSize,
     coarse_radii,
     half_size,

@@ -8,13 +8,11 @@ import torch
 from defocus_core import render
 from defocus_core.renderer.engine import region_schedule
 from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.preparation import content_of, frame_of
+from defocus_core.renderer.engine.preparation import content_of, frame_of, surveyed
 from defocus_core.renderer.engine.region_schedule import blurred_part
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.engine.statistics import surveyed
 from defocus_core.renderer.layers.quality import find
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.tiling import BLOCK, Grid
+from defocus_core.tensors.box import BLOCK, Box, Grid
 
 H, W = 560, 640
 # Rows and columns that are out of focus.

@@ -13,7 +13,7 @@ from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.tensors import derived
-from defocus_core.tensors.tiling import TILE
+from defocus_core.tensors.box import TILE
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])

@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.layers import samples, stacked_samples
+from defocus_core.renderer.layers import samples
 from defocus_core.renderer.render import render_layers
 
 _KINDS = ("opaque", "thin", "ordered")
@@ -29,7 +29,7 @@ def test_many_layers_are_composited_as_each_alone(
     views = render_layers(*layers)
     (gradient,) = torch.autograd.grad(views.render.square().sum(), layers[0])
     monkeypatch.setattr(samples, "_of_slices", lambda sheets: sheets)
-    monkeypatch.setattr(stacked_samples, "_FEW_SAMPLES", 1000)
+    monkeypatch.setattr(samples, "_FEW_SAMPLES", 1000)
     each = render_layers(*layers)
     (of_each,) = torch.autograd.grad(each.render.square().sum(), layers[0])
     torch.testing.assert_close(views.render, each.render, rtol=0, atol=1e-6)
