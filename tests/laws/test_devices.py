@@ -34,6 +34,7 @@ from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focu
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.unknowns import Candidate
+from defocus_core.renderer.engine import region_schedule
 from defocus_core.renderer.engine.region import Region
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
@@ -281,19 +282,19 @@ def test_tiles_wait_for_nothing(device: Device, kind: str, monkeypatch: pytest.M
 
 
 def test_backward_passes_wait_for_regions_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    planned, plan = [], Region.__init__
+    planned, plan = [], region_schedule.region_of
 
-    def noted(self: Region, *args: Any) -> None:
+    def noted(*args: Any) -> Region:
         before = waits.total()
         try:
-            plan(self, *args)
+            return plan(*args)
         finally:  # a pass that has what it needs leaves
             planned.append(waits.total() - before)
 
     with elsewhere():
         given = [there(values.clone()).requires_grad_() for values in scene(size=(40, 60))]
         seen = render(given[0], given[1], tile=64).render
-        monkeypatch.setattr(Region, "__init__", noted)
+        monkeypatch.setattr(region_schedule, "region_of", noted)
         waits.clear()
         torch.autograd.grad(seen.sum(), given)
     assert 0 < waits.total() == sum(planned)
@@ -302,16 +303,16 @@ def test_backward_passes_wait_for_regions_alone(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_nor_do_they_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     image, radius = (x.cuda().requires_grad_() for x in scene())
-    seen, plan = render(image, radius, left_right=True).render.sum(), Region.__init__
+    seen, plan = render(image, radius, left_right=True).render.sum(), region_schedule.region_of
 
-    def waiting(self: Region, *args: Any) -> None:
+    def waiting(*args: Any) -> Region:
         torch.cuda.set_sync_debug_mode("default")
         try:
-            plan(self, *args)
+            return plan(*args)
         finally:
             torch.cuda.set_sync_debug_mode("error")
 
-    monkeypatch.setattr(Region, "__init__", waiting)
+    monkeypatch.setattr(region_schedule, "region_of", waiting)
     torch.cuda.set_sync_debug_mode("error")
     try:
         seen.backward()

@@ -167,6 +167,10 @@ class SharedFrame:
         reaches: list[int] = self.slices.visible.reaches
         return max(reaches + self.slices.invented.reaches if self.content.edges else reaches)
 
+    def is_inside(self, box: Box, bounds: Box) -> bool:
+        """Whether no light from beyond a larger rectangle reaches a rectangle."""
+        return box == box.grown(0, bounds.shrunk(self.farthest))
+
     @property
     def trace(self) -> float:
         """Coverage that a pixel's own surface has for sure, for the pupil may see nothing else.

@@ -1,151 +1,84 @@
 """A region of a picture through the pipeline: slice, blur, composite, tile by tile.
 
 Slices of a layer are summed in the Fourier domain; layers are composited front to back, for each
-part of the aperture. Hidden layers fill the gaps of visible ones; in focus they also occlude.
+part of the aperture. Hidden layers fill the gaps of visible ones; in focus they also occlude. What
+a region holds is found first, from a picture or from layers with coverage; the region itself is
+given it, and computes tiles.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.depth.matting import Unmixed
+from defocus_core.depth.matting import Unmixed, whole
 from defocus_core.renderer.blur.layer_blur import Blur, Sliced, blended
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.bokeh_discs import Occluder, draw, occluders_of
 from defocus_core.renderer.compositing.frame_border import border_fallback, fraction_in_frame
-from defocus_core.renderer.compositing.highlights import Highlights, split
+from defocus_core.renderer.compositing.highlights import Highlights, split, split_samples
 from defocus_core.renderer.compositing.saturating_sum import (
     ColorRange,
     add_light,
     count_negative,
     pair_of,
     picture,
+    within_alpha,
 )
-from defocus_core.renderer.compositing.sight import SightLimits
+from defocus_core.renderer.compositing.sight import Openings, SightLimits
 from defocus_core.renderer.engine.frame import SharedFrame, corner_views, frame_at, views_of
 from defocus_core.renderer.engine.layer_order import Filling, add_in_order
-from defocus_core.renderer.engine.scene import (
-    RegionSurfaces,
-    Scene,
-    SurfacesOfColors,
-    continued,
-    taken_apart,
-)
+from defocus_core.renderer.engine.scene import Scene, SurfacesOfColors, continued, taken_apart
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
-from defocus_core.renderer.inpainting.hidden_layers import known_within, separated
-from defocus_core.renderer.layers.samples import Sheet, SurfaceSamples
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, known_within, separated
+from defocus_core.renderer.layers.samples import Layered, Sampled, Sheet, SurfaceSamples
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.slopes import AROUND, Shifts, slopes
 from defocus_core.tensors.box import Box, Grid
 from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.views import Views
 
+# Samples at the border of the frame that are looked up at once; bounds memory.
+_SAMPLES_AT_ONCE = 1 << 17
 
-class Region:
-    """A rectangle of tiles of a picture, and everything that they share."""
 
-    def __init__(
-        self,
-        frame: SharedFrame,
-        grid: Grid,
-        scene: Scene,
-        backdrop: Backdrop | SurfacesOfColors | None,
-        shown: Unmixed | None = None,
-    ) -> None:
-        """Find the surfaces of a region, and prepare their blur.
+class _Place(NamedTuple):
+    """Where a region lies; the rectangles are those of the frame unless it is said."""
 
-        `backdrop`: the frame at low resolution, or hidden surfaces that are continued for all
-        colours; None if nothing is continued; `shown`: the visible surfaces of the frame; None to
-        find those of the region.
-        """
-        frame = frame_at(frame, grid.box)
-        self._frame, self._grid, self._tiles = frame, grid, grid.tiles
-        self._scene, self._shown_at_once = scene, shown
-        core, content, slices = grid.box, frame.content, frame.slices
-        outer = core.grown(frame.margin, frame.box)
+    frame: SharedFrame
+    grid: Grid
+    outer: Box  # all that its pixels depend on
+    held: Box  # what light reaches it from
+    inner: Box  # the same with what lies beyond the frame
+    inside: Box  # `held` within `outer`
+    core: Box  # its tiles within `outer`
+
+    @classmethod
+    def of(cls, frame: SharedFrame, grid: Grid) -> _Place:
+        """The place of the tiles of a region."""
+        box = grid.box
+        outer = box.grown(frame.margin, frame.box)
         reach = max(frame.farthest + frame.farthest % 2, *frame.beyond)  # even: it may be halved
-        held, inner = core.grown(reach, frame.box), core.grown(reach, frame.scene)
-        self._held, self._inner, self._inside = held, inner, held.seen_from(outer)
-        self._blur = Blur(
-            slices.visible.windows,
-            slices.visible.coarse,
-            grid.seen_from(inner),
-            frame.division.groups,
-            axes(frame.size, inner.top, inner.left),
-            by_corners=frame.settings.field is not None,
-        )
-        pixels, signed_radius = (
-            outer.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius)
-        )
-        if content.edges:  # pixels beside them are looked up by their numbers
-            pixels, signed_radius = pixels.contiguous(), signed_radius.contiguous()
-        inmost = core.seen_from(outer)
-        self._others: list[Sheet] = []
-        self._shared: RegionSurfaces | None = None
-        if isinstance(backdrop, SurfacesOfColors):
-            self._shared = backdrop.at(outer, self._inside)
-        unmixed_pixels, signed_radius, highlights = self._surfaces(pixels, signed_radius, outer)
-        positions = slice_position(signed_radius, slices.radii)
-        self._sight = self._limits_of_sight(signed_radius, positions, inmost)
-        radius, groups = inmost.of(signed_radius), frame.division.groups
-        self._in_frame = self._fractions_within(frame.box, radius, groups[:1])
-        self._in_scene = self._fractions_within(frame.scene, radius, groups) if frame.cut else None
-        self._like = unmixed_pixels.color
-        self._range = ColorRange.of(content.channels, self._like, content.minimum)
-        self._fallback = (
-            border_fallback(inmost.of(unmixed_pixels.color), frame.trace) if frame.trace else None
-        )
-        self._visible = self._in_front(unmixed_pixels, signed_radius, positions)
-        self._hidden: list[Filling] = []
-        if backdrop is not None:
-            self._hidden = self._fillings(unmixed_pixels.color, signed_radius, backdrop, outer)
-        self._highlights: Tensor | None = None
-        if highlights:
-            occluders = occluders_of(unmixed_pixels, signed_radius, positions, slices.radii)
-            self._highlights = self._drawn(highlights, occluders, inmost)
+        held, inner = box.grown(reach, frame.box), box.grown(reach, frame.scene)
+        return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
 
-    def _surfaces(
-        self, pixels: Tensor, signed_radius: Tensor, outer: Box
-    ) -> tuple[Unmixed, Tensor, Highlights | None]:
-        """The visible surfaces in the rectangle `outer`: pixels, radii, and highlights apart."""
-        frame = self._frame
-        if self._shared is not None:
-            shown = self._shared.shown
-        elif self._shown_at_once is not None and outer == frame.box:
-            shown = self._shown_at_once
-        else:
-            shown = taken_apart(pixels, signed_radius, self._scene.matte, outer, frame)
-        if frame.content.highlights:
-            shown, highlights = split(shown, signed_radius, frame.content.limit)
-            return shown, signed_radius, highlights
-        return shown, signed_radius, None
+    def fills(self, surface: HiddenLayer | None, *, known: bool) -> list[Filling]:
+        """A hidden surface to composite; nothing if it has no pixel."""
+        if surface is None or not bool(surface.mask.any()):
+            return []
+        return [Filling(self.frame, self.grid, (self.held, self.inner), surface, known=known)]
 
-    def _limits_of_sight(
-        self, signed_radius: Tensor, positions: Tensor, core: Box
-    ) -> SightLimits | None:
-        """How far the lens sees at each pixel of the region; None if no surface hides another."""
-        slices, content = self._frame.slices, self._frame.content
-        if not content.edges:
-            return None
-        limits = SightLimits.of(signed_radius, positions, slices.visible.layers, slices.octaves)
-        return limits.over(core).without([not one.edges for one in content.each])
-
-    def _drawn(self, highlights: Highlights, occluders: Sequence[Occluder], core: Box) -> Tensor:
-        """The discs of highlights behind surfaces, for each part of the aperture."""
-        radii, (aperture, parts, *_) = self._frame.slices.radii, self._frame.division
-        barrel = views_of(self._frame, highlights.at, core, self._grid.box)
-        return draw(highlights, occluders, radii, aperture, parts, core, barrel)
-
-    def _fractions_within(
+    def fractions(
         self, bounds: Box, signed_radius: Tensor, groups: list[slice]
     ) -> list[Tensor] | None:
         """For each group the shares of its parts that look into a box; None if all are 1."""
-        frame, core = self._frame, self._grid.box
-        if self._is_inside(core, bounds):
+        frame, core = self.frame, self.grid.box
+        if frame.is_inside(core, bounds):
             return None
         aperture, parts, *_ = frame.division
         seen, position, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]
@@ -155,57 +88,233 @@ class Region:
         ]
         return [blended(fraction, core, core) for fraction in fractions] if seen else fractions
 
-    def _in_front(
-        self, unmixed_pixels: Unmixed, signed_radius: Tensor, positions: Tensor
-    ) -> Sliced:
-        """The visible surfaces, from pixels, their radii, and their positions."""
-        frame, inside = self._frame, self._inside
-        radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
-        around = inside.grown(AROUND, Box(0, 0, *signed_radius.shape[-2:]))
-        inner, radius = inside.seen_from(around), around.of(signed_radius)
-        positions = around.of(positions)
-        lean = shifts = None
-        if frame.content.tilted:
-            lean = slopes(radius, frame.quality.min_slope)
-        if frame.settings.left_right and frame.copies_in_focus:
-            color = around.of(unmixed_pixels.color)
-            shifts = Shifts(color, radius, positions, inner, radii, aperture, parts[groups[-1]])
-        lean = None if lean is None else inner.of(lean)
-        samples = SurfaceSamples.within(
-            inside, unmixed_pixels, inner.of(positions), radii, lean, shifts, self._others
-        )
-        return self._sliced(samples)
 
-    def _sliced(self, samples: SurfaceSamples) -> Sliced:
-        """Visible samples whose light reaches the region, and what they are continued by."""
-        samples = samples._replace(around=self._inner.seen_from(self._held))
-        return self._blur.sliced(samples, 1, self._frame.slices.visible.layers)
+class _Seen(NamedTuple):
+    """What is seen in the rectangle `outer` of a region."""
 
-    def _fillings(
-        self,
-        color: Tensor,
-        signed_radius: Tensor,
-        backdrop: Backdrop | SurfacesOfColors,
-        outer: Box,
-    ) -> list[Filling]:
-        """The hidden surfaces that have pixels; nothing is invented where a surface is known."""
-        frame, held, inside = self._frame, self._held, self._inside
-        if isinstance(backdrop, Backdrop):
-            invented = continued(color, signed_radius, backdrop, outer, inside, frame)
-        else:
-            invented = self._shared.hidden if self._shared else None
-        if invented is None:
-            return []
-        surfaces = [(invented, False)]
-        if (hidden := self._scene.hidden) is not None:
-            known = known_within(hidden, held, inside.of(signed_radius), frame.dtype)
-            known, invented = separated(known, invented, axes(frame.size, held.top, held.left))
-            surfaces = [(known, True), (invented, False)]
-        return [
-            Filling(frame, self._grid, (held, self._inner), surface, known=is_known)
-            for surface, is_known in surfaces
-            if bool(surface.mask.any())
+    shown: Unmixed  # the visible surface, or the nearest samples
+    signed_radius: Tensor  # [H, W] px
+    positions: Tensor  # [H, W], between slice radii
+    highlights: Highlights | None
+    hidden: list[Filling]
+    others: Sequence[Sheet] = ()  # further visible samples
+    behind: SurfaceSamples | None = None  # samples that nearer ones hide
+    uncovered: SurfaceSamples | None = None  # what no sample covers, as a surface without colours
+    sight: SightLimits | None = None  # how far the lens sees in the tiles
+    openings: Openings | None = None  # of layers: where the lens sees past opaque samples
+    solid: Tensor | None = None  # of layers: [H, W] px, the radius of the nearest opaque sample
+    # Of layers: radii and shares [L, h, w] of the further visible samples in the tiles
+    further: tuple[Tensor, Tensor] | None = None
+
+
+def region_of(
+    frame: SharedFrame,
+    grid: Grid,
+    scene: Scene,
+    backdrop: Backdrop | SurfacesOfColors | None,
+    shown: Unmixed | None = None,
+) -> Region:
+    """A rectangle of tiles of a scene.
+
+    `backdrop`: the frame at low resolution, or hidden surfaces that are continued for all colours;
+    None if nothing is continued; `shown`: the visible surfaces of the frame; None to find them.
+    """
+    frame = frame_at(frame, grid.box)
+    place = _Place.of(frame, grid)
+    image, radius = (place.outer.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius))
+    if frame.content.edges:  # pixels beside them are looked up by their numbers
+        image, radius = image.contiguous(), radius.contiguous()
+    if scene.layered is None:
+        seen = _of_picture(place, scene, image, radius, backdrop, shown)
+        plain = seen.shown.color
+    else:
+        seen = _of_layers(place, scene.layered, image, backdrop)
+        plain = image.clamp(max=frame.content.limit)  # with alpha, without the light of highlights
+    fallback = border_fallback(place.core.of(plain), frame.trace) if frame.trace else None
+    return Region(place, seen, scene.layered, fallback)
+
+
+def _of_picture(
+    place: _Place,
+    scene: Scene,
+    image: Tensor,
+    signed_radius: Tensor,
+    backdrop: Backdrop | SurfacesOfColors | None,
+    shown: Unmixed | None,
+) -> _Seen:
+    """What a picture [C, H, W] and its radii show and hide."""
+    frame, content, slices = place.frame, place.frame.content, place.frame.slices
+    of_all = None
+    if isinstance(backdrop, SurfacesOfColors):
+        of_all = backdrop.at(place.outer, place.inside)
+        shown = of_all.shown
+    elif shown is None or place.outer != frame.box:
+        shown = taken_apart(image, signed_radius, scene.matte, place.outer, frame)
+    highlights = None
+    if content.highlights:
+        shown, highlights = split(shown, signed_radius, content.limit)
+    positions, sight = slice_position(signed_radius, slices.radii), None
+    if content.edges:
+        sight = SightLimits.of(signed_radius, positions, slices.visible.layers, slices.octaves)
+        sight = sight.over(place.core).without([not one.edges for one in content.each])
+    invented = of_all.hidden if of_all else None
+    if isinstance(backdrop, Backdrop):
+        around = place.outer, place.inside
+        invented = continued(shown.color, signed_radius, backdrop, *around, frame)
+    fills = list[Filling]()
+    if invented is not None and scene.hidden is not None:
+        visible = place.inside.of(signed_radius)
+        known = known_within(scene.hidden, place.held, visible, frame.dtype)
+        middle = axes(frame.size, place.held.top, place.held.left)
+        known, invented = separated(known, invented, middle)
+        fills = place.fills(known, known=True)
+    fills += place.fills(invented, known=False)
+    return _Seen(shown, signed_radius, positions, highlights, fills, sight=sight)
+
+
+def _of_layers(
+    place: _Place, layered: Layered, image: Tensor, backdrop: Backdrop | SurfacesOfColors | None
+) -> _Seen:
+    """What layers show and hide; `image`: [C + 1, H, W], the picture of them in focus."""
+    frame, slices = place.frame, place.frame.slices
+    stack = layered.stack(place.outer, frame.dtype)
+    radius, further = stack.signed_radius[0], stack.color[1:, -1] * stack.through[1:-1]
+    positions = slice_position(radius, slices.radii)
+    within = partial(_samples_within, place)
+    samples, highlights = split_samples(
+        stack.visible(), len(image) - 1, radius, frame.content.limit
+    )
+    hidden, uncovered, fills = stack.hidden(), None, list[Filling]()
+    if layered.open and layered.is_continued:
+        rest = stack.through[-1:]
+        blank = whole(rest[:0], rest[0])._replace(coverage=rest)
+        farthest = torch.full_like(rest[0], layered.limits[1])
+        uncovered = within(Sampled(blank, []), slice_position(farthest, slices.radii))
+    if backdrop is not None:
+        assert isinstance(backdrop, Backdrop), "layers of all colours"
+        color, around = samples.nearest.color, (place.outer, place.inside)
+        invented, known = continued(color, radius, backdrop, *around, frame), stack.knows_behind()
+        if invented is not None and known is not None:
+            everywhere = torch.full_like(radius, torch.inf)
+            behind = HiddenLayer(*map(place.inside.of, (color, everywhere, known)))
+            middle = axes(frame.size, place.held.top, place.held.left)
+            _, invented = separated(behind, invented, middle)
+        fills = place.fills(invented, known=False)
+    openings = Openings.of(stack.opaque(), slices.radii, slices.visible.layers)
+    return _Seen(
+        samples.nearest,
+        radius,
+        positions,
+        highlights,
+        fills,
+        others=samples.others,
+        behind=None if hidden is None else within(hidden, positions),
+        uncovered=uncovered,
+        openings=openings.over(place.core),
+        solid=stack.solid(layered.limits[1]),
+        further=(place.core.of(stack.signed_radius[1:]), place.core.of(further)),
+    )
+
+
+def _samples_within(place: _Place, samples: Sampled, positions: Tensor) -> SurfaceSamples:
+    """The samples whose light reaches the tiles."""
+    inside, radii = place.inside, place.frame.slices.radii
+    positions, others = inside.of(positions), samples.others
+    return SurfaceSamples.within(inside, samples.nearest, positions, radii, others=others)
+
+
+def _visible(place: _Place, seen: _Seen) -> SurfaceSamples:
+    """The visible samples whose light reaches the tiles, with their slopes and shifts."""
+    frame, inside, shown = place.frame, place.inside, seen.shown
+    radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
+    around = inside.grown(AROUND, Box(0, 0, *seen.signed_radius.shape[-2:]))
+    inner, radius = inside.seen_from(around), around.of(seen.signed_radius)
+    positions = around.of(seen.positions)
+    lean = shifts = None
+    if frame.content.tilted:
+        lean = slopes(radius, frame.quality.min_slope)
+    if frame.settings.left_right and frame.copies_in_focus:
+        color = around.of(shown.color)
+        shifts = Shifts(color, radius, positions, inner, radii, aperture, parts[groups[-1]])
+    lean = None if lean is None else inner.of(lean)
+    return SurfaceSamples.within(
+        inside, shown, inner.of(positions), radii, lean, shifts, seen.others
+    )
+
+
+def _fractions_seen(
+    place: _Place, seen: _Seen, bounds: Box, groups: list[slice]
+) -> list[Tensor] | None:
+    """As `_Place.fractions`, in the mean over the visible samples of each pixel."""
+    radius = place.core.of(seen.signed_radius)
+    total = place.fractions(bounds, radius, groups)
+    if total is None or seen.further is None:
+        return total
+    radii, weights = seen.further
+    total = [fraction * (1 - weights.sum(0)) for fraction in total]
+    layers = max(1, _SAMPLES_AT_ONCE // radius.numel())
+    for first in range(0, len(radii), layers):
+        radius, weight = (x[first : first + layers] for x in (radii, weights))
+        fractions = place.fractions(bounds, radius, groups) or []
+        total = [
+            so_far + (fraction * weight).sum(2)
+            for so_far, fraction in zip(total, fractions, strict=True)
         ]
+    return total
+
+
+def _discs(place: _Place, seen: _Seen, highlights: Highlights) -> Tensor:
+    """The discs of highlights behind surfaces, for each part of the aperture.
+
+    Of layers, what hides a part of a light is in its coverage already.
+    """
+    radii, (aperture, parts, *_) = place.frame.slices.radii, place.frame.division
+    if seen.solid is None:
+        occluders = occluders_of(seen.shown, seen.signed_radius, seen.positions, radii)
+    else:
+        positions = slice_position(seen.solid, radii)
+        occluders = [Occluder(seen.solid, positions, torch.ones_like(positions))]
+    barrel = views_of(place.frame, highlights.at, place.core, place.grid.box)
+    return draw(highlights, occluders, radii, aperture, parts, place.core, barrel)
+
+
+class Region:
+    """A rectangle of tiles, and everything that they share."""
+
+    def __init__(
+        self, place: _Place, seen: _Seen, layered: Layered | None, fallback: Tensor | None
+    ) -> None:
+        """Prepare the blur of what is seen.
+
+        `layered`: the layers that are seen; None for a picture; `fallback`: [C + 1, h, w], what is
+        seen where nothing else is for sure; None without any.
+        """
+        frame = self._frame = place.frame
+        slicing, groups = frame.slices.visible, frame.division.groups
+        self._tiles = place.grid.tiles
+        self._layered, self._fallback, self._like = layered, fallback, seen.shown.color
+        self._sight, self._openings, self._hidden = seen.sight, seen.openings, seen.hidden
+        self._blur = Blur(
+            slicing.windows,
+            slicing.coarse,
+            place.grid.seen_from(place.inner),
+            groups,
+            axes(frame.size, place.inner.top, place.inner.left),
+            by_corners=frame.settings.field is not None,
+        )
+        around = place.inner.seen_from(place.held)
+
+        def sliced(samples: SurfaceSamples) -> Sliced:
+            return self._blur.sliced(samples._replace(around=around), 1, slicing.layers)
+
+        self._visible = sliced(_visible(place, seen))
+        self._behind = None if seen.behind is None else sliced(seen.behind)
+        self._uncovered = None if seen.uncovered is None else sliced(seen.uncovered)
+        self._in_frame = _fractions_seen(place, seen, frame.box, groups[:1])
+        self._in_scene = _fractions_seen(place, seen, frame.scene, groups) if frame.cut else None
+        self._range = ColorRange.of(frame.content.channels, self._like, frame.content.minimum)
+        highlights = seen.highlights
+        self._highlights = _discs(place, seen, highlights) if highlights else None
 
     def tile(self, index: int) -> Views:
         """The views of one tile of the region."""
@@ -225,15 +334,13 @@ class Region:
         left = picture(both[:cut], weights[groups[-1]][:cut])
         right = picture(both[cut:], weights[groups[-1]][cut:])
         counts |= count_negative(torch.stack([left, right]), content.limit, content.minimum)
-        images = self._paired(centre, left, right)
+        fraction = frame.division.left_fraction
+        pair = pair_of(centre, left, right, minimum=content.minimum, fraction=fraction)
+        images = self._range.bounded_pair(pair, centre, fraction)
+        if self._layered is not None:
+            images = within_alpha(images, fraction)
         images = frame.settings.dual_pixel.crossed(images, centre)
         return Views([centre, *images], trust, counts, box)
-
-    def _paired(self, centre: Tensor, left: Tensor, right: Tensor) -> Tensor:
-        """Left and right [2, C, h, w], whose mean is the centre [C, h, w]."""
-        fraction, minimum = self._frame.division.left_fraction, self._frame.content.minimum
-        pair = pair_of(centre, left, right, minimum=minimum, fraction=fraction)
-        return self._range.bounded_pair(pair, centre, fraction)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
         """The share of the aperture that saw the scene, [1, h, w].
@@ -244,7 +351,7 @@ class Region:
         mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented
         fraction = mean(observed) / mean(covered)
-        if self._in_frame is not None and not self._is_inside(box, self._frame.box):
+        if self._in_frame is not None and not self._frame.is_inside(box, self._frame.box):
             expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
             fraction = fraction * mean(expected[:, 0])
         return fraction.clamp(0, 1)[None]
@@ -252,8 +359,25 @@ class Region:
     def _composited(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
         compositor, visible = self._blank(index), self._blur.over_tile(self._visible, index)
-        composite_order, reaching = self._frame.slices.composite_order, self._reaching(index)
-        return compositor, add_in_order(compositor, visible, reaching, composite_order, index)
+        layered, reaching = self._layered, self._reaching(index)
+        if self._uncovered is not None:
+            compositor.reserve(self._blur.over_tile(self._uncovered, index))
+        if self._behind is None or self._openings is None or layered is None:
+            order = self._frame.slices.composite_order
+            needed = add_in_order(compositor, visible, reaching, order, index)
+        else:
+            hidden = self._blur.over_tile(self._behind, index)
+            openings = self._openings.over(self._tiles[index].seen_from(self._tiles[0]))
+            compositor.add_known(visible, hidden, openings, closed=not layered.open)
+            compositor.close(openings)
+            needed = [] if compositor.are_nearly_full() else reaching
+            for surface in needed:
+                compositor.fill(surface.over_tile(index).whole(), known=surface.known)
+        if layered is not None and not layered.blurs_alpha:
+            compositor.add_alpha()
+        if layered is not None and layered.open:
+            compositor.leave_open()
+        return compositor, needed
 
     def _blank(self, index: int) -> TileCompositor:
         """The views of a tile without surfaces."""
@@ -289,14 +413,10 @@ class Region:
             for view, group, fraction in zip(views, groups, inside, strict=True)
         ]
 
-    def _is_inside(self, box: Box, bounds: Box) -> bool:
-        """Whether no light from beyond a larger rectangle reaches a rectangle."""
-        return box == box.grown(0, bounds.shrunk(self._frame.farthest))
-
     def _full(self, index: int) -> list[Tensor | float]:
         """The greatest coverage in a tile, for each group."""
         tile, frame = self._tiles[index], self._frame
-        if self._in_scene is None or not frame.content.edges or self._is_inside(tile, frame.scene):
+        if self._in_scene is None or not frame.content.edges or frame.is_inside(tile, frame.scene):
             return [1.0 for _ in frame.division.groups]
         box = tile.seen_from(self._tiles[0])
         return [box.of(fraction) for fraction in self._in_scene]

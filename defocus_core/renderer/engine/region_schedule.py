@@ -12,8 +12,7 @@ from torch import Tensor
 
 from defocus_core.depth.matting import Unmixed
 from defocus_core.renderer.engine.frame import NEIGHBOURHOOD, SharedFrame
-from defocus_core.renderer.engine.layered_region import LayeredRegion
-from defocus_core.renderer.engine.region import Region
+from defocus_core.renderer.engine.region import region_of
 from defocus_core.renderer.engine.scene import Scene, SurfacesOfColors, taken_apart
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.layers.slice_radii import SHARP
@@ -42,7 +41,7 @@ def rendered_regions(
 ) -> Iterator[Views]:
     """The views of each region of a picture, row by row, each from left to right."""
     threads = frame.settings.threads
-    pixels, signed_radius, layered = scene.image, scene.signed_radius, scene.layered
+    pixels, signed_radius = scene.image, scene.signed_radius
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     shown = _shown_at_once(frame, scene) if len(grids) == 1 else None
     backdrop = _backdrop(frame, scene, shown)
@@ -64,8 +63,7 @@ def rendered_regions(
             return _copied(frame, grid, pixels)
         tiles: list[Views] = []
         with unrecorded(signed_radius.device):
-            kind = Region if layered is None else LayeredRegion
-            region = kind(frame, part, scene, backdrop, shown)
+            region = region_of(frame, part, scene, backdrop, shown)
             work = recomputed(region.tile), range(len(part.tiles)), threads // at_once
             for tile in threaded(*work):
                 tiles.append(tile)
