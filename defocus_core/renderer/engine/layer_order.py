@@ -51,38 +51,36 @@ class Hidden:
         side of focus add up, the sides occlude each other; `sight`: how far the lens sees in the
         tile; None where nothing limits it.
         """
-        self._octaves = octaves
-        self._enlarged = enlarged
-        self._sight = sight
+        self._octaves, self._enlarged, self._sight = octaves, enlarged, sight
+        self._known: dict[tuple[int, int], Tensor] = {}
 
     def of(self, octave: int) -> list[Tensor | None]:
         """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
-        return [self._seen(octaves, [octave]) for octaves in self._octaves]
+        return [
+            self._seen(group, octave) if octave in octaves else None
+            for group, octaves in enumerate(self._octaves)
+        ]
 
     def whole(self) -> list[Tensor | None]:
         """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
         whole: list[Tensor | None] = []
-        for octaves in self._octaves:
+        for group, octaves in enumerate(self._octaves):
             sides = ([o for o in octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
-            seen = [px for side in sides if (px := self._seen(octaves, side)) is not None]
+            seen = [
+                reduce(torch.add, [self._seen(group, octave) for octave in side])
+                for side in sides
+                if side
+            ]
             whole.append(_occluding(seen) if seen else None)
         return whole
 
-    def _seen(self, octaves: dict[int, Tensor], which: list[int]) -> Tensor | None:
-        """The sum of octaves of a group, in px, as far as the lens sees; None if it has none."""
-        unlimited: list[Tensor] = []
-        parts: list[Tensor] = []
-        for octave in which:
+    def _seen(self, group: int, octave: int) -> Tensor:
+        """An octave of a group, in px, as far as the lens sees."""
+        if (group, octave) not in self._known:
+            seen = self._enlarged(self._octaves[group][octave])
             limit = None if self._sight is None else self._sight.to_octave(octave)
-            if (coarse := octaves.get(octave)) is None:
-                continue
-            if limit is None:
-                unlimited.append(coarse)
-            else:
-                parts.append(self._enlarged(coarse) * limit)
-        if unlimited:
-            parts.append(self._enlarged(reduce(torch.add, unlimited)))
-        return reduce(torch.add, parts) if parts else None
+            self._known[group, octave] = seen if limit is None else seen * limit
+        return self._known[group, octave]
 
 
 class Filling:
