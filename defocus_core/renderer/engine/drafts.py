@@ -31,7 +31,7 @@ from defocus_core.renderer.engine.region_schedule import in_rows
 from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
 from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.box import Box, Span
-from defocus_core.tensors.derived import Derived, held
+from defocus_core.tensors.derived import Mapped, held
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import halfway, range_of
 from defocus_core.tensors.source import Pixels, banded
@@ -47,30 +47,23 @@ _STEEP = 1.013
 _BRIGHTER = 4.0
 
 
-class HalfSize(Derived):
-    """Coarse pixels [..., ceil(H / 2), ceil(W / 2)] of pictures, merged when they are cut."""
+def in_coarse_pixels(merge: Callable[..., Tensor], *pictures: Pixels) -> Mapped:
+    """Coarse pixels [..., ceil(H / 2), ceil(W / 2)] of pictures, merged when they are cut.
 
-    def __init__(self, merge: Callable[..., Tensor], *pictures: Pixels) -> None:
-        """Keep the pictures.
+    `merge`: makes coarse pixels [..., h, w] of the px of each picture, [..., 2 h, 2 w], or of one
+    row or column more if it has an odd number of them, in float32 at least.
+    """
 
-        `merge`: makes coarse pixels [..., h, w] of the px of each picture, [..., 2 h, 2 w], or of
-        one row or column more if it has an odd number of them; `pictures`: [..., H, W]; `merge`
-        gets them in float32 at least.
-        """
-        self._merge, self._pictures = merge, pictures
-        H, W = pictures[0].shape[-2:]
-        first = self.computed((0, 1), (0, 1))
-        self.shape = (*first.shape[:-2], (H + 1) // 2, (W + 1) // 2)
-        self.dtype, self.device = first.dtype, first.device
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        return merge(*(_px_of(x, rows, columns) for x in pictures))
 
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns] of coarse pixels, each from the first to before the end."""
-        return self._merge(*(_px_of(x, rows, columns) for x in self._pictures))
+    (H, W), first = pictures[0].shape[-2:], read((0, 1), (0, 1))
+    return Mapped(read, (*first.shape[:-2], (H + 1) // 2, (W + 1) // 2), first)
 
 
 def half_size(merge: Callable[..., Tensor], *pictures: Pixels, threads: int, hold: bool) -> Pixels:
-    """Coarse pixels of pictures, `held` or merged whenever they are cut."""
-    return held(HalfSize(merge, *pictures), *pictures, threads=threads, hold=hold)
+    """The same, `held`."""
+    return held(in_coarse_pixels(merge, *pictures), *pictures, threads=threads, hold=hold)
 
 
 def hidden_at_half_size(hidden: KnownLayer, threads: int, *, hold: bool) -> KnownLayer:
@@ -90,7 +83,7 @@ def coarse_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
 
 
 def means(values: Tensor) -> Tensor:
-    """The mean [..., h, w] of each coarse pixel, of px as for `HalfSize`."""
+    """The mean [..., h, w] of each coarse pixel, of px as for `in_coarse_pixels`."""
     for dim in (-2, -1):
         first, *others = _along(values, dim)
         if len(others) == 1:
@@ -103,7 +96,7 @@ def means(values: Tensor) -> Tensor:
 def surface_radii(signed_radius: Tensor, pixels: Tensor) -> Tensor:
     """Radii [h, w] in px of the surfaces that coarse pixels show.
 
-    `signed_radius`: [2 h, 2 w] px; `pixels`: [C, 2 h, 2 w]; or as for `HalfSize`.
+    `signed_radius`: [2 h, 2 w] px; `pixels`: [C, 2 h, 2 w]; or as for `in_coarse_pixels`.
     """
     radii, counts = _parts(signed_radius)
     steps = radii.detach().amax(0).sub_(radii.detach().amin(0))
@@ -458,10 +451,10 @@ class Enlarging:
             return torch.cat([means(px), unit * fraction_left(radius)[None]])
 
         if isinstance(image, Tensor):
-            fraction = HalfSize(fraction_left, signed_radius).at_once(self._threads)
+            fraction = in_coarse_pixels(fraction_left, signed_radius).at_once(self._threads)
             self.coarse: Pixels = torch.cat([image, unit * fraction[None]])
         else:
-            self.coarse = HalfSize(merged, *self._in_px)
+            self.coarse = in_coarse_pixels(merged, *self._in_px)
 
     def enlarged(self, parts: Iterator[Views]) -> Iterator[Views]:
         """Tiles in pixels, from regions in coarse pixels; the last rows wait for those below."""

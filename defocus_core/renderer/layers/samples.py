@@ -10,7 +10,7 @@ covers is nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
@@ -20,7 +20,7 @@ from defocus_core.depth.matting import Fringe, Unmixed
 from defocus_core.renderer.layers.slice_radii import membership, slice_position
 from defocus_core.renderer.layers.slopes import Shifts
 from defocus_core.tensors.box import Box, Span
-from defocus_core.tensors.derived import Derived, held
+from defocus_core.tensors.derived import Mapped, held
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.sparse_masks import flat_nonzero, positions_of
@@ -176,7 +176,12 @@ class Layered(NamedTuple):
 
     def picture(self, *, alpha: bool) -> Pixels:
         """The picture in focus [C, H, W]: premultiplied colours, and alpha if asked for."""
-        return self._held(_Flattened(self, alpha=alpha))
+
+        def flattened(box: Box) -> Tensor:
+            picture = self.stack(box).flattened()
+            return picture if alpha else picture[:-1]
+
+        return self._read(flattened, self.colors.shape[1] + alpha)
 
     @property
     def blurs_alpha(self) -> bool:
@@ -188,14 +193,27 @@ class Layered(NamedTuple):
 
     def nearest(self) -> Pixels:
         """The radius [H, W] px of the nearest sample of each pixel."""
-        return self._held(_RadiiOf(self, most_blurred=False))
+        return self._read(lambda box: self.radii(box)[0].amin(0))
 
     def most_blurred(self) -> Pixels:
         """The radius [H, W] px of the most blurred sample of each pixel."""
-        return self._held(_RadiiOf(self, most_blurred=True))
 
-    def _held(self, picture: Derived) -> Pixels:
-        """In memory if the layers are."""
+        def most_blurred(box: Box) -> Tensor:
+            radii, coverage = self.radii(box)
+            blurred = torch.where(coverage > 0, radii.detach(), 0.0)
+            nearest, farthest = blurred.amin(0), blurred.amax(0)
+            return torch.where(farthest > -nearest, farthest, nearest)
+
+        return self._read(most_blurred)
+
+    def _read(self, function: Callable[[Box], Tensor], *channels: int) -> Pixels:
+        """A picture [*channels, H, W] of a function of boxes; in memory if the layers are."""
+
+        def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+            return function(Box.over(Span(*rows), Span(*columns))).to(self.dtype)
+
+        like = torch.empty(0, dtype=self.dtype, device=self.colors.device)
+        picture = Mapped(read, (*channels, *self.colors.shape[2:]), like)
         return held(picture, *self[:3], threads=1, hold=False)
 
     def radii(self, box: Box) -> tuple[Tensor, Tensor]:
@@ -325,40 +343,6 @@ def _fringe(layer: Tensor, coverage: Tensor, signed_radius: Tensor) -> Fringe:
     return Fringe(at, layer[:, y, x].T, signed_radius[y, x])
 
 
-class _Flattened(Derived):
-    """The picture of layers in focus: premultiplied colours, and alpha if asked for."""
-
-    def __init__(self, layered: Layered, *, alpha: bool) -> None:
-        """Keep the layers; nothing is read yet."""
-        self._layered, self._alpha = layered, alpha
-        self.shape = (layered.colors.shape[1] + alpha, *layered.colors.shape[2:])
-        self.dtype, self.device = layered.dtype, layered.colors.device
-
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each a pair of first and end."""
-        picture = self._layered.stack(_box(rows, columns)).flattened()
-        return picture if self._alpha else picture[:-1]
-
-
-class _RadiiOf(Derived):
-    """A radius for each pixel of layers: that of the nearest sample, or the one of most blur."""
-
-    def __init__(self, layered: Layered, *, most_blurred: bool) -> None:
-        """Keep the layers; nothing is read yet."""
-        self._layered, self._most_blurred = layered, most_blurred
-        self.shape = tuple(layered.signed_radius.shape[1:])
-        self.dtype, self.device = layered.dtype, layered.colors.device
-
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each a pair of first and end."""
-        radii, coverage = self._layered.radii(_box(rows, columns))
-        if not self._most_blurred:
-            return radii.amin(0)
-        blurred = torch.where(coverage > 0, radii.detach(), 0.0)
-        nearest, farthest = blurred.amin(0), blurred.amax(0)
-        return torch.where(farthest > -nearest, farthest, nearest)
-
-
 def ascending(values: Tensor) -> Tensor:
     """The stable order of values [L, h, w] along L."""
     if len(values) > _FEW_SAMPLES:
@@ -370,7 +354,3 @@ def ascending(values: Tensor) -> Tensor:
         rank[:k] += ~after
     number = torch.arange(len(values), device=values.device)[:, None, None]
     return torch.empty_like(rank).scatter_(0, rank, number.expand_as(rank))
-
-
-def _box(rows: tuple[int, int], columns: tuple[int, int]) -> Box:
-    return Box.over(Span(*rows), Span(*columns))
