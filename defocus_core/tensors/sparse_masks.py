@@ -10,8 +10,8 @@ from torch import Tensor
 
 from defocus_core.tensors.device_plan import launches_cost
 
-# Number of pixels of a mask that are read as one word.
-_WORD = 8
+# Number of pixels of a mask that are read as one word, and of those of a mask that is worth it.
+_WORD, _MANY = 8, 1 << 13
 
 
 def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:
@@ -24,10 +24,8 @@ def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:
 def flat_nonzero(mask: Tensor) -> Tensor:
     """The numbers [n], ascending, of the pixels in a mask [...] bool; fast if these are few."""
     flat = mask.flatten()
-    if launches_cost(flat.device):
-        return torch.nonzero(flat)[:, 0]
     end = flat.numel() // _WORD * _WORD
-    if not end or flat.storage_offset() % _WORD:
+    if end < _MANY or flat.storage_offset() % _WORD or launches_cost(flat.device):
         return torch.nonzero(flat)[:, 0]
     words = torch.nonzero(flat[:end].view(torch.int64))[:, 0]
     word, pixel = torch.nonzero(flat[:end].view(-1, _WORD).index_select(0, words)).unbind(1)
