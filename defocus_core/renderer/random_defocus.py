@@ -32,7 +32,7 @@ from defocus_core.tensors.validation import (
     one_of,
     positive,
 )
-from defocus_core.tensors.views import Views
+from defocus_core.tensors.views import Views, no_pictures
 
 Option = float | Distribution
 _SHAPES = ("curvature", "obstruction", "spherical", "squeeze")
@@ -284,8 +284,10 @@ class RandomDefocus(torch.nn.Module):
         """`forward` with options that are checked."""
         maps = depth_maps(image, depth, torch.float32, image.device) * DEPTH_UNITS[self.depth_unit]
         drawings = self._draw(maps, _seeds(seeds, len(image)))
-        radii = radii_of_each([drawing.lens for drawing in drawings], maps)
-        views = render_each(image, radii, [self._settings(drawing) for drawing in drawings])
+        radii, views = maps, no_pictures(image, 3 if self.left_right else 1)
+        if drawings:
+            radii = radii_of_each([drawing.lens for drawing in drawings], maps)
+            views = render_each(image, radii, [self._settings(drawing) for drawing in drawings])
         columns = {
             name: torch.tensor(
                 [options[name] for options, _ in drawings], dtype=torch.float64, device="cpu"

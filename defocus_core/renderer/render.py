@@ -30,7 +30,7 @@ from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.torch_modes import graph_break, own_modes, recorded_for
 from defocus_core.tensors.validation import check_image, maps_of, numbers
-from defocus_core.tensors.views import Views, batch, in_order, of_channels
+from defocus_core.tensors.views import Views, batch, in_order, no_pictures, of_channels
 
 
 @graph_break
@@ -125,6 +125,8 @@ def render(
         cat_eye=cat_eye,
     )
     pictures, radii = _batched(image, signed_radius)
+    if not len(pictures):
+        return no_pictures(pictures, 3 if left_right else 1)
     behind = _behind(hidden, pictures, radii)
     colors = apart(color_offsets, pictures.shape[1])
     every = _settings_of_each(settings, infinity, len(pictures))
@@ -249,7 +251,7 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     """[B, C, H, W] pixels and [B, H, W] radii."""
     check_image(image, alone=True)
     signed_radius = numbers("signed_radius", signed_radius, torch.float32, image.device, "in px")
-    pixels = image.reshape(-1, *image.shape[-3:])
+    pixels = image if image.dim() == 4 else image[None]
     return pixels, maps_of("signed_radius", signed_radius, pixels).to(image.device)
 
 
