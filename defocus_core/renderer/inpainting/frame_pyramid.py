@@ -109,17 +109,15 @@ def backdrop_of(
         middle = level.middle[0].middle
         return level, edges[..., start:end, :], first + middle, last + middle
 
-    batch = len(signed_radius.shape) > 2
-    rows = quarter.length if batch or launches_cost(device) else _BAND
-    step = max(1, min(rows, pieces(device, _PIXELS, _BYTES_EACH) // (W << 2)))
-    step = step if shown is None else quarter.length
-    cuts = [*range(0, quarter.length, step), quarter.length]
-    if len(cuts) == 2:
+    batch, rows = len(signed_radius.shape) > 2, pieces(device, _PIXELS, _BYTES_EACH) // (W << 2)
+    rows = max(1, rows if launches_cost(device) else min(_BAND, rows))
+    if batch or shown is not None or rows >= quarter.length:
         level, edges, _, _ = band_of((0, quarter.length))
     else:
         edges = torch.empty(
             half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device
         )
+        cuts = [*range(0, quarter.length, rows), quarter.length]
         bands = threaded(band_of, list(pairwise(cuts)), threads)
         level = stacked(_with_edges(bands, edges), quarter.length, quarter.axis)
     levels = [level]
