@@ -16,7 +16,7 @@ from defocus_core.depth.matting import EDGE
 from defocus_core.renderer.blur.layer_blur import CORNERS
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.preparation import copies_of_tile
-from defocus_core.renderer.engine.region_schedule import blurred_part
+from defocus_core.renderer.engine.regions import blurred_part
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import blocks_of, visible_slices

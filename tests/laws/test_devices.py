@@ -34,8 +34,8 @@ from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focu
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.unknowns import Candidate
-from defocus_core.renderer.engine import region_schedule
-from defocus_core.renderer.engine.region import Region
+from defocus_core.renderer.engine import regions
+from defocus_core.renderer.engine.regions import Region
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
@@ -282,7 +282,7 @@ def test_tiles_wait_for_nothing(device: Device, kind: str, monkeypatch: pytest.M
 
 
 def test_backward_passes_wait_for_regions_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    planned, plan = [], region_schedule.region_of
+    planned, plan = [], regions.region_of
 
     def noted(*args: Any) -> Region:
         before = waits.total()
@@ -294,7 +294,7 @@ def test_backward_passes_wait_for_regions_alone(monkeypatch: pytest.MonkeyPatch)
     with elsewhere():
         given = [there(values.clone()).requires_grad_() for values in scene(size=(40, 60))]
         seen = render(given[0], given[1], tile=64).render
-        monkeypatch.setattr(region_schedule, "region_of", noted)
+        monkeypatch.setattr(regions, "region_of", noted)
         waits.clear()
         torch.autograd.grad(seen.sum(), given)
     assert 0 < waits.total() == sum(planned)
@@ -303,7 +303,7 @@ def test_backward_passes_wait_for_regions_alone(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_nor_do_they_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     image, radius = (x.cuda().requires_grad_() for x in scene())
-    seen, plan = render(image, radius, left_right=True).render.sum(), region_schedule.region_of
+    seen, plan = render(image, radius, left_right=True).render.sum(), regions.region_of
 
     def waiting(*args: Any) -> Region:
         torch.cuda.set_sync_debug_mode("default")
@@ -312,7 +312,7 @@ def test_nor_do_they_on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
         finally:
             torch.cuda.set_sync_debug_mode("error")
 
-    monkeypatch.setattr(region_schedule, "region_of", waiting)
+    monkeypatch.setattr(regions, "region_of", waiting)
     torch.cuda.set_sync_debug_mode("error")
     try:
         seen.backward()

@@ -27,7 +27,7 @@ from torch.nn.functional import interpolate, pad
 
 from defocus_core.renderer.compositing.saturating_sum import ColorRange, count_negative, pair_of
 from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.region_schedule import in_rows
+from defocus_core.renderer.engine.regions import in_rows
 from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
 from defocus_core.renderer.layers.slice_radii import SHARP, SOFT
 from defocus_core.tensors.box import Box, Span

@@ -18,7 +18,7 @@ from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.kernel_bank import TransformWindow
-from defocus_core.renderer.compositing.frame_border import ASIDE, OPAQUE
+from defocus_core.renderer.compositing.sight import ASIDE, OPAQUE
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.slice_radii import CompositeOrder

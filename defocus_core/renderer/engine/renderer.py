@@ -39,7 +39,7 @@ from defocus_core.renderer.engine.preparation import (
     surveyed,
     surveyed_each,
 )
-from defocus_core.renderer.engine.region_schedule import assembled, rendered_regions, total
+from defocus_core.renderer.engine.regions import assembled, rendered_regions, total
 from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
 from defocus_core.renderer.engine.settings import STANDARD, Settings
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE

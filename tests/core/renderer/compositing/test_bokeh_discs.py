@@ -9,8 +9,7 @@ from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT, Part
-from defocus_core.renderer.compositing.bokeh_discs import Occluder, draw
-from defocus_core.renderer.compositing.highlights import Highlights, threshold
+from defocus_core.renderer.compositing.highlights import Highlights, Occluder, draw, threshold
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.order_statistics import Ranks, counted
