@@ -100,8 +100,8 @@ def render(
             as they see it, other pixels as a mean of what the corners of their region see.
         color_offsets: For each channel the px to add to its signed radii, as axial colour does,
             see `color_offset`; different ones are rendered apart. Trust is the least of all.
-        progress: Called with (tiles done, tiles in all) of each picture, or of those that an
-            accelerator computes at once.
+        progress: Called with (tiles done, tiles in all) of each picture, or of those that are
+            computed at once: small ones of a batch, and on an accelerator large ones, too.
 
     Returns:
         Views in the shape and dtype of the image, their counts summed over the batch; half
@@ -148,7 +148,7 @@ def render_each(
     settings: Sequence[Settings],
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
-    """`render` of pictures that may have lenses of their own, where an accelerator is, at once.
+    """`render` of pictures that may have lenses of their own, at once where it pays.
 
     `settings`: the options of each, which differ in aperture, dual_pixel, cat_eye without
     vignetting and infinity alone.
