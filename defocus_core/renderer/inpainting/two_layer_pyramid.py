@@ -37,8 +37,8 @@ _ALIKE, _GROWTH = 1.013, 1.5
 # Coarse pixels on edges that are split into two sheets at once on a CPU, and bytes that each takes
 # elsewhere: bounds memory.
 _COARSE, _BYTES_EACH = 1 << 12, 1 << 13
-# Coarse pixels of a level all of which are split: an operation takes long to begin.
-_FEW, _FEW_ON_CPU = 1 << 14, 1 << 8
+# Coarse pixels of a level all of which are split where an operation takes long to begin.
+_FEW = 1 << 14
 
 
 class CellSurface(NamedTuple):
@@ -142,7 +142,7 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     middle, size = (down.axis, across.axis), (down.length, across.length)
     device, each = pyramid_level.first.data.device, size[0] * size[1]
     count = math.prod(pyramid_level.shape[:-2]) * each
-    if each <= (_FEW if launches_cost(device) else _FEW_ON_CPU):
+    if launches_cost(device) and each <= _FEW:
         every = torch.arange(count, device=device)
         dense, near = _split(pyramid_level, every, (down, across), overlapping, alike)
         is_edge = near.maximum > -torch.inf
