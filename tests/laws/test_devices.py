@@ -380,7 +380,8 @@ def test_a_batch_takes_half_as_many_launches_again_as_a_picture(
     # a CPU transforms kernels one by one
     more = 3 if anywhere is CPU else 1.5
     assert counted[1].launches <= more * counted[0].launches
-    assert counted[1].waits <= more * counted[0].waits
+    if anywhere is not CPU:  # which waits for nothing
+        assert counted[1].waits <= more * counted[0].waits
 
 
 def random_lenses(**options: Any) -> RandomDefocus:
