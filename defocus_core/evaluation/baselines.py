@@ -13,7 +13,7 @@ from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL
-from defocus_core.renderer.blur.fourier import kernel_spectra, kernels, reach, transform_length
+from defocus_core.renderer.blur.kernel_bank import kernel_spectra, kernels, reach, transform_length
 from defocus_core.renderer.layers.quality import find
 from defocus_core.renderer.layers.slice_radii import membership, slice_position, slice_radii
 from defocus_core.tensors.threads import threaded

@@ -22,19 +22,18 @@ from torch.utils._pytree import tree_leaves
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.matting import EDGE
-from defocus_core.renderer.blur.field_blend import CORNERS
+from defocus_core.renderer.blur.layer_blur import CORNERS
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.preparation import copies_of_tile
-from defocus_core.renderer.engine.region_schedule import blurred_part
+from defocus_core.renderer.engine.regions import blurred_part
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.layers.block_index import blocks_of, visible_slices
 from defocus_core.renderer.layers.slice_radii import slice_position
-from defocus_core.tensors.box import Box
+from defocus_core.renderer.layers.sliced_surface import blocks_of, visible_slices
+from defocus_core.tensors.box import BLOCK, Box, Grid, regions
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import extreme_around
 from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.threads import AHEAD
-from defocus_core.tensors.tiling import BLOCK, Grid, regions
 
 # Units of work, fitted to the times of 42 pictures of seven kinds, within a factor of two: of a
 # picture; of a sample (one channel of a pixel) that is computed, or enlarged by a draft, or in a

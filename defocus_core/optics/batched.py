@@ -17,8 +17,8 @@ from defocus_core.optics.cat_eye import CatEye, Rim
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import Part
 from defocus_core.optics.pupil_field import View
-from defocus_core.tensors.checkpointing import requires_grad
 from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.torch_modes import requires_grad
 
 
 @dataclass(frozen=True)

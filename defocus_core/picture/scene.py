@@ -16,10 +16,9 @@ from defocus_core.picture.take import Take
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.renderer.engine.scene import Scene
+    from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
     from defocus_core.renderer.engine.settings import Settings
-    from defocus_core.renderer.engine.shared_surfaces import SharedSurfaces
-    from defocus_core.renderer.inpainting.known_layer import KnownLayer
+    from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
     from defocus_core.tensors.source import Pixels
 
 
@@ -64,7 +63,7 @@ class Surfaces:
     def scene(self) -> Scene:
         """The scene of them."""
         from defocus_core.renderer.engine.scene import Scene
-        from defocus_core.renderer.layers.stacked_samples import Layered
+        from defocus_core.renderer.layers.samples import Layered
 
         if self.coverage is None:
             return Scene(

@@ -6,6 +6,7 @@ process that it is computed in. Lengths are in mm, radii in px.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from operator import index
 from typing import Any, NamedTuple
@@ -13,25 +14,96 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.random_lens import (
-    OPTIONS,
-    Option,
-    aperture_with,
-    check_option,
-    check_rim,
-    lens_with,
-    radii_of_each,
-    rim_with,
-)
 from defocus_core.renderer.render import render_each
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.order_statistics import percentile_rank
 from defocus_core.tensors.torch_modes import graph_break, own_modes
-from defocus_core.tensors.validation import bad_depth, depth_maps, described, one_of, positive
-from defocus_core.tensors.views import Views
+from defocus_core.tensors.validation import (
+    bad_depth,
+    depth_maps,
+    described,
+    number,
+    one_of,
+    positive,
+)
+from defocus_core.tensors.views import Views, no_pictures
+
+Option = float | Distribution
+_SHAPES = ("curvature", "obstruction", "spherical", "squeeze")
+_RIM = ("rim_size", "rim_shift")
+OPTIONS = (
+    *("foclen", "fnum", "foc_dist", "blades", "blade_rotation", "sensor_width"),
+    *(*_SHAPES, *_RIM, "crosstalk"),
+)
+
+
+def check_option(name: str, option: Option) -> None:
+    """Check each value that an option of a lens may have."""
+    kind = option.kind if isinstance(option, Distribution) else "number"
+    if kind in ("disparity", "percentile") and name != "foc_dist":
+        raise ValueError(f"{name} must not be drawn from a {kind}; it is for foc_dist only")
+    if name == "blades" and kind not in ("number", "choice"):
+        raise ValueError(f"blades must be whole numbers, got {option}; draw them by choice")
+    for value in _values(option):
+        if name == "blades":
+            Aperture(value)
+        elif name in _SHAPES:
+            Aperture(6, **{name: value})
+        elif name in _RIM:
+            number(name, value, "in radii of the pupil, or a Distribution")
+        elif name == "crosstalk":
+            DualPixel(crosstalk=value)
+        elif name == "blade_rotation":
+            number(name, value, "in degrees, or a Distribution")
+        elif kind != "percentile" and not (name == "foc_dist" and value == math.inf):
+            positive(name, value, "in mm, or a Distribution")
+
+
+def check_rim(size: Option, shift: Option) -> None:
+    """Check that no rim that may be drawn hides the middle of the pupil."""
+    sizes, shifts = ([float(value) for value in _values(option)] for option in (size, shift))
+    CatEye(min(sizes), max(shifts))
+
+
+def _values(option: Option) -> tuple[Any, ...]:
+    """The ends of the range of an option, the values it is chosen from, or itself."""
+    return option.values if isinstance(option, Distribution) else (option,)
+
+
+def aperture_with(options: dict[str, Any]) -> Aperture:
+    """The pupil of drawn options."""
+    shape = {name: options[name] for name in _SHAPES}
+    return Aperture(options["blades"], options["blade_rotation"], **shape)
+
+
+def rim_with(options: dict[str, Any]) -> CatEye | None:
+    """The rim of drawn options; None where it clips nothing."""
+    size, shift = options["rim_size"], options["rim_shift"]
+    return None if size >= 1 + shift else CatEye(size, shift)
+
+
+def radii_of_each(lenses: Sequence[DefocusLens], depth: Tensor) -> Tensor:
+    """Signed CoC radii in px of maps [B, H, W] of depth in mm, > 0, by a lens of each."""
+    terms = torch.stack([lens.radius_terms(depth.dtype) for lens in lenses], 1)
+    coc_per_disparity, focus, two_pixels = sent(terms[..., None, None], depth)
+    radii: Tensor = coc_per_disparity * (focus - 1 / depth) / two_pixels
+    return radii
+
+
+def lens_with(options: dict[str, Any], size: torch.Size) -> DefocusLens:
+    """The lens of drawn options before a sensor of (height, width) px."""
+    height, width = size
+    sensor = (options["sensor_width"], options["sensor_width"] * height / width)
+    lens = DefocusLens(options["foclen"], options["fnum"], sensor, (width, height), "cpu")
+    lens.refocus(options["foc_dist"])
+    return lens
+
 
 _FOCLEN = Distribution("loguniform", (24.0, 85.0))
 _FNUM = Distribution("loguniform", (1.4, 16.0))
@@ -212,8 +284,10 @@ class RandomDefocus(torch.nn.Module):
         """`forward` with options that are checked."""
         maps = depth_maps(image, depth, torch.float32, image.device) * DEPTH_UNITS[self.depth_unit]
         drawings = self._draw(maps, _seeds(seeds, len(image)))
-        radii = radii_of_each([drawing.lens for drawing in drawings], maps)
-        views = render_each(image, radii, [self._settings(drawing) for drawing in drawings])
+        radii, views = maps, no_pictures(image, 3 if self.left_right else 1)
+        if drawings:
+            radii = radii_of_each([drawing.lens for drawing in drawings], maps)
+            views = render_each(image, radii, [self._settings(drawing) for drawing in drawings])
         columns = {
             name: torch.tensor(
                 [options[name] for options, _ in drawings], dtype=torch.float64, device="cpu"

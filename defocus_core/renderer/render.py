@@ -17,16 +17,20 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import apart
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.engine.batches import batches, fit_together
-from defocus_core.renderer.engine.renderer import Renderer, repaired_once, shared_surfaces
+from defocus_core.renderer.engine.renderer import (
+    Renderer,
+    batches,
+    fit_together,
+    repaired_once,
+    shared_surfaces,
+)
 from defocus_core.renderer.engine.scene import Scene, check_hidden
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.tensors.checkpointing import recorded_for
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.torch_modes import graph_break, own_modes
+from defocus_core.tensors.torch_modes import graph_break, own_modes, recorded_for
 from defocus_core.tensors.validation import check_image, maps_of, numbers
-from defocus_core.tensors.views import Views, batch, in_order, of_channels
+from defocus_core.tensors.views import Views, batch, in_order, no_pictures, of_channels
 
 
 @graph_break
@@ -96,8 +100,8 @@ def render(
             as they see it, other pixels as a mean of what the corners of their region see.
         color_offsets: For each channel the px to add to its signed radii, as axial colour does,
             see `color_offset`; different ones are rendered apart. Trust is the least of all.
-        progress: Called with (tiles done, tiles in all) of each picture, or of those that an
-            accelerator computes at once.
+        progress: Called with (tiles done, tiles in all) of each picture, or of those that are
+            computed at once: small ones of a batch, and on an accelerator large ones, too.
 
     Returns:
         Views in the shape and dtype of the image, their counts summed over the batch; half
@@ -121,6 +125,8 @@ def render(
         cat_eye=cat_eye,
     )
     pictures, radii = _batched(image, signed_radius)
+    if not len(pictures):
+        return no_pictures(pictures, 3 if left_right else 1)
     behind = _behind(hidden, pictures, radii)
     colors = apart(color_offsets, pictures.shape[1])
     every = _settings_of_each(settings, infinity, len(pictures))
@@ -142,7 +148,7 @@ def render_each(
     settings: Sequence[Settings],
     progress: Callable[[int, int], None] | None = None,
 ) -> Views:
-    """`render` of pictures that may have lenses of their own, where an accelerator is, at once.
+    """`render` of pictures that may have lenses of their own, at once where it pays.
 
     `settings`: the options of each, which differ in aperture, dual_pixel, cat_eye without
     vignetting and infinity alone.
@@ -245,7 +251,7 @@ def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:
     """[B, C, H, W] pixels and [B, H, W] radii."""
     check_image(image, alone=True)
     signed_radius = numbers("signed_radius", signed_radius, torch.float32, image.device, "in px")
-    pixels = image.reshape(-1, *image.shape[-3:])
+    pixels = image if image.dim() == 4 else image[None]
     return pixels, maps_of("signed_radius", signed_radius, pixels).to(image.device)
 
 

@@ -1,11 +1,18 @@
-"""Rectangles of pixels, and spans of rows or columns."""
+"""Rectangles of pixels, spans of rows or columns, and the fixed grid of tiles and regions.
+
+The grid depends on nothing but the frame and the side of a tile, so that a pixel is computed in
+the same way whatever else was asked for. A slice is worth computing for a tile if it has a pixel
+within its own radius of the tile.
+"""
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 from torch import Tensor
 
+from defocus_core.allowed_values import MIN_TILE
 from defocus_core.tensors.source import Pixels
 
 
@@ -79,3 +86,98 @@ class Span(NamedTuple):
 def min_transform(lit: Span, wanted: Span, margin: int) -> int:
     """The least length of a circular transform that wraps around outside of the wanted samples."""
     return max(wanted.end - lit.first, lit.end - wanted.first) + margin
+
+
+TILE = 192
+# Width in px of the blocks in which the presence of slices is recorded.
+BLOCK = MIN_TILE
+# Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
+_REGION = 960
+# Greatest margin of a region, in which light from outside is read, as a share of its width.
+_MARGIN = 0.15
+
+
+class Grid(NamedTuple):
+    """Tiles in rows."""
+
+    tiles: list[Box]  # the tiles; the first and the last of a row or column may be smaller
+    sides: tuple[int, int]  # (height, width) in px of the others
+    columns: int  # tiles in a row
+    region: int = _REGION  # least px on a side of a region, unless the frame is smaller
+
+    @property
+    def box(self) -> Box:
+        """All tiles together."""
+        first, last = self.tiles[0], self.tiles[-1]
+        height, width = last.top + last.height - first.top, last.left + last.width - first.left
+        return Box(first.top, first.left, height, width)
+
+    def within(self, box: Box) -> Grid | None:
+        """The tiles, cut to a rectangle; None if no tile is in it."""
+        cut = [tile.grown(0, box) for tile in self.tiles]
+        left = [tile for tile in cut if min(tile[2:]) > 0]
+        return (
+            self._replace(tiles=left, columns=sum(tile.top == left[0].top for tile in left))
+            if left
+            else None
+        )
+
+    def seen_from(self, other: Box) -> Grid:
+        """The same tiles counted from the corner of another rectangle."""
+        return self._replace(tiles=[tile.seen_from(other) for tile in self.tiles])
+
+
+def grid_over(height: int, width: int, side: int | tuple[int, int] = TILE) -> Grid:
+    """The grid of tiles of a side, or of a (height, width), over a frame."""
+    rows, columns = side if isinstance(side, tuple) else (side, side)
+    tiles = [
+        Box(y, x, min(rows, height - y), min(columns, width - x))
+        for y in range(0, height, rows)
+        for x in range(0, width, columns)
+    ]
+    return Grid(tiles, (rows, columns), -(-width // columns))
+
+
+def few_tiles(height: int, width: int, pixels: int) -> tuple[int, int]:
+    """The (height, width) of tiles of so many pixels at most: as few as can be, about equal."""
+    count = -(-height * width // pixels)
+    across = -(-count // -(-height // BLOCK))
+    rows, columns = -(-height // -(-count // across)), -(-width // across)
+    return -(-rows // BLOCK) * BLOCK, -(-columns // BLOCK) * BLOCK
+
+
+def regions(grid: Grid, margin: int) -> list[list[Grid]]:
+    """Rows of regions of the tiles of a frame, about equally large.
+
+    `margin`: distance in px around a region from which its tiles take light.
+    """
+    rows, columns = len(grid.tiles) // grid.columns, grid.columns
+    minimum = max(grid.region, round(margin / _MARGIN))
+    counts = zip((rows, columns), grid.sides, strict=True)
+    down, across = (_shared_out(n, -(-n * side // minimum)) for n, side in counts)
+    return [
+        [
+            grid._replace(
+                tiles=[
+                    grid.tiles[y * columns + x]
+                    for y in range(*vertical)
+                    for x in range(*horizontal)
+                ],
+                columns=horizontal[1] - horizontal[0],
+            )
+            for horizontal in across
+        ]
+        for vertical in down
+    ]
+
+
+def largest(rows: list[list[Grid]]) -> tuple[int, int]:
+    """The greatest height and the greatest width in px of regions."""
+    boxes = [grid.box for row in rows for grid in row]
+    return max(box.height for box in boxes), max(box.width for box in boxes)
+
+
+def _shared_out(count: int, parts: int) -> list[tuple[int, int]]:
+    """Consecutive ranges [first, end) of nearly equal length that make range(count)."""
+    cuts = [round(count * i / parts) for i in range(parts + 1)]
+    return [(a, b) for a, b in pairwise(cuts) if a < b]

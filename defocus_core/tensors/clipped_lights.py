@@ -22,7 +22,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.derived import Derived
+from defocus_core.tensors.derived import Mapped
 from defocus_core.tensors.source import Pixels, Scalar, banded, bands
 from defocus_core.tensors.sparse_masks import positions_of
 from defocus_core.tensors.validation import number, whole
@@ -107,7 +107,7 @@ class ClippedLights:
         if self.measured:
             return
         levels, self.count = _found(image, signed_radius, minimum, count)
-        lit = _Lit(image, threshold, gain, count, levels)
+        lit = _lit(image, threshold, gain, count, levels)
         self.added = lit.at_once(1) if isinstance(image, Tensor) else lit
 
 
@@ -236,38 +236,33 @@ def _step(values: Tensor, low: Tensor | float, high: Tensor | float) -> Tensor:
     return x * x * (3 - 2 * x)
 
 
-class _Lit(Derived):
+def _lit(
+    image: Pixels, threshold: Scalar, gain: Scalar, colors: int, levels: list[_BlobLevel]
+) -> Mapped:
     """The picture with the light of its blobs, window by window."""
 
-    def __init__(
-        self, image: Pixels, threshold: Scalar, gain: Scalar, colors: int, levels: list[_BlobLevel]
-    ) -> None:
-        """Keep the source; nothing is read yet."""
-        self._image, self._threshold, self._gain = image, threshold, gain
-        self._colors, self._levels = colors, levels
-        self.shape, self.dtype, self.device = tuple(image.shape), image.dtype, image.device
-
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each a pair of first and end."""
-        window = self._image[..., slice(*rows), slice(*columns)]
-        light, rest = window.tensor_split([self._colors])
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        window = image[..., slice(*rows), slice(*columns)]
+        light, rest = window.tensor_split([colors])
         bright = light.amax(0)
-        at = positions_of(bright.detach() > self._levels[0].low)
+        at = positions_of(bright.detach() > levels[0].low)
         if not len(at):
             return window
         row, column = at.unbind(1)
         shining = bright[row, column]
         fraction = torch.zeros_like(shining)
-        for low, high, runs, fractions in self._levels:
+        for low, high, runs, fractions in levels:
             above = (shining.detach() > low).nonzero()[:, 0]
-            run = runs.holding(row[above] + rows[0], column[above] + columns[0], self.shape[-1])
+            run = runs.holding(row[above] + rows[0], column[above] + columns[0], image.shape[-1])
             lower, upper = (
-                _step(shining[above].clamp(max=bound), self._threshold, 1) for bound in (low, high)
+                _step(shining[above].clamp(max=bound), threshold, 1) for bound in (low, high)
             )
-            upper = upper if high < 1 else _step(shining[above], self._threshold, 1)
+            upper = upper if high < 1 else _step(shining[above], threshold, 1)
             fraction = fraction.index_add(0, above, (upper - lower) * fractions[run].to(fraction))
-        factor = torch.ones_like(bright).index_put((row, column), 1 + (self._gain - 1) * fraction)
-        return torch.cat([light * factor, rest]).to(self.dtype)
+        factor = torch.ones_like(bright).index_put((row, column), 1 + (gain - 1) * fraction)
+        return torch.cat([light * factor, rest]).to(image.dtype)
+
+    return Mapped(read, image.shape, image)
 
 
 class Runs(NamedTuple):

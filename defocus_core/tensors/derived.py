@@ -9,7 +9,7 @@ from types import EllipsisType
 import torch
 from torch import Tensor
 
-from defocus_core.tensors.box import Box
+from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.source import Pixels, Scalar, bands
 from defocus_core.tensors.threads import threaded
 
@@ -92,52 +92,37 @@ def fraction_changed(before: Pixels, after: Pixels) -> float:
     return differ / count
 
 
-class Repaired(Derived):
-    """Radii [H, W] px, each repaired by a few pixels around it."""
-
-    def __init__(
-        self,
-        signed_radius: Pixels,  # [H, W] px
-        repair: Callable[..., Tensor],
-        around: int,  # distance in px within which pixels decide a repair
-        *others: Pixels,
-    ) -> None:
-        """Keep the sources; nothing is read yet.
-
-        `others`: further pictures [..., H, W] of the frame that the repair needs.
-        """
-        self._given, self._repair, self.margin = (signed_radius, *others), repair, around
-        self.shape = tuple(signed_radius.shape)
-        self.dtype = signed_radius.dtype
-        self.device = signed_radius.device
-
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each a pair of first and end."""
-        (top, below), (left, beside) = rows, columns
-        box = Box(top, left, below - top, beside - left)
-        around = box.grown(self.margin, Box(0, 0, *self.shape[-2:]))
-        return box.seen_from(around).of(self._repair(*map(around.of, self._given)))
-
-
 class Mapped(Derived):
-    """A function of the pixels of a picture, of each window by itself."""
+    """A picture whose windows a function of their rows and columns reads."""
 
     def __init__(
         self,
-        picture: Pixels,  # [..., H, W]
-        function: Callable[[Tensor], Tensor],
+        read: Callable[[tuple[int, int], tuple[int, int]], Tensor],
         shape: Sequence[int],
-        *,
-        transposed: bool = False,
+        like: Pixels,  # its dtype and device are those of the picture
+        margin: int = 0,
     ) -> None:
-        """Keep the picture; nothing is read yet."""
-        self._picture, self._function, self._transposed = picture, function, transposed
-        self.shape, self.dtype, self.device = tuple(shape), picture.dtype, picture.device
+        self._read, self.shape, self.margin = read, tuple(shape), margin
+        self.dtype, self.device = like.dtype, like.device
 
     def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
-        cuts = (columns, rows) if self._transposed else (rows, columns)
-        return self._function(self._picture[..., slice(*cuts[0]), slice(*cuts[1])])
+        return self._read(rows, columns)
+
+
+class Repaired(Mapped):
+    """Radii [H, W] px, each repaired by the pixels around it; others are of the same frame."""
+
+    def __init__(
+        self, signed_radius: Pixels, repair: Callable[..., Tensor], around: int, *others: Pixels
+    ) -> None:
+        def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+            box = Box.over(Span(*rows), Span(*columns))
+            window = box.grown(around, Box(0, 0, *self.shape[-2:]))
+            pictures = map(window.of, (signed_radius, *others))
+            return box.seen_from(window).of(repair(*pictures))
+
+        super().__init__(read, signed_radius.shape, signed_radius, around)
 
 
 def _mapped(
@@ -146,7 +131,12 @@ def _mapped(
     """A function of a picture: of a tensor at once, else where it is read."""
     if isinstance(picture, Tensor):
         return function(picture)
-    return Mapped(picture, function, shape, transposed=transposed)
+
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        cuts = (columns, rows) if transposed else (rows, columns)
+        return function(picture[..., slice(*cuts[0]), slice(*cuts[1])])
+
+    return Mapped(read, shape, picture)
 
 
 def chosen(picture: Pixels, channels: Sequence[int]) -> Pixels:

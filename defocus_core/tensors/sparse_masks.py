@@ -10,8 +10,8 @@ from torch import Tensor
 
 from defocus_core.tensors.device_plan import launches_cost
 
-# Number of pixels of a mask that are read as one word.
-_WORD = 8
+# Number of pixels of a mask that are read as one word, and of those of a mask that is worth it.
+_WORD, _MANY = 8, 1 << 13
 
 
 def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:
@@ -24,10 +24,8 @@ def exceeding(values: Tensor, bound: float | Tensor) -> Tensor:
 def flat_nonzero(mask: Tensor) -> Tensor:
     """The numbers [n], ascending, of the pixels in a mask [...] bool; fast if these are few."""
     flat = mask.flatten()
-    if launches_cost(flat.device):
-        return torch.nonzero(flat)[:, 0]
     end = flat.numel() // _WORD * _WORD
-    if not end or flat.storage_offset() % _WORD:
+    if end < _MANY or flat.storage_offset() % _WORD or launches_cost(flat.device):
         return torch.nonzero(flat)[:, 0]
     words = torch.nonzero(flat[:end].view(torch.int64))[:, 0]
     word, pixel = torch.nonzero(flat[:end].view(-1, _WORD).index_select(0, words)).unbind(1)
@@ -40,17 +38,17 @@ def flat_nonzero(mask: Tensor) -> Tensor:
 def taken(values: Tensor, mask: Tensor) -> Tensor:
     """The values [n] of the pixels in a mask.
 
-    Elsewhere than on a CPU, where the host would wait for their number, those of all pixels
-    [..., n], 0 for the others.
+    Of a batch, and elsewhere than on a CPU, where the host would wait for their number, those of
+    all pixels [..., n], 0 for the others.
     """
-    if launches_cost(values.device):
+    if values.dim() > 2 or launches_cost(values.device):
         return torch.where(mask, values, 0)
     return values.flatten()[flat_nonzero(mask)]
 
 
 def tally(numbers: Tensor, kinds: int) -> Tensor:
     """How often [..., kinds] each number from 0 occurs in [..., n]; waits for nothing."""
-    if not launches_cost(numbers.device):
+    if not launches_cost(numbers.device) and numbers.dim() == 1:
         return torch.bincount(numbers, minlength=kinds)
     counts = torch.zeros(*numbers.shape[:-1], kinds, dtype=torch.long, device=numbers.device)
     return counts.scatter_add_(-1, numbers.long(), counts.new_ones(()).expand_as(numbers))

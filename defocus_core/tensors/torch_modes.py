@@ -1,14 +1,16 @@
-"""The renderer's own modes of torch, whatever the caller's are."""
+"""The renderer's own modes of torch, and what a backward pass repeats in them."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import ParamSpec, TypeVar, cast
 
 import torch
+from torch import Tensor
+from torch.utils.checkpoint import checkpoint
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -86,3 +88,52 @@ def _one_thread() -> Iterator[None]:
         with _Threads.lock:
             _Threads.inside -= 1
             torch.set_num_threads(_Threads.callers)
+
+
+T = TypeVar("T")
+S = TypeVar("S")
+
+
+def recomputed(work: Callable[[T], S]) -> Callable[[T], S]:
+    """The same work, repeated by a backward pass where gradients are enabled.
+
+    A backward pass then holds the tensors of one piece of work, not of all (Chen et al. 2016).
+    """
+    if not torch.is_grad_enabled():
+        return work
+
+    def in_own_modes(piece: T) -> S:
+        with own_modes():  # of the caller's modes, checkpoint restores autocast alone
+            return work(piece)
+
+    def again(piece: T) -> S:
+        result = checkpoint(in_own_modes, piece, use_reentrant=False, preserve_rng_state=False)
+        return cast(S, result)
+
+    return again
+
+
+def recorded_for(*given: object) -> AbstractContextManager[None]:
+    """Gradients, if the caller has enabled them and any of some tensors or options needs one."""
+    return torch.set_grad_enabled(torch.is_grad_enabled() and any(map(requires_grad, given)))
+
+
+def requires_grad(given: object) -> bool:
+    """Whether a tensor needs a gradient, or one in a tuple, or an attribute of an object."""
+    if isinstance(given, Tensor):
+        return given.requires_grad
+    if isinstance(given, tuple | list):
+        return any(map(requires_grad, given))
+    return any(map(requires_grad, getattr(given, "__dict__", {}).values()))
+
+
+def unrecorded(device: torch.device) -> AbstractContextManager[None]:
+    """Inference mode on a CPU unless gradients are enabled: faster than without gradients alone.
+
+    Elsewhere tensors may be of classes that are no part of torch, which inference mode refuses.
+
+    Tensors computed within can take no part in a later backward pass; results are joined outside.
+    """
+    if torch.is_grad_enabled() or device.type != "cpu":
+        return nullcontext()
+    return torch.inference_mode()

@@ -186,7 +186,7 @@ def check_image(image: Any, *, alone: bool = False) -> None:
         raise ValueError(
             f"image must be a tensor {wanted} of floats, got {described(image)}; {remedy}"
         )
-    if not image.numel():
+    if 0 in image.shape[-3:]:
         raise ValueError(
             f"image must hold a pixel, got {list(image.shape)}; leave out what holds none"
         )

@@ -88,6 +88,12 @@ def batch(pictures: Sequence[Views]) -> Views:
     return Views(images, trust, added(one.stats for one in pictures), pictures[0].box)
 
 
+def no_pictures(pixels: Tensor, kinds: int) -> Views:
+    """The views of an empty batch [0, C, H, W], of so many images each."""
+    box = Box(0, 0, *pixels.shape[-2:])
+    return Views([pixels.clone() for _ in range(kinds)], pixels[:, :1].clone(), {}, box)
+
+
 def in_order(parts: Sequence[tuple[list[int], Views]]) -> Views:
     """The views of pictures of one size, stacked in the order of their numbers."""
     if len(parts) == 1 and parts[0][1].trust.dim() > 3:

@@ -27,7 +27,7 @@ from defocus_core.picture import forecast, memory_budget, plain_path
 from defocus_core.picture.memory_budget import Holding
 from defocus_core.system import memory
 from defocus_core.system.text import duration, percent
-from defocus_core.tensors.tiling import TILE
+from defocus_core.tensors.box import TILE
 
 
 def test_a_dry_run_says_what_it_would_do_and_does_not(tmp_path, monkeypatch):

@@ -30,7 +30,7 @@ from image_files import save
 
 from defocus_cli.words.batch import tile_bar
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.tensors.tiling import TILE
+from defocus_core.tensors.box import TILE
 
 EVERYTHING = ",".join(KINDS)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, photograph, ramp, render, texture
 
-from defocus_core.tensors.tiling import BLOCK, TILE
+from defocus_core.tensors.box import BLOCK, TILE
 
 W, H = 3 * TILE, TILE
 

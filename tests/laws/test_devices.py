@@ -4,7 +4,7 @@ from typing import cast
 
 import pytest
 import torch
-from elsewhere import DEVICES, NAME, Device, elsewhere, there, waits
+from elsewhere import CPU, DEVICES, NAME, Device, elsewhere, there, waits
 from torch import Tensor
 
 from defocus_core import (
@@ -29,7 +29,8 @@ from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focu
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.unknowns import Candidate
-from defocus_core.renderer.engine.region import Region
+from defocus_core.renderer.engine import regions
+from defocus_core.renderer.engine.regions import Region
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
@@ -46,6 +47,13 @@ PUPILS = PupilField(torch.stack([_DISC, _DISC * (_V < 0.4)]).view(1, 2, 15, 15))
 @pytest.fixture(params=DEVICES)
 def device(request):
     """Each device that there is beside the CPU."""
+    found: Device = request.param
+    return found
+
+
+@pytest.fixture(params=[*DEVICES, pytest.param(CPU, id="cpu")])
+def anywhere(request):
+    """Each device, the CPU included."""
     found: Device = request.param
     return found
 
@@ -264,19 +272,19 @@ def test_tiles_wait_for_nothing(device, kind, monkeypatch):
 
 
 def test_backward_passes_wait_for_regions_alone(monkeypatch):
-    planned, plan = [], Region.__init__
+    planned, plan = [], regions.region_of
 
-    def noted(self, *args):
+    def noted(*args):
         before = waits.total()
         try:
-            plan(self, *args)
+            return plan(*args)
         finally:  # a pass that has what it needs leaves
             planned.append(waits.total() - before)
 
     with elsewhere():
         given = [there(values.clone()).requires_grad_() for values in scene(size=(40, 60))]
         seen = render(given[0], given[1], tile=64).render
-        monkeypatch.setattr(Region, "__init__", noted)
+        monkeypatch.setattr(regions, "region_of", noted)
         waits.clear()
         torch.autograd.grad(seen.sum(), given)
     assert 0 < waits.total() == sum(planned)
@@ -285,16 +293,16 @@ def test_backward_passes_wait_for_regions_alone(monkeypatch):
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_nor_do_they_on_a_gpu(monkeypatch):
     image, radius = (x.cuda().requires_grad_() for x in scene())
-    seen, plan = render(image, radius, left_right=True).render.sum(), Region.__init__
+    seen, plan = render(image, radius, left_right=True).render.sum(), regions.region_of
 
-    def waiting(self, *args):
+    def waiting(*args):
         torch.cuda.set_sync_debug_mode("default")
         try:
-            plan(self, *args)
+            return plan(*args)
         finally:
             torch.cuda.set_sync_debug_mode("error")
 
-    monkeypatch.setattr(Region, "__init__", waiting)
+    monkeypatch.setattr(regions, "region_of", waiting)
     torch.cuda.set_sync_debug_mode("error")
     try:
         seen.backward()
@@ -327,36 +335,39 @@ def test_a_picture_takes_few_launches(device, kind, maximum, waits):
     ],
     ids=lambda options: "-".join(options),
 )
-def test_a_batch_is_its_pictures(device, options):
+def test_a_batch_is_its_pictures(anywhere, options):
     # of other ranges of radius, one with highlights: no two plans are the same
     scenes = [scene(kind, (41, 52)) for kind in ("floor", "cards", "most", "lights")]
     radii = [radius * (0.4 + 0.4 * i) for i, (_, radius) in enumerate(scenes)]
     images = [image for image, _ in scenes]
-    with torch.no_grad(), device.known():
+    with torch.no_grad(), anywhere.known():
         each = [
-            pictures(*map(device.there, pair), **options)
+            pictures(*map(anywhere.there, pair), **options)
             for pair in zip(images, radii, strict=True)
         ]
-        batch = pictures(*(device.there(torch.stack(x)) for x in (images, radii)), **options)
+        batch = pictures(*(anywhere.there(torch.stack(x)) for x in (images, radii)), **options)
         for together, apart in zip(batch, zip(*each, strict=True), strict=True):
             if together is None:
                 continue
-            alone = torch.stack([device.here(x) for x in apart if x is not None])
-            torch.testing.assert_close(device.here(together), alone, rtol=0, atol=device.within)
+            alone = torch.stack([anywhere.here(x) for x in apart if x is not None])
+            torch.testing.assert_close(anywhere.here(together), alone, rtol=0, atol=anywhere.within)
 
 
 # depth that needs a repair is repaired picture by picture
 @pytest.mark.parametrize(("kind", "repair"), [("floor", "auto"), ("cards", "off")])
-def test_a_batch_takes_half_as_many_launches_again_as_a_picture(device, kind, repair):
-    image, radius = map(device.there, scene(kind, (41, 52)))
+def test_a_batch_takes_half_as_many_launches_again_as_a_picture(anywhere, kind, repair):
+    image, radius = map(anywhere.there, scene(kind, (41, 52)))
     counted: list[Launches] = []
     for many in (1, 6):
         pair = [torch.stack([values] * many) for values in (image, radius)]
-        with torch.no_grad(), device.known(), Launches(device.name) as counts:
+        with torch.no_grad(), anywhere.known(), Launches(anywhere.name) as counts:
             render(pair[0], pair[1], depth_repair=repair)
         counted.append(counts)
-    assert counted[1].launches <= 1.5 * counted[0].launches
-    assert counted[1].waits <= 1.5 * counted[0].waits
+    # a CPU transforms kernels one by one
+    more = 3 if anywhere is CPU else 1.5
+    assert counted[1].launches <= more * counted[0].launches
+    if anywhere is not CPU:  # which waits for nothing
+        assert counted[1].waits <= more * counted[0].waits
 
 
 def random_lenses(**options):
@@ -389,28 +400,31 @@ def depths_of(count, size):
     ],
     ids=lambda options: "-".join(options),
 )
-def test_a_batch_of_random_lenses_is_its_pictures(device, options):
+def test_a_batch_of_random_lenses_is_its_pictures(anywhere, options):
     size = (41, 52)
     images, depth = torch.stack([scene("cards", size)[0]] * 4), depths_of(4, size)
     lenses, counted = random_lenses(**options), list[Launches]()
 
     def taken(numbers):
-        with Launches(device.name) as counts:
-            views, _ = lenses(device.there(images[numbers]), device.there(depth[numbers]), numbers)
+        with Launches(anywhere.name) as counts:
+            views, _ = lenses(
+                anywhere.there(images[numbers]), anywhere.there(depth[numbers]), numbers
+            )
         counted.append(counts)
-        return [device.here(x) for x in (*views.images, views.trust)]
+        return [anywhere.here(x) for x in (*views.images, views.trust)]
 
-    with torch.no_grad(), device.known():
+    with torch.no_grad(), anywhere.known():
         each = [torch.cat(x) for x in zip(*(taken([number]) for number in range(4)), strict=True)]
         together = taken([0, 1, 2, 3])
     for batch, alone in zip(together, each, strict=True):
-        torch.testing.assert_close(batch, alone, rtol=0, atol=device.within)
+        torch.testing.assert_close(batch, alone, rtol=0, atol=anywhere.within)
     *ones, every = counted
-    assert every.launches <= 1.5 * max(one.launches for one in ones)
-    assert every.waits <= 1.5 * max(one.waits for one in ones)
+    more = len(ones) if anywhere is CPU else 1.5  # which draws the kernels of each lens, too
+    assert every.launches <= more * max(one.launches for one in ones)
+    assert every.waits <= more * max(one.waits for one in ones)
 
 
-def test_so_are_its_gradients(device):
+def test_so_are_its_gradients(anywhere):
     size = (18, 24)
     images, depth = torch.stack([scene("cards", size)[0]] * 2), depths_of(2, size)
     values = {"curvature": 0.4, "squeeze": 1.2}
@@ -418,13 +432,13 @@ def test_so_are_its_gradients(device):
     lenses = random_lenses(blades=6, **learnt)
 
     def gradients(numbers):
-        given = [device.there(x[numbers].clone()).requires_grad_() for x in (images, depth)]
+        given = [anywhere.there(x[numbers].clone()).requires_grad_() for x in (images, depth)]
         views, _ = lenses(*given, numbers)
         loss = views.render.square().sum()
         image, radius, *of_lens = torch.autograd.grad(loss, [*given, *learnt.values()])
-        return [device.here(image), device.here(radius), torch.stack(of_lens)[None]]
+        return [anywhere.here(image), anywhere.here(radius), torch.stack(of_lens)[None]]
 
-    with device.known():
+    with anywhere.known():
         each = [torch.cat(x) for x in zip(gradients([0]), gradients([1]), strict=True)]
         together = gradients([0, 1])
     each[-1] = each[-1].sum(0, keepdim=True)

@@ -6,7 +6,7 @@ from measures import worst
 from scenes import pattern, slanted
 from tolerances import RENDERED, WHITE
 
-from defocus_core import QUALITIES, DefocusLens, render
+from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
 
 IMAGE, RADIUS = pattern().float(), slanted().float()
 
@@ -58,6 +58,18 @@ def test_radii_of_one_picture_come_in_any_documented_shape(shape):
     assert batch.shape == (1, *IMAGE.shape)
     assert torch.equal(batch[0], one)
     assert torch.equal(one, render(IMAGE, RADIUS).render)
+
+
+def test_a_batch_of_no_picture_has_no_views():
+    image, depth = torch.zeros(0, 3, 40, 56), torch.ones(0, 40, 56)
+    every = [render(image, depth, left_right=True), RandomDefocus()(image, depth, [])[0]]
+    every += [render(image, depth[:, None])]
+    for views in every:
+        assert {tuple(view.shape) for view in views.images} == {(0, 3, 40, 56)}
+        assert views.trust.shape == (0, 1, 40, 56)
+    lens = DefocusLens(50.0, 2.0, device="cpu")
+    lens.refocus(2000.0)
+    assert lens.render_rgbd(image, depth).shape == (0, 3, 40, 56)
 
 
 def test_inputs_are_left_as_they_were():

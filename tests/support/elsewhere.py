@@ -19,7 +19,7 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_flatten, tree_map
 
-from defocus_core.tensors import checkpointing
+from defocus_core.tensors import torch_modes
 
 # A device that is there without hardware; what is really on it has no values, which is noticed.
 NAME = "meta"
@@ -163,7 +163,7 @@ def elsewhere():
     with _known(), pytest.MonkeyPatch.context() as patch:
         # views of what was made in another mode have no version, of subclasses
         patch.setattr(torch, "inference_mode", lambda mode=True: nullcontext())
-        checkpoint = checkpointing.checkpoint
+        checkpoint = torch_modes.checkpoint
 
         def again(work, *args, **options):
             def worked(*pieces):
@@ -172,7 +172,7 @@ def elsewhere():
 
             return checkpoint(worked, *args, **options)
 
-        patch.setattr(checkpointing, "checkpoint", again)
+        patch.setattr(torch_modes, "checkpoint", again)
         yield
 
 
@@ -202,6 +202,7 @@ class Device(NamedTuple):
 
 
 PRETENDED = Device(NAME, there, here, elsewhere, 2e-6)
+CPU = Device("cpu", lambda x: x, lambda x: x, nullcontext, 1e-6)
 CUDA = Device("cuda", lambda x: x.to("cuda"), lambda x: x.cpu(), nullcontext, 1e-4)
 DEVICES = [
     pytest.param(PRETENDED, id="pretended"),

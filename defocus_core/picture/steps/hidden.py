@@ -18,7 +18,7 @@ from defocus_core.picture.sources import map_windows, windows
 from defocus_core.picture.take import Take
 
 if TYPE_CHECKING:
-    from defocus_core.renderer.inpainting.known_layer import KnownLayer
+    from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
 
 
 def read(take: Take) -> Take:

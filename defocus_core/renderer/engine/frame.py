@@ -1,26 +1,32 @@
-"""The frame of a picture: its size, tiles, content, slices and parts of the aperture."""
+"""The frame of a picture: its size, tiles, content, slices, parts of the aperture, and the field.
+
+The field is how the pupil changes over the frame, as regions and points see it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye, falloff
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT, RIGHT, Part
+from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.kernel_bank import TransformWindow
-from defocus_core.renderer.compositing.frame_border import ASIDE, OPAQUE
+from defocus_core.renderer.compositing.sight import ASIDE, OPAQUE
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.layers.octaves import CompositeOrder
 from defocus_core.renderer.layers.quality import Quality
-from defocus_core.renderer.layers.subpixel_shifts import along_first
-from defocus_core.tensors.box import Box
+from defocus_core.renderer.layers.slice_radii import CompositeOrder
+from defocus_core.renderer.layers.slopes import along_first
+from defocus_core.tensors.box import Box, Grid
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.tiling import Grid
+from defocus_core.tensors.views import Views
 
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
 NEIGHBOURHOOD = 24
@@ -38,8 +44,7 @@ class Content(NamedTuple):
     limit: float  # brightness that a highlight exceeds
     highlights: bool  # whether there are highlights
     double: bool  # whether float32 is too coarse for the pixels
-    # The limits of each picture of a batch; empty for one
-    each: tuple[tuple[float, float], ...] = ()
+    each: tuple[Content, ...] = ()  # those of each picture of a batch; empty for one
 
     @classmethod
     def of_batch(cls, contents: Sequence[Content]) -> Content:
@@ -56,7 +61,7 @@ class Content(NamedTuple):
                 )
             ),
             limit=max(c.limit for c in contents),
-            each=tuple(c.limits for c in contents),
+            each=tuple(contents),
         )
 
 
@@ -162,6 +167,10 @@ class SharedFrame:
         reaches: list[int] = self.slices.visible.reaches
         return max(reaches + self.slices.invented.reaches if self.content.edges else reaches)
 
+    def is_inside(self, box: Box, bounds: Box) -> bool:
+        """Whether no light from beyond a larger rectangle reaches a rectangle."""
+        return box == box.grown(0, bounds.shrunk(self.farthest))
+
     @property
     def trace(self) -> float:
         """Coverage that a pixel's own surface has for sure, for the pupil may see nothing else.
@@ -184,3 +193,59 @@ class SharedFrame:
     def views(self) -> int:
         """The number of images: the centre, or the centre, left and right."""
         return 3 if self.settings.left_right else 1
+
+
+def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
+    """The frame as a region of it sees it: its windows have the pupils of the region's corners."""
+    if frame.settings.field is None:
+        return frame
+    views = corner_views(frame, box)
+    clipped: dict[int, TransformWindow] = {}
+
+    def slicing(of: Slicing) -> Slicing:
+        for window in of.windows:
+            if id(window) not in clipped:
+                clipped[id(window)] = window.seen(views)
+        return of._replace(windows=[clipped[id(window)] for window in of.windows])
+
+    visible, known, invented = (
+        slicing(of) for of in (frame.slices.visible, frame.slices.known, frame.slices.invented)
+    )
+    slices = frame.slices._replace(visible=visible, known=known, invented=invented)
+    return replace(frame, slices=slices)
+
+
+def corner_views(frame: SharedFrame, box: Box) -> list[View]:
+    """The pupils that the corners of a region see, by rows; none if all see it alike."""
+    field = frame.settings.field
+    if field is None:
+        return []
+    return [
+        field.view(float(x), float(y), frame.size)
+        for y in (box.top, box.top + box.height)
+        for x in (box.left, box.left + box.width)
+    ]
+
+
+def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> View | None:
+    """The pupil as pixels [n, 2], rows and columns, see it: [n] places."""
+    field = frame.settings.field
+    if field is None:
+        return None
+    y, x = (
+        (at + sent([region.top - core.top, region.left - core.left], at) + 0.5)
+        .to(frame.dtype)
+        .unbind(1)
+    )
+    return field.view(x, y, frame.size)
+
+
+def darkened(part: Views, cat_eye: CatEye, frame: tuple[int, int]) -> Views:
+    """A part of a picture with the light that the rim takes away from its pixels.
+
+    `frame`: (height, width) of the picture in px.
+    """
+    like = part.images[0]
+    y, x = (torch.arange(s.first, s.end).to(like) + 0.5 for s in part.box.sides)
+    fraction = falloff(cat_eye.apart(x[None, :], y[:, None], frame), cat_eye.size)
+    return part._replace(images=[image * fraction for image in part.images])

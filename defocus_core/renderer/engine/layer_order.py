@@ -1,4 +1,7 @@
-"""The order in which the surfaces over a tile are composited.
+"""The order in which the surfaces over a tile are composited, and hidden ones as they are seen.
+
+An invented surface is no sharper than the surface that it was continued from: half of the
+resolution is enough for its blur.
 
 Visible surfaces come first, for they are known; and their share is right in the mean where surfaces
 out of focus cover each other by chance. But a surface in focus occludes exactly: where it goes on
@@ -13,12 +16,184 @@ were not there, what they hide included, and shows in proportion where these lea
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import reduce
+
+import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.layer_blur import ShownLayer
+from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
-from defocus_core.renderer.engine.hidden_fill import Filling, Hidden
-from defocus_core.renderer.layers.octaves import CompositeOrder
+from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
+from defocus_core.renderer.compositing.sight import SightLimits
+from defocus_core.renderer.engine.frame import SharedFrame
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+from defocus_core.renderer.layers.samples import SurfaceSamples
+from defocus_core.renderer.layers.slice_radii import CompositeOrder, slice_position
+from defocus_core.tensors.box import Box, Grid
+from defocus_core.tensors.pyramid import axes, halves, position_of
+from defocus_core.tensors.resampling import AxisWeights, coarse_read, linear_weights, resampled
+from defocus_core.tensors.sparse_masks import flat_nonzero
+
+
+class Hidden:
+    """A hidden surface over a tile, as each group of m parts of the aperture sees it."""
+
+    def __init__(
+        self,
+        octaves: list[dict[int, Tensor]],
+        enlarged: Callable[[Tensor], Tensor],  # makes px of coarse pixels
+        sight: SightLimits | None,
+    ) -> None:
+        """Keep the octaves of blur of the surface.
+
+        `octaves`: for each group the octaves [m, C + 1, h, w], in coarse pixels; octaves of one
+        side of focus add up, the sides occlude each other; `sight`: how far the lens sees in the
+        tile; None where nothing limits it.
+        """
+        self._octaves, self._enlarged, self._sight = octaves, enlarged, sight
+        self._known: dict[tuple[int, int], Tensor] = {}
+
+    def of(self, octave: int) -> list[Tensor | None]:
+        """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
+        return [
+            self._seen(group, octave) if octave in octaves else None
+            for group, octaves in enumerate(self._octaves)
+        ]
+
+    def whole(self) -> list[Tensor | None]:
+        """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
+        whole: list[Tensor | None] = []
+        for group, octaves in enumerate(self._octaves):
+            sides = ([o for o in octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
+            seen = [
+                reduce(torch.add, [self._seen(group, octave) for octave in side])
+                for side in sides
+                if side
+            ]
+            whole.append(_occluding(seen) if seen else None)
+        return whole
+
+    def _seen(self, group: int, octave: int) -> Tensor:
+        """An octave of a group, in px, as far as the lens sees."""
+        if (group, octave) not in self._known:
+            seen = self._enlarged(self._octaves[group][octave])
+            limit = None if self._sight is None else self._sight.to_octave(octave)
+            self._known[group, octave] = seen if limit is None else seen * limit
+        return self._known[group, octave]
+
+
+class Filling:
+    """A hidden surface over the tiles of a region.
+
+    Attributes:
+        known: Whether the surface is known, not invented.
+        plan: For each tile the indices of slices that reach it, nearest first.
+        windows: The window of each slice.
+        level: How many times resolution is halved before the blur.
+    """
+
+    def __init__(
+        self,
+        frame: SharedFrame,
+        grid: Grid,
+        boxes: tuple[Box, Box],
+        hidden: HiddenLayer,
+        *,
+        known: bool,
+    ) -> None:
+        """Prepare a surface that has pixels."""
+        slicing = frame.slices.known if known else frame.slices.invented
+        self.known, self.level, self._stride = known, slicing.level, slicing.stride
+        self.windows = slicing.windows[:: slicing.stride]
+        self._octave_of_slice = frame.slices.octaves
+        self._octave_of_layer = dict(zip(slicing.layers, frame.slices.octaves, strict=True))
+        held, inner = boxes
+        self._fine = self._coarse = axes(frame.size, inner.top, inner.left)
+        self._tiles, around = grid.seen_from(inner), inner.seen_from(held)
+        coarse = self._tiles
+        if self.level:
+            down, across = (halves(n, axis) for n, axis in zip(inner[2:], self._fine, strict=True))
+            self._coarse = (down.axis, across.axis)
+            frame_axes = axes(frame.size, held.top, held.left)
+            rows, columns = (halves(n, axis) for n, axis in zip(held[2:], frame_axes, strict=True))
+            corner = rows.axis.middle - down.axis.middle, columns.axis.middle - across.axis.middle
+            around = Box(*corner, down.length, across.length)
+            read = [coarse_read(tile, self._fine, self._coarse, 1) for tile in coarse.tiles]
+            coarse = coarse._replace(tiles=read)
+        self._coarse_of = coarse.tiles
+        self._blur = Blur(
+            slicing.windows,
+            slicing.coarse,
+            coarse,
+            frame.division.groups,
+            self._coarse,
+            by_corners=frame.settings.field is not None,
+        )
+        samples = _samples(hidden, frame.slices.radii[:: slicing.stride])._replace(around=around)
+        self._sliced = self._blur.sliced(samples, slicing.stride, slicing.layers)
+        self.plan = self._sliced.surface.plan
+        self._fractions: dict[tuple[float, int], AxisWeights] = {}
+
+    def has(self, octave: int, index: int) -> bool:
+        """Whether a part of the surface over a tile is of an octave of blur."""
+        return any(self._octave_of_slice[k * self._stride] == octave for k in self.plan[index])
+
+    def over_tile(self, index: int, sight: SightLimits | None = None) -> Hidden:
+        """The surface over a tile, as far as the lens sees."""
+        tile, coarse = self._tiles.tiles[index], self._coarse_of[index]
+        size = coarse.height, coarse.width
+        octaves = [
+            self._octaves(layers, size) for layers in self._blur.over_tile(self._sliced, index)
+        ]
+
+        def enlarged(surface: Tensor) -> Tensor:
+            if not self.level:
+                return surface
+            rows, columns = (self._between(d, tile, coarse, surface) for d in (0, 1))
+            return resampled(surface, rows, columns)
+
+        return Hidden(octaves, enlarged, sight)
+
+    def _octaves(self, layers: dict[int, ShownLayer], size: tuple[int, int]) -> dict[int, Tensor]:
+        """The sum [m, C + 1, h, w] of the layers of each octave that has one."""
+        octaves: dict[int, list[tuple[Box, Tensor]]] = {}
+        for number, shown in sorted(layers.items()):
+            octaves.setdefault(self._octave_of_layer[number], []).append((shown.box, shown.layer))
+        sums = {octave: summed(octave_layers, size) for octave, octave_layers in octaves.items()}
+        return {octave: total for octave, total in sums.items() if total is not None}
+
+    def _between(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
+        """The shares of coarse pixels in the pixels of a tile, along one axis."""
+        first = position_of(tile[dim], self._fine[dim], self._coarse[dim], self.level) - coarse[dim]
+        key = (first, tile[dim + 2])
+        if key not in self._fractions:
+            self._fractions[key] = linear_weights(*key, 0.5**self.level, like)
+        return self._fractions[key]
+
+
+def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
+    """The pixels of a hidden surface, with their positions between its slices."""
+    color, radius, mask = hidden
+    index = flat_nonzero(mask)
+    positions = torch.zeros_like(radius).flatten()
+    positions = positions.index_copy(
+        0, index, slice_position(radius.flatten().index_select(0, index), radii)
+    )
+    positions = positions.reshape(radius.shape)
+    nowhere = torch.zeros((0, 2), dtype=torch.long, device=positions.device)
+    no_fringe, coverage = color.new_zeros(0, len(color) + 1), mask[None].to(color.dtype)
+    return SurfaceSamples(
+        color, coverage, positions, nowhere, no_fringe, positions.flatten()[:0], None, None
+    )
+
+
+def _occluding(layers: list[Tensor]) -> Tensor:
+    """Layers [m, C + 1, h, w] from front to back as one."""
+    total = torch.zeros_like(layers[0])
+    for layer in layers:
+        total = add_behind(total, layer)
+    return total
 
 
 def add_in_order(

@@ -1,21 +1,21 @@
-"""Preparation of a picture: its slices, their windows, its tiles and regions."""
+"""Preparation of a picture: its statistics, its slices, their windows, its tiles and regions."""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterator
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import torch
+from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
-from defocus_core.renderer.blur.fourier import reach
-from defocus_core.renderer.blur.kernel_bank import Spread, merged_layers, spreads_of, windows
+from defocus_core.renderer.blur.kernel_bank import Spread, merged_layers, reach, spreads_of, windows
 from defocus_core.renderer.compositing.highlights import reached_by, threshold
 from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
@@ -26,22 +26,216 @@ from defocus_core.renderer.engine.frame import (
     Slicing,
 )
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.engine.statistics import (
-    Survey,
-    border_range,
-    needs_double,
-    with_hidden,
-)
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
-from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
-from defocus_core.renderer.inpainting.known_layer import KnownLayer
-from defocus_core.renderer.layers.octaves import composite_order, octaves
+from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND, KnownLayer
 from defocus_core.renderer.layers.quality import Quality
-from defocus_core.renderer.layers.slice_radii import SHARP, evenly, layers, slice_radii
-from defocus_core.renderer.layers.stacked_samples import Layered
+from defocus_core.renderer.layers.samples import Layered
+from defocus_core.renderer.layers.slice_radii import (
+    SHARP,
+    composite_order,
+    evenly,
+    layers,
+    octaves,
+    slice_radii,
+)
+from defocus_core.tensors.box import BLOCK, Box, Grid, few_tiles, grid_over, largest, regions
 from defocus_core.tensors.device_plan import launches_cost, pieces, tile_pixels
-from defocus_core.tensors.source import Pixels
-from defocus_core.tensors.tiling import BLOCK, Grid, few_tiles, grid_over, largest, regions
+from defocus_core.tensors.neighbourhoods import range_of, ranges_of
+from defocus_core.tensors.order_statistics import Ranks, counted
+from defocus_core.tensors.source import Pixels, banded, bands
+from defocus_core.tensors.threads import threaded
+
+# Greatest radius in px: any picture is a point beside it.
+_MAX_PX = 1e8
+# Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
+BRIGHTEST = 1e30
+# Brightness as a multiple of the median, and by itself (or one divided by it), beyond which
+# float32 is too coarse.
+_RANGE, _SQUARED = 1e3, 1e15
+
+
+class Survey(NamedTuple):
+    """Statistics of a picture. The brightness of a pixel is that of its brightest channel."""
+
+    minimum: float  # least signed radius in px
+    maximum: float  # greatest signed radius in px
+    # Greatest differences of radius between neighbours in px: down, across
+    steepest: tuple[float, float]
+    channels: tuple[tuple[float, float], ...]  # least and greatest value of each channel
+    brightness: Ranks  # order statistics of the brightness of all pixels
+
+    @property
+    def darkest(self) -> float:
+        """Least value of all channels."""
+        return min(least for least, _ in self.channels)
+
+    @property
+    def brightest(self) -> float:
+        """Greatest value of all channels."""
+        return max(greatest for _, greatest in self.channels)
+
+
+def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
+    """The statistics of a picture, of which each pixel is read once.
+
+    `pixels`: [C, H, W]; `signed_radius`: [H, W] px.
+    """
+    (survey,) = _surveyed(pixels, signed_radius, dtype, threads)
+    return survey
+
+
+def surveyed_each(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype) -> list[Survey]:
+    """What `surveyed` says of each picture of a batch, [C, B, H, W] and [B, H, W]."""
+    return _surveyed(pixels, signed_radius, dtype, 1)
+
+
+def _surveyed(
+    pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int
+) -> list[Survey]:
+    W, batch = signed_radius.shape[-1], len(signed_radius.shape) > 2
+
+    def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
+        """Statistics of radii, least and greatest values of channels, counts of brightness."""
+        band = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
+        brightness = band.amax(0)
+        radii = signed_radius[..., rows[0] : rows[1] + 1, :].detach().to(dtype)
+        limits = torch.cat([band.amin((-2, -1)), band.amax((-2, -1))])
+        limits = limits.movedim(0, -1)
+        return _radius_statistics(radii, rows), limits, counted(brightness, each=batch)
+
+    radius_range, color_range, counts = [], [], torch.zeros((), dtype=torch.long)
+    for of_radii, pair, band_counts in threaded(band_statistics, bands(pixels), threads):
+        radius_range.append(of_radii)
+        color_range.append(pair)
+        counts = band_counts + counts
+    every = torch.cat([torch.stack(radius_range), torch.stack(color_range)], -1)
+    every = every if batch else every[:, None]  # [bands, B, 4 + 2 C]
+    least_of = [0, *range(4, 4 + pixels.shape[0])]
+    greatest_of = [1, 2, 3, *range(4 + pixels.shape[0], every.shape[-1])]
+    least, greatest = every[..., least_of].amin(0), every[..., greatest_of].amax(0)
+    extremes = torch.cat([least, greatest], 1).tolist()
+    of_each = counts.cpu() if batch else counts.cpu()[None]
+    pictures = [pixels[:, number] for number in range(len(extremes))] if batch else [pixels]
+    return [
+        _checked(numbers, own, picture, dtype)
+        for numbers, own, picture in zip(extremes, of_each, pictures, strict=True)
+    ]
+
+
+def _checked(numbers: list[float], counts: Tensor, pixels: Pixels, dtype: torch.dtype) -> Survey:
+    """The survey of a picture.
+
+    `pixels`: [C, H, W].
+    """
+    count = pixels.shape[0]
+    minimum, maximum, down, across = numbers[0], *numbers[count + 1 : count + 4]
+    least, greatest = numbers[1 : count + 1], numbers[count + 4 :]
+    for name, every in (("signed_radius", [minimum, maximum]), ("image", least + greatest)):
+        if not all(map(math.isfinite, every)):
+            raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
+    darkest, brightest = min(least), max(greatest)
+    if max(-minimum, maximum) > _MAX_PX:
+        raise ValueError(
+            f"signed_radius must be within {_MAX_PX:g} px, got {minimum:.3g} to {maximum:.3g} px; "
+            "check the units of depth and lens, and write inf for sky"
+        )
+    if max(-darkest, brightest) > float(torch.tensor(BRIGHTEST, dtype=dtype)):
+        raise ValueError(
+            f"image must be within ±{BRIGHTEST:g}, got {darkest:.3g} to {brightest:.3g}; "
+            "scale it, light has no unit here"
+        )
+
+    def brightness_again() -> Iterator[Tensor]:
+        return (band.to(dtype).amax(0) for band in banded(pixels))
+
+    return Survey(
+        minimum=minimum,
+        maximum=maximum,
+        steepest=(down, across),
+        channels=tuple(zip(least, greatest, strict=True)),
+        brightness=Ranks(counts, brightness_again, dtype),
+    )
+
+
+def border_range(signed_radius: Pixels) -> tuple[float, float]:
+    """The least and the greatest signed radius [..., H, W] on the edge of the frame."""
+    H, W = signed_radius.shape[-2:]
+    lines = [signed_radius[..., :1, :], signed_radius[..., H - 1 :, :]]
+    for first, last in bands(signed_radius):
+        lines += [signed_radius[..., first:last, at] for at in (slice(1), slice(W - 1, W))]
+    minimum, maximum = range_of(torch.cat([line.detach().flatten() for line in lines])).tolist()
+    return minimum, maximum
+
+
+def with_hidden(hidden: KnownLayer, limits: tuple[float, float]) -> tuple[float, float]:
+    """Least and greatest signed radius in px of visible surfaces and of a known hidden layer."""
+    minimum, maximum = limits
+    for color, radius, mask in zip(*map(banded, hidden), strict=True):
+        where = mask.bool()
+        known = radius[where]
+        for name, values in (("color", color[:, where]), ("signed_radius", known)):
+            if not bool((values.abs() <= BRIGHTEST).all()):
+                raise ValueError(
+                    f"hidden.{name} must be finite and within ±{BRIGHTEST:g} where the mask is "
+                    "true; leave unknown pixels out"
+                )
+        if len(known):
+            nearest, farthest = range_of(known).tolist()
+            minimum, maximum = min(minimum, nearest), max(maximum, farthest)
+    return minimum, maximum
+
+
+def channels_with(
+    hidden: KnownLayer, channels: tuple[tuple[float, float], ...]
+) -> tuple[tuple[float, float], ...]:
+    """Least and greatest value of each channel of visible pixels and of a known hidden layer."""
+    ends = [torch.tensor(channels, dtype=torch.float64)]
+    for color, _, mask in zip(*map(banded, hidden), strict=True):
+        known = color[:, mask.bool()].double()
+        if known.numel():
+            ends.append(torch.stack([known.amin(1), known.amax(1)], 1).cpu())
+    every = torch.stack(ends)
+    least, greatest = every[..., 0].amin(0).tolist(), every[..., 1].amax(0).tolist()
+    return tuple(zip(least, greatest, strict=True))
+
+
+def needs_double(survey: Survey, limit: float) -> bool:
+    """Whether float32 is too coarse.
+
+    Its transforms round to 1e-7 of the brightest, which shows in the dark; and squares of very
+    bright colours are infinite, of very dark ones 0. Pixels brighter than the limit do not
+    count: they are highlights, which are not transformed.
+    """
+    bright = min(survey.brightest, limit)
+    size = max(bright, -survey.darkest)
+    if size > _SQUARED or 0 < size < 1 / _SQUARED:
+        return True
+    black = int(survey.brightness.counts[0])  # and denormal numbers, which are as dark
+    lit = survey.brightness.total - black
+    if not lit:
+        return False
+    median = black + (lit + 1) // 2
+    low, high = survey.brightness.about(median)
+    if bright <= _RANGE * low or bright > _RANGE * high:
+        return bright > _RANGE * high
+    return bright > _RANGE * survey.brightness.exactly(median)
+
+
+def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
+    """Least and greatest radius of a band, and greatest step down and across: [..., 4].
+
+    `band`: [..., h, W] px, the rows of the band and the one below them.
+    """
+    radii = band[..., : rows[1] - rows[0], :]
+    steps = band.diff(dim=-2), radii.diff(dim=-1)
+    steepest = [
+        ranges_of(step).abs().amax(-1, keepdim=True)
+        if step.numel()
+        else radii.new_zeros((*radii.shape[:-2], 1))
+        for step in steps
+    ]
+    return torch.cat([ranges_of(radii), *steepest], -1)
+
 
 # The scene goes on beyond the frame as far as its light reaches, but by no more px than this or the
 # side of the frame.
@@ -82,12 +276,12 @@ def frame_of(
     inwards = 0
     if exact or max(map(abs, border)) > SHARP:
         coarse_too = (level, stride) if edges else None
-        inwards = _inwards(border, radii, layer_indices, quality, coarse_too)
+        inwards = _inwards(border, radii, quality, coarse_too)
     # whole blocks, so that those of the frame stay where they are
     rows, columns = (-(-min(inwards, max(n, _BEYOND)) // BLOCK) * BLOCK for n in size)
     maximum = max(size[0] + rows, size[1] + columns) - 1
-    fine = _at_resolution(radii, layer_indices, quality, maximum, 0)
-    coarse = _at_resolution(radii, layer_indices, quality, maximum, level)
+    fine = _at_resolution(radii, quality, maximum, 0)
+    coarse = _at_resolution(radii, quality, maximum, level)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
     division = _division(settings, quality)
@@ -96,7 +290,7 @@ def frame_of(
     sample *= math.prod(signed_radius.shape[:-2])
     grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
     sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
-    own = [_slice_radii(*one, quality, settings) for one in content.each]
+    own = [_slice_radii(*one.limits, quality, settings) for one in content.each]
     each = _own_slices(own, radii) if isinstance(settings.aperture, Apertures) else ()
     slicing = partial(
         _slicing, radii, sizes, settings.aperture, division.parts, dtype, pixels.device, each
@@ -236,16 +430,15 @@ def _slices(
 def _inwards(
     border: tuple[float, float],
     radii: tuple[float, ...],
-    layer_indices: list[int],
     quality: Quality,
     hidden: tuple[int, int] | None,  # halvings and stride of what is invented; None if nothing is
 ) -> int:
     """How far light from beyond the frame reaches into it, in px."""
-    unbounded = _at_resolution(radii, layer_indices, quality, _ANY_PX, 0)
+    unbounded = _at_resolution(radii, quality, _ANY_PX, 0)
     inwards = _reach_of(border, radii, unbounded.reaches)
     if hidden is not None:
         level, stride = hidden
-        unbounded = _at_resolution(radii, layer_indices, quality, _ANY_PX, level)
+        unbounded = _at_resolution(radii, quality, _ANY_PX, level)
         inwards = max(inwards, _reach_of(border, radii, unbounded.reaches, stride))
     return inwards
 
@@ -281,16 +474,14 @@ def _slicing(
     return Slicing(stride, level, slice_windows, layer_of, reached, reaches)
 
 
+@lru_cache(maxsize=256)
 def _at_resolution(
-    radii: tuple[float, ...],
-    layer_indices: list[int],
-    quality: Quality,
-    maximum: int,
-    level: int,
+    radii: tuple[float, ...], quality: Quality, maximum: int, level: int
 ) -> _Resolution:
     """The slices at a resolution; their light reaches `maximum` px at most."""
     step = 1 << level
     scaled = tuple(r / step for r in radii)
+    layer_indices = layers(radii, quality)
     spreads = spreads_of(scaled, layer_indices, quality.full_resolution / step, -(-maximum // step))
     reaches = [spread.px for spread in spreads]
     if level:  # a pixel has shares in coarse pixels beside it, and is read between two

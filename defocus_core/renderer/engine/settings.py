@@ -16,7 +16,7 @@ from defocus_core.optics.frame_grid import FrameGrid
 from defocus_core.optics.pupil_field import PupilField
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.renderer.layers.quality import find
-from defocus_core.tensors.tiling import BLOCK
+from defocus_core.tensors.box import BLOCK
 from defocus_core.tensors.validation import described, flag, number, whole
 
 _MAX_LAYERS = 1 << 16  # the number of levels of depth in 16 bits

@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel
-from defocus_core.tensors.device_plan import launches_cost, sent
+from defocus_core.tensors.device_plan import sent
 
 # Greatest difference in px between the radii of neighbours at half resolution on one surface.
 _SAME = 1.013
@@ -125,36 +125,14 @@ def _first_beyond(
     [n] index in r, and [n] px; infinitely far where there is none.
     """
     H, W = size
-    spots = torch.zeros_like(at[:, 0])
-    distance = torch.full_like(border, torch.inf)
     # halves are rounded away from 0: mirrored directions lead to mirrored pixels
     half = torch.full_like(along, 0.5).copysign(along)
-    seeking = torch.arange(len(at), device=at.device)
-    state = [*at.unbind(1), *along.unbind(1), *half.unbind(1), border]
-
-    def spots_at(step: float) -> Tensor:
-        y, x, down, across, half_down, half_across, _ = state
-        row = (y + torch.add(half_down, down, alpha=step * scale).long()).clamp_(0, H - 1)
-        return row.mul_(W).add_(
-            (x + torch.add(half_across, across, alpha=step * scale).long()).clamp_(0, W - 1)
-        )
-
-    if launches_cost(r.device):  # all at once, and none waits for the one before
-        every = torch.stack([spots_at(step) for step in _STEPS])
-        every = every if first is None else every + first
-        known = r.index_select(0, every.flatten()).view(every.shape) > border
-        which = known.byte().argmax(0)
-        distance = sent(_STEPS, r).index_select(0, which)
-        distance = torch.where(known.any(0), distance, torch.inf)
-        return every.gather(0, which[None])[0], distance
-    assert first is None, "on a CPU pictures are computed one by one"
-    for step in _STEPS:
-        limit, spot = state[-1], spots_at(step)
-        known = r.index_select(0, spot) > limit
-        hit, miss = (torch.nonzero(each)[:, 0] for each in (known, ~known))
-        reached = seeking.index_select(0, hit)
-        spots.index_copy_(0, reached, spot.index_select(0, hit))
-        distance.index_fill_(0, reached, step)
-        seeking = seeking.index_select(0, miss)
-        state = [each.index_select(0, miss) for each in state]
-    return spots, distance
+    steps = sent(_STEPS, along)[:, None, None] * scale
+    row, column = (at + (half + along * steps).long()).unbind(2)  # [steps, n] each
+    every = row.clamp_(0, H - 1).mul_(W).add_(column.clamp_(0, W - 1))
+    every = every if first is None else every + first
+    known = r.index_select(0, every.flatten()).view(every.shape) > border
+    which = known.byte().argmax(0)
+    distance = sent(_STEPS, r).index_select(0, which)
+    distance = torch.where(known.any(0), distance, torch.inf)
+    return every.gather(0, which[None])[0], distance

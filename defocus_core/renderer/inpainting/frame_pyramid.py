@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.depth.matting import unmixed
+from defocus_core.depth.matting import Unmixed, unmixed
 from defocus_core.renderer.inpainting.coherence_transport import structure
 from defocus_core.renderer.inpainting.disocclusion import Reach, coarse_edges, grain_of, reach_of
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
@@ -71,8 +71,12 @@ def backdrop_of(
     limits: tuple[float, float] | None = None,  # least and greatest radius in px; None to find them
     *,
     unmixes: bool = True,
+    shown: Unmixed | None = None,
 ) -> Backdrop:
-    """The pyramid of a frame, and the reach of its edges."""
+    """The pyramid of a frame, and the reach of its edges.
+
+    `shown`: the frame with mixed pixels taken apart, where that is done at once; None to do it.
+    """
     H, W = signed_radius.shape[-2:]
     device = signed_radius.device
     dtype = dtype or pixels.dtype
@@ -98,22 +102,22 @@ def backdrop_of(
             grain,
             axes((H, W), top),
             unmixes=unmixes,
+            shown=shown,
         )
         start = 0 if rows[0] == 0 else 2 * first + halved_rows
         end = edges.shape[-2] if rows[1] == quarter.length else 2 * last + halved_rows
         middle = level.middle[0].middle
         return level, edges[..., start:end, :], first + middle, last + middle
 
-    rows = quarter.length if launches_cost(device) else _BAND
-    step = max(1, min(rows, pieces(device, _PIXELS, _BYTES_EACH) // (W << 2)))
-    cuts = [*range(0, quarter.length, step), quarter.length]
-    batch = len(signed_radius.shape) > 2
-    if batch or (len(cuts) == 2 and launches_cost(device)):
+    batch, rows = len(signed_radius.shape) > 2, pieces(device, _PIXELS, _BYTES_EACH) // (W << 2)
+    rows = max(1, rows if launches_cost(device) else min(_BAND, rows))
+    if batch or shown is not None or rows >= quarter.length:
         level, edges, _, _ = band_of((0, quarter.length))
     else:
         edges = torch.empty(
             half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device
         )
+        cuts = [*range(0, quarter.length, rows), quarter.length]
         bands = threaded(band_of, list(pairwise(cuts)), threads)
         level = stacked(_with_edges(bands, edges), quarter.length, quarter.axis)
     levels = [level]
@@ -142,6 +146,7 @@ def _coarsely(
     middle: tuple[Axis, Axis],
     *,
     unmixes: bool,
+    shown: Unmixed | None = None,
 ) -> tuple[PyramidLevel, Tensor, int]:
     """The level of quarter resolution; edges at half resolution, and the middle row in these."""
     r = signed_radius.detach()
@@ -149,7 +154,7 @@ def _coarsely(
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
     weight.flatten()[farther] *= _MIXED
     if unmixes:
-        pixels, _, fringe = unmixed(pixels, signed_radius, limit)
+        pixels, _, fringe = shown or unmixed(pixels, signed_radius, limit)
         index = fringe.at[:, 0] * r.shape[-1] + fringe.at[:, 1]
         weights = weight.flatten()
         of_farther = weights.index_select(0, index) * (1 - fringe.layer[:, -1])

@@ -5,7 +5,8 @@ from a lens point's picture to the pinhole's is one to one, beyond that a surfac
 From the whole aperture the farther surface shows up to r_far - r_near px behind the edge. There it
 is continued by the colour and radius of what lies farther, near by first, and along the lines that
 lead there. There is one hidden layer: where two wires cross before a wall, the surface that is
-continued behind the nearer one is the wire or the wall, whichever is the sharper one.
+continued behind the nearer one is the wire or the wall, whichever is the sharper one. A layer that
+is known takes its place.
 """
 
 from __future__ import annotations
@@ -18,12 +19,85 @@ from torch import Tensor
 from defocus_core.renderer.inpainting.coherence_transport import FARTHEST, transported
 from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
-from defocus_core.renderer.inpainting.push_pull import HiddenQueries, continued, nearby
-from defocus_core.renderer.inpainting.region_view import View, half_view, whole_view
-from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel, coarser, pixels_of
+from defocus_core.renderer.inpainting.two_layer_pyramid import (
+    HiddenQueries,
+    PyramidLevel,
+    coarser,
+    continued,
+    nearby,
+    pixels_of,
+)
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.pyramid import Axis, averaged, halves, spread_out
+from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.sparse_masks import flat_nonzero
+
+_Axes = tuple[Axis, Axis]
+
+
+class View(NamedTuple):
+    """A part of a frame whose coarse pixels are pixels or, at half resolution, two by two."""
+
+    # [C + 1, ..., h, w], colour and radius in px of the farthest surface in each coarse pixel
+    picture: Tensor
+    near: Tensor  # [..., h, w] px, the least radius in each coarse pixel
+    middle: _Axes  # where the middle of the frame is among coarse pixels
+    fine: _Axes  # where the middle of the frame is among pixels
+    level: int
+
+    def pixels(self, at: Tensor) -> Tensor:
+        """The places of coarse px [n, 2], also between coarse px, as rows and columns of pixels."""
+        step = 1 << self.level
+        positions = [
+            (at[:, d] - axis.middle) * step + fine.middle
+            if axis.odd
+            else ((at[:, d] - axis.middle) * step + fine.middle).float() + (step - 1) / 2
+            for d, (axis, fine) in enumerate(zip(self.middle, self.fine, strict=True))
+        ]
+        return torch.stack(positions, 1)
+
+    def coarse(self, box: Box) -> Box:
+        """The coarse pixels that hold the pixels of a rectangle."""
+        if not self.level:
+            return box
+        limits = []
+        for start, length, axis, fine in zip(box[:2], box[2:], self.middle, self.fine, strict=True):
+            half = halves(length, Axis(fine.middle - start, fine.odd))
+            limits.append((axis.middle - half.axis.middle, half.length))
+        return Box(limits[0][0], limits[1][0], limits[0][1], limits[1][1])
+
+
+def whole_view(whole: PyramidLevel) -> View:
+    """A picture at full resolution."""
+    first = whole.first
+    values, near = (x.reshape(*x.shape[:-1], *whole.shape) for x in (first.values, first.minimum))
+    return View(values, near, whole.middle, whole.middle, 0)
+
+
+def half_view(half: PyramidLevel, fine: _Axes) -> View:
+    """A picture at half resolution."""
+    near = half.first.minimum
+    if half.second is not None and half.second_index is not None:
+        held = torch.nonzero(half.second_index >= 0)[:, 0]
+        nearer = half.second.minimum.index_select(0, half.second_index.index_select(0, held))
+        near = near.index_copy(0, held, torch.minimum(near.index_select(0, held), nearer))
+    values = half.first.values.reshape(-1, *half.shape)
+    return View(values, near.reshape(half.shape), half.middle, fine, 1)
+
+
+def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
+    """The greatest value [..., H, W] of the coarse pixels that each pixel is part of."""
+    down, across = (halves(n, axis) for n, axis in zip(size, middle, strict=True))
+    wide = spread_out(values, (down.axis.odd, across.axis.odd))
+    return Box(down.before, across.before, *size).of(wide)
+
+
+def in_coarse_pixels(mask: Tensor, middle: _Axes) -> Tensor:
+    """Which coarse pixels of half resolution hold any pixel of a mask [..., H, W] bool."""
+    fraction, _ = averaged(mask.to(torch.float32)[None, None], 1, middle)
+    return fraction[0, 0].gt(0)
+
 
 # Where between the radii of the near and the far surface the border is that tells them apart. A
 # surface in front of an edge may rise towards it, like the top of a box seen from above: with a
@@ -146,3 +220,38 @@ def _with_adjacent_surface(
     left = 1 - maximum
     next_values = next_values * (maximum / torch.where(fraction > 0, fraction, 1.0))
     return torch.addcmul(next_values, values, left), torch.addcmul(maximum, weight, left)
+
+
+# Colour, radius and mask as of a `HiddenLayer`, in memory or in files: undefined outside the mask,
+# which is not 0 where the layer is known.
+KnownLayer = tuple[Pixels, Pixels, Pixels]
+
+
+def known_within(
+    known: KnownLayer, box: Box, signed_radius: Tensor, dtype: torch.dtype
+) -> HiddenLayer:
+    """A known layer within a box whose visible radii are [height, width] px."""
+    color, radius, mask = map(box.of, known)
+    mask = mask.bool()
+    color = torch.where(mask, color.to(dtype), 0.0)
+    return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
+
+
+def separated(
+    known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
+) -> tuple[HiddenLayer, HiddenLayer]:
+    """The hidden part of a known layer, and the part of an invented layer that is still needed.
+
+    `known`: the known layer, [H, W]; `middle`: the middle of the frame, in px.
+    """
+    size = (known.mask.shape[-2], known.mask.shape[-1])
+    halved = hidden.mask.shape != known.mask.shape
+    mask, radius = hidden.mask, hidden.signed_radius
+    if halved:
+        mask = in_pixels(mask.to(radius.dtype), size, middle) > 0
+        radius = in_pixels(radius.detach(), size, middle)
+    farther = radius > known.signed_radius + STEP
+    needed = mask & (~known.mask | farther)
+    if halved:
+        needed = hidden.mask & in_coarse_pixels(needed, middle)
+    return known._replace(mask=mask & known.mask), hidden._replace(mask=needed)

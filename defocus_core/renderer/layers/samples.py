@@ -1,20 +1,29 @@
-"""Samples of a layer of the scene: pixels, their fringe, and further samples of the same pixels."""
+"""Samples of pixels: those of one layer of the scene, and of layers sorted from near to far.
+
+Samples of one pixel are uncorrelated within it: a sample shows through the share that all nearer
+ones leave, so that the picture in focus is their `over` (Porter & Duff 1984). What shows is
+visible, the rest is hidden, but for the share that its own surface hides: samples of one pixel
+whose radii no layer of slices tells apart are one surface. In the share of a pixel that no sample
+covers is nothing.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.depth.matting import Unmixed
+from defocus_core.depth.matting import Fringe, Unmixed
 from defocus_core.renderer.layers.slice_radii import membership, slice_position
-from defocus_core.renderer.layers.subpixel_shifts import Shifts
-from defocus_core.tensors.box import Box
+from defocus_core.renderer.layers.slopes import Shifts
+from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.derived import Mapped, held
 from defocus_core.tensors.device_plan import sent
-from defocus_core.tensors.sparse_masks import flat_nonzero
+from defocus_core.tensors.source import Pixels, banded
+from defocus_core.tensors.sparse_masks import flat_nonzero, positions_of
 
 # Samples of pixels: [C + 1, H, W], colour premultiplied by coverage, then coverage; and [H, W],
 # their radii in px, or their positions between slice radii.
@@ -90,3 +99,258 @@ def _of_slices(sheets: list[Sheet]) -> list[Sheet]:
             part = layer * membership(positions, sent([k], positions))
             sums[k] = sums[k] + part if k in sums else part
     return [(layer, torch.full_like(layer[0], k)) for k, layer in sums.items()]
+
+
+# Greatest radius in px: any picture is a point beside it.
+_MAX_PX = 1e8
+# Share of a pixel up to which coverage counts as rounding.
+_MINIMUM = 1e-7
+# Samples of one pixel are of one surface if their radii differ by less than half of this step, in
+# px and as a share of the radius, and of two from the whole step on: no layer tells them apart.
+_NEAR, _FAR = 1.0, 0.1
+# Pixels of nearer samples that are compared with a sample at once; bounds memory.
+_PIXELS_AT_ONCE = 1 << 20
+# Share of a pixel up to which an opaque sample may leave it clear.
+_CLEAR = 0.01
+# Samples of a pixel up to which each is compared with all others: a sort of few strides, and is
+# slow.
+_FEW_SAMPLES = 8
+# Samples that fewer than one in so many pixels have are listed.
+_LISTED = 10
+
+
+class Layered(NamedTuple):
+    """Layers of a frame, in memory or in files, in any order."""
+
+    colors: Pixels  # [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0
+    signed_radius: Pixels  # [L, H, W] px; undefined where coverage is 0
+    coverage: Pixels  # [L, H, W] in [0, 1]
+    limits: tuple[float, float]  # least and greatest signed radius in px of what is there
+    open: bool  # whether there are pixels that are not covered fully
+    deepest: int  # the greatest number of samples in one pixel
+
+    @classmethod
+    def of(cls, colors: Pixels, signed_radius: Pixels, coverage: Pixels) -> Layered:
+        """Look through the layers."""
+        minimum, maximum, is_open, deepest = torch.inf, -torch.inf, False, 1
+        for radius, cover in zip(banded(signed_radius), banded(coverage), strict=True):
+            if not bool(((cover >= 0) & (cover <= 1)).all()):
+                raise ValueError(
+                    "coverage must be in [0, 1], got other numbers; it is the share of each pixel "
+                    "that a layer covers"
+                )
+            covered = cover > 0
+            deepest = max(deepest, int(covered.sum(0).amax()))
+            present = radius[covered]
+            if not bool((present.abs() <= _MAX_PX).all()):
+                raise ValueError(
+                    f"signed_radius must be finite and within {_MAX_PX:g} px where coverage is "
+                    "above 0; check the units of depth and lens"
+                )
+            if len(present):
+                minimum, maximum = (
+                    min(minimum, float(present.min())),
+                    max(maximum, float(present.max())),
+                )
+            is_open = is_open or bool((cover < 1).all(0).any())
+        limits = (minimum, maximum) if minimum <= maximum else (0.0, 0.0)
+        if is_open:  # what is not covered is as far as the farthest surface, or in focus
+            limits = limits[0], max(limits[1], 0.0)
+        return cls(colors, signed_radius, coverage, limits, is_open, deepest)
+
+    @property
+    def dtype(self) -> torch.dtype:
+        """Type of the numbers to compute with."""
+        of_colors = torch.promote_types(self.colors.dtype, torch.float32)
+        return torch.promote_types(of_colors, self.signed_radius.dtype)
+
+    @property
+    def is_continued(self) -> bool:
+        """Whether surfaces are continued where no layer tells how: of one picture, or all over."""
+        return self.deepest == 1 or not self.open
+
+    @property
+    def number(self) -> int:
+        """The number of layers."""
+        return self.colors.shape[0]
+
+    def picture(self, *, alpha: bool) -> Pixels:
+        """The picture in focus [C, H, W]: premultiplied colours, and alpha if asked for."""
+
+        def flattened(box: Box) -> Tensor:
+            picture = self.stack(box).flattened()
+            return picture if alpha else picture[:-1]
+
+        return self._read(flattened, self.colors.shape[1] + alpha)
+
+    @property
+    def blurs_alpha(self) -> bool:
+        """Whether alpha is a channel of the colours that are blurred: else it is the coverage.
+
+        Of one sample a pixel, for what is continued behind its edges may be nothing.
+        """
+        return self.deepest == 1
+
+    def nearest(self) -> Pixels:
+        """The radius [H, W] px of the nearest sample of each pixel."""
+        return self._read(lambda box: self.radii(box)[0].amin(0))
+
+    def most_blurred(self) -> Pixels:
+        """The radius [H, W] px of the most blurred sample of each pixel."""
+
+        def most_blurred(box: Box) -> Tensor:
+            radii, coverage = self.radii(box)
+            blurred = torch.where(coverage > 0, radii.detach(), 0.0)
+            nearest, farthest = blurred.amin(0), blurred.amax(0)
+            return torch.where(farthest > -nearest, farthest, nearest)
+
+        return self._read(most_blurred)
+
+    def _read(self, function: Callable[[Box], Tensor], *channels: int) -> Pixels:
+        """A picture [*channels, H, W] of a function of boxes; in memory if the layers are."""
+
+        def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+            return function(Box.over(Span(*rows), Span(*columns))).to(self.dtype)
+
+        like = torch.empty(0, dtype=self.dtype, device=self.colors.device)
+        picture = Mapped(read, (*channels, *self.colors.shape[2:]), like)
+        return held(picture, *self[:3], threads=1, hold=False)
+
+    def radii(self, box: Box) -> tuple[Tensor, Tensor]:
+        """Radii and coverage [L, h, w] in a box; the radius of nothing where it is 0."""
+        radius, coverage = (box.of(x).to(self.dtype) for x in (self.signed_radius, self.coverage))
+        return torch.where(coverage > 0, radius, self.limits[1]), coverage
+
+    def stack(self, box: Box, dtype: torch.dtype | None = None) -> SampleStack:
+        """The samples of the pixels in a box, nearest first; of equal radii in order of layers."""
+        dtype = dtype or self.dtype
+        radius, coverage = self.radii(box)
+        color = torch.where(coverage[:, None] > 0, box.of(self.colors).to(dtype), 0.0)
+        radius, coverage = radius.to(dtype), coverage.to(dtype)
+        color = torch.cat([color, coverage[:, None]], 1)
+        there = coverage > 0
+        distance = torch.where(there, radius.detach(), torch.inf)
+        if bool((distance[1:] < distance[:-1]).any()):
+            order = ascending(distance)
+            radius = radius.gather(0, order)
+            color = color.gather(0, order[:, None].expand_as(color))
+        maximum = max(1, int(there.sum(0).amax()))
+        color, radius = color[:maximum], radius[:maximum]
+        left = torch.cumprod(1 - color[:, -1], 0)
+        through = torch.cat([torch.ones_like(left[:1]), left])
+        return SampleStack(color, radius, through, self.blurs_alpha)
+
+
+class SampleStack(NamedTuple):
+    """The samples of the pixels of a window, nearest first."""
+
+    color: Tensor  # [L, C + 1, h, w], colours premultiplied by coverage, then coverage
+    signed_radius: Tensor  # [L, h, w] px; that of nothing where no sample is
+    # [L + 1, h, w], the share of each pixel that all nearer samples leave; last the share that
+    # none covers
+    through: Tensor
+    with_alpha: bool  # whether the colours of samples have a last channel of 1, their alpha
+
+    def flattened(self) -> Tensor:
+        """The picture in focus [C + 1, h, w]: premultiplied colours, then alpha."""
+        return (self.color * self.through[:-1, None]).sum(0)
+
+    def opaque(self) -> Tensor:
+        """The radii [L, h, w] px of opaque samples; inf of others."""
+        clear = self.color[:, -1] < 1 - _CLEAR
+        return self.signed_radius.masked_fill(clear, torch.inf)
+
+    def solid(self, farthest: float) -> Tensor:
+        """The radius [h, w] px of the nearest opaque sample; `farthest` where there is none."""
+        return self.opaque().amin(0).clamp(max=farthest)
+
+    def knows_behind(self) -> Tensor | None:
+        """Where samples behind the nearest one are opaque together: [h, w] bool."""
+        if len(self.color) == 1:
+            return None
+        return torch.prod(1 - self.color[1:, -1].detach(), 0) <= _CLEAR
+
+    def visible(self) -> Sampled:
+        """What shows: the nearest sample, and what shows of those behind it."""
+        return self._weighted(self.through[:-1])
+
+    def hidden(self) -> Sampled | None:
+        """What samples of nearer surfaces in the same pixel hide; None if nothing is hidden."""
+        if len(self.color) == 1:
+            return None
+        weights = self._hidden_weights()
+        if not bool((weights * self.color[:, -1] > _MINIMUM).any()):
+            return None
+        return self._weighted(weights)
+
+    def _hidden_weights(self) -> Tensor:
+        """The share [L, h, w] of each sample that nearer surfaces hide, but not its own surface."""
+        radii, cover = self.signed_radius, self.color[:, -1]
+        weights, first = [], 0
+        at_once = max(1, _PIXELS_AT_ONCE // radii[0].numel())
+        for k, radius in enumerate(radii):
+            while k - first > _FEW_SAMPLES and bool((_apart(radius, radii[first]) > 1).all()):
+                first += 1  # another surface, and so it is for all samples farther than this one
+            not_hidden = torch.ones_like(radius)
+            for start in range(first, k, at_once):
+                some = slice(start, min(start + at_once, k))
+                own = 1 - _apart(radius, radii[some]).clamp(0, 1)
+                not_hidden = not_hidden * (1 - cover[some] * own).prod(0)
+            weights.append((not_hidden - self.through[k]).clamp(min=0))
+        return torch.stack(weights)
+
+    def _weighted(self, weights: Tensor) -> Sampled:
+        """The samples times weights [L, h, w]."""
+        coverage = self.color[:, -1] * weights
+        first = self.color[0, -1:]
+        color = self.color[0] if self.with_alpha else self.color[0, :-1]
+        color = color / torch.where(first > 0, first, 1.0)
+        nothing = torch.zeros_like(coverage[0])
+        parts, others = [_fringe(self._layer(0, weights), nothing, self.signed_radius[0])], []
+        for k in range(1, len(weights)):
+            layer = self._layer(k, weights)
+            if int((coverage[k] > _MINIMUM).sum()) * _LISTED > coverage[k].numel():
+                others.append((layer, self.signed_radius[k]))
+            else:
+                parts.append(_fringe(layer, coverage[k], self.signed_radius[k]))
+        fringe = Fringe(*(torch.cat(part) for part in zip(*parts, strict=True)))
+        whole = bool((coverage[0] == 1).all())
+        return Sampled(Unmixed(color, None if whole else coverage[:1], fringe), others)
+
+    def _layer(self, k: int, weights: Tensor) -> Tensor:
+        """Sample k times its weight: its color, and last its coverage."""
+        layer = self.color[k] * weights[k]
+        return torch.cat([layer, layer[-1:]]) if self.with_alpha else layer
+
+
+class Sampled(NamedTuple):
+    """Samples of pixels."""
+
+    nearest: Unmixed  # the nearest ones, and as fringe further ones that few pixels have
+    others: list[Sheet]  # further ones that many pixels have
+
+
+def _apart(radius: Tensor, nearer: Tensor) -> Tensor:
+    """Up to 0 where radii [..., h, w] px are of one surface, from 1 on of two."""
+    step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
+    return 2 * (radius - nearer) / step - 1
+
+
+def _fringe(layer: Tensor, coverage: Tensor, signed_radius: Tensor) -> Fringe:
+    """The samples [C, h, w] of pixels that have coverage [h, w]."""
+    at = positions_of(coverage.detach() > _MINIMUM)
+    y, x = at.unbind(1)
+    return Fringe(at, layer[:, y, x].T, signed_radius[y, x])
+
+
+def ascending(values: Tensor) -> Tensor:
+    """The stable order of values [L, h, w] along L."""
+    if len(values) > _FEW_SAMPLES:
+        return values.movedim(0, -1).sort(dim=-1, stable=True)[1].movedim(-1, 0)
+    rank = torch.zeros(values.shape, dtype=torch.long, device=values.device)
+    for k in range(1, len(values)):
+        after = values[:k] <= values[k]
+        rank[k] += after.sum(0)
+        rank[:k] += ~after
+    number = torch.arange(len(values), device=values.device)[:, None, None]
+    return torch.empty_like(rank).scatter_(0, rank, number.expand_as(rank))

@@ -1,7 +1,11 @@
-"""Slice radii: slices by signed CoC radius, and the share of each pixel in them.
+"""Slice radii: slices by signed CoC radius, the share of each pixel in them, and their order.
 
-Slice radii, in px, depend on the quality alone. A pixel between two slice radii
-belongs to both, by weights that sum to one and keep the second moment of its blur: linear in r².
+Slice radii, in px, depend on the quality alone. A pixel between two slice radii belongs to both, by
+weights that sum to one and keep the second moment of its blur: linear in r².
+
+Visible layers are composited first, for they are known. But light of a far more blurred surface
+spreads over hidden surfaces in front of it, and would shine through them: a sign behind a fence
+would be tinted by the sky. So such a hidden octave is composited before the more blurred one.
 """
 
 from __future__ import annotations
@@ -120,6 +124,7 @@ def evenly(minimum: float, maximum: float, count: int) -> tuple[float, ...]:
     return tuple(minimum + (maximum - minimum) * k / (count - 1) for k in range(count))
 
 
+@lru_cache(maxsize=64)
 def layers(radii: tuple[float, ...], quality: Quality) -> list[int]:
     """For each slice the number of its layer, ascending: slices of a layer add, layers occlude.
 
@@ -144,19 +149,14 @@ def slice_position(signed_radius: Tensor, radii: tuple[float, ...]) -> Tensor:
     """
     if len(radii) == 1:
         return torch.zeros_like(signed_radius)
-    pieces = _pieces(radii)
-    lower, a, b, c = (
-        sent(column, signed_radius)
-        for column in zip(*((p.slice_index, p.a, p.b, p.c) for p in pieces), strict=True)
-    )
-    r = signed_radius.flatten()
-    ends = sent([p.end for p in pieces], r)
+    r, linear = signed_radius.flatten(), any(piece.b for piece in _pieces(radii))
+    lower, ends, a, b, c = _columns(radii, r.dtype, r.device)
     piece = torch.bucketize(r.detach(), ends[:-1], right=True, out_int32=True)
     if torch.is_grad_enabled() and r.requires_grad:  # on a limit, the piece before it
         before = (piece - 1).clamp(min=0)
         piece = torch.where(tied(r, ends.index_select(0, before)), before, piece)
     fraction = torch.addcmul(c.index_select(0, piece), a.index_select(0, piece), r * r)
-    if any(p.b for p in pieces):
+    if linear:
         fraction = fraction.addcmul(b.index_select(0, piece), r)
     lower, share = lower.index_select(0, piece), fraction.clamp(0, 1)
     if torch.is_grad_enabled() and r.requires_grad:  # positions round more than their fractions
@@ -176,7 +176,7 @@ class _QuadraticPiece(NamedTuple):
     c: float
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
     """The pieces of the function from radii to shares, in ascending order."""
     pieces = []
@@ -192,6 +192,18 @@ def _pieces(radii: tuple[float, ...]) -> list[_QuadraticPiece]:
         if sharp and high == 0:
             pieces[-3] = whole._replace(end=-SOFT)
     return pieces
+
+
+@lru_cache(maxsize=32)
+def _columns(
+    radii: tuple[float, ...], dtype: torch.dtype, device: torch.device
+) -> tuple[Tensor, ...]:
+    """The fields of `_pieces`, each of all pieces."""
+    with torch.inference_mode(False):  # they are cached for calls that need gradients, too
+        return tuple(
+            sent(column, torch.empty(0, dtype=dtype, device=device))
+            for column in zip(*_pieces(radii), strict=True)
+        )
 
 
 def _sharp(whole: _QuadraticPiece) -> list[_QuadraticPiece]:
@@ -226,3 +238,52 @@ def slice_before(positions: Tensor) -> Tensor:
     """
     nearest = positions.round()
     return torch.where(tied(positions, nearest), nearest - 1, positions.floor()).clamp(min=0)
+
+
+# A hidden octave comes before visible layers whose radius is this many times its greatest one.
+# Surfaces of like radii cover each other by chance; for them the order stays.
+_MORE = 1.263
+
+
+class CompositeOrder(NamedTuple):
+    """The places of hidden octaves in the order of visible layers."""
+
+    around: int  # number of the first visible layer that is not blurred nearer than focus
+    # Number of the first visible layer beyond focus; greater than all numbers if there is none
+    beyond: int
+    # For each hidden octave, nearest first, the number of the first visible layer that comes
+    # after it. Octaves that come before no visible layer are absent
+    ahead: dict[int, int]
+    # For each picture of a batch, whose slices are those of all, the greatest octave that is
+    # ahead by its own; empty where there is one picture
+    greatest: tuple[int, ...] = ()
+
+    def pictures_with(self, octave: int, like: Tensor) -> Tensor | None:
+        """1 for pictures [B, 1, 1] in which an octave is ahead, else 0; None if it is in all."""
+        if all(abs(octave) <= greatest for greatest in self.greatest):
+            return None
+        which = [float(abs(octave) <= greatest) for greatest in self.greatest]
+        return sent(which, like)[:, None, None]
+
+
+def octaves(radii: tuple[float, ...]) -> list[int]:
+    """For each slice its octave: 0 if |r| < 2 px, 1 up to 4 px, ...; negative nearer than focus."""
+    sizes = (math.floor(math.log2(max(abs(r), ALONE / 2) / ALONE)) + 1 for r in radii)
+    return [size if r > 0 else -size for size, r in zip(sizes, radii, strict=True)]
+
+
+def composite_order(radii: tuple[float, ...], layer_indices: list[int]) -> CompositeOrder:
+    """The composite order of hidden octaves, by the radii in px and the layers of slices."""
+    minimum: dict[int, float] = {}
+    for r, layer_index in zip(radii, layer_indices, strict=True):
+        if r >= ALONE:
+            minimum[layer_index] = min(minimum.get(layer_index, r), r)
+    ahead = {}
+    for octave in sorted({o for o in octaves(radii) if o}):
+        maximum = ALONE * 2.0 ** abs(octave)
+        later = [layer_index for layer_index, r in minimum.items() if r >= _MORE * maximum]
+        if later:
+            ahead[octave] = min(later)
+    around = sum(r <= -ALONE for r in radii)
+    first = layer_indices[around] if around < len(radii) else len(radii)
+    return CompositeOrder(first, min(minimum, default=len(radii)), ahead)

@@ -1,25 +1,457 @@
-"""A sliced surface: the slices of a layer that each tile needs."""
+"""A sliced surface: the slices of a layer that each tile needs, and where they have pixels.
+
+Blocks of 16 px say where slices are. In a block of one slope every slice has this slope, and the
+kernel is tilted instead of the pixels; a slice in a block of several slopes has none in common,
+even if its own pixels do. Beyond the frame, what is on its edge goes on.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from functools import cached_property, reduce
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
-from defocus_core.renderer.layers.block_index import blocks_at, blocks_of, visible_slices
-from defocus_core.renderer.layers.extents import Patch, patches
-from defocus_core.renderer.layers.fringe_samples import FringeSamples
-from defocus_core.renderer.layers.planar_slices import Planes
 from defocus_core.renderer.layers.samples import SurfaceSamples
-from defocus_core.renderer.layers.slice_radii import membership
-from defocus_core.tensors.box import Box, Span
-from defocus_core.tensors.continuing import continue_edges, level_beyond, positions_continued
+from defocus_core.renderer.layers.slice_radii import membership, slice_before
+from defocus_core.tensors.box import BLOCK, Box, Grid, Span, min_transform
 from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.pyramid import Axis, averaged
-from defocus_core.tensors.tiling import BLOCK, Grid
+
+
+def continue_edges(values: Tensor, given: Box) -> None:
+    """Repeat the edges of a rectangle of values [..., H, W] all around it, in place."""
+    for dim, side in zip((-2, -1), given.sides, strict=True):
+        length = values.shape[dim]
+        edges = ((side.first, 0, side.first), (side.end - 1, side.end, length - side.end))
+        for edge, start, count in edges:
+            if count:
+                values.narrow(dim, start, count).copy_(values.narrow(dim, edge, 1))
+
+
+def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Tensor, Tensor]:
+    """Rows and columns of samples of which those on an edge are repeated all around.
+
+    `at`: [n, 2] rows and columns of samples; rows are counted on from one picture of a batch to the
+    next, here and in the result; `size`: (height, width) of the values that they are of. Returns
+    [m, 2] rows and columns in the rectangle, and the numbers [m] of the samples that are there.
+    """
+    number = torch.arange(len(at), device=at.device)
+    above = at[:, 0].div(size[0], rounding_mode="floor")
+    at = torch.stack([at[:, 0] - above * size[0], at[:, 1]], 1)
+    for dim, (side, length) in enumerate(zip(box.sides, size, strict=True)):
+        positions, numbers = [at], [number]
+        steps = (0, range(side.first, 0)), (length - 1, range(1, side.end - length + 1))
+        for edge, away in steps:
+            on_edge = torch.nonzero(at[:, dim] == edge)[:, 0]
+            if not len(away) or not len(on_edge):
+                continue
+            moved = at[on_edge].repeat(len(away), 1)
+            moved[:, dim] += torch.tensor(away, device=at.device).repeat_interleave(len(on_edge))
+            positions.append(moved)
+            numbers.append(number[on_edge].repeat(len(away)))
+        at, number = torch.cat(positions), torch.cat(numbers)
+    row = at[:, 0] - box.top + above.index_select(0, number) * box.height
+    return torch.stack([row, at[:, 1] - box.left], 1), number
+
+
+def level_beyond(slopes: Tensor, box: Box) -> Tensor:
+    """Slopes [2, ..., H, W], x and y, in a rectangle around them: beyond an edge only along it."""
+    H, W = slopes.shape[-2:]
+    given = Box(-box.top, -box.left, H, W)
+    if box == given:
+        return slopes
+    whole = slopes.new_zeros(*slopes.shape[:-2], box.height, box.width)
+    given.of(whole).copy_(slopes)
+    rows, columns = given.sides
+    continue_edges(whole[0, ..., columns.first : columns.end], given._replace(left=0))
+    continue_edges(whole[1, ..., rows.first : rows.end, :], given._replace(top=0))
+    return whole
+
+
+# Blocks that are tested against tiles at once: bounds memory.
+_COUNTED = 1 << 21
+
+
+def visible_slices(blocks: Tensor, reaches: list[int], tiles: list[Box]) -> list[list[int]]:
+    """For each tile the indices of the slices whose blur reaches it, nearest first.
+
+    `blocks`: [K, rows, columns] bool, from `blocks_of` and `blocks_at`; `reaches`: blur radius of
+    each slice, in px.
+    """
+    reached = []
+    down, across = ([tile.sides[d] for tile in tiles] for d in (0, 1))
+    rows, columns = list(dict.fromkeys(down)), list(dict.fromkeys(across))
+    for chunk in torch.split(torch.arange(len(reaches)), max(1, _COUNTED // blocks[0].numel())):
+        occupied = blocks[chunk[0] : chunk[-1] + 1].float().cpu()
+        reach = torch.tensor(reaches)[chunk, None]
+        within = (
+            _within_reach(rows, reach, occupied.shape[1]),
+            _within_reach(columns, reach, occupied.shape[2]),
+        )
+        reached.append(within[0] @ occupied @ within[1].mT > 0)  # [K, rows, columns] of tiles
+    reaching = torch.cat(reached).permute(1, 2, 0)
+    return [
+        torch.nonzero(reaching[rows.index(y), columns.index(x)])[:, 0].tolist()
+        for y, x in zip(down, across, strict=True)
+    ]
+
+
+def _within_reach(sides: list[Span], reach: Tensor, count: int) -> Tensor:
+    """Which of `count` blocks along an axis are within reach [K, 1] px of sides: [K, n, count]."""
+    first, end = (
+        torch.tensor([getattr(side, name) for side in sides]) for name in ("first", "end")
+    )
+    first_block, end_block = (first - reach) // BLOCK, -((-end - reach) // BLOCK)
+    block = torch.arange(count)
+    return ((block >= first_block[..., None]) & (block < end_block[..., None])).float()
+
+
+def blocks_of(
+    positions: Tensor, slices: int, present: Tensor | None = None, sharp: int | None = None
+) -> Tensor:
+    """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
+
+    `positions`: [..., H, W] positions of pixels among the slice radii, of any picture of a batch.
+    If they learn, a pixel on a slice is in the one before, too: its share in this is 0, and has a
+    gradient; `present`: [..., H, W] bool, which pixels exist; None if all do; `sharp`: the slice in
+    focus, on which shares have no gradient; None if there is none.
+    """
+    if present is not None:
+        at = torch.nonzero(present)
+        size = positions.shape[-2], positions.shape[-1]
+        return blocks_at(positions[at.unbind(1)], at[:, -2:], slices, size, sharp)
+    learn, positions = positions.requires_grad, positions.detach()
+
+    def beside(place: Tensor) -> tuple[Tensor, Tensor]:
+        return _slices_beside(place, slices, sharp, learn=learn)
+
+    extremes = block_ranges(positions)
+    occupied = torch.zeros((*extremes[0].shape, slices), dtype=torch.bool, device=positions.device)
+    least, greatest = map(beside, extremes)
+    for slice_index in (*least, *greatest):
+        occupied.scatter_(-1, slice_index[..., None], True)
+    # which slices between the least and the greatest have a pixel?
+    several = torch.nonzero(greatest[0] - least[-1] > 1)
+    if len(several):
+        mixed = _in_blocks(positions).transpose(-3, -2)[several.unbind(1)].flatten(1)
+        slices_held = torch.zeros((len(several), slices), dtype=torch.bool, device=positions.device)
+        for slice_index in beside(mixed):
+            slices_held.scatter_(1, slice_index, True)
+        occupied[several.unbind(1)] = slices_held
+    occupied = occupied if occupied.dim() == 3 else occupied.any(0)
+    return occupied.permute(2, 0, 1)
+
+
+def block_ranges(values: Tensor) -> tuple[Tensor, Tensor]:
+    """The least and the greatest value of each block of [..., H, W]."""
+    blocks = _in_blocks(values)
+    return blocks.amin(-3).amin(-1), blocks.amax(-3).amax(-1)
+
+
+def _in_blocks(values: Tensor) -> Tensor:
+    """Values [..., H, W] as [..., rows, 16, columns, 16]; past the border the last one repeats."""
+    rest = (0, -values.shape[-1] % BLOCK, 0, -values.shape[-2] % BLOCK)
+    padded = pad(values.reshape(-1, *values.shape[-2:]), rest, mode="replicate")
+    padded = padded.view(*values.shape[:-2], *padded.shape[-2:])
+    return torch.unflatten(torch.unflatten(padded, -1, (-1, BLOCK)), -3, (-1, BLOCK))
+
+
+def blocks_at(
+    positions: Tensor, at: Tensor, slices: int, size: tuple[int, int], sharp: int | None = None
+) -> Tensor:
+    """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2].
+
+    Rows may be counted on from one picture of a batch to the next.
+    """
+    rows, columns = (-(-n // BLOCK) for n in size)
+    occupied = torch.zeros(slices * rows * columns, dtype=torch.bool, device=positions.device)
+    row, column = (
+        x.div(BLOCK, rounding_mode="floor") for x in (at[:, 0].remainder(size[0]), at[:, 1])
+    )
+    number = row * columns + column
+    beside = _slices_beside(positions.detach(), slices, sharp, learn=positions.requires_grad)
+    for slice_index in beside:
+        occupied.index_fill_(0, slice_index * (rows * columns) + number, True)
+    return occupied.view(slices, rows, columns)
+
+
+def _slices_beside(
+    positions: Tensor, count: int, sharp: int | None, *, learn: bool
+) -> tuple[Tensor, Tensor]:
+    """The slices before and after positions, which may be one."""
+    before, after = positions.floor(), positions.ceil()
+    if learn and torch.is_grad_enabled():
+        between = torch.ones_like(positions, dtype=torch.bool)
+        if sharp is not None:
+            between = positions != sharp
+        before = torch.where(between, slice_before(positions), before)
+        after = torch.where(between, (before + 1).clamp(max=count - 1), after)
+    return before.long(), after.long()
+
+
+class Patch(NamedTuple):
+    """The rectangles of a layer in and around a tile."""
+
+    lit: Box  # where the layer has pixels whose blur reaches the tile
+    shown: Box  # where in the tile the blurred layer shows
+    margin: int  # blur radius of the layer, in px
+
+    @property
+    def minimum(self) -> tuple[int, int]:
+        """The least (height, width) of a transform that blurs the layer."""
+        down, across = (
+            min_transform(lit, shown, self.margin)
+            for lit, shown in zip(self.lit.sides, self.shown.sides, strict=True)
+        )
+        return down, across
+
+    @property
+    def corner(self) -> tuple[int, int]:
+        """The first row and column of both rectangles."""
+        return min(self.lit.top, self.shown.top), min(self.lit.left, self.shown.left)
+
+    def transformed(self, size: tuple[int, int], tile: Box, maximum: tuple[int, int]) -> Box:
+        """The window that a transform of the given (height, width) reads.
+
+        It lies within the window of the whole tile, whose size is `maximum`.
+        """
+        top, left = (
+            min(self.corner[d], tile[d] - self.margin + maximum[d] - size[d]) for d in (0, 1)
+        )
+        return Box(top, left, *size)
+
+
+def patch_of(held: tuple[Span, Span], wanted: tuple[Span, Span], margin: int) -> Patch | None:
+    """The patch of a layer in a rectangle; None if the layer does not reach it.
+
+    `margin`: blur radius of the layer, in px.
+    """
+    lit = [
+        layer_side.within(wanted_side.grown(margin))
+        for layer_side, wanted_side in zip(held, wanted, strict=True)
+    ]
+    shown = [
+        layer_side.grown(margin).within(wanted_side)
+        for layer_side, wanted_side in zip(lit, wanted, strict=True)
+    ]
+    if min(span.length for span in (*lit, *shown)) <= 0:
+        return None
+    return Patch(Box.over(*lit), Box.over(*shown), margin)
+
+
+def patches(
+    occupied: Tensor, tiles: list[Box], margins: list[int], size: tuple[int, int]
+) -> list[list[Patch | None]]:
+    """For each layer its patch in each tile; None if the layer does not reach the tile.
+
+    `occupied`: [L, rows, columns] bool, the blocks in which layers have pixels; `margins`: blur
+    radius of each layer, in px; `size`: (height, width) of the layers in px.
+    """
+    whole, margin_px = Box(0, 0, *size), torch.tensor(margins)[:, None]
+    corners = torch.tensor(tiles)
+    down, across = (
+        _blocks(corners[:, d] - margin_px, corners[:, d] + corners[:, d + 2] + margin_px, size[d])
+        for d in (0, 1)
+    )
+    extents = _extents(occupied, down, across), _extents(occupied.mT, across, down)
+    return [
+        [
+            patch_of(_in_px(held, whole), tile.sides, margin)
+            if all(first < end for first, end in held)
+            else None
+            for tile, held in zip(tiles, zip(*layer_extents, strict=True), strict=True)
+        ]
+        for margin, layer_extents in zip(margins, zip(*extents, strict=True), strict=True)
+    ]
+
+
+def _blocks(first: Tensor, end: Tensor, length: int) -> Tensor:
+    """From px to blocks along an axis: the first block and the one after the last, [L, n, 2]."""
+    return torch.stack([first.clamp(min=0), end.clamp(0, length) + (BLOCK - 1)], 2) // BLOCK
+
+
+def _in_px(held: Sequence[list[int]], whole: Box) -> tuple[Span, Span]:
+    """Rows and columns of pixels, from rows and columns of blocks."""
+    down, across = (
+        Span(first * BLOCK, end * BLOCK).within(side)
+        for (first, end), side in zip(held, whole.sides, strict=True)
+    )
+    return down, across
+
+
+def _extents(occupied: Tensor, along: Tensor, beside: Tensor) -> list[list[list[int]]]:
+    """In each of n rectangles the first occupied row and the one after the last: L x n x 2.
+
+    `occupied`: [L, rows, columns] bool; `along`: [L, n, 2] the first row of each rectangle, and the
+    one after the last; `beside`: [L, n, 2] the first column of each rectangle, and the one after
+    the last.
+    """
+    rows = occupied.shape[1]
+    count = pad(occupied.to(torch.int32), (1, 0)).cumsum(2)
+    first, end = (count.gather(2, x[:, None].expand(-1, rows, -1)) for x in beside.unbind(2))
+    held = end > first  # [L, rows, n]
+    row = torch.arange(rows)[:, None]
+    held &= (row >= along[:, None, :, 0]) & (row < along[:, None, :, 1])
+    number = held.to(torch.int32)
+    start, stop = number.argmax(1), rows - number.flip(1).argmax(1)
+    return torch.stack([start, torch.where(held.any(1), stop, start)], 2).tolist()
+
+
+class FringeSamples:
+    """The fringe samples of a surface, each with its share in one slice, sorted by layer."""
+
+    def __init__(
+        self, at: Tensor, samples: Tensor, positions: Tensor, layers: list[int], height: int
+    ) -> None:
+        """Sort samples by layer and by rows of blocks.
+
+        `at`: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next;
+        `samples`: [n, C + 1], colour premultiplied by coverage, then coverage; `positions`: [n]
+        positions between slice radii.
+        """
+        lower = positions.detach().floor()
+        slice_index = torch.cat([lower, lower + 1])
+        fraction = 1 - (torch.cat([positions, positions]) - slice_index).abs()
+        self._rows = -(-height // BLOCK)
+        layer_index = torch.tensor([*layers, layers[-1]], device=at.device)[slice_index.long()]
+        above = at[:, 0].div(height, rounding_mode="floor")
+        at = torch.stack([at[:, 0] - above * height, at[:, 1]], 1)
+        band = layer_index * self._rows + at[:, 0].div(BLOCK, rounding_mode="floor").repeat(2)
+        order = band.argsort(stable=True)
+        self._slice_index = slice_index.long().index_select(0, order)
+        sample = order % max(len(at), 1)
+        self._y, self._x = at.index_select(0, sample).unbind(1)
+        self._of = above.index_select(0, sample)  # the picture of the batch
+        self._samples = samples.index_select(0, sample).T * fraction.index_select(0, order)
+        counts = torch.bincount(band, minlength=(max(layers) + 1) * self._rows)
+        self._starts = [0, *counts.cumsum(0).tolist()]
+
+    def _range(self, layer_index: int, first: int, end: int) -> slice:
+        """Range of the sorted samples of a layer in rows of blocks from `first` to before `end`."""
+        offset = layer_index * self._rows
+        return slice(self._starts[offset + first], self._starts[offset + end])
+
+    def add(self, slices: Tensor, layer_index: int, first: int, window: Box, lit: Box) -> None:
+        """Add the samples in a rectangle to slices of a layer.
+
+        `slices`: [C + 1, k, ..., height, width]; changed in place.
+        """
+        chosen = self._range(layer_index, lit.top // BLOCK, -(-(lit.top + lit.height) // BLOCK))
+        if chosen.start == chosen.stop:
+            return
+        k, (height, width) = slices.shape[1], slices.shape[-2:]
+        slot, y, x = (
+            self._slice_index[chosen] - first,
+            self._y[chosen] - lit.top,
+            self._x[chosen] - lit.left,
+        )
+        inside = (slot >= 0) & (slot < k) & (y >= 0) & (y < lit.height)
+        inside &= (x >= 0) & (x < lit.width)
+        origin = (lit.top - window.top) * width + lit.left - window.left
+        pictures = math.prod(slices.shape[2:-2])
+        number = slot if pictures == 1 else slot * pictures + self._of[chosen]
+        spot = ((number * height + y) * width + x + origin) * inside
+        slices.view(len(slices), -1).index_add_(1, spot, self._samples[:, chosen] * inside)
+
+    def averaged(
+        self,
+        pixels: Tensor,
+        layer_index: int,
+        slice_index: int,
+        step: int,
+        coarse: Box,
+        middle: tuple[Axis, Axis],
+    ) -> None:
+        """Add the samples of a slice to this slice at reduced resolution.
+
+        `pixels`: [C + 1, ..., height, width], the slice without the samples; changed in place.
+        """
+        layer_range = self._range(layer_index, 0, self._rows)
+        index_of_slice = (
+            torch.nonzero(self._slice_index[layer_range] == slice_index)[:, 0] + layer_range.start
+        )
+        if not len(index_of_slice):
+            return
+        samples = self._samples.index_select(1, index_of_slice) / step**2
+        # for each axis: the coarse pixels that have a share of a sample, and their shares
+        sides = []
+        for position, axis, start in zip((self._y, self._x), middle, coarse[:2], strict=True):
+            offset = position[index_of_slice] - axis.middle
+            lower = offset.div(step, rounding_mode="floor")
+            upper = (offset - lower * step).to(samples.dtype) / step
+            sides.append(
+                [(lower - start, 1 - upper), (lower + 1 - start, upper)]
+                if axis.odd
+                else [(lower - start, torch.ones_like(upper))]
+            )
+        flat = pixels.view(len(pixels), -1)
+        first = self._of[index_of_slice] * (coarse.height * coarse.width)
+        channel = torch.arange(len(pixels), device=pixels.device)[:, None]
+        for y, row_weight in sides[0]:
+            for x, column_weight in sides[1]:
+                inside = (y >= 0) & (y < coarse.height) & (x >= 0) & (x < coarse.width)
+                spot = torch.where(inside, first + y * coarse.width + x, 0)
+                fractions = row_weight * column_weight * inside
+                # in a fixed order on a GPU, too, where index_add_ has none
+                flat.index_put_((channel, spot), samples * fractions, accumulate=True)
+
+
+# Slopes in px per px that differ by less are equal: pictures change by less than 2e-6.
+_SAME_SLOPE = 1.5e-5
+
+
+class Planes:
+    """The slopes of slices in the blocks of a frame.
+
+    Attributes:
+        tilted: [rows, columns] bool, the blocks that hold a slope other than 0, on the CPU.
+    """
+
+    def __init__(self, slopes: Tensor, blocks: Tensor) -> None:
+        """Look for slices that are planes.
+
+        `slopes`: [2, ..., H, W], x and y, px per px; `blocks`: [K, rows, columns] bool, where
+        slices are, on the CPU.
+        """
+        lowest, highest = block_ranges(slopes)
+        if slopes.dim() > 3:  # of all pictures of a batch
+            lowest, highest = lowest.amin(1), highest.amax(1)
+        self._lowest, self._highest = lowest.cpu(), highest.cpu()
+        self._blocks = blocks
+        self.tilted: Tensor = ((self._lowest < 0) | (self._highest > 0)).any(0)
+        every, all_blocks = list(range(len(blocks))), slice(None)
+        self._everywhere = self._common(every, all_blocks, all_blocks)
+
+    def slopes(self, slice_indices: list[int], box: Box) -> list[tuple[float, float] | None]:
+        """Slopes of slices, x and y; None for a slice of several slopes within the rectangle."""
+        everywhere = [self._everywhere[number] for number in slice_indices]
+        if None not in everywhere:
+            return everywhere
+        rows, columns = (
+            slice(max(side.first // BLOCK, 0), -(-side.end // BLOCK)) for side in box.sides
+        )
+        local = self._common(slice_indices, rows, columns)
+        return [common or in_window for common, in_window in zip(everywhere, local, strict=True)]
+
+    def _common(
+        self, slice_indices: list[int], rows: slice, columns: slice
+    ) -> list[tuple[float, float] | None]:
+        """The slopes of slices, x and y, in a rectangle of blocks; None if there are several."""
+        lowest, highest = (x[:, rows, columns] for x in (self._lowest, self._highest))
+        if not lowest.numel():
+            return [None] * len(slice_indices)
+        occupied = self._blocks[slice_indices, rows, columns][:, None]
+        low = torch.where(occupied, lowest, torch.inf).flatten(2).amin(2)
+        high = torch.where(occupied, highest, -torch.inf).flatten(2).amax(2)
+        same = (high - low <= _SAME_SLOPE).all(1) & (low < torch.inf).all(1)  # infinite: no block
+        middle = ((low + high) / 2).tolist()
+        return [(x, y) if one else None for one, (x, y) in zip(same.tolist(), middle, strict=True)]
+
 
 # Rows of samples averaged at once are a multiple of _BAND, of about _AREA samples: they stay in a
 # cache of a CPU. Bytes that a sample takes elsewhere.

@@ -1,26 +1,41 @@
-"""Slopes of the radius: how densely each side of the aperture sees a tilted surface.
+"""Slopes: how a part of the aperture sees a surface whose radius or colour changes over pixels.
 
 Lens point u sees pixel q at q + r(q) u. Where the radius changes from pixel to pixel, this map
 stretches or crowds the surface: pixels of it land 1 + u·∇r apart (the determinant of its
 derivative). So a pixel stands for a share 1 + u·∇r of what u sees; without it a tilted surface is
 seen too thin from one side and too thick from the other.
+
+A part of the aperture sees a surface shifted by r times the part's centroid. Near focus slices lose
+a part of this shift: kernels sampled by area have no shift within a pixel, and shares in two slices
+keep the second moment of a blur, not its first. The gradient of the surface's own colours adds the
+lost part (Taylor). Coverage does not change, and neither does the centre image: the centroids of
+the parts sum to zero.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.parts import LEFT, Part
+from defocus_core.renderer.layers.slice_radii import SHARP, SOFT, slice_before
+from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import range_of
+from defocus_core.tensors.source import Scalar
 
 # Slopes in px per px, below which the limiter is nearly a plain mean.
 _SMALL = 0.05
 # Half width in px of the square around a pixel, and the share of it that must be steep.
 _AROUND = 5
 _AREA = 0.345  # no share of whole pixels, so that rounding decides nothing
-# Px around a pixel that decide its slope.
+# Px around a pixel that decide its slope, and the gradient of its colours.
 AROUND = _AROUND + 1
 
 
@@ -84,3 +99,118 @@ def _mean(steps: tuple[Tensor, Tensor], weights: tuple[Tensor, Tensor]) -> Tenso
     """The mean of two steps, each weighted by the other's weight."""
     (a, b), (a2, b2) = steps, weights
     return torch.addcmul(a * b2, b, a2) / (a2 + b2)
+
+
+# Radius in px of slices up to which lost shifts are added; beyond, less than 0.03 px is lost.
+NEAR = 2.0
+# Px around a pixel that decide the gradient of its colours.
+_BESIDE = 1
+# Centroids less far than this above or below the middle of the lens are level with it.
+_LEVEL = 1e-6
+# Neighbours whose radii differ by less, in px, are of the same surface.
+_SAME = 0.513
+
+
+@lru_cache(maxsize=64)
+def _apparent(radii: tuple[float, ...], aperture: Aperture, half: Part) -> tuple[Scalar, ...]:
+    """The radii of slices in px by which their left halves are shifted."""
+    whole = aperture.centroid(half)[0]
+    return tuple(aperture.first_moments(r, half)[0] / whole if abs(r) < NEAR else r for r in radii)
+
+
+class Shifts:
+    """The changes of a surface's colours near focus, for parts of the aperture."""
+
+    def __init__(
+        self,
+        color: Tensor,  # [C, H, W]
+        signed_radius: Tensor,  # [H, W] px
+        positions: Tensor,  # [H, W] positions between slice radii
+        inner: Box,
+        radii: tuple[float, ...],  # [K] px, of the slices
+        aperture: Aperture,
+        parts: list[Part],
+    ) -> None:
+        """Keep the surface."""
+        self._color, self._radius, self._positions = color, signed_radius, positions
+        self._whole = Box(-inner.top, -inner.left, *signed_radius.shape[-2:])
+        requires_grad = aperture.requires_grad
+        apparent = _apparent.__wrapped__ if requires_grad else _apparent
+        half = parts[0] if parts[0].is_uneven else LEFT
+        known = aperture if requires_grad else aperture.fixed
+        # [K] or, of the pupils of a batch, [K B], picture by picture
+        found = stacked(apparent(radii, known, half), positions).reshape(len(radii), -1)
+        self._apparent, self._count = found.T.flatten(), len(radii)
+        # pixels of lesser radii have shares in slices near focus
+        self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
+        centroids = [aperture.centroid(part) for part in parts]
+        # x, and y where it makes a difference
+        level = (torch.as_tensor(y * y < _LEVEL**2).all() for _, y in centroids)
+        dims = 1 if all(map(bool, level)) else 2
+        means = stacked([mean for pair in centroids for mean in pair], positions)
+        self._centroids = means.view(-1, 2, *means.shape[1:])[:, :dims]
+
+    def over(self, box: Box) -> Tensor | None:
+        """The change of the colours of a surface within a rectangle: [M, C, h, w].
+
+        None if nothing in the rectangle is near focus. On a GPU this is not checked, for the check
+        would wait for the device.
+        """
+        around = box.grown(_BESIDE, self._whole)
+        inner, around = box.seen_from(around), around.seen_from(self._whole)
+        color, radius = around.of(self._color), around.of(self._radius)
+        positions, r = inner.of(around.of(self._positions)), inner.of(radius)
+        size = r.abs()
+        if size.is_cpu and not bool(((size < self._end) & (size > SHARP)).any()):
+            return None
+        count = self._count
+        lower = slice_before(positions.detach())
+        fraction, number = positions - lower, lower.long()
+        pairs = [(number + i).clamp(max=count - 1) for i in (0, 1)]
+        if len(self._apparent) > count:  # of each picture
+            pictures = torch.arange(len(r), device=r.device).view(-1, 1, 1)
+            pairs = [of_slice + count * pictures for of_slice in pairs]
+        first, second = (self._apparent.index_select(0, each.flatten()) for each in pairs)
+        apparent = torch.lerp(first, second, fraction.flatten()).reshape(r.shape)
+        # as positions do, it begins between SHARP and SOFT
+        begun = ((size - SHARP) / (SOFT - SHARP)).clamp(0, 1)
+        dims = (-1, -2)[: self._centroids.shape[1]]
+        slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
+        changes = slopes * (apparent - begun * r)
+        first_mean, *means = (_leading(mean, changes.dim()) for mean in self._centroids.unbind(1))
+        moved: Tensor = first_mean * changes[0]
+        for mean, change in zip(means, changes[1:], strict=True):
+            moved = moved.addcmul(mean, change)
+        return moved
+
+
+def stacked(values: Sequence[Scalar], like: Tensor) -> Tensor:
+    """A tensor [n] of numbers and of tensors of one number, through which gradients flow.
+
+    [n, B, 1, 1] if some are numbers [B, 1, 1] of the pictures of a batch.
+    """
+    tensors = [torch.as_tensor(value, dtype=torch.float64) for value in values]
+    shape = max((tensor.shape for tensor in tensors), key=len)
+    return sent(torch.stack([tensor.expand(shape) for tensor in tensors]), like)
+
+
+def along_first(values: Sequence[Scalar], like: Tensor) -> Tensor:
+    """Numbers as in `stacked`, one for each of the first dimension of a tensor [n, ...]."""
+    return _leading(stacked(values, like), like.dim())
+
+
+def _leading(values: Tensor, dims: int) -> Tensor:
+    """Numbers [n] or [n, B, 1, 1] before so many dimensions in all."""
+    return values.view(len(values), *[1] * (dims - values.dim()), *values.shape[1:])
+
+
+def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:
+    """The derivative [C, H, W] within each surface: the mean of the steps on both sides of a pixel.
+
+    A step to another surface does not count.
+    """
+    n, around = signed_radius.shape[dim], (1, 1) if dim == -1 else (0, 0, 1, 1)
+    same = (signed_radius.detach().diff(dim=dim).abs() < _SAME).to(color)
+    steps, counts = (pad(x, around) for x in (color.diff(dim=dim) * same, same))
+    total, count = (x.narrow(dim, 0, n) + x.narrow(dim, 1, n) for x in (steps, counts))
+    return total / count.clamp(min=1)

@@ -4,7 +4,7 @@ import torch
 from torch.autograd.graph import saved_tensors_hooks
 
 from defocus_core import render
-from defocus_core.renderer.engine import region_schedule
+from defocus_core.renderer.engine import regions
 
 
 def kept_and_gradients(image, radius):
@@ -32,7 +32,7 @@ def test_a_backward_pass_keeps_little_and_finds_the_same(monkeypatch):
     radius = torch.full((200, 260), 7.0) + torch.rand(200, 260, generator=generator)
     radius[60:140, 80:180] = -6.0
     kept, of_image, of_radius = kept_and_gradients(image, radius)
-    monkeypatch.setattr(region_schedule, "recomputed", lambda work: work)
+    monkeypatch.setattr(regions, "recomputed", lambda work: work)
     all_kept, image_too, radius_too = kept_and_gradients(image, radius)
     assert kept < all_kept / 10
     assert torch.equal(of_image, image_too)

@@ -3,9 +3,8 @@
 import pytest
 import torch
 
-from defocus_core.renderer.layers.block_index import blocks_at, blocks_of, visible_slices
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.tiling import TILE, grid_over
+from defocus_core.renderer.layers.sliced_surface import blocks_at, blocks_of, visible_slices
+from defocus_core.tensors.box import TILE, Box, grid_over
 
 
 @pytest.mark.parametrize("size", [(1, 1), (128, 128), (129, 300), (40, 1000)])

@@ -6,8 +6,7 @@ import pytest
 import torch
 
 from defocus_core import Views
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.tiling import grid_over
+from defocus_core.tensors.box import Box, grid_over
 from defocus_core.tensors.views import batch, joined
 
 SIZE = (40, 70)  # H, W

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from defocus_core.optics.aperture import Aperture
-from defocus_core.renderer.blur.fourier import kernel_spectra, reach, transform_length
+from defocus_core.renderer.blur.kernel_bank import kernel_spectra, reach, transform_length
 
 
 @pytest.mark.parametrize("n", [*range(1, 300), 1000, 4097, 12345])

@@ -11,10 +11,9 @@ from defocus_core import render
 from defocus_core.renderer.layers import quality
 from defocus_core.renderer.layers.samples import SurfaceSamples
 from defocus_core.renderer.layers.sliced_surface import Surface
-from defocus_core.tensors import tiling
-from defocus_core.tensors.box import Box
+from defocus_core.tensors import box as tiling
+from defocus_core.tensors.box import Box, grid_over
 from defocus_core.tensors.pyramid import axes, extended, halved, halves
-from defocus_core.tensors.tiling import grid_over
 
 EXACT = RENDERED[torch.float64]
 SIZES = [(40, 56), (41, 57), (7, 150), (130, 200)]

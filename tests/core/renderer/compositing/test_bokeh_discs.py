@@ -8,9 +8,7 @@ import torch
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT
-from defocus_core.renderer.compositing.bokeh_discs import draw
-from defocus_core.renderer.compositing.highlights import Highlights, threshold
-from defocus_core.renderer.compositing.occluders import Occluder
+from defocus_core.renderer.compositing.highlights import Highlights, Occluder, draw, threshold
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.order_statistics import Ranks, counted

@@ -7,7 +7,7 @@ import torch
 from measures import worst
 
 from defocus_core import QUALITIES, Aperture, render
-from defocus_core.renderer.compositing.frame_border import fraction_in_frame
+from defocus_core.renderer.compositing.sight import fraction_in_frame
 from defocus_core.tensors.box import Box
 
 

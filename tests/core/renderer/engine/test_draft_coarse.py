@@ -4,11 +4,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.engine.draft_coarse import (
-    HalfSize,
+from defocus_core.renderer.engine.drafts import (
     coarse_radii,
     half_size,
     hidden_at_half_size,
+    in_coarse_pixels,
     means,
     surface_radii,
 )
@@ -27,14 +27,14 @@ def test_colours_of_a_cell_are_the_means_of_its_pixels():
 
 def test_cells_of_an_odd_frame_are_pixels_with_half_of_those_beside_them():
     image = noise(3, 5, 8)
-    coarse = HalfSize(means, image)
+    coarse = in_coarse_pixels(means, image)
     assert tuple(coarse.shape) == (3, 3, 4)
     pairs = image.view(3, 5, 4, 2).mean(-1)
     assert torch.allclose(
         coarse[...][:, 1], pairs[:, 1:4].mT @ torch.tensor([0.25, 0.5, 0.25]).double()
     )
     assert torch.allclose(coarse[...][:, 2], 0.75 * pairs[:, 4] + 0.25 * pairs[:, 3])
-    assert torch.allclose(coarse[...].flip(1), HalfSize(means, image.flip(1))[...])
+    assert torch.allclose(coarse[...].flip(1), in_coarse_pixels(means, image.flip(1))[...])
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_windows_are_cuts_of_the_whole(monkeypatch):
     image = noise(2, 21, 34)
     whole = half_size(means, image, threads=2, hold=False)
     assert isinstance(whole, Tensor)
-    coarse = HalfSize(means, image)
+    coarse = in_coarse_pixels(means, image)
     assert torch.equal(coarse[...], whole)
     assert torch.equal(coarse[..., 3:9, 2:17], whole[..., 3:9, 2:17])
     assert torch.equal(coarse[..., 8:20, :], whole[..., 8:20, :])

@@ -3,14 +3,14 @@
 import pytest
 import torch
 
-from defocus_core.renderer.engine.draft_coarse import means
-from defocus_core.renderer.engine.draft_detail import (
+from defocus_core.renderer.engine.drafts import (
     AROUND,
     NO_DETAIL,
     Original,
     doubled,
     fraction_left,
     left_of_detail,
+    means,
     smooth,
     with_detail,
 )

@@ -6,14 +6,12 @@ import pytest
 import torch
 
 from defocus_core import render
-from defocus_core.renderer.engine import region_schedule
-from defocus_core.renderer.engine.preparation import content_of, frame_of
-from defocus_core.renderer.engine.region_schedule import blurred_part
+from defocus_core.renderer.engine import regions
+from defocus_core.renderer.engine.preparation import content_of, frame_of, surveyed
+from defocus_core.renderer.engine.regions import blurred_part
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.engine.statistics import surveyed
 from defocus_core.renderer.layers.quality import find
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.tiling import BLOCK, Grid
+from defocus_core.tensors.box import BLOCK, Box, Grid
 
 H, W = 560, 640
 # Rows and columns that are out of focus.
@@ -50,7 +48,7 @@ def test_what_is_copied_is_what_would_be_computed(spot, hard, monkeypatch):
     image, radius = scene(SPOTS[spot], hard=hard)
     views = render(image, radius, left_right=True, tile=96)
     with monkeypatch.context() as patch:
-        patch.setattr(region_schedule, "blurred_part", lambda frame, grid, radii: grid)
+        patch.setattr(regions, "blurred_part", lambda frame, grid, radii: grid)
         whole = render(image, radius, left_right=True, tile=96)
     assert views.stats["slice_tiles_done"] <= whole.stats["slice_tiles_done"]
     assert views.stats["pixels_copied"] >= whole.stats["pixels_copied"] > 0

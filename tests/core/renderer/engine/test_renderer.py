@@ -7,12 +7,13 @@ from windows import KINDS, Windows, put_together, same
 from defocus_core import render
 from defocus_core.evaluation.cost import cost
 from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.blur import kernel_bank
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.tensors import derived
-from defocus_core.tensors.tiling import TILE
+from defocus_core.tensors.box import TILE
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])
@@ -132,3 +133,27 @@ def test_the_caller_who_takes_a_region_keeps_gradients():
     assert torch.is_grad_enabled()
     regions.close()
     assert torch.is_grad_enabled()
+
+
+def test_pictures_of_one_size_and_quality_share_the_spectra_of_kernels(monkeypatch):
+    spectra, transformed = kernel_bank.kernel_spectra, list[int]()
+
+    def noted(kernels, window):
+        transformed.append(len(kernels))
+        return spectra(kernels, window)
+
+    monkeypatch.setattr(kernel_bank, "kernel_spectra", noted)
+    image, radius = scenery("cards", 60, 80, 5.3)
+    one = render(image, radius).render
+    first = len(transformed)
+    assert torch.equal(render(image, radius).render, one)
+    assert 0 < len(transformed) == first
+
+
+def test_the_spectra_that_are_kept_take_no_more_bytes_than_allowed(monkeypatch):
+    monkeypatch.setattr(kernel_bank, "_MAX_BYTES", 100)
+    kept, spectrum = kernel_bank._KeptSpectra(), torch.ones(10)
+    for key in range(3):
+        kept.keep(key, spectrum)
+        assert kept.get(0) is spectrum  # the one that was used last stays
+    assert [kept.get(key) is None for key in range(3)] == [False, True, False]

@@ -5,9 +5,8 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from defocus_core.renderer.layers.extents import patches
-from defocus_core.tensors.box import Box, Span, min_transform
-from defocus_core.tensors.tiling import BLOCK, grid_over
+from defocus_core.renderer.layers.sliced_surface import patches
+from defocus_core.tensors.box import BLOCK, Box, Span, grid_over, min_transform
 
 SIZE = (70, 110)
 

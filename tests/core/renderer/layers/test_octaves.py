@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from defocus_core.renderer.layers.octaves import composite_order, octaves
+from defocus_core.renderer.layers.slice_radii import composite_order, octaves
 
 RADII = (-9.0, -5.0, -2.5, -1.0, 0.0, 1.0, 2.5, 3.5, 5.0, 6.0, 9.0, 12.0, 20.0, 30.0)
 LAYERS = [0, 1, 2, 3, 4, 5, 6, 6, 7, 7, 8, 8, 9, 10]

@@ -5,7 +5,7 @@ import torch
 from measures import inner, psnr, worst
 
 from defocus_core import render
-from defocus_core.renderer.layers.planar_slices import Planes
+from defocus_core.renderer.layers.sliced_surface import Planes
 from defocus_core.renderer.layers.slopes import _many_around, slopes
 from defocus_core.tensors.box import Box
 

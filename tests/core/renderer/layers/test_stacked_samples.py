@@ -3,7 +3,7 @@ import time
 import pytest
 import torch
 
-from defocus_core.renderer.layers import samples, stacked_samples
+from defocus_core.renderer.layers import samples
 from defocus_core.renderer.render import render_layers
 
 _KINDS = ("opaque", "thin", "ordered")
@@ -26,7 +26,7 @@ def test_many_layers_are_composited_as_each_alone(monkeypatch, kind):
     views = render_layers(*layers)
     (gradient,) = torch.autograd.grad(views.render.square().sum(), layers[0])
     monkeypatch.setattr(samples, "_of_slices", lambda sheets: sheets)
-    monkeypatch.setattr(stacked_samples, "_FEW_SAMPLES", 1000)
+    monkeypatch.setattr(samples, "_FEW_SAMPLES", 1000)
     each = render_layers(*layers)
     (of_each,) = torch.autograd.grad(each.render.square().sum(), layers[0])
     torch.testing.assert_close(views.render, each.render, rtol=0, atol=1e-6)

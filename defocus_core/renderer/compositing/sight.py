@@ -1,0 +1,283 @@
+"""Sight: how far the lens sees, past opaque samples, and past the border of the frame.
+
+A surface of radius r shows itself to every lens point that meets it within r of a pixel: of what
+lies behind, nothing is seen but where its disc of r px passes an edge. So the farthest that the
+lens sees at a pixel is the farthest within its own disc. Slices of one surface add up to the whole
+only nearly, where its radius has a slope or steps: such a gap, of a hundredth, is an error,
+whatever lies behind.
+
+Beyond the frame surfaces go on as they are on its edge, but were not seen: trust is the share that
+sees the frame. Of a blur much wider than the frame they go on for a part of its reach. What sees
+farther sees nothing, and must not be filled by surfaces behind.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import grid_sample, max_pool2d, pad
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.batched import Apertures
+from defocus_core.optics.parts import Part
+from defocus_core.optics.pupil_field import View
+from defocus_core.renderer.layers.samples import ascending
+from defocus_core.renderer.layers.slice_radii import slice_position
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero
+
+# Px around the disc of a pixel that it may see: edges lie between pixels, some half a pixel off.
+_AROUND = 0.7
+# Ratio of the sizes of discs that are told apart, from those of whole px on.
+_RATIO = 1.1
+# Squares and crosses, in turn, whose sum is nearly a disc; True for squares.
+_SHAPES = (True, False, False, True, False)
+# Apothem of the octagon, as a share of the radius of the disc.
+_APOTHEM = 0.97
+
+
+class SightLimits(NamedTuple):
+    """How far the lens sees at each pixel of a picture."""
+
+    farthest: Tensor  # [..., h, w], the number of the farthest slice
+    layer_of: list[int]  # for each slice the number of its layer, ascending
+    octaves: list[int]  # for each slice the octave of what is hidden, ascending
+
+    @classmethod
+    def of(
+        cls, radius: Tensor, positions: Tensor, layer_of: list[int], octaves: list[int]
+    ) -> SightLimits:
+        """The limits of a picture.
+
+        `radius`: [..., h, w] px, signed; `positions`: [..., h, w], between slice radii.
+        """
+        small = torch.uint8 if len(layer_of) <= torch.iinfo(torch.uint8).max else torch.int16
+        slices = positions.detach().ceil().to(small)
+        return cls(_greatest_within(slices, radius.detach().abs()), layer_of, octaves)
+
+    def over(self, box: Box) -> SightLimits:
+        """Those in a box."""
+        return self._replace(farthest=box.of(self.farthest))
+
+    def without(self, pictures: list[bool]) -> SightLimits:
+        """Those of a batch, without limits in some of its pictures."""
+        if not any(pictures):
+            return self
+        free = sent(pictures, self.farthest)[:, None, None].bool()
+        return self._replace(farthest=self.farthest.masked_fill(free, len(self.layer_of)))
+
+    def to(self, layer_index: int) -> Tensor | None:
+        """Whether [..., h, w] the lens sees as far as a layer; None if it does everywhere."""
+        return self._to(bisect_left(self.layer_of, layer_index))
+
+    def to_octave(self, octave: int) -> Tensor | None:
+        """As `to`, of the hidden surfaces of an octave."""
+        return self._to(bisect_left(self.octaves, octave))
+
+    def _to(self, number: int) -> Tensor | None:
+        seen = self.farthest >= number
+        return None if seen.is_cpu and bool(seen.all()) else seen
+
+
+def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
+    """The greatest of values [..., h, w] within a distance [..., h, w] px of each pixel."""
+    px = radius.add(_AROUND).mul_(_APOTHEM).round_().clamp_(min=1).to(torch.int32)
+    sizes = [1]
+    while sizes[-1] < int(px.amax()):
+        sizes.append(max(sizes[-1] + 1, round(_RATIO * sizes[-1])))
+    nearest = [
+        min(range(len(sizes)), key=lambda i: abs(sizes[i] - n)) for n in range(sizes[-1] + 1)
+    ]
+    greatest = values.new_empty(len(sizes), values.numel())
+    for number, (size, before) in enumerate(zip(sizes, [0, *sizes], strict=False)):
+        square = _SHAPES[number % len(_SHAPES)]
+        values = _dilated(values, size - before, square=square)
+        greatest[number] = values.flatten()
+    which = torch.tensor(nearest, device=px.device).index_select(0, px.flatten())
+    return greatest.gather(0, which[None]).view_as(values)
+
+
+def _dilated(values: Tensor, by: int, *, square: bool) -> Tensor:
+    """The greatest of values [..., h, w] and those `by` px beside, above and below.
+
+    Of a square those on its corners, too.
+    """
+    greatest = values.clone()
+    for dim in (-2, -1):
+        given = greatest.clone() if square else values
+        n = max(values.shape[dim] - by, 0)
+        for target, source in ((by, 0), (0, by)):
+            if n:
+                part = greatest.narrow(dim, target, n)
+                torch.maximum(part, given.narrow(dim, source, n), out=part)
+    return greatest
+
+
+# Neighbours are of two surfaces if their radii differ by more than this, in px and as a share of
+# the radius; less is a slope.
+_NEAR, _FAR = 0.25, 0.1
+# Samples whose neighbours are looked up at once; bounds memory.
+_SAMPLES_AT_ONCE = 1 << 18
+
+
+class Openings(NamedTuple):
+    """Where a lens sees past the nearest opaque sample of each pixel."""
+
+    room: Tensor  # [h, w] from 0, where no edge of opaque samples is in reach, to 1
+    layer_index: Tensor  # [h, w] of the layer that the sample is in; inf where there is none
+
+    @classmethod
+    def of(cls, opaque: Tensor, radii: tuple[float, ...], layer_of: list[int]) -> Openings:
+        """The openings of opaque samples.
+
+        `opaque`: radii [L, h, w] px of the samples of each pixel; inf of those that are clear;
+        `radii`: signed radius of each slice in px.
+        """
+        opaque = opaque.detach()
+        nearest = opaque.amin(0)
+        position = slice_position(nearest.clamp(max=radii[-1]), radii).ceil().long()
+        layer_index = sent(layer_of, nearest)[position]
+        none = nearest == torch.inf
+        room = _spread(_reach_of_edges(opaque)).clamp(0, 1)
+        return cls(room.masked_fill(none, 1), layer_index.masked_fill(none, torch.inf))
+
+    def over(self, box: Box) -> Openings:
+        """Those in a box."""
+        return Openings(*map(box.of, self))
+
+    def to(self, layer_index: int) -> Tensor:
+        """The room [h, w] for what is hidden in a layer."""
+        return torch.where(self.layer_index < layer_index, self.room, 1)
+
+
+def _reach_of_edges(opaque: Tensor) -> Tensor:
+    """How far the blur [h, w] px of samples reaches that do not go on in all pixels beside."""
+    count = int((opaque < torch.inf).sum(0).amax())
+    if not count:
+        return torch.zeros_like(opaque[0])
+    opaque = opaque.gather(0, ascending(opaque))[:count]
+    around = pad(opaque[:, None], (1, 1, 1, 1), mode="replicate")[:, 0].permute(1, 2, 0)
+    rows = max(1, _SAMPLES_AT_ONCE // around[0].numel())
+    bands = range(0, opaque.shape[1], rows)
+    return torch.cat([_reach_in_band(around[top : top + rows + 2]) for top in bands])
+
+
+def _reach_in_band(around: Tensor) -> Tensor:
+    """As `_reach_of_edges`, of ascending radii [h + 2, w + 2, L] with the pixels around."""
+    height, width, count = around.shape
+    radius = around[1:-1, 1:-1].contiguous()
+    ends = torch.zeros_like(radius, dtype=torch.bool)
+    for y, x in ((0, 1), (2, 1), (1, 0), (1, 2)):
+        beside = around[y : y + height - 2, x : x + width - 2].contiguous()
+        above = torch.searchsorted(beside, radius).clamp(max=count - 1)
+        steps = [
+            (beside.gather(2, index) - radius).abs() for index in (above, (above - 1).clamp(min=0))
+        ]
+        ends |= ~(torch.minimum(*steps) <= _NEAR + _FAR * radius.abs())
+    return torch.where(ends & (radius < torch.inf), radius.abs(), 0).amax(2)
+
+
+def _spread(reach: Tensor) -> Tensor:
+    """By how many px each pixel [h, w] lies within the reach of another."""
+    for step in range(math.ceil(float(reach.amax())) - 1):
+        beside = reach[None, None]
+        if step % 2:  # squares and crosses in turn: an octagon is nearly a circle
+            beside = torch.maximum(_pooled(beside, 3, 1), _pooled(beside, 1, 3))
+        else:
+            beside = _pooled(beside, 3, 3)
+        reach = torch.maximum(reach, beside[0, 0] - 1)
+    return reach
+
+
+def _pooled(values: Tensor, height: int, width: int) -> Tensor:
+    return max_pool2d(values, (height, width), 1, (height // 2, width // 2))
+
+
+# Least share: a disc much larger than the frame would divide by nearly 0.
+_MIN_FRACTION = 0.01
+# Coverage that a pixel's own surface has besides what a pupil sees with its light aside, or with an
+# opaque middle that may hide the frame: there errors of a small coverage are larger.
+ASIDE, OPAQUE = 1e-6, 1e-3
+# Intervals of the pupil's width in which areas are interpolated; errors stay below 5e-4.
+_STEPS = 128
+
+
+def fraction_in_frame(
+    signed_radius: Tensor,  # [..., h, w] px
+    box: Box,
+    size: tuple[int, int],  # (height, width) of the rectangle
+    aperture: Aperture,
+    parts: list[Part],
+    views: Sequence[View] = (),
+) -> Tensor:
+    """The share of parts of the aperture that sees a pixel's own surface within a rectangle.
+
+    Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
+
+    Returns [M, 1, ..., h, w] in [0.01, 1].
+    """
+    positions = (sent(torch.arange(s.first, s.end), signed_radius) + 0.5 for s in box.sides)
+    # [h, 2] and [w, 2] px from both borders of an axis to a pixel
+    down, across = (torch.stack([at, at - n], -1) for at, n in zip(positions, size, strict=True))
+    nearest = torch.minimum(down.abs().amin(-1)[:, None], across.abs().amin(-1))
+    index = flat_nonzero(exceeding(signed_radius.abs() - nearest, 0.0))
+    rows = index.div(box.width, rounding_mode="floor")
+    columns = index - rows * box.width
+    if signed_radius.dim() > 2:  # of a batch
+        rows = rows.remainder(box.height)
+    r = signed_radius.flatten().index_select(0, index)[:, None]
+    y, x = (
+        (away / r).clamp(-1, 1)
+        for away in (down.index_select(0, rows), across.index_select(0, columns))
+    )
+    # the frame is between two of the points u that see its corners, in x and in y
+    corners = torch.stack([x[:, None].expand(-1, 2, -1), y[..., None].expand(-1, -1, 2)], -1)
+    tables = [_areas_below(aperture, part, view) for part in parts for view in views or (None,)]
+    areas, corners = sent(torch.stack(tables)[None], r), corners.reshape(1, -1, 4, 2)
+    if areas.dim() > 4:  # of each picture, one behind another
+        picture = index.div(box.area, rounding_mode="floor").to(r) * (2 / (areas.shape[2] - 1)) - 1
+        behind = picture.view(1, -1, 1, 1).expand(-1, -1, 4, -1)
+        corners = torch.cat([corners, behind], -1)[:, None]
+    below = grid_sample(areas, corners, align_corners=True).view(len(tables), len(index), 4)
+    within = (below[..., 0] + below[..., 3] - below[..., 1] - below[..., 2]).abs()
+    fraction = signed_radius.new_ones(len(tables), *signed_radius.shape)
+    fraction = fraction.flatten(1).index_copy(1, index, within.clamp(min=_MIN_FRACTION))
+    return fraction.view(len(tables), 1, *signed_radius.shape)
+
+
+def _areas_below(aperture: Aperture, part: Part, view: View | None) -> Tensor:
+    """`_summed_area`, or [B, y, x] of the pupils of a batch."""
+    if isinstance(aperture, Apertures):
+        return torch.stack([_areas_below(one, part, own) for one, own in aperture.seeing(view)])
+    if aperture.requires_grad:
+        return _summed_area.__wrapped__(aperture, part, view)
+    return (_summed_area.__wrapped__ if view else _summed_area)(aperture.fixed, part, view)
+
+
+@lru_cache(maxsize=256)
+def _summed_area(aperture: Aperture, part: Part, view: View | None) -> Tensor:
+    """The share [y, x] of a part of the pupil that lies below u.y and left of u.x, over [-1, 1]."""
+    with torch.inference_mode(False):  # the cache serves calls that need gradients, too
+        limits = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)
+        if part.is_uneven or view:
+            r = torch.tensor(_STEPS / 2, dtype=torch.float64)
+            below = aperture.kernel(r, _STEPS, part, view).cumsum(0).cumsum(1)
+            return torch.nn.functional.pad(below, (1, 0, 1, 0))
+        up_to = torch.stack([torch.full_like(limits, -1), limits], -1)
+        return aperture.fraction_between(part, up_to[None], up_to[:, None])
+
+
+def border_fallback(color: Tensor, trace: float) -> Tensor:
+    """A trace of each pixel's own surface [C, h, w], colour and coverage [C + 1, h, w].
+
+    A pupil that is given as a picture may have its light aside: at a border of the frame it sees
+    nothing within, and a pixel there is what it was. So it is where an opaque middle hides all.
+    """
+    return torch.cat([color, torch.ones_like(color[:1])]) * trace
