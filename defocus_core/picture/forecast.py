@@ -1,4 +1,4 @@
-"""Forecast of a job: work, seconds and memory, before it is take."""
+"""Forecast of a job: work, seconds and memory, before it is taken."""
 
 from __future__ import annotations
 

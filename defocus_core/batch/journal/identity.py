@@ -3,7 +3,7 @@
 The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
 kinds and types of outputs, quality, the names of its files, and the version of the renderer. Where
 it computes (device, threads), where OUT is and what time it is are no part of it. The job itself is
-the hash of its recipe and its inputs. What a run does again is decided in `ledger`.
+the hash of its recipe and its inputs. What a run does again is decided in `resume`.
 
 A file is taken for unchanged if its size and its time of modification are those recorded, and as
 well if only its time differs and its bytes hash to what was recorded: a copied data set is not

@@ -8,7 +8,7 @@ A record has
     sample_id   name of the sample, the stem of its files
     job, recipe its identity, see `identity`
     status      ok, failed or rejected
-    reason      a code of `failure_codes`, null if ok; ``message`` says it to people
+    reason      a code of `defocus_core.errors`, null if ok; ``message`` says it to people
     settings    what was asked for: lens, reading, outputs, quality
     inputs      role to path (relative to OUT, or absolute as given), size, mtime_ns, blake2b
     outputs     kind, or kind.preview, to path relative to OUT; if ok, size, mtime_ns, blake2b, too

@@ -1,4 +1,4 @@
-"""Lookup in the journals of OUT: the record of each file, and the last record of each job."""
+"""What resume does again: the jobs that the journals of OUT settle, the last record of each file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A picture cut into layers of like blur: slice radii, sliced surfaces, slopes, matting.
+"""A picture cut into layers of like blur: slice radii, sliced surfaces, slopes.
 
 slice index: the number of a slice, by its signed blur radius.
 slice: the pixels whose radii are near one slice radius, each with its share in this slice.
