@@ -22,7 +22,7 @@ _MATTERS = 1.013
 _BESIDE = 3
 # The share that 3 px span on an edge; the place on an edge, from either end, from which
 # a pixel is an average; and the greatest slope beside a hard step, as a share of the step.
-_SURELY, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
+_ABRUPT, _AVERAGE, _LEVEL = 0.5, 0.1, 0.1
 # Least number of averages: at all, for each hard step, for each pixel on a wide edge, and for each
 # pixel on a soft one.
 _MINIMUM, _EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
@@ -143,5 +143,5 @@ def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     on_edge = (position > _AVERAGE) & (position < 1 - _AVERAGE)
     on_edge &= (minimum >= -level) | (maximum <= level)
     on_edge &= torch.minimum(step[:, 0].abs(), step[:, -1].abs()) < level
-    abrupt = within > _SURELY * whole
+    abrupt = within > _ABRUPT * whole
     return position, on_edge & abrupt, on_edge & ~abrupt

@@ -48,7 +48,7 @@ from defocus_core.tensors.threads import threaded
 _ENOUGH = 0.1
 # Rounds in which distributions of colours, costs, and then displacements, are averaged over 5×5 px
 # of a silhouette.
-_ROUNDS_OF_COLOR, _ROUNDS, _SMOOTHING = 10, 10, 3
+_ROUNDS, _SMOOTHING = 10, 3
 # Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
 # lies their mean, so that an edge does not jump from one to the other.
 _SPREAD = 0.15
@@ -61,8 +61,8 @@ _RARITY, _COARSE, _BESIDE = 1.2, 0.05, 0.25
 # rounds in which votes are counted.
 _BEFORE, _FEW, _FEW_SHARE, _MAXIMIZATIONS = 3.0, 10.0, 0.02, 3
 # Px of radius by which a surface is more blurred; standard deviation of a displacement in px that
-# is none, what is in doubt at most, and how much of this is given to the more blurred surface.
-_BLURRED, _SURELY, _IN_DOUBT, _OF_DOUBT = 6.0, 0.7, 4.0, 1.0
+# is none, and what is in doubt at most: it is given to the more blurred surface.
+_BLURRED, _CERTAIN, _DOUBTED = 6.0, 0.7, 4.0
 # Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
 _EXAMINED, _FACTORS = 1 << 12, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # Least step of an edge: in px, and as a multiple of the slope of a ramp.
@@ -74,12 +74,12 @@ _VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
 # many px are shifted once more.
 _FAR, _NEAR_FAR = 5.25, 12
 # Px around a pixel that decide what it becomes, once and twice.
-_AROUND_ONCE = REACH + NORMAL + 2 * (_ROUNDS_OF_COLOR + _ROUNDS + _SMOOTHING) + FARTHEST + 2
+_AROUND_ONCE = REACH + NORMAL + 2 * (2 * _ROUNDS + _SMOOTHING) + FARTHEST + 2
 AROUND = 2 * _AROUND_ONCE + _NEAR_FAR + AROUND_BY_COLOR
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
-# Profiles examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
-_PROFILES, _BYTES_EACH = 1 << 12, 1 << 14
+# Bytes that a profile takes while it is examined.
+_BYTES_EACH = 1 << 13
 
 
 class ShiftEvidence(NamedTuple):
@@ -256,7 +256,7 @@ def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
 
 def _profiles(like: Tensor) -> int:
     """The number of profiles to examine at once."""
-    return pieces(like.device, _PROFILES, _BYTES_EACH)
+    return pieces(like.device, _BYTES_EACH)
 
 
 def _median(votes: Tensor) -> tuple[float, float]:
@@ -332,7 +332,7 @@ def _evidence(
     profiles = [profiles_of(Silhouette(*part), radii) for part in zip(*parts, strict=True)]
     moments = torch.cat([color_moments(each, pixels) for each in profiles])
     if beside is not None:
-        moments = _averaged(moments, beside, _ROUNDS_OF_COLOR)
+        moments = _averaged(moments, beside, _ROUNDS)
     costs = torch.cat(
         [
             displacement_costs(*each, pixels, alone=not along, rims=rims)
@@ -364,7 +364,7 @@ def _smooth_shifts(
     doubt = (likely * (by - shift).square()).sum(1, keepdim=True).sqrt()
     near, far = flat[silhouette.at[:, 0] * W + silhouette.at[:, 1]], flat[silhouette.far]
     more_blurred = ((near.abs() - far.abs()).double()[:, None] / _BLURRED).clamp(0, 1)
-    shift = shift - _OF_DOUBT * more_blurred * (doubt - _SURELY).clamp(0, _IN_DOUBT)
+    shift = shift - more_blurred * (doubt - _CERTAIN).clamp(0, _DOUBTED)
     shift = _averaged(shift, _beside(silhouette.at, radii), _SMOOTHING)[:, 0]
     return (shift.clamp(-FARTHEST, FARTHEST) * _GRAINS).round() / _GRAINS
 

@@ -49,9 +49,9 @@ _BESIDE = 2
 # Coverage from which on a pixel is of the subject of a matte.
 SUBJECT = 0.5
 # Px around a pixel that decide its radius by colour.
-AROUND_BY_COLOR = _BESIDE * (AROUND + 1)
-# Pixels examined at once on a CPU, and bytes that each takes elsewhere: bounds memory.
-_AT_ONCE, _BYTES_EACH = 1 << 12, 1 << 13
+AROUND_BY_COLOR = _BESIDE * AROUND + _BESIDE
+# Bytes that a pixel takes while it is examined.
+_BYTES_EACH = 1 << 13
 
 
 class Fringe(NamedTuple):
@@ -217,7 +217,7 @@ def _squares_on(
         return
     r, size = signed_radius.detach(), (edge.shape[-2], edge.shape[-1])
     border = halfway(*(extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum)))
-    for at in torch.split(positions, pieces(positions.device, _AT_ONCE, _BYTES_EACH)):
+    for at in torch.split(positions, pieces(positions.device, _BYTES_EACH)):
         position = squares_around(at, size, AROUND).flatten(1).T.contiguous()
         spots = position.flatten()
         radii, on_edge = (
@@ -357,8 +357,12 @@ def _colors(color: Tensor, own: _Side, other: _Side, alpha: Tensor) -> tuple[Ten
     residual = (color - alpha * own.mean - (1 - alpha) * other.mean) / (
         alpha * weights[0] + (1 - alpha) * weights[1]
     )
-    other_color = _within(other, other.mean, other.mean + residual * weights[1])
-    own_color = _within(own, color, _rest(color, other_color, 1 - alpha))
+    own_color, free = (
+        side.mean + residual * weight for side, weight in zip((own, other), weights, strict=True)
+    )
+    clipped = free - _within(other, other.mean, free)
+    own_color = own_color + (1 - alpha) / torch.where(alpha > 0, alpha, 1.0) * clipped
+    own_color = _within(own, color, own_color)
     return own_color, _within(other, color, _rest(color, own_color, alpha))
 
 

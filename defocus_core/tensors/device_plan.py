@@ -19,6 +19,8 @@ _UNKNOWN = 8 << 30
 # Shares of the memory of a device: of a tile with all its layers, and of pieces of lists, of which
 # several are held at once.
 _TILE, _PIECE = 1 / 2, 1 / 8
+# Bytes of a piece on a CPU.
+_CACHED = 1 << 25
 
 
 def launches_cost(device: torch.device) -> bool:
@@ -42,8 +44,12 @@ def beside(value: float | Tensor, like: Tensor) -> float | Tensor:
     return sent(value, like) if isinstance(value, Tensor) and value.dim() else value
 
 
-def pieces(device: torch.device, on_cpu: int, bytes_each: int) -> int:
-    """The number of pixels, or of other items, that are computed at once."""
+def pieces(device: torch.device, bytes_each: int, on_cpu: int | None = None) -> int:
+    """The number of pixels, or of other items, that are computed at once: bounds memory.
+
+    `on_cpu`: the number on a CPU; None for as many as stay in its cache.
+    """
+    on_cpu = _CACHED // bytes_each if on_cpu is None else on_cpu
     if not launches_cost(device):
         return on_cpu
     return max(on_cpu, int(memory_of(device) * _PIECE) // bytes_each)

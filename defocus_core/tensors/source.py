@@ -41,7 +41,7 @@ Scalar = float | Tensor
 def bands(picture: Pixels, minimum: int = 1) -> list[tuple[int, int]]:
     """First row and end of each band of a frame; bands have at least so many rows."""
     height, width = picture.shape[-2:]
-    rows = pieces(picture.device, _PIXELS, _BYTES) // width
+    rows = pieces(picture.device, _BYTES, _PIXELS) // width
     rows = max(minimum, rows if launches_cost(picture.device) else min(_ROWS, rows))
     return list(pairwise([*range(0, height, rows), height]))
 

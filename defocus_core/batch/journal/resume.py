@@ -1,4 +1,4 @@
-"""What resume does again: the jobs that the journals of OUT settle, the last record of each file."""
+"""What resume does again: jobs that the journals of OUT settle, the last record of each file."""
 
 from __future__ import annotations
 

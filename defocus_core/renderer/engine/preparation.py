@@ -360,7 +360,7 @@ def _grid_of(
         return grid_over(*size) if settings.tile is None else grid_over(*size, settings.tile)
     maximum = tile_pixels(device, bytes_each * copies_of_tile(layer_of))
     sides = settings.tile or few_tiles(*size, maximum)
-    region = math.isqrt(pieces(device, 0, _COPIES_OF_REGION * bytes_each))
+    region = math.isqrt(pieces(device, _COPIES_OF_REGION * bytes_each, 0))
     return grid_over(*size, sides)._replace(region=region)
 
 

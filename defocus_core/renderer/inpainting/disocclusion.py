@@ -159,7 +159,7 @@ def _coarse_size(position: Tensor, axis: AxisHalving) -> list[Tensor]:
 
 def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
     """Edges [..., h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
-    reached, stride, coarse = 0, 1, pieces(edges.device, _PIXELS, _BYTES_EACH)
+    reached, stride, coarse = 0, 1, pieces(edges.device, _BYTES_EACH, _PIXELS)
     while 2 * reached * decay < span:
         fall = (2 * decay * stride) << _BITS
         for dim in (-2, -1):

@@ -24,7 +24,7 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
     stacked,
 )
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import launches_cost, pieces
+from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.pyramid import Axis, axes, halves
 from defocus_core.tensors.source import Pixels, banded
@@ -35,10 +35,9 @@ from defocus_core.tensors.threads import threaded
 EDGE = 1.013
 # Weight of a pixel beside a nearer one: it may be a mixture of both.
 _MIXED = 0.25
-# Greatest number of rows of quarter resolution, and of pixels of full resolution, in one band on a
-# CPU, and bytes that a pixel takes elsewhere; rows of quarter resolution around a band that it
-# depends on.
-_BAND, _PIXELS, _BYTES_EACH, _AROUND = 32, 1 << 20, 120, 3
+# Bytes that a pixel takes while it is made coarser; rows of quarter resolution around a band that
+# it depends on.
+_BYTES_EACH, _AROUND = 120, 3
 # The last level has coarse pixels this many times as wide as the range of radii; no round number,
 # so that rounding decides nothing.
 _WIDER = 1.99
@@ -109,8 +108,7 @@ def backdrop_of(
         middle = level.middle[0].middle
         return level, edges[..., start:end, :], first + middle, last + middle
 
-    batch, rows = len(signed_radius.shape) > 2, pieces(device, _PIXELS, _BYTES_EACH) // (W << 2)
-    rows = max(1, rows if launches_cost(device) else min(_BAND, rows))
+    batch, rows = len(signed_radius.shape) > 2, max(1, pieces(device, _BYTES_EACH) // (W << 2))
     if batch or shown is not None or rows >= quarter.length:
         level, edges, _, _ = band_of((0, quarter.length))
     else:

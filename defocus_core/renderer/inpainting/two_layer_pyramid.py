@@ -34,9 +34,8 @@ from defocus_core.tensors.sparse_masks import flat_nonzero
 # Range of radii in px that counts as one surface in a coarse pixel of two by two pixels; and the
 # factor by which the range grows at each further level.
 _ALIKE, _GROWTH = 1.013, 1.5
-# Coarse pixels on edges that are split into two sheets at once on a CPU, and bytes that each takes
-# elsewhere: bounds memory.
-_COARSE, _BYTES_EACH = 1 << 12, 1 << 13
+# Bytes that a coarse pixel on an edge takes while it is split into two sheets.
+_BYTES_EACH = 1 << 13
 # Coarse pixels of a level all of which are split where an operation takes long to begin.
 _FEW = 1 << 14
 
@@ -159,7 +158,7 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
         return result
     pairs = [
         _split(pyramid_level, chunk, (down, across), overlapping, alike)
-        for chunk in torch.split(edges, pieces(device, _COARSE, _BYTES_EACH))
+        for chunk in torch.split(edges, pieces(device, _BYTES_EACH))
     ]
     far, near = (_joined([pair[i] for pair in pairs]) for i in (0, 1))
     dense.data.index_copy_(1, edges, far.data)
@@ -331,9 +330,8 @@ def stacked(
 
 # Weight from which on a pixel takes nothing from coarser levels.
 _ENOUGH = 0.5
-# Pixels looked up at once on a CPU, few enough to stay in a cache, and bytes that each takes
-# elsewhere.
-_PIXELS, _BYTES_OF_QUERY = 1 << 15, 1 << 10
+# Bytes that a pixel takes while it is looked up.
+_BYTES_OF_QUERY = 1 << 10
 
 
 class HiddenQueries(NamedTuple):
@@ -382,7 +380,7 @@ def nearby(
 
     Arguments and result are those of `continued`.
     """
-    count = pieces(asked.at.device, _PIXELS, _BYTES_OF_QUERY)
+    count = pieces(asked.at.device, _BYTES_OF_QUERY)
     if len(asked.at) <= count:
         return _nearby(level, asked, fine)
     numbers = torch.split(torch.arange(len(asked.at), device=asked.at.device), count)

@@ -723,7 +723,7 @@ class Surface:
     def _bands(self, slice_index: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""
         bounds, width = self.bounds([slice_index]), self._own.width
-        area = pieces(self._positions.device, _AREA, _BYTES_EACH)
+        area = pieces(self._positions.device, _BYTES_EACH, _AREA)
         rows = max(step, area // max(bounds.width, 1) // _BAND * _BAND, _BAND)
         whole = _aligned(bounds, rows, middle)
         for top in range(whole.top, whole.top + whole.height, rows):
