@@ -171,6 +171,7 @@ def radii_by_color(signed_radius: Tensor, image: Tensor) -> Tensor:
 
     Depth that was estimated leaves pixels of a surface beside its edge to the other one.
     """
+    image = image.to(torch.promote_types(image.dtype, torch.float32))
     for _ in range(_BESIDE):
         indices, radii = [], []
         for at, squares in _squares_on(_edges(signed_radius), image, signed_radius):
