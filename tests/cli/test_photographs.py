@@ -126,7 +126,8 @@ def test_a_matte_stands_in_jobs_files_and_in_the_journal(tmp_path):
     succeed(*again, "-o", tmp_path / "b.png")
     made = tmp_path / "out" / "render" / "a.png"
     assert made.read_bytes() == (tmp_path / "b.png").read_bytes()
-    save(matte, np.zeros((*SIZE, 1), np.uint8))
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    save(matte, np.uint8(255 * (np.hypot(y - 60, x - 80) < 39))[..., None])
     succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
     assert made.read_bytes() != (tmp_path / "b.png").read_bytes(), "another matte, another picture"
 
