@@ -64,7 +64,7 @@ _BEFORE, _FEW, _FEW_SHARE, _MAXIMIZATIONS = 3.0, 10.0, 0.02, 3
 # is none, and what is in doubt at most: it is given to the more blurred surface.
 _BLURRED, _CERTAIN, _DOUBTED = 6.0, 0.7, 4.0
 # Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
-_EXAMINED, _FACTORS = 1 << 12, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
+_EXAMINED, _FACTORS = 1 << 10, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # Least step of an edge: in px, and as a multiple of the slope of a ramp.
 _MIN_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
@@ -228,7 +228,8 @@ def _evidence_of_some(
         radii, above = radii_of(first - REACH, end + REACH)
         colors = pixels[..., above : end + REACH, :].detach()
         at = at - sent([above, 0], at)
-        at = at[_hashes(at, radii, colors) < maximum]
+        if maximum < 1:
+            at = at[_hashes(at, radii, colors) < maximum]
         return _evidence(silhouette_at(at, radii), radii, colors, along=False, rims=rims)
 
     def of_all(maximum: float) -> ShiftEvidence:

@@ -497,8 +497,9 @@ def rendered_regions(
     threads = frame.settings.threads
     pixels, signed_radius = scene.image, scene.signed_radius
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
-    shown = _shown_at_once(frame, scene) if len(grids) == 1 else None
-    backdrop = _backdrop(frame, scene, shown)
+    with unrecorded(signed_radius.device):
+        shown = _shown_at_once(frame, scene) if len(grids) == 1 else None
+        backdrop = _backdrop(frame, scene, shown)
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
     may_copy = not (isinstance(signed_radius, Tensor) and signed_radius.requires_grad)

@@ -54,7 +54,7 @@ from defocus_core.tensors.views import Views
 
 # Pixels that a CPU computes at once; and bytes that one takes elsewhere with all layers of its
 # tile, at least.
-_PIXELS, _BYTES_EACH = 1 << 16, 2000
+_PIXELS, _BYTES_EACH = 1 << 18, 2000
 
 
 class PictureBatch(NamedTuple):

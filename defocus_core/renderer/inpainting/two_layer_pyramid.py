@@ -36,8 +36,9 @@ from defocus_core.tensors.sparse_masks import flat_nonzero
 _ALIKE, _GROWTH = 1.013, 1.5
 # Bytes that a coarse pixel on an edge takes while it is split into two sheets.
 _BYTES_EACH = 1 << 13
-# Coarse pixels of a level all of which are split where an operation takes long to begin.
-_FEW = 1 << 14
+# Coarse pixels of a level all of which are split: on a CPU, and where an operation takes long to
+# begin.
+_FEW, _FEW_THERE = 1 << 9, 1 << 14
 
 
 class CellSurface(NamedTuple):
@@ -141,7 +142,7 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     middle, size = (down.axis, across.axis), (down.length, across.length)
     device, each = pyramid_level.first.data.device, size[0] * size[1]
     count = math.prod(pyramid_level.shape[:-2]) * each
-    if launches_cost(device) and each <= _FEW:
+    if count <= (_FEW_THERE if launches_cost(device) else _FEW):
         every = torch.arange(count, device=device)
         dense, near = _split(pyramid_level, every, (down, across), overlapping, alike)
         is_edge = near.maximum > -torch.inf
