@@ -190,7 +190,7 @@ def test_nor_does_a_lens(agree):
     point = torch.tensor([0.0, 0.0, -2100.0])
 
     def made(to, *, tensors):
-        foclen, fnum = (torch.tensor(50.0), torch.tensor(1.8)) if tensors else (50.0, 1.8)
+        foclen, fnum = (torch.tensor(50.0), torch.tensor(5.6)) if tensors else (50.0, 5.6)
         lens = DefocusLens(to(foclen) if tensors else foclen, to(fnum) if tensors else fnum)
         lens.refocus(2000.0)
         z = to(depth)

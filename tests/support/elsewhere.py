@@ -17,7 +17,6 @@ import torch
 from torch import Tensor
 from torch.overrides import TorchFunctionMode
 from torch.utils._python_dispatch import TorchDispatchMode
-from torch.utils._pytree import tree_flatten, tree_map
 
 from defocus_core.tensors import torch_modes
 
@@ -88,7 +87,7 @@ def here(values):
 def _run(func, args, kwargs):
     """An operation on the device on which its tensors are, or that it names."""
     name = func._schema.name
-    tensors = [x for x in tree_flatten((args, kwargs))[0] if isinstance(x, Tensor)]
+    tensors = [*_tensors(args), *_tensors(kwargs.values())]
     away = [x for x in tensors if isinstance(x, Elsewhere)]
     others = [x for x in tensors if not isinstance(x, Elsewhere)]
     assert all(x.device.type == "cpu" for x in others), f"{name}: made beside the pretended device"
@@ -109,20 +108,34 @@ def _run(func, args, kwargs):
         waits[name] += 1
     if device is not None:
         kwargs = {**kwargs, "device": "cpu"}
-    plain = tree_map(_held, (args, kwargs))
-    result = func(*plain[0], **plain[1])
+    kwargs = {key: _changed(value, _held) for key, value in kwargs.items()}
+    result = func(*_changed(args, _held), **kwargs)
     if leaves or name == "aten::_local_scalar_dense":
         return result
     changed = {id(x.held): x for x in away} if func._schema.is_mutable else {}
 
     def moved(x):
-        if not isinstance(x, Tensor):
-            return x
-        if id(x) in changed:
-            return changed[id(x)]
-        return Elsewhere(x.resolve_conj().resolve_neg())
+        return changed[id(x)] if id(x) in changed else Elsewhere(x.resolve_conj().resolve_neg())
 
-    return tree_map(moved, result)
+    return _changed(result, moved)
+
+
+def _tensors(values):
+    """The tensors among arguments, and in lists of them."""
+    for value in values:
+        if isinstance(value, Tensor):
+            yield value
+        elif isinstance(value, list | tuple):
+            yield from _tensors(value)
+
+
+def _changed(value, change):
+    """A tensor, or those in lists, changed; other arguments as they are."""
+    if isinstance(value, Tensor):
+        return change(value)
+    if isinstance(value, list | tuple):
+        return type(value)(_changed(one, change) for one in value)
+    return value
 
 
 def _held(x):

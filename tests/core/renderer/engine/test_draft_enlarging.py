@@ -98,7 +98,7 @@ def test_slices_asked_for_are_those_of_the_picture():
 @pytest.mark.parametrize(("kind", "held"), [("most", True), ("cards", False)])
 def test_a_renderer_of_a_draft_is_its_rendering(kind, held, monkeypatch):
     """Also where its coarse pixels are not kept, and where regions end between bands."""
-    image, radius = scenery(kind, 1401, 1303, 8.0)
+    image, radius = scenery(kind, 1401, 303, 8.0)
     hidden = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     behind = hidden if kind == "cards" else None
     whole = render(image, radius, quality="draft", left_right=True, hidden=behind)

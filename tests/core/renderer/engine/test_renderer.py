@@ -19,7 +19,7 @@ from defocus_core.tensors.box import TILE
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])
 @pytest.mark.parametrize(("threads", "at_once"), [(1, None), (3, 1), (2, 2)])
 def test_a_renderer_is_the_rendering(kind, threads, at_once):
-    image, radius = scenery(kind, 700, 330, 6.0)
+    image, radius = scenery(kind, 700, 150, 6.0)
     whole = render(image, radius, left_right=True)
     pixels, radii = Windows(image), Windows(radius)
     renderer = Renderer(Scene(pixels, radii), Settings(left_right=True, threads=threads))
@@ -37,7 +37,7 @@ def soft_picture(height, width):
 
 
 def test_a_renderer_of_soft_depth_is_its_rendering():
-    image, radius = soft_picture(700, 280)
+    image, radius = soft_picture(700, 120)
     whole = render(image, radius)
     renderer = Renderer(Scene(Windows(image), Windows(radius)), Settings(threads=2))
     assert renderer.repair.soft_edges
@@ -46,7 +46,7 @@ def test_a_renderer_of_soft_depth_is_its_rendering():
 
 
 def test_no_window_is_as_high_as_a_high_frame():
-    image, radius = scenery("most", 4096, 40, 3.0)
+    image, radius = scenery("most", 3200, 24, 3.0)
     pixels, radii = Windows(image), Windows(radius)
     pictures = put_together(Renderer(Scene(pixels, radii)))
     assert same(pictures, render(image, radius))
@@ -82,7 +82,7 @@ def test_a_known_layer_is_read_through_windows_too():
 
 
 def test_costs_are_the_same_through_windows_and_of_tensors():
-    image, radius = scenery("lights", 1100, 900, 6.0)
+    image, radius = scenery("lights", 1100, 200, 6.0)
     of_windows = cost(Renderer(Scene(Windows(image), Windows(radius))))
     assert of_windows == cost(Renderer(Scene(image, radius)))
 
@@ -90,7 +90,7 @@ def test_costs_are_the_same_through_windows_and_of_tensors():
 @pytest.mark.parametrize("kind", ["most", "lights", "floor"])
 @pytest.mark.parametrize("tile", [48, 80, 320])
 def test_another_side_of_tiles_changes_the_last_digits_alone(kind, tile):
-    image, radius = scenery(kind, 200, 250, 8.0)
+    image, radius = scenery(kind, 200, 140, 8.0)
     usual = render(image, radius, left_right=True)
     other = render(image, radius, left_right=True, tile=tile)
     assert other.stats["tiles"] != usual.stats["tiles"]
@@ -107,7 +107,7 @@ def test_another_side_of_tiles_changes_the_last_digits_alone(kind, tile):
 @pytest.mark.parametrize("tile", [48, 320])
 def test_a_tile_sees_all_that_spreads_to_it(kind, quality, tile):
     """In double precision nothing but what a tile left out would tell: large radii, edges."""
-    image, radius = (x.double() for x in scenery(kind, 200, 250, 24.0))
+    image, radius = (x.double() for x in scenery(kind, 200, 130, 24.0))
     usual = render(image, radius, quality=quality, left_right=True)
     other = render(image, radius, quality=quality, left_right=True, tile=tile)
     for name in KINDS:
