@@ -78,7 +78,7 @@ def test_depth_may_be_in_metres():
     drawn = RandomDefocus(depth_unit="m", max_radius=9.0, quality="draft")(image, depth / 1000, [7])[1]
     assert drawn.fnum == RandomDefocus(max_radius=9.0, quality="draft")(image, depth, [7])[1].fnum
     with pytest.warns(UserWarning, match='say DefocusLens.*depth_unit="m"'):
-        camera().signed_radius(depth / 100_000)
+        camera().render_rgbd(image[..., :2, :2], depth[..., :2, :2] / 100_000)
 
 
 @settings(deadline=None)
