@@ -183,12 +183,12 @@ _PLANES = 4
 _MAX_BYTES = 1 << 25
 
 
-class _KeptSpectra:
+class KeptSpectra:
     """Spectra that further pictures of one size and quality need, the latest used ones."""
 
-    def __init__(self) -> None:
-        """Keep none yet."""
-        self._lock, self._bytes = Lock(), 0
+    def __init__(self, max_bytes: int = _MAX_BYTES) -> None:
+        """Keep none yet; `max_bytes`: of all that are kept."""
+        self._lock, self._bytes, self._max_bytes = Lock(), 0, max_bytes
         self._spectra: OrderedDict[object, Tensor] = OrderedDict()
 
     def get(self, key: object) -> Tensor | None:
@@ -205,11 +205,11 @@ class _KeptSpectra:
                 return
             self._spectra[key] = spectrum
             self._bytes += spectrum.nbytes
-            while self._bytes > _MAX_BYTES:
+            while self._bytes > self._max_bytes:
                 self._bytes -= self._spectra.popitem(last=False)[1].nbytes
 
 
-_KEPT = _KeptSpectra()
+_KEPT = KeptSpectra()
 
 
 class Spread(NamedTuple):

@@ -150,9 +150,8 @@ def test_pictures_of_one_size_and_quality_share_the_spectra_of_kernels(monkeypat
     assert 0 < len(transformed) == first
 
 
-def test_the_spectra_that_are_kept_take_no_more_bytes_than_allowed(monkeypatch):
-    monkeypatch.setattr(kernel_bank, "_MAX_BYTES", 100)
-    kept, spectrum = kernel_bank._KeptSpectra(), torch.ones(10)
+def test_the_spectra_that_are_kept_take_no_more_bytes_than_allowed():
+    kept, spectrum = kernel_bank.KeptSpectra(100), torch.ones(10)
     for key in range(3):
         kept.keep(key, spectrum)
         assert kept.get(0) is spectrum  # the one that was used last stays
