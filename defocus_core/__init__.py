@@ -56,7 +56,6 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.optics.cat_eye import CatEye as CatEye
     from defocus_core.optics.distributions import Distribution as Distribution
     from defocus_core.optics.dual_pixel import DualPixel as DualPixel
-    from defocus_core.optics.pupil_field import PupilField as PupilField
     from defocus_core.optics.pupil_image import PupilImage as PupilImage
     from defocus_core.optics.sensitivity import Sensitivity as Sensitivity
     from defocus_core.optics.sensitivity import sensitivities as sensitivities
@@ -87,7 +86,6 @@ _GROUPS = {
         "optics.axial_color": "color_offset",
         "optics.cat_eye": "CatEye",
         "optics.dual_pixel": "DualPixel",
-        "optics.pupil_field": "PupilField",
         "optics.pupil_image": "PupilImage",
         "optics.sensitivity": "Sensitivity sensitivities",
         "optics.sensor_noise": "with_noise",

@@ -10,9 +10,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from defocus_core.optics.frame_grid import GridMix
 from defocus_core.optics.outline import Outline
-from defocus_core.optics.sensitivity import Sensitivity, SensitivityField
+from defocus_core.optics.sensitivity import GridMix, Sensitivity, SensitivityField
 from defocus_core.tensors.source import Scalar
 
 # Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.

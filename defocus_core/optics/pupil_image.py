@@ -116,11 +116,6 @@ class PupilImage(Outline):
         """The radius of the lens in px."""
         return self._radius
 
-    @property
-    def light(self) -> float:
-        """The sum of the picture."""
-        return float(self._sums[-1, -1])
-
     def transposed(self) -> PupilImage:
         """The picture with rows for columns."""
         other = object.__new__(PupilImage)

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from defocus_core.optics.aperture import Aperture
     from defocus_core.optics.cat_eye import CatEye
     from defocus_core.optics.dual_pixel import DualPixel
-    from defocus_core.optics.pupil_field import PupilField
     from defocus_core.optics.pupil_image import PupilImage
     from defocus_core.optics.sensitivity import Sensitivity
 
@@ -59,13 +58,9 @@ def aperture_of(lens: Lens, color: int | None = None) -> Aperture:
 def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
     """The barrel that clips the opening in pictures of (width, height) px, if one does."""
     from defocus_core.optics.cat_eye import CatEye
-    from defocus_core.optics.pupil_field import PupilField
 
     if lens.cat_eye is None:
         return None
-    if lens.aperture_image and isinstance(pupil_images(lens.aperture_image)[0], PupilField):
-        problem = "clips a field of kernels, which were clipped where they were measured"
-        raise UsageProblem("idle-option", problem, "leave it out", field="cat-eye")
     rim, distance = lens.cat_eye
     if 0 < lens.obstruction >= rim:
         problem = "lets no light pass beside the opaque middle of the opening"
@@ -102,13 +97,12 @@ def aperture_in_pixels(
 def dual_pixel_of(lens: Lens) -> DualPixel:
     """The photodiodes of the sensor behind a lens."""
     from defocus_core.optics.dual_pixel import DualPixel
-    from defocus_core.optics.pupil_field import PupilField
 
     measured = None if lens.dp_kernels is None else measured_pair(lens.dp_kernels)
     sensor = DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
-    if sensor.field and (lens.cat_eye or isinstance(aperture_of(lens).image, PupilField)):
-        problem = "has kernels over the frame, over which the opening changes, too"
-        remedy = "give kernels of one place, or leave out ‹cat-eye› and a field of ‹aperture-image›"
+    if sensor.field and lens.cat_eye:
+        problem = "has kernels over the frame, over which the rim clips others"
+        remedy = "give kernels of one place, or leave out ‹cat-eye›"
         raise UsageProblem("contradiction", problem, remedy, field="dp-model")
     return sensor
 
@@ -184,8 +178,6 @@ def pupil_images(path: Path) -> tuple[PupilImage, ...]:
 
     if read_head(path).startswith(NPY_MAGIC):
         mapped = read_npy(path, integers=True)
-        if mapped.ndim > 3:
-            return (_field(path, mapped),)
         light = mapped[None] if mapped.ndim == 2 else np.moveaxis(mapped, -1, 0)
         _refuse_wide(path, light.shape)
         light = np.array(light, "float64")
@@ -213,27 +205,6 @@ def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
         problem = f"is no picture of a pupil: it has {times(shape)} numbers"
         remedy = f"give one picture of {_MAX_SIDE} px a side at most"
         raise InputError("malformed", problem, remedy, path=path)
-
-
-def _field(path: Path, values: NDArray[Any]) -> PupilField:
-    """Kernels of a grid over the frame, [rows, columns, H, W] or with a channel before H."""
-    import torch
-
-    from defocus_core.optics.pupil_field import PupilField
-
-    if values.ndim == 5 and values.shape[2] == 1:
-        values = values[:, :, 0]
-    if values.ndim != 4 or _is_wide(values.shape):
-        problem = f"is no field of kernels: it has {times(values.shape)} numbers"
-        remedy = f"save rows × columns × height × width, of {_MAX_KERNELS} kernels at most"
-        raise InputError("malformed", problem, remedy, path=path)
-    try:
-        return PupilField(torch.from_numpy(np.array(values, "float64")))
-    except ValueError as error:
-        problem = f"is no field of kernels: {reason(error)}"
-        raise InputError(
-            "malformed", problem, "give kernels that are bright where light falls", path=path
-        ) from None
 
 
 def write_aperture(path: Path, lens: Lens, radius: float) -> None:

@@ -11,7 +11,6 @@ from defocus_core import (
     DualPixel,
     GuidedDepth,
     HiddenLayer,
-    PupilField,
     PupilImage,
     RandomDefocus,
     depth_from_disparity,
@@ -35,7 +34,6 @@ HIDDEN = HiddenLayer(IMAGE, RADIUS + 9, RADIUS < 0)
 LEFT = torch.ones(15, 15).triu()
 RIGHT = LEFT.flip(1)
 LEFT, RIGHT = RIGHT + 0.1, LEFT + 0.1
-FIELD = PupilField(torch.rand(1, 2, 5, 5) + 0.1)
 KERNEL = torch.tensor(1.0, dtype=torch.float64)
 
 
@@ -73,7 +71,6 @@ ROWS = [
         ("threads must be at least 1", {"threads": 0}),
         ("one number in px for each of 3 channels", {"color_offsets": (1.0,)}),
         ("cat_eye must be a CatEye", {"cat_eye": 1.0}),
-        ("cat_eye must be None", {"aperture": Aperture(image=FIELD), "cat_eye": CatEye()}),
         ("depth_repair must be auto, off or .*, got 'on'", {"depth_repair": "on"}),
         ("hidden must be color", {"hidden": HIDDEN._replace(signed_radius=torch.zeros(3, 3))}),
         ("hidden.color must be finite", {"hidden": HIDDEN._replace(color=IMAGE * math.nan)}),
@@ -116,8 +113,6 @@ ROWS = [
     (r"\[H, W\]", lambda: PupilImage(torch.ones(3, 4, 4))),
     ("0 or more", lambda: PupilImage(torch.full((4, 4), -1.0))),
     ("finite", lambda: PupilImage(torch.full((4, 4), math.nan))),
-    (r"\[rows, columns, H, W\]", lambda: PupilField(torch.ones(3, 5, 5))),
-    ("black", lambda: PupilField(torch.zeros(1, 2, 5, 5))),
     *(("shift must be", lambda o=o: CatEye(*o)) for o in ((1.0, 0.95), (0.0, 0.0), (1.0, -0.1))),
     ("model must be", lambda: DualPixel(model="round")),
     ("below 0.5", lambda: DualPixel(crosstalk=0.5)),
