@@ -210,20 +210,8 @@ def test_focus_shows_what_is_sharp_without_rendering(tmp_path):
     assert (red >= green)[near].all()
     assert (blue >= green)[far].all()
     assert shown["R"].shape == metres.shape
-    inset = shown["G"][-40:, :96]
-    assert np.unique(inset).size > 4  # the bars, and the words
-    assert np.unique(shown["G"][-40:, 96:], axis=0).shape[0] == 1
     records = (tmp_path / "out/journal.jsonl").read_text().splitlines()
     assert json.loads(records[-1])["seconds"]["render"] == 0
-
-
-def test_focus_shows_a_wall_of_one_radius(tmp_path):
-    color = color_exr(tmp_path / "a.exr", np.full((80, 120, 3), 0.5, np.float32))
-    depth = depth_exr(tmp_path / "d.exr", np.full((80, 120), 1.3, np.float32))
-    lens = ("--focal-length", "50mm", "--fnumber", "1", "--focus", "2m")
-    succeed("render", color, depth, "-o", tmp_path / "out", *lens, "--outputs", "focus")
-    red, blue = (read_exr(tmp_path / "out/focus/a.exr")[name][:40] for name in "RB")
-    assert (red > blue).all(), "all of it is near"
 
 
 @pytest.mark.parametrize(

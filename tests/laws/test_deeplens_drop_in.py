@@ -3,7 +3,6 @@
 The cases are those of DeepLens' own tests of the class, told anew, and of its first example.
 """
 
-import builtins
 import inspect
 import math
 
@@ -143,10 +142,6 @@ def test_the_first_example_of_deeplens_runs(small):
         ("set_sensor", "sensor_size, sensor_res"),
         ("set_sensor_res", "sensor_res"),
         ("point_source_grid", "depth, grid=(9, 9), normalized=True, quater=False, center=True"),
-        (
-            "draw_psf_map",
-            "grid=(7, 7), ks=64, depth=None, log_scale=False, save_name='./psf_map.png'",
-        ),
         ("to", "device"),
         ("refocus", "foc_dist"),
         ("coc", "depth"),
@@ -250,32 +245,3 @@ def test_a_lens_says_what_it_is(lens):
     lens.foclen = torch.tensor(50.0, requires_grad=True)
     lens.refocus(torch.tensor(1000.0, requires_grad=True))
     assert repr(lens) == said
-
-
-def test_a_drawing_without_matplotlib_says_what_to_install(lens, monkeypatch):
-    imported = builtins.__import__
-
-    def without(name, *rest):
-        if name.startswith("matplotlib"):
-            raise ModuleNotFoundError(name)
-        return imported(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ImportError, match=r"pip install 'defocus\[plot\]'"):
-        lens.draw_psf_map()
-
-
-@pytest.mark.parametrize("log_scale", [False, True])
-def test_a_drawing_shows_each_kernel_at_its_full_brightness(lens, tmp_path, log_scale):
-    pytest.importorskip("matplotlib").use("Agg")
-    drawing = ((2, 3), 33, -1100.0, log_scale)
-    assert lens.draw_psf_map(*drawing, str(tmp_path / "map.png")) is None
-    assert (tmp_path / "map.png").stat().st_size > 1000
-    _, axes = lens.draw_psf_map(*drawing, show=True)
-    shown = torch.tensor(axes.images[0].get_array())
-    assert shown.shape == (66, 99, 3)
-    psf = lens.psf(torch.tensor([0.0, 0.0, -1100.0]), ks=33)
-    if log_scale:
-        psf = (psf + 1e-4).log()
-        psf = psf - psf.min()
-    torch.testing.assert_close(shown[33:, 66:, 1], psf / psf.max())
