@@ -109,7 +109,7 @@ def test_pictures_do_not_depend_on_the_device(agree, kind, quality):
         {"cat_eye": CatEye(1.1, 0.5)},
         {"color_offsets": (0.6, 0.0, -0.4)},
         {"dual_pixel": DualPixel(crosstalk=0.3), "left_right": True},
-        {"depth_repair": "soft-edges=0.3"},
+        {"edge_width": 12.0},
     ],
     ids=lambda options: "-".join(options),
 )

@@ -58,7 +58,7 @@ class Reading(DepthReading):
     """What to take from the input files, and how to read it."""
 
     color_layer: str | None = None  # colour layer of an EXR
-    # Auto, off (depth is used as it is read), or soft-edges=SLOPE in px per px
+    # Auto, or off: depth is used as it is read
     depth_repair: str = "auto"
     # Px of the widest soft edges of depth, 0 if none are soft; None: as found
     edge_width: float | None = None

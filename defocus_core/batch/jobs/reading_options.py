@@ -27,7 +27,7 @@ from defocus_core.batch.lenses.quantities import (
     read_at,
     text_of,
 )
-from defocus_core.errors import CALLER, Place, UsageProblem, did_you_mean
+from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.io.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_core.io.depth_formats.table import NAMES, UNITS
 
@@ -96,26 +96,6 @@ def integer(text: str) -> int:
     if not re.fullmatch(r"\d{1,9}", text.strip()):
         raise QuantityError(f"'{text}' is not a whole number of 0 or more", "write it like 1")
     return int(text)
-
-
-def depth_repair(text: str) -> str:
-    """``auto``, ``off`` or ``soft-edges=SLOPE``."""
-    word, equals, slope = text.strip().lower().partition("=")
-    if (word, equals) == ("soft-edges", "="):
-        try:
-            value = number(slope)
-        except QuantityError:
-            value = -1.0
-        if value >= 0:
-            return f"soft-edges={value:.9g}"
-        problem = f"'{slope}' is no slope of soft edges"
-        raise QuantityError(problem, "write it like soft-edges=0.3, in px of radius per px")
-    if equals or word not in DEPTH_REPAIRS:
-        known = f"choose from {', '.join(DEPTH_REPAIRS)}, soft-edges=SLOPE"
-        raise QuantityError(
-            f"'{text}' is no depth repair", did_you_mean(word, DEPTH_REPAIRS, known)
-        )
-    return word
 
 
 def edge_width(text: str) -> float:
@@ -241,13 +221,11 @@ _ROWS = (
         "that.",
         of_pictures=True,
     ),
-    ReadingParam(
-        name="depth-repair",
-        parse=depth_repair,
-        metavar="auto|off|soft-edges=SLOPE",
-        help="auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off "
-        "takes it as it is given; soft-edges=0.3 takes slopes of 0.3 px of radius per px and more "
-        "for soft edges, whatever is found.  [default: auto]",
+    _choice(
+        "depth-repair",
+        DEPTH_REPAIRS,
+        "auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off "
+        "takes it as it is given.  [default: auto]",
         of_pictures=True,
     ),
     ReadingParam(

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.depth.repair_options import RepairOptions, repair_options
+from defocus_core.depth.repair import check_repair
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.batched import Apertures, CatEyes, DualPixels
 from defocus_core.optics.cat_eye import CatEye
@@ -64,7 +64,7 @@ class Settings:
             raise ValueError(f"{problem}; give kernels of one place")
         find(self.quality)
         flag("left_right", self.left_right)
-        repair_options(self.depth_repair, self.edge_width)
+        check_repair(self.depth_repair, self.edge_width)
         checked: dict[str, float] = {
             "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
         }
@@ -94,11 +94,6 @@ class Settings:
             dual_pixel=DualPixels.of([one.dual_pixel for one in each]),
             cat_eye=CatEyes.of([one.cat_eye for one in each]),
         )
-
-    @property
-    def repair(self) -> RepairOptions:
-        """Whether, and by which knowledge, depth is repaired."""
-        return repair_options(self.depth_repair, self.edge_width)
 
     @property
     def field(self) -> CatEye | SensitivityField | None:

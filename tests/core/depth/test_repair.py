@@ -8,8 +8,7 @@ import torch
 from torch import Tensor
 from windows import Windows, put_together, same
 
-from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render
-from defocus_core.depth.repair import repaired
+from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render, repair_depth
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
@@ -44,7 +43,7 @@ DAMAGED = {"noise": noisy, "soft_edges": soft, "quantised": quantised}
 @pytest.mark.parametrize("damage", DAMAGED)
 def test_the_record_is_the_diagnosis(damage):
     image, radius = DAMAGED[damage]()
-    found, repair = repaired(radius, image, infinity=None, threads=2, hold=False)
+    found, repair = repair_depth(radius, image, threads=2)
     assert getattr(repair, damage)
     assert 0 < repair.fraction <= 1
     assert repair._replace(edge_shifts=None, fraction=0.0) == diagnose_depth(radius)
@@ -55,7 +54,7 @@ def test_the_record_is_the_diagnosis(damage):
 @pytest.mark.parametrize("kind", ["most", "cards", "floor", "thin", "plane"])
 def test_depth_of_a_renderer_needs_no_repair(kind):
     image, radius = scenery(kind, *SIZE, 12.0)
-    found, repair = repaired(radius, image, infinity=None, threads=1, hold=False)
+    found, repair = repair_depth(radius, image)
     assert found is radius
     assert not any(repair)
     for quality in ("draft", "standard"):
@@ -70,7 +69,7 @@ def test_depth_of_a_renderer_needs_no_repair(kind):
 @pytest.mark.parametrize("quality", ["draft", "standard"])
 def test_repair_is_rendering_of_repaired_depth(damage, quality):
     image, radius = DAMAGED[damage]()
-    whole, _ = repaired(radius, image, infinity=None, threads=1, hold=False)
+    whole, _ = repair_depth(radius, image)
     auto = render(image, radius, quality=quality).render
     off = render(image, whole, quality=quality, depth_repair="off").render
     assert torch.equal(auto, off)
