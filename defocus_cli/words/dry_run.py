@@ -17,7 +17,6 @@ from defocus_core.batch.workers.plan import Execution, Plan, make_plan, refuse_n
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
 from defocus_core.picture.forecast import Forecast
-from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.text import counted, duration
 
 MAX_PLANNED = 10_000  # jobs of a batch of which each is looked at
@@ -84,8 +83,6 @@ def report_batch(
     by_number, unusable = _forecasts(todo)
     samples = list(by_number.values())
     whole = forecast.total(samples, count) if samples else None
-    pictures = len({(job.picture, job.reading) for job in todo})
-    share = 1 / batch.plan.count if scale > 1 else pictures / max(len(todo), 1)
     totals = {
         "jobs": round(scale * len(plan.settled)) + left,
         "done_before": round(scale * len(plan.settled)),
@@ -94,7 +91,7 @@ def report_batch(
         "looked_at": len(jobs),
         "processes": processes,
         "forecast": whole,
-        "seconds": _seconds(share, whole) / processes if whole else 0.0,
+        "seconds": whole["seconds"] / processes if whole else 0.0,
         "bytes": round(_bytes(plan, samples, count)) if samples else 0,
         "unusable": len(unusable),
     }
@@ -117,8 +114,6 @@ def _forecasts(
     """Forecasts by number, and the errors of the other jobs, said or, of a lone job, raised."""
     if not todo:
         return {}, []
-    if alone:
-        refuse_small(todo[0])
     samples, unusable = forecast.forecasts(todo)
     if alone and unusable:
         raise unusable[0]
@@ -159,15 +154,6 @@ def _numbers(batch: Batch, shard: Shard | None) -> Sequence[int]:
         return range(shard.number - 1, batch.count, shard.of)
     mine = range(shard.number - 1, pictures, shard.of)
     return [lenses * picture + lens for picture in mine for lens in range(lenses)]
-
-
-def _seconds(share: float, whole: Mapping[str, Any]) -> float:
-    """Of one process: reading and writing overlap with rendering, but take cores that it needs.
-
-    Lenses share the picture that they take: ``share`` of the jobs read one.
-    """
-    others = sum(whole[f"{step}_seconds"] for step in ("prepare", "render", "write"))
-    return float(others + share * whole["read_seconds"])
 
 
 def _bytes(plan: Plan, samples: Sequence[Forecast], count: int) -> float:

@@ -44,9 +44,6 @@ _FOR_ARRAYS, _FOR_PICTURES, _PICTURES = 0.5, 0.25, 3
 _FOR_CELLS = 0.25
 # Most memory of the strips through which a picture in scratch files is read and written.
 _STRIPS_MB = 168.0
-# Least memory of the program itself; what a rendering usually takes beside it and the files, of
-# which a part goes with the pixels.
-_PROGRAM_MB, _FEW_MB, _LIKELY_BYTES = 200.0, 150.0, 45.0
 # Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
@@ -72,24 +69,6 @@ class Holding:
 def holding(job: Job) -> Holding:
     """Memory of the picture of a job, from the headers of its files."""
     return _divide(*_sizes(job), capacity_mb(job.machine))
-
-
-def refuse_small(job: Job, program_mb: float = _PROGRAM_MB) -> None:
-    """Refuse a limit below what program and files take in any case, before files are decoded.
-
-    What the computation takes beside them depends on the blur, which no header tells.
-    """
-    if job.machine.memory is None:
-        return
-    pixels, (arrays, _) = describe(job.picture.color).pixels, _sizes(job)
-    files, limit = min(_STRIPS_MB, arrays), limit_mb(job.machine)
-    if (minimum := program_mb + files) > limit:
-        problem = (
-            f"needs more than {math.ceil(minimum)} MB to render, but {limit:.0f} MB are allowed"
-        )
-        likely = program_mb + 2 * files + _FEW_MB + pixels * _LIKELY_BYTES / memory.MB
-        remedy = f"use ‹memory› {_size(likely)}"
-        raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
 
 
 def _divide(arrays_mb: float, whole_mb: float, capacity: float) -> Holding:

