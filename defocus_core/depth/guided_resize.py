@@ -20,7 +20,7 @@ from defocus_core.depth.soft_edges import AVERAGED, without_ramps
 from defocus_core.tensors.derived import Derived
 from defocus_core.tensors.neighbourhoods import squares_around
 from defocus_core.tensors.source import Pixels, bands
-from defocus_core.tensors.validation import dense, described
+from defocus_core.tensors.validation import described
 
 # Least step between surfaces, as a share of the range of disparity: more than a level of 8 bits;
 # and as a share of the range among neighbours, which on a slope steps evenly.
@@ -64,7 +64,6 @@ class GuidedDepth(Derived):
         Raises:
             ValueError: If `depth` is no map of positive numbers.
         """
-        dense("depth", depth)
         if depth.dim() != 2 or not depth.is_floating_point() or not bool((depth > 0).all()):
             problem = f"depth must be [h, w] of positive floats, got {described(depth)}"
             raise ValueError(f"{problem}; inf is sky")

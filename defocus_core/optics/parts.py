@@ -76,8 +76,6 @@ def parts_of(outline: Outline, count: int) -> tuple[Part, ...]:
     if count == 2:
         return LEFT, RIGHT
     minimum = _MIN_PART * area_of(outline, FULL)
-    if min(area_of(outline, half) for half in (LEFT, RIGHT)) <= minimum:
-        return (FULL,)  # a colour of a coloured pupil may lie in one half
     if count == 4:
         cuts = [(half, _bisecting_height(outline, half)) for half in (LEFT, RIGHT)]
         return tuple(p for half, y in cuts for p in (replace(half, y1=y), replace(half, y0=y)))

@@ -19,7 +19,7 @@ from torch.nn.functional import pad
 from defocus_core.optics.outline import Disc
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.validation import dense, described
+from defocus_core.tensors.validation import described
 
 # Shares of the greatest light of a measured kernel: of its noise at most, and of its border.
 _FAINT, _BORDER = 0.1, 0.5
@@ -155,7 +155,6 @@ def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity
                 f"{described(kernel)}"
             )
             raise ValueError(f"{problem}; measure both photodiodes of one point")
-        dense(name, kernel)
     left, right = (kernel.detach().to("cpu", torch.float64) for kernel in (left, right))
     size = left.shape[-2:]
     pairs = zip(left.reshape(-1, *size), right.reshape(-1, *size), strict=True)

@@ -23,34 +23,23 @@ if TYPE_CHECKING:
     from defocus_core.optics.pupil_image import PupilImage
     from defocus_core.optics.sensitivity import Sensitivity
 
-# Greatest difference of channels of a grey picture, as a share of its brightest pixel: compression
-# of JPEG makes less.
-_GREY = 0.02
 _MAX_SIDE = 4096  # px; sums of areas lose digits beyond
-_COLORS = 3
 _MAX_KERNELS = 1024  # of a field
 _MAX_RADIUS = 2000  # px of a drawn blur
 _SHOWN = 256  # px of a side of a square of the picture to look at
 
 
-def aperture_of(lens: Lens, color: int | None = None) -> Aperture:
-    """The pupil of a lens, as light of a colour sees it: red is 0, green 1, blue 2.
-
-    Without a colour, a coloured pupil is the mean of its colours.
-    """
+def aperture_of(lens: Lens) -> Aperture:
+    """The pupil of a lens."""
     from defocus_core.optics.aperture import Aperture
 
-    picture = None
-    if lens.aperture_image is not None:
-        mean, *colors = pupil_images(lens.aperture_image)
-        picture = colors[color] if colors and color is not None else mean
     return Aperture(
         blades=lens.blades,
         rotation=lens.blade_rotation,
         curvature=lens.blade_curvature,
         obstruction=lens.obstruction,
         spherical=lens.spherical,
-        image=picture,
+        image=None if lens.aperture_image is None else pupil_image(lens.aperture_image),
         squeeze=lens.squeeze,
     )
 
@@ -77,16 +66,14 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
         raise UsageProblem("malformed", problem, remedy, field="cat-eye") from None
 
 
-def aperture_in_pixels(
-    lens: Lens, pixel_aspect: float, color: int | None = None
-) -> tuple[Aperture, float]:
+def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float]:
     """The pupil of a lens before pixels that need not be square.
 
     A radius of the CoC is so many px wide; pixels that are wider than high show it higher in px.
 
     Returns the pupil, and the longer half axis of its blur in px, in radii of the CoC.
     """
-    pupil = aperture_of(lens, color)
+    pupil = aperture_of(lens)
     if pixel_aspect == 1:
         return pupil, 1.0
     squeeze = lens.squeeze * pixel_aspect
@@ -167,8 +154,8 @@ def _is_wide(shape: tuple[int, ...]) -> bool:
 
 
 @once
-def pupil_images(path: Path) -> tuple[PupilImage, ...]:
-    """The picture of a pupil, as light: the mean of its colours, then each if they differ."""
+def pupil_image(path: Path) -> PupilImage:
+    """The picture of a pupil, as light: the mean of its colours."""
     import torch
 
     from defocus_core.io.array_files import NPY_MAGIC, read_npy
@@ -187,11 +174,8 @@ def pupil_images(path: Path) -> tuple[PupilImage, ...]:
         color = read_color(path)
         light = np.stack([plane[:] for plane in color.planes], dtype="float64")
         light = light[: len(color.channels) - ("A" in color.channels)]
-    differ = float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max())
     try:
-        mean = PupilImage(torch.from_numpy(light.mean(axis=0)))
-        colors = light if differ and len(light) == _COLORS else ()
-        return (mean, *(PupilImage(torch.from_numpy(each), like=mean) for each in colors))
+        return PupilImage(torch.from_numpy(light.mean(axis=0)))
     except ValueError as error:
         problem = f"is no picture of a pupil: {reason(error)}"
         raise InputError(

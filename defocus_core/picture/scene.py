@@ -84,7 +84,6 @@ class Pass(NamedTuple):
     shared: SharedSurfaces | None = None  # the surfaces of all colours of the scene
     order: tuple[int, ...] = ()  # of the rendered channels; empty: as they are
     transposed: bool = False  # rows are rendered as columns, whose left and right are up and down
-    color: int | None = None  # of the light, where the opening is coloured: 0 is red
 
 
 @dataclass(frozen=True)

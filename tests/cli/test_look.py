@@ -251,23 +251,6 @@ def test_up_and_down_are_the_halves_of_quad_pixels(tmp_path, options):
         np.testing.assert_allclose(turned["right"], views["down"], atol=1e-4)
 
 
-def test_each_colour_sees_its_own_part_of_a_coloured_opening(light, tmp_path):
-    picture = np.zeros((12, 12, 3))
-    picture[:, :4, 0] = picture[:, 4:8, 1] = picture[:, 8:, 2] = 1
-    np.save(tmp_path / "filter.npy", picture)
-    options = ("--aperture-image", str(tmp_path / "filter.npy"))
-    planes = drawn(light, tmp_path / "out", *options)
-    assert planes["G"].sum() == pytest.approx(1000, rel=1e-4)
-    at = np.arange(SIZE)
-    red, green, blue = (float((planes[c].sum(0) * at).sum() / planes[c].sum()) for c in "RGB")
-    assert green == pytest.approx(24, abs=0.05)
-    assert green - red == pytest.approx(blue - green, abs=0.05)
-    assert blue - red > 8
-    ran = run("render", *light, "-o", tmp_path / "x", *SMALL, *options, "--outputs", "left")
-    refused(ran, 2, "colored-pupil", "aperture-image")
-    assert drawn(light, tmp_path / "high", *options, "--quality", "high")
-
-
 def test_colours_apart_are_the_same_within_any_memory(tmp_path, monkeypatch):
     pixels = np.random.default_rng(1).random((64, 96, 3), np.float32)
     metres = np.full((64, 96), 9.0, np.float32)

@@ -141,7 +141,6 @@ def test_the_first_example_of_deeplens_runs(small):
         ("render_rgbd_dp", "rgb_img, depth, psf_ks"),
         ("set_sensor", "sensor_size, sensor_res"),
         ("set_sensor_res", "sensor_res"),
-        ("point_source_grid", "depth, grid=(9, 9), normalized=True, quater=False, center=True"),
         ("to", "device"),
         ("refocus", "foc_dist"),
         ("coc", "depth"),
@@ -186,33 +185,6 @@ def test_the_field_of_view_is_that_of_a_pinhole_in_radians(lens):
     lens.foclen = zoom
     lens.hfov.backward()
     assert zoom.grad.item() == pytest.approx(-36 / (50**2 + 18**2))
-
-
-def test_points_of_a_grid_stand_as_deeplens_puts_them(lens):
-    grid = lens.point_source_grid(-1500.0)
-    assert grid.shape == (9, 9, 3)
-    assert grid[0, 0].tolist() == [-0.9375, 0.9375, -1500.0]  # left and above, half a field inside
-    assert grid[4, 4].tolist() == [0.0, 0.0, -1500.0]
-    torch.testing.assert_close(grid.flip(1)[..., 0], -grid[..., 0])
-    corner = lens.point_source_grid(-1500.0, grid=(4, 3), center=False)
-    assert corner.shape == (3, 4, 3)
-    torch.testing.assert_close(corner[-1, -1], torch.tensor([0.98, -0.98, -1500.0]))
-    assert lens.point_source_grid(-1500.0, (1, 1)).tolist() == [[[0.0, 0.0, -1500.0]]]
-
-
-def test_a_quarter_of_a_grid_is_the_one_above_and_to_the_right(lens):
-    for n in (4, 5):
-        quarter = lens.point_source_grid(-1500.0, (n, n), quater=True)
-        assert quarter.shape == (3 if n == 5 else 2,) * 2 + (3,)
-        assert (quarter[..., :2] >= 0).all()
-
-
-def test_points_in_mm_are_those_that_the_pinhole_sees_there(lens):
-    lens.set_sensor((36.0, 24.0), (360, 240))
-    shares, mm = (lens.point_source_grid(-1500.0, normalized=n) for n in (True, False))
-    half = torch.tensor([math.tan(lens.hfov / 2), math.tan(lens.vfov / 2)]) * 1500
-    torch.testing.assert_close(mm[..., :2], shares[..., :2] * half)
-    assert lens.psf_map((2, 2), 31, -1500.0).shape == (2, 2, 1, 31, 31)
 
 
 def test_without_a_device_a_lens_takes_the_gpu_if_there_is_one(monkeypatch, pretended_gpu):

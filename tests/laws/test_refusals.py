@@ -13,10 +13,7 @@ from defocus_core import (
     HiddenLayer,
     PupilImage,
     RandomDefocus,
-    depth_from_disparity,
-    depth_from_logarithm,
     fit,
-    planar_depth,
     render,
     render_layers,
     sensitivities,
@@ -130,15 +127,6 @@ ROWS = [
     ("shape of sharp", lambda: fit(IMAGE, DEPTH, IMAGE[:, :-1])),
     ("finite", lambda: fit(IMAGE, DEPTH * math.inf, IMAGE)),
     ("differ somewhere", lambda: fit(IMAGE, COVERAGE[0], IMAGE)),
-    *(
-        row
-        for bad in (0.0, -1.0, math.inf, math.nan)
-        for row in (
-            ("focal_baseline must be positive", lambda b=bad: depth_from_disparity(DEPTH, b)),
-            ("near and far must be pos", lambda b=bad: depth_from_logarithm(DEPTH, b, 1.0)),
-            ("focal_px must be positive", lambda b=bad: planar_depth(DEPTH, b)),
-        )
-    ),
     *(
         (r"depth must be \[h, w\] of positive", lambda b=b: GuidedDepth(DEPTH.clamp(max=b), IMAGE))
         for b in (0.0, -1.0, math.nan)

@@ -77,7 +77,7 @@ def _has_matte(surfaces: Any) -> bool:
 def _has_apart(passes: Any) -> bool:
     """Whether colours are in focus apart, or halves lie above one another."""
     lens, rows = passes.take.lens, passes.take.job.outputs.rows
-    return lens.axial_color or lens.aperture_image or any(kind.transposed for kind in rows)
+    return lens.axial_color or any(kind.transposed for kind in rows)
 
 
 def _is_noisy(contents: Any) -> bool:

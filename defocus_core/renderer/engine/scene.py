@@ -27,7 +27,7 @@ from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import chosen, plus, transposed
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, Scalar, banded
-from defocus_core.tensors.validation import backward_only, dense, described
+from defocus_core.tensors.validation import backward_only, described
 
 
 class RegionSurfaces(NamedTuple):
@@ -218,7 +218,6 @@ class Scene:
         """
         tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
         for name, tensor in tensors.items():
-            dense(name, tensor)
             backward_only(name, tensor)
             if not (isinstance(tensor, Tensor) and tensor.is_floating_point()):
                 problem = f"{name} must be a tensor of floats, got {described(tensor)}"
@@ -311,7 +310,6 @@ def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) 
             "leave it out where nothing is known"
         )
     for name, value in zip(HiddenLayer._fields, hidden, strict=True):
-        dense(f"hidden {name}", value)
         backward_only(f"hidden {name}", value)
     kinds = [x.dtype for x in hidden[:2]]
     if not all(kind.is_floating_point for kind in kinds):

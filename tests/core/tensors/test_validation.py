@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -102,44 +101,6 @@ def test_what_makes_no_sense_is_refused_by_name(wrong, said):
     with pytest.raises(ValueError, match=said) as told:
         wrong()
     assert "; " in str(told.value), "what would do"
-
-
-def odd(values):
-    """Tensors that are no plain arrays of numbers, and how an error names them."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return [
-            (values.to_sparse(), "sparse_coo"),
-            (values[0, 0].to_sparse_csr(), "sparse_csr"),
-            (values.to_mkldnn(), "mkldnn"),
-            (values.to("meta"), "meta"),
-            (torch.quantize_per_tensor(values, 0.1, 0, torch.quint8), "quantized"),
-            (torch.nested.nested_tensor(list(values)), "nested"),
-            (torch.nested.nested_tensor(list(values), layout=torch.jagged), "jagged|nested"),
-        ]
-
-
-@pytest.mark.parametrize("at", range(7))
-def test_tensors_that_are_not_dense_are_refused(at):
-    image, name = odd(IMAGE[None].clone())[at]
-    radius, depth = (odd(values[None, None].clone())[at][0] for values in (RADIUS, DEPTH[0]))
-    scene = (IMAGE[None], RADIUS[None])
-    uses = [
-        ("image", lambda: render(image, RADIUS)),
-        ("image", lambda: lens().render_rgbd(image, DEPTH)),
-        ("image", lambda: drawn(image)),
-        ("signed_radius", lambda: render(IMAGE, radius)),
-        ("depth", lambda: lens().render_rgbd(IMAGE[None], depth)),
-        ("depth", lambda: drawn(depth=depth)),
-        ("depth", lambda: lens().dof(depth)),
-        ("points", lambda: lens().psf(depth)),
-        ("fnum", lambda: lens(50.0, depth)),
-        ("hidden color", lambda: render(*scene, hidden=HiddenLayer(image, scene[1], scene[1] > 0))),
-        ("hidden mask", lambda: render(*scene, hidden=HiddenLayer(*scene, radius))),
-    ]
-    for argument, use in uses:
-        with pytest.raises(ValueError, match=f"^{argument} must be a dense tensor, got a ({name})"):
-            use()
 
 
 def test_a_hidden_layer_is_of_floats():
