@@ -164,15 +164,6 @@ class Aperture:
         }
         return replace(self, **learnt) if learnt else self
 
-    def transposed(self) -> Aperture:
-        """The pupil of a picture whose rows are columns, as up and down are its left and right."""
-        return replace(
-            self,
-            rotation=-90.0 - self.rotation if self.blades else self.rotation,
-            image=self.image and self.image.transposed(),
-            squeeze=self.squeeze if _is(self.squeeze, 1.0) else 1 / self.squeeze,
-        )
-
     def kernel(
         self, radius: Tensor, size: int, part: Part = FULL, view: View | None = None
     ) -> Tensor:

@@ -100,16 +100,6 @@ class PupilImage(Outline):
         """The radius of the lens in px."""
         return self._radius
 
-    def transposed(self) -> PupilImage:
-        """The picture with rows for columns."""
-        other = object.__new__(PupilImage)
-        other._key = (self._key[0][::-1], self._key[1] + b"transposed")
-        if self._key[1].endswith(b"transposed"):
-            other._key = (other._key[0], self._key[1].removesuffix(b"transposed"))
-        other._sums, other._middle = self._sums.mT.contiguous(), self._middle[::-1]
-        other._radius, other._bright = self._radius, self._bright[::-1]
-        return other
-
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The sum of the picture left of x and above y: bilinear between corners of its pixels."""
         sums = self._sums.to(x.device)

@@ -74,12 +74,6 @@ class SensitivityField(Sensitivity):
     def __hash__(self) -> int:
         return hash((self.grid, self.positions))
 
-    def transposed(self) -> SensitivityField:
-        """That of a frame whose rows are columns; each place is as it was."""
-        rows, columns = self.grid
-        order = (row * columns + column for column in range(columns) for row in range(rows))
-        return SensitivityField([self.positions[index] for index in order], (columns, rows))
-
     def between(self, x: Tensor, y: Tensor) -> Tensor:
         """The mean of theirs."""
         return torch.stack([position.between(x, y) for position in self.positions]).mean(0)

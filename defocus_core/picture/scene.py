@@ -83,7 +83,6 @@ class Pass(NamedTuple):
     px: float = 0.0  # added to the radii
     shared: SharedSurfaces | None = None  # the surfaces of all colours of the scene
     order: tuple[int, ...] = ()  # of the rendered channels; empty: as they are
-    transposed: bool = False  # rows are rendered as columns, whose left and right are up and down
 
 
 @dataclass(frozen=True)

@@ -125,16 +125,13 @@ class Repaired(Mapped):
         super().__init__(read, signed_radius.shape, signed_radius, around)
 
 
-def _mapped(
-    picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int, transposed: bool = False
-) -> Pixels:
+def _mapped(picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int) -> Pixels:
     """A function of a picture: of a tensor at once, else where it is read."""
     if isinstance(picture, Tensor):
         return function(picture)
 
     def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        cuts = (columns, rows) if transposed else (rows, columns)
-        return function(picture[..., slice(*cuts[0]), slice(*cuts[1])])
+        return function(picture[..., slice(*rows), slice(*columns)])
 
     return Mapped(read, shape, picture)
 
@@ -153,9 +150,3 @@ def plus(radii: Pixels, px: Scalar) -> Pixels:
     if not isinstance(px, Tensor) and px == 0:
         return radii
     return _mapped(radii, lambda x: x + px, *radii.shape)
-
-
-def transposed(picture: Pixels) -> Pixels:
-    """A picture [..., H, W] with rows for columns."""
-    *before, height, width = picture.shape
-    return _mapped(picture, lambda x: x.mT.contiguous(), *before, width, height, transposed=True)

@@ -1,47 +1,24 @@
-"""Colours that are in focus at different distances, and halves above one another: several passes.
-
-Channels of the picture are rendered apart; up and down are left and right of rows for columns.
-"""
+"""Colours that are in focus at different distances: a pass of each."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from defocus_core.picture.radii import color_offsets
-from defocus_core.picture.scene import Pass, Passes, longer_axis
+from defocus_core.picture.scene import Passes, longer_axis
 from defocus_core.picture.take import Take
 
 
 def passes(whole: Passes) -> Passes:
-    """Each group of colours, first of rows for columns, then as they are."""
-    take, (every,) = whole.take, whole.every
-    rows = [kind for kind in take.job.outputs.rows if kind.rendered]
-    transposed = _split(take, _transpose(every)) if any(k.transposed for k in rows) else ()
-    upright = () if all(kind.transposed for kind in rows) else _split(take, every)
-    return replace(whole, every=(*transposed, *upright))
-
-
-def _transpose(whole: Pass) -> Pass:
-    """A pass with rows for columns."""
-    settings = whole.settings
-    settings = replace(
-        settings,
-        aperture=settings.aperture.transposed(),
-        dual_pixel=settings.dual_pixel.transposed(),
-        left_right=True,
-    )
-    return whole._replace(scene=whole.scene.turned(), settings=settings, transposed=True)
-
-
-def _split(take: Take, whole: Pass) -> tuple[Pass, ...]:
-    """The pass in groups of colours, which share what is continued behind surfaces."""
+    """Each group of colours; they share what is continued behind surfaces."""
     from defocus_core.renderer.engine.renderer import shared_surfaces
 
-    longer, infinity = longer_axis(take), whole.settings.infinity
-    passes = [
-        whole._replace(
+    take, (every,) = whole.take, whole.every
+    longer, infinity = longer_axis(take), every.settings.infinity
+    apart = [
+        every._replace(
             settings=replace(
-                whole.settings, infinity=None if infinity is None else infinity + longer * px
+                every.settings, infinity=None if infinity is None else infinity + longer * px
             ),
             channels=channels,
             light=channels,
@@ -49,12 +26,12 @@ def _split(take: Take, whole: Pass) -> tuple[Pass, ...]:
         )
         for channels, px in _groups(take)
     ]
-    if len(passes) == 1 or whole.scene.layered is not None:
-        return tuple(passes)
-    offsets = [each.px for each in passes]
-    settings = passes[0].settings
-    shared = shared_surfaces(whole.scene, settings, offsets, keep=take.has_room)
-    return tuple(each._replace(shared=shared) for each in passes)
+    if len(apart) > 1 and every.scene.layered is None:
+        offsets = [each.px for each in apart]
+        settings = apart[0].settings
+        shared = shared_surfaces(every.scene, settings, offsets, keep=take.has_room)
+        apart = [each._replace(shared=shared) for each in apart]
+    return replace(whole, every=tuple(apart))
 
 
 def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
@@ -64,7 +41,7 @@ def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
     """
     lens, names = take.lens, take.inputs.color.channels
     channels = tuple(range(len(take.inputs.color.planes)))
-    if not lens.axial_color or "R" not in names:
+    if "R" not in names:
         return [(channels, 0.0)]
     offsets = color_offsets(lens, take.size)
     red, blue = names.index("R"), names.index("B")

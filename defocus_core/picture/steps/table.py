@@ -74,12 +74,6 @@ def _has_matte(surfaces: Any) -> bool:
     return inputs.matte is not None and inputs.layers is None
 
 
-def _has_apart(passes: Any) -> bool:
-    """Whether colours are in focus apart, or halves lie above one another."""
-    lens, rows = passes.take.lens, passes.take.job.outputs.rows
-    return lens.axial_color or any(kind.transposed for kind in rows)
-
-
 def _is_noisy(contents: Any) -> bool:
     """Whether an image has the noise of a sensor."""
     kind = contents.kind
@@ -127,7 +121,7 @@ STEPS = (
     Step("scene", "repair", "depth is repaired", lambda s: s.is_repaired),
     Step("scene", "lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
     Step("scene", "hidden", "what is hidden is known", lambda s: s.knows_hidden),
-    Step("passes", "colors_apart", "colours, or columns, are rendered apart", _has_apart),
+    Step("passes", "colors_apart", "colours are in focus apart", lambda p: p.take.lens.axial_color),
     Step("passes", "layers", "alpha is the coverage", lambda p: p.take.inputs.layers),
     # The planes of a file, as they are written.
     Step("write", "noise", "the sensor is noisy", _is_noisy),

@@ -24,7 +24,7 @@ from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, KnownLayer, hidden_layer
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import chosen, plus, transposed
+from defocus_core.tensors.derived import chosen, plus
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, Scalar, banded
 from defocus_core.tensors.validation import backward_only, described
@@ -275,24 +275,6 @@ class Scene:
             hidden=hidden,
             surfaces=None if surfaces is None else surfaces.of(channels, px),
         )
-
-    def turned(self) -> Scene:
-        """The scene with rows for columns."""
-        if self.layered is not None:
-            layers = self.layered
-            layers = layers._replace(
-                colors=transposed(layers.colors),
-                signed_radius=transposed(layers.signed_radius),
-                coverage=transposed(layers.coverage),
-            )
-            return Scene.of_layered(layers, self.repair)
-        hidden = self.hidden
-        if hidden is not None:
-            color, radius, mask = map(transposed, hidden)
-            hidden = color, radius, mask
-        image, radius = transposed(self.image), transposed(self.signed_radius)
-        matte = None if self.matte is None else transposed(self.matte)
-        return replace(self, image=image, signed_radius=radius, hidden=hidden, matte=matte)
 
 
 def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) -> None:

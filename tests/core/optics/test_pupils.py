@@ -192,14 +192,6 @@ def test_gradients_flow_to_every_number_of_a_pupil():
     assert torch.autograd.gradcheck(kernel, values)
 
 
-@pytest.mark.parametrize("pupil", [*PUPILS, Aperture(5, 20.0)])
-def test_a_transposed_pupil_has_rows_for_columns(pupil):
-    kernel, turned = (p.kernel(double(9.3), 21) for p in (pupil, pupil.transposed()))
-    torch.testing.assert_close(turned, kernel.mT, atol=1e-12, rtol=0)
-    again = pupil.transposed().transposed().kernel(double(9.3), 21)
-    torch.testing.assert_close(again, kernel, atol=1e-12, rtol=0)
-
-
 def test_a_pupil_without_light_in_its_middle_leaves_white_white():
     corners = Aperture(image=PupilImage(torch.eye(2)))
     radius = torch.full((40, 44), 8.0)

@@ -32,7 +32,6 @@ KINDS = {
     "lights": {"lens": replace(LENS, highlights=(0.9, 16.0)), "clipped": True},
     "a cat's eye of blades": {"lens": replace(LENS, blades=6, cat_eye=(1.05, 1.5))},
     "axial colour": {"lens": replace(LENS, axial_color=(0.1, 0.1))},
-    "quad pixel": {"outputs": Outputs(Path(), kinds=("left", "right", "up", "down"))},
 }
 
 

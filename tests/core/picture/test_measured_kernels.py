@@ -107,7 +107,6 @@ def test_kernels_are_inputs_of_a_batch_and_are_found_again(lights, tmp_path):
 @pytest.mark.parametrize(
     ("option", "values", "code"),
     [
-        ("--aperture-image", np.ones((2, 2, 5, 5)), "malformed"),
         ("--dp-model", np.ones((3, 5, 5)), "wrong-size"),
         ("--dp-model", np.ones((2, 5, 5)), "malformed"),
     ],
