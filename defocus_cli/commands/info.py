@@ -55,9 +55,8 @@ def command(
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read is named, and the others are reported. A file of colour and one of depth, of one
-    size, are compared: whether the colour is blurred already, and whether the two lie on each
-    other.
+    cannot be read is named, and the others are reported. Of a file of colour and one of depth, of
+    one size, it says whether the colour is blurred already.
 
     Of patterns like 'shot.####.exr' the shot is summed up: frames, gaps, sizes, depth over time
     and, with a lens, where blur is largest.
@@ -90,7 +89,7 @@ def command(
       largest_blur frame and coc_px; null without a lens
     "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
       color, depth the files
-      evidence     what shows that the colour is blurred already, or does not lie on the depth
+      evidence     what shows that the colour is blurred already
       repair, depth_repair, preview
                    with --preview: what was done to the depth with the colours, and the PNG
     and "failed" of files that cannot be read: subject, problem, remedy
