@@ -44,25 +44,15 @@ A, B, DIFFERENCE = "a", "b", "difference"
 Box = tuple[int, int, int, int]  # x, y, width, height
 _LARGEST = 65504.0  # of half
 _LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
-_INTEGERS = {"uint8": 1 / 255}  # steps of integers that half holds exactly
-_ROUNDING = 1e-3  # of a step, of single precision
-_STEPS = frozenset(_INTEGERS.values())
 VIEWS = ("left", "right")
 _MAX_DRAWN = 2**27  # numbers of a file: 8192 x 4096 px of four channels
 _VIEW_SIDE = 960  # px of the thumbnails of views beside values
 
 
-def common_scale(planes: Sequence[NDArray[Any]], kind: str) -> float:
-    """The factor from halves to the values of planes: it makes small integers whole numbers."""
-    step = _INTEGERS.get(kind)
-    if step is not None and all(_is_whole(plane / step) for plane in planes):
-        return step
+def common_scale(planes: Sequence[NDArray[Any]]) -> float:
+    """The factor from halves to the values of planes, which may be beyond the greatest half."""
     maximum = _largest(planes)
     return 2.0 ** math.ceil(math.log2(maximum / _LARGEST)) if maximum > _LARGEST else 1.0
-
-
-def _is_whole(plane: NDArray[Any]) -> bool:
-    return bool((np.abs(plane - np.rint(plane)) < _ROUNDING).all())
 
 
 def unit_scale(planes: Sequence[NDArray[Any]]) -> float:
@@ -84,7 +74,7 @@ def is_exact(planes: Sequence[NDArray[Any]], scale: float) -> bool:
     """Whether halves hold the values of planes."""
     with np.errstate(all="ignore"):
         for plane in planes:
-            scaled = plane if scale == 1 else _scaled(plane, scale)
+            scaled = _scaled(plane, scale)
             if not np.array_equal(scaled, scaled.astype(np.float16), equal_nan=True):
                 return False
     return True
@@ -99,9 +89,8 @@ def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16
 
 
 def _scaled(plane: NDArray[Any], scale: float) -> NDArray[Any]:
-    """The numbers that are stored as halves; of integers, whole ones."""
-    scaled = plane if scale == 1 else np.asarray(plane, np.float64) / scale
-    return np.rint(scaled) if scale in _STEPS else scaled
+    """The numbers that are stored as halves."""
+    return plane if scale == 1 else np.asarray(plane, np.float64) / scale
 
 
 def pack(
@@ -118,7 +107,8 @@ def pack(
     if base is None or base[1].shape != values.shape:
         return packed
     other = _deflated(values - base[1])
-    return replace(packed, data=other, base=base[0]) if len(other) < len(packed.data) else packed
+    shorter = len(other) < len(packed.payload)
+    return replace(packed, payload=other, base=base[0]) if shorter else packed
 
 
 def _deflated(values: NDArray[np.uint16]) -> bytes:
@@ -168,7 +158,6 @@ def draw(
     height, width = planes[0].shape
     layer = Layer(
         *(key, title, kind, tuple(names), (width, height), picture.gamma, value_range),
-        type=picture.types[names[0]],
         thumbnail=thumbnail,
     )
     return Drawn(layer, planes)
@@ -211,9 +200,7 @@ def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
     """
     cut = {each.layer.key: _within(each.planes, box) for each in drawn}
     pair = [plane for key in (A, B) for plane in cut.get(key, ())]
-    by_key = {each.layer.key: each.layer for each in drawn}
-    types = {by_key[key].type for key in (A, B) if key in by_key}
-    shared = common_scale(pair, types.pop() if len(types) == 1 else "")
+    shared = common_scale(pair)
     layers, base = [], None
     for each in drawn:
         layer, planes = each.layer, cut[each.layer.key]
@@ -221,11 +208,11 @@ def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
             layers.append(_difference(layer, cut, shared, box))
             continue
         is_pair = layer.key in (A, B)
-        scale = shared if is_pair else common_scale(planes, layer.type)
+        scale = shared if is_pair else common_scale(planes)
         bits = half_bits(planes, scale)
         packed = pack(bits, box[:2], scale, base if layer.key == B else None)
         base = (layer.key, bits) if layer.key == A else base
-        layers.append(replace(layer, halves=packed))
+        layers.append(replace(layer, values=packed))
     return layers
 
 
@@ -238,7 +225,7 @@ def _difference(
     with np.errstate(all="ignore"):
         planes = [np.subtract(b, a, dtype=np.float64) for a, b in zip(cut[A], cut[B], strict=True)]
     step = unit_scale(planes)
-    return replace(layer, halves=pack(half_bits(planes, step), box[:2], step))
+    return replace(layer, values=pack(half_bits(planes, step), box[:2], step))
 
 
 def _within(planes: Sequence[NDArray[Any]], box: Box) -> list[NDArray[Any]]:
@@ -352,7 +339,7 @@ def _pair(
         return [draw(k, t, each, shown_channels(list(each.planes))) for k, t, each in sides], 1.0
     names_shown = shown_channels(names, record.channels)
     first = sides[0][2]
-    value_range = draw(A, "A", first, names_shown).layer.value_range
+    value_range = draw(A, "A", first, names_shown).layer.ends
     drawn = [
         draw(key, title, each, names_shown, value_range=value_range) for key, title, each in sides
     ]

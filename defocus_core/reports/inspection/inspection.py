@@ -359,7 +359,7 @@ def summarise_shots(
 
     def lens_of(frame: int, path: Path) -> Lens | None:
         picture = Picture(path.stem, colors.get(frame, path), path, frame=frame)
-        return lenses and lenses.of(picture)[0]
+        return None if lenses is None else lenses.of(picture)[0]
 
     return [_summary(pattern, of, reading, lens_of) for pattern, of in files.items()]
 
