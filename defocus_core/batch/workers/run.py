@@ -126,6 +126,7 @@ def _carried_out(
 ) -> Summary:
     if execution.shard is None:  # else other shards write to OUT, too
         run_file.sweep_up(out)
+        run_file.gather(out)
     plan = make_plan(jobs, out, execution)
     listener.planned(plan)
     settled = len(plan.settled)
