@@ -141,6 +141,15 @@ def merge(out: Path) -> Merged:
     return Merged(len(Ledger(out, read_all(out)).live), len(parts), _missing(parts))
 
 
+def refuse_other_division(out: Path, own: Shard) -> None:
+    """Refuse a shard beside records of another division, of which none comes last."""
+    for shard in shards(out):
+        if shard.of != own.of and journal_path(out, shard).exists():
+            problem = f"is of another division than {own.number}/{own.of}"
+            remedy = f"run 'defocus merge {out}' first"
+            raise InputError("contradiction", problem, remedy, path=journal_path(out, shard))
+
+
 def gather(out: Path) -> list[Shard]:
     """Put the records of all shards into the journal of OUT, whose lock must be held."""
     parts = [shard for shard in shards(out) if journal_path(out, shard).exists()]
