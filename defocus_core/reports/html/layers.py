@@ -4,9 +4,6 @@ Values are packed as half floats, which a browser unpacks and shows at any expos
 half are a number of 16 bits. Stored is its difference, modulo 2^16, to the left neighbour, or to
 the same pixel of another layer: channel after channel, the low bytes of all before the high bytes,
 deflated (zlib).
-
-A pair has A, B, their difference, and the maps and views that lie beside B: a batch writes
-OUT/<kind>/<sample>, and where B is such a file, those of the sample are layers, too.
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.output_kinds import KINDS, SUFFIXES
+from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.compare.picture import (
     DecodedPicture,
     color_layers,
@@ -31,7 +28,6 @@ from defocus_core.compare.picture import (
     read_picture,
 )
 from defocus_core.compare.record import Comparison
-from defocus_core.compare.selection import coc_file
 from defocus_core.errors import InputError
 from defocus_core.io.images.describe import describe
 from defocus_core.reports.html import thumbnails
@@ -233,20 +229,6 @@ def _within(planes: Sequence[NDArray[Any]], box: Box) -> list[NDArray[Any]]:
     return [plane[y : y + height, x : x + width] for plane in planes]
 
 
-def beside(path: Path) -> Iterator[tuple[str, Path]]:
-    """Kind and file of what a batch wrote of the same sample, other than the file itself."""
-    own, root = path.parent.name, path.parent.parent
-    if own not in KINDS:
-        return
-    suffixes = dict.fromkeys([path.suffix, *SUFFIXES.values()])
-    for kind in KINDS.values():
-        endings = suffixes if kind.image else (".exr",)
-        files = (root / kind.name / f"{path.stem}{suffix}" for suffix in endings)
-        file = next((file for file in files if file.is_file()), None)
-        if kind.name != own and file is not None:
-            yield kind.name, file
-
-
 def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[Drawn]:
     """The layers of files, each with its kind; those too large, or not readable, are left out."""
     for title, path in files:
@@ -271,55 +253,25 @@ def _views(title: str, picture: DecodedPicture) -> Iterator[tuple[str, Sequence[
             yield view, names
 
 
-def wiggle_of(layers: Sequence[Layer], path: Path | None = None) -> tuple[str, ...]:
-    """Keys of the left and the right view, where there are both; ``b`` for the file of B."""
-    keys = {layer.key: layer.key for layer in layers}
-    if path is not None and path.parent.name in VIEWS and B in keys:
-        keys[path.parent.name] = B
-    return tuple(keys[view] for view in VIEWS) if set(VIEWS) <= keys.keys() else ()
+def wiggle_of(layers: Sequence[Layer]) -> tuple[str, ...]:
+    """Keys of the left and the right view, where there are both."""
+    return VIEWS if {layer.key for layer in layers} >= set(VIEWS) else ()
 
 
-@dataclass(frozen=True)
-class Subject:
-    """A pair that is to be drawn."""
+def draw_pair(record: Comparison, *, values: bool) -> tuple[list[Layer], float]:
+    """The layers of a pair, with its values or not, and the difference of the hottest colour.
 
-    record: Comparison  # what is known of it
-    values: bool  # whether its values are wanted, and not thumbnails alone
-    coc: Path | None = None  # CoC maps of the pictures, if they were named
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A pair that was drawn."""
-
-    layers: Sequence[Layer] = ()
-    wiggle: tuple[str, ...] = ()  # keys of the left and the right view; empty if there are none
-    full: float = 1.0  # the difference of the hottest colour
-    lens: str = ""  # the lens that the file names, in words; empty if it names none
-
-
-def draw_pair(subject: Subject) -> Drawing:
-    """Draw a pair; what cannot be read is left out."""
-    record = subject.record
+    What cannot be read is left out.
+    """
     equal = record.passes and not record.differing and record.b is not None
     a, b = None if equal else _read(record.a), _read(record.b)
-    whole = b or a
-    if whole is None:
-        return Drawing()
+    if not (a or b):
+        return [], 1.0
     if a and b and (a.gamma, a.associated) != (b.gamma, b.associated):
         a, b = in_linear_light(a), in_linear_light(b)
     drawn, full = _pair(a, b, record, "A = B" if equal else "B")
-    size = drawn[0].layer.size
-    files = dict(beside(whole.path))
-    if subject.coc is not None:
-        with suppress(InputError):
-            files["coc"] = coc_file(subject.coc, record.name)
-    others = drawn_files(files.items(), values=subject.values)
-    drawn += [each for each in others if each.layer.size == size]
     place = None if record.worst is None else (record.worst.x, record.worst.y)
-    layers = valued_layers(drawn, place) if subject.values else [each.layer for each in drawn]
-    wiggle = wiggle_of(layers, whole.path)
-    return Drawing(layers, wiggle, full, lens_words(whole.metadata))
+    return valued_layers(drawn, place) if values else [each.layer for each in drawn], full
 
 
 def _read(path: Path | None) -> DecodedPicture | None:
@@ -378,12 +330,3 @@ def _full(greatest: NDArray[Any]) -> float:
         return 0.0 if finite.size == greatest.size else 1.0
     maximum = float(np.percentile(finite, 99.9)) or float(finite.max())
     return float(2.0 ** np.ceil(np.log2(maximum)))
-
-
-def lens_words(metadata: Mapping[str, str]) -> str:
-    """The lens that the metadata of a picture of ours name, in words; empty if they name none."""
-    values = {name: metadata.get(f"defocus:{name}", "") for name in ("focal_length", "fnumber")}
-    if not all(values.values()):
-        return ""
-    focus = metadata.get("defocus:focus", "")
-    return f"{values['focal_length']} f/{values['fnumber']}" + (f", {focus}" if focus else "")
