@@ -29,7 +29,7 @@ from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import QuantityError, length_text
-from defocus_core.errors import DefocusError, NotExplained, UsageProblem
+from defocus_core.errors import NotExplained, UsageProblem
 
 _sensor_option = partial(option, heading="Sensor")
 
@@ -199,18 +199,16 @@ def _fit_one(
     accept: bool,
 ) -> dict[str, Any] | None:
     """The record of the lens of a picture, which is written unless it explains little."""
-    try:
+    with failures.kept():
         with tile_bar() as progress:
             record = lens_fit.fit_pair(pair, reading, options, progress)
         refusals = [] if accept else record["refusals"]
         if place is not None and not refusals:
             lens_fit.write_lens(place, record)
-    except DefocusError as error:
-        failures.add(error)
-        return None
-    for refusal in refusals:
-        failures.add(NotExplained(**refusal, path=pair.picture.color))
-    return {**record, "out": None if place is None or refusals else str(place)}
+        for refusal in refusals:
+            failures.add(NotExplained(**refusal, path=pair.picture.color))
+        return {**record, "out": None if place is None or refusals else str(place)}
+    return None
 
 
 def _distance(focus: float | quantities.Percentile | None, foclen: float) -> float | None:

@@ -18,7 +18,6 @@ from defocus_core.batch.jobs.job import Picture, Reading, reading_through
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.lenses.lens import lens_record_words
-from defocus_core.errors import DefocusError
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection.inspection import (
@@ -115,14 +114,10 @@ def command(
     failures = Failures()
     records = []
     for file in files:  # each is reported before the next is read
-        try:
-            record = inspect(file, reading, lens, lone=len(files) == 1)
-        except DefocusError as error:
-            failures.add(error)
-            continue
-        records.append(record)
-        if not as_json:
-            console.stdout(*file_lines(record))
+        with failures.kept():
+            records.append(inspect(file, reading, lens, lone=len(files) == 1))
+            if not as_json:
+                console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)
     if preview is not None and lens is not None and not failures:
         draw_repair(pairs, reading, lens, preview)
