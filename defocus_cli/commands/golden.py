@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,6 @@ from defocus_core.system.text import counted
 
 _DEFAULT_RULES = Rules(fail=(ROUNDING,))
 _ROOM = 4.0  # by how much a proposed bound exceeds the noise of two renders
-Faults = Mapping[str, Sequence[Planted]]
 
 
 @click.group(
@@ -103,7 +102,7 @@ def update(
     """  # noqa: D301  click reads the backspace
     store = store_to_update(folder)
     with _render(jobs_file, crew, only) as fresh:
-        store = _narrow(store, fresh, only)
+        store = store.only({job.sample_id for job in fresh.jobs}) if only else store
         console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
         changed = [record for record in records if not record.passes]
@@ -171,12 +170,15 @@ def check(
     start = time.perf_counter()
     store = read_store(folder)
     with _render(jobs_file, crew, only) as fresh:
-        store = _narrow(store, fresh, only)
+        store = store.only({job.sample_id for job in fresh.jobs}) if only else store
         if not as_json:
             console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
         changed = store.changed_settings(fresh.jobs)
-        header = _report_header(jobs_file, folder, asked.rules, changed)
+        words = [f"Jobs: {jobs_file}", f"A: goldens in {folder}", "B: rendered now", *changed]
+        commands = comparisons.golden_commands(jobs_file, folder, asked.rules.of, _DEFAULT_RULES)
+        title = f"{jobs_file} checked with {folder}"
+        header = comparisons.ReportHeader(title, words, commands, "rendered now")
         failures = asked.write_reports(records, header, time.perf_counter() - start, crew.count)
     if as_json:
         document = compare_report.document(records)
@@ -189,17 +191,6 @@ def check(
     batch_report.end(fresh.summary)
     failures.end()
     return compare_report.exit_code(records)
-
-
-def _report_header(
-    jobs_file: Path, folder: Path, rules: Thresholds, changed: Sequence[str]
-) -> comparisons.ReportHeader:
-    """A check, for its report."""
-    words = [f"Jobs: {jobs_file}", f"A: goldens in {folder}", "B: rendered now", *changed]
-    commands = comparisons.golden_commands(jobs_file, folder, rules.of, _DEFAULT_RULES)
-    return comparisons.ReportHeader(
-        f"{jobs_file} checked with {folder}", words, commands, "rendered now"
-    )
 
 
 def _render(
@@ -224,11 +215,6 @@ def _proposal(
     return f"two renders differ by {noise:.2g}: --fail 'max>{_ROOM * noise:.2g}' lets that pass"
 
 
-def _narrow(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
-    """The goldens of the jobs that were chosen."""
-    return store.only({job.sample_id for job in fresh.jobs}) if only else store
-
-
 def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> list[Comparison]:
     """The new pictures by the goldens; other files in the folder are not looked at."""
     there = {name: path for name in store.files if (path := store.place(name))}
@@ -251,11 +237,16 @@ def _plant(folder: Path, asked: comparing.ComparisonOptions, *, as_json: bool) -
         planted[name] = plant_all(picture, name, asked.rules.of(name), asked.settings)
         if not as_json:
             console.stdout(*_planted_lines(name, planted[name]))
-    missed = sum(each.is_silent for faults in planted.values() for each in faults)
+    every = [fault for faults in planted.values() for fault in faults]
+    missed, warned = (sum(getattr(f, kind) for f in every) for kind in ("is_silent", "warned"))
     if as_json:
-        console.print_json(**_planted_document(planted))
+        goldens = {name: [_planted_record(f) for f in faults] for name, faults in planted.items()}
+        console.print_json(all_noticed=not missed, goldens=goldens)
     else:
-        console.stdout(_planted_summary(planted))
+        verdict = f"{missed} PASS" if missed else "all are noticed"
+        verdict += f", {warned} with only a warning" if warned else ""
+        counts = f"{counted(len(every), 'fault')} in {counted(len(planted), 'golden')}"
+        console.stdout(f"{counts}: {verdict}")
     return 1 if missed else 0
 
 
@@ -270,25 +261,7 @@ def _planted_lines(name: str, faults: Sequence[Planted]) -> Iterator[str]:
         yield f"{name}: noticed: {', '.join(weakest)}"
 
 
-def _planted_summary(planted: Faults) -> str:
-    """How many faults were planted, how many pass, and how many with a warning."""
-    every = [fault for faults in planted.values() for fault in faults]
-    missed, warned = (sum(getattr(f, kind) for f in every) for kind in ("is_silent", "warned"))
-    verdict = f"{missed} PASS" if missed else "all are noticed"
-    verdict += f", {warned} with only a warning" if warned else ""
-    return f"{counted(len(every), 'fault')} in {counted(len(planted), 'golden')}: {verdict}"
-
-
-def _planted_document(planted: Faults) -> dict[str, Any]:
-    """All faults, for JSON."""
-    return {
-        "all_noticed": not any(fault.is_silent for faults in planted.values() for fault in faults),
-        "goldens": {
-            name: [
-                {"fault": f.fault, "noticed": f.noticed, "warned": f.warned}
-                | {"weakest": f.weakest or None}
-                for f in faults
-            ]
-            for name, faults in planted.items()
-        },
-    }
+def _planted_record(fault: Planted) -> dict[str, Any]:
+    """A fault, for JSON."""
+    noticed = {"fault": fault.fault, "noticed": fault.noticed, "warned": fault.warned}
+    return {**noticed, "weakest": fault.weakest or None}

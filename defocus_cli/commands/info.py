@@ -18,7 +18,6 @@ from defocus_core.batch.jobs.job import Picture, Reading, reading_through
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.lenses.lens import lens_record_words
-from defocus_core.errors import DefocusError
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection.inspection import (
@@ -55,9 +54,8 @@ def command(
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read is named, and the others are reported. A file of colour and one of depth, of one
-    size, are compared: whether the colour is blurred already, and whether the two lie on each
-    other.
+    cannot be read is named, and the others are reported. Of a file of colour and one of depth, of
+    one size, it says whether the colour is blurred already.
 
     Of patterns like 'shot.####.exr' the shot is summed up: frames, gaps, sizes, depth over time
     and, with a lens, where blur is largest.
@@ -90,7 +88,7 @@ def command(
       largest_blur frame and coc_px; null without a lens
     "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
       color, depth the files
-      evidence     what shows that the colour is blurred already, or does not lie on the depth
+      evidence     what shows that the colour is blurred already
       repair, depth_repair, preview
                    with --preview: what was done to the depth with the colours, and the PNG
     and "failed" of files that cannot be read: subject, problem, remedy
@@ -116,14 +114,10 @@ def command(
     failures = Failures()
     records = []
     for file in files:  # each is reported before the next is read
-        try:
-            record = inspect(file, reading, lens, lone=len(files) == 1)
-        except DefocusError as error:
-            failures.add(error)
-            continue
-        records.append(record)
-        if not as_json:
-            console.stdout(*file_lines(record))
+        with failures.kept():
+            records.append(inspect(file, reading, lens, lone=len(files) == 1))
+            if not as_json:
+                console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)
     if preview is not None and lens is not None and not failures:
         draw_repair(pairs, reading, lens, preview)

@@ -37,7 +37,6 @@ def command(
     out: Path,
     reasons: tuple[str, ...],
     shards_size: int | None,
-    parquet: bool,
     as_json: bool,
     verbose: bool,
     crew: WorkerConfig,
@@ -61,6 +60,4 @@ def command(
     jobs = computed_by(jobs, crew.machine)
     before = sample_index.listed(out)
     asked = None if before is None else before | {job.sample_id for job in jobs}
-    carry_out(
-        jobs, out, execution, shards_size, asked, parquet=parquet, as_json=as_json, verbose=verbose
-    )
+    carry_out(jobs, out, execution, shards_size, asked, as_json=as_json, verbose=verbose)

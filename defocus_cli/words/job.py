@@ -24,6 +24,12 @@ _LINES = (
     ("tiles_with_hidden", "tiles", "tiles behind whose surface something was invented"),
 )
 
+# What JSON tells of a job as its record has it.
+_TOLD = (
+    *("status", "reason", "message", "size", "color_note", "depth_note", "depth_repair"),
+    *("coc_px", "device", "quality", "warnings"),
+)
+
 
 def plan_record(job: Job) -> dict[str, Any]:
     """Inputs, lens and outputs of a job, for JSON."""
@@ -59,21 +65,11 @@ def outcome_record(
     seconds = record["seconds"]
     return {
         **plan_record(job),
-        "status": record["status"],
-        "reason": record["reason"],
-        "message": record["message"],
+        **{key: record.get(key) for key in _TOLD},  # journals of earlier versions lack some
         "done_before": done_before,
-        "size": record["size"],
-        "color_note": record.get("color_note"),  # journals of earlier versions have none
-        "depth_note": record["depth_note"],
-        "depth_repair": record.get("depth_repair"),
         "lens": record["lens"] or lens_record(job.lens),
-        "coc_px": record["coc_px"],
-        "device": record["device"],
-        "quality": record["quality"],
         "render_seconds": seconds.get("render"),
         "render_cpu_seconds": seconds.get("cpu"),
-        "warnings": record["warnings"],
         "stats": record.get("stats", {}),
     }
 

@@ -1,6 +1,5 @@
 """``defocus batch``: many jobs, whatever stops them."""
 
-import json
 import os
 import subprocess
 import sys
@@ -13,7 +12,6 @@ from command_line import Terminal, depth_exr, files_under, hidden_in, ramp, refu
 from counting import calls
 
 from defocus_cli.main import main
-from defocus_core.batch.datasets import update
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.lock import locked
 from defocus_core.batch.workers.pool import WorkerConfig
@@ -253,43 +251,6 @@ def test_a_dry_run_goes_on_where_the_batch_would(tmp_path, out):
     assert dry.code == 1
     assert (told["unusable"], told["forecast"]["pictures_read"]) == (2, 2)
     assert told["seconds"] * told["processes"] == pytest.approx(told["forecast"]["seconds"])
-
-
-def test_a_parquet_table_lists_what_the_index_lists(tmp_path, out):
-    pandas = pytest.importorskip("pandas")
-    pytest.importorskip("pyarrow")
-    path, table = jobs_file(tmp_path), out / "samples.parquet"
-
-    def listed():
-        rows = pandas.read_parquet(table).to_dict("records")
-        lines = [json.loads(one) for one in (out / "metadata.jsonl").read_text().splitlines()]
-        keys = [(line["sample_id"], line["lens"]["fnumber"]) for line in lines]
-        return [(row["sample_id"], row["lens"]["fnumber"]) for row in rows] == keys
-
-    run("batch", path, "-o", out, "--parquet")
-    assert listed()
-    first = table.read_bytes()
-    path.write_text(path.read_text().replace("fnumber = 2", "fnumber = 3"))
-    run("batch", path, "-o", out)
-    assert listed()
-    assert table.read_bytes() != first
-    update.withdraw(out, NAMES[:1], alone=True)
-    assert listed()
-    update.withdraw(out, NAMES, alone=False)
-    assert not table.exists()
-    refused(
-        run("batch", path, "-o", out, "--parquet", "--shard", "1/2"), 2, "whole-batch", "parquet"
-    )
-
-
-def test_a_parquet_table_without_pyarrow(tmp_path, out, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    refused(run("merge", out, "--parquet"), 2, "needs-extra", "parquet")
-    out.mkdir()
-    (out / "metadata.jsonl").write_text('{"sample_id": "a"}\n')
-    (out / "samples.parquet").write_bytes(b"of a")
-    update.withdraw(out, ["a"], alone=True)
-    assert not (out / "samples.parquet").exists()
 
 
 def test_shards_hold_what_the_index_lists_without_being_asked_for_again(tmp_path, out):

@@ -63,7 +63,7 @@ def test_the_same_file_is_the_same(a):
     assert (ran.code, ran.out, ran.err) == (0, "a.exr: same\n", "")
 
 
-def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(tmp_path, monkeypatch):
+def test_an_interrupted_run_has_reported_what_it_did(tmp_path, monkeypatch):
     pair = folders(tmp_path)
     compared: list[str] = []
 
@@ -88,8 +88,7 @@ def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(tmp_path
     ran = run("compare", *pair, "--json")
     document = json.loads(ran.out)
     assert (document["same"], document["not_compared"]) == (False, 2)
-    rows = [json.loads(line.lstrip(" ,")) for line in ran.out.splitlines()[1:3]]
-    assert rows == document["pairs"]
+    assert len(document["pairs"]) == 2
 
 
 @pytest.mark.parametrize(("causes", "named"), [("first", 2), ("all", 4), ("none", 0)])

@@ -97,16 +97,6 @@ def test_all_pairs_are_items_with_what_they_have(folders):
     assert keys(item(file, "bad.exr")) == []
 
 
-def test_the_commands_of_a_pair_compare_again_and_accept(folders):
-    file = compared(folders, "--fail", "max>0.01", "--flip")
-    again = run_command(file, "shifted.exr", "Compare again")
-    assert again.code == 1
-    assert "fails max>0.01" in again.out
-    assert "FLIP" in again.out
-    assert run_command(file, "shifted.exr", "Accept B").code == 0
-    assert run_command(file, "shifted.exr", "Compare again").code == 0
-
-
 def test_two_files_make_a_report_too(folders):
     a, b = folders
     file = a.parent / "two.html"

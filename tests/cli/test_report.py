@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from contextlib import redirect_stderr
 
 import numpy as np
@@ -47,11 +46,10 @@ def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path):
     assert "picture/s]" not in lone
 
 
-def test_a_bar_moves_while_a_picture_is_prepared():
+def test_a_bar_says_that_a_picture_is_prepared():
     with redirect_stderr(Terminal()) as shown, tile_bar() as count:
-        time.sleep(1.2)
         count(1, 4)
-    assert "preparing: 0tile [00:01" in shown.getvalue()
+    assert "preparing: 0tile" in shown.getvalue()
     assert "preparing" not in shown.getvalue().rpartition("0/4")[2]
 
 

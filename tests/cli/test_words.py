@@ -206,8 +206,8 @@ replaces-input rgb.exr: is an input and would be overwritten; choose another -o
 render rgb.####.exr z.####.exr -o out LENS
 missing-frames z.####.exr: lacks 1 frame, 3; \
 say --missing skip to leave them out, or name others with --frames
-B jobs.toml --parquet --shard 1/2
-whole-batch --parquet: needs the whole batch; give it to 'defocus merge'
+B jobs.toml --shards-size 1GB --shard 1/2
+whole-batch --shards-size: needs the whole batch; give it to 'defocus merge'
 B jobs.toml --scheduler head
 malformed --scheduler: 'head' is no scheduler; …
 retry held

@@ -125,7 +125,7 @@ def listed(out: Path) -> Listing | None:
 def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
     origin = origin_of(out)
     entries = list(sample_index.entries(records, origin))
-    named = list(zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True))
+    named = list(zip(entries, _keys([entry["sample_id"] for entry in entries], out), strict=True))
     if origin.shuffle is not None:
         named.sort(key=lambda each: blake2b(f"{origin.shuffle} {each[1]}".encode()).digest())
     for entry, key in named:
@@ -138,25 +138,15 @@ def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
         yield ShardSample(entry["split"] or "", tuple(every))
 
 
-def _keys(names: Sequence[str]) -> list[str]:
-    """A key without dots for each sample; where two would be alike, with a hash of the name."""
-    plain = [name.replace(".", "_") for name in names]
-    count = Counter(plain)
-    taken = set(plain)
-    return [
-        key if name == key or count[key] == 1 else _hashed(name, key, taken)
-        for name, key in zip(names, plain, strict=True)
-    ]
-
-
-def _hashed(name: str, key: str, taken: set[str]) -> str:
-    """A key with so much of the hash of the name that no other sample is named like it."""
-    for size in (4, 8, 16, 32):
-        longer = f"{key}_{blake2b(name.encode(), digest_size=size).hexdigest()}"
-        if longer not in taken:
-            taken.add(longer)
-            return longer
-    raise AssertionError("names cannot have the hash of 32 bytes of one another")
+def _keys(names: Sequence[str], out: Path) -> list[str]:
+    """A key without dots for each sample."""
+    keys = [name.replace(".", "_") for name in names]
+    if len({*keys}) < len(keys):
+        key = Counter(keys).most_common(1)[0][0]
+        both = " and ".join(name for name in names if name.replace(".", "_") == key)
+        problem = f"has samples that tars cannot tell apart: {both}"
+        raise InputError("duplicate", problem, "rename the pictures of one", path=out)
+    return keys
 
 
 def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, list[ShardSample]]]:

@@ -6,7 +6,6 @@ any more, though its files stay. Where several jobs files write to one OUT, the 
 `defocus render` replaces stays in it as it is now. Before a run changes files of listed samples, it
 takes them out of the index, which is true at every moment. Shards that are there go with the index:
 they are packed again in their size if samples changed, and till then hold what they were packed of.
-A Parquet table that is there is as true as the index.
 """
 
 from __future__ import annotations
@@ -23,14 +22,8 @@ from defocus_core.system.text import counted, note
 
 
 @without_collections()
-def index(
-    out: Path,
-    shards_size: int | None,
-    asked: Collection[str] | None = None,
-    *,
-    parquet: bool = False,
-) -> list[Path]:
-    """Write the index, and tars and a table if asked for.
+def index(out: Path, shards_size: int | None, asked: Collection[str] | None = None) -> list[Path]:
+    """Write the index, and tars if asked for.
 
     `shards_size`: greatest size of a tar in bytes; None to pack only where shards exist; `asked`:
     names of the samples to list, as far as they are done; None for all in OUT.
@@ -41,7 +34,6 @@ def index(
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
     written = _written(out, records)
-    written += [sample_index.write_table(out)] if parquet else sample_index.follow_table(out)
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
@@ -53,7 +45,6 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
     if taken:
         sample_index.remove_splits(out, card.splits(out))
         card.remove(out)  # it sums up what is no more
-        sample_index.follow_table(out)
     return taken
 
 
@@ -66,7 +57,6 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
         return
     records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
     path, *_ = _written(out, records)
-    sample_index.follow_table(out)
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
 

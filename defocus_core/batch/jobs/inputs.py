@@ -176,7 +176,7 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
     table.refuse_unknown(KEYS)
     entries = [
         *_from_files(table, keyed),
-        *(entry for file in _lists(table) for entry in _from_list(file)),
+        *(entry for name in table.texts("list") for entry in _from_list(table.file.parent / name)),
         *_from_tables(table),
     ]
     if not entries:
@@ -244,17 +244,6 @@ def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
     root = table.file.parent
     pictures = find_pictures(color, depth, others, patterns_in=root, frames=choice)
     return [Entry(picture.stem, picture, table.place()) for picture in pictures]
-
-
-def _lists(table: Table) -> list[Path]:
-    value = table.values.get("list", [])
-    names = value if isinstance(value, list) else [value]
-    if not all(isinstance(name, str) and name for name in names):
-        problem = f"{value!r} does not name files"
-        raise UsageProblem(
-            "malformed", problem, 'write list = "pictures.csv"', path=table.place("list")
-        )
-    return [table.file.parent / name for name in names]
 
 
 def _from_tables(table: Table) -> list[Entry]:

@@ -15,7 +15,7 @@ gave them himself.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
@@ -228,13 +228,6 @@ def refuse_lens_file(stored: Mapping[str, str], file: Path | None, where: Place)
     opening = " ".join(f"‹{name}› {stored[name]}" for name in OPENING if name in stored)
     remedy = f"leave it out; its opening is {opening}" if opening else "leave it out"
     raise UsageProblem("contradiction", problem, remedy, path=where)
-
-
-def refuse_metadata_beside_blur(names: Collection[str], where: Place) -> None:
-    """Raise UsageProblem if metadata are to give a lens, and a blur in pixels takes none."""
-    if "blur" in names:
-        problem = "changes nothing beside blur, which is no lens"
-        raise UsageProblem("contradiction", problem, "leave one of them out", path=where)
 
 
 def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:

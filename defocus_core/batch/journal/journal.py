@@ -1,8 +1,8 @@
 """The journal of OUT: a durable JSON line for each job that ended.
 
 ``OUT/journal.jsonl`` holds what a single process wrote, ``OUT/journal-2of8.jsonl`` what that shard
-of a batch did. A last line that is no JSON is a record whose writer died: it is ignored, and cut
-off before the next record is appended. Where records speak of the same file, the last holds.
+of a batch did since. A last line that is no JSON is a record whose writer died: it is ignored, and
+cut off before the next record is appended. Where records speak of the same file, the last holds.
 
 A record has
     sample_id   name of the sample, the stem of its files
@@ -25,14 +25,12 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.records import fault_of, linked_folders
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
@@ -75,53 +73,12 @@ def require_journal(out: Path) -> None:
 
 
 def read_all(out: Path) -> list[Record]:
-    """The records of all journals in OUT, by `in_order`."""
-    paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
-    return in_order([read(path) for path in paths], out)
+    """The records of all journals in OUT, the last of a file the true one.
 
-
-def in_order(journals: Sequence[Sequence[Record]], out: Path) -> list[Record]:
-    """The records of several journals, those of each in its order; the last of a sample is true.
-
-    Of the journals that speak of a sample, the one comes last whose stamps most of the files have.
-    Times are for people: a clock may have stepped back, and machines have clocks of their own.
+    Those of shards follow, since a run on all of OUT begins with `run_file.gather`.
     """
-    records = [record for journal in journals for record in journal]
-    if sum(map(bool, journals)) < 2:
-        return records
-    count = Counter(name for journal in journals for name in _samples(journal))
-    shared = {name for name, times in count.items() if times > 1}
-    if not shared:
-        return records
-    last = _true_journals(journals, shared, out)
-    early: list[Record] = []
-    late: list[Record] = []
-    for place, journal in enumerate(journals):
-        for record in journal:
-            is_last = last.get(record["sample_id"]) == place
-            (late if is_last else early).append(record)
-    return early + late
-
-
-def _samples(journal: Sequence[Record]) -> set[str]:
-    return {record["sample_id"] for record in journal}
-
-
-def _true_journals(
-    journals: Sequence[Sequence[Record]], shared: Collection[str], out: Path
-) -> dict[str, int]:
-    """By sample, the place of the journal whose stamps most files have; of equals, the last."""
-    newest: dict[str, tuple[int, int]] = {}
-    for place, journal in enumerate(journals):
-        stamps: dict[str, dict[str, Any]] = {}
-        for record in journal:
-            if (name := record["sample_id"]) in shared:
-                each = {stamp["path"]: stamp for stamp in record["outputs"].values()}
-                stamps[name] = stamps.get(name, {}) | each
-        for name, files in stamps.items():
-            kept = sum(identity.unchanged(out / path, stamp) for path, stamp in files.items())
-            newest[name] = max(newest.get(name, (0, 0)), (kept, place))
-    return {name: place for name, (_, place) in newest.items()}
+    paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
+    return [record for path in paths for record in read(path)]
 
 
 def read(path: Path) -> list[Record]:

@@ -12,7 +12,6 @@ from defocus_core.batch.journal.journal import (
     Record,
     Shard,
     files_of,
-    in_order,
     journal_path,
     read,
     shards,
@@ -64,7 +63,7 @@ def progress(out: Path) -> Progress:
             "empty", "has no journal", "name the directory that a batch writes to", path=out
         )
     records = {run: read(journal_path(out, run)) for run in runs}
-    every = in_order(list(records.values()), out)
+    every = [record for of_run in records.values() for record in of_run]
     live = Ledger(out, every).live
     state = Progress(
         statuses=Counter(record["status"] for record in live),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -55,35 +54,6 @@ def _lens_and_view(settings: Mapping[str, Any]) -> dict[str, Any]:
     """What a picture must share with the one that it replaces."""
     lens, reading = settings.get("lens") or {}, settings.get("reading") or {}
     return {**lens, "view": reading.get("view")}
-
-
-def _drawn_alike(record: Record, job: Job) -> bool:
-    """Whether a record is of a job but for the largest radius, and that has the same lens.
-
-    A smaller limit keeps a lens within it, as those drawn before were beyond the larger one; a
-    larger limit keeps the first lens of its draw.
-    """
-    lens = job.lens
-    others = (lens.sharp_range, lens.clamp_blur, lens.blur, job.shot)
-    if record["status"] != "ok" or job.picture.others or any(x is not None for x in others):
-        return False
-    before = record["settings"]["lens"].get("max_coc")
-    was = replace(job, lens=replace(lens, max_coc=before))
-    if before == lens.max_coc or identity.recipe(was) != record["recipe"]:
-        return False
-    limit = math.inf if lens.max_coc is None else lens.max_coc
-    is_first = not (record["lens"].get("draw") or {}).get("attempt")
-    is_smaller = limit < (math.inf if before is None else before)
-    return max(map(abs, record["coc_px"])) <= limit and (is_first or is_smaller)
-
-
-def _with_limit(record: Record, job: Job, recipe: str) -> Record:
-    """The record with the largest radius that a job allows."""
-    lens = {**record["lens"], "max_coc_px": job.lens.max_coc}
-    if job.lens.max_coc is None:
-        del lens["max_coc_px"]
-    settings, name = identity.settings(job), identity.name(recipe, record["inputs"])
-    return {**record, "recipe": recipe, "job": name, "settings": settings, "lens": lens}
 
 
 class Ledger:
@@ -141,20 +111,16 @@ class Ledger:
         """The record by which a job need not be done again; None if it has to be.
 
         That is an ``ok`` of the same recipe whose inputs and outputs are as they were, or a
-        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, the
-        sample is of another split, or another limit of its radii draws the same lens, it is a new
-        record that says so.
+        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, or
+        the sample is of another split, it is a new record that says so.
 
         `read_inputs`: compare the bytes of the inputs, not only size and time.
         """
         planned = job.names
-        records = [self._last.get(path) for path in planned.values()]
-        record = records[0] if records else None
-        if record is None or any(other is not record for other in records):
+        record, *others = [self._last.get(path) for path in planned.values()]
+        if record is None or any(other is not record for other in others):
             return None
-        if record["status"] == "failed":
-            return None
-        if record["recipe"] != recipe and not _drawn_alike(record, job):
+        if record["status"] == "failed" or record["recipe"] != recipe:
             return None
         moved = {}
         for role, path in job.files.items():
@@ -169,8 +135,6 @@ class Ledger:
                 moved[role] = {**stamp, "path": place}
         if record["status"] == "ok" and not self._in_place(record, planned):
             return None
-        if record["recipe"] != recipe:
-            record = _with_limit(record, job, recipe)
         if moved:
             record = {**record, "inputs": {**record["inputs"], **moved}}
         split = job.split.name

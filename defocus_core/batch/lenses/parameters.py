@@ -418,16 +418,6 @@ _ROWS = (
         even_in="steps",
     ),
     LensParam(
-        name="breathing",
-        parse=quantities.within(-1, 1, "a breathing", "like 0.2"),
-        metavar="-1…1",
-        help="Breathing of the focus: px by which a blur of 1 px is drawn outwards at the left and "
-        "right border, like 0.2, and less nearer to the middle.  [default: 0]",
-        tag="breath",
-        example="0.2",
-        even_in="steps",
-    ),
-    LensParam(
         name="noise",
         parse=quantities.noise,
         metavar="ELECTRONS:READ",

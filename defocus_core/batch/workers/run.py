@@ -122,8 +122,11 @@ def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
 def _carried_out(
     jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener, require_lock: Check
 ) -> Summary:
-    if execution.shard is None:  # else other shards write to OUT, too
+    if execution.shard is None:
         run_file.sweep_up(out)
+        run_file.gather(out)
+    else:  # others of its division write to OUT, too
+        run_file.refuse_other_division(out, execution.shard)
     plan = make_plan(jobs, out, execution)
     listener.planned(plan)
     settled = len(plan.settled)

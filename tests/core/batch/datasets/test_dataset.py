@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import random
-import shutil
 import subprocess
 import sys
 from contextlib import suppress
@@ -150,31 +149,6 @@ def test_effects_are_absent_where_the_draw_says_so(tmp_path):
     assert len({(lens["noise"], lens["obstruction"]) for lens in lenses}) > 2
     read = [sample.lens.noise for sample in samples(tmp_path / "out")]
     assert read == [lens["noise"] and (4000.0, 3.0) for lens in lenses]
-
-
-def test_another_limit_redoes_what_it_draws_anew(tmp_path):
-    pictures(tmp_path)
-    carried_out(tmp_path, LENS + SAMPLE)
-    for limit in ("0.2px", "9px", "0.3px"):
-        text = LENS + SAMPLE.replace("0.3px", limit)
-        before = outputs(tmp_path / "out")
-        summary, _ = carried_out(tmp_path, text)
-        shutil.rmtree(tmp_path / "fresh", ignore_errors=True)
-        carried_out(tmp_path, text, "fresh")
-        now = outputs(tmp_path / "out")
-        assert now == outputs(tmp_path / "fresh"), limit
-        same = sum(now[name][1] == before[name][1] for name in now)
-        assert 0 < summary.skipped <= same < 8
-        assert carried_out(tmp_path, text)[0].skipped == 8
-
-
-def outputs(out):
-    """Lens and hashes of each sample."""
-    live = {record["sample_id"]: record for record in Ledger(out, read_all(out)).live}
-    return {
-        name: (record["lens"], {k: v["blake2b"] for k, v in record["outputs"].items()})
-        for name, record in sorted(live.items())
-    }
 
 
 @pytest.mark.bench
