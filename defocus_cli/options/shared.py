@@ -42,7 +42,7 @@ from defocus_core.batch.jobs.output_kinds import (
     is_picture_name,
 )
 from defocus_core.batch.jobs.pairing import COLOR_SUFFIXES
-from defocus_core.batch.lenses.quantities import byte_count, pixel_count
+from defocus_core.batch.lenses.quantities import byte_count
 from defocus_core.errors import CALLER, InputError, UsageProblem
 from defocus_core.system.process import cores
 
@@ -250,23 +250,11 @@ def machine_options(command: Command) -> Command:
 
 def rendering_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
-    quality, *others = _computing()
-    tolerance = machine_option(
-        "--tolerance PX",
-        "Instead of --quality: the cheapest whose slices are off by no more than so much CoC "
-        "radius, like 1px.",
-        pixel_count,
-    )
-    options = [quality, tolerance, *others, *memory_options()]
-    return bundle("machine", _machine, options)(command)
+    return bundle("machine", _machine, [*_computing(), *memory_options()])(command)
 
 
-def _machine(*, quality: str | None, tolerance: float | None = None, **others: Any) -> Machine:
-    if quality is not None and tolerance is not None:
-        raise UsageProblem(
-            "contradiction", "stands beside --quality", "keep one of them", field="tolerance"
-        )
-    return Machine(quality=quality or Machine.quality, tolerance=tolerance, **others)
+def _machine(*, quality: str | None, **others: Any) -> Machine:
+    return Machine(quality=quality or Machine.quality, **others)
 
 
 def _computing() -> list[Decorator]:

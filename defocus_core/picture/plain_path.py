@@ -58,7 +58,6 @@ def prepare(job: Job, inputs: Inputs) -> Take:
             shown=radii.px,
             limits=radii.limits,
             device=choose_device(job.machine.device),
-            quality=job.machine.quality,
         ),
     )
     return replace(take, blur=radii, warnings=(*take.warnings, *radii.warnings, *inputs.warnings))

@@ -117,7 +117,7 @@ def settings_of(take: Take) -> Settings:
         aperture=aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)[0],
         dual_pixel=dual_pixel_of(take.lens),
         cat_eye=cat_eye_of(take.lens, take.size),
-        quality=take.quality,
+        quality=job.machine.quality,
         left_right=any(kind.halves for kind in job.outputs.rows),
         threads=job.machine.threads,
         tile=job.machine.tile,

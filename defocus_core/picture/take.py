@@ -69,7 +69,6 @@ class Take:
     # What other frames have seen of what is hidden; None if that is not asked
     seen: HiddenLayer | None = None
     device: str = "cpu"  # where it is rendered
-    quality: str = ""
     # Each rendered kind's arrays [H, W]: C of each view of an image, in linear light; one of a
     # map
     images: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)

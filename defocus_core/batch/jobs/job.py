@@ -116,13 +116,12 @@ class Outputs:
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute. ``quality`` or ``tolerance`` decide the pictures.
+    """How to compute. ``quality`` decides the pictures.
 
     ``tile`` changes their last digits, too; the other fields change nothing in them.
     """
 
     quality: str = "standard"
-    tolerance: float | None = None  # px of CoC radius, instead of a quality
     device: str = "auto"
     threads: int = 1
     memory: int | None = None  # bytes for the process; None: most of what is available

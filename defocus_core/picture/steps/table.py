@@ -63,11 +63,6 @@ def _has_neighbours(take: Any) -> bool:
     return take.job.shot is not None and len(take.job.shot.window) > 1
 
 
-def _has_tolerance(take: Any) -> bool:
-    """Whether a tolerance is asked for, not a quality."""
-    return take.job.machine.tolerance is not None
-
-
 def _has_matte(surfaces: Any) -> bool:
     """Whether the coverage of the subject counts: layers have their own."""
     inputs = surfaces.take.inputs
@@ -111,7 +106,6 @@ STEPS = (
     Step("radii", "plate", "the plate shows where nothing is", lambda t: t.inputs.plate),
     Step("radii", "hidden", "the hidden layer has radii", lambda t: t.inputs.hidden),
     Step("radii", "layers", "each layer has radii", lambda t: t.inputs.layers),
-    Step("radii", "tolerance", "it decides the quality", _has_tolerance),
     Step("radii", "implausible", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
     Step("radii", "shot_decisions", "frames repair depth together", _frames_repair),
     Step("blur", "neighbours", "frames show each other more", _has_neighbours),
