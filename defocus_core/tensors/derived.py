@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from types import EllipsisType
 
@@ -26,17 +25,18 @@ _BAND_OF_MARGIN = 6
 Cut = slice | EllipsisType
 
 
-class Derived(ABC):
-    """A `Source` [..., H, W] whose windows are made when they are cut."""
+class Mapped:
+    """A `Source` [..., H, W] whose windows a function of their rows and columns makes."""
 
-    shape: tuple[int, ...]  # shape of the whole picture
-    dtype: torch.dtype  # type of its numbers
-    device: torch.device  # device of its windows
-    margin: int = 0  # distance in px within which pixels of the sources decide a pixel
-
-    @abstractmethod
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each a pair of first and end."""
+    def __init__(
+        self,
+        read: Callable[[tuple[int, int], tuple[int, int]], Tensor],
+        shape: Sequence[int],
+        like: Pixels,  # its dtype and device are those of the picture
+        margin: int = 0,  # distance in px within which pixels of the sources decide a pixel
+    ) -> None:
+        self._read, self.shape, self.margin = read, tuple(shape), margin
+        self.dtype, self.device = like.dtype, like.device
 
     def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
         """The window of slices of rows, or of rows and columns; with steps, read band by band."""
@@ -46,11 +46,10 @@ class Derived(ABC):
         size = self.shape[-2:]
         (top, below, step), (left, beside, stride) = map(slice.indices, cuts, size)
         if step == stride == 1:
-            return self.computed((top, below), (left, beside))
+            return self._read((top, below), (left, beside))
         rows = bands(self)[0][1] // step * step or step
         read = (
-            self.computed((y, min(y + rows, below)), (left, beside))
-            for y in range(top, below, rows)
+            self._read((y, min(y + rows, below)), (left, beside)) for y in range(top, below, rows)
         )
         return torch.cat([pixels[..., ::step, ::stride] for pixels in read], -2)
 
@@ -62,7 +61,7 @@ class Derived(ABC):
         )
 
 
-def held(picture: Derived, *of: Pixels, threads: int, hold: bool) -> Pixels:
+def held(picture: Mapped, *of: Pixels, threads: int, hold: bool) -> Pixels:
     """The picture as a tensor in memory, or the picture itself, computed at each read.
 
     A picture is held in memory if there is room, if its sources are in memory, or if it is small.
@@ -90,24 +89,6 @@ def fraction_changed(before: Pixels, after: Pixels) -> float:
                 differ += int((before[window] != after[window]).sum())
                 count += before[window].numel()
     return differ / count
-
-
-class Mapped(Derived):
-    """A picture whose windows a function of their rows and columns reads."""
-
-    def __init__(
-        self,
-        read: Callable[[tuple[int, int], tuple[int, int]], Tensor],
-        shape: Sequence[int],
-        like: Pixels,  # its dtype and device are those of the picture
-        margin: int = 0,
-    ) -> None:
-        self._read, self.shape, self.margin = read, tuple(shape), margin
-        self.dtype, self.device = like.dtype, like.device
-
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each a pair of first and end."""
-        return self._read(rows, columns)
 
 
 class Repaired(Mapped):

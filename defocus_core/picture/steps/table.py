@@ -104,8 +104,6 @@ STEPS = (
     Step("lens", "shot_decisions", "frames find the focus", _frames_focus),
     Step("lens", "focusing", "the picture decides the focus", _lens_is_found),
     Step("radii", "plate", "the plate shows where nothing is", lambda t: t.inputs.plate),
-    Step("radii", "hidden", "the hidden layer has radii", lambda t: t.inputs.hidden),
-    Step("radii", "layers", "each layer has radii", lambda t: t.inputs.layers),
     Step("radii", "implausible", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
     Step("radii", "shot_decisions", "frames repair depth together", _frames_repair),
     Step("blur", "neighbours", "frames show each other more", _has_neighbours),
