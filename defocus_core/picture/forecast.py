@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 # Most pictures of a batch to decode for a forecast; the others count as their average.
 MAX_READ = 16
 # Kind, height, width and largest CoC radius in px of a scene that needs every step of rendering.
-_SCENE = ("thin", 540, 960, 16.0)
+SCENE = ("thin", 540, 960, 16.0)
 _REPEATS = 2  # the fastest counts: a machine is never faster than it is
 
 
@@ -58,7 +58,7 @@ def work_per_second(device: str, threads: int) -> float:
     from defocus_core.renderer.engine.settings import Settings
 
     set_to_render()
-    image, radius = (part.to(device) for part in scenery(*_SCENE)[:2])
+    image, radius = (part.to(device) for part in scenery(*SCENE)[:2])
     seconds = []
     for _ in range(_REPEATS + 1):  # the first is for what a process does once
         start = time.perf_counter()

@@ -13,7 +13,7 @@ from defocus_core.tensors.source import Pixels, Scalar, bands
 from defocus_core.tensors.threads import threaded
 
 # A derived picture of at most this many pixels is kept in memory, even if its source is not.
-_HELD = 1 << 22
+HELD = 1 << 22
 
 # Side in px of a window whose changes are counted; of how many windows one is, in a large picture;
 # and how many windows the sample moves on from one column of windows to the next.
@@ -67,7 +67,7 @@ def held(picture: Mapped, *of: Pixels, threads: int, hold: bool) -> Pixels:
     A picture is held in memory if there is room, if its sources are in memory, or if it is small.
     """
     in_memory = all(isinstance(each, Tensor) for each in of)
-    if hold or in_memory or picture.shape[-2] * picture.shape[-1] <= _HELD:
+    if hold or in_memory or picture.shape[-2] * picture.shape[-1] <= HELD:
         return picture.at_once(threads)
     return picture
 
@@ -81,7 +81,7 @@ def fraction_changed(before: Pixels, after: Pixels) -> float:
     if after is before:
         return 0.0
     (H, W), differ, count = before.shape, 0, 0
-    every = 1 if H * W <= _HELD else _SAMPLED
+    every = 1 if H * W <= HELD else _SAMPLED
     for row in range(0, H, _SIDE):
         for column in range(0, W, _SIDE):
             if (row // _SIDE + column // _SIDE * _SHIFT) % every == 0:

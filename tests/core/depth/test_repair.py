@@ -83,7 +83,7 @@ def test_repair_is_rendering_of_repaired_depth(damage, quality):
 def test_windows_are_repaired_as_the_whole(damage, quality, monkeypatch):
     image, radius = DAMAGED[damage]()
     whole = render(image, radius, quality=quality)
-    monkeypatch.setattr(derived, "_HELD", 0)
+    monkeypatch.setattr(derived, "HELD", 0)
     for hold in (False, True):
         renderer = Renderer(
             Scene(Windows(image), Windows(radius)), Settings(quality=quality), hold=hold
@@ -92,7 +92,7 @@ def test_windows_are_repaired_as_the_whole(damage, quality, monkeypatch):
 
 
 def test_radii_are_read_once_to_be_repaired_where_there_is_room(monkeypatch):
-    monkeypatch.setattr(derived, "_HELD", 0)
+    monkeypatch.setattr(derived, "HELD", 0)
     image, radius = quantised(LARGE)
     read = {}
     for hold in (False, True):

@@ -10,7 +10,7 @@ from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.tensors import derived
+from defocus_core.tensors.derived import fraction_changed
 
 SIZE = (160, 200)
 NEAR, FAR = -6.0, 10.0
@@ -74,14 +74,9 @@ def test_the_share_of_changed_pixels_is_recorded():
     assert record.fraction == pytest.approx(8 / SIZE[1], rel=0.2)
 
 
-def test_a_large_picture_has_one_share_in_memory_and_on_disk(monkeypatch):
-    image, radius = softened(9)
-    exact = Renderer(Scene(image, radius)).repair.fraction
-    monkeypatch.setattr(derived, "_HELD", 100)
-    monkeypatch.setattr(derived, "_SIDE", 8)
-    shares = {
-        Renderer(Scene(Windows(image), Windows(radius)), hold=hold).repair.fraction
-        for hold in (True, False)
-    }
-    assert shares == {Renderer(Scene(image, radius)).repair.fraction}
-    assert shares.pop() == pytest.approx(exact, rel=0.3)
+def test_of_a_large_picture_the_share_is_that_of_a_sample():
+    before = torch.zeros(2100, 2048)
+    after = before + (torch.rand(before.shape, generator=torch.Generator().manual_seed(1)) < 0.2)
+    assert fraction_changed(before, after) == pytest.approx(0.2, rel=0.05)
+    assert fraction_changed(Windows(before), Windows(after)) == fraction_changed(before, after)
+    assert fraction_changed(before, before) == 0

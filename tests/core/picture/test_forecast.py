@@ -58,7 +58,7 @@ def job_of(
 
 
 def test_a_measurement_renders_a_picture(monkeypatch):
-    monkeypatch.setattr(forecast, "_SCENE", ("cards", 48, 64, 3.0))
+    monkeypatch.setattr(forecast, "SCENE", ("cards", 48, 64, 3.0))
     work_per_second.cache_clear()
     assert 1e5 < work_per_second("cpu", 1) < 1e12
     work_per_second.cache_clear()
