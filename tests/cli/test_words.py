@@ -69,9 +69,6 @@ run: defocus render --json rgb.exr z.exr -o out --lens @portrait-85 --focus-at 6
 info z.exr --focal-length 50mm
 missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4 or --aperture-diameter, \
 --focus 2m or --focus-at, or a --lens FILE that has them
-info rgb.exr z.exr --preview a.png
-missing-option --preview: needs a lens, whose blur decides the repair; \
-give --lens FILE.toml, or --focal-length, … --focus
 R -o a.hdr
 wrong-type a.hdr: is of a type that is read alone; end its name in .exr, .png, .tif, .jpg, .webp
 R --lens @portrait-58
