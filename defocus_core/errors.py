@@ -58,7 +58,6 @@ CODES = {
     "not-utf-8": "a text or a name is not UTF-8",
     "one-file": "many files would go to one",
     "other-cause": "a shift, a curve or an exposure explains more than a blur",
-    "other-machine": "times of another machine cannot be compared",
     "other-version": "another version of defocus runs elsewhere",
     "out-of-memory": "a picture does not fit into memory",
     "out-of-range": "a number is beyond what is possible",

@@ -1,7 +1,6 @@
 """``defocus bench`` on one tiny scene: a card out of focus before waves in focus."""
 
 import json
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -88,7 +87,6 @@ def test_less_can_be_asked_for(tiny):
     [
         (("--truth", "nowhere"), 3, "not-found", "nowhere"),
         (("--quality", "best"), 2, "malformed", "quality"),
-        (("--plot", "plot.exe"), 2, "malformed", "plot"),
     ],
 )
 def test_what_makes_no_sense_is_refused(tiny, args, exit_code, code, at):
@@ -112,19 +110,6 @@ def test_a_set_must_be_named_outside_the_repository(monkeypatch, tmp_path):
     monkeypatch.setattr("defocus_core.bench.truth_set._HERE", tmp_path)
     monkeypatch.chdir(tmp_path)
     refused(bench(), 2, "missing-option", "truth")
-
-
-def test_a_plot_without_matplotlib_says_what_to_install(monkeypatch, tiny):
-    monkeypatch.setattr(tables, "find_spec", lambda name: None)
-    ran = bench("--truth", tiny, "--plot", "plot.png")
-    refused(ran, 2, "needs-extra", "plot")
-
-
-@pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")
-def test_a_plot_is_written(tiny, tmp_path):
-    ran = bench("--truth", tiny, "--quality", "draft,standard", "--plot", tmp_path / "plot.png")
-    assert ran.code == 0, ran.err
-    assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
 
 
 def row(method, psnr, ssim=0.9, rel_rmse=0.1):
