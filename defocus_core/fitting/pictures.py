@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 
 import torch
 from torch import Tensor
@@ -33,6 +34,13 @@ class Scale:
         rows = ((torch.arange(height) + 0.5) * sharp.shape[1] / height).long()
         columns = ((torch.arange(width) + 0.5) * full / width).long()
         self.disparity = disparity[rows][:, columns]
+
+    def flat(self) -> Scale:
+        """The same pictures with a disparity of 0 everywhere, and the mean of what is observed."""
+        flat = copy(self)
+        flat.observed = [torch.stack(self.observed).mean(0)]
+        flat.disparity = torch.zeros_like(self.disparity)
+        return flat
 
     def _small(self, image: Tensor) -> Tensor:
         if self.factor == 1.0:

@@ -1,7 +1,8 @@
 """The search for the point that explains a pair: a grid, then Gauss-Newton steps.
 
-The grid is of the radii at the nearest and at the farthest disparity, in pictures so small that all
-its points are rendered. Steps descend from the best of them, over larger and larger pictures.
+Apart from depth edges a pixel shows its own radius alone. So at first the sharp picture is blurred
+as a whole by each of some radii, and the error of a point of the grid is that of each pixel in the
+picture of its radius. Steps descend from the best points, over larger and larger pictures.
 """
 
 from __future__ import annotations
@@ -19,13 +20,14 @@ from defocus_core.fitting.residual import (
     Optics,
     Residual,
     error_of,
+    measure_of,
     robust_of,
 )
 from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate, Unknown, moved, rotation_of
 
 MIDDLE = 480  # px, width of pictures of middle size
 _COARSE = 200  # px, width of small pictures
-_GRID = 100  # px, of those of the grid
+_GRID = 120  # px, of those of the grid
 _STEPS = {_COARSE: 6, MIDDLE: 6, None: 4}  # most Gauss-Newton steps at a width
 _KEPT = {_GRID: 6, _COARSE: 3, MIDDLE: 2}  # points that are followed at a width
 _SAME_PX = 0.25  # px of small pictures, by which radii of one point differ
@@ -46,8 +48,10 @@ _PIVOT_PX, _PIVOT_RATIO, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)
 _OTHER_SIDE_RATIO = 2.0  # times the error, that the other side of the focus may have before steps
 _TAIL = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
 _ROUNDING_RATIO = 1.002  # an error as small, by the rounding of the renderer
-_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.5, 0.24, 2.0  # px; of the width; of one to the next
-_PLACES = 20  # of the focus in a range of disparity, that are tried for a given strength
+_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.3  # px; of the width; of one to the next
+_MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
+_APART = 0.3  # of their radii: points of the grid that differ by less are one
+_PLACES = 40  # of the focus in a range of disparity, that are tried for a given strength
 
 
 @dataclass(frozen=True)
@@ -110,25 +114,35 @@ class Search:
     def _starts(self, optics: Optics) -> list[FittedLens]:
         """The points from which steps descend: the best of a grid."""
         scale, shift = self.residual.scale(_GRID), self._shift()
-        apart = any(unknown.name == "separation" for unknown in self._free)
-        tried = (
-            self._at(Candidate(k, d, **shift, separation=1.0 - apart), optics, scale)
-            for k, d in self._grid(scale)
-        )
-        seen = sorted((t for t in tried if math.isfinite(t.error)), key=lambda each: each.error)
-        best, small = _best(seen, _GRID, scale), self.residual.scale(_COARSE)
-        points = (each.point for each in best)
-        if apart:
-            points = (replace(point, separation=_SEPARATION) for point in points)
-        return [self._at(point, optics, small) for point in points]
+        maximum = _MAX_RADIUS * scale.sharp.shape[2]
+        count = math.ceil(math.log(maximum / _MIN_RADIUS, _RATIO))
+        radii = torch.tensor([0.0, *(_MIN_RADIUS * _RATIO**k for k in range(count + 1))]).double()
+        flat, rows = scale.flat(), []
+        for radius in (radii / scale.factor).tolist():
+            plane = Candidate(radius, 1.0, **shift)
+            away, weight = self.residual.of(plane, optics, flat, "draft")
+            rows.append(torch.stack([measure_of(away).mean(1) * weight[:, 0], weight[:, 0]]))
+        errors, seen = torch.cat(rows, 1).flatten(2), []  # [2, R, H W]
+        for strength, focus in self._grid(scale, (radii[1:] / scale.factor).tolist()):
+            own = (strength * scale.factor * (focus - scale.disparity)).abs().flatten().double()
+            k = torch.searchsorted(radii, own).clamp(1, len(radii) - 1)[None]
+            share = ((own - radii[k - 1]) / (radii[k] - radii[k - 1]))[0]
+            low, high = (errors.gather(1, at.expand(2, 1, -1))[:, 0] for at in (k - 1, k))
+            there = torch.lerp(low, high, share.to(low)) * (share <= 1 + 1e-6)
+            error, weight = there.sum(1)
+            if weight > _MIN_WEIGHT * len(own):
+                point = Candidate(strength, focus, **shift)
+                seen.append(FittedLens(float(error / weight), point, optics))
+        best = _best(sorted(seen, key=lambda each: each.error), _GRID, scale)
+        free = {unknown.name for unknown in self._free}
+        apart = _SEPARATION if "separation" in free else 1.0
+        small = self.residual.scale(_COARSE)
+        return [self._at(replace(each.point, separation=apart), optics, small) for each in best]
 
-    def _grid(self, scale: Scale) -> list[tuple[float, float]]:
+    def _grid(self, scale: Scale, sizes: list[float]) -> list[tuple[float, float]]:
         """Strengths and focuses that are tried, either of which may be given."""
         low, high = map(float, scale.disparity.aminmax())
-        span, maximum = high - low, _MAX_RADIUS * scale.sharp.shape[2]
-        count = math.ceil(math.log(maximum / _MIN_RADIUS, _RATIO))
-        sizes = [_MIN_RADIUS * _RATIO**i / scale.factor for i in range(count + 1)]
-        strength = self._strength
+        span, strength = high - low, self._strength
         if self._focus is not None:
             focus, reach = self._focus, max(abs(self._focus - low), abs(self._focus - high))
             known = [(strength(focus), focus)] if strength is not None else []
@@ -300,7 +314,8 @@ def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens
     radii: list[Tensor] = []
     for each in fitted[: _KEPT[width]]:
         radius = each.point.strength * scale.factor * (each.point.focus - ends)
-        apart = all(float((radius - other).abs().max()) > _SAME_PX for other in radii)
+        size = _SAME_PX + (_APART * float(radius.abs().max()) if width == _GRID else 0.0)
+        apart = all(float((radius - other).abs().max()) > size for other in radii)
         if apart and each.error <= _DROP_RATIO * fitted[0].error:
             kept.append(each)
             radii.append(radius)

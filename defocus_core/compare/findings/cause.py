@@ -15,7 +15,7 @@ from typing import Any
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.findings.geometry import GEOMETRY
-from defocus_core.compare.findings.places import located, place_of
+from defocus_core.compare.findings.places import LocatedPair, place_of
 from defocus_core.compare.findings.softness import SOFTNESS, SPREAD
 from defocus_core.compare.findings.tone import TONE
 from defocus_core.compare.findings.traces import TRACES
@@ -69,7 +69,7 @@ def diagnose(
     if evidence.is_slight and (not findings or findings[0].name == _PLACED_TOO):
         return [Finding("too small to name", "too small to name")]
     if not findings or findings[0].name == _PLACED_TOO:
-        place = place_of(located(evidence, (a, b), corner, coc))
+        place = place_of(LocatedPair(evidence, (a, b), corner, coc))
         findings += [] if place is None else [place]
     return findings
 
