@@ -134,7 +134,7 @@ def carry_out(
         origin.keep(out, jobs_file)
     written = []
     if execution.shard is None and not summary.interrupted:
-        written = update.index(out, shards_size, asked)
+        written = update.index(out, shards_size, asked, summary.unchanged)
     for line in batch_report.summary_lines(summary):
         console.stderr(line)
     if html is not None:

@@ -108,7 +108,7 @@ def run_batch(
         raise KeyboardInterrupt
     if isinstance(jobs, str | PathLike | Mapping):
         origin.keep(Path(out), jobs if isinstance(jobs, Mapping) else Path(jobs))
-    update.index(Path(out), None, {job.sample_id for job in asked})
+    update.index(Path(out), None, {job.sample_id for job in asked}, summary.unchanged)
     return summary
 
 

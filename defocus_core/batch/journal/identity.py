@@ -151,18 +151,18 @@ def settled_stamp(path: Path) -> dict[str, Any]:
     return settled
 
 
-def unchanged(path: Path, recorded: Stamp, *, read: bool = False) -> bool:
+def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
     """Whether a file is as it was recorded.
 
     `read`: compare the bytes even if size and time are those recorded.
     """
     try:
-        status = path.stat()
+        status = os.stat(path)  # noqa: PTH116 - it is asked of each file of all jobs
         if status.st_size != recorded.get("size"):
             return False
         if status.st_mtime_ns == recorded.get("mtime_ns") and not read:
             return True
-        return "blake2b" in recorded and stamp(path)["blake2b"] == recorded["blake2b"]
+        return "blake2b" in recorded and stamp(Path(path))["blake2b"] == recorded["blake2b"]
     except OSError:
         return False
 

@@ -187,7 +187,7 @@ class Ledger:
     def _in_place(self, record: Record, planned: Mapping[str, str]) -> bool:
         outputs = record["outputs"]
         return set(outputs) == set(planned) and all(
-            identity.unchanged(self.out / stamp["path"], stamp) for stamp in outputs.values()
+            identity.unchanged(f"{self.out}/{stamp['path']}", stamp) for stamp in outputs.values()
         )
 
 

@@ -199,14 +199,15 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
     for root, name in count:
         _refuse_long(root, name)
     pictures = {id(job.picture): job.picture for job in jobs}.values()
-    named = [path for picture in pictures for path in picture.files.values()]
+    named = [str(path) for picture in pictures for path in picture.files.values()]
     # Path.resolve raises where a link leads in a circle; its reader names that.
-    named += [Path(os.path.realpath(path)) for path in named if path.is_symlink()]
-    places = {folder: Path(folder).resolve() for folder in {str(path.parent) for path in named}}
+    named += [os.path.realpath(path) for path in named if os.path.islink(path)]  # noqa: PTH114
+    split = [os.path.split(path) for path in named]
+    places = {folder: Path(folder).resolve() for folder in {folder for folder, _ in split}}
     own = {folder.resolve() for outputs in _outputs_of(jobs) for folder in outputs.folders}
     if own.isdisjoint(places.values()):  # a batch has many outputs, and hardly ever such inputs
         return
-    inputs = {places[str(path.parent)] / path.name for path in named}
+    inputs = {places[folder] / name for folder, name in split}
     for path in (path for job in jobs for path in job.written):
         if path.parent.resolve() / path.name in inputs:
             raise InputError(

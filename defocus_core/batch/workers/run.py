@@ -69,6 +69,7 @@ class Summary:
     seconds: float = 0.0
     interrupted: bool = False
     withdrawn: set[str] = field(default_factory=set)  # samples taken out of the index of OUT
+    unchanged: set[str] | None = None  # names of all samples, if they were done before
 
 
 def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
@@ -132,9 +133,11 @@ def _carried_out(
     plan = make_plan(jobs, out, execution)
     listener.planned(plan)
     settled = len(plan.settled)
+    done = {job.sample_id for job, record in plan.settled if record["status"] == "ok"}
     plan.settled.clear()  # a night is long, and they are many
     left = len(plan.todo) + plan.beyond
     summary = Summary(settled + left, settled, left)
+    summary.unchanged = None if plan.todo or plan.moved else done
     path = run_file.run_path(out, execution.shard)
     if plan.moved:
         with Journal(journal_path(out, execution.shard)) as journal:
