@@ -52,7 +52,7 @@ def command(
       defocus retry out --reason worker-died --processes 1
     """  # noqa: D301  click reads the backspace
     require_journal(out)
-    refuse_held(out, say=console.stderr)
+    refuse_held(out)
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
         console.stderr(f"{out}: nothing failed{' for that reason' if reasons else ''}")

@@ -183,7 +183,7 @@ def test_a_preview_that_alone_is_left_is_no_sample(tmp_path, out):
 def test_a_second_batch_on_the_same_directory_is_refused(tmp_path, out):
     path = jobs_file(tmp_path)
     out.mkdir()
-    with locked(out, say=print):
+    with locked(out):
         refused(run("batch", path, "-o", out), 3, "in-use", ".journal.lock")
         refused(run("merge", out), 3, "empty", out)
     assert files_under(out) == set()

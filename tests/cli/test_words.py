@@ -288,7 +288,7 @@ def test_what_a_user_sees(words, wanted, desk, monkeypatch):
     first, _, rest = words.partition(" ")
     start = {"R": f"render rgb.exr z.exr -o out {LENS}", "B": "batch -o out"}.get(first, first)
     args = shlex.split(f"{start} {rest}".replace("LENS", LENS))
-    with locked(desk / "held", say=print):
+    with locked(desk / "held"):
         ran = run(args[0], *(["--json"] if first != "help" else []), *args[1:])
     code, _, line = wanted.partition(" ")
     said = ran.err.removeprefix("defocus: ").removesuffix("\n")

@@ -18,7 +18,7 @@ from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
-from defocus_core.batch.journal.lock import Check, LockLost, locked
+from defocus_core.batch.journal.lock import Check, locked
 from defocus_core.batch.journal.run_file import RunPlan
 from defocus_core.batch.workers.job_result import TRANSIENT
 from defocus_core.batch.workers.plan import (
@@ -36,7 +36,6 @@ from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
 from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.interrupts import Interrupts
-from defocus_core.system.text import note
 
 MAX_IN_A_CHUNK = 8
 
@@ -76,7 +75,7 @@ def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Li
     """Do jobs that write to OUT."""
     with (
         _output_folders({job.outputs for job in jobs}, out),
-        locked(out, execution.shard, say=note) as require_lock,
+        locked(out, execution.shard) as require_lock,
     ):
         return _carried_out(jobs, out, execution, listener, require_lock)
 
@@ -164,8 +163,6 @@ def _carried_out(
                     plan, out, execution, listener, journal, summary, interrupts, require_lock
                 ).do()
             require_lock()
-        except LockLost:  # the plan of the run is another's by now
-            raise
         except BaseException:
             if len(jobs) == 1 and not others:
                 path.unlink(missing_ok=True)
