@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
@@ -226,9 +226,11 @@ class _Batch:
         transient = {key: record[key] for key in TRANSIENT if key in record}
         record = completed(record, job, recipe, self.out)
         self.journal.append(record)
-        if record["status"] == "ok":
-            for path, stamp in self.plan.previews.pop(number, {}).items():
-                if identity.unchanged(self.out / path, stamp):
+        if record["status"] == "ok" and not job.outputs.preview:
+            with_previews = replace(job.outputs, preview=True).names(job.sample_id)
+            for path in with_previews.values():  # of another lens
+                stamp = self.plan.previews.get(path)
+                if stamp and identity.unchanged(self.out / path, stamp):
                     Folder(self.out).remove(path)
         self.summary.left -= 1
         self.summary.statuses[record["status"]] += 1
