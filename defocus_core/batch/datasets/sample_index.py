@@ -94,12 +94,10 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
 
 
 def _lines(out: Path) -> dict[str, bytes] | None:
-    """The lines of the index of OUT by sample, those without a name left out; None without it."""
-    with suppress(OSError):
+    """The lines of the index of OUT by sample; None if it has none, or a line without a name."""
+    with suppress(OSError, ValueError, TypeError):
         lines = Folder(out).read(NAME).splitlines(keepends=True)
-        named = ((_SAMPLE.search(line), line) for line in lines)
-        with suppress(ValueError):
-            return {json.loads(name[1]): line for name, line in named if name}
+        return {json.loads(_SAMPLE.search(line)[1]): line for line in lines}  # type: ignore[index]
     return None
 
 
