@@ -192,7 +192,7 @@ def _render(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
-    execution = Execution(crew.execute(), spread=crew.spread)
+    execution = Execution(crew.execute(), spread=crew.count)
     return rendered(jobs_file, crew.machine, execution, report, only)
 
 
