@@ -77,7 +77,6 @@ def command(
       defocus batch jobs.toml -o out --dry-run
       defocus batch jobs.toml -o out --html out.html
       defocus batch jobs.toml -o out --shard $SLURM_ARRAY_TASK_ID/8
-      defocus batch jobs.toml -o out --scheduler tcp://head:8786
     """  # noqa: D301  click reads the backspace
     if shard is not None and shards_size is not None:
         problem, remedy = "needs the whole batch", "give it to 'defocus merge'"
@@ -89,7 +88,7 @@ def command(
         limit=limit,
         fail_fast=not keep_going,
         read_inputs=check_inputs == "hash",
-        spread=crew.spread,
+        spread=crew.count,
     )
     if dry_run:
         from defocus_cli.words import dry_run as dry_runs
@@ -134,7 +133,7 @@ def carry_out(
         origin.keep(out, jobs_file)
     written = []
     if execution.shard is None and not summary.interrupted:
-        written = update.index(out, shards_size, asked)
+        written = update.index(out, shards_size, asked, summary.unchanged)
     for line in batch_report.summary_lines(summary):
         console.stderr(line)
     if html is not None:

@@ -29,9 +29,9 @@ from defocus_core.compare.goldens.store import (
 )
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import read_picture
-from defocus_core.compare.record import EXTRA, MISSING, CompareSettings, Comparison
+from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.compare.run import Task, compare_all
-from defocus_core.compare.thresholds import ROUNDING, Rules, Thresholds
+from defocus_core.compare.thresholds import ROUNDING, Rules
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.safe_files import missing
 from defocus_core.reports import comparison_words as compare_report
@@ -39,7 +39,6 @@ from defocus_core.reports.html import comparisons
 from defocus_core.system.text import counted
 
 _DEFAULT_RULES = Rules(fail=(ROUNDING,))
-_ROOM = 4.0  # by how much a proposed bound exceeds the noise of two renders
 
 
 @click.group(
@@ -76,7 +75,6 @@ _only = option(
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.argument("folder", type=FilePath(), metavar="DIR")
 @option("--accept", "Make what changed the new goldens.", into="accepted")
-@option("--propose", "Render twice, and propose a rule that lets the noise of two renders pass.")
 @_only
 @comparing.comparison_options(_DEFAULT_RULES, rules_alone=True)
 @crew_options
@@ -84,7 +82,6 @@ def update(
     jobs_file: Path,
     folder: Path,
     accepted: bool,
-    propose: bool,
     only: tuple[str, ...],
     asked: comparing.ComparisonOptions,
     crew: WorkerConfig,
@@ -115,8 +112,6 @@ def update(
             raise InputError(
                 "empty", "has jobs that made no picture", "mend them first", path=jobs_file
             )
-        if propose:
-            console.stdout(_proposal(fresh, jobs_file, crew, only))
         if not changed:
             console.stdout(f"{folder}: {counted(len(records), 'golden')}, none changes")
             return 0
@@ -197,22 +192,8 @@ def _render(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
-    execution = Execution(crew.execute(), spread=crew.spread)
+    execution = Execution(crew.execute(), spread=crew.count)
     return rendered(jobs_file, crew.machine, execution, report, only)
-
-
-def _proposal(
-    fresh: FreshPictures, jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
-) -> str:
-    """The rule that lets pass what a second render makes otherwise."""
-    with _render(jobs_file, crew, only) as again:
-        pairs = [FilePair(n, path, again.files.get(n)) for n, path in fresh.files.items()]
-        settings = CompareSettings(diagnose=False)
-        records = list(compare_all(pairs, Task(Thresholds(), settings), crew.count))
-    noise = max((record.metrics.get("max", 0.0) for record in records), default=0.0)
-    if not noise:
-        return "two renders are equal: '--like golden' allows for another machine"
-    return f"two renders differ by {noise:.2g}: --fail 'max>{_ROOM * noise:.2g}' lets that pass"
 
 
 def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> list[Comparison]:

@@ -11,7 +11,7 @@ import click
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import shot_lens_options
-from defocus_cli.options.types import FilePath, GroupedCommand, option
+from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.jobs.job import Picture, Reading, reading_through
@@ -21,8 +21,6 @@ from defocus_core.batch.lenses.lens import lens_record_words
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection.inspection import (
-    check_preview,
-    draw_repair,
     inspect,
     inspect_pairs,
     range_key,
@@ -37,18 +35,11 @@ from defocus_core.system.text import counted
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @shot_lens_options(required=False)
 @reading_options
-@option(
-    "--preview PNG",
-    "Draw a colour and a depth file: the picture, and beside it where its depth is repaired, "
-    "orange where it was made nearer, blue where farther. Needs a lens.",
-    FilePath(),
-)
 @shared.json_option
 def command(
     files: tuple[Path, ...],
     lenses: ShotLenses | None,
     reading: Reading,
-    preview: Path | None,
     as_json: bool,
 ) -> None:
     """Say what is in colour and depth files, as 'defocus render' would read them.
@@ -89,15 +80,12 @@ def command(
     "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
       color, depth the files
       evidence     what shows that the colour is blurred already
-      repair, depth_repair, preview
-                   with --preview: what was done to the depth with the colours, and the PNG
     and "failed" of files that cannot be read: subject, problem, remedy
 
     \b
     Examples:
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
-      defocus info rgb.exr depth.exr --lens 50mm.toml --preview repaired.png
       defocus info 'rgb.####.exr' 'depth.####.exr' --focal-length 50mm --animate pull.csv
     """  # noqa: D301  click reads the backspace
     patterns = [file for file in files if is_pattern(file)]
@@ -109,8 +97,6 @@ def command(
     if lenses is not None and files:
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
-    if preview is not None:
-        check_preview(preview, files, lens)
     failures = Failures()
     records = []
     for file in files:  # each is reported before the next is read
@@ -119,8 +105,6 @@ def command(
             if not as_json:
                 console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)
-    if preview is not None and lens is not None and not failures:
-        draw_repair(pairs, reading, lens, preview)
     for pair in () if as_json else pairs:
         console.stdout(*_pair_lines(pair))
     if as_json and (records or shots):
@@ -190,13 +174,11 @@ def _layout(part: Mapping[str, Any]) -> str:
 
 def _pair_lines(pair: Mapping[str, Any]) -> Iterator[str]:
     """What is wrong between colour and depth, from a record of ``inspect_pairs``."""
-    if not pair["evidence"] and "preview" not in pair:
+    if not pair["evidence"]:
         return
     yield " and ".join(dict.fromkeys((pair["color"], pair["depth"]))) + ":"
     for sentence in pair["evidence"]:
         yield f"  {sentence}"
-    if "preview" in pair:
-        yield f"  repair of the depth: {pair['repair'] or 'none'} -> {pair['preview']}"
 
 
 def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:

@@ -17,7 +17,7 @@ from defocus_cli.words import console
 from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading, of_views
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.jobs.pairing import find_pictures, whole_shot
+from defocus_core.batch.jobs.pairing import find
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.jobs.shots import with_shot
 from defocus_core.batch.lenses.lens import Lens
@@ -91,13 +91,12 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
+    pictures, every = find(color, depth, others, frames=shot.choice(lenses.animation))
     lenses = completed(lenses, pictures, reading, click.get_current_context().meta["typed"])
     jobs = [
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)
     ]
-    every = whole_shot(color, depth, others)
     moving = "focus-at" in lenses.animation.keys
     jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
     jobs = of_views(jobs, name)

@@ -52,11 +52,11 @@ def command(
       defocus retry out --reason worker-died --processes 1
     """  # noqa: D301  click reads the backspace
     require_journal(out)
-    refuse_held(out, say=console.stderr)
+    refuse_held(out)
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
         console.stderr(f"{out}: nothing failed{' for that reason' if reasons else ''}")
-    execution = Execution(crew.execute(), again=True, spread=crew.spread)
+    execution = Execution(crew.execute(), again=True, spread=crew.count)
     jobs = computed_by(jobs, crew.machine)
     before = sample_index.listed(out)
     asked = None if before is None else before | {job.sample_id for job in jobs}

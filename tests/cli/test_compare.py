@@ -439,14 +439,9 @@ def test_junit_has_a_case_for_each_pair(tmp_path):
 
 
 def test_torch_is_not_loaded(a, b, tmp_path):
-    options = [
-        "--flip",
-        "--diff",
-        str(tmp_path / "d"),
-        "--junit",
-        str(tmp_path / "x.xml"),
-        "--json",
-    ]
+    files = {"--diff": "d", "--junit": "x.xml", "--html": "x.html"}
+    written = [word for name, file in files.items() for word in (name, str(tmp_path / file))]
+    options = ["--flip", "--json", *written]
     words = ["compare", str(a), str(b), *options]
     code = (
         "import sys; from defocus_cli.main import main; "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -15,16 +16,25 @@ from defocus_core.compare.goldens.faults import FAULTS
 PICTURES = {"render/a.exr", "render/b.exr"}
 
 
-@pytest.fixture
-def jobs(tmp_path):
-    pictures(tmp_path)
-    return jobs_file(tmp_path, FIXED, inputs=INPUTS)
+@pytest.fixture(scope="module")
+def accepted(tmp_path_factory):
+    """Jobs with their pictures and accepted goldens."""
+    folder = tmp_path_factory.mktemp("accepted")
+    pictures(folder)
+    jobs = jobs_file(folder, FIXED, inputs=INPUTS)
+    assert golden("update", jobs, folder / "goldens", "--accept").code == 0
+    return jobs
 
 
 @pytest.fixture
-def goldens(jobs, tmp_path):
-    assert golden("update", jobs, tmp_path / "goldens", "--accept").code == 0
-    return tmp_path / "goldens"
+def jobs(accepted, tmp_path):
+    shutil.copytree(accepted.parent, tmp_path, dirs_exist_ok=True)
+    return tmp_path / accepted.name
+
+
+@pytest.fixture
+def goldens(jobs):
+    return jobs.parent / "goldens"
 
 
 def golden(*words):
@@ -37,7 +47,7 @@ def brighten(path, amount):
 
 
 def test_update_shows_what_would_change_and_writes_only_what_is_accepted(jobs, tmp_path):
-    folder = tmp_path / "goldens"
+    folder = tmp_path / "new"
     ran = golden("update", jobs, folder)
     assert ran.code == 1
     assert [line.split(":")[0] for line in ran.out.splitlines()[:2]] == ["new", "new"]
@@ -143,7 +153,7 @@ def test_views_are_swapped_for_each_other(jobs, tmp_path):
     jobs.write_text(jobs.read_text() + "[outputs]\nkinds = ['left', 'right']\n")
     for name in ("b_rgb.exr", "b_z.exr"):
         (tmp_path / name).unlink()
-    goldens = tmp_path / "goldens"
+    goldens = tmp_path / "new"
     assert golden("update", jobs, goldens, "--accept").code == 0
     assert golden("check", jobs, goldens, "--must-fail").code == 0
     left, right = (goldens / side / "a.exr" for side in ("left", "right"))

@@ -14,9 +14,11 @@ would give a column other types in two splits: what one has a value of, and anot
 from __future__ import annotations
 
 import json
+import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +31,7 @@ from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.measures import MEASURES
 
 NAME = "metadata.jsonl"
+_SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)*")')
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 Record = Mapping[str, Any]
 MM_PER_M = 1000.0
@@ -69,11 +72,9 @@ def names(records: Iterable[Record]) -> set[str]:
 
 
 def listed(out: Path) -> set[str] | None:
-    """The names of the samples in the index of OUT; None if it has none that can be read."""
-    with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        lines = Folder(out).read(NAME).splitlines()
-        return {str(json.loads(line)["sample_id"]) for line in lines}
-    return None
+    """The names of the samples in the index of OUT; None if it has none."""
+    lines = _lines(out)
+    return None if lines is None else {*lines}
 
 
 def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
@@ -81,11 +82,7 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
 
     A process that is killed leaves an index of the samples that it did not touch, each as it is.
     """
-    lines: dict[str, bytes] = {}
-    with suppress(OSError):
-        for text in Folder(out).read(NAME).splitlines(keepends=True):
-            with suppress(ValueError, KeyError, TypeError, RecursionError):
-                lines[str(json.loads(text)["sample_id"])] = text
+    lines = _lines(out) or {}
     taken = lines.keys() & changing
     if taken and alone:
         with written_whole(out / NAME, out) as file:
@@ -94,6 +91,22 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
         with suppress(FileNotFoundError):
             Folder(out).remove(NAME)
     return taken
+
+
+def _lines(out: Path) -> dict[str, bytes] | None:
+    """The lines of the index of OUT by sample; None if it has none, or a line without a name."""
+    with suppress(OSError, ValueError, TypeError):
+        lines = Folder(out).read(NAME).splitlines(keepends=True)
+        return {json.loads(_SAMPLE.search(line)[1]): line for line in lines}  # type: ignore[index]
+    return None
+
+
+def digest(lines: Iterable[bytes]) -> str:
+    """The hash of an index of these lines."""
+    hashed = blake2b(digest_size=16)
+    for each in lines:
+        hashed.update(each)
+    return hashed.hexdigest()
 
 
 def _is_sample(record: Record) -> bool:
@@ -204,6 +217,11 @@ def write_splits(out: Path, entries: Sequence[Entry], lines: Sequence[bytes]) ->
                 for n in mine
             )
     return [out / _list_name(split) for split in splits]
+
+
+def has_splits(out: Path, splits: Iterable[str]) -> bool:
+    """Whether the lists of some splits are there."""
+    return all((out / _list_name(split)).exists() for split in splits)
 
 
 def remove_splits(out: Path, splits: Iterable[str]) -> None:

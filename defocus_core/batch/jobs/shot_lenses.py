@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,6 +127,7 @@ def read_animation(
     if table is not None:
         root, files = table.file.parent, table.texts("file")
         every, interpolation = _keys_of(table)
+    keys: Keys
     for text in files:
         option, _, name = text.rpartition("=") if not (root / text).exists() else ("", "", text)
         file = root / name
@@ -327,5 +328,5 @@ def animated(
         if metadata:  # what the file says holds
             said = {same for n in plan.options for same in _with_alternatives(n)}
             texts = {n: t for n, t in texts.items() if n in animation.keys or n not in said}
-        with_options.append(entry.with_options(merged(texts, entry.options)))
+        with_options.append(replace(entry, options=merged(texts, entry.options)))
     return with_options

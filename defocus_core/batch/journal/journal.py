@@ -156,23 +156,22 @@ def files_of(record: Record) -> list[str]:
 
 def input_path(path: Path, out: Path) -> str:
     """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
-    return _input_path(path, out, os.getcwd())  # noqa: PTH109 - it is asked of each job
-
-
-@lru_cache(maxsize=4096)
-def _input_path(path: Path, out: Path, base: str) -> str:
+    text = str(path)
     if path.is_absolute():
-        return str(path)
-    return (_input_folder(path.parent, out, Path(base)) / path.name).as_posix()
+        return text
+    folder, _, name = text.rpartition("/")
+    return _input_folder(folder, out, os.getcwd()) + name  # noqa: PTH109 - it is asked of each job
 
 
 @lru_cache(maxsize=1024)
-def _input_folder(folder: Path, out: Path, base: Path) -> Path:
-    """A folder relative to OUT; both paths are relative to ``base``."""
+def _input_folder(folder: str, out: Path, base: str) -> str:
+    """A folder relative to OUT, with a slash at its end; both paths are relative to ``base``."""
     # What is above a linked folder is what is above that which the link leads to.
-    ups = max((place for place, part in enumerate(folder.parts, 1) if part == ".."), default=0)
-    start = base.joinpath(*folder.parts[:ups]).resolve()
-    return Path(os.path.relpath(start.joinpath(*folder.parts[ups:]), (base / out).resolve()))
+    parts = Path(folder).parts
+    ups = max((place for place, part in enumerate(parts, 1) if part == ".."), default=0)
+    start = Path(base, *parts[:ups]).resolve()
+    found = Path(os.path.relpath(start.joinpath(*parts[ups:]), Path(base, out).resolve()))
+    return "" if found == Path() else f"{found.as_posix()}/"
 
 
 class Journal:

@@ -16,7 +16,7 @@ from defocus_core.batch.journal.journal import (
     read,
     shards,
 )
-from defocus_core.batch.journal.lock import holder
+from defocus_core.batch.journal.lock import holder, lock_path
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.batch.journal.run_file import plan_of, run_path
 from defocus_core.errors import InputError
@@ -89,7 +89,7 @@ def _add_run(
     every: Sequence[Record],
 ) -> None:
     """Add the jobs left, the rate and the process of a run that did not get to its end."""
-    who, plan = holder(out, run), plan_of(out, run)
+    who, plan = holder(lock_path(out, run)), plan_of(out, run)
     if who:
         state.running.append(who)
     if plan is None:

@@ -131,7 +131,7 @@ class Merged(NamedTuple):
 def merge(out: Path) -> Merged:
     """Put the records of all shards into the journal of OUT, and remove theirs."""
     require_journal(out)
-    with locked(out, say=note):
+    with locked(out):
         parts = gather(out)
         for shard in parts:
             if run_path(out, shard).exists():

@@ -431,7 +431,7 @@ _ROWS = (
     LensParam(
         name="noise-seed",
         never_off=True,
-        parse=quantities.seed,
+        parse=quantities.whole,
         metavar="N",
         help="Number that decides the random numbers of the noise.  [default: 0]",
         tag="seed",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from defocus_core.compare.findings.evidence import (
     Cause,
     Evidence,
-    FittedCause,
+    Explanation,
     blocks_in_turn,
     has_many,
     has_much_light,
@@ -53,7 +53,7 @@ def _difference(evidence: Evidence) -> NDArray[Any]:
     return total
 
 
-def _fireflies(evidence: Evidence) -> Iterator[FittedCause]:
+def _fireflies(evidence: Evidence) -> Iterator[Explanation]:
     """A few pixels apart from each other hold the difference."""
     difference = _difference(evidence)
     size = np.abs(difference)
@@ -69,11 +69,11 @@ def _fireflies(evidence: Evidence) -> Iterator[FittedCause]:
         return
     left = math.sqrt(max(0.0, 1 - float(power[sparks].sum()) / float(power.sum())))
     bright = np.count_nonzero(difference[sparks] > 0) > number / 2
-    said = {"name": "fireflies" if bright else "dropped pixels", "count": counted(number, "pixel")}
-    yield FittedCause(left, {"pixels": number}, said, -0.05)
+    name, how = "fireflies" if bright else "dropped pixels", f": {counted(number, 'pixel')}"
+    yield Explanation(left, name, how, {"pixels": number}, -0.05)
 
 
-def _seams(evidence: Evidence) -> Iterator[FittedCause]:
+def _seams(evidence: Evidence) -> Iterator[Explanation]:
     """The difference lies on lines that are the side of a tile apart."""
     difference = _difference(evidence)
     profiles = [_profile(difference), _profile(difference.T)]  # of columns and of rows
@@ -102,11 +102,11 @@ def _seams(evidence: Evidence) -> Iterator[FittedCause]:
             left = unexplained(pairs[0], pairs[1], evidence.step)
             left = max(math.sqrt(outside), left if math.isfinite(left) else 0.0)
             starts = {(phase + wide // 2) % period for phase in phases}
-            at = f"at multiples of {period} px"
+            how = f" at multiples of {period} px"
             if starts != {0}:
-                at = f"every {period} px from {', '.join(map(str, sorted(starts)))}"
-            cost = 0.01 * wide + 0.4 / period - 0.05
-            yield FittedCause(left, {"period": period, "width": wide}, {"at": at}, cost)
+                how = f" every {period} px from {', '.join(map(str, sorted(starts)))}"
+            values, cost = {"period": period, "width": wide}, 0.01 * wide + 0.4 / period - 0.05
+            yield Explanation(left, "seams", how, values, cost)
 
 
 def _profile(difference: NDArray[Any]) -> NDArray[Any]:
@@ -142,7 +142,7 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
     return middle if sums[middle] > 0.98 * sums[best] else best
 
 
-def _gains_of_tiles(evidence: Evidence) -> Iterator[FittedCause]:
+def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Each tile is a multiple of A of its own, and it is tiles: another grid explains less."""
     height, width = evidence.size
     rows, columns = evidence.places
@@ -170,10 +170,11 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[FittedCause]:
         if share < _FEW_TILES:  # they lie in one place
             continue
         if on_grid < _GAIN_LEFT and on_grid < 0.6 * left(side, side // 2)[0]:
-            yield FittedCause(on_grid, {"period": side}, cost=0.02 + 0.5 / side)
+            how = f" at multiples of {side} px: each tile has another exposure"
+            yield Explanation(on_grid, "seams", how, {"period": side}, 0.02 + 0.5 / side)
 
 
-def _halo(evidence: Evidence) -> Iterator[FittedCause]:
+def _halo(evidence: Evidence) -> Iterator[Explanation]:
     """The difference is a thin band of one sign."""
     difference = _difference(evidence)[evidence.frame]
     size = np.abs(difference)
@@ -201,7 +202,7 @@ def _halo(evidence: Evidence) -> Iterator[FittedCause]:
         return
     left = evidence.left_framed(np.where(band, gain * a + offset, a), ~chooses)
     brighter = "brighter" if float(difference[band].sum()) > 0 else "darker"
-    yield FittedCause(left, {"width": wide}, {"how": brighter}, 0.1)
+    yield Explanation(left, "halo", f" of {wide:.0f} px, {brighter}", {"width": wide}, 0.1)
 
 
 def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -214,7 +215,7 @@ def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return inner
 
 
-def _compressed(evidence: Evidence) -> Iterator[FittedCause]:
+def _compressed(evidence: Evidence) -> Iterator[Explanation]:
     """In blocks of 8 px, frequencies of B are those of A rounded (ITU-T T.81), or small ones 0."""
     rows, columns = evidence.frame
     luma = []
@@ -244,7 +245,9 @@ def _compressed(evidence: Evidence) -> Iterator[FittedCause]:
         return
     on_grid = left(0)
     if on_grid < _ON_GRID * left(_DCT // 2):
-        yield FittedCause(on_grid, cost=-0.35)  # nothing else knows the grid
+        how = ": in blocks of 8 px, as JPEG and DWAA do"
+        # Nothing else knows the grid.
+        yield Explanation(on_grid, "compressed with losses", how, cost=-0.35)
 
 
 def _rounded(values: NDArray[Any], step: Any) -> NDArray[Any]:
@@ -269,7 +272,7 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
     return transformed
 
 
-def _noise(evidence: Evidence) -> Iterator[FittedCause]:
+def _noise(evidence: Evidence) -> Iterator[Explanation]:
     """The difference has no mean, and neighbours in it have nothing in common."""
     difference = _difference(evidence)[evidence.frame]
     power = float(np.square(difference, dtype="f8").mean())
@@ -287,25 +290,15 @@ def _noise(evidence: Evidence) -> Iterator[FittedCause]:
     if name:
         planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
         level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
-        how = f"of about {level:.2g}" + f", in {how}" * bool(how)
-        yield FittedCause(math.sqrt(shared), {"rms": level}, {"name": name, "how": how}, 0.6)
+        how = f" of about {level:.2g}" + f", in {how}" * bool(how)
+        yield Explanation(math.sqrt(shared), name, how, {"rms": level}, 0.6)
 
 
 TRACES = (
-    Cause("{name}", _fireflies, "{name}: {count}", _SPARK_LEFT),
-    Cause("seams", _seams, "{name} {at}", _SEAM_LEFT, needs=has_many),
-    Cause(
-        *("seams", _gains_of_tiles),
-        "{name} at multiples of {period} px: each tile has another exposure",
-        _GAIN_LEFT,
-        needs=has_much_light,
-    ),
-    Cause("halo", _halo, "{name} of {width:.0f} px, {how}", _HALO_LEFT, needs=has_much_light),
-    Cause(
-        *("compressed with losses", _compressed),
-        "{name}: in blocks of 8 px, as JPEG and DWAA do",
-        _CODEC_LEFT,
-        needs=has_much_light,
-    ),
-    Cause("{name}", _noise, "{name} {how}", _NOISE_LEFT, needs=has_many),
+    Cause(_fireflies, _SPARK_LEFT),
+    Cause(_seams, _SEAM_LEFT, needs=has_many),
+    Cause(_gains_of_tiles, _GAIN_LEFT, needs=has_much_light),
+    Cause(_halo, _HALO_LEFT, needs=has_much_light),
+    Cause(_compressed, _CODEC_LEFT, needs=has_much_light),
+    Cause(_noise, _NOISE_LEFT, needs=has_many),
 )

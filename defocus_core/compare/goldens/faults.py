@@ -1,7 +1,7 @@
 """Faults planted into a golden, to see whether its thresholds notice them.
 
-Each is planted at full strength, which every threshold must notice, and then at half of that, a
-quarter, and so on: the weakest that is still noticed says how sharp a threshold is.
+Each is planted at full strength, which every threshold must notice, and then mixed with the golden
+by a half, a quarter, and so on: the weakest that is still noticed says how sharp a threshold is.
 """
 
 from __future__ import annotations
@@ -29,11 +29,9 @@ class Fault:
     """A fault."""
 
     name: str  # in words, at full strength
-    # Makes planes [C, H, W] of planes and a strength of at most 1
-    plant: Callable[[NDArray[Any], float], NDArray[Any]]
-    # The strength of 1 in words of the fault, as a number and a unit
-    unit: tuple[float, str] = (1.0, "")
-    scales: bool = True  # whether weaker ones make sense
+    plant: Callable[[NDArray[Any]], NDArray[Any]]  # makes planes [C, H, W] of planes
+    # Full strength in words, as a number and a unit; None if weaker ones make no sense
+    unit: tuple[float, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -60,45 +58,35 @@ def plant_all(
     Faults that change nothing, as a lost highlight in a black picture, are left out.
     """
     settings = replace(settings, diagnose=False)
-    other_view = _other_view(picture)
+    partner = view_partner(picture.path)  # the other of the left and right view
     names = [n for layer in color_layers(list(picture.planes)) for n in layer]
     if is_map(list(picture.planes)) or not names:
         names = list(picture.planes)
 
-    def status(fault: Fault, strength: float) -> str | None:
+    def status(spoiled: DecodedPicture) -> str | None:
         """What the rules say of it; None if it changes no value."""
-        if fault is SWAPPED and other_view is not None:
-            spoiled = other_view
-        else:
-            spoiled = _spoiled(picture, names, fault, strength)
         if _is_equal(picture, spoiled):
             return None
-        record, _ = compare_pictures(name, picture, spoiled, rules, settings)
-        return record.status
+        return compare_pictures(name, picture, spoiled, rules, settings)[0].status
 
     results = []
     for fault in FAULTS:
-        full = status(fault, 1.0)
+        spoiled = _spoiled(picture, names, fault, 1.0)
+        if fault is SWAPPED and partner is not None:
+            spoiled = read_picture(partner)
+        full = status(spoiled)
         if full is None:
             continue
-        weakest = ""
-        noticed = full not in PASSING
-        if noticed and fault.scales:
-            minimum = 1.0
+        weakest, noticed = "", full not in PASSING
+        if noticed and fault.unit is not None:
+            minimum, (amount, unit) = 1.0, fault.unit
             for strength in (0.5**k for k in range(1, _WEAKEST + 1)):
-                if status(fault, strength) in (*PASSING, None):
+                if status(_spoiled(picture, names, fault, strength)) in (*PASSING, None):
                     break
                 minimum = strength
-            amount, unit = fault.unit
             weakest = f"{float(f'{amount * minimum:.2g}'):g}{unit}"
         results.append(Planted(fault.name, noticed, weakest, full == WARNING))
     return results
-
-
-def _other_view(picture: DecodedPicture) -> DecodedPicture | None:
-    """The golden that is the other of the left and right view, if there is one."""
-    partner = view_partner(picture.path)
-    return None if partner is None else read_picture(partner)
 
 
 def _spoiled(
@@ -107,7 +95,10 @@ def _spoiled(
     shape = picture.planes[names[0]].shape
     chosen = [name for name in names if picture.planes[name].shape == shape]
     planes = np.stack([np.asarray(picture.planes[name], np.float32) for name in chosen])
-    spoiled = np.asarray(fault.plant(planes, strength), np.float32)
+    spoiled = np.asarray(fault.plant(planes), np.float32)
+    if strength < 1.0:
+        mixed = planes + np.float32(strength) * (spoiled - planes)
+        spoiled = np.where(spoiled == planes, planes, mixed)  # infinity stays
     return replace(picture, planes={**picture.planes, **dict(zip(chosen, spoiled, strict=True))})
 
 
@@ -118,155 +109,86 @@ def _is_equal(a: DecodedPicture, b: DecodedPicture) -> bool:
     )
 
 
-def _nan_block(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+def _nan_block(planes: NDArray[Any]) -> NDArray[Any]:
     spoiled = planes.copy()
-    height, width = planes.shape[1:]
-    top, left = max(0, (height - _BLOCK) // 2), max(0, (width - _BLOCK) // 2)
+    top, left = (max(0, (length - _BLOCK) // 2) for length in planes.shape[1:])
     spoiled[:, top : top + _BLOCK, left : left + _BLOCK] = np.nan
     return spoiled
 
 
-def _shifted(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-    """To the right, by linear interpolation; the first column stays."""
-    spoiled = planes.copy()
-    spoiled[..., 1:] += strength * (planes[..., :-1] - planes[..., 1:])
-    return spoiled
+def _shifted(planes: NDArray[Any]) -> NDArray[Any]:
+    """To the right; the first column stays."""
+    return np.concatenate([planes[..., :1], planes[..., :-1]], axis=-1)
 
 
-def _turned(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-    """By half a degree around the middle, by bilinear interpolation."""
-    height, width = planes.shape[1:]
-    y, x = np.indices((height, width))
-    angle = np.radians(0.5 * strength)
-    row = (y + np.sin(angle) * (x - (width - 1) / 2)).clip(0, height - 1)
-    column = (x - np.sin(angle) * (y - (height - 1) / 2)).clip(0, width - 1)
-    top, left = row.astype(int), column.astype(int)
-    down, right = (top + 1).clip(max=height - 1), (left + 1).clip(max=width - 1)
-    above, below = (
-        planes[:, r, left] * (1 - column + left) + planes[:, r, right] * (column - left)
-        for r in (top, down)
-    )
-    turned: NDArray[Any] = above * (1 - row + top) + below * (row - top)
-    return turned
-
-
-def _blurred(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-    """Towards the mean of 3 x 3 pixels."""
+def _blurred(planes: NDArray[Any]) -> NDArray[Any]:
+    """The mean of 3 x 3 pixels."""
     padded = np.pad(planes, ((0, 0), (1, 1), (1, 1)), mode="edge")
     height, width = planes.shape[1:]
-    mean = sum(padded[:, y : y + height, x : x + width] for y, x in np.ndindex(3, 3)) / 9
-    blurred: NDArray[Any] = planes + strength * (mean - planes)
-    return blurred
+    parts = [padded[:, y : y + height, x : x + width] for y, x in np.ndindex(3, 3)]
+    return np.asarray(sum(parts) / 9)
 
 
-def _shown(curve: Callable[[Any, float], Any]) -> Callable[[NDArray[Any], float], NDArray[Any]]:
-    """A curve of sRGB-encoded values, the mirror image below 0; light beyond 1 is encoded, too."""
-
-    def plant(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-        changed = srgb_to_linear(curve(linear_to_srgb(np.abs(planes)), strength))
-        signed: NDArray[Any] = np.copysign(changed, planes)
-        return signed
-
-    return plant
+def _gamma(planes: NDArray[Any]) -> NDArray[Any]:
+    """A power of 1.02 of sRGB-encoded values, the mirror image below 0; light beyond 1, too."""
+    shown = linear_to_srgb(np.abs(planes)) ** 1.02
+    return np.asarray(np.copysign(srgb_to_linear(shown), planes))
 
 
-def _mirrored(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-    return planes[..., ::-1]
-
-
-def _lost_highlight(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+def _lost_highlight(planes: NDArray[Any]) -> NDArray[Any]:
     """The brightest place of each plane and its neighbours become as dark as the mean."""
     spoiled = planes.copy()
-    for plane, changed in zip(planes, spoiled, strict=True):
-        row, column = np.unravel_index(int(np.nan_to_num(plane).argmax()), plane.shape)
+    for plane, changed in zip(np.nan_to_num(planes), spoiled, strict=True):
+        row, column = np.unravel_index(int(plane.argmax()), plane.shape)
         top, left = (max(0, int(place) - _BLOCK // 2) for place in (row, column))
-        block = (slice(top, top + _BLOCK), slice(left, left + _BLOCK))
-        level = np.float32(np.nan_to_num(plane).mean())
-        changed[block] += np.float32(strength) * (np.minimum(plane[block], level) - plane[block])
+        block = changed[top : top + _BLOCK, left : left + _BLOCK]
+        np.minimum(block, plane.mean(), out=block)
     return spoiled
 
 
-def _noise(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+def _noise(planes: NDArray[Any]) -> NDArray[Any]:
     """Of 1 % of the mean of each plane, with a spread that all planes share."""
     level = np.abs(np.nan_to_num(planes)).mean(axis=(1, 2), keepdims=True)
     noise = np.random.default_rng(0).standard_normal(planes.shape[1:])
-    noisy: NDArray[Any] = planes + 0.01 * strength * level * noise
-    return noisy
+    return np.asarray(planes + 0.01 * level * noise)
 
 
-def _half_resolution(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-    """Towards the mean of each 2 x 2 pixels."""
-    count, height, width = (n if axis == 0 else n // 2 * 2 for axis, n in enumerate(planes.shape))
-    spoiled = planes.copy()
-    inner = planes[:, :height, :width]
-    means = inner.reshape(count, height // 2, 2, width // 2, 2).mean(axis=(2, 4))
-    coarse = np.repeat(np.repeat(means, 2, axis=1), 2, axis=2)
-    spoiled[:, :height, :width] += strength * (coarse - inner)
-    return spoiled
-
-
-def _seams(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+def _seams(planes: NDArray[Any]) -> NDArray[Any]:
     """A line of 3 % less at multiples of 16 px, or in the middle of a smaller picture."""
     spoiled = planes.copy()
     rows, columns = (slice(min(16, n // 2), n, 16) for n in planes.shape[1:])
-    spoiled[:, rows] *= 1 - 0.03 * strength
-    spoiled[:, :, columns] *= 1 - 0.03 * strength
+    spoiled[:, rows] *= 0.97
+    spoiled[:, :, columns] *= 0.97
     return spoiled
 
 
-def _tinted(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+def _tinted(planes: NDArray[Any]) -> NDArray[Any]:
     """The first channel brighter, and the last darker; one channel stays."""
     gains = np.linspace(0.01, -0.01, len(planes)) if len(planes) > 1 else np.zeros(1)
-    return planes * (1 + strength * gains[:, None, None])
+    return planes * (1 + gains[:, None, None])
 
 
-def _less_saturated(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-    """A tenth of the way to the mean of the channels; one channel stays."""
-    faded: NDArray[Any] = planes + 0.1 * strength * (planes.mean(axis=0) - planes)
-    return faded
-
-
-def _vignette(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-    y, x = (np.linspace(-1, 1, n) for n in planes.shape[1:])
-    return planes * (1 - 0.05 * strength * (y[:, None] ** 2 + x * x))
-
-
-def _firefly(planes: NDArray[Any], strength: float) -> NDArray[Any]:
+def _firefly(planes: NDArray[Any]) -> NDArray[Any]:
     spoiled = planes.copy()
-    spoiled[:, planes.shape[1] // 3, planes.shape[2] // 3] += 5.0 * strength
+    spoiled[:, planes.shape[1] // 3, planes.shape[2] // 3] += 5.0
     return spoiled
-
-
-def _fields(planes: NDArray[Any], strength: float) -> NDArray[Any]:
-    rows = np.arange(planes.shape[1]) ^ 1
-    return np.take(planes, rows.clip(0, planes.shape[1] - 1), axis=1)
 
 
 # The other view where there is one, else the picture mirrored.
-SWAPPED = Fault("left and right swapped", _mirrored, scales=False)
+SWAPPED = Fault("left and right swapped", lambda planes: planes[..., ::-1])
 FAULTS = (
-    Fault("a block of NaN", _nan_block, scales=False),
+    Fault("a block of NaN", _nan_block),
     Fault("shifted by 1 px", _shifted, (1.0, " px")),
-    Fault("turned by half a degree", _turned, (0.5, "°")),
     Fault("blurred by 1 px", _blurred, (100.0, " % of it")),
-    Fault("gamma 2 %", _shown(lambda v, strength: v ** (1 + 0.02 * strength)), (2.0, " %")),
-    Fault(
-        "a tone curve",
-        _shown(lambda v, strength: v + strength * 0.5 * v * np.maximum(1 - v, 0) * (v - 0.5)),
-        (100.0, " % of it"),
-    ),
+    Fault("gamma 2 %", _gamma, (2.0, " %")),
     SWAPPED,
     Fault("a lost highlight", _lost_highlight, (100.0, " % of it")),
     Fault("noise of 1 %", _noise, (1.0, " %")),
-    Fault("clipped at 1", lambda planes, _: np.minimum(planes, 1.0), scales=False),
-    Fault("exposure of 2 %", lambda planes, strength: planes * (1 + 0.02 * strength), (2.0, " %")),
+    Fault("clipped at 1", lambda planes: np.minimum(planes, 1.0)),
+    Fault("exposure of 2 %", lambda planes: planes * 1.02, (2.0, " %")),
     Fault("a tint of 1 %", _tinted, (1.0, " %")),
-    Fault("saturation of 90 %", _less_saturated, (10.0, " % less")),
-    Fault("raised blacks", lambda planes, strength: planes + 0.01 * strength, (0.01, "")),
-    Fault("vignette of 10 %", _vignette, (10.0, " %")),
-    Fault("half resolution", _half_resolution, (100.0, " % of it")),
+    Fault("raised blacks", lambda planes: planes + 0.01, (0.01, "")),
     Fault("seams of 3 %", _seams, (3.0, " %")),
-    Fault("fields exchanged", _fields, scales=False),
-    Fault("quantised to 6 bits", lambda planes, _: np.round(planes * 63) / 63, scales=False),
+    Fault("quantised to 6 bits", lambda planes: np.round(planes * 63) / 63),
     Fault("a firefly", _firefly, (5.0, "")),
 )

@@ -50,8 +50,6 @@ _BESIDE = {
     "diode": ("NPY", "{stem}_mask.npy"),
     "moge": ("EXR", "fov.json"),
 }
-# Relative depth is inverted if the top tenth of a picture is nearer by more of the range than this.
-_STRIPS, _MOST = 10, 0.6
 _WINDOW = 2048  # px, side of the middle of the picture that is measured
 # Widths of edges are measured at two scales, standard deviations in px.
 _FINE, _COARSE = 1, 2
@@ -64,7 +62,7 @@ _SHARP_PX, _BLURRED_PX = 1.0, 1.6  # standard deviation of an edge: as good as s
 def evidence_of(
     path: Path, reading: DepthReading, info: FileInfo, keeping: Keeping
 ) -> tuple[str, ...]:
-    """Sentences on the formats that a depth file could be of, and on one that seems inverted."""
+    """Sentences on the formats that a depth file could be of."""
     sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
     if holds_gdepth(path):
         return tuple(sentences)
@@ -75,8 +73,6 @@ def evidence_of(
         return tuple(sentences)
     if reading.depth_format is None:
         sentences += _numbers_evidence(path, samples, reading)
-    if reading.relative or samples.type == "8-bit PNG":
-        sentences += _inverted(samples.values, black_is_near=reading.invert is not None)
     return tuple(sentences)
 
 
@@ -124,23 +120,6 @@ def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) 
     has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
     if samples.type == "PFM" and not has_sidecar and samples.values.min() < 0:
         yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
-
-
-def _inverted(values: Any, *, black_is_near: bool) -> Iterator[str]:
-    """A hint if relative depth is nearer at the top of the picture than at its bottom."""
-    height = values.shape[0]
-    strips = slice(0, -(-height // _STRIPS)), slice(height - -(-height // _STRIPS), height)
-    above, below = (float(np.median(values[rows])) for rows in strips)
-    ends = [end for rows in bands(values.shape) for end in _ends_of(values[rows])]
-    if (below - above if black_is_near else above - below) > _MOST * (max(ends) - min(ends)) > 0:
-        near = "white" if black_is_near else "black"
-        remedy = "leave ‹invert› out" if black_is_near else "say ‹invert›"
-        yield f"the top of the picture is nearer than its bottom: if {near} is near, {remedy}"
-
-
-def _ends_of(band: NDArray[Any]) -> list[float]:
-    finite = band[np.isfinite(band)]
-    return [float(end) for end in (finite.min(), finite.max())] if finite.size else []
 
 
 def _share(samples: DepthNumbers, number: int) -> float:

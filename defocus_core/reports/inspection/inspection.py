@@ -16,7 +16,7 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.lenses.lens import Lens, lens_record
 from defocus_core.batch.lenses.quantities import length_text
-from defocus_core.errors import DefocusError, InputError, UsageProblem
+from defocus_core.errors import DefocusError, InputError
 from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth
@@ -27,15 +27,12 @@ from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
-from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.describe import FileInfo, PartInfo, describe
-from defocus_core.io.images.encode import display_encoded, write_samples
 from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
-from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.pair import InputPair
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
-from defocus_core.picture.sources import to_array
 from defocus_core.picture.steps.alpha import element_depth
 from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
 from defocus_core.picture.steps.implausible import of_radii
@@ -55,9 +52,6 @@ _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
 # Codes of files that have no colour, or no depth, but may have the other.
 _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no-such-view"})
 MAX_READ = 25  # frames that are decoded, evenly spread over the shot
-# Brightness of the grey picture below the false colours; px of radius from which these are full.
-_DIMMED, _FULL = 0.5, 2.0
-NEAR, FAR = (1.0, 0.55, 0.0), (0.25, 0.6, 1.0)  # sRGB
 
 
 def color_figures(color: Color) -> dict[str, Any]:
@@ -427,58 +421,3 @@ def shot_lines(record: Mapping[str, Any]) -> Iterator[str]:
     if record["largest_blur"]:
         radius = max(map(abs, record["largest_blur"]["coc_px"]))
         yield f"  blur is largest in {record['largest_blur']['frame']}: {radius:.2f} px"
-
-
-def check_preview(path: Path, files: Sequence[Path], lens: Lens | None) -> None:
-    """Refuse a drawing that cannot be made."""
-    if lens is None or lens.is_shape:
-        problem, remedy = "needs a lens, whose blur decides the repair", "give ‹lens› FILE.toml"
-        raise UsageProblem(
-            "missing-option", problem, f"{remedy}, or ‹focal-length›, … ‹focus›", field="preview"
-        )
-    if path.suffix.lower() != ".png":
-        raise UsageProblem(
-            "malformed", f"{path} is no PNG", "name a file that ends in .png", field="preview"
-        )
-    if path.exists() and any(file.exists() and path.samefile(file) for file in files):
-        raise UsageProblem(
-            "replaces-input", f"{path} is a file to look at", "name another file", field="preview"
-        )
-
-
-def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, path: Path) -> None:
-    """Draw the repair of the one picture, and add it to its record.
-
-    Beside the picture stands what `defocus render` would do to it: orange made nearer, blue made
-    farther; colour is full from 2 px of radius on.
-    """
-    if not pairs:
-        problem, remedy = "needs a colour and a depth file of one size", "name the two files"
-        raise UsageProblem(
-            "missing-option", problem, f"{remedy}, or say ‹resize-depth›", field="preview"
-        )
-    (pair,) = pairs
-    picture = Picture(Path(pair["color"]).stem, Path(pair["color"]), Path(pair["depth"]))
-    color, depth = read(InputPair(picture, reading, lens_focal=lens.foclen / lens.sensor_width))
-    radii = radii_of(with_blur_reach(with_focus(lens, depth), (depth,)), depth)
-    repaired, repair = radii.repair(color, reading)
-    height, width = radii.px.shape
-    write_samples(path, (height, 2 * width), _strips(color, radii.px, repaired), "png", {})
-    pair["repair"], pair["depth_repair"] = repair_words(repair), repair_record(repair)
-    pair["preview"] = str(path)
-
-
-def _strips(color: Color, given: Any, repaired: Any) -> Iterator[NDArray[Any]]:
-    """Rows of the picture and its repair, from the radii [H, W] px before and after it."""
-    channels = color.channels
-    planes = color.planes[: len(channels)]
-    for rows in bands(given.shape):
-        pixels = np.stack([plane[rows] for plane in planes], -1).astype(np.float32)
-        shown, _, _ = display_encoded(pixels, channels, 8, keep_alpha=False)
-        shown = np.broadcast_to(shown[..., :3], (*shown.shape[:2], 3))
-        grey = _DIMMED * shown.mean(axis=2, dtype=np.float32)[:, :, None] / 255
-        change = (to_array(repaired[rows]) - given[rows])[:, :, None]
-        amount = np.sqrt(np.minimum(np.abs(change) / _FULL, 1))
-        hue = np.where(change < 0, np.array(NEAR, np.float32), np.array(FAR, np.float32))
-        mixed = grey + amount * (hue - grey)
-        yield np.concatenate([shown, quantised(mixed.astype(np.float32), 8)], 1)

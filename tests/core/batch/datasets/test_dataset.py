@@ -19,10 +19,8 @@ from defocus_core import run_batch
 from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.identity import plain, typed
 from defocus_core.batch.journal.journal import read_all
 from defocus_core.batch.journal.resume import Ledger
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.errors import InputError
 
@@ -86,12 +84,6 @@ def test_a_sweep_that_grows_does_what_is_new(tmp_path):
     assert (summary.skipped, summary.statuses) == (8, {"ok": 2})
     now = {line["sample_id"]: line for line in index(tmp_path, LENS + grown)}
     assert all(now[line["sample_id"]] == line for line in few)
-
-
-def test_a_job_with_a_drawn_lens_survives_the_journal(tmp_path):
-    lens = jobs(tmp_path, LENS + SAMPLE)[0].lens
-    assert lens.draw is not None
-    assert typed(Lens, json.loads(json.dumps(plain(lens)))) == lens
 
 
 class Killed(BaseException):

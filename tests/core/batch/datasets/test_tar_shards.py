@@ -62,12 +62,8 @@ def test_shards_hold_all_and_none_is_larger_than_it_may(tmp_path):
     assert sum(one["samples"] for one in listed) == 40
 
 
-def test_a_sample_that_is_too_large_has_a_shard_to_itself(tmp_path):
-    assert [len(names(path)) for path in packed(tmp_path, 2, 1)] == [3, 3]
-
-
-def test_what_is_no_longer_needed_goes(tmp_path):
-    assert len(packed(tmp_path, 3, 1)) == 3
+def test_a_sample_that_is_too_large_has_a_shard_to_itself_and_what_is_not_needed_goes(tmp_path):
+    assert [len(names(path)) for path in packed(tmp_path, 3, 1)] == [3, 3, 3]
     kept = tmp_path / "shards" / "samples-of-mine.tar"
     kept.touch()
     packed(tmp_path, 1, 1)

@@ -137,21 +137,6 @@ def test_the_depth_image_of_a_heic_file(tmp_path, monkeypatch):
     assert "depth: 0.5 m to 10 m" in ran.out
 
 
-def test_relative_depth_that_is_nearer_at_the_top_may_be_inverted(tmp_path):
-    floor = np.repeat(np.linspace(10, 240, 60)[:, None], 40, 1)
-    path = png(tmp_path / "z.png", floor, np.uint8)
-    blur = ("--blur", "20px", "--focus-value", "100")
-    assert "--invert" not in run("info", path, *blur).out
-    upside = png(tmp_path / "y.png", floor[::-1], np.uint8)
-    hint = "the top of the picture is nearer than its bottom: if black is near, say --invert"
-    assert hint in run("info", upside).out
-    assert hint in run("info", upside, *blur).out
-    assert "leave --invert out" in run("info", path, *blur, "--invert").out
-    color = save(tmp_path / "c.png", np.full((60, 40, 3), 90, np.uint8))
-    ran = run("render", color, upside, *blur, "-o", tmp_path / "out")
-    assert (ran.code, "invert" in ran.err) == (0, False)
-
-
 def cards(count, side, checks):
     """Checked squares at 1 to 4 m before a checked wall at 9 m; contrast of the checks."""
     numbers = np.random.default_rng(3)
