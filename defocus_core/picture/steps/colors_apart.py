@@ -5,20 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 
 from defocus_core.picture.radii import color_offsets
-from defocus_core.picture.scene import Passes, longer_axis
+from defocus_core.picture.scene import Pass, longer_axis
 from defocus_core.picture.take import Take
 
 
-def passes(whole: Passes) -> Passes:
+def passes(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
     """Each group of colours; they share what is continued behind surfaces."""
     from defocus_core.renderer.engine.renderer import shared_surfaces
 
-    take, (every,) = whole.take, whole.every
-    longer, infinity = longer_axis(take), every.settings.infinity
+    (whole,) = every
+    take, infinity = whole.take, whole.settings.infinity
+    longer = longer_axis(take)
     apart = [
-        every._replace(
+        whole._replace(
             settings=replace(
-                every.settings, infinity=None if infinity is None else infinity + longer * px
+                whole.settings, infinity=None if infinity is None else infinity + longer * px
             ),
             channels=channels,
             light=channels,
@@ -26,12 +27,12 @@ def passes(whole: Passes) -> Passes:
         )
         for channels, px in _groups(take)
     ]
-    if len(apart) > 1 and every.scene.layered is None:
+    if len(apart) > 1 and whole.scene.layered is None:
         offsets = [each.px for each in apart]
         settings = apart[0].settings
-        shared = shared_surfaces(every.scene, settings, offsets, keep=take.has_room)
+        shared = shared_surfaces(whole.scene, settings, offsets, keep=take.has_room)
         apart = [each._replace(shared=shared) for each in apart]
-    return replace(whole, every=tuple(apart))
+    return tuple(apart)
 
 
 def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:

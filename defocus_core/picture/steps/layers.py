@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from defocus_core.io.arrays import times
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.scene import Pass, Passes, Surfaces
+from defocus_core.picture.scene import Pass, Surfaces
 from defocus_core.picture.sources import map_windows, windows
 
 
@@ -29,9 +29,10 @@ def scene(surfaces: Surfaces) -> Surfaces:
     )
 
 
-def passes(whole: Passes) -> Passes:
+def passes(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
     """The passes, whose light has no alpha, or that of a holdout at its end."""
-    layers, alpha = whole.take.inputs.layers, len(whole.take.inputs.color.light)
+    inputs = every[0].take.inputs
+    layers, alpha = inputs.layers, len(inputs.color.light)
     assert layers is not None
     held_out, last = layers.held_out, len(layers.light[0]) - 1
 
@@ -43,4 +44,4 @@ def passes(whole: Passes) -> Passes:
         order = (end if c == alpha else light.index(c - (c > alpha)) for c in each.channels)
         return each._replace(light=tuple(light), order=tuple(order))
 
-    return replace(whole, every=tuple(map(of_layers, whole.every)))
+    return tuple(map(of_layers, every))

@@ -89,7 +89,7 @@ def _may_end(contents: Any) -> bool:
 
 
 # What a stage hands on: `window` and `pair` an InputPair, before and after it is decoded; `read`,
-# `lens`, `radii` and `blur` a Take; `scene` Surfaces; `passes` Passes; `write` Contents.
+# `lens`, `radii` and `blur` a Take; `scene` Surfaces; `passes` each Pass; `write` Contents.
 STEPS = (
     # Files: colour and depth, then what belongs to them.
     Step("window", "plate", "an element has the overscan of its plate", lambda p: p.picture.over),
@@ -113,8 +113,10 @@ STEPS = (
     Step("scene", "repair", "depth is repaired", lambda s: s.is_repaired),
     Step("scene", "lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
     Step("scene", "hidden", "what is hidden is known", lambda s: s.knows_hidden),
-    Step("passes", "colors_apart", "colours are in focus apart", lambda p: p.take.lens.axial_color),
-    Step("passes", "layers", "alpha is the coverage", lambda p: p.take.inputs.layers),
+    Step(
+        "passes", "colors_apart", "colours are in focus apart", lambda p: p[0].take.lens.axial_color
+    ),
+    Step("passes", "layers", "alpha is the coverage", lambda p: p[0].take.inputs.layers),
     # The planes of a file, as they are written.
     Step("write", "noise", "the sensor is noisy", _is_noisy),
     Step("write", "overscan", "pixels beyond the picture are cut, or kept", _has_overscan),
