@@ -334,12 +334,6 @@ def verbose_option(command: Command) -> Command:
     return verbose(quiet(command))
 
 
-def stats_option(command: Command) -> Command:
-    """Hand a command ``stats``."""
-    text = "Say what was computed and what was skipped, on stderr; --json always tells it."
-    return option("--stats", text)(command)
-
-
 def html_option(text: str) -> Decorator:
     """``--html``: where to write the report that people look at."""
     return output_option("--html FILE.html", text, ReportPath("html"))
