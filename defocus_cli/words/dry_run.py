@@ -69,7 +69,11 @@ def report_batch(
     by_number, unusable = _forecasts(todo)
     samples = list(by_number.values())
     whole = forecast.total(samples, len(todo)) if samples else None
-    pictures = len({(job.picture, job.reading) for job in todo})
+    seconds = 0.0
+    if whole:  # lenses share the picture that they take
+        share = len({(job.picture, job.reading) for job in todo}) / len(todo)
+        rest = sum(whole[f"{step}_seconds"] for step in ("prepare", "render", "write"))
+        seconds = (rest + share * whole["read_seconds"]) / processes
     totals = {
         "jobs": len(plan.settled) + len(todo) + plan.beyond,
         "done_before": len(plan.settled),
@@ -78,7 +82,7 @@ def report_batch(
         "looked_at": len(samples) + len(unusable),
         "processes": processes,
         "forecast": whole,
-        "seconds": _seconds(pictures / len(todo), whole) / processes if whole else 0.0,
+        "seconds": seconds,
         "bytes": round(_bytes(todo[0].outputs, samples, len(todo))) if samples else 0,
         "unusable": len(unusable),
     }
@@ -128,15 +132,6 @@ def _end(unusable: Sequence[DefocusError], usable: int, what: str) -> None:
     if failing:
         tried = usable + len(unusable)
         raise SomeFailed(f"{failing} of {tried} {what} that were looked at would fail")
-
-
-def _seconds(share: float, whole: Mapping[str, Any]) -> float:
-    """Of one process: reading and writing overlap with rendering, but take cores that it needs.
-
-    Lenses share the picture that they take: ``share`` of the jobs read one.
-    """
-    others = sum(whole[f"{step}_seconds"] for step in ("prepare", "render", "write"))
-    return float(others + share * whole["read_seconds"])
 
 
 def _bytes(outputs: Outputs, samples: Sequence[Forecast], count: int) -> float:

@@ -33,7 +33,6 @@ from defocus_core.picture.take import Inputs
 from defocus_core.reports.html.page import Payloads, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
-from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import command_line
 
 Progress = Callable[[int, int], None]
@@ -71,7 +70,6 @@ def write_choice(
     progress: Progress | None = None,
 ) -> None:
     """Write the page of a picture."""
-    refuse_other(path, "html")
     load()
     job = Job(picture, lens, reading, Outputs(Path()), replace(machine, quality="draft"))
     color, depth = read(InputPair(picture, job.reading, lens_focal=job.lens_focal))
