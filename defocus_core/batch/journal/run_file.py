@@ -30,7 +30,7 @@ from defocus_core.batch.journal.records import is_moment, output_fault
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import LEFTOVER, left_in, leftover, sync_folder, written_whole
+from defocus_core.io.safe_files import LEFTOVER, left_in, sync_folder, written_whole
 from defocus_core.system.text import note
 
 SHARDS_FOLDER = "shards"  # of tars
@@ -85,17 +85,6 @@ def sweep_up(out: Path) -> None:
         with suppress(OSError):
             for name in below.names(folder):
                 if LEFTOVER.fullmatch(name):
-                    below.remove(f"{folder}/{name}")
-
-
-def sweep_up_after(process: int, out: Path, files: Iterable[Path]) -> None:
-    """Remove the half-written siblings of files below ``out`` that a dead process left."""
-    below = Folder(out)
-    for path in files:
-        folder, begin = path.parent.relative_to(out).as_posix(), f"{leftover(path)}{process}."
-        with suppress(OSError):
-            for name in below.names(folder):
-                if name.startswith(begin) and LEFTOVER.fullmatch(name):
                     below.remove(f"{folder}/{name}")
 
 

@@ -63,7 +63,6 @@ def test_a_job_that_kills_its_processes_has_failed_and_no_other_has(tmp_path):
     assert len(results) == len(names)
     deadly = results[names.index("deadly1")]
     assert deadly["reason"] == "worker-died"
-    assert not list(tmp_path.rglob(".*")), "what they had begun is gone"
     assert f"{STRIKES} processes that worked on it died, the last by SIGKILL" in deadly["message"]
 
 
