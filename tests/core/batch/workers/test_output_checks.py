@@ -1,7 +1,5 @@
 """A job writes nothing that it should not."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from jobs_files import touch
