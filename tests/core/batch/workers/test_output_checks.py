@@ -94,7 +94,7 @@ def test_a_file_costs_one_sync_of_its_folder_and_a_new_folder_one_more(tmp_path,
     synced, sync = [], os.fsync
 
     def counted(number):
-        synced.append(Path(os.readlink(f"/proc/self/fd/{number}")))
+        synced.append(Path(f"/proc/self/fd/{number}").readlink())
         sync(number)
 
     monkeypatch.setattr(os, "fsync", counted)
