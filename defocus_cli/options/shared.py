@@ -27,18 +27,16 @@ from defocus_cli.options.types import (
 )
 from defocus_cli.words.console import Due
 from defocus_core.allowed_values import MIN_TILE, QUALITIES
-from defocus_core.batch.jobs.job import DEVICES, FIELDS, Machine, Outputs
+from defocus_core.batch.jobs.job import DEVICES, FIELDS, Machine, Outputs, refuse_idle_outputs
 from defocus_core.batch.jobs.output_kinds import (
     COLOR_SPACES,
     COMPRESSIONS,
     KINDS,
-    LOSSY,
     MAP_FORMATS,
     MAPS,
     SUFFIXES,
     compression,
     format_of_file,
-    in_one_file,
     is_picture_name,
 )
 from defocus_core.batch.jobs.pairing import COLOR_SUFFIXES
@@ -171,10 +169,6 @@ def _encoding_options() -> list[Decorator]:
         ),
         output_option("--preview", "Also write OUT/<kind>/<stem>.preview.png to look at."),
         output_option(
-            "--multiview",
-            "Write left and right as the two views of one EXR, OUT/multiview/<stem>.exr.",
-        ),
-        output_option(
             "--keep-overscan",
             "Write the pixels beyond the display window of an EXR, too; they take part in "
             "the blur in any case.",
@@ -183,32 +177,12 @@ def _encoding_options() -> list[Decorator]:
     ]
 
 
-def _outputs(
-    *, exr_type: str | None, jpeg_quality: int | None, multiview: bool, **others: Any
-) -> Outputs:
-    kinds = others.pop("kinds")
-    if multiview:
-        kinds = in_one_file(kinds, CALLER.at("multiview"))
-    outputs = _in_file(Outputs(kinds=kinds, **_given(others)), others)
-    for name, value, kinds in (
-        ("exr-type", exr_type, ("exr",)),
-        ("jpeg-quality", jpeg_quality, LOSSY),
-    ):
-        if value is not None and outputs.format not in kinds:
-            problem = f"says nothing about {outputs.format}"
-            remedy = f"leave it out, or use --format {kinds[0]}"
-            raise UsageProblem("idle-option", problem, remedy, field=name)
-    if others["color_space"] is not None and outputs.format == "exr":
-        problem = "says nothing about exr, which is linear"
-        raise UsageProblem("idle-option", problem, "leave it out", field="color-space")
-    if others["compression"] is not None and not outputs.writes_exr:
-        problem = "is of EXR, and none is written"
-        raise UsageProblem("idle-option", problem, "leave it out", field="compression")
-    return replace(outputs, **_given({"exr_type": exr_type, "jpeg_quality": jpeg_quality}))
-
-
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value is not None}
+def _outputs(**values: Any) -> Outputs:
+    """The outputs, of one file if -o names one."""
+    given = {key: value for key, value in values.items() if value is not None}
+    outputs = _in_file(Outputs(**given), values)
+    refuse_idle_outputs(outputs, {n.replace("_", "-"): v for n, v in given.items()}, CALLER.at)
+    return outputs
 
 
 def _in_file(outputs: Outputs, given: Mapping[str, Any]) -> Outputs:

@@ -19,7 +19,7 @@ from defocus_core.batch.datasets import finished, sample_index, tar_shards
 from defocus_core.batch.jobs import origin
 from defocus_core.batch.jobs.inputs import read_rows
 from defocus_core.batch.journal.journal import Shard, journal_path, read_all, shards
-from defocus_core.batch.journal.run_file import plan_of, run_path, sweep_up
+from defocus_core.batch.journal.run_file import sweep_up
 from defocus_core.compare.goldens.store import read_store, store_to_update
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
@@ -56,14 +56,8 @@ def journal_jsonl(folder, name):
     read_all(folder)
 
 
-def run_json(folder, name):
-    plan = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [[name]]}
-    run_path(folder).write_text(json.dumps(plan))
-    plan_of(folder)
-
-
 @pytest.mark.parametrize("name", FOREIGN)
-@pytest.mark.parametrize("form", [golden_json, journal_jsonl, run_json])
+@pytest.mark.parametrize("form", [golden_json, journal_jsonl])
 def test_every_file_that_names_others_is_refused_with_a_foreign_path(form, name, tmp_path):
     assert path_fault(name)
     with pytest.raises(InputError):

@@ -53,8 +53,7 @@ depth-kind = "depth"
 radial = true
 fov = "60deg"
 [outputs]
-kinds = ["left", "right"]
-multiview = true
+kinds = ["multiview"]
 [machine]
 quality = "draft"
 """

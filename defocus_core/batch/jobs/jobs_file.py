@@ -33,7 +33,7 @@ from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.batch.jobs.inputs import Entry, read_inputs
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading, refuse_idle_outputs
 from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
 from defocus_core.batch.jobs.lens_plan import LensPlan, lens_file_of, read_plan
 from defocus_core.batch.jobs.origin import read_origin
@@ -42,11 +42,9 @@ from defocus_core.batch.jobs.output_kinds import (
     FORMAT_ALIASES,
     INPUTS,
     KINDS,
-    LOSSY,
     MAP_FORMATS,
     SUFFIXES,
     compression,
-    in_one_file,
 )
 from defocus_core.batch.jobs.reading_options import (
     READING_OPTIONS,
@@ -68,7 +66,7 @@ TABLES = (
 )
 MAX_JOBS = 10_000_000
 _OUTPUTS = (
-    *("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan"),
+    *("kinds", "format", "exr-type", "jpeg-quality", "preview", "keep-overscan"),
     *("map-format", "inputs", "compression", "color-space"),
 )
 _MACHINE = ("quality", "tolerance", "depth-repair")
@@ -211,24 +209,7 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
     outputs = dataclasses.replace(outputs, **_present(values))
     if section.choice("inputs", ("copy",)) is not None:
         outputs = dataclasses.replace(outputs, kinds=(*dict.fromkeys((*outputs.kinds, *INPUTS)),))
-    if section.flag("multiview"):
-        kinds = in_one_file(outputs.kinds, section.place("multiview"))
-        outputs = dataclasses.replace(outputs, kinds=kinds)
-    if values["compression"] is not None and not outputs.writes_exr:
-        place = section.place("compression")
-        raise UsageProblem(
-            "idle-option", "is of EXR, and none is written", "leave it out", path=place
-        )
-    if values["color_space"] is not None and outputs.format == "exr":
-        problem, place = "says nothing about exr, which is linear", section.place("color-space")
-        raise UsageProblem("idle-option", problem, "leave it out", path=place)
-    for field, formats in (("exr_type", ("exr",)), ("jpeg_quality", LOSSY)):
-        if values[field] is not None and outputs.format not in formats:
-            problem = f"says nothing about {outputs.format}"
-            remedy = f'leave it out, or use format = "{formats[0]}"'
-            raise UsageProblem(
-                "idle-option", problem, remedy, path=section.place(field.replace("_", "-"))
-            )
+    refuse_idle_outputs(outputs, section.values, section.place)
     return outputs
 
 
