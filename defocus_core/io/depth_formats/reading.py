@@ -178,7 +178,7 @@ class Declared:
 
     @property
     def rule(self) -> str:
-        """scale, inverse, log or radius; empty where the user must say it."""
+        """scale, inverse or radius; empty where the user must say it."""
         return self.facts.rule if self.facts is not None and self.facts.rule else self.row.rule
 
     @property
@@ -296,10 +296,9 @@ def resolved(
     declared = Declared(path, reading, row, samples, facts)
     rule = _rule(declared)
     refuse_idle(declared, rule)
-    make = {"scale": _depth_decoding, "inverse": _disparity_decoding, "log": _logarithm_decoding}
     if rule == "radius":
         return Decoding("radius", words="signed CoC radius in px")
-    decoding = make[rule](declared)
+    decoding = (_disparity_decoding if rule == "inverse" else _depth_decoding)(declared)
     sky = reading.sky
     if sky is None:
         sky = -math.inf if rule == "inverse" else _own_sky(samples, row)
@@ -323,7 +322,7 @@ def _own_sky(samples: DepthNumbers, row: DepthFormat) -> float:
 
 
 def _rule(declared: Declared) -> str:
-    """scale, inverse, log or radius: of the format, or by depth_kind."""
+    """scale, inverse or radius: of the format, or by depth_kind."""
     reading, rule = declared.reading, declared.rule
     by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
     if not rule:
@@ -393,7 +392,8 @@ def _depth_decoding(declared: Declared) -> Decoding:
     if reading.depth_format is None and unit is None:
         unit = usual_unit(samples) if reading.depth_scale is None else "m"
         if unit is None:
-            problem = f"has {samples.channel or 'numbers'} in whole numbers, whose unit is unknown"
+            what = f"has {samples.channel} in" if samples.channel else "holds"
+            problem = f"{what} whole numbers, whose unit is unknown"
             named = samples.type == "HEIC"
             remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=declared.path)
@@ -455,17 +455,6 @@ def _by_calibration(declared: Declared) -> Decoding:
     if row.name == "disparity":
         remedy += ", or ‹depth-range› NEAR FAR, or ‹depth-scale›"
     raise UsageProblem("missing-option", f"leaves {names} open{why}", remedy, **declared.asked_by)
-
-
-def _logarithm_decoding(declared: Declared) -> Decoding:
-    facts = declared.facts
-    if facts is None or facts.ends is None:
-        problem = f"has no text chunks near and far, which {declared.row.name} needs"
-        remedy = "check what wrote or edited it"
-        raise InputError("no-metadata", problem, remedy, path=declared.path)
-    near, far = facts.ends
-    words = f"{declared.row.name}, from {near:.6g} m to {far:.6g} m"
-    return Decoding("log", ends=facts.ends, words=words)
 
 
 def _first(*values: float | None) -> float | None:

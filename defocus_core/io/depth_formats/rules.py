@@ -1,9 +1,8 @@
 """Depth formats as data: numbers of a file, the fields of a row, and functions that decode by them.
 
-Four kinds of rule are enough for every row. Numbers v of the file become
+Three kinds of rule are enough for every row. Numbers v of the file become
   scale     depth  scale · v + shift
   inverse   depth  focal · baseline / (scale · v + shift), or 1 / (scale · v + shift)
-  log       depth  near^(1 − t) far^t
   bits      numbers v first: float32 in the four bytes of a pixel, float16 in 16 bits, or an integer
             spread over R, G and B; then one of the above
 """
@@ -141,7 +140,7 @@ class DepthFormat:
     name: str  # as ``depth_format`` has it
     title: str  # which data set, renderer or network writes it
     files: tuple[str, ...]  # types of file it may come in, as `DepthNumbers.type` has them
-    # Scale, inverse, log, or radius, whose numbers are signed CoC radii in px; empty where
+    # Scale, inverse, or radius, whose numbers are signed CoC radii in px; empty where
     # ``depth_kind`` must say whether they are depth or disparity
     rule: str = "scale"
     scale: float = 1.0  # what 1 in the file is: metres of depth, px of disparity
@@ -182,11 +181,10 @@ class DepthFormat:
 class Decoding:
     """The decoding of one file: its format, completed by the user and the sidecar."""
 
-    rule: str  # scale, inverse, log or radius
+    rule: str  # scale, inverse or radius
     scale: float = 1.0
     shift: float = 0.0
     focal_baseline: float = 1.0  # metres · px over disparity in px; 1 of disparity in 1/m
-    ends: tuple[float, float] = (1.0, 1.0)  # depth in metres at number 1 and at 65534, of log
     sky: float = SKY  # numbers from this one on are sky; of disparity, numbers up to this one
     sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
     invalid: tuple[float, ...] = ()  # single numbers that are no depth
@@ -194,9 +192,6 @@ class Decoding:
     # Of a distance to the point, the focal length of the picture; None of depth
     focal_px: float | None = None
     words: str = ""  # the rule, for people
-
-
-LOG_STEPS = 65533  # between the numbers 1 and 65534
 
 
 def unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
@@ -276,14 +271,9 @@ def _metres(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.float32]:
         scaled += decoding.shift
     if decoding.rule in ("scale", "radius"):
         return scaled.astype(np.float32)
-    if decoding.rule == "inverse":
-        # No point in front of both cameras has a negative disparity.
-        with np.errstate(divide="ignore"):
-            depth = np.where(scaled < 0, np.nan, decoding.focal_baseline / np.abs(scaled))
-    else:
-        assert decoding.rule == "log", decoding.rule
-        near, far = map(math.log, decoding.ends)
-        depth = np.exp(near + (scaled - 1) / LOG_STEPS * (far - near))
+    # No point in front of both cameras has a negative disparity.
+    with np.errstate(divide="ignore"):
+        depth = np.where(scaled < 0, np.nan, decoding.focal_baseline / np.abs(scaled))
     return depth.astype(np.float32)
 
 

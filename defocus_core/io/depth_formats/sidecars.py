@@ -1,6 +1,6 @@
 """Files beside a depth file that hold a part of its rule: calibration, cameras, masks.
 
-Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's properties.
+Also the metadata of the file itself: HEIC's and GDepth's properties.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,6 @@ class Facts:
     focal_px: float | None = None  # focal length in px
     baseline: float | None = None  # metres
     doffs: float | None = None  # px
-    ends: tuple[float, float] | None = None  # depth in metres at the ends of log
     scale: float | None = None  # multiplies numbers, before `shift` is added
     shift: float | None = None
     rule: str = ""  # scale or inverse, where the file declares one
@@ -47,17 +46,16 @@ class Facts:
 
 def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None:
     """The facts of the sidecar of a depth file; None if there is no such file."""
-    place = path
+    place = path if name in _METADATA_READERS else _sidecar(name, path)
+    if place is None:
+        return None
     try:
         if name in _METADATA_READERS:
             return _METADATA_READERS[name](metadata)
-        for place in _PLACES[name](path):
-            if place.is_file():
-                return _SIDECAR_READERS[name](place, path)
+        return _SIDECARS[name].read(place, path)
     except (*_FAULTS, configparser.Error) as error:
         problem = f"does not say what {name} of {path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
-    return None
 
 
 def _text(path: Path) -> str:
@@ -119,31 +117,6 @@ def _intrinsics(path: Path, depth: Path) -> Facts:
     return Facts(f"{path.name}, frame {frame}", _positive(float(line.split()[0])))
 
 
-def _extrinsics(path: Path, depth: Path) -> Facts:
-    """UnrealStereo4K: a line of intrinsics, 3×3, and one of world to camera, 3×4, a camera."""
-    own = path.parent.parent / f"Extrinsics{'1' if depth.parent.name.endswith('1') else '0'}"
-    poses, focal = [], 0.0
-    for number in "01":
-        file = path.parent.parent / f"Extrinsics{number}" / path.name
-        intrinsics, pose = _text(file).splitlines()[:2]
-        if file.parent == own:
-            focal = float(intrinsics.split()[0])
-        matrix = np.eye(4)
-        matrix[:3] = np.array([float(word) for word in pose.split()]).reshape(3, 4)
-        poses.append(np.linalg.inv(matrix))
-    baseline = abs(float((np.linalg.inv(poses[0]) @ poses[1])[0, 3]))
-    return Facts(f"{own.name}/{path.name}", _positive(focal), _positive(baseline))
-
-
-def _text_chunks(metadata: Mapping[str, Any]) -> Facts | None:
-    """MoGe: near and far, and a unit in files of its first version."""
-    if not {"near", "far"} <= metadata.keys():
-        return None
-    unit = float(metadata.get("unit", 1))
-    near, far = (_positive(float(metadata[key]) * unit) for key in ("near", "far"))
-    return Facts("text chunks near and far", ends=(near, far))
-
-
 def _heic(metadata: Mapping[str, Any]) -> Facts:
     """HEIC: steps of 1/z from far to near (0), of disparity in 1/m (1), or of z (2)."""
     kind = int(metadata.get("representation_type", 1))
@@ -180,47 +153,46 @@ def _positive(value: float) -> float:
     return value
 
 
-_METADATA_READERS: dict[str, Callable[[Mapping[str, Any]], Facts | None]] = {
-    "text-chunks": _text_chunks,
+_METADATA_READERS: dict[str, Callable[[Mapping[str, Any]], Facts]] = {
     "heic": _heic,
     "gdepth": _gdepth,
 }
-_SIDECAR_READERS: dict[str, Callable[[Path, Path], Facts]] = {
-    "calib.txt": _calib,
-    "dmin.txt": _dmin,
-    "parameters.cfg": _parameters,
-    "camera.json": _cityscapes,
-    "intrinsics.txt": _intrinsics,
-    "Extrinsics": _extrinsics,
+
+
+class _Sidecar(NamedTuple):
+    """Where a sidecar may lie, and how it is read."""
+
+    places: Callable[[Path], list[Path]]  # by the depth file
+    read: Callable[[Path, Path], Facts]  # the sidecar, of the depth file
+
+
+_SIDECARS = {
+    "calib.txt": _Sidecar(lambda path: [path.with_name("calib.txt")], _calib),
+    "dmin.txt": _Sidecar(lambda path: [path.with_name("dmin.txt")], _dmin),
+    "parameters.cfg": _Sidecar(lambda path: [path.with_name("parameters.cfg")], _parameters),
+    "camera.json": _Sidecar(_cityscapes_cameras, _cityscapes),
+    "intrinsics.txt": _Sidecar(
+        lambda path: [
+            path.with_name("intrinsics.txt"),
+            path.parent.parent / "cam_data" / "intrinsics.txt",
+        ],
+        _intrinsics,
+    ),
 }
-_PLACES: dict[str, Callable[[Path], list[Path]]] = {
-    "calib.txt": lambda path: [path.with_name("calib.txt")],
-    "dmin.txt": lambda path: [path.with_name("dmin.txt")],
-    "parameters.cfg": lambda path: [path.with_name("parameters.cfg")],
-    "camera.json": _cityscapes_cameras,
-    "intrinsics.txt": lambda path: [
-        path.with_name("intrinsics.txt"),
-        path.parent.parent / "cam_data" / "intrinsics.txt",
-    ],
-    "Extrinsics": lambda path: [
-        path.parent.parent / "Extrinsics0" / f"{path.stem}.txt",
-        path.parent / "Extrinsics0" / f"{path.stem}.txt",
-    ],
-}
+
+
+def _sidecar(name: str, path: Path) -> Path | None:
+    """The sidecar of a depth file; None if there is none."""
+    return next((place for place in _SIDECARS[name].places(path) if place.is_file()), None)
 
 
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     """Files beside a depth file by which it is read, by role; empty if there are none."""
-    files = {}
-    if row.sidecar in _PLACES:
-        place = next((place for place in _PLACES[row.sidecar](path) if place.is_file()), None)
-        if place is not None:
-            files["depth_sidecar"] = place
-            if row.sidecar == "Extrinsics":
-                files["depth_sidecar_right"] = place.parent.parent / "Extrinsics1" / place.name
-    if row.mask is not None and (mask := _mask_file(row.mask, path)) is not None:
-        files["depth_mask"] = mask
-    return files
+    files = {
+        "depth_sidecar": _sidecar(row.sidecar, path) if row.sidecar in _SIDECARS else None,
+        "depth_mask": _mask_file(row.mask, path) if row.mask is not None else None,
+    }
+    return {role: file for role, file in files.items() if file is not None}
 
 
 def marked_pixels(

@@ -82,7 +82,7 @@ STEREO_DATASETS = (
         rule="inverse",
         invalid=(0,),
         invalid_infinity=True,
-        sidecar="Extrinsics",
+        note="‹baseline› is the distance of Extrinsics0 and Extrinsics1",
     ),
     DepthFormat(
         "spring",
@@ -102,29 +102,12 @@ STEREO_DATASETS = (
         rule="inverse",
         sidecar="parameters.cfg",
     ),
-    DepthFormat(
-        "ffs-stereo4d",
-        "Stereo4D of Fast Foundation Stereo, (255² R + 255 G + B) / 1000 px",
-        ("8-bit RGB", "8-bit RGBA"),
-        rule="inverse",
-        scale=1 / 1000,
-        weights=(255.0**2, 255.0, 1.0),
-    ),
 )
 
 
 _PICTURES = ("16-bit PNG", "8-bit PNG")
 
 NETWORKS = (
-    DepthFormat(
-        "moge-png",
-        "MoGe, depth in the logarithm",
-        ("16-bit PNG",),
-        rule="log",
-        invalid=(0,),
-        sky=65535,
-        sidecar="text-chunks",
-    ),
     DepthFormat(
         "moge",
         "MoGe, depth.exr",
@@ -135,9 +118,6 @@ NETWORKS = (
         note="version 1 has no scale: give ‹depth-scale›",
     ),
     DepthFormat("depth-pro", "Depth Pro", ("NPZ",), channels=("depth",)),
-    DepthFormat(
-        "depth-anything-v2-metric", "Depth Anything V2 metric, *_raw_depth_meter.npy", ("NPY",)
-    ),
     DepthFormat(
         "depth-anything",
         "Depth Anything relative, MiDaS: disparity without scale and shift",
@@ -184,7 +164,14 @@ _SCENE = "units of the scene, as metres unless ‹depth-unit› says otherwise"
 _ALPHA = f"{_SCENE}; where alpha is 0 is sky"
 
 RENDERERS = (
-    DepthFormat("metres", "any file of depth, in the unit of ‹depth-unit›", ANY, unitless=True),
+    DepthFormat(
+        "metres",
+        "any file of depth, in the unit of ‹depth-unit›: BlendedMVS, Habitat's pinhole camera, "
+        "Depth Anything V2 metric (*_raw_depth_meter.npy), …",
+        ANY,
+        unitless=True,
+        aliases=("blendedmvs", "habitat", "depth-anything-v2-metric"),
+    ),
     DepthFormat(
         "disparity",
         "any file of disparity",
@@ -255,21 +242,6 @@ RENDERERS = (
         sky=2.0**24 - 1,
     ),
     DepthFormat(
-        "habitat",
-        "Habitat, pinhole camera",
-        FLOATS,
-        invalid=(0,),
-        note="an equirectangular camera writes the distance to the point: ‹radial›",
-    ),
-    DepthFormat(
-        "mujoco-warp",
-        "MuJoCo Warp, Newton",
-        FLOATS,
-        geometry="ask",
-        note="radial in versions before March 2026, planar since",
-        aliases=("newton",),
-    ),
-    DepthFormat(
         "nuke-scanline",
         "Nuke, ScanlineRender, 1/z",
         ("EXR",),
@@ -329,13 +301,6 @@ DEPTH_DATASETS = (
         note="NaN is sky or a window; scenes with a tilted or shifted lens need ‹focal-px›",
     ),
     DepthFormat(
-        "hypersim-marigold",
-        "Hypersim as Marigold prepares it",
-        _PNG16,
-        scale=1 / 1000,
-        invalid=(0,),
-    ),
-    DepthFormat(
         "tartanair",
         "TartanAir, depth_left.npy",
         ("NPY",),
@@ -366,18 +331,22 @@ DEPTH_DATASETS = (
             "nonzero",
         ),
     ),
-    DepthFormat("kitti", "KITTI depth, sparse", _PNG16, scale=1 / 256, invalid=(0,)),
     DepthFormat(
-        "vkitti2", "Virtual KITTI 2", _PNG16, scale=1 / 100, sky=65500, aliases=("vkitti",)
-    ),
-    DepthFormat(
-        "nyu-png",
-        "NYU Depth V2 as PNG",
+        "png-mm",
+        "millimetres: ScanNet, ScanNet++, NYU Depth V2 as PNG, Hypersim as Marigold prepares it, "
+        "ARKitScenes, WildRGBD, HOI4D, UASOL, …",
         _PNG16,
         scale=1 / 1000,
         invalid=(0,),
-        note="the crop of Eigen is a mask and no crop",
-        aliases=("nyu",),
+        note="ARKitScenes: turn both pictures so that the sky is above",
+        aliases=(
+            *("scannet", "scannetpp", "nyu", "nyu-png", "hypersim-marigold", "arkitscenes"),
+            *("arkit", "wildrgbd", "hoi4d", "uasol", "dp5k"),
+        ),
+    ),
+    DepthFormat("kitti", "KITTI depth, sparse", _PNG16, scale=1 / 256, invalid=(0,)),
+    DepthFormat(
+        "vkitti2", "Virtual KITTI 2", _PNG16, scale=1 / 100, sky=65500, aliases=("vkitti",)
     ),
     DepthFormat(
         "nyu-mat",
@@ -388,15 +357,6 @@ DEPTH_DATASETS = (
         holes="rawDepths",
         note="‹part› N chooses the frame; pixels without raw depth are invalid",
     ),
-    DepthFormat(
-        "scannet",
-        "ScanNet",
-        _PNG16,
-        scale=1 / 1000,
-        invalid=(0,),
-        note="resize the colour to the size of the depth",
-    ),
-    DepthFormat("scannetpp", "ScanNet++, rendered", _PNG16, scale=1 / 1000, invalid=(0,)),
     DepthFormat(
         "matterport", "Matterport3D, undistorted_depth_images", _PNG16, scale=1 / 4000, invalid=(0,)
     ),
@@ -456,9 +416,6 @@ DEPTH_DATASETS = (
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
     DepthFormat("omniobject3d", "OmniObject3D, last channel", ("EXR",), plane=-1, sky=65504),
     DepthFormat(
-        "blendedmvs", "BlendedMVS", ("PFM",), invalid=(0,), unitless=True, note="units of the scene"
-    ),
-    DepthFormat(
         "megadepth",
         "MegaDepth",
         ("HDF5",),
@@ -466,16 +423,6 @@ DEPTH_DATASETS = (
         invalid=(0,),
         needs=("depth-scale",),
         note="without a metric scale: ‹depth-scale› says metres of 1",
-    ),
-    DepthFormat("eden", "EDEN", ("MATLAB", "HDF5"), channels=("Depth",), plane=0),
-    DepthFormat(
-        "arkitscenes",
-        "ARKitScenes, WildRGBD, HOI4D, UASOL, and others in millimetres",
-        _PNG16,
-        scale=1 / 1000,
-        invalid=(0,),
-        note="ARKitScenes: turn both pictures so that the sky is above",
-        aliases=("wildrgbd", "hoi4d", "uasol", "arkit", "dp5k", "png-mm"),
     ),
     DepthFormat(
         "tum",

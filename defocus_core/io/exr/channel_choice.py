@@ -31,8 +31,8 @@ class ChannelGroup:
 
     header: Header  # the part that they are in
     name: str  # as ``layer`` or ``depth_channel`` has it inside its part
-    # Canonical name to the name in the file: R, G, B or Y, with RY and BY if there is chroma,
-    # then A; the name of a depth channel to itself
+    # Canonical name to the name in the file: R, G, B or Y, then A; the name of a depth channel
+    # to itself
     channels: Mapping[str, str] = field(default_factory=dict)
     default: bool = False  # whether it is the part's colour layer of plain names, without a prefix
 
@@ -65,7 +65,7 @@ def _chosen_color(
     layers = [each for header in searched for each in _color_layers(header)]
     if layer is not None:
         return by_name(path, layers, layer, "colour layer", "‹color-layer›")
-    candidates = [each for each in layers if {"R", "RY"} & each.channels.keys()] or layers
+    candidates = [each for each in layers if "R" in each.channels] or layers
     for known in (
         [c for c in candidates if c.default],
         [c for c in candidates if _is_whole_picture(c)],
@@ -137,8 +137,6 @@ def _color_layers(header: Header) -> Iterable[ChannelGroup]:
             bases |= {fold(last_word(channel.plain)): channel.name for channel in members}
         if {"R", "G", "B"} <= bases.keys():
             wanted = ["R", "G", "B", "A"]
-        elif {"Y", "RY", "BY"} <= bases.keys():
-            wanted = ["Y", "RY", "BY", "A"]
         elif "Y" in bases and not bases.keys() & {"X", "RY", "BY"}:  # no vector, no lone chroma
             wanted = ["Y", "A"]
         else:

@@ -122,7 +122,7 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
         tile = struct.unpack_from("<II", attributes["tiles"].value)
     compression = attributes["compression"].value[0]
     channels = tuple(channels_of(attributes["channels"].value))
-    if compression not in _COMPRESSIONS or any(channel.subsampled for channel in channels):
+    if compression not in _COMPRESSIONS:
         raise ValueError(f"deep samples of compression {compression}")
     if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, x1 - x0 + 1):
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")

@@ -1,8 +1,7 @@
 """OpenEXR pixels, in: native half, float and uint arrays of the frame.
 
 The frame is the display window and the overscan that is asked for. Pixels outside the data window
-are 0. OpenImageIO decodes a strip of rows or tiles at a time; files of which a channel has fewer
-samples than the picture has pixels, OpenEXR decodes at once.
+are 0. OpenImageIO decodes a strip of rows or tiles at a time.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from itertools import groupby, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, first_line
@@ -68,9 +66,8 @@ class ExrPart:
     """One decoded part of an EXR file."""
 
     header: Header
-    # Name to native array [H, W] of the frame, in memory or in a scratch file, without channels
-    # of fewer samples than pixels but chroma; of a deep part the picture in focus, whose light
-    # is float32
+    # Name to native array [H, W] of the frame, in memory or in a scratch file; of a deep part the
+    # picture in focus, whose light is float32
     channels: dict[str, Any]
 
 
@@ -83,14 +80,9 @@ def read_parts(
 ) -> tuple[ExrPart, ...]:
     """All parts of an EXR file, decoded."""
     headers = read_headers(path) if headers is None else headers
-    with decoding(path), quiet(), _unlimited():
-        if any(header.subsampled for header in headers):  # OpenImageIO does not open it
-            from defocus_core.io.exr.chroma import planes_of
-
-            planes = planes_of(path, headers, wanted, overscan)
-            return tuple(ExrPart(*pair) for pair in zip(headers, planes, strict=True))
-        with nullcontext() if all(header.deep for header in headers) else opened(path) as file:
-            return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
+    opening = nullcontext() if all(header.deep for header in headers) else opened(path)
+    with decoding(path), quiet(), _unlimited(), opening as file:
+        return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
 
 
 def read_layers(
@@ -105,19 +97,6 @@ def read_layers(
 
     with decoding(path), quiet(), _unlimited():
         return deep_layers(path, header, names, keeping, overscan)
-
-
-def has_equal_colors(path: Path, header: Header) -> bool:
-    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
-    types = {channel.name: channel.type for channel in header.channels if channel.name in "RGB"}
-    if len(types) < 3 or header.deep or header.subsampled:
-        return False
-    with decoding(path), quiet(), _unlimited(), opened(path) as file:
-        return all(
-            np.array_equal(piece["R"], piece[other], equal_nan=piece["R"].dtype.kind == "f")
-            for _, piece in _pieces(path, file, header, types, Keeping(scratch=True))
-            for other in "GB"
-        )
 
 
 def _part(

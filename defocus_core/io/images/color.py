@@ -165,11 +165,11 @@ def read_color(
 
 def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -> Color:
     """The colour of a file of another type."""
-    from defocus_core.io.array_files import is_float_map
+    from defocus_core.io.array_files import array_type
     from defocus_core.io.depth_formats.photo_depth import sharp_original
     from defocus_core.io.images.raster import choose_page, read_pages, upright
 
-    if is_float_map(read_head(path)):
+    if array_type(read_head(path, 32)):
         problem = "is a map of floats without colour"
         remedy = "use EXR, PNG, JPEG, TIFF, WEBP or HDR for colour"
         raise InputError("no-color", problem, remedy, path=path)
@@ -288,7 +288,7 @@ def read_exr_color(
         return carried or (header.index == own[0] and name in own[1:])
 
     parts = read_parts(path, headers, keeping, wanted, overscan)
-    channels, planes = _planes(path, parts[chosen.header.index], chosen, keeping, overscan)
+    channels, planes = _planes(parts[chosen.header.index], chosen, keeping, overscan)
     extras, left_out = _extras(parts, chosen) if carried else ({}, ())
     passes = light_passes(path, extras, blur_channels)
     planes += [extras.pop(name) for name in passes]
@@ -314,7 +314,7 @@ def read_exr_color(
 
 
 def _planes(
-    path: Path, part: ExrPart, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
+    part: ExrPart, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
 ) -> tuple[tuple[str, ...], list[Any]]:
     """The names and arrays of a colour layer; alpha is added where a part has pixels of the frame.
 
@@ -322,11 +322,6 @@ def _planes(
     """
     header, names = chosen.header, tuple(chosen.channels)
     planes = [part.channels[name] for name in chosen.channels.values()]
-    if "RY" in names:
-        from defocus_core.io.exr.chroma import rgb_of, weights_of
-
-        planes[:3] = rgb_of(planes[0], planes[1:3], weights_of(header, path))
-        names = ("R", "G", "B", *names[3:])
     frame = header.display.grown(overscan)
     if "A" in names or header.data.covers(frame):
         return names, planes
@@ -347,14 +342,13 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     kinds = {channel.type for channel in header.channels if channel.name in names}
     thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in header.attributes)
     view = f"view {header.shown}" if header.shown else ""
-    chroma = "luminance and chroma" if "RY" in chosen.channels else ""
     kind = f"EXR {' and '.join(sorted(kinds))}, linear"
     declared = declared_primaries(header.attributes)
     primaries = "" if same_primaries(declared, REC_709) else f"primaries {primaries_name(declared)}"
     aspect = _aspect(header)
     pixels = "" if aspect == 1 else f"pixels {aspect:g} times as wide as high"
     return ", ".join(
-        filter(None, (kind, primaries, view, chroma, pixels, header.cut_note(overscan), thumbnail))
+        filter(None, (kind, primaries, view, pixels, header.cut_note(overscan), thumbnail))
     )
 
 
@@ -387,9 +381,6 @@ def _extras(
         plain = {channel.name: channel.plain for channel in part.header.channels}
         if not plain:  # of another view
             continue
-        lost = [name for name in plain if name not in part.channels]
-        if lost:
-            left_out.append(f"{', '.join(lost)}, with fewer samples than pixels, left out")
         is_of_color = part.header.index == chosen.header.index
         if (part.header.deep and not is_of_color) or (display.width, display.height) != size:
             why = "which is deep" if part.header.deep else "which is of another size"

@@ -94,8 +94,7 @@ def describe(path: Path) -> FileInfo:
         shown = headers[0].display
         frames = (h.display.grown(h.data.beyond(h.display)) for h in headers)
         maximum = max(frame.width * frame.height for frame in frames)
-        at_once = any(header.subsampled for header in headers)
-        return FileInfo(path, shown.width, shown.height, parts, at_once, maximum)
+        return FileInfo(path, shown.width, shown.height, parts, at_once=False, pixels=maximum)
     return _of_no_exr(path, head)
 
 
@@ -104,19 +103,10 @@ def _of_no_exr(path: Path, head: bytes) -> FileInfo:
     from defocus_core.io import array_files as arrays
     from defocus_core.io.images.raster import read_pages
 
-    if head.startswith(arrays.NPY_MAGIC):
-        values = arrays.read_npy(path, integers=True)
-        return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
-    if arrays.is_float_map(head) or arrays.bare_type(head):
-        values = (
-            arrays.read_float_map(path).values
-            if arrays.is_float_map(head)
-            else arrays.read_bare(path)
-        )
-        return _arrays(path, {"Z": (values.shape, values.dtype.name)}, at_once=False)
-    if arrays.container_type(head):
+    if kind := arrays.array_type(head):
         entries = arrays.read_entries(path).items()
-        return _arrays(path, {name: (e.shape, e.dtype) for name, e in entries}, at_once=True)
+        shapes = {name or "Z": (entry.shape, entry.dtype) for name, entry in entries}
+        return _arrays(path, shapes, at_once=kind in arrays.NAMED)
     known = "EXR, PNG, JPEG, TIFF, WEBP, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(

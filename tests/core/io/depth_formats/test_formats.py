@@ -14,7 +14,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from command_line import read_exr, refused, run, write_exr
-from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
+from depth_files import colmap, dpt, gdepth, npy, pfm, png
 from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 from refusals import refuses
 
@@ -194,16 +194,6 @@ def _cityscapes(folder):
     return Example(path, metres(hole=True), rtol=1e-3)
 
 
-def _unrealstereo4k(folder):
-    for number, x in (("0", 1.0), ("1", 0.5)):  # world to camera: the second is 0.5 to the right
-        pose = f"1 0 0 {x} 0 1 0 2 0 0 1 3"
-        path = folder / f"Extrinsics{number}" / "00007.txt"
-        path.parent.mkdir()
-        path.write_text(f"1000 0 1920 0 1000 1080 0 0 1\n{pose}\n")
-    disparity = marked(1000 * 0.5 / DEPTH, hole=0)
-    return Example(npy(folder / "Disp0" / "00007.npy", disparity), metres(hole=True))
-
-
 def _spring(folder):
     (folder / "cam_data").mkdir()
     (folder / "cam_data" / "intrinsics.txt").write_text("900 900 4 3\n1000 1000 4 3\n")
@@ -225,26 +215,11 @@ def _hci(folder):
     return Example(pfm(folder / "gt_disp_lowres.pfm", disparity), metres(), rtol=1e-5)
 
 
-def _ffs(folder):
-    packed = np.round(1000 * 500 * 0.1 / DEPTH).astype(int)
-    red, rest = np.divmod(packed, 255**2)
-    path = png(folder / "a.png", np.stack([red, rest // 255, rest % 255], axis=2), np.uint8)
-    options = ("--focal-px", "500", "--baseline", "100mm")
-    return Example(path, 500 * 0.1 / (packed / 1000), options)
-
-
 def _carla(folder):
     packed = np.round(marked(sky=1000.0) / 1000 * (2**24 - 1)).astype(int)
     planes = [packed % 256, packed // 256 % 256, packed // 65536]
     path = png(folder / "a.png", np.stack([*planes, packed * 0 + 255], axis=2), np.uint8)
     return Example(path, metres(sky=True), rtol=1e-4)
-
-
-def _moge_png(folder):
-    share = np.log(DEPTH / 0.5) / np.log(50 / 0.5)
-    numbers = marked(1 + np.round(share * 65533), hole=0, sky=65535)
-    path = with_text(png(folder / "a.png", numbers), near="0.5", far="50.0")
-    return Example(path, metres(hole=True, sky=True), rtol=1e-4)
 
 
 def _moge(folder):
@@ -362,8 +337,6 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "unreal-mrq": lambda f: _unreal(f),
     "unity-perception": lambda f: _radial_exr(f, "R", "--radial"),
     "carla": _carla,
-    "habitat": lambda f: _npy_of(f, hole=0),
-    "mujoco-warp": lambda f: _npy_of(f, "--planar"),
     "nuke-scanline": _nuke,
     "arnold": _arnold,
     "houdini": _houdini,
@@ -372,16 +345,12 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     ),
     "colmap": lambda f: Example(colmap(f / "a.bin", marked(hole=0)), metres(hole=True)),
     "hypersim": _hypersim,
-    "hypersim-marigold": partial(png_of, scale=1000, hole=0),
     "tartanair": partial(_npy_of, sky=10000.0),
     "tartanair2": _tartanair2,
     "sintel": _sintel,
     "kitti": partial(png_of, scale=256, hole=0),
     "vkitti2": partial(png_of, scale=100, sky=65535),
-    "nyu-png": partial(png_of, scale=1000, hole=0),
     "nyu-mat": _nyu_mat,
-    "scannet": partial(png_of, scale=1000, hole=0),
-    "scannetpp": partial(png_of, scale=1000, hole=0),
     "matterport": lambda f: _quarter(f),
     "diode": _diode,
     "eth3d": _eth3d,
@@ -394,14 +363,10 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "synscapes": lambda f: _class_mask(f, "class/{stem}.png", 23, 1),
     "3dkenburns": lambda f: _exr_of(f, "Z", sky=30000.0, factor=1000),
     "omniobject3d": _omniobject3d,
-    "blendedmvs": lambda f: Example(pfm(f / "a.pfm", marked(hole=0), big=True), metres(hole=True)),
     "megadepth": lambda f: Example(
         of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, ("--depth-scale", "3")
     ),
-    "eden": lambda f: Example(
-        matlab(f / "a.mat", "Depth", np.stack([DEPTH, DEPTH * 2, DEPTH * 3], axis=2)), metres()
-    ),
-    "arkitscenes": partial(png_of, scale=1000, hole=0),
+    "png-mm": partial(png_of, scale=1000, hole=0),
     "tum": lambda f: _fifth(f),
     "ibims1": _ibims1,
     "infinigen": lambda f: Example(
@@ -420,14 +385,15 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "sceneflow": _sceneflow,
     "cityscapes": _cityscapes,
     "irs": _irs,
-    "unrealstereo4k": _unrealstereo4k,
+    "unrealstereo4k": lambda f: Example(
+        npy(f / "a.npy", marked(1000 * 0.5 / DEPTH, hole=0)),
+        metres(hole=True),
+        ("--focal-px", "1000", "--baseline", "50cm"),
+    ),
     "spring": _spring,
     "hci-lightfield": _hci,
-    "ffs-stereo4d": _ffs,
-    "moge-png": _moge_png,
     "moge": _moge,
     "depth-pro": lambda f: _npz(f, depth=marked(sky=1e10)),
-    "depth-anything-v2-metric": _npy_of,
     "depth-anything": _relative,
     "video-depth-anything": _video,
     "depth-anything-3": lambda f: _npz(f, "--planar", depth=marked(sky=INF)[None]),
@@ -515,15 +481,13 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name, tmp_path):
         ("co3d", "leaves --depth-scale open: .*scale_adjustment"),
         ("unity-perception", "add --planar or --radial"),
         ("kubric", "add --planar or --radial"),
-        ("mujoco-warp", "before March 2026.* add --planar or --radial"),
         ("depth-anything-3", "add --planar or --radial"),
         ("mitsuba", "--fov 60deg or --focal-px PX"),
         ("scenenet-rgbd", "--fov 60deg or --focal-px PX"),
         ("middlebury", r"leaves --focal-px and --baseline open: there is no calib\.txt beside"),
         ("hci-lightfield", r"there is no parameters\.cfg beside"),
         ("spring", r"leaves --focal-px open: there is no intrinsics\.txt beside"),
-        ("unrealstereo4k", "there is no Extrinsics beside"),
-        ("ffs-stereo4d", "leaves --focal-px and --baseline open"),
+        ("unrealstereo4k", "leaves --focal-px and --baseline open"),
         ("disparity", "--focal-px PX and --baseline 65mm, or --depth-range NEAR FAR, or"),
     ],
 )

@@ -32,8 +32,6 @@ def rule(row):
     """What the numbers v become."""
     if row.rule == "radius":
         return "px of radius"
-    if row.rule == "log":
-        return "near^(1−t) far^t"
     v = "float32 of the bytes" if row.bits == "float32" else row.bits or ""
     if row.weights:
         v = " + ".join(
@@ -73,7 +71,7 @@ def needed(row):
     if row.geometry == "radial" and row.focal_px is None:
         told.append("`--fov`")
     calibrated = row.rule == "inverse" and not row.per_metre and not row.needs
-    if row.sidecar in ("text-chunks", "heic", "gdepth"):
+    if row.sidecar in ("heic", "gdepth"):
         told.append("metadata of the file")
     elif row.sidecar:
         told.append(row.sidecar)

@@ -239,18 +239,6 @@ def test_lone_chroma_is_not_taken_for_colour(tmp_path):
         read_color(tmp_path / "a.exr")
 
 
-def test_a_header_that_lies_about_chroma_is_an_error(tmp_path):
-    planes, path = random_planes("Y"), tmp_path / "a.exr"
-    write_exr(path, {**planes, "RY": planes["Y"], "BY": planes["Y"]}, {})
-    data = bytearray(path.read_bytes())
-    for name in (b"RY\0", b"BY\0"):
-        sampling = data.index(name) + len(name) + 8  # behind the type and what is reserved
-        data[sampling : sampling + 8] = struct.pack("<II", 2, 2)
-    path.write_bytes(data)
-    with refuses("damaged", path=path):
-        read_color(path)
-
-
 def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path):
     path = save(tmp_path / "a.tif", integers(16, 1))
     data = path.read_bytes()

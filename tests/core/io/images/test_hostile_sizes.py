@@ -13,7 +13,7 @@ from image_files import save
 from refusals import refuses
 
 from defocus_core.io import array_files, arrays, below
-from defocus_core.io.array_files import read_float_map
+from defocus_core.io.array_files import read_map
 from defocus_core.io.depth_formats import depth, exr_depth_channel, file_types
 from defocus_core.io.images import describe as describing
 from defocus_core.io.images.color import read_color
@@ -37,7 +37,7 @@ def sparse_npy(path, shape):
 def test_npy_obeys_the_limit_of_pixels(shape, tmp_path, monkeypatch):
     monkeypatch.setattr(below, "_HOLLOW", 2**40)
     path = sparse_npy(tmp_path / "a.npy", shape)
-    for read in (describe, read_float_map):
+    for read in (describe, read_map):
         with refuses("too-large", f"{shape[-1]}×{shape[-2]} px", path=path):
             read(path)
 
@@ -98,17 +98,6 @@ def test_info_decodes_no_more_numbers_than_a_small_file_can_have(kind, tmp_path,
     assert "has 0 million numbers" in ran.err
     monkeypatch.setattr(describing, "_NUMBERS_OF_A_BYTE", 10_000)
     assert run("info", path) == decoded
-
-
-def test_whether_an_exr_is_grey_is_looked_up_without_holding_it(tmp_path, monkeypatch):
-    grey = np.repeat(texture()[..., :1], 3, axis=2)
-    grey[0, 0] = np.nan
-    path = color_exr(tmp_path / "a.exr", grey)
-    monkeypatch.setattr(exr_depth_channel, "read_parts", None)
-    with refuses("no-depth", "R, G and B are equal", path=path):
-        depth.read_depth(path)
-    with refuses("no-depth", path=color_exr(tmp_path / "b.exr")):
-        depth.read_depth(tmp_path / "b.exr")
 
 
 def test_info_decodes_no_array_larger_than_it_may(tmp_path, monkeypatch):
