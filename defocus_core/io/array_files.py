@@ -47,7 +47,6 @@ _MAGIC = {
     b"MATLAB 5.0 MAT-": _MATLAB_5,
 }
 NAMED = ("NPZ", "HDF5")  # types whose arrays have names
-_FRAMED = ("NPY", *NAMED, _MATLAB_5)  # types whose arrays may have frames
 # The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
 _PFM_HEADER = re.compile(rb"(Pf|PF)\s+(\S+)\s+(\S+)\s+(\S+)(?:[ \t\r]*\n|\s)")
 _COLMAP = re.compile(rb"(\d{1,7})&(\d{1,7})&(\d{1,3})&")
@@ -74,9 +73,9 @@ def array_type(head: bytes) -> str:
 
 
 def container_type(head: bytes) -> str:
-    """The same for a file whose arrays may have frames; empty for any other."""
+    """The same for a file of several arrays, or of frames; empty for any other."""
     kind = array_type(head)
-    return kind if kind in _FRAMED else ""
+    return kind if kind in (*NAMED, _MATLAB_5) else ""
 
 
 def read_entries(path: Path) -> dict[str, ArrayEntry]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.photo_depth import PhotoDepth, read_gdepth, read_heic
 from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers
-from defocus_core.io.depth_formats.sidecars import facts_of
+from defocus_core.io.depth_formats.sidecars import completed
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.raster import Raster, choose_page, pnm_top, read_pages, read_samples
 from defocus_core.io.safe_files import decoding, is_heic, is_jpeg, read_head
@@ -76,10 +77,10 @@ def _from_photo(
         raise InputError("unknown-unit", problem, f"{remedy} instead of a lens", path=path)
     if not reading.relative:
         return DepthNumbers(photo.values, file_type, words, metadata=metadata)
-    facts = facts_of(file_type.lower(), path, {"Units": "m", **metadata})
-    assert facts is not None
-    numbers = photo.values.astype(np.float32) * (facts.scale or 0.0) + (facts.shift or 0.0)
-    near = np.float32(1) / numbers if facts.rule == "scale" else numbers
+    row = replace(reading.row, sidecar=file_type.lower())
+    row = completed(row, path, {"Units": "m", **metadata})
+    numbers = photo.values.astype(np.float32) * row.scale + row.shift
+    near = np.float32(1) / numbers if row.rule == "scale" else numbers
     return DepthNumbers(near.astype(np.float32), file_type, words, metadata=metadata)
 
 
@@ -88,10 +89,10 @@ def _from_arrays(
 ) -> DepthNumbers:
     row, entries = reading.row, read_entries(path)
     name = _array_name(path, entries, reading)
-    values = _frame(path, entries[name], reading, size)
+    values = _frame(path, entries[name], kind, reading, size)
     holes = None
     if row.holes and row.holes in entries and name != row.holes:
-        holes = _frame(path, entries[row.holes], reading, size) == 0
+        holes = _frame(path, entries[row.holes], kind, reading, size) == 0
     words = f"{kind} array {name}" if name else kind
     kind = "integer NPY" if kind == "NPY" and values.dtype.kind in "iu" else kind
     return DepthNumbers(values, kind, words, channel=name, holes=holes)
@@ -116,26 +117,24 @@ def _array_name(path: Path, entries: Mapping[str, ArrayEntry], reading: DepthRea
 
 
 def _frame(
-    path: Path, entry: ArrayEntry, reading: DepthReading, size: tuple[int, int] | None
+    path: Path, entry: ArrayEntry, kind: str, reading: DepthReading, size: tuple[int, int] | None
 ) -> NDArray[Any]:
-    """One map of an array in a container, of which no more than that is loaded."""
-    row, part, shape, index = reading.row, reading.part, entry.shape, None
-    frames = len(shape) > 2 and ("N" in row.axes or shape[-1] > 4)
+    """One map of an array in a file, of which no more than that is loaded."""
+    row, shape, index = reading.row, entry.shape, None
+    frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and kind in NAMED))
     if frames and shape[0] != 1 and row.plane is None:
-        index, shape, part = _chosen_frame(path, shape[0], part), shape[1:], None
+        index, shape = _chosen_frame(path, shape[0], reading.part), shape[1:]
     with decoding(path):  # a shape may be beyond what NumPy counts
         outline = np.broadcast_to(np.uint8(0), shape)
-    require_size(path, reading, _map_of(path, outline, row, part).shape, size)
-    return _map_of(path, entry.load(index), row, part)
+    require_size(path, reading, _map_of(path, outline, row).shape, size)
+    return _map_of(path, entry.load(index), row)
 
 
-def _map_of(path: Path, values: NDArray[Any], row: DepthFormat, part: int | None) -> NDArray[Any]:
+def _map_of(path: Path, values: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     """One map [H, W] of an array of any number of axes."""
     values = squeezed(values)
     if values.ndim == 3 and row.plane is not None:
         values = values[:, :, row.plane]
-    if values.ndim == 3 and "N" in row.axes:
-        values = values[_chosen_frame(path, values.shape[0], part)]
     if values.ndim != 2:
         raise wrong_shape(path, values.shape)
     return values.T if row.axes.endswith("WH") else values

@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, reason
 from defocus_core.io.depth_formats.reading import holds_gdepth
 from defocus_core.io.images.raster import (
-    damaged_heic,
+    HEIC_DAMAGE,
     open_heic,
     read_pages,
     read_samples,
     upright,
 )
-from defocus_core.io.safe_files import quiet, read_head
+from defocus_core.io.safe_files import decoding, quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
@@ -66,12 +66,9 @@ def sharp_original(path: Path) -> Iterator[Path]:
 def read_heic(path: Path) -> PhotoDepth:
     """The depth image of a HEIC photograph."""
     file = open_heic(path)
-    try:
-        with quiet():
-            images = file.info.get("depth_images") or []
-            values = np.asarray(images[0]) if images else None
-    except Exception as error:
-        raise damaged_heic(path, error) from error
+    with decoding(path, HEIC_DAMAGE), quiet():
+        images = file.info.get("depth_images") or []
+        values = np.asarray(images[0]) if images else None
     if values is None:
         remedy = "take the photograph in portrait mode"
         raise InputError("no-depth", "has no depth image", remedy, path=path)

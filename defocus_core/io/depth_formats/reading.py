@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, Self
+from typing import NoReturn, Self
 
 import numpy as np
 
@@ -24,10 +24,6 @@ from defocus_core.io.depth_formats.rules import (
 )
 from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS, usual_unit
 from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
-
-if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.sidecars import Facts
-
 
 KINDS = ("depth", "disparity")
 GEOMETRIES = ("radial", "planar")
@@ -172,14 +168,8 @@ class Declared:
 
     path: Path
     reading: DepthReading  # the options of the user
-    row: DepthFormat
+    row: DepthFormat  # completed by its sidecar
     samples: DepthNumbers  # its numbers and its metadata
-    facts: Facts | None  # the facts of its sidecar; None if there is none
-
-    @property
-    def rule(self) -> str:
-        """scale, inverse or radius; empty where the user must say it."""
-        return self.facts.rule if self.facts is not None and self.facts.rule else self.row.rule
 
     @property
     def asked_by(self) -> dict[str, str]:
@@ -197,9 +187,7 @@ def refuse_idle(declared: Declared, rule: str) -> None:
     in_px = disparity and not row.per_metre  # disparity of two cameras
     has_range = row.name in ("metres", "disparity") or "depth-range" in row.needs or not row.rule
     has_unit = row.unitless and (not disparity or row.per_metre)
-    has_scale = rule in ("scale", "inverse") and (
-        declared.facts is None or not declared.facts.scale
-    )
+    has_scale = rule in ("scale", "inverse") and row.sidecar not in ("heic", "gdepth")
     means_nothing = {
         "depth-unit": reading.depth_unit is not None and not has_unit,
         "depth-range": reading.depth_range is not None and not has_range,
@@ -233,11 +221,9 @@ def ask(declared: Declared, option: str, value: str) -> NoReturn:
 
 def geometry_of(declared: Declared) -> str:
     """Planar, radial, or ask: by the user, the file, the channel or the format, in this order."""
-    reading, row, facts = declared.reading, declared.row, declared.facts
+    reading, row = declared.reading, declared.row
     if reading.geometry is not None:
         return reading.geometry
-    if facts is not None and facts.radial:
-        return "radial"
     return "radial" if declared.samples.channel in row.radial_channels else row.geometry
 
 
@@ -288,12 +274,11 @@ def resolved(
         near = "black" if reading.invert else "white"
         return Decoding("radius", words=f"relative disparity, {near} near")
     row = reading.row
-    facts = None
     if row.sidecar:
-        from defocus_core.io.depth_formats.sidecars import facts_of
+        from defocus_core.io.depth_formats.sidecars import completed
 
-        facts = facts_of(row.sidecar, path, samples.metadata)
-    declared = Declared(path, reading, row, samples, facts)
+        row = completed(row, path, samples.metadata)
+    declared = Declared(path, reading, row, samples)
     rule = _rule(declared)
     refuse_idle(declared, rule)
     if rule == "radius":
@@ -323,7 +308,7 @@ def _own_sky(samples: DepthNumbers, row: DepthFormat) -> float:
 
 def _rule(declared: Declared) -> str:
     """scale, inverse or radius: of the format, or by depth_kind."""
-    reading, rule = declared.reading, declared.rule
+    reading, rule = declared.reading, declared.row.rule
     by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
     if not rule:
         if by_kind is None:
@@ -384,64 +369,50 @@ def _depth_decoding(declared: Declared) -> Decoding:
         return Decoding("scale", scale, shift, words=words)
     if "depth-scale" in row.needs and reading.depth_scale is None:
         ask(declared, "depth-scale", "METRES")
-    facts = declared.facts
-    if facts is not None and facts.scale is not None:
-        words = f"{row.name}, {facts.source}"
-        return Decoding("scale", facts.scale, facts.shift or 0.0, words=words)
     unit = reading.depth_unit
     if reading.depth_format is None and unit is None:
         unit = usual_unit(samples) if reading.depth_scale is None else "m"
         if unit is None:
-            what = f"has {samples.channel} in" if samples.channel else "holds"
-            problem = f"{what} whole numbers, whose unit is unknown"
+            numbers = f"has {samples.channel} in whole numbers"
+            if not samples.channel:
+                numbers = f"holds {samples.values.dtype} numbers"
+            problem = f"{numbers}, whose unit is unknown"
             named = samples.type == "HEIC"
             remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=declared.path)
     words = UNIT_WORDS.get(unit or "", "")
     scale = row.scale * UNITS[unit or "m"]
-    if row.integer_scale is not None and samples.is_integer:
-        scale = row.integer_scale
     if reading.depth_scale is not None:
         scale *= reading.depth_scale
         words = ", ".join(filter(None, (words, f"× {reading.depth_scale:g}")))
     if reading.depth_format is not None:
-        words = ", ".join(filter(None, (row.name, words)))
-    return Decoding("scale", scale, words=words)
+        words = ", ".join(filter(None, (row.name, row.source, words)))
+    return Decoding("scale", scale, row.shift, words=words)
 
 
 def _disparity_decoding(declared: Declared) -> Decoding:
-    reading, row, facts = declared.reading, declared.row, declared.facts
+    reading, row = declared.reading, declared.row
     if (ends := _ends(declared, disparity=True)) is not None:
         _within(declared)
         top = declared.samples.top
         scale, shift = disparity_range(*ends, top)
         words = f"disparity, 0 is {ends[1]:.6g} m and {top:.6g} is {ends[0]:.6g} m"
         return Decoding("inverse", scale, shift, words=words)
-    if facts is not None and facts.scale is not None:
-        words = f"{row.name}, {facts.source}"
-        return Decoding("inverse", facts.scale, facts.shift or 0.0, words=words)
     if row.per_metre:
-        if row.sidecar:
-            problem = f"has no {row.sidecar} metadata"
-            raise InputError("no-metadata", problem, "check what wrote it", path=declared.path)
-        unit = UNITS[reading.depth_unit or "m"]
+        unit, words = UNITS[reading.depth_unit or "m"], f"{row.name}, {row.source or '1 / z'}"
         scale = row.scale * (reading.depth_scale or 1.0)
-        return Decoding("inverse", scale, focal_baseline=unit, words=f"{row.name}, 1 / z")
+        return Decoding("inverse", scale, row.shift, unit, words=words)
     return _by_calibration(declared)
 
 
 def _by_calibration(declared: Declared) -> Decoding:
     """Disparity by focal length and baseline, or by a scale alone."""
-    from defocus_core.io.depth_formats.sidecars import Facts
-
-    reading, row, facts = declared.reading, declared.row, declared.facts
-    beside = Facts("") if facts is None else facts
-    own_baseline = None if reading.baseline is None else reading.baseline / MM_PER_M
-    focal = _first(reading.focal_px, beside.focal_px, row.focal_px)
-    baseline = _first(own_baseline, beside.baseline, row.baseline)
-    doffs = _first(reading.doffs, beside.doffs) or 0.0
+    reading, row = declared.reading, declared.row
+    focal = row.focal_px if reading.focal_px is None else reading.focal_px
+    baseline = row.baseline if reading.baseline is None else reading.baseline / MM_PER_M
+    doffs = row.shift if reading.doffs is None else reading.doffs
     scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
-    source = f" by {facts.source}" if facts is not None else ""
+    source = f" by {row.source}" if row.source else ""
     if focal is not None and baseline is not None:
         words = f"{row.name}, {focal:.6g} px × {baseline:.6g} m{source}"
         return Decoding("inverse", scale, doffs, focal * baseline, words=words)
@@ -455,7 +426,3 @@ def _by_calibration(declared: Declared) -> Decoding:
     if row.name == "disparity":
         remedy += ", or ‹depth-range› NEAR FAR, or ‹depth-scale›"
     raise UsageProblem("missing-option", f"leaves {names} open{why}", remedy, **declared.asked_by)
-
-
-def _first(*values: float | None) -> float | None:
-    return next((value for value in values if value is not None), None)

@@ -144,7 +144,7 @@ class DepthFormat:
     # ``depth_kind`` must say whether they are depth or disparity
     rule: str = "scale"
     scale: float = 1.0  # what 1 in the file is: metres of depth, px of disparity
-    integer_scale: float | None = None  # what 1 is where the numbers are integers; None for `scale`
+    shift: float = 0.0  # added to numbers that were scaled
     per_metre: bool = False  # whether disparity is in 1/m rather than in px
     bits: str = ""  # ``float32`` or ``float16`` where the bits of a pixel are those of a float
     weights: tuple[float, ...] = ()  # of R, G and B, where a pixel is an integer spread over them
@@ -153,8 +153,7 @@ class DepthFormat:
     channels: tuple[str, ...] = ()
     holes: str = ""  # name of the array in the same file whose zeros are invalid
     radial_channels: tuple[str, ...] = ()  # which of these hold the distance to the point
-    # Which entry of a last axis of several; of EXR channels in the order of the file
-    plane: int | None = None
+    plane: int | None = None  # which entry of a last axis of several
     axes: str = "HW"  # order of axes in the file, N for frames
     stride: int = 1  # every so many rows and columns are taken
     size: tuple[int, int] | None = None  # width and height of a file without a header
@@ -169,6 +168,7 @@ class DepthFormat:
     focal_width: int | None = None
     baseline: float | None = None  # metres between its two cameras, where it is fixed
     sidecar: str = ""  # name of what else holds a part of the rule, as `sidecars` has it
+    source: str = ""  # the sidecar that completed the row, for people
     mask: Mask | None = None
     alpha: bool = False  # whether nothing is where the alpha of the EXR is 0
     needs: tuple[str, ...] = ()  # options without which it cannot be decoded

@@ -10,7 +10,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,31 +30,18 @@ _LONGEST = 1 << 20  # characters of a sidecar
 _CHECK = "check the file"
 
 
-@dataclass(frozen=True)
-class Facts:
-    """The facts that a sidecar holds."""
-
-    source: str  # the file, or the part of the depth file, for people
-    focal_px: float | None = None  # focal length in px
-    baseline: float | None = None  # metres
-    doffs: float | None = None  # px
-    scale: float | None = None  # multiplies numbers, before `shift` is added
-    shift: float | None = None
-    rule: str = ""  # scale or inverse, where the file declares one
-    radial: bool = False  # whether the file says that it holds the distance to the point
-
-
-def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None:
-    """The facts of the sidecar of a depth file; None if there is no such file."""
-    place = path if name in _METADATA_READERS else _sidecar(name, path)
+def completed(row: DepthFormat, path: Path, metadata: Mapping[str, Any]) -> DepthFormat:
+    """A format with what the sidecar of a depth file says; as it is if there is no such file."""
+    own = row.sidecar in _METADATA_READERS
+    place = path if own else _sidecar(row, path)
     if place is None:
-        return None
+        return row
     try:
-        if name in _METADATA_READERS:
-            return _METADATA_READERS[name](metadata)
-        return _SIDECARS[name].read(place, path)
+        if own:
+            return _METADATA_READERS[row.sidecar](row, metadata)
+        return _SIDECARS[row.sidecar].read(row, place, path)
     except (*_FAULTS, configparser.Error) as error:
-        problem = f"does not say what {name} of {path.name} should ({reason(error)})"
+        problem = f"does not say what {row.sidecar} of {path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
 
 
@@ -68,20 +55,20 @@ def _number_at_end(path: Path) -> str:
     return digits[1] if digits else path.stem
 
 
-def _calib(path: Path, _: Path) -> Facts:
+def _calib(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     """Middlebury: ``cam0=[f 0 cx; 0 f cy; 0 0 1]``, ``doffs=``, ``baseline=`` in mm."""
     lines = dict(line.split("=", 1) for line in _text(path).splitlines() if "=" in line)
     focal = float(lines["cam0"].strip(" []").split()[0])
     baseline = float(lines["baseline"]) / 1000
-    return Facts(path.name, _positive(focal), _positive(baseline), float(lines.get("doffs", 0)))
+    return _calibrated(row, path.name, focal, baseline, float(lines.get("doffs", 0)))
 
 
-def _dmin(path: Path, _: Path) -> Facts:
+def _dmin(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     """Middlebury 2005 and 2006, whose camera is one: px by which the crops differ, of full size."""
-    return Facts(path.name, focal_px=3740.0, baseline=0.16, doffs=float(_text(path)))
+    return _calibrated(row, path.name, 3740.0, 0.16, float(_text(path)))
 
 
-def _parameters(path: Path, _: Path) -> Facts:
+def _parameters(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     """4D light field benchmark: disparity is 0 at the focus distance."""
     parser = configparser.ConfigParser(interpolation=None)
     parser.read_string(_text(path))
@@ -90,14 +77,14 @@ def _parameters(path: Path, _: Path) -> Facts:
     focal = float(values["focal_length_mm"]) / float(values["sensor_size_mm"]) * width
     baseline = float(values["baseline_mm"]) / 1000
     focus = _positive(float(values["focus_distance_m"]))
-    return Facts(path.name, _positive(focal), _positive(baseline), focal * baseline / focus)
+    return _calibrated(row, path.name, focal, baseline, focal * baseline / focus)
 
 
-def _cityscapes(path: Path, _: Path) -> Facts:
+def _cityscapes(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
     camera = json.loads(_text(path))
     focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
-    return Facts(path.name, _positive(focal), _positive(baseline), -1 / 256)
+    return _calibrated(row, path.name, focal, baseline, -1 / 256)
 
 
 def _cityscapes_cameras(path: Path) -> list[Path]:
@@ -110,41 +97,58 @@ def _cityscapes_cameras(path: Path) -> list[Path]:
     return places
 
 
-def _intrinsics(path: Path, depth: Path) -> Facts:
+def _intrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
     """Spring: a line ``fx fy cx cy`` for each frame, the first of which is 1."""
     frame = int(_number_at_end(depth))
     line = [line for line in _text(path).splitlines() if line.strip()][max(frame - 1, 0)]
-    return Facts(f"{path.name}, frame {frame}", _positive(float(line.split()[0])))
+    focal = _positive(float(line.split()[0]))
+    return replace(row, source=f"{path.name}, frame {frame}", focal_px=focal)
 
 
-def _heic(metadata: Mapping[str, Any]) -> Facts:
+def _heic(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
     """HEIC: steps of 1/z from far to near (0), of disparity in 1/m (1), or of z (2)."""
     kind = int(metadata.get("representation_type", 1))
     if kind in (0, 2):
         near, far = (_positive(float(metadata[key])) for key in ("z_near", "z_far"))
-        if kind == 2:
-            scale = (far - near) / metadata["top"]
-            return Facts("z_near and z_far", scale=scale, shift=near, rule="scale")
-        scale = (1 / near - 1 / far) / metadata["top"]
-        return Facts("z_near and z_far", scale=scale, shift=1 / far, rule="inverse")
+        ends = (near, far) if kind == 2 else (1 / far, 1 / near)
+        return _linear(row, "z_near and z_far", ends, metadata, "scale" if kind == 2 else "inverse")
     if kind != 1:
         raise ValueError(f"representation_type {kind}, which is none of 0, 1 and 2")
-    minimum, maximum = float(metadata["d_min"]), float(metadata["d_max"])
-    return Facts("d_min and d_max", scale=(maximum - minimum) / metadata["top"], shift=minimum)
+    ends = float(metadata["d_min"]), float(metadata["d_max"])
+    return _linear(row, "d_min and d_max", ends, metadata, "inverse")
 
 
-def _gdepth(metadata: Mapping[str, Any]) -> Facts:
+def _gdepth(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
     """GDepth: RangeInverse is linear in 1/z, RangeLinear in z; Near and Far in m or mm."""
     unit = {"m": 1.0, "mm": 1e-3}[str(metadata["Units"])]
     near, far = (_positive(float(metadata[key]) * unit) for key in ("Near", "Far"))
-    radial = metadata.get("MeasureType") == "OpticRay"
-    source, top = f"GDepth {metadata['Format']}", float(metadata["top"])
+    row = replace(row, geometry="radial") if metadata.get("MeasureType") == "OpticRay" else row
+    source = f"GDepth {metadata['Format']}"
     if metadata["Format"] == "RangeInverse":
-        scale, shift = (1 / far - 1 / near) / top, 1 / near
-        return Facts(source, scale=scale, shift=shift, rule="inverse", radial=radial)
+        return _linear(row, source, (1 / near, 1 / far), metadata, "inverse")
     if metadata["Format"] != "RangeLinear":
         raise ValueError(f"Format {metadata['Format']}")
-    return Facts(source, scale=(far - near) / top, shift=near, rule="scale", radial=radial)
+    return _linear(row, source, (near, far), metadata, "scale")
+
+
+def _linear(
+    row: DepthFormat,
+    source: str,
+    ends: tuple[float, float],
+    metadata: Mapping[str, Any],
+    rule: str,
+) -> DepthFormat:
+    """A format whose numbers are linear in z, or 1/z, from that of 0 to that of the greatest."""
+    scale = (ends[1] - ends[0]) / float(metadata["top"])
+    return replace(row, source=source, rule=rule, scale=scale, shift=ends[0], per_metre=True)
+
+
+def _calibrated(
+    row: DepthFormat, source: str, focal: float, baseline: float, doffs: float
+) -> DepthFormat:
+    """A format with focal length in px, baseline in metres and px added to the disparity."""
+    focal, baseline = _positive(focal), _positive(baseline)
+    return replace(row, source=source, focal_px=focal, baseline=baseline, shift=doffs)
 
 
 def _positive(value: float) -> float:
@@ -153,17 +157,14 @@ def _positive(value: float) -> float:
     return value
 
 
-_METADATA_READERS: dict[str, Callable[[Mapping[str, Any]], Facts]] = {
-    "heic": _heic,
-    "gdepth": _gdepth,
-}
+_METADATA_READERS = {"heic": _heic, "gdepth": _gdepth}
 
 
 class _Sidecar(NamedTuple):
     """Where a sidecar may lie, and how it is read."""
 
     places: Callable[[Path], list[Path]]  # by the depth file
-    read: Callable[[Path, Path], Facts]  # the sidecar, of the depth file
+    read: Callable[[DepthFormat, Path, Path], DepthFormat]  # the sidecar, of the depth file
 
 
 _SIDECARS = {
@@ -181,15 +182,16 @@ _SIDECARS = {
 }
 
 
-def _sidecar(name: str, path: Path) -> Path | None:
+def _sidecar(row: DepthFormat, path: Path) -> Path | None:
     """The sidecar of a depth file; None if there is none."""
-    return next((place for place in _SIDECARS[name].places(path) if place.is_file()), None)
+    places = _SIDECARS[row.sidecar].places(path) if row.sidecar in _SIDECARS else []
+    return next((place for place in places if place.is_file()), None)
 
 
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     """Files beside a depth file by which it is read, by role; empty if there are none."""
     files = {
-        "depth_sidecar": _sidecar(row.sidecar, path) if row.sidecar in _SIDECARS else None,
+        "depth_sidecar": _sidecar(row, path),
         "depth_mask": _mask_file(row.mask, path) if row.mask is not None else None,
     }
     return {role: file for role, file in files.items() if file is not None}

@@ -414,7 +414,6 @@ DEPTH_DATASETS = (
         mask=Mask(("{stem}_class.png", "../class/{stem}.png"), "sky", 23),
     ),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
-    DepthFormat("omniobject3d", "OmniObject3D, last channel", ("EXR",), plane=-1, sky=65504),
     DepthFormat(
         "megadepth",
         "MegaDepth",
@@ -449,13 +448,6 @@ DEPTH_DATASETS = (
     DepthFormat("infinigen", "Infinigen", ("NPY",), plane=0),
     DepthFormat(
         "scenenet-rgbd", "SceneNet RGB-D", _PNG16, scale=1 / 1000, geometry="radial", invalid=(0,)
-    ),
-    DepthFormat(
-        "ros",
-        "ROS, 32FC1 in metres or 16UC1 in millimetres",
-        (*FLOATS, "16-bit PNG", "integer NPY"),
-        invalid=(0,),
-        integer_scale=1 / 1000,
     ),
 )
 

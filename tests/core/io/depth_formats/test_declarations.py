@@ -188,12 +188,6 @@ def test_another_type_of_file_than_the_format_comes_in(tmp_path):
         read(path, depth_format="kitti")
 
 
-def test_integers_of_ros_are_millimetres_and_floats_metres(tmp_path):
-    assert read(npy(tmp_path / "a.npy", [[2.5]]), depth_format="ros").metres[0, 0] == 2.5
-    path = npy(tmp_path / "b.npy", [[2500]], np.uint16)
-    assert read(path, depth_format="ros").metres[0, 0] == 2.5
-
-
 def test_an_array_of_a_container_is_chosen_by_name(tmp_path):
     near, far = np.full((2, 3), 1.0), np.full((2, 3), 2.0)
     np.savez(tmp_path / "a.npz", near=near, far=far, names=np.array(["a"]))

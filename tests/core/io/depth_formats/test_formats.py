@@ -142,10 +142,6 @@ def _class_mask(folder, name, number, scale):
     return Example(path, metres(sky=True), rtol=1e-5)
 
 
-def _omniobject3d(folder):
-    return Example(exr(folder, "X", DEPTH * 3, B=DEPTH * 2, Y=marked(sky=65504)), metres(sky=True))
-
-
 def _ibims1(folder):
     example = png_of(folder, scale=65535 / 50, hole=0, sky=65535)
     (folder / "mask_invalid").mkdir()
@@ -161,10 +157,6 @@ def _scenenet(folder):
     numbers[HOLE] = 0
     path, options = png(folder / "a.png", numbers), ("--focal-px", "5")
     return Example(path, metres(hole=True), options, rtol=1e-3)
-
-
-def _ros(folder):
-    return png_of(folder, scale=1000, hole=0)
 
 
 def _middlebury(folder):
@@ -362,7 +354,6 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "urbansyn": lambda f: _class_mask(f, "ss/ss_{number}.png", 10, 1e5),
     "synscapes": lambda f: _class_mask(f, "class/{stem}.png", 23, 1),
     "3dkenburns": lambda f: _exr_of(f, "Z", sky=30000.0, factor=1000),
-    "omniobject3d": _omniobject3d,
     "megadepth": lambda f: Example(
         of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, ("--depth-scale", "3")
     ),
@@ -374,7 +365,6 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
         metres(hole=True, sky=True),
     ),
     "scenenet-rgbd": _scenenet,
-    "ros": _ros,
     "middlebury": _middlebury,
     "middlebury2006": _middlebury2006,
     "middlebury2003": lambda f: Example(
