@@ -193,7 +193,7 @@ def _deep_samples(path: Path, headers: Sequence[Header]) -> dict[str, NDArray[An
     """The samples of all deep parts; none if the file is flat."""
     found: dict[str, list[NDArray[Any]]] = {}
     for header in headers:
-        for strip in strips(path, header, last=True) if header.deep else ():
+        for strip in strips(path, header) if header.deep else ():
             rows, columns = np.divmod(strip.pixel.astype(np.int64), strip.window.width)
             places = (rows + strip.window.y0 << 32) + columns + strip.window.x0
             found.setdefault("", []).append(places)

@@ -253,7 +253,9 @@ def test_a_deep_picture_of_two_views_in_one_part_renders_each(tmp_path, view):
         for y in range(SIZE[0])
     ]
     names = [f"{each}.{name}" for each in made for name in "RGBAZ"]
-    deep = write_deep_samples(tmp_path / "deep.exr", both, names, light="float")
+    deep = write_deep_samples(
+        tmp_path / "deep.exr", both, names, light="float", views=("left", "right")
+    )
     own = write_deep_samples(tmp_path / "alone.exr", samples[view], light="float")
     photograph(deep, "-o", tmp_path / "a", "--view", view, *LENS)
     photograph(own, "-o", tmp_path / "b", *LENS)

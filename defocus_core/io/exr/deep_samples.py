@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import MULTIPART, Channel, Header, channels_of, raw_headers
 from defocus_core.io.exr.windows import Window
-from defocus_core.io.safe_files import damaged, once, stamp_of
+from defocus_core.io.safe_files import damaged, once
 
 # Samples of a strip of rows that are decoded at once, and the most of a row; px of a tile at most.
 _AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
@@ -259,10 +259,7 @@ def _order(data: bytes) -> bytes:
     return ordered.tobytes()
 
 
-HELD_BYTES = 1 << 27
-_held: dict[object, list[Strip]] = {}
 ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"
-FRONT = "ZFront"  # where a sample begins, beside its depth
 _ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
 
 
@@ -274,12 +271,6 @@ class Strip(NamedTuple):
     rank: NDArray[Any]  # [N] number of the sample in its pixel, 0 is the nearest
     # [N] by channel; coverage and depth of a view by their plain names, too
     values: dict[str, NDArray[Any]]
-
-    @property
-    def nbytes(self) -> int:
-        """Size of its arrays."""
-        arrays = (self.pixel, self.rank, *self.values.values())
-        return sum(array.nbytes for array in arrays)
 
     @property
     def maximum(self) -> int:
@@ -316,28 +307,10 @@ def summary(path: Path, header: Header) -> DeepSummary:
     return DeepSummary(maximum, total, pixels, (min(ends), max(ends)) if ends else None)
 
 
-def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]:
-    """The samples of a deep part, some rows at a time.
-
-    Those of one part are held, if they are not too many, until they are read for the last time.
-    """
-    key = path, header, stamp_of(path)
-    held = _held.pop(key, None)
-    if held is None:
-        held, size = [], 0
-        for samples in decoded(path, header):
-            strip = _strip(path, samples, header)
-            size += strip.nbytes
-            if not last and size <= HELD_BYTES:
-                held.append(strip)
-            yield strip
-        if last or size > HELD_BYTES:
-            return
-    else:
-        yield from held
-    if not last:
-        _held.clear()
-        _held[key] = held
+def strips(path: Path, header: Header) -> Iterator[Strip]:
+    """The samples of a deep part, some rows at a time."""
+    for samples in decoded(path, header):
+        yield _strip(path, samples, header)
 
 
 def _strip(path: Path, samples: Samples, header: Header) -> Strip:
@@ -351,8 +324,7 @@ def _strip(path: Path, samples: Samples, header: Header) -> Strip:
         values[plain if plain in _OF_LAYERS else name] = numbers.astype("u4" if is_whole else "f4")
     _check_alpha(path, values)
     if BACK in values and DEPTH in values:
-        values[FRONT] = values[DEPTH]
-        values[DEPTH] = middle(values[DEPTH], values[BACK])
+        values[DEPTH] = _middle(values[DEPTH], values[BACK])
     depth = np.nan_to_num(values.get(DEPTH, pixel[:0]), nan=np.inf, posinf=np.inf)
     order = np.lexsort((depth, pixel)) if DEPTH in values else np.argsort(pixel, kind="stable")
     pixel, values = pixel[order], {name: each[order] for name, each in values.items()}
@@ -374,7 +346,7 @@ def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
     values[ALPHA] = np.minimum(alpha, 1)
 
 
-def middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
+def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
     """The middle of volumes in 1 / distance; of surfaces, their distance."""
     with np.errstate(divide="ignore", invalid="ignore"):
         between = 2 / (1 / front + 1 / back)
