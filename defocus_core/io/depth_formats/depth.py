@@ -6,7 +6,7 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from defocus_core.io.depth_formats.rules import (
     Decoding,
     DepthFormat,
     DepthNumbers,
+    Mark,
     decoded,
     divided,
     unpacked,
@@ -39,19 +40,6 @@ def set_far(metres: Any, valid: Valid, far: float = np.inf) -> None:
     """Make invalid pixels as far as ``far``, in place."""
     for rows in bands(metres.shape):
         metres[rows] = np.where(valid(rows), metres[rows], np.float32(far))
-
-
-def set_outside(metres: Any, within: tuple[slice, slice]) -> None:
-    """Make the depth invalid outside some rows and columns."""
-    (height, width), (rows, columns) = metres.shape, within
-    for outside in (
-        (slice(0, rows.start), slice(0, width)),
-        (slice(rows.stop, height), slice(0, width)),
-        (rows, slice(0, columns.start)),
-        (rows, slice(columns.stop, width)),
-    ):
-        if all(cut.stop > cut.start for cut in outside):
-            metres[outside] = np.full([c.stop - c.start for c in outside], np.nan, np.float32)
 
 
 def fill_from_farther(metres: Any, valid: Valid, farther: np.ufunc = np.maximum) -> None:
@@ -223,7 +211,7 @@ def read_depth(
     width = samples.width if size is None else size[0]
     decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
     metres, half_sky = _decode(replace(samples, values=values), decoding, keeping, overscan)
-    marks = _apply_marks(path, row, samples, metres)
+    marks = _apply_marks(path, row, samples.marks, metres)
     if orientation != 1:
         from defocus_core.io.images.raster import upright
 
@@ -340,32 +328,20 @@ def _decode(
 
 
 def _apply_marks(
-    path: Path, row: DepthFormat, samples: DepthNumbers, metres: Any
+    path: Path, row: DepthFormat, marks: Sequence[Mark], metres: Any
 ) -> tuple[str, ...]:
     """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
-    words, marks = [], []
-    if samples.within is not None:
-        set_outside(metres, samples.within)
-    if samples.nothing is not None:
-        marks.append((samples.nothing, np.inf))
-        words.append("sky where alpha is 0")
-    if samples.holes is not None:
-        marks.append((samples.holes, np.nan))
-        words.append(f"holes of {row.holes}")
+    words = ""
     if row.mask is not None:
-        from defocus_core.io.depth_formats.sidecars import marked_pixels
+        from defocus_core.io.depth_formats.sidecars import mask_beside
 
-        mask = marked_pixels(row.mask, path, metres.shape)
-        if mask is None:
-            words.append("no mask beside it")
-        else:
-            pixels, place = mask
-            marks.append((pixels, np.nan if row.mask.marks == "invalid" else np.inf))
-            words.append(f"mask {place.name}")
-    for pixels, value in marks:
+        mask = mask_beside(row.mask, path, metres.shape)
+        marks = (*marks, mask) if mask is not None else marks
+        words = "no mask beside it" if mask is None else ""
+    for mark in marks:
         for rows in bands(metres.shape):
-            metres[rows] = np.where(pixels[rows], np.float32(value), metres[rows])
-    return tuple(words)
+            metres[rows] = np.where(mark.pixels[rows], np.float32(mark.depth), metres[rows])
+    return *(mark.words for mark in marks), words
 
 
 def _replaced(depth: Depth, how: str) -> Depth:

@@ -7,10 +7,12 @@ from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+import numpy as np
+
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.reading import DepthReading, require_size
-from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers
+from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers, Mark
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     by_name,
@@ -58,14 +60,18 @@ def exr_depth_numbers(
     view = f" in view {header.shown}" if header.shown else ""
     words = (f"EXR {kind} channel {chosen.name}{place}{view}", header.cut_note(overscan))
     window = header.display.grown(overscan)
-    transparency = None if alpha is None else parts[header.index].channels[alpha]
+    outside = np.ones((window.height, window.width), bool)
+    outside[window.cut(header.data)] = False
+    marks = [Mark(outside, np.nan, "")] * bool(outside.any())
+    if alpha is not None:
+        empty = parts[header.index].channels[alpha][:] == 0
+        marks.append(Mark(empty, np.inf, "sky where alpha is 0"))
     return DepthNumbers(
         pixels,
         "integer EXR" if pixels.dtype.kind in "iu" else "EXR",
         ", ".join(filter(None, words)),
         channel=chosen.name,
-        nothing=None if transparency is None else transparency[:] == 0,
-        within=window.cut(header.data),
+        marks=tuple(marks),
         data_window="" if header.data.covers(window) else str(header.data),
     )
 

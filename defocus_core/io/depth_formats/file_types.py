@@ -24,7 +24,7 @@ from defocus_core.io.array_files import (
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.photo_depth import PhotoDepth, read_gdepth, read_heic
 from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
-from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers
+from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers, Mark
 from defocus_core.io.depth_formats.sidecars import completed
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.raster import Raster, choose_page, pnm_top, read_pages, read_samples
@@ -90,12 +90,13 @@ def _from_arrays(
     row, entries = reading.row, read_entries(path)
     name = _array_name(path, entries, reading)
     values = _frame(path, entries[name], kind, reading, size)
-    holes = None
-    if row.holes and row.holes in entries and name != row.holes:
+    marks: tuple[Mark, ...] = ()
+    if row.holes in entries and name != row.holes:
         holes = _frame(path, entries[row.holes], kind, reading, size) == 0
+        marks = (Mark(holes, np.nan, f"holes of {row.holes}"),)
     words = f"{kind} array {name}" if name else kind
     kind = "integer NPY" if kind == "NPY" and values.dtype.kind in "iu" else kind
-    return DepthNumbers(values, kind, words, channel=name, holes=holes)
+    return DepthNumbers(values, kind, words, channel=name, marks=marks)
 
 
 def _array_name(path: Path, entries: Mapping[str, ArrayEntry], reading: DepthReading) -> str:

@@ -19,8 +19,7 @@ from defocus_core.io.depth_formats.rules import (
     Decoding,
     DepthFormat,
     DepthNumbers,
-    depth_range,
-    disparity_range,
+    linear,
 )
 from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS, usual_unit
 from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
@@ -340,7 +339,12 @@ def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
     if near == far:
         problem = "has the same distance twice"
         raise UsageProblem("out-of-range", problem, "give two distances", field="depth-range")
+    _within(declared)
     return near, far
+
+
+def _ends_in_words(samples: DepthNumbers, ends: tuple[float, float]) -> str:
+    return f"0 is {ends[0]:.6g} m and {samples.top:.6g} is {ends[1]:.6g} m"
 
 
 def _within(declared: Declared) -> None:
@@ -363,10 +367,8 @@ def _within(declared: Declared) -> None:
 def _depth_decoding(declared: Declared) -> Decoding:
     reading, row, samples = declared.reading, declared.row, declared.samples
     if (ends := _ends(declared, disparity=False)) is not None:
-        _within(declared)
-        scale, shift = depth_range(*ends, samples.top)
-        words = f"depth, 0 is {ends[0]:.6g} m and {samples.top:.6g} is {ends[1]:.6g} m"
-        return Decoding("scale", scale, shift, words=words)
+        scale, shift = linear(*ends, samples.top)
+        return Decoding("scale", scale, shift, words=f"depth, {_ends_in_words(samples, ends)}")
     if "depth-scale" in row.needs and reading.depth_scale is None:
         ask(declared, "depth-scale", "METRES")
     unit = reading.depth_unit
@@ -392,11 +394,10 @@ def _depth_decoding(declared: Declared) -> Decoding:
 
 def _disparity_decoding(declared: Declared) -> Decoding:
     reading, row = declared.reading, declared.row
+    samples = declared.samples
     if (ends := _ends(declared, disparity=True)) is not None:
-        _within(declared)
-        top = declared.samples.top
-        scale, shift = disparity_range(*ends, top)
-        words = f"disparity, 0 is {ends[1]:.6g} m and {top:.6g} is {ends[0]:.6g} m"
+        scale, shift = linear(1 / ends[1], 1 / ends[0], samples.top)  # 1 / inf is 0
+        words = f"disparity, {_ends_in_words(samples, ends[::-1])}"
         return Decoding("inverse", scale, shift, words=words)
     if row.per_metre:
         unit, words = UNITS[reading.depth_unit or "m"], f"{row.name}, {row.source or '1 / z'}"

@@ -9,11 +9,10 @@ Three kinds of rule are enough for every row. Numbers v of the file become
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +27,14 @@ _EDGE, _WHOLE = (0.05, 0.9), 0.995
 _ENOUGH, _MAXIMUM = 12, 0.8
 
 
+class Mark(NamedTuple):
+    """Pixels whose depth another channel, array or file says."""
+
+    pixels: NDArray[np.bool_]  # [H, W]
+    depth: float  # inf is sky, NaN no depth
+    words: str  # for people; empty if they need not know
+
+
 @dataclass(frozen=True)
 class DepthNumbers:
     """The numbers of a depth file."""
@@ -39,12 +46,7 @@ class DepthNumbers:
     words: str  # type of the file and of its numbers, for people
     channel: str = ""  # name in the file; empty where it has none
     metadata: Mapping[str, Any] = field(default_factory=dict)  # of the file, by key
-    # Pixels of an alpha of 0, where that means sky, [H, W]
-    nothing: NDArray[np.bool_] | None = None
-    # Pixels without depth by another array of the file, [H, W]
-    holes: NDArray[np.bool_] | None = None
-    # Rows and columns that the file has; the others have no depth. None of all
-    within: tuple[slice, slice] | None = None
+    marks: tuple[Mark, ...] = ()  # in order: a later one wins
     data_window: str = ""  # its data window in words, if it does not cover the picture
 
     @property
@@ -295,15 +297,6 @@ def _cosine(
     return cosine
 
 
-def disparity_range(near: float, far: float, top: float) -> tuple[float, float]:
-    """Scale and shift with which number 0 is the disparity 1/far, and `top` is 1/near.
-
-    `near`: metres; `far`: metres, or inf.
-    """
-    minimum = 0.0 if math.isinf(far) else 1 / far
-    return (1 / near - minimum) / top, minimum
-
-
-def depth_range(near: float, far: float, top: float) -> tuple[float, float]:
-    """Scale and shift with which number 0 is `near`, and `top` is `far`; both in metres."""
-    return (far - near) / top, near
+def linear(at_zero: float, at_top: float, top: float) -> tuple[float, float]:
+    """Scale and shift with which number 0 is one value, and `top` another."""
+    return (at_top - at_zero) / top, at_zero

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import open_plain
-from defocus_core.io.depth_formats.rules import DepthFormat, Mask
+from defocus_core.io.depth_formats.rules import DepthFormat, Mark, Mask, linear
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import MALFORMED, decoding
 
@@ -139,8 +139,8 @@ def _linear(
     rule: str,
 ) -> DepthFormat:
     """A format whose numbers are linear in z, or 1/z, from that of 0 to that of the greatest."""
-    scale = (ends[1] - ends[0]) / float(metadata["top"])
-    return replace(row, source=source, rule=rule, scale=scale, shift=ends[0], per_metre=True)
+    scale, shift = linear(*ends, float(metadata["top"]))
+    return replace(row, source=source, rule=rule, scale=scale, shift=shift, per_metre=True)
 
 
 def _calibrated(
@@ -197,17 +197,18 @@ def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     return {role: file for role, file in files.items() if file is not None}
 
 
-def marked_pixels(
-    mask: Mask, path: Path, shape: tuple[int, int]
-) -> tuple[NDArray[np.bool_], Path] | None:
-    """Where a mask marks pixels, [H, W], and its file; None if there is no such file."""
+def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark | None:
+    """What a mask of a depth file marks; None if there is no such file."""
     place = _mask_file(mask, path)
     if place is None:
         return None
     values = _mask_values(place, shape, path)
     if isinstance(mask.where, int):
-        return values == mask.where, place
-    return (values == 0) == (mask.where == "zero"), place
+        pixels = values == mask.where
+    else:
+        pixels = (values == 0) == (mask.where == "zero")
+    depth = math.nan if mask.marks == "invalid" else math.inf
+    return Mark(pixels, depth, f"mask {place.name}")
 
 
 def _mask_file(mask: Mask, path: Path) -> Path | None:

@@ -25,7 +25,7 @@ from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.channel_choice import is_depth
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
 from defocus_core.io.exr.header import Header
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
+from defocus_core.io.exr.windows import Overscan, Window
 
 _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
@@ -70,7 +70,7 @@ def deep_layers(
     header: Header,
     names: tuple[str, ...],
     keeping: Keeping,
-    overscan: Overscan = NO_OVERSCAN,
+    overscan: Overscan,
 ) -> DeepLayers:
     """The samples as layers, of which there are as many as the pixel with most samples needs."""
     frame, crowded = header.display.grown(overscan), 0

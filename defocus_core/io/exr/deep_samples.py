@@ -32,7 +32,7 @@ _AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
 # cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
 _ANY, _RATIO = 1 << 26, 250
 _DTYPES = {"uint": "<u4", "half": "<f2", "float": "<f4"}
-_COMPRESSIONS = NONE, RLE, ZIPS = 0, 1, 2
+_COMPRESSIONS = NONE, ZIPS = 0, 2  # RLE is hardly written
 
 
 class Samples(NamedTuple):
@@ -123,7 +123,7 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
     compression = attributes["compression"].value[0]
     channels = tuple(channels_of(attributes["channels"].value))
     if compression not in _COMPRESSIONS:
-        raise ValueError(f"deep samples of compression {compression}")
+        raise ValueError(f"deep samples of compression {compression}, not none or ZIPS")
     if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, x1 - x0 + 1):
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
     number = header.index if version & MULTIPART else None
@@ -229,24 +229,11 @@ def _unpack(data: bytes, size: int, compression: int) -> bytes:
     """So many bytes, from what they were packed to; as they are if packing made them no smaller."""
     if compression == NONE or len(data) == size:
         unpacked = data
-    elif compression == RLE:
-        unpacked = _order(_run_lengths(data, size))
     else:
         unpacked = _order(zlib.decompressobj().decompress(data, size + 1)) if size else b""
     if len(unpacked) != size:
         raise ValueError(f"{len(unpacked)} bytes in place of {size}")
     return unpacked
-
-
-def _run_lengths(data: bytes, size: int) -> bytes:
-    """Runs: below 0, so many bytes as they are; else a byte once more than so many times."""
-    unpacked, at = bytearray(), 0
-    while at < len(data) and len(unpacked) <= size:
-        (count,) = struct.unpack_from("<b", data, at)
-        run = data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
-        unpacked += run
-        at += 1 - count if count < 0 else 2
-    return bytes(unpacked)
 
 
 def _order(data: bytes) -> bytes:

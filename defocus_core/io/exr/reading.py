@@ -25,9 +25,6 @@ from defocus_core.system.interrupts import delayed_signals
 if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
 
-if TYPE_CHECKING:
-    from defocus_core.io.exr.deep_layers import DeepLayers
-
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
@@ -83,20 +80,6 @@ def read_parts(
     opening = nullcontext() if all(header.deep for header in headers) else opened(path)
     with decoding(path), quiet(), _unlimited(), opening as file:
         return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
-
-
-def read_layers(
-    path: Path,
-    header: Header,
-    names: tuple[str, ...],
-    keeping: Keeping = IN_MEMORY,
-    overscan: Overscan = NO_OVERSCAN,
-) -> DeepLayers:
-    """The samples of a deep part as layers."""
-    from defocus_core.io.exr.deep_layers import deep_layers
-
-    with decoding(path), quiet(), _unlimited():
-        return deep_layers(path, header, names, keeping, overscan)
 
 
 def _part(

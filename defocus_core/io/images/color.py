@@ -140,27 +140,47 @@ def read_color(
     `original`: whether the sharp picture inside a photograph is taken, where there is one;
     `carried`: whether further channels of an EXR file are read.
     """
-    head = read_head(path)
-    if is_exr(head):
-        return read_exr_color(
-            path,
-            layer=layer,
-            part=part,
-            view=view,
-            blur_channels=blur_channels,
-            keeping=keeping,
-            overscan=overscan,
-            carried=carried,
-        )
-    if path.suffix.lower() == ".exr":
-        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
-    if layer is not None:
-        remedy = "leave it out"
-        raise UsageProblem("idle-option", f"{path} has no layers", remedy, field="color-layer")
-    if blur_channels:
-        problem = f"{path} has no further channels"
-        raise UsageProblem("idle-option", problem, "leave it out", field="blur-channels")
-    return _no_exr(path, part, keeping, original=original)
+    if not is_exr(read_head(path)):
+        if path.suffix.lower() == ".exr":
+            remedy = "check what wrote it"
+            raise InputError("wrong-type", "is not an OpenEXR file", remedy, path=path)
+        for option, value in (("color-layer", layer), ("blur-channels", blur_channels)):
+            if value:
+                problem = f"{path} has no channels to choose from"
+                raise UsageProblem("idle-option", problem, "leave it out", field=option)
+        return _no_exr(path, part, keeping, original=original)
+    every = read_headers(path)
+    headers = in_view(path, every, view)
+    chosen = choose_color(path, headers, layer=layer, part=part)
+    own = (chosen.header.index, *chosen.channels.values())
+
+    def wanted(header: Header, name: str) -> bool:
+        return carried or (header.index == own[0] and name in own[1:])
+
+    parts = read_parts(path, headers, keeping, wanted, overscan)
+    channels, planes = _planes(parts[chosen.header.index], chosen, keeping, overscan)
+    extras, left_out = _extras(parts, chosen) if carried else ({}, ())
+    passes = light_passes(path, extras, blur_channels)
+    planes += [extras.pop(name) for name in passes]
+    attributes = {k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL}
+    if chosen.header.shown:
+        attributes["view"] = Raw("string", chosen.header.shown.encode())
+    return Color(
+        planes=_one_type(planes, keeping),
+        channels=channels,
+        path=path,
+        passes=passes,
+        attributes=attributes,
+        extras=extras,
+        pixel_aspect=_aspect(chosen.header),
+        corner=(chosen.header.display.x0, chosen.header.display.y0),
+        data=reduce(Window.united, (header.data for header in headers)),
+        overscan=overscan,
+        note=_exr_note(chosen, overscan),
+        warnings=tuple(filter(None, [default_warning(every, view)])),
+        left_out=left_out,
+        compression=chosen.header.compression,
+    )
 
 
 def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -> Color:
@@ -265,52 +285,6 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
 
 _NEARLY_SQUARE = 1e-3  # difference of the sides of a pixel as a share of one
 _THUMBNAIL = "preview"  # attribute of an EXR header
-
-
-def read_exr_color(
-    path: Path,
-    *,
-    layer: str | None,
-    part: int | None,
-    view: str | None,
-    blur_channels: Sequence[str],
-    keeping: Keeping,
-    overscan: Overscan,
-    carried: bool,
-) -> Color:
-    """Decode the colour of an EXR file; the arguments are those of `read_color`."""
-    every = read_headers(path)
-    headers = in_view(path, every, view)
-    chosen = choose_color(path, headers, layer=layer, part=part)
-    own = (chosen.header.index, *chosen.channels.values())
-
-    def wanted(header: Header, name: str) -> bool:
-        return carried or (header.index == own[0] and name in own[1:])
-
-    parts = read_parts(path, headers, keeping, wanted, overscan)
-    channels, planes = _planes(parts[chosen.header.index], chosen, keeping, overscan)
-    extras, left_out = _extras(parts, chosen) if carried else ({}, ())
-    passes = light_passes(path, extras, blur_channels)
-    planes += [extras.pop(name) for name in passes]
-    attributes = {k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL}
-    if chosen.header.shown:
-        attributes["view"] = Raw("string", chosen.header.shown.encode())
-    return Color(
-        planes=_one_type(planes, keeping),
-        channels=channels,
-        path=path,
-        passes=passes,
-        attributes=attributes,
-        extras=extras,
-        pixel_aspect=_aspect(chosen.header),
-        corner=(chosen.header.display.x0, chosen.header.display.y0),
-        data=reduce(Window.united, (header.data for header in headers)),
-        overscan=overscan,
-        note=_exr_note(chosen, overscan),
-        warnings=tuple(filter(None, [default_warning(every, view)])),
-        left_out=left_out,
-        compression=chosen.header.compression,
-    )
 
 
 def _planes(

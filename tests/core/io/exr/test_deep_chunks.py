@@ -17,7 +17,7 @@ from defocus_core.io.exr.deep_samples import Strip, decoded, max_samples, summar
 from defocus_core.io.exr.header import raw_headers, read_headers
 from defocus_core.io.exr.windows import Window
 
-CODECS = ("NO", "RLE", "ZIPS")
+CODECS = ("NO", "ZIPS")
 
 
 def part(seed, codec, name=""):
