@@ -126,13 +126,12 @@ ANY = (*FLOATS, "16-bit PNG", "8-bit PNG", "8-bit RGB", "integer EXR", "integer 
 
 @dataclass(frozen=True)
 class Mask:
-    """An image or array beside the depth file that marks pixels."""
+    """An image or array beside the depth file that marks pixels without depth."""
 
     # Where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of the depth
-    # file, ``{folder}`` the name of its folder, ``{number}`` the last digits of the stem
+    # file, ``{folder}`` the name of its folder
     places: tuple[str, ...]
-    marks: str
-    where: str | int  # pixels it marks: ``zero``, ``nonzero``, or the number of a class
+    zeros: bool  # whether it marks them by 0, or by any other number
 
 
 @dataclass(frozen=True)

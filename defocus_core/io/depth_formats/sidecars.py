@@ -6,7 +6,6 @@ Also the metadata of the file itself: HEIC's and GDepth's properties.
 from __future__ import annotations
 
 import configparser
-import json
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -50,11 +49,6 @@ def _text(path: Path) -> str:
         return file.read(_LONGEST)
 
 
-def _number_at_end(path: Path) -> str:
-    digits = re.search(r"(\d+)\D*$", path.stem)
-    return digits[1] if digits else path.stem
-
-
 def _calib(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     """Middlebury: ``cam0=[f 0 cx; 0 f cy; 0 0 1]``, ``doffs=``, ``baseline=`` in mm."""
     lines = dict(line.split("=", 1) for line in _text(path).splitlines() if "=" in line)
@@ -80,26 +74,9 @@ def _parameters(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     return _calibrated(row, path.name, focal, baseline, focal * baseline / focus)
 
 
-def _cityscapes(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
-    """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
-    camera = json.loads(_text(path))
-    focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
-    return _calibrated(row, path.name, focal, baseline, -1 / 256)
-
-
-def _cityscapes_cameras(path: Path) -> list[Path]:
-    """Where the camera of disparity/SPLIT/CITY/STEM_disparity.png may lie."""
-    name = f"{path.stem.removesuffix('_disparity')}_camera.json"
-    places = [path.with_name(name)]
-    if len(path.parents) > 3:
-        split, city = path.parent.parent.name, path.parent.name
-        places.append(path.parents[3] / "camera" / split / city / name)
-    return places
-
-
 def _intrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
     """Spring: a line ``fx fy cx cy`` for each frame, the first of which is 1."""
-    frame = int(_number_at_end(depth))
+    frame = int(re.findall(r"\d+", depth.stem)[-1])
     line = [line for line in _text(path).splitlines() if line.strip()][max(frame - 1, 0)]
     focal = _positive(float(line.split()[0]))
     return replace(row, source=f"{path.name}, frame {frame}", focal_px=focal)
@@ -171,7 +148,6 @@ _SIDECARS = {
     "calib.txt": _Sidecar(lambda path: [path.with_name("calib.txt")], _calib),
     "dmin.txt": _Sidecar(lambda path: [path.with_name("dmin.txt")], _dmin),
     "parameters.cfg": _Sidecar(lambda path: [path.with_name("parameters.cfg")], _parameters),
-    "camera.json": _Sidecar(_cityscapes_cameras, _cityscapes),
     "intrinsics.txt": _Sidecar(
         lambda path: [
             path.with_name("intrinsics.txt"),
@@ -203,17 +179,12 @@ def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark | None:
     if place is None:
         return None
     values = _mask_values(place, shape, path)
-    if isinstance(mask.where, int):
-        pixels = values == mask.where
-    else:
-        pixels = (values == 0) == (mask.where == "zero")
-    depth = math.nan if mask.marks == "invalid" else math.inf
-    return Mark(pixels, depth, f"mask {place.name}")
+    return Mark((values == 0) == mask.zeros, math.nan, f"mask {place.name}")
 
 
 def _mask_file(mask: Mask, path: Path) -> Path | None:
     """The mask of a depth file; None if there is none."""
-    words = {"stem": path.stem, "folder": path.parent.name, "number": _number_at_end(path)}
+    words = {"stem": path.stem, "folder": path.parent.name}
     places = (path.parent / template.format(**words) for template in mask.places)
     return next((place for place in places if place.is_file() and place != path), None)
 

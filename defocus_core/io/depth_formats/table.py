@@ -57,34 +57,6 @@ STEREO_DATASETS = (
         aliases=("flyingthings3d", "monkaa", "driving"),
     ),
     DepthFormat(
-        "cityscapes",
-        "Cityscapes, disparity: (v - 1) / 256 px",
-        ("16-bit PNG",),
-        rule="inverse",
-        scale=1 / 256,
-        invalid=(0,),
-        sidecar="camera.json",
-    ),
-    DepthFormat(
-        "irs",
-        "IRS",
-        ("EXR",),
-        rule="inverse",
-        channels=("G", "*"),
-        invalid=(0,),
-        focal_px=480.0,
-        baseline=0.1,
-    ),
-    DepthFormat(
-        "unrealstereo4k",
-        "UnrealStereo4K",
-        ("NPY",),
-        rule="inverse",
-        invalid=(0,),
-        invalid_infinity=True,
-        note="‹baseline› is the distance of Extrinsics0 and Extrinsics1",
-    ),
-    DepthFormat(
         "spring",
         "Spring, .dsp5 at twice the size",
         ("HDF5",),
@@ -113,7 +85,7 @@ NETWORKS = (
         "MoGe, depth.exr",
         ("EXR",),
         invalid_infinity=True,
-        mask=Mask(("mask.png", "{stem}_mask.png"), "invalid", "zero"),
+        mask=Mask(("mask.png", "{stem}_mask.png"), zeros=True),
         unitless=True,
         note="version 1 has no scale: give ‹depth-scale›",
     ),
@@ -327,8 +299,7 @@ DEPTH_DATASETS = (
                 *("{stem}_invalid.png", "invalid/{stem}.png", "../invalid/{stem}.png"),
                 "../../invalid/{folder}/{stem}.png",
             ),
-            "invalid",
-            "nonzero",
+            zeros=False,
         ),
     ),
     DepthFormat(
@@ -361,7 +332,7 @@ DEPTH_DATASETS = (
         "matterport", "Matterport3D, undistorted_depth_images", _PNG16, scale=1 / 4000, invalid=(0,)
     ),
     DepthFormat(
-        "diode", "DIODE", ("NPY",), invalid=(0,), mask=Mask(("{stem}_mask.npy",), "invalid", "zero")
+        "diode", "DIODE", ("NPY",), invalid=(0,), mask=Mask(("{stem}_mask.npy",), zeros=True)
     ),
     DepthFormat(
         "eth3d",
@@ -399,20 +370,6 @@ DEPTH_DATASETS = (
         channels=("Depth", *UNREAL_DEPTH, "*.Depth"),
         sky=_BEYOND_20000,
     ),
-    DepthFormat(
-        "urbansyn",
-        "UrbanSyn",
-        ("EXR",),
-        scale=1e5,
-        mask=Mask(("{stem}_ss.png", "../ss/ss_{number}.png"), "sky", 10),
-    ),
-    DepthFormat(
-        "synscapes",
-        "Synscapes",
-        ("EXR",),
-        channels=("Z",),
-        mask=Mask(("{stem}_class.png", "../class/{stem}.png"), "sky", 23),
-    ),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
     DepthFormat(
         "megadepth",
@@ -440,8 +397,7 @@ DEPTH_DATASETS = (
         sky=65535,
         mask=Mask(
             ("{stem}_mask_invalid.png", "mask_invalid/{stem}.png", "../mask_invalid/{stem}.png"),
-            "invalid",
-            "zero",
+            zeros=True,
         ),
         note="mask_invalid is true where the depth is valid",
     ),

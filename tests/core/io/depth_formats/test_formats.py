@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -118,28 +117,14 @@ def _diode(folder):
 
 
 def _eth3d(folder):
-    values = np.broadcast_to(np.arange(1, 6049, dtype="<f4"), (4032, 6048)).copy()
-    values[1:, :] += 1
-    values[0, 0] = INF
-    (folder / "a.JPG").write_bytes(values.tobytes())
-    values[0, 0] = NAN
-    return Example(folder / "a.JPG", values)
+    (folder / "a.JPG").write_bytes(marked(hole=INF).astype("<f4").tobytes())
+    return Example(folder / "a.JPG", metres(hole=True))
 
 
 def _float16(folder, *options, factor=1.0):
     halves = marked(hole=0).astype(np.float16)
     path = png(folder / "a.png", halves.view(np.uint16))
     return Example(path, metres(hole=True) * factor, options)
-
-
-def _class_mask(folder, name, number, scale):
-    (folder / "depth").mkdir()
-    classes = marked(np.full((3, 4), 7), sky=number)
-    place = folder / name.format(stem="a_0003", number="0003")
-    place.parent.mkdir(exist_ok=True)
-    png(place, classes, np.uint8)
-    path = write_exr(folder / "depth" / "a_0003.exr", Z=np.float32(DEPTH / scale))
-    return Example(path, metres(sky=True), rtol=1e-5)
 
 
 def _ibims1(folder):
@@ -173,17 +158,6 @@ def _middlebury2006(folder):
     numbers = np.round(3740 * 0.16 / (DEPTH + 2) - 20)
     depth = marked(3740 * 0.16 / (numbers + 20), hole=NAN)
     return Example(png(folder / "disp1.png", marked(numbers, hole=0), np.uint8), depth)
-
-
-def _cityscapes(folder):
-    own, cameras = (folder / name / "train" / "ulm" for name in ("disparity", "camera"))
-    for made in (own, cameras):
-        made.mkdir(parents=True)
-    camera = {"intrinsic": {"fx": 226.252}, "extrinsic": {"baseline": 0.209313}}
-    (cameras / "ulm_000001_000019_camera.json").write_text(json.dumps(camera))
-    numbers = np.round(256 * 226.252 * 0.209313 / DEPTH + 1)
-    path = png(own / "ulm_000001_000019_disparity.png", marked(numbers, hole=0))
-    return Example(path, metres(hole=True), rtol=1e-3)
 
 
 def _spring(folder):
@@ -288,10 +262,6 @@ def _npy_of(folder, *options, hole=None, sky=None):
     return Example(path, metres(hole=hole is not None, sky=sky is not None), options)
 
 
-def _irs(folder):
-    return Example(exr(folder, "G", marked(48 / DEPTH, hole=0)), metres(hole=True))
-
-
 def _nuke(folder):
     path = exr(folder, "depth.Z", marked(1 / DEPTH, sky=0), R=DEPTH, G=DEPTH, B=DEPTH)
     return Example(path, metres(sky=True))
@@ -351,8 +321,6 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "co3d": lambda f: _float16(f, "--depth-scale", "0.5", factor=0.5),
     "mvs-synth": lambda f: _exr_of(f, "Z", sky=INF),
     "bedlam": lambda f: _exr_of(f, "Depth", sky=30000.0, factor=100, R=DEPTH, G=DEPTH, B=DEPTH * 2),
-    "urbansyn": lambda f: _class_mask(f, "ss/ss_{number}.png", 10, 1e5),
-    "synscapes": lambda f: _class_mask(f, "class/{stem}.png", 23, 1),
     "3dkenburns": lambda f: _exr_of(f, "Z", sky=30000.0, factor=1000),
     "megadepth": lambda f: Example(
         of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, ("--depth-scale", "3")
@@ -373,13 +341,6 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
         ("--focal-px", "900", "--baseline", "10cm"),
     ),
     "sceneflow": _sceneflow,
-    "cityscapes": _cityscapes,
-    "irs": _irs,
-    "unrealstereo4k": lambda f: Example(
-        npy(f / "a.npy", marked(1000 * 0.5 / DEPTH, hole=0)),
-        metres(hole=True),
-        ("--focal-px", "1000", "--baseline", "50cm"),
-    ),
     "spring": _spring,
     "hci-lightfield": _hci,
     "moge": _moge,
@@ -423,7 +384,7 @@ def test_every_format_has_an_example():
     assert EXAMPLES.keys() == FORMATS.keys()
 
 
-@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"coc"}))  # which holds no depth
+@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"coc", "eth3d"}))  # no depth, no size
 def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
     example = EXAMPLES[name](tmp_path)
     out = tmp_path / "out.exr"
@@ -450,7 +411,8 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name, tmp_path):
             continue
         text = f"{words.pop(0)} {words.pop(0)}" if option == "depth-range" else words.pop(0)
         fields[option.replace("-", "_")] = READING_OPTIONS[option].parse(text)
-    depth = read_depth(example.path, make_reading(fields, {}))
+    size = DEPTH.shape[::-1] if name == "eth3d" else None
+    depth = read_depth(example.path, make_reading(fields, {}), size=size)
     np.testing.assert_array_equal(depth.invalid, np.isnan(example.metres))
     np.testing.assert_array_equal(np.isposinf(depth.metres), np.isposinf(example.metres))
     if depth.invalid.any():
@@ -477,7 +439,6 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name, tmp_path):
         ("middlebury", r"leaves --focal-px and --baseline open: there is no calib\.txt beside"),
         ("hci-lightfield", r"there is no parameters\.cfg beside"),
         ("spring", r"leaves --focal-px open: there is no intrinsics\.txt beside"),
-        ("unrealstereo4k", "leaves --focal-px and --baseline open"),
         ("disparity", "--focal-px PX and --baseline 65mm, or --depth-range NEAR FAR, or"),
     ],
 )

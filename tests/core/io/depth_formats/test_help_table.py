@@ -42,7 +42,7 @@ def rule(row):
     if "depth-range" in row.needs:
         return "1/z linear in v" if row.rule == "inverse" else "z linear in v"
     if row.rule == "inverse":
-        sidecars = ("calib.txt", "dmin.txt", "parameters.cfg", "camera.json")
+        sidecars = ("calib.txt", "dmin.txt", "parameters.cfg")
         shifted = row.name == "disparity" or row.sidecar in sidecars
         scaled = f"({scaled} + doffs)" if shifted else f"({scaled})" if "/" in scaled else scaled
         known = [f"f = {number(row.focal_px)} px"] if row.focal_px else []
@@ -57,8 +57,7 @@ def marks(row):
     invalid += [f"{row.holes} 0"] * bool(row.holes)
     sky = [f"≥ {number(row.sky)}"] * (row.sky != SKY) + [number(n) for n in row.sky_numbers]
     sky += ["alpha 0"] * row.alpha
-    if row.mask is not None:
-        (invalid if row.mask.marks == "invalid" else sky).append("mask")
+    invalid += ["mask"] * (row.mask is not None)
     told = [f"invalid {', '.join(invalid)}"] * bool(invalid) + [f"sky {', '.join(sky)}"] * bool(sky)
     return "; ".join(told) or "–"
 
