@@ -22,7 +22,7 @@ from defocus_core.io.array_files import (
     wrong_shape,
 )
 from defocus_core.io.arrays import Keeping
-from defocus_core.io.depth_formats.photo_depth import PhotoDepth, read_gdepth, read_heic
+from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
 from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers, Mark
 from defocus_core.io.depth_formats.sidecars import completed
@@ -52,36 +52,30 @@ def numbers_of(
     if kind:
         return _from_arrays(path, reading, kind, size)
     if is_heic(head):
-        samples = _from_photo(path, read_heic(path), "HEIC", reading)
+        samples = _from_photo(path, read_heic(path), reading)
     elif is_jpeg(head) and (
         "GDepth" in row.files or (not reading.depth_format and own_format(path))
     ):
-        samples = _from_photo(path, read_gdepth(path), "GDepth", reading)
+        samples = _from_photo(path, read_gdepth(path), reading)
     else:
         samples = _from_raster(path, reading, keeping, size)
     require_size(path, reading, samples.values.shape, size)
     return samples
 
 
-def _from_photo(
-    path: Path, photo: PhotoDepth, file_type: str, reading: DepthReading
-) -> DepthNumbers:
-    """Numbers of a depth image in a photograph, of unsigned integers; relative ones as 1 / z."""
-    metadata = {**photo.metadata, "top": 2.0 ** (8 * photo.values.itemsize) - 1}
-    words = f"{file_type} depth image"
-    if not reading.relative and file_type == "GDepth" and "Units" not in metadata:
-        problem, remedy = (
-            "has GDepth without Units, which is relative",
-            "say ‹blur› 20px ‹focus-at› X,Y",
-        )
-        raise InputError("unknown-unit", problem, f"{remedy} instead of a lens", path=path)
+def _from_photo(path: Path, photo: DepthNumbers, reading: DepthReading) -> DepthNumbers:
+    """Numbers of a depth image in a photograph; relative ones as 1 / z."""
+    if not reading.relative and photo.type == "GDepth" and "Units" not in photo.metadata:
+        problem = "has GDepth without Units, which is relative"
+        remedy = "say ‹blur› 20px ‹focus-at› X,Y instead of a lens"
+        raise InputError("unknown-unit", problem, remedy, path=path)
     if not reading.relative:
-        return DepthNumbers(photo.values, file_type, words, metadata=metadata)
-    row = replace(reading.row, sidecar=file_type.lower())
-    row = completed(row, path, {"Units": "m", **metadata})
+        return photo
+    row = replace(reading.row, sidecar=photo.type.lower())
+    row = completed(row, path, {"Units": "m", **photo.metadata})
     numbers = photo.values.astype(np.float32) * row.scale + row.shift
     near = np.float32(1) / numbers if row.rule == "scale" else numbers
-    return DepthNumbers(near.astype(np.float32), file_type, words, metadata=metadata)
+    return replace(photo, values=near.astype(np.float32))
 
 
 def _from_arrays(

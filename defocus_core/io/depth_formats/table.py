@@ -10,6 +10,8 @@ fields are in `rules`. The rows are of stereo data sets, networks, renderers, da
 
 from __future__ import annotations
 
+from functools import partial
+
 from defocus_core.io.depth_formats.rules import (
     ANY,
     FLOATS,
@@ -18,6 +20,10 @@ from defocus_core.io.depth_formats.rules import (
     DepthNumbers,
     Mask,
 )
+
+# What rows have in common: 16 bits of which 0 is a hole, and EXR in units of a scene.
+_png16 = partial(DepthFormat, files=("16-bit PNG",), invalid=(0,))
+_exr = partial(DepthFormat, files=("EXR",), unitless=True)
 
 STEREO_DATASETS = (
     DepthFormat(
@@ -80,13 +86,11 @@ STEREO_DATASETS = (
 _PICTURES = ("16-bit PNG", "8-bit PNG")
 
 NETWORKS = (
-    DepthFormat(
+    _exr(
         "moge",
         "MoGe, depth.exr",
-        ("EXR",),
         invalid_infinity=True,
         mask=Mask(("mask.png", "{stem}_mask.png"), zeros=True),
-        unitless=True,
         note="version 1 has no scale: give ‹depth-scale›",
     ),
     DepthFormat("depth-pro", "Depth Pro", ("NPZ",), channels=("depth",)),
@@ -160,12 +164,10 @@ RENDERERS = (
         channels=("coc",),
         note="used as it is: of the lens, only ‹blades› and ‹blade-rotation› have an effect",
     ),
-    DepthFormat(
+    _exr(
         "blender",
         "Blender, pass Z",
-        ("EXR",),
         channels=("*.Depth.Z", "Depth.Z", "Z", "*.Depth.V", "Depth.V", "V"),
-        unitless=True,
         note=f"{_SCENE}; the pass Mist is no depth",
     ),
     DepthFormat(
@@ -177,14 +179,11 @@ RENDERERS = (
     ),
     DepthFormat("vision-blender", "VisionBlender", ("NPZ",), channels=("depth_map", "depth*", "*")),
     DepthFormat("kubric", "Kubric", ("float TIFF", "NPZ", "EXR"), geometry="ask"),
-    DepthFormat(
+    _exr(
         "mitsuba",
         "Mitsuba, AOV depth",
-        ("EXR",),
         channels=("depth", "*depth*", "*.T", "dd.y"),
         geometry="radial",
-        invalid=(0,),
-        unitless=True,
         note="some versions are off by the near clip",
     ),
     DepthFormat(
@@ -213,35 +212,27 @@ RENDERERS = (
         weights=(1.0, 256.0, 65536.0),
         sky=2.0**24 - 1,
     ),
-    DepthFormat(
+    _exr(
         "nuke-scanline",
         "Nuke, ScanlineRender, 1/z",
-        ("EXR",),
         rule="inverse",
         channels=("depth.Z", "Z"),
         per_metre=True,
-        unitless=True,
     ),
-    DepthFormat(
+    _exr(
         "arnold",
         "Arnold, Redshift, Karma",
-        ("EXR",),
         channels=("Z", "depth.Z", "*.Z"),
         alpha=True,
-        invalid=(0,),
-        unitless=True,
         note=_ALPHA,
         aliases=("redshift", "karma"),
     ),
-    DepthFormat(
+    _exr(
         "houdini",
         "Houdini, Pz: negative in front of the camera",
-        ("EXR",),
         scale=-1.0,
         channels=("Pz", "*.Pz", "*Pz"),
         alpha=True,
-        invalid=(0,),
-        unitless=True,
         note=_ALPHA,
     ),
     DepthFormat(
@@ -252,9 +243,7 @@ RENDERERS = (
         needs=("depth-range",),
         note="‹depth-range› is the distance of black, then of white",
     ),
-    DepthFormat(
-        "colmap", "COLMAP, depth_maps/*.bin", ("COLMAP",), invalid=(0,), unitless=True, note=_SCENE
-    ),
+    DepthFormat("colmap", "COLMAP, depth_maps/*.bin", ("COLMAP",), unitless=True, note=_SCENE),
 )
 
 
@@ -302,20 +291,18 @@ DEPTH_DATASETS = (
             zeros=False,
         ),
     ),
-    DepthFormat(
+    _png16(
         "png-mm",
         "millimetres: ScanNet, ScanNet++, NYU Depth V2 as PNG, Hypersim as Marigold prepares it, "
         "ARKitScenes, WildRGBD, HOI4D, UASOL, …",
-        _PNG16,
         scale=1 / 1000,
-        invalid=(0,),
         note="ARKitScenes: turn both pictures so that the sky is above",
         aliases=(
             *("scannet", "scannetpp", "nyu", "nyu-png", "hypersim-marigold", "arkitscenes"),
             *("arkit", "wildrgbd", "hoi4d", "uasol", "dp5k"),
         ),
     ),
-    DepthFormat("kitti", "KITTI depth, sparse", _PNG16, scale=1 / 256, invalid=(0,)),
+    _png16("kitti", "KITTI depth, sparse", scale=1 / 256),
     DepthFormat(
         "vkitti2", "Virtual KITTI 2", _PNG16, scale=1 / 100, sky=65500, aliases=("vkitti",)
     ),
@@ -328,12 +315,8 @@ DEPTH_DATASETS = (
         holes="rawDepths",
         note="‹part› N chooses the frame; pixels without raw depth are invalid",
     ),
-    DepthFormat(
-        "matterport", "Matterport3D, undistorted_depth_images", _PNG16, scale=1 / 4000, invalid=(0,)
-    ),
-    DepthFormat(
-        "diode", "DIODE", ("NPY",), invalid=(0,), mask=Mask(("{stem}_mask.npy",), zeros=True)
-    ),
+    _png16("matterport", "Matterport3D, undistorted_depth_images", scale=1 / 4000),
+    DepthFormat("diode", "DIODE", ("NPY",), mask=Mask(("{stem}_mask.npy",), zeros=True)),
     DepthFormat(
         "eth3d",
         "ETH3D, ground_truth_depth without a header",
@@ -342,26 +325,16 @@ DEPTH_DATASETS = (
         invalid_infinity=True,
         note="pairs with the distorted pictures",
     ),
-    DepthFormat(
-        "pointodyssey", "PointOdyssey", _PNG16, scale=1000 / 65535, invalid=(0,), sky=65535
-    ),
-    DepthFormat(
-        "dynamicreplica",
-        "Dynamic Replica, float16 in 16 bits",
-        _PNG16,
-        bits="float16",
-        invalid=(0,),
-    ),
-    DepthFormat(
+    _png16("pointodyssey", "PointOdyssey", scale=1000 / 65535, sky=65535),
+    _png16("dynamicreplica", "Dynamic Replica, float16 in 16 bits", bits="float16"),
+    _png16(
         "co3d",
         "CO3D, float16 in 16 bits",
-        _PNG16,
         bits="float16",
-        invalid=(0,),
         needs=("depth-scale",),
         note="‹depth-scale› is scale_adjustment of frame_annotations.jgz",
     ),
-    DepthFormat("mvs-synth", "MVS-Synth", ("EXR",), unitless=True, note="units of the game"),
+    _exr("mvs-synth", "MVS-Synth", note="units of the game"),
     DepthFormat(
         "bedlam",
         "BEDLAM and BEDLAM2",
@@ -376,24 +349,19 @@ DEPTH_DATASETS = (
         "MegaDepth",
         ("HDF5",),
         channels=("depth",),
-        invalid=(0,),
         needs=("depth-scale",),
         note="without a metric scale: ‹depth-scale› says metres of 1",
     ),
-    DepthFormat(
+    _png16(
         "tum",
         "TUM RGB-D, Bonn, SmartPortraits",
-        _PNG16,
         scale=1 / 5000,
-        invalid=(0,),
         aliases=("bonn", "smartportraits"),
     ),
-    DepthFormat(
+    _png16(
         "ibims1",
         "iBims-1",
-        _PNG16,
         scale=50 / 65535,
-        invalid=(0,),
         sky=65535,
         mask=Mask(
             ("{stem}_mask_invalid.png", "mask_invalid/{stem}.png", "../mask_invalid/{stem}.png"),
@@ -402,9 +370,7 @@ DEPTH_DATASETS = (
         note="mask_invalid is true where the depth is valid",
     ),
     DepthFormat("infinigen", "Infinigen", ("NPY",), plane=0),
-    DepthFormat(
-        "scenenet-rgbd", "SceneNet RGB-D", _PNG16, scale=1 / 1000, geometry="radial", invalid=(0,)
-    ),
+    _png16("scenenet-rgbd", "SceneNet RGB-D", scale=1 / 1000, geometry="radial"),
 )
 
 

@@ -28,10 +28,15 @@ if TYPE_CHECKING:
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """OpenImageIO's input: to open a file reads the headers of all its parts."""
+    """OpenImageIO's input: to open a file reads the headers of all its parts.
+
+    Its own limits are lifted: `read_headers` has checked the size of the pictures.
+    """
     with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
+    for name in _LIMITS:
+        oiio.attribute(name, 0)
     file = oiio.ImageInput.open(str(path))
     if not file:
         raise damaged(path, first_line(path, oiio.geterror()))
@@ -40,15 +45,6 @@ def opened(path: Path) -> Iterator[Any]:
     finally:
         file.close()
         oiio.geterror()  # or the next file would be blamed
-
-
-def seek(path: Path, file: Any, header: Header) -> None:
-    """Turn an open file to a part, whose data window is the header's."""
-    if not file.seek_subimage(header.index, 0):
-        raise damaged(path, first_line(path, file.geterror()))
-    spec, (x0, y0, x1, y1) = file.spec(), header.data
-    if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
-        raise damaged(path, "two sizes in its header")
 
 
 _STRIP_BYTES = 1 << 23  # of pixels, decoded at once
@@ -78,7 +74,7 @@ def read_parts(
     """All parts of an EXR file, decoded."""
     headers = read_headers(path) if headers is None else headers
     opening = nullcontext() if all(header.deep for header in headers) else opened(path)
-    with decoding(path), quiet(), _unlimited(), opening as file:
+    with decoding(path), quiet(), opening as file:
         return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
 
 
@@ -114,8 +110,11 @@ def _pieces(
     path: Path, file: Any, header: Header, types: Mapping[str, str], keeping: Keeping
 ) -> Pieces:
     """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
-    seek(path, file, header)
+    if not file.seek_subimage(header.index, 0):
+        raise damaged(path, first_line(path, file.geterror()))
     spec, (x0, y0, x1, y1) = file.spec(), header.data
+    if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
+        raise damaged(path, "two sizes in its header")
     wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
     cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
     if spec.tile_width and keeping.scratch and cell_bytes > _LARGEST_TILE:
@@ -131,22 +130,6 @@ def _pieces(
     for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
         window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
         yield window, _decode(path, file, header.index, window, types)
-
-
-@contextmanager
-def _unlimited() -> Iterator[None]:
-    """Lift OpenImageIO's own limits: `read_headers` has checked the size of the pictures."""
-    with delayed_signals():
-        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
-    limits = {name: oiio.get_int_attribute(name) for name in _LIMITS}
-    try:
-        for name in limits:
-            oiio.attribute(name, 0)
-        yield
-    finally:
-        for name, limit in limits.items():
-            oiio.attribute(name, limit)
 
 
 def _decode(

@@ -272,7 +272,6 @@ def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path):
         for name, limit in limits.items():
             oiio.attribute(name, limit)
         (part,) = read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
-        assert {name: oiio.get_int_attribute(name) for name in limits} == limits
     finally:
         for name, limit in before.items():
             oiio.attribute(name, limit)
