@@ -20,7 +20,6 @@ from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading, own_format, resolved
 from defocus_core.io.depth_formats.rules import (
     HALF_MAX,
-    Decoding,
     DepthFormat,
     DepthNumbers,
     Mark,
@@ -209,8 +208,8 @@ def read_depth(
         samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
     values, division = divided(path, samples.values, alpha, reading.unpremultiply_depth, keeping)
     width = samples.width if size is None else size[0]
-    decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
-    metres, half_sky = _decode(replace(samples, values=values), decoding, keeping, overscan)
+    completed = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
+    metres, half_sky = _decode(replace(samples, values=values), completed, keeping, overscan)
     marks = _apply_marks(path, row, samples.marks, metres)
     if orientation != 1:
         from defocus_core.io.images.raster import upright
@@ -220,9 +219,9 @@ def read_depth(
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
         _refuse_scaled(path, values)
-    words = (samples.words, division, decoding.words, *marks)
+    words = (samples.words, division, completed.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
-    is_radius = decoding.rule == "radius"
+    is_radius = completed.rule == "radius"
     depth = Depth(
         metres,
         path,
@@ -309,20 +308,20 @@ def _is_behind(metres: Any) -> bool:
 
 
 def _decode(
-    samples: DepthNumbers, decoding: Decoding, keeping: Keeping, overscan: Overscan
+    samples: DepthNumbers, completed: DepthFormat, keeping: Keeping, overscan: Overscan
 ) -> tuple[Any, bool]:
     """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
     values = samples.values
     own = isinstance(values, Scratch) or (values.flags.owndata and values.flags.writeable)
     # Numbers that were read are not needed any more: metres take their place.
     metres = values if own and values.dtype == "=f4" else keeping.new(values.shape, np.float32)
-    half = values.dtype.newbyteorder("=") == np.float16 and decoding.sky <= HALF_MAX
+    half = values.dtype.newbyteorder("=") == np.float16 and completed.sky <= HALF_MAX
     half_sky, frame = False, (values.shape[0], values.shape[1])
     for rows in bands(values.shape):
         numbers = values[rows]
         half_sky |= half and bool((numbers == HALF_MAX).any())
         metres[rows] = decoded(
-            numbers, decoding, first_row=rows.start, frame=frame, overscan=overscan
+            numbers, completed, first_row=rows.start, frame=frame, overscan=overscan
         )
     return metres, half_sky
 

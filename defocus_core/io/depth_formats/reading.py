@@ -1,7 +1,4 @@
-"""How a depth file is to be read: what a user may say of it, and the decoding that it makes.
-
-A decoding comes of the format, the options of the user and a sidecar.
-"""
+"""How a depth file is to be read: what a user may say of it, which completes its format."""
 
 from __future__ import annotations
 
@@ -16,7 +13,6 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.rules import (
     HALF_MAX,
-    Decoding,
     DepthFormat,
     DepthNumbers,
     linear,
@@ -264,14 +260,14 @@ def resolved(
     *,
     picture_width: int,  # px of the colour, or of the depth if there is no colour
     lens_focal: float | None,
-) -> Decoding:
-    """The decoding of the numbers of a file to depth.
+) -> DepthFormat:
+    """The format of a file, completed by its sidecar and the user.
 
     `lens_focal`: focal length of the lens in widths of its sensor, None if there is no lens.
     """
     if reading.relative:
         near = "black" if reading.invert else "white"
-        return Decoding("radius", words=f"relative disparity, {near} near")
+        return replace(FORMATS["coc"], words=f"relative disparity, {near} near")
     row = reading.row
     if row.sidecar:
         from defocus_core.io.depth_formats.sidecars import completed
@@ -281,22 +277,16 @@ def resolved(
     rule = _rule(declared)
     refuse_idle(declared, rule)
     if rule == "radius":
-        return Decoding("radius", words="signed CoC radius in px")
-    decoding = (_disparity_decoding if rule == "inverse" else _depth_decoding)(declared)
+        return replace(row, words="signed CoC radius in px")
+    row = (_disparity_row if rule == "inverse" else _depth_row)(declared)
     sky = reading.sky
     if sky is None:
         sky = -math.inf if rule == "inverse" else _own_sky(samples, row)
     focal = focal_of(declared, picture_width, lens_focal)
-    geometry = "" if focal is None else f", radial with a focal length of {focal:.6g} px"
-    return replace(
-        decoding,
-        sky=sky,
-        sky_numbers=row.sky_numbers,
-        invalid=row.invalid,
-        invalid_infinity=row.invalid_infinity,
-        focal_px=focal,
-        words=f"{decoding.words}{geometry}",
-    )
+    if focal is None:
+        return replace(row, rule=rule, sky=sky, geometry="planar")
+    words = f"{row.words}, radial with a focal length of {focal:.6g} px"
+    return replace(row, rule=rule, sky=sky, geometry="radial", focal_px=focal, words=words)
 
 
 def _own_sky(samples: DepthNumbers, row: DepthFormat) -> float:
@@ -364,11 +354,12 @@ def _within(declared: Declared) -> None:
         raise InputError("out-of-range", problem, remedy, path=declared.path)
 
 
-def _depth_decoding(declared: Declared) -> Decoding:
+def _depth_row(declared: Declared) -> DepthFormat:
     reading, row, samples = declared.reading, declared.row, declared.samples
     if (ends := _ends(declared, disparity=False)) is not None:
         scale, shift = linear(*ends, samples.top)
-        return Decoding("scale", scale, shift, words=f"depth, {_ends_in_words(samples, ends)}")
+        words = f"depth, {_ends_in_words(samples, ends)}"
+        return replace(row, scale=scale, shift=shift, words=words)
     if "depth-scale" in row.needs and reading.depth_scale is None:
         ask(declared, "depth-scale", "METRES")
     unit = reading.depth_unit
@@ -388,38 +379,32 @@ def _depth_decoding(declared: Declared) -> Decoding:
         scale *= reading.depth_scale
         words = ", ".join(filter(None, (words, f"× {reading.depth_scale:g}")))
     if reading.depth_format is not None:
-        words = ", ".join(filter(None, (row.name, row.source, words)))
-    return Decoding("scale", scale, row.shift, words=words)
+        words = ", ".join(filter(None, (row.name, row.words, words)))
+    return replace(row, scale=scale, words=words)
 
 
-def _disparity_decoding(declared: Declared) -> Decoding:
-    reading, row = declared.reading, declared.row
-    samples = declared.samples
+def _disparity_row(declared: Declared) -> DepthFormat:
+    """A format of 1 / (scale · v + shift), be it by focal length and baseline."""
+    reading, row, samples = declared.reading, declared.row, declared.samples
     if (ends := _ends(declared, disparity=True)) is not None:
         scale, shift = linear(1 / ends[1], 1 / ends[0], samples.top)  # 1 / inf is 0
         words = f"disparity, {_ends_in_words(samples, ends[::-1])}"
-        return Decoding("inverse", scale, shift, words=words)
+        return replace(row, scale=scale, shift=shift, words=words)
+    scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
     if row.per_metre:
-        unit, words = UNITS[reading.depth_unit or "m"], f"{row.name}, {row.source or '1 / z'}"
-        scale = row.scale * (reading.depth_scale or 1.0)
-        return Decoding("inverse", scale, row.shift, unit, words=words)
-    return _by_calibration(declared)
-
-
-def _by_calibration(declared: Declared) -> Decoding:
-    """Disparity by focal length and baseline, or by a scale alone."""
-    reading, row = declared.reading, declared.row
+        words = f"{row.name}, {row.words or '1 / z'}"
+        return replace(row, scale=scale / UNITS[reading.depth_unit or "m"], words=words)
     focal = row.focal_px if reading.focal_px is None else reading.focal_px
     baseline = row.baseline if reading.baseline is None else reading.baseline / MM_PER_M
     doffs = row.shift if reading.doffs is None else reading.doffs
-    scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
-    source = f" by {row.source}" if row.source else ""
+    source = f" by {row.words}" if row.words else ""
     if focal is not None and baseline is not None:
         words = f"{row.name}, {focal:.6g} px × {baseline:.6g} m{source}"
-        return Decoding("inverse", scale, doffs, focal * baseline, words=words)
+        scale, doffs = scale / (focal * baseline), doffs / (focal * baseline)
+        return replace(row, scale=scale, shift=doffs, words=words)
     if focal is None and baseline is None and reading.depth_scale is not None:
         words = f"disparity, 1/z = {scale:g} v{f' + {doffs:g}' if doffs else ''}"
-        return Decoding("inverse", scale, doffs, words=words)
+        return replace(row, scale=scale, shift=doffs, words=words)
     missing = [n for n, value in zip(_CALIBRATION, (focal, baseline), strict=True) if value is None]
     names = " and ".join(f"‹{name}›" for name in missing)
     why = f": there is no {row.sidecar} beside {declared.path}" if row.sidecar else ""

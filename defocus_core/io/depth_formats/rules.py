@@ -136,7 +136,7 @@ class Mask:
 
 @dataclass(frozen=True)
 class DepthFormat:
-    """A depth convention: one row of the table."""
+    """A depth convention: a row of the table, which sidecar and user complete for a file."""
 
     name: str  # as ``depth_format`` has it
     title: str  # which data set, renderer or network writes it
@@ -164,35 +164,19 @@ class DepthFormat:
     invalid_infinity: bool = False  # whether +inf means no depth rather than sky
     sky: float = SKY  # numbers from this one on are sky
     sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
-    focal_px: float | None = None  # focal length in px of its pictures, where it is fixed
+    # Focal length in px of its pictures, where it is fixed; of a completed row, of this one
+    focal_px: float | None = None
     # Width of the pictures that `focal_px` is of; None for any width
     focal_width: int | None = None
     baseline: float | None = None  # metres between its two cameras, where it is fixed
     sidecar: str = ""  # name of what else holds a part of the rule, as `sidecars` has it
-    source: str = ""  # the sidecar that completed the row, for people
+    words: str = ""  # what completed the row, and in the end its rule, for people
     mask: Mask | None = None
     alpha: bool = False  # whether nothing is where the alpha of the EXR is 0
     needs: tuple[str, ...] = ()  # options without which it cannot be decoded
     unitless: bool = False  # whether its unit is that of a scene, so that ``depth_unit`` may say it
     note: str = ""  # what else a user should know
     aliases: tuple[str, ...] = field(default=())
-
-
-@dataclass(frozen=True)
-class Decoding:
-    """The decoding of one file: its format, completed by the user and the sidecar."""
-
-    rule: str  # scale, inverse or radius
-    scale: float = 1.0
-    shift: float = 0.0
-    focal_baseline: float = 1.0  # metres · px over disparity in px; 1 of disparity in 1/m
-    sky: float = SKY  # numbers from this one on are sky; of disparity, numbers up to this one
-    sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
-    invalid: tuple[float, ...] = ()  # single numbers that are no depth
-    invalid_infinity: bool = False  # whether +inf is no depth
-    # Of a distance to the point, the focal length of the picture; None of depth
-    focal_px: float | None = None
-    words: str = ""  # the rule, for people
 
 
 def unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
@@ -210,7 +194,7 @@ def unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
 
 def decoded(
     numbers: NDArray[Any],
-    decoding: Decoding,
+    row: DepthFormat,
     *,
     first_row: int = 0,
     frame: tuple[int, int] | None = None,
@@ -218,63 +202,64 @@ def decoded(
 ) -> NDArray[np.float32]:
     """Planar metres of numbers [h, W] of a file: +inf is sky; NaN, 0 and less are invalid.
 
-    `frame`: rows and columns of the frame; None if `numbers` has all of them.
+    `row`: completed; `frame`: rows and columns of the frame; None if `numbers` has all of them.
     """
     with np.errstate(over="ignore"):  # as below
-        metres = _metres(numbers, decoding)
-    if decoding.focal_px is not None:
+        metres = _metres(numbers, row)
+    if row.geometry == "radial":
+        assert row.focal_px is not None
         rows, columns = overscan.shown(*(frame or numbers.shape[:2]))
         cosine = _cosine(
             metres.shape,
-            decoding.focal_px,
+            row.focal_px,
             first=(first_row - rows.start, -columns.start),
             size=(rows.stop - rows.start, columns.stop - columns.start),
         )
         metres = (metres.astype(np.float64) * cosine).astype(np.float32)
     for marked, value in ((is_sky, np.inf), (is_marked_invalid, np.nan)):
-        pixels = marked(numbers, decoding)
+        pixels = marked(numbers, row)
         if pixels is not None and pixels.any():
             metres = np.where(pixels, np.float32(value), metres)
     return metres
 
 
-def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
+def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_] | None:
     """Which numbers stand for sky; None if none can."""
-    if decoding.rule == "radius":
+    if row.rule == "radius":
         return None
-    if decoding.rule == "inverse":
-        sky: NDArray[np.bool_] = numbers <= np.float32(decoding.sky)
+    if row.rule == "inverse":
+        sky: NDArray[np.bool_] = numbers <= np.float32(row.sky)
     else:
         with np.errstate(over="ignore"):  # a double beyond float32 is sky
             depths = numbers.astype(np.float32, copy=False)
-            ahead = -depths if decoding.scale < 0 else depths
-            sky = ahead >= np.float32(decoding.sky)
-    for number in decoding.sky_numbers:
+            ahead = -depths if row.scale < 0 else depths
+            sky = ahead >= np.float32(row.sky)
+    for number in row.sky_numbers:
         sky |= numbers == number
     return sky
 
 
-def is_marked_invalid(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
+def is_marked_invalid(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_] | None:
     """Which numbers the format marks as invalid; None if none. NaN stays NaN by any rule."""
-    marked = [numbers == number for number in decoding.invalid]
-    if decoding.invalid_infinity:
+    marked = [numbers == number for number in row.invalid]
+    if row.invalid_infinity:
         marked.append(np.isposinf(numbers))
     return np.logical_or.reduce(marked) if marked else None
 
 
-def _metres(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.float32]:
+def _metres(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.float32]:
     """Depth, or distance to the point, in metres."""
-    plain = decoding.rule in ("scale", "radius") and (decoding.scale, decoding.shift) == (1, 0)
+    plain = row.rule in ("scale", "radius") and (row.scale, row.shift) == (1, 0)
     if plain:
         return numbers.astype(np.float32, copy=False)
-    scaled: NDArray[np.float64] = numbers.astype(np.float64) * decoding.scale
-    if decoding.shift:
-        scaled += decoding.shift
-    if decoding.rule in ("scale", "radius"):
+    scaled: NDArray[np.float64] = numbers.astype(np.float64) * row.scale
+    if row.shift:
+        scaled += row.shift
+    if row.rule in ("scale", "radius"):
         return scaled.astype(np.float32)
     # No point in front of both cameras has a negative disparity.
     with np.errstate(divide="ignore"):
-        depth = np.where(scaled < 0, np.nan, decoding.focal_baseline / np.abs(scaled))
+        depth = np.where(scaled < 0, np.nan, 1 / np.abs(scaled))
     return depth.astype(np.float32)
 
 

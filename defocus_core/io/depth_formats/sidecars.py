@@ -79,7 +79,7 @@ def _intrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
     frame = int(re.findall(r"\d+", depth.stem)[-1])
     line = [line for line in _text(path).splitlines() if line.strip()][max(frame - 1, 0)]
     focal = _positive(float(line.split()[0]))
-    return replace(row, source=f"{path.name}, frame {frame}", focal_px=focal)
+    return replace(row, words=f"{path.name}, frame {frame}", focal_px=focal)
 
 
 def _heic(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
@@ -117,7 +117,7 @@ def _linear(
 ) -> DepthFormat:
     """A format whose numbers are linear in z, or 1/z, from that of 0 to that of the greatest."""
     scale, shift = linear(*ends, float(metadata["top"]))
-    return replace(row, source=source, rule=rule, scale=scale, shift=shift, per_metre=True)
+    return replace(row, words=source, rule=rule, scale=scale, shift=shift, per_metre=True)
 
 
 def _calibrated(
@@ -125,7 +125,7 @@ def _calibrated(
 ) -> DepthFormat:
     """A format with focal length in px, baseline in metres and px added to the disparity."""
     focal, baseline = _positive(focal), _positive(baseline)
-    return replace(row, source=source, focal_px=focal, baseline=baseline, shift=doffs)
+    return replace(row, words=source, focal_px=focal, baseline=baseline, shift=doffs)
 
 
 def _positive(value: float) -> float:

@@ -15,7 +15,12 @@ from image_files import SCANLINE, save
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.images.color import read_color
-from defocus_core.io.images.color_space import linear_to_srgb, read_profile, srgb_to_linear
+from defocus_core.io.images.color_space import (
+    linear_light,
+    linear_to_srgb,
+    read_profile,
+    srgb_to_linear,
+)
 from defocus_core.io.images.encode import write_image
 from defocus_core.io.images.primaries import (
     REC_709,
@@ -204,7 +209,10 @@ def test_every_number_of_a_profile_comes_back(curve, dtype):
     assert found is not None
     top = np.iinfo(dtype).max
     numbers = np.arange(top + 1, dtype=dtype)[None, :, None].repeat(3, 2)
-    back = found.samples(found.light(numbers)) * top
+    back = (
+        found.samples(linear_light(numbers, None, gamma=None, associated=False, profile=found))
+        * top
+    )
     assert np.array_equal(np.rint(back), numbers)
     beyond = np.array([[[-1, np.nan, np.inf]]], np.float32)
     assert found.samples(beyond).tolist() == [[[0, 0, 1]]]
