@@ -90,20 +90,18 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
     A pattern with a wildcard passes over depth and whole numbers, which are never averaged.
     """
     light = [n for n, plane in extras.items() if plane.dtype.kind not in "iu" and not is_depth(n)]
+    chosen: set[str] = set()
     for pattern in patterns:
-        folded = pattern.casefold()
-        if not any(fnmatchcase(name.casefold(), folded) for name in light):
-            isnt = any(fnmatchcase(name.casefold(), folded) for name in extras)
+        named = {n for n in extras if fnmatchcase(n.casefold(), pattern.casefold())}
+        if named.isdisjoint(light):
             problem = f"has no channel {pattern} of light beside its colour"
-            if isnt:
+            if named:
                 problem = f"has {pattern}, which is depth or whole numbers and is never averaged"
             known = f"it has {in_words(light)}" if light else "it has none"
             remedy = f"check ‹blur-channels›: {known}"
             raise InputError("no-such-channel", problem, remedy, path=path)
-    folded_patterns = [pattern.casefold() for pattern in patterns]
-    return tuple(
-        name for name in light if any(fnmatchcase(name.casefold(), p) for p in folded_patterns)
-    )
+        chosen |= named
+    return tuple(name for name in light if name in chosen)
 
 
 def require_part(path: Path, part: int, count: int) -> None:

@@ -35,12 +35,8 @@ _DTYPES = {"uint": "<u4", "half": "<f2", "float": "<f4"}
 _COMPRESSIONS = NONE, ZIPS = 0, 2  # RLE is hardly written
 
 
-class Samples(NamedTuple):
-    """The samples of some rows of a part, in any order of the pixels."""
-
-    rows: tuple[int, int]  # the first and the last row
-    pixel: NDArray[np.int64]  # [N] number of the pixel of each sample, row by row
-    values: dict[str, NDArray[np.generic]]  # [N] by name of the channel
+# Samples of some rows: their window, for each the number of its pixel there, values by channel
+Samples = tuple[Window, NDArray[np.int32], dict[str, NDArray[np.generic]]]
 
 
 class _Chunk(NamedTuple):
@@ -58,7 +54,7 @@ class _Chunk(NamedTuple):
 class _Part:
     """A deep part: where its rows lie, and how they are packed."""
 
-    data: tuple[int, int, int, int]  # its data window: x0, y0, x1, y1
+    data: Window
     tile: tuple[int, int]  # width and height of its tiles; of parts in scan lines, of a row
     is_tiled: bool  # whether it has tiles
     compression: int  # of the file format
@@ -68,12 +64,12 @@ class _Part:
     @property
     def across(self) -> int:
         """Number of chunks side by side."""
-        return -(-(self.data[2] - self.data[0] + 1) // self.tile[0])
+        return -(-self.data.width // self.tile[0])
 
     @property
     def down(self) -> int:
         """Number of chunks above each other."""
-        return -(-(self.data[3] - self.data[1] + 1) // self.tile[1])
+        return -(-self.data.height // self.tile[1])
 
     @property
     def sample_bytes(self) -> int:
@@ -116,18 +112,17 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
     for before in parts[: header.index]:
         start += 8 * max(*struct.unpack("<i", before["chunkCount"].value), 0)
     attributes = parts[header.index]
-    x0, y0, x1, y1 = header.data
-    tile, is_tiled = (x1 - x0 + 1, 1), attributes["type"].value.startswith(b"deeptile")
+    tile, is_tiled = (header.data.width, 1), attributes["type"].value.startswith(b"deeptile")
     if is_tiled:
         tile = struct.unpack_from("<II", attributes["tiles"].value)
     compression = attributes["compression"].value[0]
     channels = tuple(channels_of(attributes["channels"].value))
     if compression not in _COMPRESSIONS:
         raise ValueError(f"deep samples of compression {compression}, not none or ZIPS")
-    if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, x1 - x0 + 1):
+    if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, header.data.width):
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
     number = header.index if version & MULTIPART else None
-    return _Part((x0, y0, x1, y1), tile, is_tiled, compression, channels, number), start
+    return _Part(header.data, tile, is_tiled, compression, channels, number), start
 
 
 def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
@@ -144,7 +139,7 @@ def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
         file.seek(min(offset, size))
         *place, table, packed, unpacked = head.unpack(file.read(head.size))
         row, column = divmod(number, part.across)
-        due = [column, row, 0, 0] if part.is_tiled else [part.data[1] + row]
+        due = [column, row, 0, 0] if part.is_tiled else [part.data.y0 + row]
         at = offset + head.size
         if place != [*([] if part.number is None else [part.number]), *due]:
             raise ValueError("a chunk is not where it should be")
@@ -185,8 +180,7 @@ def _strips(part: _Part, chunks: Sequence[_Chunk]) -> Iterator[Sequence[_Chunk]]
 
 def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
     """The samples of chunks that fill rows."""
-    x0, y0, x1, y1 = part.data
-    width, top = x1 - x0 + 1, chunks[0].y
+    width, top = part.data.width, chunks[0].y
     values: dict[str, list[NDArray[np.generic]]] = {
         each.name: [np.zeros(0, _DTYPES[each.type])] for each in part.channels
     }
@@ -203,19 +197,16 @@ def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
                 piece = np.frombuffer(data, _DTYPES[channel.type], of_row, at)
                 values[channel.name].append(piece)
                 at += piece.nbytes
-    last = chunks[-1].y + part.tile[1] - 1
-    return Samples(
-        (y0 + top, min(y0 + last, y1)),
-        np.concatenate(pixels),
-        {name: np.concatenate(pieces) for name, pieces in values.items()},
-    )
+    x0, y0, x1, y1 = part.data
+    window = Window(x0, y0 + top, x1, min(y0 + chunks[-1].y + part.tile[1] - 1, y1))
+    every = {name: np.concatenate(pieces) for name, pieces in values.items()}
+    return window, np.concatenate(pixels).astype(np.int32), every
 
 
 def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
     """The number [h, w] of samples of each pixel of a chunk; the file stands before their data."""
-    x0, y0, x1, y1 = part.data
-    rows = min(part.tile[1], y1 - y0 + 1 - chunk.y)
-    columns = min(part.tile[0], x1 - x0 + 1 - chunk.x)
+    rows = min(part.tile[1], part.data.height - chunk.y)
+    columns = min(part.tile[0], part.data.width - chunk.x)
     file.seek(chunk.at)
     table = _unpack(file.read(chunk.table), 4 * rows * columns, part.compression)
     ends = np.frombuffer(table, "<i4").reshape(rows, columns).astype(np.int64)
@@ -302,11 +293,11 @@ def strips(path: Path, header: Header) -> Iterator[Strip]:
 
 def _strip(path: Path, samples: Samples, header: Header) -> Strip:
     """Some decoded rows: their samples, sorted; of another view's channels nothing."""
-    (x0, _, x1, _), pixel = header.data, samples.pixel.astype(np.int32)
-    window, values = Window(x0, samples.rows[0], x1, samples.rows[1]), {}
+    window, pixel, own = samples
+    values: dict[str, NDArray[Any]] = {}
     channels = {channel.name: channel for channel in header.channels}
     for name, channel in channels.items():
-        numbers, plain = samples.values[name], channel.plain
+        numbers, plain = own[name], channel.plain
         is_whole = channel.type == "uint"
         values[plain if plain in _OF_LAYERS else name] = numbers.astype("u4" if is_whole else "f4")
     _check_alpha(path, values)
