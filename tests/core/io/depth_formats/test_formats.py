@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,13 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import read_exr, refused, run, write_exr
+from command_line import write_exr
 from depth_files import colmap, dpt, gdepth, npy, pfm, png
 from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 from refusals import refuses
 
-from defocus_core.batch.jobs.reading_options import READING_OPTIONS, make_reading
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
+from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import FORMATS
 
 INF, NAN = np.inf, np.nan
@@ -26,6 +25,7 @@ INF, NAN = np.inf, np.nan
 DEPTH = np.array([[1.0, 2.5, 4.0, 5.5], [8.0, 9.0, 10.5, 12.0], [15.0, 16.0, 18.0, 20.0]])
 HOLE = (2, 0)
 SKY = (0, 3)
+RANGE, PLANAR = {"depth_range": (1000.0, 20_000.0)}, {"geometry": "planar"}
 
 
 @dataclass(frozen=True)
@@ -35,13 +35,13 @@ class Example:
     Attributes:
         path: the file.
         metres: planar depth; inf is sky, NaN invalid.
-        options: options of the command line beside the format.
+        said: what a reading must say beside the format.
         rtol: half of the relative step of the file's numbers, more or less.
     """
 
     path: Path
     metres: Any
-    options: tuple[str, ...] = ()
+    said: dict[str, Any] = field(default_factory=dict)
     rtol: float = 1e-6
 
 
@@ -108,7 +108,7 @@ def _nyu_mat(folder):
     frames = np.stack([DEPTH.T + 100, DEPTH.T])  # N, W, H
     raw = np.stack([DEPTH.T, marked(hole=0).T])
     path = of_hdf5(folder, depths=frames, rawDepths=raw)
-    return Example(path, metres(hole=True), ("--part", "1"))
+    return Example(path, metres(hole=True), {"part": 1})
 
 
 def _diode(folder):
@@ -121,10 +121,10 @@ def _eth3d(folder):
     return Example(folder / "a.JPG", metres(hole=True))
 
 
-def _float16(folder, *options, factor=1.0):
+def _float16(folder, factor=1.0, **said):
     halves = marked(hole=0).astype(np.float16)
     path = png(folder / "a.png", halves.view(np.uint16))
-    return Example(path, metres(hole=True) * factor, options)
+    return Example(path, metres(hole=True) * factor, said)
 
 
 def _ibims1(folder):
@@ -140,8 +140,8 @@ def _ibims1(folder):
 def _scenenet(folder):
     numbers = np.round(radial(5.0) * 1000)
     numbers[HOLE] = 0
-    path, options = png(folder / "a.png", numbers), ("--focal-px", "5")
-    return Example(path, metres(hole=True), options, rtol=1e-3)
+    path = png(folder / "a.png", numbers)
+    return Example(path, metres(hole=True), {"focal_px": 5.0}, rtol=1e-3)
 
 
 def _middlebury(folder):
@@ -200,21 +200,19 @@ def _moge(folder):
 
 def _affine(folder):
     share = (DEPTH - 1) / 19
-    return Example(
-        npy(folder / "a.npy", share), metres(), ("--depth-range", "1m", "20m"), rtol=1e-5
-    )
+    return Example(npy(folder / "a.npy", share), metres(), RANGE, rtol=1e-5)
 
 
 def _relative(folder):
     numbers = np.round(255 * (1 / DEPTH - 1 / 20) / (1 - 1 / 20))
     expected = 1 / (1 / 20 + numbers / 255 * (1 - 1 / 20))
     path = png(folder / "a.png", numbers, np.uint8)
-    return Example(path, expected, ("--depth-range", "1m", "20m"))
+    return Example(path, expected, RANGE)
 
 
 def _video(folder):
     np.savez(folder / "a.npz", depths=np.stack([DEPTH + 1, DEPTH]).astype(np.float32))
-    return Example(folder / "a.npz", metres(), ("--depth-kind", "depth", "--part", "1"))
+    return Example(folder / "a.npz", metres(), {"depth_kind": "depth", "part": 1})
 
 
 def _heic(folder):
@@ -234,9 +232,9 @@ def _gdepth(folder):
     return Example(path, far * near / (far - numbers / 255 * (far - near)))
 
 
-def _npz(folder, *options, **arrays):
+def _npz(folder, said=None, **arrays):
     np.savez(folder / "a.npz", **{k: v.astype(np.float32) for k, v in arrays.items()})
-    return Example(folder / "a.npz", metres(sky=True), options)
+    return Example(folder / "a.npz", metres(sky=True), said or {})
 
 
 def _blenderproc(folder):
@@ -244,22 +242,21 @@ def _blenderproc(folder):
     return Example(path, metres(sky=True))
 
 
-def _exr_of(folder, name, *options, hole=None, sky=None, factor=1.0, **others):
+def _exr_of(folder, name, hole=None, sky=None, factor=1.0, **others):
     numbers = marked(DEPTH * factor, hole=hole, sky=sky)
     expected = metres(hole=hole is not None, sky=sky is not None)
-    return Example(exr(folder, name, numbers, **others), expected, options)
+    return Example(exr(folder, name, numbers, **others), expected)
 
 
-def _radial_exr(folder, name, *options):
+def _radial_exr(folder, name, **said):
     numbers = marked(radial(5.0), hole=0)
-    return Example(
-        exr(folder, name, numbers), metres(hole=True), ("--focal-px", "5", *options), 1e-5
-    )
+    said["focal_px"] = 5.0
+    return Example(exr(folder, name, numbers), metres(hole=True), said, 1e-5)
 
 
-def _npy_of(folder, *options, hole=None, sky=None):
+def _npy_of(folder, hole=None, sky=None):
     path = npy(folder / "a.npy", marked(hole=hole, sky=sky))
-    return Example(path, metres(hole=hole is not None, sky=sky is not None), options)
+    return Example(path, metres(hole=hole is not None, sky=sky is not None))
 
 
 def _nuke(folder):
@@ -286,7 +283,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "disparity": lambda f: Example(
         npy(f / "a.npy", marked(500 * 0.1 / DEPTH - 2, hole=NAN)),
         metres(hole=True),
-        ("--focal-px", "500px", "--baseline", "0.1m", "--doffs", "2"),
+        {"focal_px": 500.0, "baseline": 100.0, "doffs": 2.0},
     ),
     "coc": lambda f: Example(exr(f, "coc", DEPTH - 9), DEPTH - 9),
     "blender": lambda f: _exr_of(
@@ -294,16 +291,16 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     ),
     "blenderproc": _blenderproc,
     "vision-blender": lambda f: _npz(f, depth_map=marked(sky=1e10), normal_map=np.ones((3, 4, 3))),
-    "kubric": lambda f: _npz(f, "--planar", depth=marked(sky=INF)),
+    "kubric": lambda f: _npz(f, PLANAR, depth=marked(sky=INF)),
     "mitsuba": lambda f: _radial_exr(f, "depth"),
     "unreal-mrq": lambda f: _unreal(f),
-    "unity-perception": lambda f: _radial_exr(f, "R", "--radial"),
+    "unity-perception": partial(_radial_exr, name="R", geometry="radial"),
     "carla": _carla,
     "nuke-scanline": _nuke,
     "arnold": _arnold,
     "houdini": _houdini,
     "vray-zdepth": lambda f: Example(
-        exr(f, "Z", (20 - DEPTH) / 19), metres(), ("--depth-range", "20", "1"), 1e-5
+        exr(f, "Z", (20 - DEPTH) / 19), metres(), {"depth_range": (20_000.0, 1000.0)}, 1e-5
     ),
     "colmap": lambda f: Example(colmap(f / "a.bin", marked(hole=0)), metres(hole=True)),
     "hypersim": _hypersim,
@@ -318,12 +315,12 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "eth3d": _eth3d,
     "pointodyssey": partial(png_of, scale=65.535, hole=0, sky=65535),
     "dynamicreplica": _float16,
-    "co3d": lambda f: _float16(f, "--depth-scale", "0.5", factor=0.5),
+    "co3d": partial(_float16, factor=0.5, depth_scale=0.5),
     "mvs-synth": lambda f: _exr_of(f, "Z", sky=INF),
     "bedlam": lambda f: _exr_of(f, "Depth", sky=30000.0, factor=100, R=DEPTH, G=DEPTH, B=DEPTH * 2),
     "3dkenburns": lambda f: _exr_of(f, "Z", sky=30000.0, factor=1000),
     "megadepth": lambda f: Example(
-        of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, ("--depth-scale", "3")
+        of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, {"depth_scale": 3.0}
     ),
     "png-mm": partial(png_of, scale=1000, hole=0),
     "tum": lambda f: _fifth(f),
@@ -338,7 +335,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "middlebury2003": lambda f: Example(
         png(f / "disp2.png", marked(np.round(200 / DEPTH), hole=0), np.uint8),
         marked(900 * 0.1 / (np.round(200 / DEPTH) / 4), hole=NAN),
-        ("--focal-px", "900", "--baseline", "10cm"),
+        {"focal_px": 900.0, "baseline": 100.0},
     ),
     "sceneflow": _sceneflow,
     "spring": _spring,
@@ -347,7 +344,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "depth-pro": lambda f: _npz(f, depth=marked(sky=1e10)),
     "depth-anything": _relative,
     "video-depth-anything": _video,
-    "depth-anything-3": lambda f: _npz(f, "--planar", depth=marked(sky=INF)[None]),
+    "depth-anything-3": lambda f: _npz(f, PLANAR, depth=marked(sky=INF)[None]),
     "marigold": _affine,
     "apple-heic": _heic,
     "android-gdepth": _gdepth,
@@ -384,38 +381,16 @@ def test_every_format_has_an_example():
     assert EXAMPLES.keys() == FORMATS.keys()
 
 
-@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"coc", "eth3d"}))  # no depth, no size
+@pytest.mark.parametrize("name", FORMATS)
 def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
     example = EXAMPLES[name](tmp_path)
-    out = tmp_path / "out.exr"
-    ran = run(
-        *("depth", example.path, "--depth-format", name, "--invalid", "far", "-o", out),
-        *example.options,
-    )
-    assert ran.code == 0, ran.err
-    written = read_exr(out)["Z"]
-    expected = np.where(np.isnan(example.metres), INF, example.metres)
-    assert written.dtype == np.float32
-    np.testing.assert_allclose(written, expected, rtol=example.rtol)
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_invalid_pixels_are_told_from_sky_and_refused(name, tmp_path):
-    example = EXAMPLES[name](tmp_path)
-    words = list(example.options)
-    fields: dict[str, Any] = {"depth_format": name}
-    while words:
-        option = words.pop(0).removeprefix("--")
-        if option in ("planar", "radial"):
-            fields["geometry"] = option
-            continue
-        text = f"{words.pop(0)} {words.pop(0)}" if option == "depth-range" else words.pop(0)
-        fields[option.replace("-", "_")] = READING_OPTIONS[option].parse(text)
-    size = DEPTH.shape[::-1] if name == "eth3d" else None
-    depth = read_depth(example.path, make_reading(fields, {}), size=size)
-    np.testing.assert_array_equal(depth.invalid, np.isnan(example.metres))
-    np.testing.assert_array_equal(np.isposinf(depth.metres), np.isposinf(example.metres))
-    if depth.invalid.any():
+    size = DEPTH.shape[::-1] if name == "eth3d" else None  # which has no header
+    depth = read_depth(example.path, DepthReading(depth_format=name, **example.said), size=size)
+    valid = ~np.isnan(example.metres)
+    np.testing.assert_array_equal(depth.invalid, ~valid)
+    np.testing.assert_allclose(depth.metres[:][valid], example.metres[valid], rtol=example.rtol)
+    assert depth.metres.dtype == np.float32
+    if not valid.all():
         with refuses("invalid-depth", "‹invalid› far", path=example.path):
             require_valid(depth)
     else:
@@ -425,28 +400,27 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("vray-zdepth", "leaves --depth-range open"),
-        ("marigold", "leaves --depth-range open"),
-        ("depth-anything", "leaves --depth-range open"),
-        ("video-depth-anything", "leaves --depth-kind open"),
-        ("megadepth", "leaves --depth-scale open"),
-        ("co3d", "leaves --depth-scale open: .*scale_adjustment"),
-        ("unity-perception", "add --planar or --radial"),
-        ("kubric", "add --planar or --radial"),
-        ("depth-anything-3", "add --planar or --radial"),
-        ("mitsuba", "--fov 60deg or --focal-px PX"),
-        ("scenenet-rgbd", "--fov 60deg or --focal-px PX"),
-        ("middlebury", r"leaves --focal-px and --baseline open: there is no calib\.txt beside"),
-        ("hci-lightfield", r"there is no parameters\.cfg beside"),
-        ("spring", r"leaves --focal-px open: there is no intrinsics\.txt beside"),
-        ("disparity", "--focal-px PX and --baseline 65mm, or --depth-range NEAR FAR, or"),
+        ("vray-zdepth", ["leaves ‹depth-range› open"]),
+        ("marigold", ["leaves ‹depth-range› open"]),
+        ("depth-anything", ["leaves ‹depth-range› open"]),
+        ("video-depth-anything", ["leaves ‹depth-kind› open"]),
+        ("megadepth", ["leaves ‹depth-scale› open"]),
+        ("co3d", ["leaves ‹depth-scale› open", "scale_adjustment"]),
+        ("unity-perception", ["add ‹planar› or ‹radial›"]),
+        ("kubric", ["add ‹planar› or ‹radial›"]),
+        ("depth-anything-3", ["add ‹planar› or ‹radial›"]),
+        ("mitsuba", ["‹fov› 60deg or ‹focal-px› PX"]),
+        ("scenenet-rgbd", ["‹fov› 60deg or ‹focal-px› PX"]),
+        ("middlebury", ["leaves ‹focal-px› and ‹baseline› open: there is no calib.txt beside"]),
+        ("hci-lightfield", ["there is no parameters.cfg beside"]),
+        ("spring", ["leaves ‹focal-px› open: there is no intrinsics.txt beside"]),
+        ("disparity", ["‹focal-px› PX and ‹baseline› 65mm, or ‹depth-range› NEAR FAR, or"]),
     ],
 )
 def test_what_no_format_may_guess_is_asked_for(name, words, tmp_path):
     example = EXAMPLES[name](tmp_path)
     for sidecar in (p for p in tmp_path.rglob("*") if p.suffix in (".txt", ".cfg")):
         sidecar.unlink()
-    part = ("--part", "0") if "--part" in example.options else ()
-    ran = run("depth", example.path, "--depth-format", name, *part, "-o", tmp_path / "o.exr")
-    refused(ran, 2, "missing-option", "depth-format")
-    assert re.search(words, ran.err)
+    reading = DepthReading(depth_format=name, part=example.said.get("part"))
+    with refuses("missing-option", *words, field="depth-format", value=name):
+        read_depth(example.path, reading)
