@@ -47,7 +47,6 @@ def opened(path: Path) -> Iterator[Any]:
         oiio.geterror()  # or the next file would be blamed
 
 
-_STRIP_BYTES = 1 << 23  # of pixels, decoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
 _LIMITS = ("limits:imagesize_MB", "limits:channels")  # of OpenImageIO: all of memory, and 1024
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
@@ -124,7 +123,7 @@ def _pieces(
             "allow more ‹memory›, or save it in scan lines, ZIP compressed",
             path=path,
         )
-    cells = max(1, _STRIP_BYTES // cell_bytes)
+    cells = max(1, keeping.strip_bytes // cell_bytes)
     across = min(cells, -(-spec.width // wide))
     wide, high = across * wide, cells // across * high
     for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
