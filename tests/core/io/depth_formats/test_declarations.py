@@ -48,14 +48,30 @@ def test_the_ends_of_a_range_are_those_of_the_type(dtype, tmp_path):
     np.testing.assert_allclose(depth, 2 + share * 48, rtol=1e-6)
 
 
-def test_a_range_may_end_at_infinity_and_be_swapped(tmp_path):
-    path = png(tmp_path / "a.png", RAMP, np.uint8)
-    metres = read(path, depth_kind="disparity", depth_range=(2000.0, math.inf)).metres
-    assert metres[0, 0] == np.inf
-    assert metres[1, 2] == 2
-    dark_is_near = read(path, depth_kind="disparity", depth_range=(50000.0, 2000.0)).metres
-    assert dark_is_near[0, 0] == 2
-    assert dark_is_near[1, 2] == 50
+DISPARITY = {"depth_kind": "disparity"}
+
+
+@pytest.mark.parametrize(
+    ("numbers", "said", "metres"),
+    [
+        ([0, 255], {**DISPARITY, "depth_range": (2000.0, math.inf)}, [math.inf, 2]),
+        ([0, 255], {**DISPARITY, "depth_range": (50000.0, 2000.0)}, [2, 50]),  # dark is near
+        ([1, 4, 0], {**DISPARITY, "depth_scale": 0.5, "doffs": 0.25}, [1 / 0.75, 1 / 2.25, 4]),
+        # KITTI's stereo disparity in steps of 1 / 256 px
+        (
+            [1, 10],
+            {**DISPARITY, "depth_scale": 1 / 256, "focal_px": 700.0, "baseline": 500.0},
+            [350 * 256, 35 * 256],
+        ),
+        ([100, 200], {"depth_unit": "cm", "depth_scale": 3}, [3, 6]),
+        ([100, 200], {"depth_scale": 0.5}, [50, 100]),
+        ([1, 99, 100], {"depth_unit": "m", "sky": 100}, [1, 99, math.inf]),
+        ([1, 2], {**DISPARITY, "depth_scale": 1.0, "sky": 1.0}, [math.inf, 0.5]),
+    ],
+)
+def test_what_is_said_makes_metres(numbers, said, metres, tmp_path):
+    path = npy(tmp_path / "a.npy", [numbers], np.uint8)
+    np.testing.assert_allclose(read(path, **said).metres, [metres], rtol=1e-6)
 
 
 def test_grey_pictures_of_three_channels_are_depth_if_a_range_says_so(tmp_path):
@@ -65,25 +81,6 @@ def test_grey_pictures_of_three_channels_are_depth_if_a_range_says_so(tmp_path):
     grey[0, 0, 2] = 90
     with refuses("not-one-channel", "R, G, B"):
         read(save(tmp_path / "b.png", grey), **said)
-
-
-def test_a_scale_and_a_shift_of_disparity(tmp_path):
-    path = npy(tmp_path / "a.npy", [[1.0, 4.0], [0.0, 9.0]])
-    metres = read(path, depth_kind="disparity", depth_scale=0.5, doffs=0.25).metres
-    np.testing.assert_allclose(metres, 1 / (np.load(path) * 0.5 + 0.25))
-
-
-def test_disparity_in_steps_of_a_scale_by_a_calibration(tmp_path):
-    path = png(tmp_path / "a.png", [[256, 2560]])  # KITTI's stereo disparity: px · 256
-    said = {"depth_scale": 1 / 256, "focal_px": 700.0, "baseline": 500.0}
-    metres = read(path, depth_kind="disparity", **said).metres
-    np.testing.assert_allclose(metres, [[350.0, 35.0]])
-
-
-def test_a_unit_and_a_scale_multiply(tmp_path):
-    path = npy(tmp_path / "a.npy", [[100.0, 200.0]])
-    np.testing.assert_allclose(read(path, depth_unit="cm", depth_scale=3).metres, [[3.0, 6.0]])
-    np.testing.assert_allclose(read(path, depth_scale=0.5).metres, [[50.0, 100.0]])
 
 
 def test_the_field_of_view_of_distances_to_the_point(tmp_path):
@@ -99,13 +96,6 @@ def test_the_field_of_view_of_distances_to_the_point(tmp_path):
         np.testing.assert_allclose(depth.metres, 6, rtol=1e-6)
     with refuses("missing-option", "‹fov›", "‹focal-px›", field="radial"):
         read(path, geometry="radial")
-
-
-def test_from_a_number_on_is_sky(tmp_path):
-    path = npy(tmp_path / "a.npy", [[1.0, 99.0, 100.0]])
-    assert np.isposinf(read(path, sky=100).metres).tolist() == [[False, False, True]]
-    said = {"depth_kind": "disparity", "depth_scale": 1.0, "sky": 1.0}
-    assert np.isposinf(read(path, **said).metres).tolist() == [[True, False, False]]
 
 
 @pytest.mark.parametrize(
