@@ -137,13 +137,6 @@ def test_no_depth_names_the_channels_there_are(tmp_path):
     np.testing.assert_array_equal(read_depth(tmp_path / "a.exr", channel="R").metres, plane())
 
 
-@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1), ("ft", 0.3048)])
-def test_units(tmp_path, unit, metres):
-    path = exr(tmp_path / "a.exr", "Z")
-    read = read_depth(path, unit=unit)
-    np.testing.assert_array_equal(read.metres, (plane().astype(np.float64) * metres).astype("f"))
-
-
 def test_sky_and_holes(tmp_path):
     values = np.array([[np.inf, 1e10, 9.9e9, 65504, np.nan, 0, -1, -np.inf, 2]], np.float32)
     write_exr(tmp_path / "a.exr", {"Z": values}, {})
