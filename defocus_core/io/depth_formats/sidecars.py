@@ -10,7 +10,6 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,14 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.below import open_plain
+from defocus_core.io.below import read_plain
 from defocus_core.io.depth_formats.rules import DepthFormat, Mark, Mask, linear
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import MALFORMED, decoding
 
 # What a reader raises that meets another content than it expects.
 _FAULTS = (OSError, *MALFORMED)
-_LONGEST = 1 << 20  # characters of a sidecar
+_LONGEST = 1 << 20  # bytes of a sidecar
 _CHECK = "check the file"
 
 
@@ -45,8 +44,7 @@ def completed(row: DepthFormat, path: Path, metadata: Mapping[str, Any]) -> Dept
 
 
 def _text(path: Path) -> str:
-    with TextIOWrapper(open_plain(path), encoding="utf-8", errors="replace") as file:
-        return file.read(_LONGEST)
+    return read_plain(path, _LONGEST).decode("utf-8", "replace")
 
 
 def _calib(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
