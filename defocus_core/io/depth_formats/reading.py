@@ -279,20 +279,16 @@ def resolved(
     if rule == "radius":
         return replace(row, words="signed CoC radius in px")
     row = (_disparity_row if rule == "inverse" else _depth_row)(declared)
-    sky = reading.sky
-    if sky is None:
-        sky = -math.inf if rule == "inverse" else _own_sky(samples, row)
+    sky = row.sky if reading.sky is None else reading.sky
+    if reading.sky is None and rule == "inverse":
+        sky = -math.inf
+    elif reading.sky is None and samples.values.dtype.newbyteorder("=") == "float16":
+        sky = min(sky, HALF_MAX)
     focal = focal_of(declared, picture_width, lens_focal)
     if focal is None:
         return replace(row, rule=rule, sky=sky, geometry="planar")
     words = f"{row.words}, radial with a focal length of {focal:.6g} px"
     return replace(row, rule=rule, sky=sky, geometry="radial", focal_px=focal, words=words)
-
-
-def _own_sky(samples: DepthNumbers, row: DepthFormat) -> float:
-    """The least number that is sky; the largest half is, in a file of half."""
-    half = samples.values.dtype.newbyteorder("=") == "float16"
-    return min(row.sky, HALF_MAX) if half else row.sky
 
 
 def _rule(declared: Declared) -> str:

@@ -44,15 +44,6 @@ STEREO_DATASETS = (
         aliases=("middlebury2005",),
     ),
     DepthFormat(
-        "middlebury2003",
-        "Middlebury 2003 as PNG, a quarter of the size",
-        ("8-bit PNG",),
-        rule="inverse",
-        scale=1 / 4,
-        invalid=(0,),
-        note="pictures of half the size need ‹depth-scale› 2",
-    ),
-    DepthFormat(
         "sceneflow",
         "FlyingThings3D, Monkaa, Driving",
         ("PFM",),
@@ -344,14 +335,6 @@ DEPTH_DATASETS = (
         sky=_BEYOND_20000,
     ),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
-    DepthFormat(
-        "megadepth",
-        "MegaDepth",
-        ("HDF5",),
-        channels=("depth",),
-        needs=("depth-scale",),
-        note="without a metric scale: ‹depth-scale› says metres of 1",
-    ),
     _png16(
         "tum",
         "TUM RGB-D, Bonn, SmartPortraits",
