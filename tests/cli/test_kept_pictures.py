@@ -16,6 +16,7 @@ from command_line import (
     succeed,
     texture,
 )
+from elements import write
 
 OTHER = {
     "focus": ("--focus", "3m"),
