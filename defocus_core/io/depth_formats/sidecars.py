@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ def completed(row: DepthFormat, path: Path, metadata: Mapping[str, Any]) -> Dept
     try:
         if own:
             return _METADATA_READERS[row.sidecar](row, metadata)
-        return _SIDECARS[row.sidecar].read(row, place, path)
+        return _SIDECARS[row.sidecar](row, place, path)
     except (*_FAULTS, configparser.Error) as error:
         problem = f"does not say what {row.sidecar} of {path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
@@ -135,30 +135,19 @@ def _positive(value: float) -> float:
 _METADATA_READERS = {"heic": _heic, "gdepth": _gdepth}
 
 
-class _Sidecar(NamedTuple):
-    """Where a sidecar may lie, and how it is read."""
-
-    places: Callable[[Path], list[Path]]  # by the depth file
-    read: Callable[[DepthFormat, Path, Path], DepthFormat]  # the sidecar, of the depth file
-
-
-_SIDECARS = {
-    "calib.txt": _Sidecar(lambda path: [path.with_name("calib.txt")], _calib),
-    "dmin.txt": _Sidecar(lambda path: [path.with_name("dmin.txt")], _dmin),
-    "parameters.cfg": _Sidecar(lambda path: [path.with_name("parameters.cfg")], _parameters),
-    "intrinsics.txt": _Sidecar(
-        lambda path: [
-            path.with_name("intrinsics.txt"),
-            path.parent.parent / "cam_data" / "intrinsics.txt",
-        ],
-        _intrinsics,
-    ),
+# How a sidecar is read: the format that it completes, its place, and that of the depth file
+_SIDECARS: dict[str, Callable[[DepthFormat, Path, Path], DepthFormat]] = {
+    "calib.txt": _calib,
+    "dmin.txt": _dmin,
+    "parameters.cfg": _parameters,
+    "intrinsics.txt": _intrinsics,
 }
 
 
 def _sidecar(row: DepthFormat, path: Path) -> Path | None:
     """The sidecar of a depth file; None if there is none."""
-    places = _SIDECARS[row.sidecar].places(path) if row.sidecar in _SIDECARS else []
+    folders = (path.parent, path.parent.parent / "cam_data") if row.sidecar in _SIDECARS else ()
+    places = (folder / row.sidecar for folder in folders)
     return next((place for place in places if place.is_file()), None)
 
 
