@@ -173,10 +173,6 @@ class Replacement:
         """Replace the file."""
         os.replace(self.sibling, self.name, src_dir_fd=self.folder, dst_dir_fd=self.folder)
 
-    def sync(self) -> None:
-        """Make its name durable; that of its folder is since it was made."""
-        _sync(self.folder)
-
     def discard(self) -> None:
         """Remove it, unless it was put in place, and let go of the folder."""
         with suppress(OSError, ValueError):
