@@ -6,6 +6,7 @@ Pictures are float64 on the CPU, with the signed CoC radius in px of each of the
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -200,11 +201,13 @@ class LawSetting:
         device: Where to compute, as torch calls it.
         quality: As for `render`.
         threads: As for `render`.
+        render: The renderer.
     """
 
     device: str = "cpu"
     quality: str = "standard"
     threads: int = 1
+    render: Callable[..., Views] = render
 
 
 @dataclass(frozen=True)
@@ -242,7 +245,7 @@ def rendered(
 ) -> Views:
     """The rendering of a scene, with `setting.threads` unless ``threads`` says otherwise."""
     image, radius = (x.to(setting.device, dtype).contiguous() for x in scene)
-    return render(
+    return setting.render(
         image,
         radius,
         aperture=aperture,

@@ -8,7 +8,7 @@ in float32, as they are rendered for the user.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import torch
@@ -26,6 +26,7 @@ from defocus_core.evaluation.law_probes import (
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.layers.quality import find
 
+Law = Callable[[LawSetting], list[Check]]
 # Wider bounds of checks at qualities that render in coarse pixels of 2 px.
 _IN_COARSE_PIXELS = {
     "slope of second-moment radius over r, off 1": 1.5,
@@ -46,11 +47,11 @@ _RIM = 1 / 16  # of the radius: width of a rim at reduced resolution
 _MIN_RIM = 7.0  # px of radius; rims of smaller discs have too few pixels
 
 
-def verify(setting: LawSetting | None = None) -> Iterator[list[Check]]:
-    """The checks of one law after the other; there are `len(LAWS)`."""
+def verify(setting: LawSetting | None = None, laws: Sequence[Law] = ()) -> Iterator[list[Check]]:
+    """The checks of one law after the other, of all `LAWS` unless some are given."""
     setting = setting or LawSetting()
     in_coarse_pixels = find(setting.quality).half_size
-    for law in LAWS:
+    for law in laws or LAWS:
         checks = law(setting)
         if in_coarse_pixels:
             checks = [replace(c, bound=_IN_COARSE_PIXELS.get(c.measured, c.bound)) for c in checks]
@@ -284,7 +285,7 @@ def rounding(setting: LawSetting) -> list[Check]:
 def devices(setting: LawSetting) -> list[Check]:
     """The CPU and the GPU render the same picture; without a GPU there is nothing to compare."""
     off: list[float] = []
-    host = LawSetting("cpu", setting.quality, setting.threads)
+    host = replace(setting, device="cpu")
     for scene in probes.scenes() if setting.device != "cpu" else []:
         on_device, on_cpu = (pictures(rendered(scene, s, torch.float32)) for s in (setting, host))
         off += [
@@ -294,7 +295,7 @@ def devices(setting: LawSetting) -> list[Check]:
     return [Check("CPU and GPU", "difference, of the local maximum", "-", value, 1e-4)]
 
 
-LAWS: tuple[Callable[[LawSetting], list[Check]], ...] = (
+LAWS: tuple[Law, ...] = (
     discs,
     near_focus,
     white,

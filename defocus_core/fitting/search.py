@@ -27,7 +27,7 @@ from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate, Unknown, moved, 
 
 MIDDLE = 480  # px, width of pictures of middle size
 _COARSE = 200  # px, width of small pictures
-_GRID = 120  # px, of those of the grid
+_GRID = 128  # px, of those of the grid
 _STEPS = {_COARSE: 6, MIDDLE: 6, None: 4}  # most Gauss-Newton steps at a width
 _KEPT = {_GRID: 6, _COARSE: 3, MIDDLE: 2}  # points that are followed at a width
 _SAME_PX = 0.25  # px of small pictures, by which radii of one point differ
@@ -48,9 +48,9 @@ _PIVOT_PX, _PIVOT_RATIO, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)
 _OTHER_SIDE_RATIO = 2.0  # times the error, that the other side of the focus may have before steps
 _TAIL = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
 _ROUNDING_RATIO = 1.002  # an error as small, by the rounding of the renderer
-_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.3  # px; of the width; of one to the next
+_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.25  # px; of the width; of one to the next
 _MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
-_APART = 0.3  # of their radii: points of the grid that differ by less are one
+_APART = 0.2  # of their radii: points of the grid that differ by less are one
 _PLACES = 40  # of the focus in a range of disparity, that are tried for a given strength
 
 
@@ -309,17 +309,21 @@ class Search:
 
 
 def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens]:
-    """The first of some points, but those clearly worse than the best, and where another ended."""
+    """The first of some points, but those clearly worse than the best, and where another ended.
+
+    Those of the grid are only said not to be nearly the same: they have not ended.
+    """
     ends, kept = torch.stack(scale.disparity.aminmax()), []
     radii: list[Tensor] = []
-    for each in fitted[: _KEPT[width]]:
+    of_grid = width == _GRID
+    for each in fitted if of_grid else fitted[: _KEPT[width]]:
         radius = each.point.strength * scale.factor * (each.point.focus - ends)
-        size = _SAME_PX + (_APART * float(radius.abs().max()) if width == _GRID else 0.0)
+        size = _SAME_PX + of_grid * _APART * float(radius.abs().max())
         apart = all(float((radius - other).abs().max()) > size for other in radii)
-        if apart and each.error <= _DROP_RATIO * fitted[0].error:
+        if apart and (of_grid or each.error <= _DROP_RATIO * fitted[0].error):
             kept.append(each)
             radii.append(radius)
-    return kept
+    return kept[: _KEPT[width]]
 
 
 def _probes(free: list[Unknown]) -> Tensor:

@@ -16,7 +16,6 @@ from defocus_core.compare.findings.evidence import (
     Evidence,
     Explanation,
     has_light,
-    has_much_light,
 )
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.picture import color_layers, layers
@@ -461,5 +460,5 @@ TONE = (
     Cause(_raised),
     Cause(_vignette, needs=has_light),
     Cause(_mixed_channels, needs=has_light),
-    Cause(_tone_curve, needs=has_much_light),
+    Cause(_tone_curve, needs=has_light),
 )
