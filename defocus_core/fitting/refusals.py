@@ -132,15 +132,10 @@ def _puts_right(before: float, after: float) -> bool:
 
 
 def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
-    """What explains more than a blur, if something does."""
+    """What explains more than a blur, if something does: the order, the exposure or the gamma."""
     if _detail(evidence.observed) > _AS_SHARP * _detail(evidence.sharp):
         problem = "BLURRED is sharper than SHARP"
         return Refusal("swapped", problem, "give them in the order SHARP DEPTH BLURRED")
-    return _other_curve(evidence, options)
-
-
-def _other_curve(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
-    """The exposure or the gamma that explains more than a blur, if one does."""
     # a wrong lens hides a curve that the sharp picture shows
     images = evidence.modelled, evidence.sharp
     tried = (_curves(image, evidence.observed, evidence.weight) for image in images)
