@@ -145,14 +145,13 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
 
 
 def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
-    """Each tile is a multiple of A of its own, and it is tiles: another grid explains less."""
+    """Each tile is a multiple of A of its own: one for all, and a grid aside, explain less."""
     a, b = evidence.framed
     slope = 1 / np.maximum(np.abs(a), 0.003) ** 0.58
     turn = blocks_in_turn(a.shape, 4)
 
-    def left(side: int, offset: int) -> float:
+    def left(side: int, start: list[int]) -> float:
         """What gains leave."""
-        start = [(offset - cut.start) % side for cut in evidence.frame]
         cut = tuple(slice(first, None) for first in start)
         measures = np.zeros(a.shape, bool)
         measures[cut] = ~turn[cut]
@@ -163,13 +162,16 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
         return evidence.left_framed(there, measures)
 
     for side in _PERIODS[2:]:
-        if 1.5 * side > max(a.shape):
+        if side > min(a.shape):
             return
         parts = sums_of_parts(np.square((b - a) * slope), side)
         if parts.sum() ** 2 < _FEW_TILES * parts.size * np.square(parts).sum():
             continue  # they lie in one place
-        on_grid = left(side, 0)
-        if on_grid < _GAIN_LEFT and on_grid < 0.6 * left(side, side // 2):
+        starts = [
+            [(offset - cut.start) % side for cut in evidence.frame] for offset in (0, side // 2)
+        ]
+        on_grid, aside = (left(side, start) for start in starts)
+        if on_grid < min(_GAIN_LEFT, 0.6 * aside, 0.6 * left(max(a.shape), [0, 0])):
             how = f" at multiples of {side} px: each tile has another exposure"
             yield Explanation(on_grid, "seams", how, {"period": side}, 0.02 + 0.5 / side)
 
