@@ -49,8 +49,8 @@ class JudgedPair(NamedTuple):
     def of(cls, residual: Residual, point: Candidate, optics: Optics) -> JudgedPair:
         """That of a point; of a pair its mean."""
         scale = residual.scale(_WIDTH)
-        modelled, weight = residual.modelled(point, optics, scale)
-        still = residual.modelled(_without_blur(point, scale), optics, scale)[0]
+        modelled, weight, *_ = residual.modelled(point, optics, scale)
+        still = residual.modelled(_without_blur(point, scale), optics, scale).light
         observed = torch.stack(scale.observed)
         modelled, observed, still = (
             residual.compressed(each.mean(0)) for each in (modelled, observed, still)
