@@ -17,24 +17,16 @@ from defocus_core.batch.jobs.job import DEVICES
 from defocus_core.batch.lenses.quantities import pixel_count
 from defocus_core.bench import tables
 from defocus_core.bench.error import BASELINES, Row, measure_shot
-from defocus_core.bench.timing import (
-    RADII,
-    SIZES,
-    Size,
-    cases,
-    time_case,
-    warm_up,
-)
+from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
-from defocus_core.reports.html.shots import Gallery
 from defocus_core.system.process import cores
 
 _time_option = partial(option, heading="Time")
 
 _QUALITIES = ("draft", "standard", "high")
 # By the name of the parameter; options in neither go with both.
-_ERRORS_ALONE = {"truth": "--truth", "html": "--html"}
+_ERRORS_ALONE = {"truth": "--truth"}
 _TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii"}
 _LONGEST = 1 << 15  # px on a side
 
@@ -60,7 +52,6 @@ def _size(word: str) -> Size:
     into="qualities",
     default=(),
 )
-@shared.html_option("Write a report to look at in a browser: each picture beside the truth.")
 @option(
     "--threads N",
     "Threads to compute with.  [default: one for each core; 1 with --time]",
@@ -86,14 +77,13 @@ def command(
     ctx: click.Context,
     truth: Path | None,
     qualities: tuple[str, ...],
-    html: Path | None,
     threads: int | None,
     device: str,
     as_json: bool,
     timing: bool,
     sizes: tuple[Size, ...],
     radii: tuple[float, ...],
-) -> int:
+) -> None:
     """Render scenes with known truth and say how far off each shot is and how long it took.
 
     Beside the qualities stand the sharp input, the plain sum of slices, and over / alpha.
@@ -114,7 +104,6 @@ def command(
     Examples:
       defocus bench
       defocus bench --truth ../truth --quality standard
-      defocus bench --html bench.html
       defocus bench --time --json > times.json
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
     """  # noqa: D301  click reads the backspace
@@ -123,15 +112,10 @@ def command(
     if timing:
         document = _times(sizes, radii, qualities or ("standard",), device, threads or 1, echo)
     else:
-        gallery, truth = Gallery() if html else None, truth or sample_set()
-        rows, document = _errors(
-            truth, qualities or _QUALITIES, device, threads or cores(), gallery, echo
-        )
-        if gallery is not None and html is not None:
-            gallery.write(html, truth, rows)
+        truth, threads = truth or sample_set(), threads or cores()
+        document = _errors(truth, qualities or _QUALITIES, device, threads, echo)
     if as_json:
         console.print_json(**document)
-    return 0
 
 
 def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
@@ -149,24 +133,21 @@ def _errors(
     qualities: Sequence[str],
     device: str,
     threads: int,
-    gallery: Gallery | None,
     echo: Callable[[str], None],
-) -> tuple[list[Row], dict[str, Any]]:
-    """Measure all shots of a set, by each baseline and each quality: rows, and the document."""
+) -> dict[str, Any]:
+    """Measure all shots of a set, by each baseline and each quality: the document."""
     shots, methods = find_shots(truth), (*BASELINES, *qualities)
     device = warm_up(device)
     echo(tables.error_heading())
-    show = None if gallery is None else gallery.add
-    measured = partial(measure_shot, device=device, threads=threads, show=show)
     rows: list[Row] = []
     for shot in shots:
-        for row in measured(shot, read(shot), methods):
+        for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
             rows.append(row)
             echo(tables.error_line(row, worse=bool(tables.losses(row, rows))))
     for line in tables.summary_lines(rows):
         echo(line)
     settings = {"truth": str(truth), "device": device, "threads": threads}
-    return rows, {**settings, **tables.error_document(rows)}
+    return {**settings, **tables.error_document(rows)}
 
 
 def _times(

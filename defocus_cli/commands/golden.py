@@ -26,16 +26,15 @@ from defocus_core.compare.goldens.store import (
     store_to_update,
 )
 from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.record import EXTRA, MISSING, CompareSettings, Comparison
+from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.compare.run import Task, compare_all
-from defocus_core.compare.thresholds import ROUNDING, Rules, Thresholds
+from defocus_core.compare.thresholds import ROUNDING, Rules
 from defocus_core.errors import InputError
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
 from defocus_core.system.text import counted
 
 _DEFAULT_RULES = Rules(fail=(ROUNDING,))
-_ROOM = 4.0  # by how much a proposed bound exceeds the noise of two renders
 
 
 @click.group(
@@ -71,7 +70,6 @@ _only = option(
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.argument("folder", type=FilePath(), metavar="DIR")
 @option("--accept", "Make what changed the new goldens.", into="accepted")
-@option("--propose", "Render twice, and propose a rule that lets the noise of two renders pass.")
 @_only
 @comparing.comparison_options(_DEFAULT_RULES, rules_alone=True)
 @crew_options
@@ -79,7 +77,6 @@ def update(
     jobs_file: Path,
     folder: Path,
     accepted: bool,
-    propose: bool,
     only: tuple[str, ...],
     asked: comparing.ComparisonOptions,
     crew: WorkerConfig,
@@ -97,7 +94,7 @@ def update(
     """  # noqa: D301  click reads the backspace
     store = store_to_update(folder)
     with _render(jobs_file, crew, only) as fresh:
-        store = _narrow(store, fresh, only)
+        store = store.only({job.sample_id for job in fresh.jobs}) if only else store
         console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
         changed = [record for record in records if not record.passes]
@@ -110,8 +107,6 @@ def update(
             raise InputError(
                 "empty", "has jobs that made no picture", "mend them first", path=jobs_file
             )
-        if propose:
-            console.stdout(_proposal(fresh, jobs_file, crew, only))
         if not changed:
             console.stdout(f"{folder}: {counted(len(records), 'golden')}, none changes")
             return 0
@@ -150,12 +145,15 @@ def check(
     start = time.perf_counter()
     store = read_store(folder)
     with _render(jobs_file, crew, only) as fresh:
-        store = _narrow(store, fresh, only)
+        store = store.only({job.sample_id for job in fresh.jobs}) if only else store
         if not as_json:
             console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
         changed = store.changed_settings(fresh.jobs)
-        header = _report_header(jobs_file, folder, asked.rules, changed)
+        words = [f"Jobs: {jobs_file}", f"A: goldens in {folder}", "B: rendered now", *changed]
+        commands = comparisons.golden_commands(jobs_file, folder, asked.rules.of, _DEFAULT_RULES)
+        title = f"{jobs_file} checked with {folder}"
+        header = comparisons.ReportHeader(title, words, commands, "rendered now")
         failures = asked.write_reports(records, header, time.perf_counter() - start, crew.count)
     if as_json:
         document = compare_report.document(records)
@@ -170,42 +168,12 @@ def check(
     return compare_report.exit_code(records)
 
 
-def _report_header(
-    jobs_file: Path, folder: Path, rules: Thresholds, changed: Sequence[str]
-) -> comparisons.ReportHeader:
-    """A check, for its report."""
-    words = [f"Jobs: {jobs_file}", f"A: goldens in {folder}", "B: rendered now", *changed]
-    commands = comparisons.golden_commands(jobs_file, folder, rules.of, _DEFAULT_RULES)
-    return comparisons.ReportHeader(
-        f"{jobs_file} checked with {folder}", words, commands, "rendered now"
-    )
-
-
 def _render(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
-    execution = Execution(crew.execute(), spread=crew.spread)
+    execution = Execution(crew.execute(), spread=crew.count)
     return rendered(jobs_file, crew.machine, execution, report, only)
-
-
-def _proposal(
-    fresh: FreshPictures, jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
-) -> str:
-    """The rule that lets pass what a second render makes otherwise."""
-    with _render(jobs_file, crew, only) as again:
-        pairs = [FilePair(n, path, again.files.get(n)) for n, path in fresh.files.items()]
-        settings = CompareSettings(diagnose=False)
-        records = list(compare_all(pairs, Task(Thresholds(), settings), crew.count))
-    noise = max((record.metrics.get("max", 0.0) for record in records), default=0.0)
-    if not noise:
-        return "two renders are equal: '--like golden' allows for another machine"
-    return f"two renders differ by {noise:.2g}: --fail 'max>{_ROOM * noise:.2g}' lets that pass"
-
-
-def _narrow(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
-    """The goldens of the jobs that were chosen."""
-    return store.only({job.sample_id for job in fresh.jobs}) if only else store
 
 
 def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> list[Comparison]:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -54,52 +54,47 @@ def others_options(command: Command) -> Command:
 
     A plate may have no depth; a deep holdout and a matte have none.
     """
-    hidden = files_option(
-        "--hidden COLOR DEPTH",
-        "Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
-        "unknown, and invented; inf with colour is sky.",
-        FilePath(),
-        nargs=2,
-    )
-    plate = files_option(
-        "--over PLATE [DEPTH]",
-        "Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
-        "the EXR's own, or else infinitely far.",
-        FilePath(),
-    )
-    depth = files_option("--over-depth DEPTH", "Depth of the plate.", FilePath())
-    holdout = files_option(
-        "--holdout DEEP",
-        "Deep EXR whose samples hide what is behind them and show nothing, like objects that "
-        "are composited later: colour and alpha are cut out.",
-        FilePath(),
-    )
-    matte = files_option(
-        "--matte FILE",
-        "Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
-        "silhouette is the edge of the depth, and hair is parted from what is behind it.",
-        FilePath(),
-    )
-    return bundle("others", _others, [hidden, plate, depth, holdout, matte])(command)
+    options = [
+        files_option(
+            "--hidden COLOR DEPTH",
+            "Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
+            "unknown, and invented; inf with colour is sky.",
+            FilePath(),
+            nargs=2,
+        ),
+        files_option(
+            "--over PLATE [DEPTH]",
+            "Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
+            "the EXR's own, or else infinitely far.",
+            FilePath(),
+        ),
+        files_option("--over-depth DEPTH", "Depth of the plate.", FilePath()),
+        files_option(
+            "--holdout DEEP",
+            "Deep EXR whose samples hide what is behind them and show nothing, like objects that "
+            "are composited later: colour and alpha are cut out.",
+            FilePath(),
+        ),
+        files_option(
+            "--matte FILE",
+            "Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
+            "silhouette is the edge of the depth, and hair is parted from what is behind it.",
+            FilePath(),
+        ),
+    ]
+    return bundle("others", _others, options)(command)
 
 
-def _others(
-    *,
-    hidden: tuple[Path, Path] | None,
-    over: Path | None,
-    over_depth: Path | None,
-    holdout: Path | None,
-    matte: Path | None,
-) -> dict[str, tuple[Path, Path | None]]:
+def _others(**given: Any) -> dict[str, tuple[Path, Path | None]]:
     """Colour and depth by role."""
-    if over is None and over_depth is not None:
+    below = given.pop("over_depth")
+    if given["over"] is None and below is not None:
         raise UsageProblem(
             "missing-option", "stands without --over", "give the plate", field="over-depth"
         )
-    lone = {"holdout": holdout, "matte": matte}
-    others: dict[str, tuple[Path, Path | None]] = {} if hidden is None else {"hidden": hidden}
-    others |= {} if over is None else {"over": (over, over_depth)}
-    return others | {role: (path, None) for role, path in lone.items() if path is not None}
+    pairs = {"hidden": given.pop("hidden"), "over": given["over"] and (given.pop("over"), below)}
+    pairs |= {role: (path, None) for role, path in given.items() if path is not None}
+    return {role: pair for role, pair in pairs.items() if pair is not None}
 
 
 def output_options(command: Command) -> Command:
@@ -245,20 +240,18 @@ def _in_file(outputs: Outputs, given: Mapping[str, Any]) -> Outputs:
 
 def machine_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute."""
-    return bundle("machine", _machine, _computing())(command)
+    return bundle("machine", _machine, _computing([]))(command)
 
 
 def rendering_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
-    quality, *others = _computing()
     tolerance = machine_option(
         "--tolerance PX",
         "Instead of --quality: the cheapest whose slices are off by no more than so much CoC "
         "radius, like 1px.",
         pixel_count,
     )
-    options = [quality, tolerance, *others, *memory_options()]
-    return bundle("machine", _machine, options)(command)
+    return bundle("machine", _machine, [*_computing([tolerance]), *memory_options()])(command)
 
 
 def _machine(*, quality: str | None, tolerance: float | None = None, **others: Any) -> Machine:
@@ -269,22 +262,20 @@ def _machine(*, quality: str | None, tolerance: float | None = None, **others: A
     return Machine(quality=quality or Machine.quality, tolerance=tolerance, **others)
 
 
-def _computing() -> list[Decorator]:
-    return [
-        machine_option(
-            "--quality",
-            "Accuracy, bought with time; a draft is rendered at half of the size, and what is "
-            f"in focus gets its detail back.  [default: {Machine.quality}]",
-            QUALITIES,
-        ),
-        device_option(),
-        machine_option(
-            "--threads N",
-            "Threads to compute with.  [default: one for each core]",
-            click.IntRange(min=1),
-            default=cores,
-        ),
-    ]
+def _computing(accuracy: Sequence[Decorator]) -> list[Decorator]:
+    quality = machine_option(
+        "--quality",
+        "Accuracy, bought with time; a draft is rendered at half of the size, and what is "
+        f"in focus gets its detail back.  [default: {Machine.quality}]",
+        QUALITIES,
+    )
+    threads = machine_option(
+        "--threads N",
+        "Threads to compute with.  [default: one for each core]",
+        click.IntRange(min=1),
+        default=cores,
+    )
+    return [quality, *accuracy, device_option(), threads]
 
 
 def device_option() -> Decorator:
@@ -341,12 +332,6 @@ def verbose_option(command: Command) -> Command:
     text = "Say more, on stderr."
     verbose = option("-v --verbose", text, is_eager=True)
     return verbose(quiet(command))
-
-
-def stats_option(command: Command) -> Command:
-    """Hand a command ``stats``."""
-    text = "Say what was computed and what was skipped, on stderr; --json always tells it."
-    return option("--stats", text)(command)
 
 
 def html_option(text: str) -> Decorator:

@@ -48,8 +48,6 @@ class Fit:
         dual_pixel: The photodiodes of a pair; None of one picture.
         crosstalk_error: Standard error of the crosstalk, 0 if it was not sought.
         exchanged: Whether what was given for left is what the right photodiodes saw.
-        breathing: Px by which a blur of 1 px lies outwards, half a width from the middle.
-        breathing_error: Its standard error.
         shading: Of left and right the factor in the middle, and its change over half a frame
             along x and y; empty if it was not sought.
         explained: The fraction of the difference between the pictures that the blur explains.
@@ -70,8 +68,6 @@ class Fit:
     dual_pixel: DualPixel | None
     crosstalk_error: float
     exchanged: bool
-    breathing: float
-    breathing_error: float
     shading: tuple[tuple[float, ...], ...]
     explained: float
     doubts: tuple[str, ...]
@@ -113,7 +109,7 @@ def fit(
         exposure: Whether each channel may have a factor between the two pictures.
         side_shading: Whether left and right may have a factor each, a plane over the frame.
         gamma: Whether the power is to be found by which the pictures are linear light.
-        shift: Whether the blurred picture may be shifted by up to 16 px, and breathe.
+        shift: Whether the blurred picture may be shifted by up to 16 px.
         depth_repair: As for `render`.
         edge_width: As for `render`.
         threads: As for `render`.
@@ -130,7 +126,7 @@ def fit(
         "strength": strength is None,
         "focus": focus is None,
         "gamma": gamma,
-        **dict.fromkeys(("across", "down", "breathing"), shift),
+        **dict.fromkeys(("across", "down"), shift),
         "separation": crosstalk and len(observed) > 1,
     }
     span = float(disparity.max() - disparity.min())
@@ -211,8 +207,6 @@ def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[
         _with_crosstalk(optics.dual_pixel, point.separation) if pair else None,
         errors.get("separation", 0.0) / 2,
         point.separation < 0,
-        point.breathing,
-        errors.get("breathing", 0.0),
         tuple(map(tuple, modelled.shading.tolist())),
         evidence.explained,
         tuple(_doubts(fitted, disparity, errors)),

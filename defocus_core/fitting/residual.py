@@ -19,7 +19,6 @@ from defocus_core.fitting.pictures import Scale, border_of, shifted
 from defocus_core.fitting.unknowns import Candidate
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.breathing import breathed
 from defocus_core.renderer.render import render
 
 BEND = 0.02  # of compressed light, from which on a difference counts less
@@ -142,14 +141,9 @@ class Residual:
             return self._rendered[key]
         strength = point.strength * scale.factor
         light = scale.sharp if point.gamma == 1 else scale.sharp.clamp_min(0) ** point.gamma
-        light, radius = breathed(
+        views = render(
             light if scale.lost is None else torch.cat([light, _FAINT * scale.lost]),
             strength * (point.focus - scale.disparity),
-            point.breathing,
-        )
-        views = render(
-            light,
-            radius,
             aperture=point.turned(optics.aperture),
             dual_pixel=optics.dual_pixel,
             quality=quality,

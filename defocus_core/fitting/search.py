@@ -87,13 +87,12 @@ class Search:
     def best(self, choices: Sequence[Optics]) -> FittedLens:
         """The point of least error, and the pupil and photodiodes that make it."""
         first, small = choices[0], self.residual.scale(_COARSE)
-        early = [unknown for unknown in self._free if unknown.name != "breathing"]
         starts = self._starts(first)
         if not starts:
             return FittedLens(math.inf, Candidate(1.0, 0.0), first)
         starts = self._all(starts, _COARSE, self._cheap)
-        starts = self._all(_best(starts, _COARSE, small), _COARSE, early)
-        if self.residual.width > _COARSE or early != self._free:
+        starts = self._all(_best(starts, _COARSE, small), _COARSE, self._free)
+        if self.residual.width > _COARSE:
             starts = self._all(_best(starts, MIDDLE, small), MIDDLE, self._free)
         fitted = self._choose(self._pivot(starts[0]), choices)
         if self.residual.width > MIDDLE or fitted.optics != first:

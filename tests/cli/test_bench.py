@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 from command_line import color_exr, depth_exr, refused, run
-from html_reports import items, keys
 from reference import flatten, layered, lens_points
 from scenes import SIZE, card_layers
 
@@ -43,19 +42,6 @@ def tiny(tmp_path_factory):
 
 def bench(*args):
     return run("bench", "--threads", "1", *args)
-
-
-def test_each_picture_is_shown_beside_the_truth(tiny, tmp_path):
-    file = tmp_path / "bench.html"
-    assert bench("--truth", tiny, "--quality", "standard", "--html", file).code == 0
-    shown = {each["name"]: each for each in items(file)}
-    assert set(shown) == {f"card r7 {method}" for method in ("standard", "input", "sum", "over")}
-    standard = shown["card r7 standard"]
-    assert keys(standard, valued=True)[:2] == ["a", "b"]
-    assert [layer["title"] for layer in standard["layers"][:2]] == ["truth", "standard"]
-    assert keys(shown["card r7 sum"], valued=True) == []
-    assert standard["metrics"]["psnr"] > shown["card r7 input"]["metrics"]["psnr"]
-    refused(bench("--time", "--html", file), 2, "contradiction", "--html")
 
 
 def test_all_methods_are_measured_and_written(tiny):

@@ -59,7 +59,7 @@ def test_the_same_file_is_the_same(a):
     assert (ran.code, ran.out, ran.err) == (0, "a.exr: same\n", "")
 
 
-def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(tmp_path, monkeypatch):
+def test_an_interrupted_run_has_reported_what_it_did(tmp_path, monkeypatch):
     pair = folders(tmp_path)
     compared: list[str] = []
 
@@ -84,8 +84,7 @@ def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(tmp_path
     ran = run("compare", *pair, "--json")
     document = json.loads(ran.out)
     assert (document["same"], document["not_compared"]) == (False, 2)
-    rows = [json.loads(line.lstrip(" ,")) for line in ran.out.splitlines()[1:3]]
-    assert rows == document["pairs"]
+    assert len(document["pairs"]) == 2
 
 
 @pytest.mark.parametrize(("causes", "named"), [("first", 2), ("all", 4), ("none", 0)])
@@ -425,8 +424,9 @@ def test_junit_has_a_case_for_each_pair(tmp_path):
 
 
 def test_torch_is_not_loaded(a, b, tmp_path):
-    options = ["--flip", "--diff", tmp_path / "d", "--junit", tmp_path / "x.xml", "--json"]
-    words = ["compare", *map(str, (a, b, *options))]
+    files = {"--diff": "d", "--junit": "x.xml", "--html": "x.html"}
+    written = [word for name, file in files.items() for word in (name, str(tmp_path / file))]
+    words = ["compare", str(a), str(b), "--flip", "--json", *written]
     code = (
         "import sys; from defocus_cli.main import main; "
         f"code = main({words!r}); sys.exit(code + 10 * ('torch' in sys.modules))"

@@ -23,15 +23,14 @@ from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import TooLarge
 from defocus_core.evaluation import cost
-from defocus_core.picture import forecast, memory_budget, plain_path
+from defocus_core.picture import forecast, memory_budget
 from defocus_core.picture.memory_budget import Holding
 from defocus_core.system import memory
 from defocus_core.system.text import duration, percent
 from defocus_core.tensors.box import TILE
 
 
-def test_a_dry_run_says_what_it_would_do_and_does_not(tmp_path, monkeypatch):
-    monkeypatch.setattr(plain_path, "compute", None)
+def test_a_dry_run_says_what_it_would_do_and_does_not(tmp_path):
     color, depth = pair(tmp_path)
     ran = render(color, depth, "-o", tmp_path / "out", "--dry-run", "--outputs", "coc,render")
     assert (ran.code, ran.err) == (0, "")
@@ -59,30 +58,22 @@ def test_the_work_it_tells_is_the_work_that_is_done(tmp_path):
     assert expected["peak_mb"] > 50
 
 
-def test_maps_alone_take_no_rendering_and_no_measurement(tmp_path, monkeypatch):
-    monkeypatch.setattr(forecast, "work_per_second", None)
-    color, depth = pair(tmp_path)
-    ran = photograph(
-        color, depth, "-o", tmp_path / "out", "--dry-run", "--outputs", "coc,disparity"
-    )
-    assert "nothing is rendered" in ran.out
-
-
-def test_of_many_pictures_some_are_read_and_all_are_counted(tmp_path, monkeypatch):
-    monkeypatch.setattr(forecast, "MAX_READ", 3)
-    for k in range(7):
-        color, depth = pair(tmp_path, f"{k}")
+def test_of_many_pictures_some_are_read_and_all_are_counted(tmp_path):
+    count = 2 * forecast.MAX_READ - 1
+    for k in range(count):
+        color, depth = pair(tmp_path, f"{k:03}")
     args = (color.parent, depth.parent, "-o", tmp_path / "out", "--dry-run")
     planned = render(*args, "--json").json
     read = [k for k, picture in enumerate(planned["pictures"]) if "forecast" in picture]
-    assert read == [0, 3, 6]
+    assert read == list(range(0, count, 2))
     whole = planned["forecast"]
-    assert (whole["pictures"], whole["pictures_read"]) == (7, 3)
+    assert (whole["pictures"], whole["pictures_read"]) == (count, forecast.MAX_READ)
     each = [planned["pictures"][k]["forecast"]["render_seconds"] for k in read]
-    assert whole["render_seconds"] == pytest.approx(7 / 3 * sum(each))
-    ran = render(*args)
-    assert ran.out.splitlines()[-1].startswith("7 pictures: about ")
-    assert "from 3 of them" in ran.out
+    assert whole["render_seconds"] == pytest.approx(count / len(read) * sum(each))
+    ran = render(*args, "--outputs", "coc,disparity")
+    assert "nothing is rendered" in ran.out
+    assert ran.out.splitlines()[-1].startswith(f"{count} pictures: about ")
+    assert f"from {forecast.MAX_READ} of them" in ran.out
 
 
 def test_a_dry_run_of_several_names_all_that_cannot_be_rendered(tmp_path):

@@ -21,7 +21,6 @@ from command_line import (
 OTHER = {
     "focus": ("--focus", "3m"),
     "fnumber": ("--fnumber", "8"),
-    "focal-length": ("--focal-length", "40mm"),
     "blades": ("--blades", "5"),
 }
 MAPS = ("--outputs", "coc")

@@ -69,9 +69,6 @@ run: defocus render --json rgb.exr z.exr -o out --lens @portrait-85 --focus-at 6
 info z.exr --focal-length 50mm
 missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4 or --aperture-diameter, \
 --focus 2m or --focus-at, or a --lens FILE that has them
-info rgb.exr z.exr --preview a.png
-missing-option --preview: needs a lens, whose blur decides the repair; \
-give --lens FILE.toml, or --focal-length, … --focus
 R -o a.hdr
 wrong-type a.hdr: is of a type that is read alone; end its name in .exr, .png, .tif, .jpg, .webp
 R --lens @portrait-58
@@ -206,10 +203,8 @@ replaces-input rgb.exr: is an input and would be overwritten; choose another -o
 render rgb.####.exr z.####.exr -o out LENS
 missing-frames z.####.exr: lacks 1 frame, 3; \
 say --missing skip to leave them out, or name others with --frames
-B jobs.toml --parquet --shard 1/2
-whole-batch --parquet: needs the whole batch; give it to 'defocus merge'
-B jobs.toml --scheduler head
-malformed --scheduler: 'head' is no scheduler; …
+B jobs.toml --shards-size 1GB --shard 1/2
+whole-batch --shards-size: needs the whole batch; give it to 'defocus merge'
 retry held
 in-use held/.journal.lock: held is being written by process …
 R --quality best
@@ -288,7 +283,7 @@ def test_what_a_user_sees(words, wanted, desk, monkeypatch):
     first, _, rest = words.partition(" ")
     start = {"R": f"render rgb.exr z.exr -o out {LENS}", "B": "batch -o out"}.get(first, first)
     args = shlex.split(f"{start} {rest}".replace("LENS", LENS))
-    with locked(desk / "held", say=print):
+    with locked(desk / "held"):
         ran = run(args[0], *(["--json"] if first != "help" else []), *args[1:])
     code, _, line = wanted.partition(" ")
     said = ran.err.removeprefix("defocus: ").removesuffix("\n")

@@ -32,7 +32,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.batch.jobs.inputs import Entry, read_inputs, read_whole_shot
+from defocus_core.batch.jobs.inputs import Entry, read_inputs
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
 from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
 from defocus_core.batch.jobs.lens_plan import LensPlan, lens_file_of, read_plan
@@ -86,6 +86,7 @@ class Batch:
     path: Path  # the jobs file, or what errors call its tables
     tables: Mapping[str, Table]  # the tables by name
     entries: Sequence[Entry]
+    shot: Sequence[Entry]  # all frames of a shot, whichever are wanted
     plan: LensPlan  # the lenses of each
     reading: Reading  # how to read the files
     outputs: Outputs
@@ -109,8 +110,7 @@ class Batch:
             for (own, mine), picture, split in zip(by_entry, pictures, splits, strict=True)
             for suffix, lens in self.plan.lenses(self.entries[own], (n % count for n in mine))
         ]
-        every = read_whole_shot(self.tables["inputs"])
-        by_frame = {each.picture.frame: each for each in every}
+        by_frame = {each.picture.frame: each for each in self.shot}
         suffixes = {suffix: number for number, suffix in enumerate(self.plan.suffixes)}
 
         @cache
@@ -125,7 +125,7 @@ class Batch:
 
         return with_shot(
             jobs,
-            [each.picture for each in every],
+            [each.picture for each in self.shot],
             lambda picture, suffix: lens_of(picture.frame, suffix),
             read_decisions(self.tables["shot"]),
             moving="focus-at" in self.animation.keys,
@@ -134,7 +134,7 @@ class Batch:
     def names(self) -> list[str]:
         """The name of the sample of each job."""
         suffixes = self.plan.suffixes
-        return [one.stem + suffix for one in self.entries for suffix in suffixes]
+        return [one.picture.stem + suffix for one in self.entries for suffix in suffixes]
 
 
 def read_batch(path: Path, outputs: Outputs, machine: Machine) -> Batch:
@@ -165,9 +165,9 @@ def batch_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: M
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
     animation = read_animation_table(named["animate"])
-    entries = read_inputs(named["inputs"], animation.frames)
+    entries, shot = read_inputs(named["inputs"], animation.frames)
     entries = animated(entries, animation, plan, named["lens"], reading)
-    batch = Batch(path, named, entries, plan, reading, outputs, machine, animation)
+    batch = Batch(path, named, entries, shot, plan, reading, outputs, machine, animation)
     if batch.count > MAX_JOBS:
         problem = f"asks for {batch.count} pictures"
         raise UsageProblem(

@@ -26,6 +26,7 @@ from defocus_core.batch.lenses.quantities import (
     pixel_count,
     read_at,
     text_of,
+    whole,
 )
 from defocus_core.errors import CALLER, Place, UsageProblem, did_you_mean
 from defocus_core.io.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
@@ -89,13 +90,6 @@ def field_of_view(text: str) -> float:
     if not 0 < degrees < 180:
         raise QuantityError(f"'{text}' is no field of view", "give more than 0 and less than 180")
     return degrees
-
-
-def integer(text: str) -> int:
-    """A whole number of 0 or more."""
-    if not re.fullmatch(r"\d{1,9}", text.strip()):
-        raise QuantityError(f"'{text}' is not a whole number of 0 or more", "write it like 1")
-    return int(text)
 
 
 def depth_repair(text: str) -> str:
@@ -282,7 +276,7 @@ _ROWS = (
     ),
     ReadingParam(
         name="part",
-        parse=integer,
+        parse=whole,
         min_integer=0,
         metavar="N",
         help="Part of an EXR, page of a TIFF or frame of an array, from 0.",

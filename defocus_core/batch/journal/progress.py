@@ -12,12 +12,11 @@ from defocus_core.batch.journal.journal import (
     Record,
     Shard,
     files_of,
-    in_order,
     journal_path,
     read,
     shards,
 )
-from defocus_core.batch.journal.lock import holder
+from defocus_core.batch.journal.lock import holder, lock_path
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.batch.journal.run_file import plan_of, run_path
 from defocus_core.errors import InputError
@@ -64,7 +63,7 @@ def progress(out: Path) -> Progress:
             "empty", "has no journal", "name the directory that a batch writes to", path=out
         )
     records = {run: read(journal_path(out, run)) for run in runs}
-    every = in_order(list(records.values()), out)
+    every = [record for of_run in records.values() for record in of_run]
     live = Ledger(out, every).live
     state = Progress(
         statuses=Counter(record["status"] for record in live),
@@ -90,7 +89,7 @@ def _add_run(
     every: Sequence[Record],
 ) -> None:
     """Add the jobs left, the rate and the process of a run that did not get to its end."""
-    who, plan = holder(out, run), plan_of(out, run)
+    who, plan = holder(lock_path(out, run)), plan_of(out, run)
     if who:
         state.running.append(who)
     if plan is None:

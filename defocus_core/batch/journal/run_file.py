@@ -131,21 +131,35 @@ class Merged(NamedTuple):
 def merge(out: Path) -> Merged:
     """Put the records of all shards into the journal of OUT, and remove theirs."""
     require_journal(out)
-    with locked(out, say=note) as require_lock:
-        parts = [s for s in shards(out) if journal_path(out, s).exists()]
-        records = read_all(out)
-        require_lock()
-        if parts:
-            with written_whole(journal_path(out)) as file:
-                file.write(merged(records))
-            sync_folder(out)  # before the journals of the shards are removed
+    with locked(out):
+        parts = gather(out)
         for shard in parts:
-            journal_path(out, shard).unlink()
             if run_path(out, shard).exists():
                 problem = f"shard {shard.number}/{shard.of} did not get to its end"
                 note(f"{out}: warning: {problem}")
         sweep_up(out)
-    return Merged(len(Ledger(out, records).live), len(parts), _missing(parts))
+    return Merged(len(Ledger(out, read_all(out)).live), len(parts), _missing(parts))
+
+
+def refuse_other_division(out: Path, own: Shard) -> None:
+    """Refuse a shard beside records of another division, of which none comes last."""
+    for shard in shards(out):
+        if shard.of != own.of and journal_path(out, shard).exists():
+            problem = f"is of another division than {own.number}/{own.of}"
+            remedy = f"run 'defocus merge {out}' first"
+            raise InputError("contradiction", problem, remedy, path=journal_path(out, shard))
+
+
+def gather(out: Path) -> list[Shard]:
+    """Put the records of all shards into the journal of OUT, whose lock must be held."""
+    parts = [shard for shard in shards(out) if journal_path(out, shard).exists()]
+    if parts:
+        with written_whole(journal_path(out)) as file:
+            file.write(merged(read_all(out)))
+        sync_folder(out)  # before the journals of the shards are removed
+    for shard in parts:
+        journal_path(out, shard).unlink()
+    return parts
 
 
 def _missing(shards: list[Shard]) -> list[str]:

@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
@@ -18,7 +18,7 @@ from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
-from defocus_core.batch.journal.lock import Check, LockLost, locked
+from defocus_core.batch.journal.lock import Check, locked
 from defocus_core.batch.journal.run_file import RunPlan
 from defocus_core.batch.workers.job_result import TRANSIENT
 from defocus_core.batch.workers.plan import (
@@ -36,7 +36,6 @@ from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
 from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.interrupts import Interrupts
-from defocus_core.system.text import note
 
 MAX_IN_A_CHUNK = 8
 
@@ -69,13 +68,14 @@ class Summary:
     seconds: float = 0.0
     interrupted: bool = False
     withdrawn: set[str] = field(default_factory=set)  # samples taken out of the index of OUT
+    unchanged: set[str] | None = None  # names of all samples, if they were done before
 
 
 def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
     """Do jobs that write to OUT."""
     with (
         _output_folders({job.outputs for job in jobs}, out),
-        locked(out, execution.shard, say=note) as require_lock,
+        locked(out, execution.shard) as require_lock,
     ):
         return _carried_out(jobs, out, execution, listener, require_lock)
 
@@ -124,14 +124,19 @@ def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
 def _carried_out(
     jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener, require_lock: Check
 ) -> Summary:
-    if execution.shard is None:  # else other shards write to OUT, too
+    if execution.shard is None:
         run_file.sweep_up(out)
+        run_file.gather(out)
+    else:  # others of its division write to OUT, too
+        run_file.refuse_other_division(out, execution.shard)
     plan = make_plan(jobs, out, execution)
     listener.planned(plan)
     settled = len(plan.settled)
+    done = {job.sample_id for job, record in plan.settled if record["status"] == "ok"}
     plan.settled.clear()  # a night is long, and they are many
     left = len(plan.todo) + plan.beyond
     summary = Summary(settled + left, settled, left)
+    summary.unchanged = None if plan.todo or plan.moved else done
     path = run_file.run_path(out, execution.shard)
     if plan.moved:
         with Journal(journal_path(out, execution.shard)) as journal:
@@ -158,8 +163,6 @@ def _carried_out(
                     plan, out, execution, listener, journal, summary, interrupts, require_lock
                 ).do()
             require_lock()
-        except LockLost:  # the plan of the run is another's by now
-            raise
         except BaseException:
             if len(jobs) == 1 and not others:
                 path.unlink(missing_ok=True)
@@ -223,9 +226,11 @@ class _Batch:
         transient = {key: record[key] for key in TRANSIENT if key in record}
         record = completed(record, job, recipe, self.out)
         self.journal.append(record)
-        if record["status"] == "ok":
-            for path, stamp in self.plan.previews.pop(number, {}).items():
-                if identity.unchanged(self.out / path, stamp):
+        if record["status"] == "ok" and not job.outputs.preview:
+            with_previews = replace(job.outputs, preview=True).names(job.sample_id)
+            for path in with_previews.values():  # of another lens
+                stamp = self.plan.previews.get(path)
+                if stamp and identity.unchanged(self.out / path, stamp):
                     Folder(self.out).remove(path)
         self.summary.left -= 1
         self.summary.statuses[record["status"]] += 1

@@ -94,7 +94,7 @@ def _has_overscan(contents: Any) -> bool:
 def _may_end(contents: Any) -> bool:
     """Whether an image may have fewer pixels than the picture: nothing is beyond the blur."""
     take, kind, lens = contents.take, contents.kind, contents.take.lens
-    lit = take.inputs.plate or take.inputs.hidden or lens.noise or lens.breathing
+    lit = take.inputs.plate or take.inputs.hidden or lens.noise
     is_cut = take.job.outputs.format == "exr" and take.inputs.color.is_cut
     return kind.image and kind.rendered and is_cut and not lit
 
@@ -122,7 +122,6 @@ STEPS = (
     Step("radii", "shot_decisions", "frames repair depth together", _frames_repair),
     Step("blur", "neighbours", "frames show each other more", _has_neighbours),
     # The scene, and how often it is rendered.
-    Step("scene", "breathing", "blur is drawn outwards", lambda s: s.take.lens.breathing),
     Step("scene", "layers", "layers are stacked", lambda s: s.take.inputs.layers),
     Step("scene", "matte", "its subject has a coverage", _has_matte),
     Step("scene", "repair", "depth is repaired", lambda s: s.is_repaired),
