@@ -306,6 +306,14 @@ def _raised(evidence: Evidence) -> Iterator[Explanation]:
             yield Explanation(left, "another contrast", how, values, 0.02)
         else:
             yield _lifted(left, offset, factor, "what a screen shows", 0.02)
+    if len(light) > 1:
+        steady = evidence.steady & (b > _range(evidence, "b")[0])
+        sums = ((aim - light) * weights**2).sum(axis=1) / np.maximum((weights**2).sum(axis=1), 1e-9)
+        left = evidence.left(evidence.stored(light + sums[:, None]), steady)
+        offsets = dict(zip(evidence.names, map(float, sums), strict=True))
+        each = ", ".join(f"{name} {value:+.3g}" for name, value in offsets.items())
+        how, values = f": {each} of light", {"offsets": offsets}
+        yield Explanation(left, _blacks(sums.sum()), how, values, 0.03)
 
 
 def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> Explanation:
