@@ -16,7 +16,7 @@ from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.pool import WorkerConfig
-from defocus_core.compare.goldens.store import (
+from defocus_core.compare.goldens import (
     FreshPictures,
     Store,
     accept,

@@ -20,7 +20,7 @@ from defocus_core.batch.jobs import origin
 from defocus_core.batch.jobs.inputs import read_rows
 from defocus_core.batch.journal.journal import Shard, journal_path, read_all, shards
 from defocus_core.batch.journal.run_file import plan_of, run_path, sweep_up
-from defocus_core.compare.goldens.store import read_store, store_to_update
+from defocus_core.compare.goldens import read_store, store_to_update
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.picture_files import read_depth

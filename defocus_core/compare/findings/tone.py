@@ -312,8 +312,8 @@ def _raised(evidence: Evidence) -> Iterator[Explanation]:
         left = evidence.left(evidence.stored(light + sums[:, None]), steady)
         offsets = dict(zip(evidence.names, map(float, sums), strict=True))
         each = ", ".join(f"{name} {value:+.3g}" for name, value in offsets.items())
-        how, values = f": {each} of light", {"offsets": offsets}
-        yield Explanation(left, _blacks(sums.sum()), how, values, 0.03)
+        said = _blacks(sums.sum()), f": {each} of light"
+        yield Explanation(left, *said, {"offsets": offsets}, 0.03)
 
 
 def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> Explanation:

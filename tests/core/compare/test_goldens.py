@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from defocus_core.compare.goldens.store import MANIFEST, accept, store_to_update
+from defocus_core.compare.goldens import MANIFEST, accept, store_to_update
 from defocus_core.compare.record import DIFFERENT, EXTRA, MISSING, Comparison
 from defocus_core.errors import InputError
 
