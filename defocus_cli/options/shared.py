@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,7 @@ from defocus_core.batch.jobs.output_kinds import (
     is_picture_name,
 )
 from defocus_core.batch.jobs.pairing import COLOR_SUFFIXES
-from defocus_core.batch.lenses.quantities import byte_count, pixel_count
+from defocus_core.batch.lenses.quantities import byte_count
 from defocus_core.errors import CALLER, InputError, UsageProblem
 from defocus_core.system.process import cores
 
@@ -214,42 +214,34 @@ def _in_file(outputs: Outputs, given: Mapping[str, Any]) -> Outputs:
 
 def machine_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute."""
-    return bundle("machine", _machine, _computing([]))(command)
+    return bundle("machine", _machine, _computing())(command)
 
 
 def rendering_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
-    tolerance = machine_option(
-        "--tolerance PX",
-        "Instead of --quality: the cheapest whose slices are off by no more than so much CoC "
-        "radius, like 1px.",
-        pixel_count,
-    )
-    return bundle("machine", _machine, [*_computing([tolerance]), *memory_options()])(command)
+    return bundle("machine", _machine, [*_computing(), *memory_options()])(command)
 
 
-def _machine(*, quality: str | None, tolerance: float | None = None, **others: Any) -> Machine:
-    if quality is not None and tolerance is not None:
-        raise UsageProblem(
-            "contradiction", "stands beside --quality", "keep one of them", field="tolerance"
-        )
-    return Machine(quality=quality or Machine.quality, tolerance=tolerance, **others)
+def _machine(*, quality: str | None, **others: Any) -> Machine:
+    return Machine(quality=quality or Machine.quality, **others)
 
 
-def _computing(accuracy: Sequence[Decorator]) -> list[Decorator]:
-    quality = machine_option(
-        "--quality",
-        "Accuracy, bought with time; a draft is rendered at half of the size, and what is "
-        f"in focus gets its detail back.  [default: {Machine.quality}]",
-        QUALITIES,
-    )
-    threads = machine_option(
-        "--threads N",
-        "Threads to compute with.  [default: one for each core]",
-        click.IntRange(min=1),
-        default=cores,
-    )
-    return [quality, *accuracy, device_option(), threads]
+def _computing() -> list[Decorator]:
+    return [
+        machine_option(
+            "--quality",
+            "Accuracy, bought with time; a draft is rendered at half of the size, and what is "
+            f"in focus gets its detail back.  [default: {Machine.quality}]",
+            QUALITIES,
+        ),
+        device_option(),
+        machine_option(
+            "--threads N",
+            "Threads to compute with.  [default: one for each core]",
+            click.IntRange(min=1),
+            default=cores,
+        ),
+    ]
 
 
 def device_option() -> Decorator:

@@ -15,7 +15,6 @@ from defocus_core.batch.workers.plan import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
 from defocus_core.picture.forecast import Forecast
-from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.text import counted, duration
 
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
@@ -69,11 +68,6 @@ def report_batch(
     by_number, unusable = _forecasts(todo)
     samples = list(by_number.values())
     whole = forecast.total(samples, len(todo)) if samples else None
-    seconds = 0.0
-    if whole:  # lenses share the picture that they take
-        share = len({(job.picture, job.reading) for job in todo}) / len(todo)
-        rest = sum(whole[f"{step}_seconds"] for step in ("prepare", "render", "write"))
-        seconds = (rest + share * whole["read_seconds"]) / processes
     totals = {
         "jobs": len(plan.settled) + len(todo) + plan.beyond,
         "done_before": len(plan.settled),
@@ -82,7 +76,7 @@ def report_batch(
         "looked_at": len(samples) + len(unusable),
         "processes": processes,
         "forecast": whole,
-        "seconds": seconds,
+        "seconds": whole["seconds"] / processes if whole else 0.0,
         "bytes": round(_bytes(todo[0].outputs, samples, len(todo))) if samples else 0,
         "unusable": len(unusable),
     }
@@ -101,8 +95,6 @@ def _forecasts(
     """Forecasts by number, and the errors of the other jobs, said or, of a lone job, raised."""
     if not todo:
         return {}, []
-    if alone:
-        refuse_small(todo[0])
     samples, unusable = forecast.forecasts(todo)
     if alone and unusable:
         raise unusable[0]

@@ -64,10 +64,10 @@ def test_the_record_stands_in_words_json_journal_and_header(tmp_path):
 
 def test_a_header_says_what_was_asked_and_nothing_of_clean_depth(tmp_path):
     files = two_surfaces(tmp_path, 1)
-    said = ("--depth-repair", "soft-edges=2", "--edge-width", "6px")
+    said = ("--depth-repair", "auto", "--edge-width", "6px")
     for name, args, asked in (
         ("clean", (), None),
-        ("said", said, "--depth-repair soft-edges=2 --edge-width 6px"),
+        ("said", said, "--edge-width 6px"),
     ):
         rendered(tmp_path / name, *files, *args)
         attributes = header(tmp_path / name / "render" / "rgb.exr")
@@ -85,12 +85,11 @@ def test_jobs_and_lens_files_steer_it_too(tmp_path):
     succeed("render", color, depth, *given)
     for name, more in (
         ("reading", '[reading]\nedge-width = "30px"\n'),
-        ("slope", '[reading]\ndepth-repair = "soft-edges=0.02"\nedge-width = 30\n'),
-        ("machine", '[reading]\nedge-width = 30\n[machine]\ndepth-repair = "soft-edges=0.02"\n'),
+        ("machine", '[reading]\nedge-width = 30\n[machine]\ndepth-repair = "auto"\n'),
     ):
         jobs = tmp_path / f"{name}.toml"
         jobs.write_text(f'{start}{more}[outputs]\nexr-type = "float"\n')
         succeed("batch", jobs, "-o", tmp_path / name, "--processes", "1")
-    for name in ("lens", "reading", "slope", "machine"):
+    for name in ("lens", "reading", "machine"):
         found = read_exr(next((tmp_path / name / "render").glob("*.exr")))["G"]
         assert np.array_equal(found, wanted), name

@@ -42,7 +42,7 @@ def test_the_work_it_tells_is_the_work_that_is_done(tmp_path):
     expected = told["forecast"]
     assert expected["coc_px"] == done["coc_px"]
     assert expected["size"] == done["size"]
-    assert planned["forecast"]["render_seconds"] == expected["render_seconds"] > 0.01
+    assert planned["forecast"]["seconds"] == expected["seconds"] > 0.01
     assert expected["peak_mb"] > 50
 
 
@@ -56,8 +56,8 @@ def test_of_many_pictures_some_are_read_and_all_are_counted(tmp_path):
     assert read == list(range(0, count, 2))
     whole = planned["forecast"]
     assert (whole["pictures"], whole["pictures_read"]) == (count, forecast.MAX_READ)
-    each = [planned["pictures"][k]["forecast"]["render_seconds"] for k in read]
-    assert whole["render_seconds"] == pytest.approx(count / len(read) * sum(each))
+    each = [planned["pictures"][k]["forecast"]["seconds"] for k in read]
+    assert whole["seconds"] == pytest.approx(count / len(read) * sum(each))
     ran = render(*args, "--outputs", "coc,disparity")
     assert "nothing is rendered" in ran.out
     assert ran.out.splitlines()[-1].startswith(f"{count} pictures: about ")
@@ -80,25 +80,21 @@ def test_a_dry_run_of_several_names_all_that_cannot_be_rendered(tmp_path):
     assert told.json["unusable"] == 2
 
 
-def test_colours_apart_and_up_and_down_are_counted(tmp_path):
+def test_colours_apart_are_counted(tmp_path):
     files = (
         color_exr(tmp_path / "c.exr", texture(TILE, TILE)),
         depth_exr(tmp_path / "z.exr", ramp(TILE, TILE)),
     )
     args = (*files, "-o", tmp_path / "out", "--dry-run", "--json", "--threads", "1")
-    usual, equal, apart, quad = (
+    usual, equal, apart = (
         render(*args, *more).json["pictures"][0]["forecast"]
         for more in (
             (),
             ("--axial-color", "0.1mm:0.1mm"),
             ("--axial-color", "0.1mm:0.2mm"),
-            ("--outputs", "left,right,up,down"),
         )
     )
-    assert [told["renderings"] for told in (usual, equal, apart, quad)] == [1, 2, 3, 2]
-    assert 1.2 < equal["render_seconds"] / usual["render_seconds"] < 1.9
-    assert 1.5 < apart["render_seconds"] / usual["render_seconds"] < 2.8
-    assert 2 < quad["render_seconds"] / usual["render_seconds"] < 5
+    assert [told["renderings"] for told in (usual, equal, apart)] == [1, 2, 3]
     assert "3 renderings, about " in render(*args[:-3], "--axial-color", "0.1mm:0.2mm").out
 
 

@@ -99,7 +99,7 @@ def test_a_look_or_sensor_that_makes_no_sense_is_refused(light, tmp_path, option
 
 def test_a_picture_that_is_no_opening_is_refused(light, tmp_path):
     whole, out, file = np.ones((4, 4)), tmp_path / "out", tmp_path / "pupil.npy"
-    for values in (0 * whole, -whole, np.stack([whole, 0 * whole, whole], -1)):
+    for values in (0 * whole, -whole, np.ones((2, 2, 5, 5))):
         np.save(file, values)
         ran = run("render", *light, "-o", out, *LENS, "--aperture-image", file)
         refused(ran, 3, "malformed", "pupil.npy")
@@ -194,46 +194,8 @@ def test_focus_shows_what_is_sharp_without_rendering(tmp_path):
     assert (red >= green)[near].all()
     assert (blue >= green)[far].all()
     assert shown["R"].shape == metres.shape
-    inset = shown["G"][-40:, :96]
-    assert np.unique(inset).size > 4  # the bars, and the words
-    assert np.unique(shown["G"][-40:, 96:], axis=0).shape[0] == 1
     records = (tmp_path / "out/journal.jsonl").read_text().splitlines()
     assert json.loads(records[-1])["seconds"]["render"] == 0
-
-
-@pytest.mark.parametrize("options", [(), ("--blades", "5", "--blade-rotation", "20")])
-def test_up_and_down_are_the_halves_of_quad_pixels(tmp_path, options):
-    """By their areas, which blades may make unequal."""
-    metres = np.full((40, 56), 6.0, np.float32)
-    metres[12:30, 20:40] = 1.2
-    pixels = np.random.default_rng(1).random((40, 56, 3), np.float32)
-    files = color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "d.exr", metres)
-    lens, kinds = (*LENS, "--sensor-width", "9mm"), ("render", "left", "up", "down")
-    words = ("-o", tmp_path / "out", "--outputs", ",".join(kinds), "--exr-type", "float")
-    succeed("render", *files, *words, *lens, *options)
-    planes = (read_exr(tmp_path / "out" / kind / "a.exr") for kind in kinds)
-    whole, left, up, down = (np.stack([each[c] for c in "RGB"], -1) for each in planes)
-    share = float(((up - down) * (whole - down)).sum() / ((up - down) ** 2).sum())
-    assert share == pytest.approx(0.5, abs=0.02)
-    assert np.abs(share * (up - down) - (whole - down)).max() < 2e-3
-    assert np.abs(up - left).max() > 0.05
-
-
-def test_each_colour_sees_its_own_part_of_a_coloured_opening(light, tmp_path):
-    picture = np.zeros((12, 12, 3))
-    picture[:, :4, 0] = picture[:, 4:8, 1] = picture[:, 8:, 2] = 1
-    np.save(tmp_path / "filter.npy", picture)
-    options = ("--aperture-image", str(tmp_path / "filter.npy"))
-    planes = drawn(light, tmp_path / "out", *options)
-    assert planes["G"].sum() == pytest.approx(1000, rel=1e-4)
-    at = np.arange(SIZE)
-    red, green, blue = (float((planes[c].sum(0) * at).sum() / planes[c].sum()) for c in "RGB")
-    assert green == pytest.approx(24, abs=0.05)
-    assert green - red == pytest.approx(blue - green, abs=0.05)
-    assert blue - red > 8
-    ran = run("render", *light, "-o", tmp_path / "x", *SMALL, *options, "--outputs", "left")
-    refused(ran, 2, "colored-pupil", "aperture-image")
-    assert drawn(light, tmp_path / "high", *options, "--quality", "high")
 
 
 def test_colours_apart_are_the_same_within_any_memory(tmp_path, monkeypatch):

@@ -1,6 +1,5 @@
 """Each option of ``defocus render`` does what its name says."""
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +23,6 @@ from command_line import (
 from image_files import multi_part
 
 from defocus_cli.commands.render import command
-from defocus_core import QUALITIES
 from defocus_core.io.images.raster import read_samples
 
 SIZE = 64
@@ -130,37 +128,6 @@ def test_more_quality_is_another_picture(tmp_path):
         photograph(*files, "-o", out, *wide)
         pictures.append(read_exr(out / "render" / "a.exr")["G"])
     assert np.abs(pictures[0] - pictures[1]).max() > 1e-3
-
-
-def test_tolerance_takes_the_cheapest_quality_within(tmp_path):
-    """As the journal, the file and a picture rendered at that quality say; by the picture's CoC."""
-    color, depth = pair(tmp_path)
-    strong = ("--fnumber", "0.2", "--sensor-width", "9mm")
-    found = {}
-    for told, lens in (("3px", strong), ("0.4px", strong), ("0.4px", ())):
-        out = tmp_path / f"out{len(found)}"
-        ran = render(color, depth, "-o", out, *lens, "--tolerance", told, "--json")
-        quality = ran.json["pictures"][0]["quality"]
-        assert quality in QUALITIES
-        assert header(out / "render" / "a.exr")["defocus:quality"] == quality
-        render(color, depth, "-o", tmp_path / f"named{len(found)}", *lens, "--quality", quality)
-        named = tmp_path / f"named{len(found)}" / "render" / "a.exr"
-        assert named.read_bytes() == (out / "render" / "a.exr").read_bytes()
-        found[told, lens] = QUALITIES.index(quality)
-    assert found["3px", strong] < found["0.4px", strong]
-    assert found["0.4px", ()] < found["0.4px", strong]
-
-
-def test_a_tolerance_that_is_too_small_is_answered_with_one_that_will_do(tmp_path):
-    images = pair(tmp_path)
-    ran = render(*images, "-o", tmp_path / "out", "--tolerance", "0.01px")
-    told = re.search(
-        r"--tolerance: must be at least (\S+) px where radii go from -?[\d.]+ to -?[\d.]+ px, "
-        r"got 0\.01; give more: that is what reference has$",
-        ran.err.strip(),
-    )
-    assert told
-    photograph(*images, "-o", tmp_path / "out", "--tolerance", f"{told[1]}px")
 
 
 def test_preview_shows_the_picture_as_it_looks(tmp_path):

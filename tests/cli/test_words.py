@@ -33,8 +33,6 @@ JOBS = {
 LINES = """
 R --focus-at 1,1
 contradiction --focus: contradicts --focus-at; give one of them
-R --quality high --tolerance 1px
-contradiction --tolerance: stands beside --quality; keep one of them
 R --aperture-diameter 25mm
 contradiction --fnumber: contradicts --aperture-diameter; give one of them
 R --edge-width 4 --depth-repair off
@@ -100,7 +98,7 @@ malformed --obstruction: '2' is not a share of the radius; give 0 to 0.95, like 
 R --noise 1000
 malformed --noise: '1000' is not a noise of a sensor; write ELECTRONS:READ, like 4000:3
 R --depth-repair of
-malformed --depth-repair: 'of' is no depth repair; did you mean off?
+- --depth-repair: 'of' is not one of 'auto', 'off'; see 'defocus render --help'
 R --depth-format kiti
 malformed --depth-format: 'kiti' is no depth format; did you mean kitti or vkitti or vkitti2? \
 'defocus help depth' lists all of them

@@ -58,7 +58,7 @@ class Reading(DepthReading):
     """What to take from the input files, and how to read it."""
 
     color_layer: str | None = None  # colour layer of an EXR
-    # Auto, off (depth is used as it is read), or soft-edges=SLOPE in px per px
+    # Auto, or off: depth is used as it is read
     depth_repair: str = "auto"
     # Px of the widest soft edges of depth, 0 if none are soft; None: as found
     edge_width: float | None = None
@@ -132,13 +132,12 @@ def refuse_idle_outputs(
 
 @dataclass(frozen=True)
 class Machine:
-    """How to compute. ``quality`` or ``tolerance`` decide the pictures.
+    """How to compute. ``quality`` decides the pictures.
 
     ``tile`` changes their last digits, too; the other fields change nothing in them.
     """
 
     quality: str = "standard"
-    tolerance: float | None = None  # px of CoC radius, instead of a quality
     device: str = "auto"
     threads: int = 1
     memory: int | None = None  # bytes for the process; None: most of what is available

@@ -15,7 +15,7 @@ A TOML file with the tables
   [reading]   depth-format and the other options of reading, see `reading_options`
   [outputs]   kinds, format, map-format, exr-type, compression, jpeg-quality, preview;
               inputs = "copy" adds the sharp picture and its depth, kinds image and depth
-  [machine]   quality, or tolerance, like "1px"; depth-repair may stand here instead
+  [machine]   quality; depth-repair may stand here instead
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
 not.
@@ -57,7 +57,6 @@ from defocus_core.batch.jobs.shots import read_decisions, with_shot
 from defocus_core.batch.jobs.splits import read_splits
 from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.quantities import pixel_count
 from defocus_core.errors import UsageProblem
 
 TABLES = (
@@ -69,7 +68,7 @@ _OUTPUTS = (
     *("kinds", "format", "exr-type", "jpeg-quality", "preview", "keep-overscan"),
     *("map-format", "inputs", "compression", "color-space"),
 )
-_MACHINE = ("quality", "tolerance", "depth-repair")
+_MACHINE = ("quality", "depth-repair")
 # The keys of tables that are options of a single picture, too.
 KEYS = {
     **{"lens": LENS_KEYS, "reading": tuple(READING_OPTIONS)},
@@ -231,16 +230,8 @@ def _kinds(section: Table) -> tuple[str, ...] | None:
 
 def _machine(section: Table, machine: Machine) -> Machine:
     section.refuse_unknown(_MACHINE)
-    values: dict[str, Any] = {
-        "quality": section.choice("quality", QUALITIES),
-        "tolerance": section.parsed("tolerance", pixel_count),
-    }
-    if None not in values.values():
-        remedy = "keep one of them"
-        raise UsageProblem(
-            "contradiction", "stands beside quality", remedy, path=section.place("tolerance")
-        )
-    return dataclasses.replace(machine, **_present(values))
+    quality = section.choice("quality", QUALITIES)
+    return machine if quality is None else dataclasses.replace(machine, quality=quality)
 
 
 def _present(values: Mapping[str, Any]) -> dict[str, Any]:

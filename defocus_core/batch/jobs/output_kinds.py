@@ -39,7 +39,6 @@ class Kind:
     of_radius: Callable[..., NDArray[Any]] | None = None
     # Of an image of several, the kinds that are the views of its one EXR file
     views: tuple[str, ...] = ()
-    transposed: str = ""  # the view that it is of the picture with rows for columns, left or right
     # Input that it is made of without rendering, a row of `defocus_core.picture.write`;
     # empty for other kinds
     source: str = ""
@@ -72,8 +71,6 @@ _ROWS = (
     Kind("render", "the defocused picture", image=True),
     Kind("left", "what the left half of the lens sees (dual pixel)", image=True, halves=True),
     Kind("right", "what the right half of the lens sees", image=True, halves=True),
-    Kind("up", "what the upper half sees (quad pixel)", image=True, transposed="left"),
-    Kind("down", "what the lower half sees", image=True, transposed="right"),
     Kind(
         "coc",
         "signed radius of the circle of confusion in px, beyond the focus positive",

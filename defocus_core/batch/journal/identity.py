@@ -57,7 +57,6 @@ def settings(job: Job) -> dict[str, Any]:
         "reading": _plain(job.reading),
         "outputs": _plain(job.outputs),
         "quality": job.machine.quality,
-        **({} if job.machine.tolerance is None else {"tolerance": job.machine.tolerance}),
         **({} if job.machine.tile is None else {"tile": job.machine.tile}),
         **({} if job.shot is None else {"shot": shot_settings(job.shot, job.picture.frame)}),
     }

@@ -174,7 +174,6 @@ def job_of(record: Record, out: Path) -> Job:
             typed(Outputs, {"root": str(out), **asked["outputs"]}),
             Machine(
                 quality=asked["quality"],
-                tolerance=asked.get("tolerance"),
                 tile=asked.get("tile"),
             ),
             asked["suffix"],

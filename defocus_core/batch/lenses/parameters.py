@@ -377,8 +377,7 @@ _ROWS = (
         parse=quantities.file,
         metavar="FILE",
         help="Picture of the opening instead of blades, grey or RGB, PNG, EXR or NPY: bright is "
-        "open, as a point beyond the focus shows it. NPY of rows x columns of pictures is a field "
-        "of kernels over the frame.",
+        "open, as a point beyond the focus shows it.",
         tag="pupil",
         example="pupil.png",
         file_field="aperture_image",

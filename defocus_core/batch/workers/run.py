@@ -34,7 +34,6 @@ from defocus_core.batch.workers.plan import (
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
-from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.interrupts import Interrupts
 
 MAX_IN_A_CHUNK = 8
@@ -87,7 +86,6 @@ def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
 
     own = [name for name in job.names.values() if is_own(job.outputs.root / name)]
     refuse_unknown([job], known=own)
-    refuse_small(job)
     out, summary = job.outputs.root, Summary(1, 0, 1)
 
     def done(_: int, record: Record) -> None:
@@ -147,8 +145,6 @@ def _carried_out(
         if not execution.again:
             path.unlink(missing_ok=True)
         return summary
-    if len(plan.todo) == 1:
-        refuse_small(plan.todo[0][0])
     others = _others_left(plan, out) if execution.again else []
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
         RunPlan(_now(), plan.names + others).write(path)
