@@ -27,7 +27,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -95,17 +94,14 @@ class Batch:
         """How many jobs there are."""
         return len(self.entries) * self.plan.count
 
-    def jobs(self, numbers: Sequence[int] | None = None) -> list[Job]:
-        """The jobs, or those of ascending numbers; those of one picture follow one another."""
-        count, numbers = self.plan.count, range(self.count) if numbers is None else numbers
-        owns = list(dict.fromkeys(number // count for number in numbers))
-        pictures = [self.entries[own].picture for own in owns]
+    def jobs(self) -> list[Job]:
+        """The jobs; those of one picture follow one another."""
+        pictures = [entry.picture for entry in self.entries]
         splits = read_splits(self.tables["split"]).of(pictures)
-        by_entry = groupby(numbers, lambda number: number // count)
         jobs = [
-            Job(picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
-            for (own, mine), picture, split in zip(by_entry, pictures, splits, strict=True)
-            for suffix, lens in self.plan.lenses(self.entries[own], (n % count for n in mine))
+            Job(entry.picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
+            for entry, split in zip(self.entries, splits, strict=True)
+            for suffix, lens in self.plan.lenses(entry, range(self.plan.count))
         ]
         by_frame = {each.picture.frame: each for each in self.shot}
         suffixes = {suffix: number for number, suffix in enumerate(self.plan.suffixes)}
@@ -127,11 +123,6 @@ class Batch:
             read_decisions(self.tables["shot"]),
             moving="focus-at" in self.animation.keys,
         )
-
-    def names(self) -> list[str]:
-        """The name of the sample of each job."""
-        suffixes = self.plan.suffixes
-        return [one.picture.stem + suffix for one in self.entries for suffix in suffixes]
 
 
 def read_batch(path: Path, outputs: Outputs, machine: Machine) -> Batch:

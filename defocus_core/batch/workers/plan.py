@@ -157,16 +157,6 @@ def own_without_record(jobs: Sequence[Job], out: Path, known: Collection[str]) -
     return own
 
 
-def refuse_names(stems: Sequence[str], outputs: Outputs) -> None:
-    """Refuse names of samples that two have, or that are too long for a file."""
-    count = Counter(stems)
-    twice = next((stem for stem, times in count.items() if times > 1), None)
-    if twice is not None:
-        raise _written_twice(outputs.root / next(iter(outputs.names(twice).values())))
-    for name in outputs.names(max(count, key=lambda stem: len(os.fsencode(stem)))).values():
-        _refuse_long(outputs.root, name)
-
-
 def _written_twice(path: Path) -> InputError:
     return InputError(
         "duplicate", "would be written twice", "rename one of the colour files", path=path
