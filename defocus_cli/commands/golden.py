@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -17,8 +16,7 @@ from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.pool import WorkerConfig
-from defocus_core.compare.goldens.faults import Planted, plant_all
-from defocus_core.compare.goldens.store import (
+from defocus_core.compare.goldens import (
     FreshPictures,
     Store,
     accept,
@@ -28,12 +26,10 @@ from defocus_core.compare.goldens.store import (
     store_to_update,
 )
 from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.picture import read_picture
 from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.compare.run import Task, compare_all
 from defocus_core.compare.thresholds import ROUNDING, Rules
-from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.safe_files import missing
+from defocus_core.errors import InputError
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
 from defocus_core.system.text import counted
@@ -57,7 +53,6 @@ def command(ctx: click.Context) -> None:
     Examples:
       defocus golden update jobs.toml goldens --accept
       defocus golden check jobs.toml goldens --junit goldens.xml
-      defocus golden check jobs.toml goldens --must-fail
     """  # noqa: D301  click reads the backspace
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
@@ -128,10 +123,6 @@ def update(
 @command.command("check", cls=GroupedCommand)
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.argument("folder", type=FilePath(), metavar="DIR")
-@option(
-    "--must-fail",
-    "Render nothing; plant faults into the goldens, and fail if a rule lets one pass.",
-)
 @_only
 @comparing.comparison_options(_DEFAULT_RULES)
 @shared.json_option
@@ -139,7 +130,6 @@ def update(
 def check(
     jobs_file: Path,
     folder: Path,
-    must_fail: bool,
     only: tuple[str, ...],
     asked: comparing.ComparisonOptions,
     as_json: bool,
@@ -147,21 +137,11 @@ def check(
 ) -> int:
     """Render JOBS.toml again, and compare with the goldens in DIR.
 
-    --must-fail plants faults into each golden, from a block of NaN and highlights clipped at 1 to
-    seams and noise of 1 %, and says of each which is the weakest that the rules notice.
-
     \b
     Examples:
       defocus golden check jobs.toml goldens --thresholds compare.toml --junit goldens.xml
       defocus golden check jobs.toml goldens --html goldens.html
-      defocus golden check jobs.toml goldens --thresholds compare.toml --must-fail
     """  # noqa: D301  click reads the backspace
-    if must_fail:
-        for option, value in {**asked.reports, "--only": only}.items():
-            if value:
-                problem = "means nothing with --must-fail"
-                raise UsageProblem("contradiction", problem, "leave it out", path=option)
-        return _plant(folder, asked, as_json=as_json)
     start = time.perf_counter()
     store = read_store(folder)
     with _render(jobs_file, crew, only) as fresh:
@@ -202,47 +182,3 @@ def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> 
     names = sorted({*store.files, *fresh.files})
     pairs = [FilePair(name, there.get(name), fresh.files.get(name)) for name in names]
     return list(compare_all(pairs, task, processes))
-
-
-def _plant(folder: Path, asked: comparing.ComparisonOptions, *, as_json: bool) -> int:
-    """Plant faults into all goldens of a folder."""
-    store = read_store(folder)
-    if not store.files:
-        raise InputError("empty", "has no goldens", "accept some first", path=folder)
-    planted = {}
-    for name in sorted(store.files):
-        path = store.place(name)
-        if path is None:
-            raise missing(folder / name, "golden")
-        picture = read_picture(path)
-        planted[name] = plant_all(picture, name, asked.rules.of(name), asked.settings)
-        if not as_json:
-            console.stdout(*_planted_lines(name, planted[name]))
-    every = [fault for faults in planted.values() for fault in faults]
-    missed, warned = (sum(getattr(f, kind) for f in every) for kind in ("is_silent", "warned"))
-    if as_json:
-        goldens = {name: [_planted_record(f) for f in faults] for name, faults in planted.items()}
-        console.print_json(all_noticed=not missed, goldens=goldens)
-    else:
-        verdict = f"{missed} PASS" if missed else "all are noticed"
-        verdict += f", {warned} with only a warning" if warned else ""
-        counts = f"{counted(len(every), 'fault')} in {counted(len(planted), 'golden')}"
-        console.stdout(f"{counts}: {verdict}")
-    return 1 if missed else 0
-
-
-def _planted_lines(name: str, faults: Sequence[Planted]) -> Iterator[str]:
-    """A line for each fault that passes, and one each of those that are warned of, and noticed."""
-    yield from (f"{name}: PASSES: {fault.fault}" for fault in faults if fault.is_silent)
-    warned = [fault.fault for fault in faults if fault.warned]
-    if warned:
-        yield f"{name}: only a warning: {', '.join(warned)}"
-    weakest = [f"{fault.fault} (from {fault.weakest})" for fault in faults if fault.weakest]
-    if weakest:
-        yield f"{name}: noticed: {', '.join(weakest)}"
-
-
-def _planted_record(fault: Planted) -> dict[str, Any]:
-    """A fault, for JSON."""
-    noticed = {"fault": fault.fault, "noticed": fault.noticed, "warned": fault.warned}
-    return {**noticed, "weakest": fault.weakest or None}

@@ -69,7 +69,6 @@ Examples:
 @shared.check_inputs_option
 @shared.json_option
 @shared.verbose_option
-@shared.stats_option
 @option(
     "--dry-run",
     "Say what would be read and written, how long it takes and in how much memory, and stop.",
@@ -87,7 +86,6 @@ def command(
     check_inputs: str,
     as_json: bool,
     verbose: bool,
-    stats: bool,
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
@@ -115,7 +113,7 @@ def command(
         from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
 
         kind_of_sheet(jobs)
-    report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, stats=stats)
+    report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose)
     if len(jobs) > 1:
         with report.bar("picture"):
             summary = run.carry_out(jobs, outputs.root, execution(pipeline.execute), report)

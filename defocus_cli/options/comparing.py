@@ -66,11 +66,6 @@ class ComparisonOptions:
         """What is to be done with each pair."""
         return Task(self.rules, self.settings, self.diff, self.causes)
 
-    @property
-    def reports(self) -> dict[str, Path | None]:
-        """The files that are asked for, by option."""
-        return {"--diff": self.diff, "--junit": self.junit, "--html": self.html}
-
     def write_reports(
         self,
         records: Sequence[Comparison],

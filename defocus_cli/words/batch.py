@@ -28,11 +28,9 @@ _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 class BatchReport:
     """Reports each job of a batch while it runs."""
 
-    def __init__(
-        self, *, each: bool, keep: bool = False, verbose: bool = False, stats: bool = False
-    ) -> None:
+    def __init__(self, *, each: bool, keep: bool = False, verbose: bool = False) -> None:
         self.records: dict[str, dict[str, Any]] = {}
-        self._each, self._keep, self._verbose, self._stats = each, keep, verbose, stats
+        self._each, self._keep, self._verbose = each, keep, verbose
         self._bar: Any = None
         self._kinds: Counter[str] = Counter()  # jobs without outputs, by the kind of their message
 
@@ -58,9 +56,7 @@ class BatchReport:
         """Say what became of a job."""
         if self._keep:
             self.records[job.sample_id] = job_report.outcome_record(job, record)
-        lines = list(
-            job_report.outcome_lines(job, record, verbose=self._verbose, stats=self._stats)
-        )
+        lines = list(job_report.outcome_lines(job, record, verbose=self._verbose))
         if record["status"] != "ok" and not self._verbose:
             kind = kind_of(record["message"])
             self._kinds[kind] += 1

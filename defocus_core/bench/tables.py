@@ -84,11 +84,6 @@ def losses(row: Row, rows: Sequence[Row]) -> list[dict[str, Any]]:
     return lost_to
 
 
-def loss_words(row: Row, rows: Sequence[Row]) -> list[str]:
-    """Losses of a row of the standard quality to each baseline, in words."""
-    return [_loss(loss).removeprefix("! ") for loss in losses(row, rows)]
-
-
 def regressions(rows: Sequence[Row]) -> list[dict[str, Any]]:
     """Where the standard quality is worse than a baseline, and by how much, the worst first."""
     every = (loss for row in rows for loss in losses(row, rows))

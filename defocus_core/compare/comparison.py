@@ -209,20 +209,14 @@ def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
 
 
 def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
-    """Where a smaller picture may lie in a larger one: in the middle, at corners, at a match."""
-    spare_y, spare_x = large.shape[1] - small.shape[1], large.shape[2] - small.shape[2]
-    yield from product((spare_x // 2, 0, spare_x), (spare_y // 2, 0, spare_y))
-    # Pixels that match one distinctive pixel of the smaller picture.
-    flat = small.reshape(len(small), -1)
-    for place in {int(flat[0].argmax()), int(flat[0].argmin()), flat.shape[1] // 2}:
-        row, column = np.unravel_index(place, small.shape[1:])
-        same = np.ones(large.shape[1:], bool)
-        for plane, value in zip(large, flat[:, place], strict=True):
-            same &= plane == value
-        for y, x in np.argwhere(same)[:64]:
-            corner = int(x - column), int(y - row)
-            if 0 <= corner[0] <= spare_x and 0 <= corner[1] <= spare_y:
-                yield corner
+    """Where a smaller picture may lie in a larger one: where 81 pixels of it match."""
+    (height, width), (high, wide) = large.shape[1:], small.shape[1:]
+    same = np.ones((height - high + 1, width - wide + 1), bool)
+    rows, columns = (np.linspace(0, side - 1, 9).astype(int) for side in (high, wide))
+    for row, column in product(rows, columns):
+        part = large[:, row : row + len(same), column : column + len(same[0])]
+        same &= (part == small[:, row, column][:, None, None]).all(axis=0)
+    yield from ((int(x), int(y)) for y, x in np.argwhere(same)[:64])
 
 
 def compare_pair(

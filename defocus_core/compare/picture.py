@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.array_files import is_float_map, read_float_map
+from defocus_core.io.array_files import NAMED, array_type, read_map
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.deep_samples import strips
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_headers
@@ -73,11 +73,10 @@ def read_picture(path: Path) -> DecodedPicture:
         return _from_exr(path)
     if head.startswith(_PNG):
         _refuse_damaged_png(path)
-    if is_float_map(head):
-        float_map = read_float_map(path, integers=True)
-        values = float_map.values
+    if (file_type := array_type(head)) and file_type not in NAMED:
+        values = read_map(path)
         (height, width), kind = values.shape, values.dtype.name
-        layout = {"format": float_map.format}
+        layout = {"format": file_type}
         return DecodedPicture(path, width, height, {"Z": values}, {"Z": kind}, layout=layout)
     return _from_raster(path, read_pages(path, wanted=_KNOWN))
 
@@ -191,7 +190,7 @@ def _deep_samples(path: Path, headers: Sequence[Header]) -> dict[str, NDArray[An
     """The samples of all deep parts; none if the file is flat."""
     found: dict[str, list[NDArray[Any]]] = {}
     for header in headers:
-        for strip in strips(path, header, last=True) if header.deep else ():
+        for strip in strips(path, header) if header.deep else ():
             rows, columns = np.divmod(strip.pixel.astype(np.int64), strip.window.width)
             places = (rows + strip.window.y0 << 32) + columns + strip.window.x0
             found.setdefault("", []).append(places)

@@ -191,7 +191,7 @@ def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[
     errors = _errors(search, fitted, scale, free, float(weight.sum()))
     radius = point.strength * scale.factor * (point.focus - scale.disparity)
     pair = len(scale.observed) > 1
-    shading = search.residual.shading(point, optics, scale) if search.residual.side_shading else ()
+    modelled = search.residual.modelled(point, optics, scale)
     evidence = JudgedPair.of(search.residual, point, optics)
     return Fit(
         point.strength,
@@ -201,13 +201,13 @@ def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[
         point.gamma,
         errors.get("gamma", 0.0),
         (point.across, point.down),
-        tuple(search.residual.gains(point, optics, scale).tolist()),
+        tuple(modelled.gains.tolist()),
         _psnr(residual, weight, radius),
         point.turned(optics.aperture),
         _with_crosstalk(optics.dual_pixel, point.separation) if pair else None,
         errors.get("separation", 0.0) / 2,
         point.separation < 0,
-        tuple(tuple(float(x) for x in row) for row in shading),
+        tuple(map(tuple, modelled.shading.tolist())),
         evidence.explained,
         tuple(_doubts(fitted, disparity, errors)),
         tuple(refusals_of(evidence, sought)),

@@ -27,7 +27,7 @@ from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate, Unknown, moved, 
 
 MIDDLE = 480  # px, width of pictures of middle size
 _COARSE = 200  # px, width of small pictures
-_GRID = 120  # px, of those of the grid
+_GRID = 128  # px, of those of the grid
 _STEPS = {_COARSE: 6, MIDDLE: 6, None: 4}  # most Gauss-Newton steps at a width
 _KEPT = {_GRID: 6, _COARSE: 3, MIDDLE: 2}  # points that are followed at a width
 _SAME_PX = 0.25  # px of small pictures, by which radii of one point differ
@@ -38,9 +38,8 @@ _BLOCKS = 6  # along each side, for the uncertainty
 _SEPARATION = 0.5  # of left and right, from which steps descend
 _LEAST_STEP = 2e-4  # a smaller step is none
 _END_RATIO = 0.999  # times the error before a step: not worth another
-_NEW_SLOPES_RATIO = 0.5  # times the error before a step: slopes may have changed within a probe
 _SHORTEST = 0.01  # of the difference that slopes are first taken over
-_STEP_FRACTIONS = (1.0, 0.35, 0.1)  # fractions of a step that are tried
+_FRACTIONS = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _DAMPING = 1e-4
 _ASIDE = (-1.5, -0.75, 0.0, 0.75, 1.5)  # px of radius that the focus is tried aside
 # Px by which a nearly sharp surface is moved, how much less error is worth it, and how often.
@@ -48,9 +47,9 @@ _PIVOT_PX, _PIVOT_RATIO, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)
 _OTHER_SIDE_RATIO = 2.0  # times the error, that the other side of the focus may have before steps
 _TAIL = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
 _ROUNDING_RATIO = 1.002  # an error as small, by the rounding of the renderer
-_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.3  # px; of the width; of one to the next
+_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.25  # px; of the width; of one to the next
 _MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
-_APART = 0.3  # of their radii: points of the grid that differ by less are one
+_APART = 0.2  # of their radii: points of the grid that differ by less are one
 _PLACES = 40  # of the focus in a range of disparity, that are tried for a given strength
 
 
@@ -226,39 +225,24 @@ class Search:
     def _descend(self, start: FittedLens, width: int | None, free: list[Unknown]) -> FittedLens:
         """A point after Gauss-Newton steps at a width; None for that of the pictures.
 
-        Slopes take a rendering each. They are kept after a step shorter than what they were taken
-        over, until a step by them makes nothing better. Where a surface is nearly sharp they change
-        within what they are taken over: after a short step of little use they are taken over its
-        length.
+        Slopes take a rendering each. Where a surface is nearly sharp they change within what they
+        are taken over: that is no longer than the last step.
         """
         scale = self.residual.scale(width)
         fitted = self._at(start.point, start.optics, scale)
-        slopes: Tensor | None = None
         first = probes = _probes(free)
         for _ in range(_STEPS[width] if free else 0):
-            kept = slopes
             residual, weight = self.residual.of(fitted.point, fitted.optics, scale)
-            slopes = self._slopes(fitted, scale, free, probes, residual) if kept is None else kept
+            slopes = self._slopes(fitted, scale, free, probes, residual)
             step = _step(*_blocks(residual, weight, slopes), free)
-            for fraction in _STEP_FRACTIONS:
-                point = self._move(fitted.point, free, (fraction * step).tolist())
-                there = self._at(point, fitted.optics, scale)
-                if there.error < fitted.error:
-                    break
-            else:
-                if kept is None:
-                    return fitted
-                slopes = None
-                continue
-            less, fitted, step = there.error / fitted.error, there, fraction * step.abs()
-            if less > _END_RATIO:
-                break
-            shorter = torch.maximum(step, _SHORTEST * first)
-            if bool((step > probes).any()):
-                slopes = None
-            elif less > _NEW_SLOPES_RATIO and bool((shorter < probes / 2).all()):
-                slopes, probes = None, shorter
-            elif float(step.max()) < _LEAST_STEP:
+            moves = [(self._move(fitted.point, free, (f * step).tolist()), f) for f in _FRACTIONS]
+            tried = ((self._at(point, fitted.optics, scale), f) for point, f in moves)
+            better = ((there, f) for there, f in tried if there.error < fitted.error)
+            there, fraction = next(better, (fitted, 0.0))
+            less, fitted = there.error / max(fitted.error, 1e-30), there
+            taken = fraction * step.abs()
+            probes = torch.minimum(probes, torch.maximum(taken, _SHORTEST * first))
+            if less > _END_RATIO or float(taken.max()) < _LEAST_STEP:
                 break
         return fitted
 
@@ -308,17 +292,21 @@ class Search:
 
 
 def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens]:
-    """The first of some points, but those clearly worse than the best, and where another ended."""
+    """The first of some points, but those clearly worse than the best, and where another ended.
+
+    Those of the grid are only said not to be nearly the same: they have not ended.
+    """
     ends, kept = torch.stack(scale.disparity.aminmax()), []
     radii: list[Tensor] = []
-    for each in fitted[: _KEPT[width]]:
+    of_grid = width == _GRID
+    for each in fitted if of_grid else fitted[: _KEPT[width]]:
         radius = each.point.strength * scale.factor * (each.point.focus - ends)
-        size = _SAME_PX + (_APART * float(radius.abs().max()) if width == _GRID else 0.0)
+        size = _SAME_PX + of_grid * _APART * float(radius.abs().max())
         apart = all(float((radius - other).abs().max()) > size for other in radii)
-        if apart and each.error <= _DROP_RATIO * fitted[0].error:
+        if apart and (of_grid or each.error <= _DROP_RATIO * fitted[0].error):
             kept.append(each)
             radii.append(radius)
-    return kept
+    return kept[: _KEPT[width]]
 
 
 def _probes(free: list[Unknown]) -> Tensor:

@@ -123,7 +123,7 @@ def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
 
 def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
     """Kernels of left and right: [H, W] of an NPY file, also [rows, columns, H, W] of an NPZ."""
-    from defocus_core.io.array_files import container_type, read_entries, read_npy
+    from defocus_core.io.array_files import container_type, read_array, read_entries
 
     if container_type(read_head(path)) == "NPZ":
         remedy = "save left and right, each rows × columns × height × width"
@@ -136,7 +136,7 @@ def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
         shapes = [entry.shape for entry in entries]
     else:
         remedy, axes = "save left and right as 2 × height × width", (2,)
-        entries, mapped = [], read_npy(path, integers=True)
+        entries, mapped = [], read_array(path)
         shapes = [mapped.shape[1:]] * len(mapped)
     fits = len(shapes) == 2 and shapes[0] == shapes[1] and len(shapes[0]) in axes
     if not fits or _is_wide(shapes[0]):
@@ -158,13 +158,13 @@ def pupil_image(path: Path) -> PupilImage:
     """The picture of a pupil, as light: the mean of its colours."""
     import torch
 
-    from defocus_core.io.array_files import NPY_MAGIC, read_npy
+    from defocus_core.io.array_files import array_type, read_array
     from defocus_core.io.images.color import read_color
     from defocus_core.io.images.describe import describe
     from defocus_core.optics.pupil_image import PupilImage
 
-    if read_head(path).startswith(NPY_MAGIC):
-        mapped = read_npy(path, integers=True)
+    if array_type(read_head(path)) == "NPY":
+        mapped = read_array(path)
         light = mapped[None] if mapped.ndim == 2 else np.moveaxis(mapped, -1, 0)
         _refuse_wide(path, light.shape)
         light = np.array(light, "float64")

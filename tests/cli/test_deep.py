@@ -206,5 +206,7 @@ def test_a_deep_picture_of_two_views_in_one_part_renders_each(tmp_path, view):
         for rows in zip(*made.values(), strict=True)
     ]
     names = [f"{each}.{name}" for each in made for name in "RGBAZ"]
-    seen = rendered(tmp_path, "deep", both, "--view", view, names=names, light="float")
+    seen = rendered(
+        tmp_path, "deep", both, "--view", view, names=names, light="float", views=("left", "right")
+    )
     assert torch.equal(seen, rendered(tmp_path, "alone", made[view], light="float"))

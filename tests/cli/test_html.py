@@ -53,8 +53,7 @@ depth-kind = "depth"
 radial = true
 fov = "60deg"
 [outputs]
-kinds = ["left", "right"]
-multiview = true
+kinds = ["multiview"]
 [machine]
 quality = "draft"
 """
@@ -95,14 +94,6 @@ def test_all_pairs_are_items_with_what_they_have(folders):
     assert keys(item(file, "same.exr"), valued=True) == []
     assert keys(item(file, "gone.exr")) == ["a"]
     assert keys(item(file, "bad.exr")) == []
-
-
-def test_two_files_make_a_report_too(folders):
-    a, b = folders
-    file = a.parent / "two.html"
-    ran = run("compare", a / "shifted.exr", b / "shifted.exr", "--html", file)
-    assert ran.code == 1
-    assert [each["name"] for each in items(file)] == ["shifted.exr"]
 
 
 def test_a_report_is_the_same_file_however_many_processes_drew(folders):

@@ -71,15 +71,6 @@ def test_a_lens_file_has_them_and_the_picture_lies_beside_it(light, tmp_path):
     assert from_file[17, 19] == 0  # between the arms
 
 
-def test_a_changed_picture_of_the_opening_is_rendered_again(light, tmp_path):
-    picture = tmp_path / "pupil.npy"
-    np.save(picture, np.ones((4, 4)))
-    first = drawn(light, tmp_path / "out", "--aperture-image", str(picture))["G"]
-    np.save(picture, np.array([[1.0, 0], [0, 1.0]]))
-    second = drawn(light, tmp_path / "out", "--aperture-image", str(picture), "--overwrite")
-    assert np.abs(first - second["G"]).max() > 0.1
-
-
 @pytest.mark.parametrize(
     ("options", "code", "field"),
     [

@@ -50,9 +50,9 @@ idle-option --vignetting: darkens nothing without a rim; add --cat-eye 1.05:1.5,
 R --noise-seed 3
 idle-option --noise-seed: changes nothing without noise; add --noise 4000:3, or leave it out
 R --format jpg --exr-type half
-idle-option --exr-type: says nothing about jpg; leave it out, or use --format exr
+idle-option --exr-type: says nothing about jpg; leave it out, or write the format exr
 R --format png --jpeg-quality 80
-idle-option --jpeg-quality: says nothing about png; leave it out, or use --format jpg
+idle-option --jpeg-quality: says nothing about png; leave it out, or write the format jpg
 fit rgb.exr z.exr rgb.exr --side-shading
 idle-option --side-shading: has no effect without the right picture; \
 add --right FILE, or leave it out

@@ -27,13 +27,12 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.batch.jobs.inputs import Entry, read_inputs
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading, refuse_idle_outputs
 from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
 from defocus_core.batch.jobs.lens_plan import LensPlan, lens_file_of, read_plan
 from defocus_core.batch.jobs.origin import read_origin
@@ -42,11 +41,9 @@ from defocus_core.batch.jobs.output_kinds import (
     FORMAT_ALIASES,
     INPUTS,
     KINDS,
-    LOSSY,
     MAP_FORMATS,
     SUFFIXES,
     compression,
-    in_one_file,
 )
 from defocus_core.batch.jobs.reading_options import (
     READING_OPTIONS,
@@ -67,7 +64,7 @@ TABLES = (
 )
 MAX_JOBS = 10_000_000
 _OUTPUTS = (
-    *("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan"),
+    *("kinds", "format", "exr-type", "jpeg-quality", "preview", "keep-overscan"),
     *("map-format", "inputs", "compression", "color-space"),
 )
 _MACHINE = ("quality", "depth-repair")
@@ -97,17 +94,14 @@ class Batch:
         """How many jobs there are."""
         return len(self.entries) * self.plan.count
 
-    def jobs(self, numbers: Sequence[int] | None = None) -> list[Job]:
-        """The jobs, or those of ascending numbers; those of one picture follow one another."""
-        count, numbers = self.plan.count, range(self.count) if numbers is None else numbers
-        owns = list(dict.fromkeys(number // count for number in numbers))
-        pictures = [self.entries[own].picture for own in owns]
+    def jobs(self) -> list[Job]:
+        """The jobs; those of one picture follow one another."""
+        pictures = [entry.picture for entry in self.entries]
         splits = read_splits(self.tables["split"]).of(pictures)
-        by_entry = groupby(numbers, lambda number: number // count)
         jobs = [
-            Job(picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
-            for (own, mine), picture, split in zip(by_entry, pictures, splits, strict=True)
-            for suffix, lens in self.plan.lenses(self.entries[own], (n % count for n in mine))
+            Job(entry.picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
+            for entry, split in zip(self.entries, splits, strict=True)
+            for suffix, lens in self.plan.lenses(entry, range(self.plan.count))
         ]
         by_frame = {each.picture.frame: each for each in self.shot}
         suffixes = {suffix: number for number, suffix in enumerate(self.plan.suffixes)}
@@ -129,11 +123,6 @@ class Batch:
             read_decisions(self.tables["shot"]),
             moving="focus-at" in self.animation.keys,
         )
-
-    def names(self) -> list[str]:
-        """The name of the sample of each job."""
-        suffixes = self.plan.suffixes
-        return [one.picture.stem + suffix for one in self.entries for suffix in suffixes]
 
 
 def read_batch(path: Path, outputs: Outputs, machine: Machine) -> Batch:
@@ -210,24 +199,7 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
     outputs = dataclasses.replace(outputs, **_present(values))
     if section.choice("inputs", ("copy",)) is not None:
         outputs = dataclasses.replace(outputs, kinds=(*dict.fromkeys((*outputs.kinds, *INPUTS)),))
-    if section.flag("multiview"):
-        kinds = in_one_file(outputs.kinds, section.place("multiview"))
-        outputs = dataclasses.replace(outputs, kinds=kinds)
-    if values["compression"] is not None and not outputs.writes_exr:
-        place = section.place("compression")
-        raise UsageProblem(
-            "idle-option", "is of EXR, and none is written", "leave it out", path=place
-        )
-    if values["color_space"] is not None and outputs.format == "exr":
-        problem, place = "says nothing about exr, which is linear", section.place("color-space")
-        raise UsageProblem("idle-option", problem, "leave it out", path=place)
-    for field, formats in (("exr_type", ("exr",)), ("jpeg_quality", LOSSY)):
-        if values[field] is not None and outputs.format not in formats:
-            problem = f"says nothing about {outputs.format}"
-            remedy = f'leave it out, or use format = "{formats[0]}"'
-            raise UsageProblem(
-                "idle-option", problem, remedy, path=section.place(field.replace("_", "-"))
-            )
+    refuse_idle_outputs(outputs, section.values, section.place)
     return outputs
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.lenses.quantities import QuantityError, within
-from defocus_core.errors import Place, UsageProblem, did_you_mean
+from defocus_core.errors import did_you_mean
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -159,12 +159,3 @@ def is_picture_name(suffix: str) -> bool:
     """Whether a suffix is one of pictures that are written."""
     word = suffix.lower().removeprefix(".")
     return f".{word}" in SUFFIXES.values() or word in FORMAT_ALIASES
-
-
-def in_one_file(kinds: tuple[str, ...], where: Place) -> tuple[str, ...]:
-    """The kinds of output with left and right in one file."""
-    row = KINDS["multiview"]
-    if missing := [view for view in row.views if view not in kinds]:
-        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
-        raise UsageProblem("missing-option", problem, "name both, like left,right", path=where)
-    return (*(kind for kind in kinds if kind not in row.views), row.name)

@@ -23,7 +23,7 @@ from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import is_at, unwritable
 from defocus_core.system.text import note
 
-PATIENCE = 0.5  # seconds in which a holder may be gone that only looked whether there is one
+PATIENCE = 0.2  # seconds in which a holder may be gone that only looked whether there is one
 _HOLDER = re.compile(r"process \d{1,10} on [\w.-]{1,100}")
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # of file systems without
 Check = Callable[[], None]

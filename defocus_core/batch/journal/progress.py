@@ -11,7 +11,6 @@ from pathlib import Path
 from defocus_core.batch.journal.journal import (
     Record,
     Shard,
-    files_of,
     journal_path,
     read,
     shards,
@@ -95,9 +94,8 @@ def _add_run(
     if plan is None:
         return
     left = plan.left(every)
-    known = {name for record in every for name in files_of(record)} if left else set()
     state.left += len(left)
-    state.again += sum(not known.isdisjoint(files) for files in left)
+    state.again += len({record["sample_id"] for record in every}.intersection(left))
     own = [record for record in records if record["finished"] >= plan.begun]
     if own:
         until = datetime.now(UTC) if who else datetime.fromisoformat(own[-1]["finished"])

@@ -52,7 +52,7 @@ class Plan:
     # How many of ``todo`` were done, but with other inputs or settings, or have outputs that
     # are no longer as they were
     changed: int
-    files: list[list[str]]  # the outputs of each job to do, now or later, relative to OUT
+    names: list[str]  # of the samples of all jobs to do, now or later
     previews: dict[str, identity.Stamp]  # those of before by path, relative to OUT
 
 
@@ -82,8 +82,8 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     ledger.refuse_others(jobs_to_do, keep_lenses=execution.keep_lenses)
     own = own_without_record(jobs_to_do, out, ledger.files)
     refuse_unknown(jobs_to_do, ledger.files | own)
-    files = [list(job.names.values()) for job, _ in todo]
-    return Plan(now, settled, moved, len(todo) - len(now), changed, files, ledger.previews)
+    names = [job.sample_id for job in jobs_to_do]
+    return Plan(now, settled, moved, len(todo) - len(now), changed, names, ledger.previews)
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:
@@ -155,16 +155,6 @@ def own_without_record(jobs: Sequence[Job], out: Path, known: Collection[str]) -
     if own:
         note(f"{out}: the journal no longer knows {counted(len(own), 'output')}, done again")
     return own
-
-
-def refuse_names(stems: Sequence[str], outputs: Outputs) -> None:
-    """Refuse names of samples that two have, or that are too long for a file."""
-    count = Counter(stems)
-    twice = next((stem for stem, times in count.items() if times > 1), None)
-    if twice is not None:
-        raise _written_twice(outputs.root / next(iter(outputs.names(twice).values())))
-    for name in outputs.names(max(count, key=lambda stem: len(os.fsencode(stem)))).values():
-        _refuse_long(outputs.root, name)
 
 
 def _written_twice(path: Path) -> InputError:

@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.jobs.job import Job, Machine
 from defocus_core.batch.journal.journal import Record
-from defocus_core.batch.journal.run_file import sweep_up_after
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
@@ -240,22 +239,6 @@ class _Worker:
         self.connection.close()
         self.process.kill()
         self.process.join(_GRACE)
-        if self.process.pid is not None:
-            for job in self.flight.values():
-                sweep_up_after(self.process.pid, job.outputs.root, job.written)
-
-
-def execute_in(processes: int) -> Execute:
-    """An executor of jobs in so many processes."""
-
-    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-        first = [*islice(chunks, 2)]
-        if [len(chunk) for chunk in first] == [1]:  # a process takes longer to start than a job
-            pipeline.execute(iter(first), done, stopped)
-        elif first:
-            Pool(processes, chain(first, chunks), done, stopped).run()
-
-    return execute
 
 
 def _death(code: int | None, times: int) -> str:
@@ -329,7 +312,15 @@ class WorkerConfig:
 
     def execute(self) -> Execute:
         """The executor of the jobs."""
-        return execute_in(self.count)
+
+        def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+            first = [*islice(chunks, 2)]
+            if [len(chunk) for chunk in first] == [1]:  # a process takes longer to start than a job
+                pipeline.execute(iter(first), done, stopped)
+            elif first:
+                Pool(self.count, chain(first, chunks), done, stopped).run()
+
+        return execute
 
 
 def computed_by(jobs: Sequence[Job], machine: Machine) -> list[Job]:

@@ -147,8 +147,8 @@ def _carried_out(
         return summary
     others = _others_left(plan, out) if execution.again else []
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        RunPlan(_now(), plan.files + others).write(path)
-        plan.files.clear()
+        RunPlan(_now(), plan.names + others).write(path)
+        plan.names.clear()
         if execution.shard is None and not execution.again:
             run_file.forget_shards(out)
         changing = {job.sample_id for job, _ in plan.todo}
@@ -171,12 +171,11 @@ def _carried_out(
     return summary
 
 
-def _others_left(plan: Plan, out: Path) -> list[Sequence[str]]:
-    """The files of each job that a stopped batch has left, and that is not in the plan."""
+def _others_left(plan: Plan, out: Path) -> list[str]:
+    """The jobs that a stopped batch has left, and that are not in the plan."""
     stopped = run_file.plan_of(out)
-    own = {name for files in plan.files for name in files}
-    left = stopped.left(read_all(out)) if stopped else []
-    return [files for files in left if own.isdisjoint(files)]
+    left, own = stopped.left(read_all(out)) if stopped else [], {*plan.names}
+    return [name for name in left if name not in own]
 
 
 @dataclass

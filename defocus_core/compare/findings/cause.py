@@ -24,7 +24,6 @@ from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_p
 from defocus_core.compare.pixels import Pixels
 from defocus_core.errors import InputError
 
-_MAPS_OF_COC = {"coc", "disparity"}
 # Attributes of a render by what follows if they differ.
 _OF_A_LENS = {
     "another CoC": ("fnumber", "focus", "focal_length", "coc_px"),
@@ -59,8 +58,6 @@ def diagnose(
     if old.size and float(abs(new - old).max()) < _LAST_BITS:
         return []
     chosen = _chosen(evidence)
-    if set(evidence.names) <= _MAPS_OF_COC and _is_of_values(chosen):
-        return _of_maps(evidence)
     findings = []
     if chosen is not None:
         finding = _by_metadata(_by_channels(chosen.finding, evidence), a.metadata, b.metadata)
@@ -135,24 +132,6 @@ def _by_metadata(finding: Finding, a: Mapping[str, str], b: Mapping[str, str]) -
             said = f"{name}: {how} ({', '.join(changes)}, by the metadata)"
             return Finding(name, said, finding.values)
     return finding
-
-
-def _is_of_values(chosen: Explanation | None) -> bool:
-    """Whether a map differs in its values and not in their places: no cause, or a tone."""
-    tones = ("another exposure", "another gamma", "raised blacks", "lowered blacks", "noise")
-    return chosen is None or chosen.name in tones
-
-
-def _of_maps(evidence: Evidence) -> list[Finding]:
-    """Maps of the circle of confusion that differ, with their ranges."""
-    findings = []
-    for name in evidence.names:
-        planes = (evidence.at(side, slice(None), slice(None), [name]) for side in ("a", "b"))
-        old, new = ([float(plane.min()), float(plane.max())] for plane in planes)
-        ranges = [f"{minimum:.2f} to {maximum:.2f} px" for minimum, maximum in (new, old)]
-        text = f"another CoC: {name} {' instead of '.join(dict.fromkeys(ranges))}"
-        findings.append(Finding("another CoC", text, {"a": old, "b": new}))
-    return findings
 
 
 def _others(pixels: Pixels, file_a: Path | None) -> dict[str, dict[str, Any]]:

@@ -321,16 +321,6 @@ def has_light(evidence: Evidence) -> bool:
     return bool(evidence.pixels.color)
 
 
-def has_many(evidence: Evidence) -> bool:
-    """Whether a pair has so many pixels that parameters do not fit them by chance."""
-    return not evidence.is_small
-
-
-def has_much_light(evidence: Evidence) -> bool:
-    """Whether a pair has colour of so many pixels."""
-    return has_light(evidence) and has_many(evidence)
-
-
 def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
     """Rows and columns of the part [side, side] of differences [H, W] that holds most of them."""
     sums = sums_of_parts(np.minimum(np.nan_to_num(differences), _LARGE), _GRID)

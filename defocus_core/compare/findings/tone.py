@@ -16,7 +16,6 @@ from defocus_core.compare.findings.evidence import (
     Evidence,
     Explanation,
     has_light,
-    has_much_light,
 )
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.picture import color_layers, layers
@@ -313,9 +312,8 @@ def _raised(evidence: Evidence) -> Iterator[Explanation]:
         left = evidence.left(evidence.stored(light + sums[:, None]), steady)
         offsets = dict(zip(evidence.names, map(float, sums), strict=True))
         each = ", ".join(f"{name} {value:+.3g}" for name, value in offsets.items())
-        yield Explanation(
-            left, _blacks(sums.sum()), f": {each} of light", {"offsets": offsets}, 0.03
-        )
+        said = _blacks(sums.sum()), f": {each} of light"
+        yield Explanation(left, *said, {"offsets": offsets}, 0.03)
 
 
 def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> Explanation:
@@ -461,5 +459,5 @@ TONE = (
     Cause(_raised),
     Cause(_vignette, needs=has_light),
     Cause(_mixed_channels, needs=has_light),
-    Cause(_tone_curve, needs=has_much_light),
+    Cause(_tone_curve, needs=has_light),
 )

@@ -15,11 +15,13 @@ from defocus_core.compare.findings.evidence import (
     Evidence,
     Explanation,
     blocks_in_turn,
-    has_many,
-    has_much_light,
+    fitted_in_parts,
+    has_light,
+    sums_of_parts,
     unexplained,
 )
 from defocus_core.compare.findings.softness import alike, noise_like, white_noise
+from defocus_core.compare.selection import widened
 from defocus_core.system.text import counted
 
 _PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
@@ -143,33 +145,33 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
 
 
 def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
-    """Each tile is a multiple of A of its own, and it is tiles: another grid explains less."""
-    height, width = evidence.size
-    rows, columns = evidence.places
-    a, b = evidence.sampled
-    light, aim = evidence.light(a), evidence.light(b)
-    slope = 1 / np.maximum(np.abs(light), 0.003) ** 0.58
-    weights = slope * slope * evidence.fits * evidence.steady
+    """Each tile is a multiple of A of its own: one for all, and a grid aside, explain less."""
+    a, b = evidence.framed
+    slope = 1 / np.maximum(np.abs(a), 0.003) ** 0.58
+    turn = blocks_in_turn(a.shape, 4)
 
-    def left(side: int, offset: int) -> tuple[float, float]:
-        """What gains leave, and the share of tiles that hold the difference."""
-        tiles = (rows + offset) // side * (width // side + 2) + (columns + offset) // side
-        tops, squares = (
-            np.bincount(tiles, (weights * light * other).sum(axis=0)) for other in (aim, light)
+    def left(side: int, start: list[int]) -> float:
+        """What gains leave."""
+        cut = tuple(slice(first, None) for first in start)
+        measures = np.zeros(a.shape, bool)
+        measures[cut] = ~turn[cut]
+        there, of = a.copy(), slope[cut]
+        there[cut] += (
+            fitted_in_parts([(a * slope)[cut]], ((b - a) * slope)[cut], turn[cut], side) / of
         )
-        gains = (tops / np.where(squares > 0, squares, 1.0))[tiles]
-        power = np.bincount(tiles, np.square(evidence.scaled(b) - evidence.scaled(a)).sum(axis=0))
-        held = float(power.sum()) ** 2 / float(np.square(power).sum())
-        used = evidence.steady & (gains > 0)
-        return evidence.left(evidence.stored(light * gains), used), held / len(np.unique(tiles))
+        return evidence.left_framed(there, measures)
 
     for side in _PERIODS[2:]:
-        if 1.5 * side > max(height, width):
+        if side > min(a.shape):
             return
-        on_grid, share = left(side, 0)
-        if share < _FEW_TILES:  # they lie in one place
-            continue
-        if on_grid < _GAIN_LEFT and on_grid < 0.6 * left(side, side // 2)[0]:
+        parts = sums_of_parts(np.square((b - a) * slope), side)
+        if parts.sum() ** 2 < _FEW_TILES * parts.size * np.square(parts).sum():
+            continue  # they lie in one place
+        starts = [
+            [(offset - cut.start) % side for cut in evidence.frame] for offset in (0, side // 2)
+        ]
+        on_grid, aside = (left(side, start) for start in starts)
+        if on_grid < min(_GAIN_LEFT, 0.6 * aside, 0.6 * left(max(a.shape), [0, 0])):
             how = f" at multiples of {side} px: each tile has another exposure"
             yield Explanation(on_grid, "seams", how, {"period": side}, 0.02 + 0.5 / side)
 
@@ -180,12 +182,12 @@ def _halo(evidence: Evidence) -> Iterator[Explanation]:
     size = np.abs(difference)
     noise = 1.48 * float(np.median(size))
     band = size > max(0.15 * float(np.quantile(size, 0.999)), 4 * noise, 2 * evidence.step)
-    inner = _eroded(band)
+    inner = ~widened(~band, 1)
     area, border = int(band.sum()), int((band & ~inner).sum())
     if not 16 < area < 0.3 * band.size:
         return
     wide = 2 * area / border
-    thick = _eroded(_eroded(_eroded(inner)))
+    thick = ~widened(~band, 4)
     squares = np.square(difference[band], dtype="f8")
     one_sign = abs(float((squares * np.sign(difference[band])).sum()) / float(squares.sum()))
     moved = [np.roll(band, step, axis) for axis in (0, 1) for step in (-1, 1)]
@@ -203,16 +205,6 @@ def _halo(evidence: Evidence) -> Iterator[Explanation]:
     left = evidence.left_framed(np.where(band, gain * a + offset, a), ~chooses)
     brighter = "brighter" if float(difference[band].sum()) > 0 else "darker"
     yield Explanation(left, "halo", f" of {wide:.0f} px, {brighter}", {"width": wide}, 0.1)
-
-
-def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Pixels whose four neighbours are true, too."""
-    inner = mask.copy()
-    inner[1:] &= mask[:-1]
-    inner[:-1] &= mask[1:]
-    inner[:, 1:] &= mask[:, :-1]
-    inner[:, :-1] &= mask[:, 1:]
-    return inner
 
 
 def _compressed(evidence: Evidence) -> Iterator[Explanation]:
@@ -296,9 +288,9 @@ def _noise(evidence: Evidence) -> Iterator[Explanation]:
 
 TRACES = (
     Cause(_fireflies, _SPARK_LEFT),
-    Cause(_seams, _SEAM_LEFT, needs=has_many),
-    Cause(_gains_of_tiles, _GAIN_LEFT, needs=has_much_light),
-    Cause(_halo, _HALO_LEFT, needs=has_much_light),
-    Cause(_compressed, _CODEC_LEFT, needs=has_much_light),
-    Cause(_noise, _NOISE_LEFT, needs=has_many),
+    Cause(_seams, _SEAM_LEFT),
+    Cause(_gains_of_tiles, _GAIN_LEFT, needs=has_light),
+    Cause(_halo, _HALO_LEFT, needs=has_light),
+    Cause(_compressed, _CODEC_LEFT, needs=has_light),
+    Cause(_noise, _NOISE_LEFT),
 )

@@ -33,7 +33,6 @@ from defocus_core.picture.take import Inputs
 from defocus_core.reports.html.page import Payloads, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
-from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import command_line
 
 Progress = Callable[[int, int], None]
@@ -41,7 +40,7 @@ _FOCUSES = 8
 _STRENGTHS = (0.25, 0.5, 1.0, 2.0)  # of the blur that is asked for
 _ASKED = _STRENGTHS.index(1.0)
 _PIXELS, _WIDEST = 420_000, 1000  # of a picture, and px of its width
-_JPEG = "jpeg:70"  # by which even noise makes a page of less than 15 MB
+_JPEG = "jpeg:85"  # of a photograph, a page of a few MB; of noise, of less than 30
 _TOP = 65535  # of the numbers of the map
 _BINS = 256
 _MM_PER_M = 1000.0
@@ -71,7 +70,6 @@ def write_choice(
     progress: Progress | None = None,
 ) -> None:
     """Write the page of a picture."""
-    refuse_other(path, "html")
     load()
     job = Job(picture, lens, reading, Outputs(Path()), replace(machine, quality="draft"))
     color, depth = read(InputPair(picture, job.reading, lens_focal=job.lens_focal))

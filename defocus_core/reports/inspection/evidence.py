@@ -20,7 +20,6 @@ from defocus_core.batch.jobs.job import Reading
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
 from defocus_core.io.depth_formats.depth import read_depth, read_numbers
-from defocus_core.io.depth_formats.file_types import png_text
 from defocus_core.io.depth_formats.reading import DepthReading, holds_gdepth
 from defocus_core.io.depth_formats.rules import DepthNumbers
 from defocus_core.io.depth_formats.table import ROWS
@@ -95,10 +94,6 @@ def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
 
 def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) -> Iterator[str]:
     """Evidence of the numbers of a file without a named format."""
-    texts = png_text(path)
-    if {"near", "far"} <= texts.keys():
-        yield f"text chunks near and far: {_say('moge-png')}"
-        return
     if samples.type == "16-bit PNG":
         top, zero = (_share(samples, number) for number in (_TOP, 0))
         if top >= _SEVERAL:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import run, write_exr
+from command_line import run
 from image_files import save
 from planted_faults import (
     BENIGN,
@@ -134,17 +134,6 @@ def test_rounding_to_half_is_named(tmp_path):
     a = write_planes(tmp_path / "a.exr", values)
     b = write_planes(tmp_path / "b.exr", {n: p.astype(np.float16) for n, p in values.items()})
     assert names(compared(a, b)) == ["rounded to half"]
-
-
-def test_maps_of_another_coc_are_named_with_their_ranges(tmp_path):
-    radius = np.linspace(-4, 6, 48 * 64, dtype=np.float32).reshape(48, 64)
-    a = write_exr(tmp_path / "a.exr", coc=radius)
-    b = write_exr(tmp_path / "b.exr", coc=radius * radius / 6)
-    record = compared(a, b)
-    assert [f.text for f in record.findings] == [
-        "another CoC: coc 0.00 to 6.00 px instead of -4.00 to 6.00 px"
-    ]
-    assert "psnr" not in record.metrics  # a map has no colour
 
 
 @pytest.mark.parametrize("change", ["another picture", "a patch"])

@@ -1,7 +1,5 @@
 """From a jobs file to a data set: what is swept and drawn is rendered, journalled and indexed."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import random

@@ -1,7 +1,5 @@
 """The index of a finished batch: what training scripts find in it, and who else can read it."""
 
-from __future__ import annotations
-
 import json
 import math
 

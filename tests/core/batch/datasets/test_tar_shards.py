@@ -1,7 +1,5 @@
 """WebDataset shards: what is in them, that they fit, and that their bytes are fixed."""
 
-from __future__ import annotations
-
 import json
 import os
 import tarfile
@@ -30,7 +28,7 @@ def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path):
     wanted = [f"{key}.{kind}" for key in keys for kind in ("coc.exr", "json", "render.png")]
     assert names(shard) == wanted, "neighbours of one key, up to the first dot, are one sample"
     with tarfile.open(shard) as tar:
-        data = {member.name: tar.extractfile(member).read() for member in tar}  # type: ignore[union-attr]
+        data = {member.name: tar.extractfile(member).read() for member in tar}
     assert data["a_f1_4_s001.render.png"] == (tmp_path / "render/a_f1.4_s001.png").read_bytes()
     assert json.loads(data["a_f1_4_s001.json"])["sample_id"] == "a_f1.4_s001"
 

@@ -1,7 +1,5 @@
 """The pictures of a jobs file: patterns, folders, lists and tables, and what is wrong with them."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path
@@ -107,7 +105,7 @@ def write_list(folder, kind, *rows):
 @pytest.mark.parametrize("kind", ["csv", "jsonl"])
 def test_a_list_has_a_row_for_each_picture_with_a_lens_of_its_own(tmp_path, kind):
     touch(tmp_path, "a.png", "z.exr")
-    rows: list[dict[str, object]] = [
+    rows = [
         {"color": "../a.png", "depth": "../z.exr", "stem": 7, "focus": "3m", "blades": 6},
         {"color": "../s.exr", "hidden-color": "../h.exr"},
     ]

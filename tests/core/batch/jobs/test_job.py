@@ -1,7 +1,5 @@
 """Files pair up by stem, and a job writes nothing that it should not."""
 
-from __future__ import annotations
-
 import pytest
 from jobs_files import touch
 from refusals import refuses, refuses_as

@@ -1,7 +1,5 @@
 """Jobs files: tables become jobs, and what a file says wrong is told with its key."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,10 +1,7 @@
 """Each row of the table of kinds is all that the command line needs to write and explain it."""
 
-from __future__ import annotations
-
 import json
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -43,7 +40,7 @@ def test_a_kind_is_written_alone_with_its_name_and_info_tells_what_a_map_shows(k
     minimum, maximum = float(values.min()), float(values.max())
     reach = f"{minimum:.2f} to {maximum:.2f} {kind.unit}".rstrip()
     assert f"  {kind.title}: {reach}\n" in run("info", file).out
-    shown: dict[str, Any] = json.loads(run("info", file, "--json").out)["files"][0]["maps"][0]
+    shown = json.loads(run("info", file, "--json").out)["files"][0]["maps"][0]
     assert shown["kind"] == kind.name
     assert shown[f"range_{kind.unit}" if kind.unit else "range"] == [minimum, maximum]
 

@@ -1,7 +1,5 @@
 """The scene of a picture decides its split, whatever other scenes there are."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 

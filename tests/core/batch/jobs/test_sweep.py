@@ -1,7 +1,5 @@
 """Sweeps and random lenses: which lenses there are, what they are named, and that they stay."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 from statistics import mean
@@ -10,7 +8,9 @@ import pytest
 from jobs_files import FIXED, LENS, jobs, names, touch
 from refusals import refuses, refuses_as
 
+from defocus_core.batch.jobs.lens_from_options import parsed
 from defocus_core.batch.jobs.lens_plan import drawn_lens
+from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.picture.opening import dual_pixel_of
 
 
@@ -45,25 +45,18 @@ def test_blades_are_turned_where_there_are_any(tmp_path):
             swept(tmp_path, sweep, 'fnumber = 2\nfocus = "2m"\n')
 
 
-@pytest.mark.parametrize(
-    ("sweep", "name"),
-    [
-        ('focal-length = ["35mm"]', "a_fl35mm"),
-        ("fnumber = [4]", "a_f4"),
-        ('aperture-diameter = ["20mm"]', "a_d20mm"),
-        ('sensor-width = ["1in"]', "a_sensor25.4mm"),
-        ("focus-at = [[3, 4]]", "a_at3x4"),
-        ("blades = [6]", "a_blades6"),
-        ("blade-rotation = [-7.5]", "a_turn-7.5"),
-    ],
-)
-def test_every_option_of_a_lens_can_be_swept(tmp_path, sweep, name):
-    fixed = {"focal-length": '"50mm"', "fnumber": "2", "focus": '"2m"', "blades": "6"}
-    key = {"aperture-diameter": "fnumber", "focus-at": "focus"}.get(
-        sweep.split()[0], sweep.split()[0]
-    )
-    lens = "".join(f"{name} = {value}\n" for name, value in fixed.items() if name != key)
-    assert names(jobs(tmp_path, f"[lens]\n{lens}[sweep]\n{sweep}\n")) == [name]
+@pytest.mark.parametrize("row", LENS_OPTIONS.values(), ids=lambda row: row.name)
+def test_every_option_of_a_lens_can_be_swept(tmp_path, row):
+    fixed = {"focal-length": "50mm", "fnumber": "2", "focus": "2m"}
+    fixed |= {row.needs: LENS_OPTIONS[row.needs].example} if row.needs else {}
+    if "blur" in (row.name, row.needs):
+        fixed = {"blur": "40px", "focus-at": "3,4"}
+    named = {k: v for k, v in fixed.items() if k not in (row.name, row.instead_of)}
+    lens = "".join(f'{name} = "{value}"\n' for name, value in named.items())
+    found = jobs(tmp_path, f'[lens]\n{lens}[sweep]\n{row.name} = ["{row.example}"]\n')
+    assert names(found) == [f"a_{row.file_tag(parsed(row.name, row.example))}"]
+    tags = {each.tag for each in LENS_OPTIONS.values()}
+    assert len(tags) == len(LENS_OPTIONS)
 
 
 def test_a_name_stays_when_the_list_grows(tmp_path):

@@ -1,7 +1,5 @@
 """A job is known by what decides its outputs, and by nothing else."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess
@@ -53,7 +51,7 @@ def test_where_and_by_whom_it_is_done_is_no_part_of_a_job():
     ],
 )
 def test_what_decides_the_outputs_is(change):
-    assert identity.recipe(replace(JOB, **change)) != identity.recipe(JOB)  # type: ignore[arg-type]
+    assert identity.recipe(replace(JOB, **change)) != identity.recipe(JOB)
 
 
 def test_another_renderer_is_another_recipe_and_another_release_is_not(monkeypatch):

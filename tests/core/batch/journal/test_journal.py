@@ -1,7 +1,5 @@
 """What the journal has is durable; what was being written when its writer died is not there."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -205,7 +203,7 @@ def test_a_record_takes_as_much_work_among_many_as_among_few(tmp_path):
         assert len(ledgers[-1].live) == count
         return work
 
-    ledgers: list[Ledger] = []
+    ledgers = []
     few, many = read_of(2000), read_of(4000)
     assert few < 2000 * 250
     assert many < 2.1 * few

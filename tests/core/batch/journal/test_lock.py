@@ -1,7 +1,5 @@
 """One writer: whoever comes second is told who is first, and a lock without a holder is none."""
 
-from __future__ import annotations
-
 import errno
 import os
 import signal

@@ -1,7 +1,6 @@
 """A job writes nothing that it should not."""
 
-from __future__ import annotations
-
+import os
 from pathlib import Path
 
 from jobs_files import touch
@@ -10,7 +9,7 @@ from refusals import refuses
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers.plan import refuse_misplaced, refuse_unknown
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.safe_files import written_together, written_whole
 
 LENS = Lens(50.0, 2.0, 2000.0)
 
@@ -89,3 +88,20 @@ def test_names_that_no_file_can_have_are_refused(tmp_path):
         assert (tmp_path / name).read_bytes() == b"whole"
     with refuses("too-large"):
         refuse_misplaced(jobs_for([Picture(fits + "é", tmp_path / "a", tmp_path / "z")], outputs))
+
+
+def test_a_file_costs_one_sync_of_its_folder_and_a_new_folder_one_more(tmp_path, monkeypatch):
+    synced, sync = [], os.fsync
+
+    def counted(number):
+        synced.append(Path(f"/proc/self/fd/{number}").readlink())
+        sync(number)
+
+    monkeypatch.setattr(os, "fsync", counted)
+    folder = tmp_path / "render"
+    for name, folders in (("a", [tmp_path, folder]), ("b", [folder])):
+        synced.clear()
+        with written_together(tmp_path), written_whole(folder / name) as file:
+            file.write(b"whole")
+        assert [path for path in synced if path.is_dir()] == folders
+        assert len(synced) == len(folders) + 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from command_line import ramp, run, write_exr
-from depth_files import gdepth, npy, pfm, png, with_text
+from depth_files import gdepth, npy, pfm, png
 from image_files import save
 from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 
@@ -37,18 +37,11 @@ def test_the_greatest_number_of_16_bits(tmp_path):
     numbers[:3, :4] = 65535
     told = evidence(png(tmp_path / "a.png", numbers))
     assert "65535 in 12 % of the 16-bit pixels: " in told
-    for name in ("vkitti2", "pointodyssey", "ibims1", "moge-png"):
+    for name in ("vkitti2", "pointodyssey", "ibims1"):
         assert name in told
     assert "kitti," not in told.replace("vkitti2,", "")
     assert "say --depth-format NAME" in told
     assert evidence(tmp_path / "a.png", "--depth-format", "vkitti2") == ""
-
-
-def test_text_chunks_near_and_far(tmp_path):
-    numbers = np.full((10, 10), 1000)
-    numbers[:3, :4] = 65535
-    path = with_text(png(tmp_path / "a.png", numbers), near="1", far="9")
-    assert evidence(path) == "text chunks near and far: moge-png; say --depth-format moge-png"
 
 
 def test_zeros_of_16_bits_are_holes_or_far(tmp_path):
