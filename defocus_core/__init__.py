@@ -23,9 +23,6 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.compare.comparison import compare_images as compare_images
     from defocus_core.compare.findings.finding import Finding as Finding
     from defocus_core.compare.record import Comparison as Comparison
-    from defocus_core.depth.conversion import depth_from_disparity as depth_from_disparity
-    from defocus_core.depth.conversion import depth_from_logarithm as depth_from_logarithm
-    from defocus_core.depth.conversion import planar_depth as planar_depth
     from defocus_core.depth.conversion import (
         radius_from_relative_disparity as radius_from_relative_disparity,
     )
@@ -56,7 +53,6 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.optics.cat_eye import CatEye as CatEye
     from defocus_core.optics.distributions import Distribution as Distribution
     from defocus_core.optics.dual_pixel import DualPixel as DualPixel
-    from defocus_core.optics.pupil_field import PupilField as PupilField
     from defocus_core.optics.pupil_image import PupilImage as PupilImage
     from defocus_core.optics.sensitivity import Sensitivity as Sensitivity
     from defocus_core.optics.sensitivity import sensitivities as sensitivities
@@ -87,15 +83,13 @@ _GROUPS = {
         "optics.axial_color": "color_offset",
         "optics.cat_eye": "CatEye",
         "optics.dual_pixel": "DualPixel",
-        "optics.pupil_field": "PupilField",
         "optics.pupil_image": "PupilImage",
         "optics.sensitivity": "Sensitivity sensitivities",
         "optics.sensor_noise": "with_noise",
         "tensors.clipped_lights": "with_lights",
     },
     "depth": {
-        "depth.conversion": "depth_from_disparity depth_from_logarithm planar_depth "
-        "radius_from_relative_disparity",
+        "depth.conversion": "radius_from_relative_disparity",
         "depth.diagnosis": "DepthRepair",
         "depth.guided_resize": "GuidedDepth",
         "depth.repair": "diagnose_depth repair_depth",

@@ -20,6 +20,6 @@ DUAL_PIXEL_SENSORS = {
 }
 # What automatic highlights stand for: threshold, in linear light, and gain.
 AUTO_LIGHTS = (0.93, 16.0)
-DEPTH_REPAIRS = ("auto", "off")  # or soft edges of a slope
+DEPTH_REPAIRS = ("auto", "off")
 MIN_TILE = 16  # px of the side of a tile: that of a block of the index of slices
 WIDEST_EDGE = 100  # px of a soft edge of depth; what is wider is a surface

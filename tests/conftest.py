@@ -54,9 +54,4 @@ def in_process(monkeypatch):
 
     A test of worker processes undoes it.
     """
-    execute = WorkerConfig.execute
-
-    def chosen(config):
-        return pipeline.execute if config.scheduler == "local" else execute(config)
-
-    monkeypatch.setattr(WorkerConfig, "execute", chosen)
+    monkeypatch.setattr(WorkerConfig, "execute", lambda config: pipeline.execute)

@@ -27,9 +27,9 @@ FILES_AND_WORDS = {
     *("subprocess", "sys", "tempfile", "urllib", "warnings"),
 }
 # What a module of torch may use all the same: a lens warns of kernels that are cropped, as Python
-# warns, and draws them as DeepLens does.
+# warns.
 TORCH_EXCEPTIONS = {
-    "defocus_core/optics/point_spread.py": {"warnings", "matplotlib"},
+    "defocus_core/optics/point_spread.py": {"warnings"},
     "defocus_core/renderer/defocus_lens.py": {"warnings"},
 }
 LONGEST_FUNCTION = 60  # lines, without those of its docstring

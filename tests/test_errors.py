@@ -39,7 +39,7 @@ def kinds(kind):
 
 
 # A refusal of a fit has the code of the error that the command line makes of it.
-ERRORS = kinds(DefocusError) | {"NoSpace", "LockLost", "NoDepthChannel", "Refusal"}
+ERRORS = kinds(DefocusError) | {"NoSpace", "NoDepthChannel", "Refusal"}
 
 
 def test_each_error_has_a_code_of_the_table_and_each_is_in_use():

@@ -51,7 +51,6 @@ def command(
     keep_going: bool,
     overwrite: bool,
     shards_size: int | None,
-    parquet: bool,
     html: Path | None,
     dry_run: bool,
     as_json: bool,
@@ -78,12 +77,10 @@ def command(
       defocus batch jobs.toml -o out --dry-run
       defocus batch jobs.toml -o out --html out.html
       defocus batch jobs.toml -o out --shard $SLURM_ARRAY_TASK_ID/8
-      defocus batch jobs.toml -o out --scheduler tcp://head:8786
     """  # noqa: D301  click reads the backspace
-    for field, asked_for in (("shards-size", shards_size is not None), ("parquet", parquet)):
-        if shard is not None and asked_for:
-            problem = "needs the whole batch"
-            raise UsageProblem("whole-batch", problem, "give it to 'defocus merge'", field=field)
+    if shard is not None and shards_size is not None:
+        problem, remedy = "needs the whole batch", "give it to 'defocus merge'"
+        raise UsageProblem("whole-batch", problem, remedy, field="shards-size")
     batch = read_batch(jobs_file, Outputs(out, overwrite=overwrite), crew.machine)
     execution = Execution(
         crew.execute(),
@@ -91,7 +88,7 @@ def command(
         limit=limit,
         fail_fast=not keep_going,
         read_inputs=check_inputs == "hash",
-        spread=crew.spread,
+        spread=crew.count,
     )
     if dry_run:
         from defocus_cli.words import dry_run as dry_runs
@@ -106,7 +103,6 @@ def command(
         execution,
         shards_size,
         asked,
-        parquet=parquet,
         jobs_file=jobs_file,
         html=html,
         as_json=as_json,
@@ -121,7 +117,6 @@ def carry_out(
     shards_size: int | None,
     asked: Collection[str] | None,
     *,
-    parquet: bool,
     jobs_file: Path | None = None,
     html: Path | None = None,
     as_json: bool,
@@ -138,7 +133,7 @@ def carry_out(
         origin.keep(out, jobs_file)
     written = []
     if execution.shard is None and not summary.interrupted:
-        written = update.index(out, shards_size, asked, parquet=parquet)
+        written = update.index(out, shards_size, asked, summary.unchanged)
     for line in batch_report.summary_lines(summary):
         console.stderr(line)
     if html is not None:

@@ -17,27 +17,17 @@ from defocus_core.batch.jobs.job import DEVICES
 from defocus_core.batch.lenses.quantities import pixel_count
 from defocus_core.bench import tables
 from defocus_core.bench.error import BASELINES, Row, measure_shot
-from defocus_core.bench.timing import (
-    RADII,
-    SIZES,
-    Size,
-    cases,
-    read_baseline,
-    slower,
-    time_case,
-    warm_up,
-)
+from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
-from defocus_core.reports.html.shots import Gallery
 from defocus_core.system.process import cores
 
 _time_option = partial(option, heading="Time")
 
 _QUALITIES = ("draft", "standard", "high")
 # By the name of the parameter; options in neither go with both.
-_ERRORS_ALONE = {"truth": "--truth", "plot_file": "--plot", "html": "--html"}
-_TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii", "baseline": "--baseline"}
+_ERRORS_ALONE = {"truth": "--truth"}
+_TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii"}
 _LONGEST = 1 << 15  # px on a side
 
 
@@ -63,13 +53,6 @@ def _size(word: str) -> Size:
     default=(),
 )
 @option(
-    "--plot FILE.png",
-    "Draw run time against PSNR; needs matplotlib: pip install 'defocus[bench]'.",
-    FilePath(),
-    into="plot_file",
-)
-@shared.html_option("Write a report to look at in a browser: each picture beside the truth.")
-@option(
     "--threads N",
     "Threads to compute with.  [default: one for each core; 1 with --time]",
     click.IntRange(min=1),
@@ -89,26 +72,18 @@ def _size(word: str) -> Size:
     Listed(pixel_count, "radius", "8,32"),
     default=RADII,
 )
-@_time_option(
-    "--baseline FILE",
-    "What --json printed earlier, to compare with; exit 1 if a case takes 25 % more FFTs.",
-    FilePath(),
-)
 @click.pass_context
 def command(
     ctx: click.Context,
     truth: Path | None,
     qualities: tuple[str, ...],
-    plot_file: Path | None,
-    html: Path | None,
     threads: int | None,
     device: str,
     as_json: bool,
     timing: bool,
     sizes: tuple[Size, ...],
     radii: tuple[float, ...],
-    baseline: Path | None,
-) -> int:
+) -> None:
     """Render scenes with known truth and say how far off each shot is and how long it took.
 
     Beside the qualities stand the sharp input, the plain sum of slices, and over / alpha.
@@ -122,39 +97,25 @@ def command(
     1 % relative RMSE; they are listed at the end.
 
     With --time, synthetic scenes of several kinds are timed on one thread, as one thread makes the
-    transforms: at two sizes and radii in half a minute, or at those given. --baseline compares
-    FFTs with a stored run. With --json the table is on stderr.
+    transforms: at two sizes and radii in half a minute, or at those given. With --json the table
+    is on stderr.
 
     \b
     Examples:
       defocus bench
       defocus bench --truth ../truth --quality standard
-      defocus bench --plot bench.png
-      defocus bench --html bench.html
-      defocus bench --time --json > before.json
-      defocus bench --time --baseline before.json
+      defocus bench --time --json > times.json
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
     """  # noqa: D301  click reads the backspace
     _refuse_others(ctx, timing=timing)
     echo = console.stderr if as_json else console.stdout
     if timing:
-        document = _times(
-            sizes, radii, qualities or ("standard",), baseline, device, threads or 1, echo
-        )
+        document = _times(sizes, radii, qualities or ("standard",), device, threads or 1, echo)
     else:
-        if plot_file is not None:
-            tables.refuse_unplottable(plot_file)
-        gallery, truth = Gallery() if html else None, truth or sample_set()
-        rows, document = _errors(
-            truth, qualities or _QUALITIES, device, threads or cores(), gallery, echo
-        )
-        if gallery is not None and html is not None:
-            gallery.write(html, truth, rows)
-        if plot_file is not None:
-            tables.draw_plot(plot_file, rows)
+        truth, threads = truth or sample_set(), threads or cores()
+        document = _errors(truth, qualities or _QUALITIES, device, threads, echo)
     if as_json:
         console.print_json(**document)
-    return 1 if document.get("slower") else 0
 
 
 def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
@@ -172,53 +133,37 @@ def _errors(
     qualities: Sequence[str],
     device: str,
     threads: int,
-    gallery: Gallery | None,
     echo: Callable[[str], None],
-) -> tuple[list[Row], dict[str, Any]]:
-    """Measure all shots of a set, by each baseline and each quality: rows, and the document."""
+) -> dict[str, Any]:
+    """Measure all shots of a set, by each baseline and each quality: the document."""
     shots, methods = find_shots(truth), (*BASELINES, *qualities)
     device = warm_up(device)
     echo(tables.error_heading())
-    show = None if gallery is None else gallery.add
-    measured = partial(measure_shot, device=device, threads=threads, show=show)
     rows: list[Row] = []
     for shot in shots:
-        for row in measured(shot, read(shot), methods):
+        for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
             rows.append(row)
             echo(tables.error_line(row, worse=bool(tables.losses(row, rows))))
     for line in tables.summary_lines(rows):
         echo(line)
     settings = {"truth": str(truth), "device": device, "threads": threads}
-    return rows, {**settings, **tables.error_document(rows)}
+    return {**settings, **tables.error_document(rows)}
 
 
 def _times(
     sizes: Sequence[Size],
     radii: Sequence[float],
     qualities: Sequence[str],
-    baseline: Path | None,
     device: str,
     threads: int,
     echo: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Time all cases: the document, with what a stored run says of them."""
-    stored = read_baseline(baseline) if baseline else None
+    """Time all cases: the document."""
     device = warm_up(device)
-    asked = cases(sizes, radii, qualities)
-    if stored:
-        stored.refuse_incomparable(asked, threads=threads, device=device)
-    timed = partial(time_case, device=device, threads=threads)
     echo(tables.time_heading())
-    costs = {}
-    for case in asked:
-        costs[case] = timed(case)
-        echo(tables.time_line(case, costs[case]))
-    document: dict[str, Any] = {"device": device, "threads": threads}
-    if stored:
-        costs = stored.confirmed(costs, timed)
-        compared = stored.compare(costs)
-        worse = slower(compared)
-        document |= {"baseline": compared, "slower": [each["case"] for each in worse]}
-        for line in tables.comparison_lines(compared, worse):
-            echo(line)
-    return {**document, "rows": [tables.time_record(*item) for item in costs.items()]}
+    rows = []
+    for case in cases(sizes, radii, qualities):
+        cost = time_case(case, device=device, threads=threads)
+        echo(tables.time_line(case, cost))
+        rows.append(tables.time_record(case, cost))
+    return {"device": device, "threads": threads, "rows": rows}

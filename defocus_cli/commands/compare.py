@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import click
 
 from defocus_cli.options import comparing, shared
 from defocus_cli.options.types import FilePath, GroupedCommand, machine_option, output_option
 from defocus_cli.words import console
-from defocus_cli.words.endings import Failures
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.pairing import are_batches, find_pairs, pair_batches
-from defocus_core.compare.record import DIFFERENT, EXTRA, Comparison
+from defocus_core.compare.record import DIFFERENT, EXTRA
 from defocus_core.compare.run import accept_files, compare_all
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
@@ -91,37 +87,27 @@ def command(
         console.stdout(recipe)
     for pattern in asked.rules.idle([pair.name for pair in pairs]):
         console.stderr(f"{asked.file}: no picture matches files = '{pattern}'")
-    lone = not a.is_dir()
-
-    def say(record: Comparison) -> None:
-        if compare_report.is_worth_a_line(record, verbose=verbose, lone=lone):
-            console.stdout(compare_report.line(record))
-
-    def report(records: Sequence[Comparison]) -> Failures:
-        """Say what came of the pairs that were compared; all of them, unless interrupted."""
+    lone, records = not a.is_dir(), []
+    try:
+        compared = compare_all(pairs, asked.task, processes)
+        for record in console.bar("pair", len(pairs), compared):
+            records.append(record)
+            if not as_json and compare_report.is_worth_a_line(record, verbose=verbose, lone=lone):
+                console.stdout(compare_report.line(record))
+    finally:  # of an interrupted run, what was compared is told
         if not (as_json or lone):
             console.stdout(compare_report.summary(records, len(pairs)))
         words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]
-        commands = comparisons.compare_commands(asked.rules.of, asked.settings)
-        header = comparisons.ReportHeader(f"{b} compared with {a}", words, commands)
-        return asked.write_reports(records, header, time.perf_counter() - start, processes)
-
-    head = {} if batches is None else {"recipes": [asdict(each) for each in batches.changes]}
-    rows: Any = console.json_rows("pairs", **head) if as_json else nullcontext((say, {}))
-    records: list[Comparison] = []
-    with rows as (show, tail):
-        try:
-            for record in console.watch(
-                compare_all(pairs, asked.task, processes), "pair", len(pairs)
-            ):
-                records.append(record)
-                show(compare_report.pair_record(record) if as_json else record)
-        finally:
-            tail |= compare_report.counts(records, len(pairs))
-            failures = report(records)
-            tail["failed"] = failures.records()
-        accepted = accept_files(a, b, records) if accept and not failures else []
-        tail |= {"accepted": [str(path) for path in accepted]} if accept else {}
+        header = comparisons.ReportHeader(f"{b} compared with {a}", words)
+        failures = asked.write_reports(records, header, time.perf_counter() - start, processes)
+        whole = accept and not failures and len(records) == len(pairs)
+        accepted = accept_files(a, b, records) if whole else []
+        if as_json:
+            document = compare_report.document(records, len(pairs))
+            if batches is not None:
+                document |= {"recipes": [asdict(each) for each in batches.changes]}
+            document |= {"accepted": [str(path) for path in accepted]} if accept else {}
+            console.print_json(**document, failed=failures.records())
     failures.end()
     if accept and not as_json:
         console.stdout(f"{a}: {counted(len(accepted), 'file')} accepted from {b}")

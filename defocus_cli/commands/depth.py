@@ -14,7 +14,6 @@ from defocus_cli.words import console
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.depth_conversion import Converted, convert, places, refuse_existing
 from defocus_core.batch.jobs.job import Reading
-from defocus_core.errors import DefocusError
 from defocus_core.system.text import counted
 
 
@@ -66,16 +65,13 @@ def command(
     failures = Failures()
     records = []
     for place in wanted:
-        try:
+        with failures.kept():
             converted = convert(place, reading)
-        except DefocusError as error:
-            failures.add(error)
-            continue
-        records.append(_record(converted))
-        for warning in converted.warnings:
-            console.stderr(f"warning: {warning}")
-        if not as_json:
-            console.stdout(_line(converted))
+            records.append(_record(converted))
+            for warning in converted.warnings:
+                console.stderr(f"warning: {warning}")
+            if not as_json:
+                console.stdout(_line(converted))
     if as_json and records:
         console.print_json(files=records, failed=failures.records())
     failures.end()

@@ -29,7 +29,7 @@ from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import QuantityError, length_text
-from defocus_core.errors import DefocusError, NotExplained, UsageProblem
+from defocus_core.errors import NotExplained, UsageProblem
 
 _sensor_option = partial(option, heading="Sensor")
 
@@ -101,8 +101,7 @@ _options = [
     ),
     lens_option(
         "--shift",
-        "Find by how many px, up to 16, BLURRED lies beside SHARP, too, and how much the lens "
-        "breathes: what is blurred lies farther outwards.",
+        "Find by how many px, up to 16, BLURRED lies beside SHARP, too.",
     ),
 ]
 
@@ -159,7 +158,6 @@ def command(
       fnumber, fnumber_error (relative), px_per_dioptre; an error is null if it is unbounded
       blades, blade_rotation_deg, gains
       gamma, gamma_error (relative), shift_px (right, down)
-      breathing, breathing_error: px outwards at the border, for a blur of 1 px
       dp_model, dp_crosstalk, dp_crosstalk_error, left_is_right, side_shading, of a pair
       explained    share of the difference of the pictures that the blur explains
       coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign
@@ -199,18 +197,16 @@ def _fit_one(
     accept: bool,
 ) -> dict[str, Any] | None:
     """The record of the lens of a picture, which is written unless it explains little."""
-    try:
+    with failures.kept():
         with tile_bar() as progress:
             record = lens_fit.fit_pair(pair, reading, options, progress)
         refusals = [] if accept else record["refusals"]
         if place is not None and not refusals:
             lens_fit.write_lens(place, record)
-    except DefocusError as error:
-        failures.add(error)
-        return None
-    for refusal in refusals:
-        failures.add(NotExplained(**refusal, path=pair.picture.color))
-    return {**record, "out": None if place is None or refusals else str(place)}
+        for refusal in refusals:
+            failures.add(NotExplained(**refusal, path=pair.picture.color))
+        return {**record, "out": None if place is None or refusals else str(place)}
+    return None
 
 
 def _distance(focus: float | quantities.Percentile | None, foclen: float) -> float | None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -17,8 +16,7 @@ from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.pool import WorkerConfig
-from defocus_core.compare.goldens.faults import Planted, plant_all
-from defocus_core.compare.goldens.store import (
+from defocus_core.compare.goldens import (
     FreshPictures,
     Store,
     accept,
@@ -28,19 +26,15 @@ from defocus_core.compare.goldens.store import (
     store_to_update,
 )
 from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.picture import read_picture
-from defocus_core.compare.record import EXTRA, MISSING, CompareSettings, Comparison
+from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.compare.run import Task, compare_all
-from defocus_core.compare.thresholds import ROUNDING, Rules, Thresholds
-from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.safe_files import missing
+from defocus_core.compare.thresholds import ROUNDING, Rules
+from defocus_core.errors import InputError
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
 from defocus_core.system.text import counted
 
 _DEFAULT_RULES = Rules(fail=(ROUNDING,))
-_ROOM = 4.0  # by how much a proposed bound exceeds the noise of two renders
-Faults = Mapping[str, Sequence[Planted]]
 
 
 @click.group(
@@ -59,7 +53,6 @@ def command(ctx: click.Context) -> None:
     Examples:
       defocus golden update jobs.toml goldens --accept
       defocus golden check jobs.toml goldens --junit goldens.xml
-      defocus golden check jobs.toml goldens --must-fail
     """  # noqa: D301  click reads the backspace
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
@@ -77,7 +70,6 @@ _only = option(
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.argument("folder", type=FilePath(), metavar="DIR")
 @option("--accept", "Make what changed the new goldens.", into="accepted")
-@option("--propose", "Render twice, and propose a rule that lets the noise of two renders pass.")
 @_only
 @comparing.comparison_options(_DEFAULT_RULES, rules_alone=True)
 @crew_options
@@ -85,7 +77,6 @@ def update(
     jobs_file: Path,
     folder: Path,
     accepted: bool,
-    propose: bool,
     only: tuple[str, ...],
     asked: comparing.ComparisonOptions,
     crew: WorkerConfig,
@@ -103,7 +94,7 @@ def update(
     """  # noqa: D301  click reads the backspace
     store = store_to_update(folder)
     with _render(jobs_file, crew, only) as fresh:
-        store = _narrow(store, fresh, only)
+        store = store.only({job.sample_id for job in fresh.jobs}) if only else store
         console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
         changed = [record for record in records if not record.passes]
@@ -116,8 +107,6 @@ def update(
             raise InputError(
                 "empty", "has jobs that made no picture", "mend them first", path=jobs_file
             )
-        if propose:
-            console.stdout(_proposal(fresh, jobs_file, crew, only))
         if not changed:
             console.stdout(f"{folder}: {counted(len(records), 'golden')}, none changes")
             return 0
@@ -134,10 +123,6 @@ def update(
 @command.command("check", cls=GroupedCommand)
 @click.argument("jobs_file", type=FilePath(), metavar="JOBS.toml")
 @click.argument("folder", type=FilePath(), metavar="DIR")
-@option(
-    "--must-fail",
-    "Render nothing; plant faults into the goldens, and fail if a rule lets one pass.",
-)
 @_only
 @comparing.comparison_options(_DEFAULT_RULES)
 @shared.json_option
@@ -145,7 +130,6 @@ def update(
 def check(
     jobs_file: Path,
     folder: Path,
-    must_fail: bool,
     only: tuple[str, ...],
     asked: comparing.ComparisonOptions,
     as_json: bool,
@@ -153,30 +137,23 @@ def check(
 ) -> int:
     """Render JOBS.toml again, and compare with the goldens in DIR.
 
-    --must-fail plants faults into each golden, from a block of NaN and highlights clipped at 1 to
-    seams and noise of 1 %, and says of each which is the weakest that the rules notice.
-
     \b
     Examples:
       defocus golden check jobs.toml goldens --thresholds compare.toml --junit goldens.xml
       defocus golden check jobs.toml goldens --html goldens.html
-      defocus golden check jobs.toml goldens --thresholds compare.toml --must-fail
     """  # noqa: D301  click reads the backspace
-    if must_fail:
-        for option, value in {**asked.reports, "--only": only}.items():
-            if value:
-                problem = "means nothing with --must-fail"
-                raise UsageProblem("contradiction", problem, "leave it out", path=option)
-        return _plant(folder, asked, as_json=as_json)
     start = time.perf_counter()
     store = read_store(folder)
     with _render(jobs_file, crew, only) as fresh:
-        store = _narrow(store, fresh, only)
+        store = store.only({job.sample_id for job in fresh.jobs}) if only else store
         if not as_json:
             console.stdout(*store.changed_settings(fresh.jobs))
         records = _compare(store, fresh, asked.task, crew.count)
         changed = store.changed_settings(fresh.jobs)
-        header = _report_header(jobs_file, folder, asked.rules, changed)
+        words = [f"Jobs: {jobs_file}", f"A: goldens in {folder}", "B: rendered now", *changed]
+        commands = comparisons.golden_commands(jobs_file, folder, asked.rules.of, _DEFAULT_RULES)
+        title = f"{jobs_file} checked with {folder}"
+        header = comparisons.ReportHeader(title, words, commands, "rendered now")
         failures = asked.write_reports(records, header, time.perf_counter() - start, crew.count)
     if as_json:
         document = compare_report.document(records)
@@ -191,42 +168,12 @@ def check(
     return compare_report.exit_code(records)
 
 
-def _report_header(
-    jobs_file: Path, folder: Path, rules: Thresholds, changed: Sequence[str]
-) -> comparisons.ReportHeader:
-    """A check, for its report."""
-    words = [f"Jobs: {jobs_file}", f"A: goldens in {folder}", "B: rendered now", *changed]
-    commands = comparisons.golden_commands(jobs_file, folder, rules.of, _DEFAULT_RULES)
-    return comparisons.ReportHeader(
-        f"{jobs_file} checked with {folder}", words, commands, "rendered now"
-    )
-
-
 def _render(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
-    execution = Execution(crew.execute(), spread=crew.spread)
+    execution = Execution(crew.execute(), spread=crew.count)
     return rendered(jobs_file, crew.machine, execution, report, only)
-
-
-def _proposal(
-    fresh: FreshPictures, jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
-) -> str:
-    """The rule that lets pass what a second render makes otherwise."""
-    with _render(jobs_file, crew, only) as again:
-        pairs = [FilePair(n, path, again.files.get(n)) for n, path in fresh.files.items()]
-        settings = CompareSettings(diagnose=False)
-        records = list(compare_all(pairs, Task(Thresholds(), settings), crew.count))
-    noise = max((record.metrics.get("max", 0.0) for record in records), default=0.0)
-    if not noise:
-        return "two renders are equal: '--like golden' allows for another machine"
-    return f"two renders differ by {noise:.2g}: --fail 'max>{_ROOM * noise:.2g}' lets that pass"
-
-
-def _narrow(store: Store, fresh: FreshPictures, only: Sequence[str]) -> Store:
-    """The goldens of the jobs that were chosen."""
-    return store.only({job.sample_id for job in fresh.jobs}) if only else store
 
 
 def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> list[Comparison]:
@@ -235,60 +182,3 @@ def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> 
     names = sorted({*store.files, *fresh.files})
     pairs = [FilePair(name, there.get(name), fresh.files.get(name)) for name in names]
     return list(compare_all(pairs, task, processes))
-
-
-def _plant(folder: Path, asked: comparing.ComparisonOptions, *, as_json: bool) -> int:
-    """Plant faults into all goldens of a folder."""
-    store = read_store(folder)
-    if not store.files:
-        raise InputError("empty", "has no goldens", "accept some first", path=folder)
-    planted = {}
-    for name in sorted(store.files):
-        path = store.place(name)
-        if path is None:
-            raise missing(folder / name, "golden")
-        picture = read_picture(path)
-        planted[name] = plant_all(picture, name, asked.rules.of(name), asked.settings)
-        if not as_json:
-            console.stdout(*_planted_lines(name, planted[name]))
-    missed = sum(each.is_silent for faults in planted.values() for each in faults)
-    if as_json:
-        console.print_json(**_planted_document(planted))
-    else:
-        console.stdout(_planted_summary(planted))
-    return 1 if missed else 0
-
-
-def _planted_lines(name: str, faults: Sequence[Planted]) -> Iterator[str]:
-    """A line for each fault that passes, and one each of those that are warned of, and noticed."""
-    yield from (f"{name}: PASSES: {fault.fault}" for fault in faults if fault.is_silent)
-    warned = [fault.fault for fault in faults if fault.warned]
-    if warned:
-        yield f"{name}: only a warning: {', '.join(warned)}"
-    weakest = [f"{fault.fault} (from {fault.weakest})" for fault in faults if fault.weakest]
-    if weakest:
-        yield f"{name}: noticed: {', '.join(weakest)}"
-
-
-def _planted_summary(planted: Faults) -> str:
-    """How many faults were planted, how many pass, and how many with a warning."""
-    every = [fault for faults in planted.values() for fault in faults]
-    missed, warned = (sum(getattr(f, kind) for f in every) for kind in ("is_silent", "warned"))
-    verdict = f"{missed} PASS" if missed else "all are noticed"
-    verdict += f", {warned} with only a warning" if warned else ""
-    return f"{counted(len(every), 'fault')} in {counted(len(planted), 'golden')}: {verdict}"
-
-
-def _planted_document(planted: Faults) -> dict[str, Any]:
-    """All faults, for JSON."""
-    return {
-        "all_noticed": not any(fault.is_silent for faults in planted.values() for fault in faults),
-        "goldens": {
-            name: [
-                {"fault": f.fault, "noticed": f.noticed, "warned": f.warned}
-                | {"weakest": f.weakest or None}
-                for f in faults
-            ]
-            for name, faults in planted.items()
-        },
-    }

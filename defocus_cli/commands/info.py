@@ -11,19 +11,16 @@ import click
 from defocus_cli.options import shared
 from defocus_cli.options.reading import reading_options
 from defocus_cli.options.shot import shot_lens_options
-from defocus_cli.options.types import FilePath, GroupedCommand, option
+from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.jobs.job import Picture, Reading, reading_through
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.lenses.lens import lens_record_words
-from defocus_core.errors import DefocusError
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection.inspection import (
-    check_preview,
-    draw_repair,
     inspect,
     inspect_pairs,
     range_key,
@@ -38,26 +35,18 @@ from defocus_core.system.text import counted
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @shot_lens_options(required=False)
 @reading_options
-@option(
-    "--preview PNG",
-    "Draw a colour and a depth file: the picture, and beside it where its depth is repaired, "
-    "orange where it was made nearer, blue where farther. Needs a lens.",
-    FilePath(),
-)
 @shared.json_option
 def command(
     files: tuple[Path, ...],
     lenses: ShotLenses | None,
     reading: Reading,
-    preview: Path | None,
     as_json: bool,
 ) -> None:
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read is named, and the others are reported. A file of colour and one of depth, of one
-    size, are compared: whether the colour is blurred already, and whether the two lie on each
-    other.
+    cannot be read is named, and the others are reported. Of a file of colour and one of depth, of
+    one size, it says whether the colour is blurred already.
 
     Of patterns like 'shot.####.exr' the shot is summed up: frames, gaps, sizes, depth over time
     and, with a lens, where blur is largest.
@@ -69,37 +58,31 @@ def command(
                    data_window and display_window (x and y of their first and last pixel),
                    pixel_aspect; of a deep one samples: most_of_a_pixel, total, pixels,
                    range_z, the least and greatest depth as it stands in the file
-      color        channels, nonfinite_pixels; with alpha nothing_pixels, where it is 0, and
-                   partial_pixels, where it is below 1; null if there is none
-      color_note   how the colour would be read, or why there is none
+      color        channels, nonfinite_pixels; with alpha nothing_pixels (0) and partial_pixels
+                   (below 1); null if there is none, as is depth
+      color_note, depth_note
+                   how they would be read, or why there is none
       depth        range_m, or range of what is no distance, sky_pixels, invalid_pixels,
                    nothing_pixels, where the alpha of the colour is 0; with a lens, which lens,
-                   coc_px, repair: what would be done to the depth before it is rendered, empty
-                   if nothing, and depth_repair: the same in numbers (kinds, noise_px,
-                   edge_width_px, displaced_px, share of pixels); warnings of a depth that hardly
-                   suits the lens; null if there is none
-      depth_note   how the depth would be read, or why there is none
+                   coc_px, repair in words, depth_repair in numbers (kinds, noise_px,
+                   edge_width_px, displaced_px, share of pixels), warnings of a depth that hardly
+                   suits it
       evidence     formats that the depth could be of
       maps         kind, and range_px or range, of what 'defocus render' wrote
     "shots" has of each pattern:
-      pattern, frames, gaps
-                   the pattern, the numbers that are there, and those missing
+      pattern, frames, gaps, largest_blur (frame, coc_px)
       sizes        size, and the frames of this size
-      depth        of 25 frames at most, evenly spread: frame, range_m or range, sky_pixels,
-                   focus_mm, coc_px and repair, null without a lens
-      largest_blur frame and coc_px; null without a lens
+      depth        of 25 frames at most: frame, range_m or range, sky_pixels, and with a lens
+                   focus_mm, coc_px, repair
     "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
       color, depth the files
-      evidence     what shows that the colour is blurred already, or does not lie on the depth
-      repair, depth_repair, preview
-                   with --preview: what was done to the depth with the colours, and the PNG
+      evidence     what shows that the colour is blurred already
     and "failed" of files that cannot be read: subject, problem, remedy
 
     \b
     Examples:
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
-      defocus info rgb.exr depth.exr --lens 50mm.toml --preview repaired.png
       defocus info 'rgb.####.exr' 'depth.####.exr' --focal-length 50mm --animate pull.csv
     """  # noqa: D301  click reads the backspace
     patterns = [file for file in files if is_pattern(file)]
@@ -111,22 +94,14 @@ def command(
     if lenses is not None and files:
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
-    if preview is not None:
-        check_preview(preview, files, lens)
     failures = Failures()
     records = []
     for file in files:  # each is reported before the next is read
-        try:
-            record = inspect(file, reading, lens, lone=len(files) == 1)
-        except DefocusError as error:
-            failures.add(error)
-            continue
-        records.append(record)
-        if not as_json:
-            console.stdout(*file_lines(record))
+        with failures.kept():
+            records.append(inspect(file, reading, lens, lone=len(files) == 1))
+            if not as_json:
+                console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)
-    if preview is not None and lens is not None and not failures:
-        draw_repair(pairs, reading, lens, preview)
     for pair in () if as_json else pairs:
         console.stdout(*_pair_lines(pair))
     if as_json and (records or shots):
@@ -196,13 +171,11 @@ def _layout(part: Mapping[str, Any]) -> str:
 
 def _pair_lines(pair: Mapping[str, Any]) -> Iterator[str]:
     """What is wrong between colour and depth, from a record of ``inspect_pairs``."""
-    if not pair["evidence"] and "preview" not in pair:
+    if not pair["evidence"]:
         return
     yield " and ".join(dict.fromkeys((pair["color"], pair["depth"]))) + ":"
     for sentence in pair["evidence"]:
         yield f"  {sentence}"
-    if "preview" in pair:
-        yield f"  repair of the depth: {pair['repair'] or 'none'} -> {pair['preview']}"
 
 
 def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:

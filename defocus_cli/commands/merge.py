@@ -19,7 +19,7 @@ from defocus_core.system.text import counted
 @click.argument("out", type=FilePath())
 @dataset_options
 @shared.json_option
-def command(out: Path, shards_size: int | None, parquet: bool, as_json: bool) -> None:
+def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     """Make one journal of those that 'defocus batch --shard' left in OUT, and the index of samples.
 
     What comes of it is what a single run would have left, and the index lists the samples of all
@@ -32,7 +32,7 @@ def command(out: Path, shards_size: int | None, parquet: bool, as_json: bool) ->
       defocus merge out --shards-size 1GB
     """  # noqa: D301  click reads the backspace
     merged = run_file.merge(out)
-    written = update.index(out, shards_size, parquet=parquet)
+    written = update.index(out, shards_size)
     journals = counted(merged.journals, "journal")
     console.stderr(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")
     if merged.missing:

@@ -17,7 +17,7 @@ from defocus_cli.words import console
 from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading, of_views
 from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.jobs.pairing import find_pictures, whole_shot
+from defocus_core.batch.jobs.pairing import find
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.jobs.shots import with_shot
 from defocus_core.batch.lenses.lens import Lens
@@ -69,7 +69,6 @@ Examples:
 @shared.check_inputs_option
 @shared.json_option
 @shared.verbose_option
-@shared.stats_option
 @option(
     "--dry-run",
     "Say what would be read and written, how long it takes and in how much memory, and stop.",
@@ -87,17 +86,15 @@ def command(
     check_inputs: str,
     as_json: bool,
     verbose: bool,
-    stats: bool,
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures = find_pictures(color, depth, others, frames=shot.choice(lenses.animation))
+    pictures, every = find(color, depth, others, frames=shot.choice(lenses.animation))
     lenses = completed(lenses, pictures, reading, click.get_current_context().meta["typed"])
     jobs = [
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)
     ]
-    every = whole_shot(color, depth, others)
     moving = "focus-at" in lenses.animation.keys
     jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
     jobs = of_views(jobs, name)
@@ -116,7 +113,7 @@ def command(
         from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
 
         kind_of_sheet(jobs)
-    report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, stats=stats)
+    report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose)
     if len(jobs) > 1:
         with report.bar("picture"):
             summary = run.carry_out(jobs, outputs.root, execution(pipeline.execute), report)

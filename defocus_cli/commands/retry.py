@@ -37,7 +37,6 @@ def command(
     out: Path,
     reasons: tuple[str, ...],
     shards_size: int | None,
-    parquet: bool,
     as_json: bool,
     verbose: bool,
     crew: WorkerConfig,
@@ -53,14 +52,12 @@ def command(
       defocus retry out --reason worker-died --processes 1
     """  # noqa: D301  click reads the backspace
     require_journal(out)
-    refuse_held(out, say=console.stderr)
+    refuse_held(out)
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
         console.stderr(f"{out}: nothing failed{' for that reason' if reasons else ''}")
-    execution = Execution(crew.execute(), again=True, spread=crew.spread)
+    execution = Execution(crew.execute(), again=True, spread=crew.count)
     jobs = computed_by(jobs, crew.machine)
     before = sample_index.listed(out)
     asked = None if before is None else before | {job.sample_id for job in jobs}
-    carry_out(
-        jobs, out, execution, shards_size, asked, parquet=parquet, as_json=as_json, verbose=verbose
-    )
+    carry_out(jobs, out, execution, shards_size, asked, as_json=as_json, verbose=verbose)

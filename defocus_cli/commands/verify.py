@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -101,11 +102,8 @@ def _record(check: Check) -> dict[str, Any]:
     """One check; a value that is no finite number is null, as is one that was not measured."""
     finite = check.value is not None and math.isfinite(check.value)
     return {
-        "law": check.law,
-        "measured": check.measured,
-        "unit": check.unit,
+        **asdict(check),
         "value": check.value if finite else None,
-        "bound": check.bound,
         "ok": check.ok,
         "skipped": check.value is None,
     }

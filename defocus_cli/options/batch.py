@@ -8,7 +8,6 @@ import click
 
 from defocus_cli.options.shared import device_option, memory_options
 from defocus_cli.options.types import Command, bundle, machine_option, option
-from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.lenses.quantities import QuantityError, byte_count
 from defocus_core.batch.workers.pool import WorkerConfig
@@ -18,13 +17,6 @@ def crew_options(command: Command) -> Command:
     """Hand a command ``crew``: the processes that compute."""
     options = [
         machine_option(
-            "--scheduler local|tcp://…",
-            "Who does the jobs: processes of this machine, or a Dask scheduler "
-            "(pip install 'defocus[dask]').",
-            default="local",
-            show_default=True,
-        ),
-        machine_option(
             "--processes N",
             "Processes on this machine.  [default: cores / threads; without --threads "
             "one for each core and 2 GB that are free; 1 with a GPU]",
@@ -32,7 +24,7 @@ def crew_options(command: Command) -> Command:
         ),
         machine_option(
             "--threads N",
-            "Threads of each process.  [default: cores / processes; 1 on Dask]",
+            "Threads of each process.  [default: cores / processes]",
             click.IntRange(min=1),
         ),
         device_option(),
@@ -51,22 +43,10 @@ def shard_of(text: str) -> Shard:
 
 
 def dataset_options(command: Command) -> Command:
-    """Hand a command ``shards_size``, bytes or None, and ``parquet``, refused without pyarrow."""
-    command = option(
-        "--parquet",
-        "When all is done, write the list of samples as OUT/samples.parquet, too "
-        "(pip install 'defocus[parquet]'); one that is there is written again if samples change.",
-        callback=_with_pyarrow,
-    )(command)
+    """Hand a command ``shards_size``, bytes or None."""
     return option(
         "--shards-size SIZE",
         "When all is done, pack the samples into WebDataset tars of this size, like 1GB; "
         "those that are there are packed again if samples change.",
         byte_count,
     )(command)
-
-
-def _with_pyarrow(context: click.Context, param: click.Parameter, value: bool) -> bool:
-    if value:
-        sample_index.require_pyarrow()
-    return value

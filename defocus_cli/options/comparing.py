@@ -12,8 +12,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import click
-
 from defocus_cli.options import shared
 from defocus_cli.options.types import (
     Decorator,
@@ -23,9 +21,9 @@ from defocus_cli.options.types import (
     bundle,
     option,
     output_option,
-    position_of,
 )
 from defocus_cli.words.endings import Failures
+from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.run import CAUSES, FIRST, Task
 from defocus_core.compare.selection import region
@@ -39,7 +37,7 @@ from defocus_core.compare.thresholds import (
     read_thresholds,
     rule,
 )
-from defocus_core.errors import DefocusError
+from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.reports.comparison_words import write_junit
 from defocus_core.reports.html import comparisons
 
@@ -68,11 +66,6 @@ class ComparisonOptions:
         """What is to be done with each pair."""
         return Task(self.rules, self.settings, self.diff, self.causes)
 
-    @property
-    def reports(self) -> dict[str, Path | None]:
-        """The files that are asked for, by option."""
-        return {"--diff": self.diff, "--junit": self.junit, "--html": self.html}
-
     def write_reports(
         self,
         records: Sequence[Comparison],
@@ -82,16 +75,12 @@ class ComparisonOptions:
     ) -> Failures:
         """Write the reports that are asked for; what could not be written."""
         failures = Failures()
-        try:
+        with failures.kept():
             if self.junit is not None:
                 write_junit(self.junit, records, seconds)
-        except DefocusError as error:
-            failures.add(error)
-        try:
+        with failures.kept():
             if self.html is not None:
                 comparisons.write(self.html, header, records, self.settings, processes)
-        except DefocusError as error:
-            failures.add(error)
         return failures
 
 
@@ -118,19 +107,13 @@ def comparison_options(default: Rules = _NO_RULES, *, rules_alone: bool = False)
     return bundle("asked", make, options)
 
 
-class _Difference(click.ParamType[float]):
+def _difference(text: str) -> float:
     """A difference of 0 or more."""
-
-    name = "difference"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """The number."""
-        try:
-            return difference(float(value), position_of(param))
-        except ValueError:
-            return difference(value, position_of(param))
+    try:
+        return difference(float(text), CALLER)
+    except (ValueError, UsageProblem):
+        problem, remedy = f"'{text}' is no difference of 0 or more", f"write {OVER}"
+        raise QuantityError(problem, remedy) from None
 
 
 def _rules() -> list[Decorator]:
@@ -151,7 +134,7 @@ def _rules() -> list[Decorator]:
         _rule_option(
             "--over DIFFERENCE",
             f"Difference of a channel that 'share' counts pixels beyond.  [default: {OVER}]",
-            _Difference(),
+            _difference,
         ),
         _rule_option(
             "--like",

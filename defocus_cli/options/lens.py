@@ -1,7 +1,4 @@
-"""Lens options: those of ``--lens FILE.toml`` and those given beside it.
-
-``@lens_options`` adds ``--focal-length``, ``--fnumber``, … and hands the command ``lens: Lens``.
-"""
+"""Lens options: those of ``--lens FILE.toml`` and those given beside it."""
 
 from __future__ import annotations
 
@@ -19,9 +16,7 @@ from defocus_cli.options.types import (
     param_option,
     position_of,
 )
-from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.jobs.lens_from_options import lens_path, make_lens
-from defocus_core.batch.jobs.reading_options import lens_file_reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS, OPENING
 
@@ -42,22 +37,6 @@ def _lens_file_option() -> Decorator:
     )
     kind = LensFile()
     return lens_option("--lens FILE.toml", text, kind, into="lens_file")
-
-
-def lens_options(*, required: bool) -> Decorator:
-    """Hand a command ``lens``: a Lens, or None if none was asked for and none is required."""
-
-    def make(lens_file: Path | None, **values: Any) -> Lens | None:
-        flags = {name.replace("_", "-"): value for name, value in values.items()}
-        said = click.get_current_context().params.get("depth_format")
-        depth_format = said or lens_file_reading(lens_file).get("depth_format")
-        radii = Reading(depth_format=depth_format).holds_radii
-        asked = lens_file is not None or any(value is not None for value in flags.values())
-        if not (required or asked):
-            return None
-        return make_lens(flags, lens_file, radii=radii)
-
-    return bundle("lens", make, lens_decorators())
 
 
 def lens_decorators() -> list[Decorator]:

@@ -27,22 +27,20 @@ from defocus_cli.options.types import (
 )
 from defocus_cli.words.console import Due
 from defocus_core.allowed_values import MIN_TILE, QUALITIES
-from defocus_core.batch.jobs.job import DEVICES, FIELDS, Machine, Outputs
+from defocus_core.batch.jobs.job import DEVICES, FIELDS, Machine, Outputs, refuse_idle_outputs
 from defocus_core.batch.jobs.output_kinds import (
     COLOR_SPACES,
     COMPRESSIONS,
     KINDS,
-    LOSSY,
     MAP_FORMATS,
     MAPS,
     SUFFIXES,
     compression,
     format_of_file,
-    in_one_file,
     is_picture_name,
 )
 from defocus_core.batch.jobs.pairing import COLOR_SUFFIXES
-from defocus_core.batch.lenses.quantities import byte_count, pixel_count
+from defocus_core.batch.lenses.quantities import byte_count
 from defocus_core.errors import CALLER, InputError, UsageProblem
 from defocus_core.system.process import cores
 
@@ -54,52 +52,47 @@ def others_options(command: Command) -> Command:
 
     A plate may have no depth; a deep holdout and a matte have none.
     """
-    hidden = files_option(
-        "--hidden COLOR DEPTH",
-        "Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
-        "unknown, and invented; inf with colour is sky.",
-        FilePath(),
-        nargs=2,
-    )
-    plate = files_option(
-        "--over PLATE [DEPTH]",
-        "Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
-        "the EXR's own, or else infinitely far.",
-        FilePath(),
-    )
-    depth = files_option("--over-depth DEPTH", "Depth of the plate.", FilePath())
-    holdout = files_option(
-        "--holdout DEEP",
-        "Deep EXR whose samples hide what is behind them and show nothing, like objects that "
-        "are composited later: colour and alpha are cut out.",
-        FilePath(),
-    )
-    matte = files_option(
-        "--matte FILE",
-        "Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
-        "silhouette is the edge of the depth, and hair is parted from what is behind it.",
-        FilePath(),
-    )
-    return bundle("others", _others, [hidden, plate, depth, holdout, matte])(command)
+    options = [
+        files_option(
+            "--hidden COLOR DEPTH",
+            "Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
+            "unknown, and invented; inf with colour is sky.",
+            FilePath(),
+            nargs=2,
+        ),
+        files_option(
+            "--over PLATE [DEPTH]",
+            "Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
+            "the EXR's own, or else infinitely far.",
+            FilePath(),
+        ),
+        files_option("--over-depth DEPTH", "Depth of the plate.", FilePath()),
+        files_option(
+            "--holdout DEEP",
+            "Deep EXR whose samples hide what is behind them and show nothing, like objects that "
+            "are composited later: colour and alpha are cut out.",
+            FilePath(),
+        ),
+        files_option(
+            "--matte FILE",
+            "Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
+            "silhouette is the edge of the depth, and hair is parted from what is behind it.",
+            FilePath(),
+        ),
+    ]
+    return bundle("others", _others, options)(command)
 
 
-def _others(
-    *,
-    hidden: tuple[Path, Path] | None,
-    over: Path | None,
-    over_depth: Path | None,
-    holdout: Path | None,
-    matte: Path | None,
-) -> dict[str, tuple[Path, Path | None]]:
+def _others(**given: Any) -> dict[str, tuple[Path, Path | None]]:
     """Colour and depth by role."""
-    if over is None and over_depth is not None:
+    below = given.pop("over_depth")
+    if given["over"] is None and below is not None:
         raise UsageProblem(
             "missing-option", "stands without --over", "give the plate", field="over-depth"
         )
-    lone = {"holdout": holdout, "matte": matte}
-    others: dict[str, tuple[Path, Path | None]] = {} if hidden is None else {"hidden": hidden}
-    others |= {} if over is None else {"over": (over, over_depth)}
-    return others | {role: (path, None) for role, path in lone.items() if path is not None}
+    pairs = {"hidden": given.pop("hidden"), "over": given["over"] and (given.pop("over"), below)}
+    pairs |= {role: (path, None) for role, path in given.items() if path is not None}
+    return {role: pair for role, pair in pairs.items() if pair is not None}
 
 
 def output_options(command: Command) -> Command:
@@ -176,10 +169,6 @@ def _encoding_options() -> list[Decorator]:
         ),
         output_option("--preview", "Also write OUT/<kind>/<stem>.preview.png to look at."),
         output_option(
-            "--multiview",
-            "Write left and right as the two views of one EXR, OUT/multiview/<stem>.exr.",
-        ),
-        output_option(
             "--keep-overscan",
             "Write the pixels beyond the display window of an EXR, too; they take part in "
             "the blur in any case.",
@@ -188,32 +177,12 @@ def _encoding_options() -> list[Decorator]:
     ]
 
 
-def _outputs(
-    *, exr_type: str | None, jpeg_quality: int | None, multiview: bool, **others: Any
-) -> Outputs:
-    kinds = others.pop("kinds")
-    if multiview:
-        kinds = in_one_file(kinds, CALLER.at("multiview"))
-    outputs = _in_file(Outputs(kinds=kinds, **_given(others)), others)
-    for name, value, kinds in (
-        ("exr-type", exr_type, ("exr",)),
-        ("jpeg-quality", jpeg_quality, LOSSY),
-    ):
-        if value is not None and outputs.format not in kinds:
-            problem = f"says nothing about {outputs.format}"
-            remedy = f"leave it out, or use --format {kinds[0]}"
-            raise UsageProblem("idle-option", problem, remedy, field=name)
-    if others["color_space"] is not None and outputs.format == "exr":
-        problem = "says nothing about exr, which is linear"
-        raise UsageProblem("idle-option", problem, "leave it out", field="color-space")
-    if others["compression"] is not None and not outputs.writes_exr:
-        problem = "is of EXR, and none is written"
-        raise UsageProblem("idle-option", problem, "leave it out", field="compression")
-    return replace(outputs, **_given({"exr_type": exr_type, "jpeg_quality": jpeg_quality}))
-
-
-def _given(values: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in values.items() if value is not None}
+def _outputs(**values: Any) -> Outputs:
+    """The outputs, of one file if -o names one."""
+    given = {key: value for key, value in values.items() if value is not None}
+    outputs = _in_file(Outputs(**given), values)
+    refuse_idle_outputs(outputs, {n.replace("_", "-"): v for n, v in given.items()}, CALLER.at)
+    return outputs
 
 
 def _in_file(outputs: Outputs, given: Mapping[str, Any]) -> Outputs:
@@ -250,23 +219,11 @@ def machine_options(command: Command) -> Command:
 
 def rendering_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
-    quality, *others = _computing()
-    tolerance = machine_option(
-        "--tolerance PX",
-        "Instead of --quality: the cheapest whose slices are off by no more than so much CoC "
-        "radius, like 1px.",
-        pixel_count,
-    )
-    options = [quality, tolerance, *others, *memory_options()]
-    return bundle("machine", _machine, options)(command)
+    return bundle("machine", _machine, [*_computing(), *memory_options()])(command)
 
 
-def _machine(*, quality: str | None, tolerance: float | None = None, **others: Any) -> Machine:
-    if quality is not None and tolerance is not None:
-        raise UsageProblem(
-            "contradiction", "stands beside --quality", "keep one of them", field="tolerance"
-        )
-    return Machine(quality=quality or Machine.quality, tolerance=tolerance, **others)
+def _machine(*, quality: str | None, **others: Any) -> Machine:
+    return Machine(quality=quality or Machine.quality, **others)
 
 
 def _computing() -> list[Decorator]:
@@ -341,12 +298,6 @@ def verbose_option(command: Command) -> Command:
     text = "Say more, on stderr."
     verbose = option("-v --verbose", text, is_eager=True)
     return verbose(quiet(command))
-
-
-def stats_option(command: Command) -> Command:
-    """Hand a command ``stats``."""
-    text = "Say what was computed and what was skipped, on stderr; --json always tells it."
-    return option("--stats", text)(command)
 
 
 def html_option(text: str) -> Decorator:

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Event, Thread
 from typing import Any
 
 from defocus_cli.words import console
@@ -29,22 +28,18 @@ _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 class BatchReport:
     """Reports each job of a batch while it runs."""
 
-    def __init__(
-        self, *, each: bool, keep: bool = False, verbose: bool = False, stats: bool = False
-    ) -> None:
+    def __init__(self, *, each: bool, keep: bool = False, verbose: bool = False) -> None:
         self.records: dict[str, dict[str, Any]] = {}
-        self._each, self._keep, self._verbose, self._stats = each, keep, verbose, stats
+        self._each, self._keep, self._verbose = each, keep, verbose
         self._bar: Any = None
-        self._afterwards: list[str] = []
         self._kinds: Counter[str] = Counter()  # jobs without outputs, by the kind of their message
 
     def planned(self, plan: Plan) -> None:
         """Say what was done before."""
         for job, record in plan.settled:
             if self._keep:
-                self.records[job.sample_id] = job_report.outcome_record(
-                    job, record, done_before=True
-                )
+                done = job_report.outcome_record(job, record, done_before=True)
+                self.records[job.sample_id] = done
             if self._each:
                 console.stderr(job_report.done_before_line(job))
         if not self._each and plan.settled:
@@ -52,11 +47,7 @@ class BatchReport:
                 f"{counted(len(plan.settled), 'job')} done before, {len(plan.todo)} to do"
             )
         if plan.changed:
-            line = f"done again, as inputs, settings or outputs changed: {plan.changed}"
-            if len(plan.todo) > 1 or not self._each:
-                console.stderr(line)
-            else:  # if it fails, nothing is done again, and its error is the one line to say
-                self._afterwards.append(line)
+            console.stderr(f"done again, as inputs, settings or outputs changed: {plan.changed}")
         if self._bar is not None and plan.todo:
             with spoken():
                 self._bar.reset(len(plan.todo))
@@ -65,12 +56,8 @@ class BatchReport:
         """Say what became of a job."""
         if self._keep:
             self.records[job.sample_id] = job_report.outcome_record(job, record)
-        lines = list(
-            job_report.outcome_lines(job, record, verbose=self._verbose, stats=self._stats)
-        )
-        if record["status"] == "ok":
-            lines += self._afterwards
-        elif not self._verbose:
+        lines = list(job_report.outcome_lines(job, record, verbose=self._verbose))
+        if record["status"] != "ok" and not self._verbose:
             kind = kind_of(record["message"])
             self._kinds[kind] += 1
             if self._kinds[kind] > _ALIKE:
@@ -92,16 +79,8 @@ class BatchReport:
 
 @contextmanager
 def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
-    """A function that shows (tiles done, tiles in all) of a lone picture on a bar.
-
-    Until then it says that the picture is prepared, and for how long: lights are searched then.
-    """
+    """A function that shows (tiles done, tiles in all) of a lone picture on a bar."""
     with console.bar(unit) as tiles:
-        ended = Event()
-
-        def tick() -> None:
-            while not ended.wait(1):
-                tiles.refresh()
 
         def count(done: int, total: int) -> None:
             if tiles.total is None:
@@ -109,16 +88,9 @@ def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
                 tiles.reset(total)
             tiles.update(done - tiles.n)
 
-        clock = Thread(target=tick, daemon=True)
         if not tiles.disable:
             tiles.set_description_str("preparing")
-            clock.start()
-        try:
-            yield count
-        finally:
-            ended.set()
-            if clock.ident is not None:
-                clock.join()
+        yield count
 
 
 def summary_lines(summary: Summary) -> Iterator[str]:

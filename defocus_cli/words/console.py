@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable
+from contextlib import suppress
 from errno import ENOSPC
-from itertools import count
 from logging import Handler, LogRecord, getLogger
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -36,21 +35,12 @@ def stderr(line: str) -> None:
             click.echo(line, err=True)
 
 
-def bar(unit: str, total: int | None = None) -> tqdm[Any]:
-    """A progress bar on stderr, if that is a terminal."""
+def bar(unit: str, total: int | None = None, of: Iterable[T] | None = None) -> tqdm[T]:
+    """A progress bar on stderr, if that is a terminal; it counts the items it goes through."""
     from tqdm import tqdm
 
-    return tqdm(total=total, unit=unit, file=sys.stderr, leave=False, disable=not _is_watched())
-
-
-def watch(items: Iterable[T], unit: str, total: int) -> Iterable[T]:
-    """Items, counted on a progress bar on stderr, if that is a terminal."""
-    if not _is_watched():
-        return items
-    from tqdm import tqdm
-
-    watched: Iterable[T] = tqdm(items, total=total, unit=unit, file=sys.stderr, leave=False)
-    return watched
+    hidden = not _is_watched()
+    return tqdm(of, total=total, unit=unit, file=sys.stderr, leave=False, disable=hidden)
 
 
 def _is_watched() -> bool:
@@ -89,36 +79,8 @@ class Due:
 def print_json(**document: Any) -> None:
     """One JSON document on stdout, which names the version first."""
     Due.json = False
-    document = {"defocus": version(), **document}
-    _print(_json(document, indent=1))
-
-
-def _json(value: Any, indent: int | None = None) -> str:
-    text = json.dumps(value, indent=indent, allow_nan=False)
-    return with_dashes(text.replace(r"\u2039", "‹").replace(r"\u203a", "›"))
-
-
-@contextmanager
-def json_rows(name: str, **head: Any) -> Iterator[tuple[Callable[[Any], None], dict[str, Any]]]:
-    """One JSON document that is printed as it grows: a list, a line for each of its rows.
-
-    Args:
-        name: of the list.
-        head: what the document says before it.
-
-    Yields:
-        What prints a row, and a mapping of what the document is to say at its end; it ends
-        whatever happens.
-    """
-    Due.json = False
-    tail: dict[str, Any] = {}
-    head = {"defocus": version(), **head}
-    _print(f'{_json(head)[:-1]}, "{name}": [')
-    rows = count()
-    try:
-        yield lambda row: _print(f"{',' if next(rows) else ' '}{_json(row)}"), tail
-    finally:
-        _print(f"], {_json(tail)[1:]}" if tail else "]}")
+    text = json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False)
+    _print(with_dashes(text.replace(r"\u2039", "‹").replace(r"\u203a", "›")))
 
 
 def _print(text: str) -> None:

@@ -4,24 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import SomeFailed
-from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.jobs.jobs_file import Batch
-from defocus_core.batch.journal.journal import Shard
-from defocus_core.batch.workers.plan import Execution, Plan, make_plan, refuse_names
+from defocus_core.batch.workers.plan import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
 from defocus_core.picture.forecast import Forecast
-from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.text import counted, duration
 
-MAX_PLANNED = 10_000  # jobs of a batch of which each is looked at
-LOOKED_AT = 1000  # jobs that stand for a batch of more
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
 _PIXEL_BYTES = {
     "half": 3.6,
@@ -64,49 +59,32 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
 def report_batch(
     batch: Batch, execution: Execution, processes: int, *, as_json: bool, verbose: bool
 ) -> None:
-    """Report a batch in a few lines, and each job that is looked at if ``verbose``.
+    """Report a batch in a few lines, and each job if ``verbose``.
 
-    Jobs that would fail or be rejected are named on stderr. Of a batch of more than `MAX_PLANNED`
-    jobs `LOOKED_AT` stand for all, but for their names.
+    Jobs that would fail or be rejected are named on stderr.
     """
-    numbers = _numbers(batch, execution.shard)
-    chosen = numbers
-    if len(numbers) > MAX_PLANNED:
-        refuse_names(batch.names(), batch.outputs)
-        chosen = [numbers[k * (len(numbers) - 1) // (LOOKED_AT - 1)] for k in range(LOOKED_AT)]
-    jobs = batch.jobs(chosen)
-    scale = len(numbers) / max(len(jobs), 1)
-    plan = make_plan(jobs, batch.outputs.root, replace(execution, limit=None, shard=None))
-    left = round(scale * len(plan.todo))
-    count = left if execution.limit is None else min(left, execution.limit)
-    plan = replace(plan, todo=plan.todo[:count])
+    plan = make_plan(batch.jobs(), batch.outputs.root, execution)
     todo = [job for job, _ in plan.todo]
     by_number, unusable = _forecasts(todo)
     samples = list(by_number.values())
-    whole = forecast.total(samples, count) if samples else None
-    pictures = len({(job.picture, job.reading) for job in todo})
-    share = 1 / batch.plan.count if scale > 1 else pictures / max(len(todo), 1)
+    whole = forecast.total(samples, len(todo)) if samples else None
     totals = {
-        "jobs": round(scale * len(plan.settled)) + left,
-        "done_before": round(scale * len(plan.settled)),
-        "todo": count,
-        "beyond_limit": left - count,
-        "looked_at": len(jobs),
+        "jobs": len(plan.settled) + len(todo) + plan.beyond,
+        "done_before": len(plan.settled),
+        "todo": len(todo),
+        "beyond_limit": plan.beyond,
+        "looked_at": len(samples) + len(unusable),
         "processes": processes,
         "forecast": whole,
-        "seconds": _seconds(share, whole) / processes if whole else 0.0,
-        "bytes": round(_bytes(plan, samples, count)) if samples else 0,
+        "seconds": whole["seconds"] / processes if whole else 0.0,
+        "bytes": round(_bytes(todo[0].outputs, samples, len(todo))) if samples else 0,
         "unusable": len(unusable),
     }
     if as_json:
-        console.print_json(
-            dry_run=True, **totals, samples=[job_report.plan_record(job) for job in todo]
-        )
-    for job in todo if verbose and not as_json else ():
-        console.stdout(job_report.plan_line(job))
-    if scale > 1 and not as_json:
-        console.stdout(f"of {len(jobs)} of {len(numbers)} jobs, spread evenly over them:")
-    if not as_json:
+        plans = [job_report.plan_record(job) for job in todo]
+        console.print_json(dry_run=True, **totals, samples=plans)
+    else:
+        console.stdout(*(job_report.plan_line(job) for job in todo if verbose))
         console.stdout(*_batch_lines(totals, len(samples)))
     _end(unusable, len(samples), "jobs")
 
@@ -117,8 +95,6 @@ def _forecasts(
     """Forecasts by number, and the errors of the other jobs, said or, of a lone job, raised."""
     if not todo:
         return {}, []
-    if alone:
-        refuse_small(todo[0])
     samples, unusable = forecast.forecasts(todo)
     if alone and unusable:
         raise unusable[0]
@@ -150,35 +126,9 @@ def _end(unusable: Sequence[DefocusError], usable: int, what: str) -> None:
         raise SomeFailed(f"{failing} of {tried} {what} that were looked at would fail")
 
 
-def _numbers(batch: Batch, shard: Shard | None) -> Sequence[int]:
-    """The numbers of the jobs of a batch, or of a shard of it: every n-th picture or job."""
-    if shard is None:
-        return range(batch.count)
-    lenses, pictures = batch.plan.count, len(batch.entries)
-    if pictures < shard.of:
-        return range(shard.number - 1, batch.count, shard.of)
-    mine = range(shard.number - 1, pictures, shard.of)
-    return [lenses * picture + lens for picture in mine for lens in range(lenses)]
-
-
-def _seconds(share: float, whole: Mapping[str, Any]) -> float:
-    """Of one process: reading and writing overlap with rendering, but take cores that it needs.
-
-    Lenses share the picture that they take: ``share`` of the jobs read one.
-    """
-    others = sum(whole[f"{step}_seconds"] for step in ("prepare", "render", "write"))
-    return float(others + share * whole["read_seconds"])
-
-
-def _bytes(plan: Plan, samples: Sequence[Forecast], count: int) -> float:
-    """Bytes that so many jobs will write, estimated from files of jobs done before, if any."""
+def _bytes(outputs: Outputs, samples: Sequence[Forecast], count: int) -> float:
+    """Bytes that so many jobs will write, to a factor of two."""
     pixels = sum(math.prod(each.size) for each in samples) / len(samples) * count
-    done = [record for _, record in plan.settled if record["status"] == "ok"]
-    if done:
-        written = sum(output["size"] for one in done for output in one["outputs"].values())
-        pixels_done = sum(math.prod(one["size"]) for one in done)
-        return float(pixels * written / pixels_done)
-    outputs = plan.todo[0][0].outputs
     image = _PIXEL_BYTES[outputs.exr_type if outputs.format == "exr" else outputs.format]
     each = (image if kind.image else _MAP_BYTES for kind in outputs.rows)
     return pixels * (sum(each) + outputs.preview * len(outputs.kinds) * _PREVIEW_BYTES)

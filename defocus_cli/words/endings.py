@@ -6,6 +6,9 @@ that cannot be used, 130 if interrupted, 143 if ended by SIGTERM.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import click
 
 from defocus_cli.words import console
@@ -39,6 +42,14 @@ class Failures:
 
     def __bool__(self) -> bool:
         return bool(self._errors)
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Keep an error of the block, which ends there."""
+        try:
+            yield
+        except DefocusError as error:
+            self.add(error)
 
     def add(self, error: DefocusError) -> None:
         """Keep an error; the one before is said now."""

@@ -11,17 +11,10 @@ from defocus_core.batch.lenses.lens import lens_record, lens_record_words, lens_
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.system.text import counted
 
-# Each count, the count that it is a share of, and words; counts that a renderer lacks are left out.
-_LINES = (
-    ("slice_tiles_done", "slice_tiles", "steps of slice x tile done"),
-    ("slice_tiles_blurred", "slice_tiles", "of them blurred, the others copied"),
-    ("slice_tiles_reduced", "slice_tiles", "of them at reduced resolution"),
-    ("slice_tiles_culled", "slice_tiles", "steps culled, with nothing left for them to fill"),
-    ("layer_pixels_done", "layer_pixels", "pixels of layers, within the rectangles they lie in"),
-    ("pixels_copied", "pixels", "pixels copied, where nothing is blurred"),
-    ("pixels_clamped", "pixels", "pixels of left or right below 0, made 0"),
-    ("tiles_culled", "tiles", "tiles whose hidden slices were culled so"),
-    ("tiles_with_hidden", "tiles", "tiles behind whose surface something was invented"),
+# What JSON tells of a job as its record has it.
+_TOLD = (
+    *("status", "reason", "message", "size", "color_note", "depth_note", "depth_repair"),
+    *("coc_px", "device", "quality", "warnings"),
 )
 
 
@@ -59,32 +52,17 @@ def outcome_record(
     seconds = record["seconds"]
     return {
         **plan_record(job),
-        "status": record["status"],
-        "reason": record["reason"],
-        "message": record["message"],
+        **{key: record.get(key) for key in _TOLD},  # journals of earlier versions lack some
         "done_before": done_before,
-        "size": record["size"],
-        "color_note": record.get("color_note"),  # journals of earlier versions have none
-        "depth_note": record["depth_note"],
-        "depth_repair": record.get("depth_repair"),
         "lens": record["lens"] or lens_record(job.lens),
-        "coc_px": record["coc_px"],
-        "device": record["device"],
-        "quality": record["quality"],
         "render_seconds": seconds.get("render"),
         "render_cpu_seconds": seconds.get("cpu"),
-        "warnings": record["warnings"],
         "stats": record.get("stats", {}),
     }
 
 
-def outcome_lines(
-    job: Job, record: Mapping[str, Any], *, verbose: bool, stats: bool = False
-) -> Iterator[str]:
-    """A job that ended, in words: one line, one for each warning, and more if ``verbose``.
-
-    What was computed and what was skipped is a table if ``stats``, a line if ``verbose`` alone.
-    """
+def outcome_lines(job: Job, record: Mapping[str, Any], *, verbose: bool) -> Iterator[str]:
+    """A job that ended, in words: one line, one for each warning, and more if ``verbose``."""
     if record["status"] != "ok":
         yield f"defocus: {record['message']}"
         if verbose and "trace" in record:
@@ -109,23 +87,8 @@ def outcome_lines(
             scratch_mb = record["stats"]["scratch_mb"]
             yield f"  {scratch_mb:.0f} MB of scratch in {scratch_folder()}"
     counts = {name: count for name, count in record["stats"].items() if name != "scratch_mb"}
-    if stats:
-        yield from _stats_lines(counts)
-    elif verbose and counts:
+    if verbose and counts:
         yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
-
-
-def _stats_lines(stats: Mapping[str, float]) -> Iterator[str]:
-    """A line for each count, like ``216 of 648   33 %  steps of slice x tile done``."""
-    if not stats:
-        yield "  nothing was rendered: maps alone need no slices"
-        return
-    yield f"  {stats['slices']:.0f} slices, {stats['tiles']:.0f} tiles"
-    rows = [(stats[n], stats[of], words) for n, of, words in _LINES if n in stats and stats.get(of)]
-    width = max(len(f"{whole:.0f}") for _, whole, _ in rows)
-    for count, whole, words in rows:
-        share = 100 * count / whole
-        yield f"  {count:>{width}.0f} of {whole:<{width}.0f} {share:>4.0f} %  {words}"
 
 
 def done_before_line(job: Job) -> str:

@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from defocus_core.optics.dual_pixel import DualPixel
 
 _MM_PER_M = 1000.0
-_CHANCE, _MIN_BREATHING = 3.0, 0.01  # standard errors, and px at the border for a radius of 1 px
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class FitOptions:
     blades: tuple[int, ...] = (0,)  # numbers of blades to choose from; their rotation is found, too
     exposure: bool = False  # whether the pictures may differ by a factor for each channel
     gamma: bool = False  # whether the power is to be found by which the files are linear light
-    shift: bool = False  # whether the pictures may lie apart by a few px, and breathe
+    shift: bool = False  # whether the pictures may lie apart by a few px
     dual_pixel: bool = False  # whether the crosstalk of a pair is to be found, and its model
     # Whether left and right may have a factor each, a plane over the frame
     side_shading: bool = False
@@ -192,8 +191,6 @@ def _record(fitted: Fit, options: FitOptions, width: int) -> dict[str, Any]:
         "shift_px": list(fitted.shift),
         "gains": list(fitted.gains),
         **_sensor_record(fitted, options),
-        "breathing": fitted.breathing,
-        "breathing_error": _finite(fitted.breathing_error),
         "explained": fitted.explained,
         "psnr": dict(zip(("all", "edges", "elsewhere"), map(_finite, fitted.psnr), strict=True)),
         "doubts": list(fitted.doubts),
@@ -242,16 +239,8 @@ def write_lens(path: Path, record: dict[str, Any]) -> None:
         lines.append(f"dp-model = {json.dumps(record['dp_model'])}")
     if record.get("dp_crosstalk"):
         lines.append(f"dp-crosstalk = {record['dp_crosstalk']:.4g}")
-    if breathes(record):
-        lines.append(f"breathing = {record['breathing']:.4g}")
     with written_whole(path) as file:
         file.write(("\n".join(lines) + "\n").encode())
-
-
-def breathes(record: dict[str, Any]) -> bool:
-    """Whether a breathing was found that is more than chance."""
-    error = record["breathing_error"]
-    return error is not None and abs(record["breathing"]) > max(_CHANCE * error, _MIN_BREATHING)
 
 
 def _error(value: float | None, times: float = 1, unit: str = "") -> str:
@@ -282,9 +271,6 @@ def words(record: dict[str, Any]) -> list[str]:
     if any(record["shift_px"]):
         across, down = record["shift_px"]
         lines.append(f"blurred picture {across:.2f} px to the right, {down:.2f} px down")
-    if breathes(record):
-        error = _error(record["breathing_error"])
-        lines.append(f"breathing {record['breathing']:.3f}{error}: what is blurred lies outwards")
     if "dp_model" in record:
         crosstalk, error = record["dp_crosstalk"], _error(record["dp_crosstalk_error"])
         of_model = crosstalk == 0 and not error  # what the model is known to have

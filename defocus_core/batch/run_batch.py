@@ -94,21 +94,21 @@ def run_batch(
     if device not in DEVICES:
         remedy = f"choose from {', '.join(DEVICES)}"
         raise UsageProblem("unknown-name", f"'{device}' is not known", remedy, field="device")
-    config = WorkerConfig("local", processes, threads, device, memory, None)
+    config = WorkerConfig(processes, threads, device, memory, None)
     asked = computed_by(batch_jobs(jobs, out, overwrite=overwrite), config.machine)
     execution = Execution(
         pipeline.execute if processes == 1 else config.execute(),
         limit=limit,
         fail_fast=fail_fast,
         read_inputs=hash_inputs,
-        spread=config.spread,
+        spread=config.count,
     )
     summary = run.carry_out(asked, Path(out), execution, _Callbacks(ended))
     if summary.interrupted and summary.left:
         raise KeyboardInterrupt
     if isinstance(jobs, str | PathLike | Mapping):
         origin.keep(Path(out), jobs if isinstance(jobs, Mapping) else Path(jobs))
-    update.index(Path(out), None, {job.sample_id for job in asked})
+    update.index(Path(out), None, {job.sample_id for job in asked}, summary.unchanged)
     return summary
 
 

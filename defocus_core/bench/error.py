@@ -39,9 +39,8 @@ def measure_shot(
     *,
     device: str,
     threads: int,
-    show: Callable[[TruthShot, Pictures, str, Tensor], None] | None = None,
 ) -> Iterator[Row]:
-    """One row for each method, when it is done; ``show`` is given each picture, [3, H, W]."""
+    """One row for each method, when it is done."""
     import torch
 
     from defocus_core.evaluation import metrics
@@ -53,8 +52,6 @@ def measure_shot(
         for method in methods:
             picture, cost = measured(_work(method, shot, there, threads), unit, repeats=1)
             picture = picture.cpu()
-            if show is not None:
-                show(shot, pictures, method, picture)
             errors = metrics.measure(
                 picture, pictures.truth, pictures.signed_radius, border=shot.border
             )

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from filecmp import cmp
 from fnmatch import fnmatchcase
 from itertools import product
@@ -67,49 +67,22 @@ _DEPTHS = ("Z", "ZBack")  # channels of deep samples
 _CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
 
 
-@dataclass(frozen=True)
-class Structure:
-    """How two files differ apart from the values of their pixels."""
-
-    findings: tuple[Finding, ...]  # another size, missing and further channels
-    notes: tuple[str, ...]  # differences that change no pixel, in words
-    metadata: tuple[str, ...]  # attributes that differ, in words
-    common: tuple[str, ...]  # names of the channels of the size of the picture that both have
-    apart: tuple[str, ...]  # names of the common channels of another size, as those of a thumbnail
-
-
-def compare_structure(
-    a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str] = ()
-) -> Structure:
-    """How two files differ apart from the values of their pixels."""
-    findings = []
+def _of_structure(
+    a: DecodedPicture, b: DecodedPicture, resized: Sequence[str], lone: Sequence[str]
+) -> Iterator[Finding]:
+    """Another size, missing and further channels; but for those of depth that are alone."""
     if (a.width, a.height) != (b.width, b.height):
         text = f"another size: {b.width}x{b.height} instead of {a.width}x{a.height}"
         values = {"a": [a.width, a.height], "b": [b.width, b.height]}
-        findings.append(Finding("another size", text, values))
-    both = [name for name in a.planes if name in b.planes]
-    resized = [name for name in both if a.planes[name].shape != b.planes[name].shape]
-    if resized and not findings:
+        yield Finding("another size", text, values)
+    elif resized:
         text = f"another size of {_list(resized)}"
-        findings.append(Finding("another size", text, {"channels": resized}))
-    lone = _depths_of_samples(a, b)
-    missing = [name for name in a.planes if name not in b.planes and name not in lone]
-    further = [name for name in b.planes if name not in a.planes and name not in lone]
-    if missing:
-        text = f"missing {_counted(missing)}"
-        findings.append(Finding("missing channel", text, {"channels": missing}))
-    if further:
-        text = f"further {_counted(further)}"
-        findings.append(Finding("further channel", text, {"channels": further}))
-    same = [name for name in both if name not in resized]
-    shown = (a.height, a.width)
-    return Structure(
-        findings=tuple(findings),
-        notes=(*_notes(a, b), *([f"flattened, without {_list(lone)}"] if lone else [])),
-        metadata=tuple(_differing(*(_heeded(each.metadata, ignored) for each in (a, b)))),
-        common=tuple(name for name in same if a.planes[name].shape == shown),
-        apart=tuple(name for name in same if a.planes[name].shape != shown),
-    )
+        yield Finding("another size", text, {"channels": list(resized)})
+    for word, one, other in (("missing", a, b), ("further", b, a)):
+        names = [n for n in one.planes if n not in other.planes and n not in lone]
+        if names:
+            text = f"{word} channel{'s' * (len(names) > 1)} {_list(names)}"
+            yield Finding(f"{word} channel", text, {"channels": names})
 
 
 def compare_primaries(
@@ -166,10 +139,6 @@ def _heeded(metadata: Mapping[str, str], ignored: Sequence[str]) -> dict[str, st
         )
 
     return {name: text for name, text in metadata.items() if counts(name)}
-
-
-def _counted(names: Sequence[str]) -> str:
-    return f"channel{'s' * (len(names) > 1)} {_list(names)}"
 
 
 def _list(names: Sequence[str]) -> str:
@@ -240,20 +209,14 @@ def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
 
 
 def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
-    """Where a smaller picture may lie in a larger one: in the middle, at corners, at a match."""
-    spare_y, spare_x = large.shape[1] - small.shape[1], large.shape[2] - small.shape[2]
-    yield from product((spare_x // 2, 0, spare_x), (spare_y // 2, 0, spare_y))
-    # Pixels that match one distinctive pixel of the smaller picture.
-    flat = small.reshape(len(small), -1)
-    for place in {int(flat[0].argmax()), int(flat[0].argmin()), flat.shape[1] // 2}:
-        row, column = np.unravel_index(place, small.shape[1:])
-        same = np.ones(large.shape[1:], bool)
-        for plane, value in zip(large, flat[:, place], strict=True):
-            same &= plane == value
-        for y, x in np.argwhere(same)[:64]:
-            corner = int(x - column), int(y - row)
-            if 0 <= corner[0] <= spare_x and 0 <= corner[1] <= spare_y:
-                yield corner
+    """Where a smaller picture may lie in a larger one: where 81 pixels of it match."""
+    (height, width), (high, wide) = large.shape[1:], small.shape[1:]
+    same = np.ones((height - high + 1, width - wide + 1), bool)
+    rows, columns = (np.linspace(0, side - 1, 9).astype(int) for side in (high, wide))
+    for row, column in product(rows, columns):
+        part = large[:, row : row + len(same), column : column + len(same[0])]
+        same &= (part == small[:, row, column][:, None, None]).all(axis=0)
+    yield from ((int(x), int(y)) for y, x in np.argwhere(same)[:64])
 
 
 def compare_pair(
@@ -283,31 +246,35 @@ def compare_pictures(
 def _compared(
     blank: Comparison, a: DecodedPicture, b: DecodedPicture, rules: Rules, settings: CompareSettings
 ) -> tuple[Comparison, Pixels | None]:
-    structure = compare_structure(a, b, settings.ignore_metadata)
+    both = [name for name in a.planes if name in b.planes]
+    resized = [name for name in both if a.planes[name].shape != b.planes[name].shape]
+    common = [n for n in both if n not in resized and a.planes[n].shape == (a.height, a.width)]
+    others = [name for name in both if name not in (*resized, *common)]  # as those of a thumbnail
+    apart = [name for name in others if not _equal(a.planes[name], b.planes[name])]
+    lone = _depths_of_samples(a, b)
+    findings = list(_of_structure(a, b, resized, lone))
+    if apart:
+        text = f"other values in {', '.join(apart)}, which is of another size than the picture"
+        findings.append(Finding("apart", text))
+    ignored = settings.ignore_metadata
+    metadata = _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
+    samples = compare_samples(a, b)
+    strict = bool(findings) or (settings.metadata and bool(metadata))
+    strict |= samples is not None and not rules.fail
+    findings += [each for each in (compare_primaries(a, b, ignored), samples) if each is not None]
     record = replace(
         blank,
         size=(a.width, a.height),
-        notes=structure.notes,
-        metadata=structure.metadata,
-        findings=structure.findings,
+        notes=(*_notes(a, b), *([f"flattened, without {_list(lone)}"] if lone else [])),
+        metadata=tuple(metadata),
+        findings=tuple(findings),
     )
-    strict = bool(structure.findings) or (settings.metadata and bool(structure.metadata))
-    apart = [name for name in structure.apart if not _equal(a.planes[name], b.planes[name])]
-    if apart:
-        text = f"other values in {', '.join(apart)}, which is of another size than the picture"
-        record, strict = replace(record, findings=(*record.findings, Finding("apart", text))), True
-    if (primaries := compare_primaries(a, b, settings.ignore_metadata)) is not None:
-        record = replace(record, findings=(*record.findings, primaries))
-    samples = compare_samples(a, b)
-    if samples is not None:
-        record = replace(record, findings=(*record.findings, samples))
-        strict |= not rules.fail
-    if not structure.common:
-        findings = (*record.findings, *of_another_size(a, b))
-        return replace(record, findings=findings, status=DIFFERENT), None
+    if not common:
+        findings += of_another_size(a, b)
+        return replace(record, findings=tuple(findings), status=DIFFERENT), None
     if (a.gamma, a.associated) != (b.gamma, b.associated):
         a, b = in_linear_light(a), in_linear_light(b)
-    pixels, corner = _pixels(a, b, structure.common, settings)
+    pixels, corner = _pixels(a, b, common, settings)
     return _judged(record, pixels, corner, (a, b), rules, settings, strict=strict), pixels
 
 

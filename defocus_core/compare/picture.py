@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.array_files import is_float_map, read_float_map
+from defocus_core.io.array_files import NAMED, array_type, read_map
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.deep_samples import strips
-from defocus_core.io.exr.header import CODECS, Header, Raw, is_exr, read_attributes, read_headers
+from defocus_core.io.exr.header import Header, Raw, is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.primaries import REC_709, Chromaticities, declared_primaries
@@ -32,10 +32,7 @@ SUFFIXES = frozenset(
     {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm", ".npy"},
 )
 _KNOWN = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
-_CODECS = ("none", *(name.upper() for name in CODECS if name != "none"))
-_LINE_ORDERS = ("increasing", "decreasing", "random")
 _PNG = b"\x89PNG\r\n\x1a\n"
-_MULTIPART = 0x1000
 # Attributes that are numbers, by their type in the header.
 _NUMBERS = {
     **dict.fromkeys(("float", "v2f", "v3f", "m33f", "m44f", "box2f", "chromaticities"), "f"),
@@ -76,11 +73,10 @@ def read_picture(path: Path) -> DecodedPicture:
         return _from_exr(path)
     if head.startswith(_PNG):
         _refuse_damaged_png(path)
-    if is_float_map(head):
-        float_map = read_float_map(path, integers=True)
-        values = float_map.values
+    if (file_type := array_type(head)) and file_type not in NAMED:
+        values = read_map(path)
         (height, width), kind = values.shape, values.dtype.name
-        layout = {"format": float_map.format}
+        layout = {"format": file_type}
         return DecodedPicture(path, width, height, {"Z": values}, {"Z": kind}, layout=layout)
     return _from_raster(path, read_pages(path, wanted=_KNOWN))
 
@@ -179,7 +175,7 @@ def _from_exr(path: Path) -> DecodedPicture:
         for name, raw in header.attributes.items()
     }
     display = headers[0].display
-    layout = {"format": "EXR", **_exr_layout(path, headers), "channel order": " ".join(planes)}
+    layout = {"format": "EXR", **_exr_layout(headers), "channel order": " ".join(planes)}
     ordered = {name: planes[name] for name in sorted(planes, key=_place)}
     return DecodedPicture(
         *(path, display.width, display.height, ordered, types),
@@ -194,7 +190,7 @@ def _deep_samples(path: Path, headers: Sequence[Header]) -> dict[str, NDArray[An
     """The samples of all deep parts; none if the file is flat."""
     found: dict[str, list[NDArray[Any]]] = {}
     for header in headers:
-        for strip in strips(path, header, last=True) if header.deep else ():
+        for strip in strips(path, header) if header.deep else ():
             rows, columns = np.divmod(strip.pixel.astype(np.int64), strip.window.width)
             places = (rows + strip.window.y0 << 32) + columns + strip.window.x0
             found.setdefault("", []).append(places)
@@ -203,32 +199,16 @@ def _deep_samples(path: Path, headers: Sequence[Header]) -> dict[str, NDArray[An
     return {name: np.concatenate(pieces) for name, pieces in found.items()}
 
 
-def _exr_layout(path: Path, headers: Sequence[Header]) -> dict[str, str]:
-    """Codec, order of lines, tiles and windows of each part."""
+def _exr_layout(headers: Sequence[Header]) -> dict[str, str]:
+    """Codec and windows of each part."""
     layout = {}
-    with path.open("rb") as file:
-        (_, version) = struct.unpack("<4sI", file.read(8))
-        for header in headers:
-            raw = read_attributes(file)
-            of = f" of part {header.label}" if len(headers) > 1 else ""
-            layout[f"compression{of}"] = _word(_CODECS, raw.get("compression"))
-            layout[f"order of lines{of}"] = _word(_LINE_ORDERS, raw.get("lineOrder"))
-            tiles = raw.get("tiles")
-            sides = struct.unpack("<2I", tiles.value[:8]) if tiles else None
-            layout[f"tiles{of}"] = f"{sides[0]}x{sides[1]}" if sides else "none"
-            layout[f"data window{of}"] = str(header.data)
-            layout[f"display window{of}"] = str(header.display)
-            if not version & _MULTIPART:
-                break
+    for header in headers:
+        of = f" of part {header.label}" if len(headers) > 1 else ""
+        codec = header.compression.partition(":")[0]
+        layout[f"compression{of}"] = codec if codec == "none" else codec.upper()
+        layout[f"data window{of}"] = str(header.data)
+        layout[f"display window{of}"] = str(header.display)
     return layout
-
-
-def _word(words: Sequence[str], number: Raw | None) -> str:
-    """The word that an attribute of one byte stands for."""
-    if number is None or len(number.value) != 1:
-        return "unknown"
-    place = number.value[0]
-    return words[place] if place < len(words) else f"number {place}"
 
 
 def _spoken(raw: Raw) -> str:

@@ -211,35 +211,20 @@ def count_nonfinite(pixels: Pixels, corner: tuple[int, int] = (0, 0)) -> Nonfini
     ):
         return Nonfinite(blank)
     selected = True if pixels.selected is None else pixels.selected
-    masks = {
-        (side, kind): np.logical_or.reduce([test(plane) for plane in getattr(pixels, side)])
-        & selected
-        for side in ("a", "b")
-        for kind, test in (("nan", np.isnan), ("inf", np.isinf))
-    }
-    apart = np.zeros(pixels.shape, bool)
-    lone_masks = {key: np.zeros(pixels.shape, bool) for key in masks}
-    for a, b in zip(pixels.a, pixels.b, strict=True):
-        codes = [_codes(plane) for plane in (a, b)]
-        differs = (codes[0] != codes[1]) & selected
-        apart |= differs
-        for side, side_codes in zip(("a", "b"), codes, strict=True):
-            lone_masks[side, "nan"] |= differs & (side_codes == _NAN)
-            lone_masks[side, "inf"] |= differs & (np.abs(side_codes) == 1)
+    codes = {side: [_codes(plane) for plane in getattr(pixels, side)] for side in ("b", "a")}
+    pairs = list(zip(*codes.values(), strict=True))
+    apart = np.logical_or.reduce([one != other for one, other in pairs]) & selected
     lone = {}
-    for key in (("b", "nan"), ("b", "inf"), ("a", "nan"), ("a", "inf")):
-        if lone_masks[key].any():
-            y, x = (int(index) for index in np.argwhere(lone_masks[key])[0])
-            count = int(np.count_nonzero(lone_masks[key]))
-            lone[key] = (count, x + corner[0], y + corner[1])
-    return Nonfinite(
-        {
-            side: {kind: int(np.count_nonzero(masks[side, kind])) for kind in ("nan", "inf")}
-            for side in ("a", "b")
-        },
-        lone,
-        apart if apart.any() else None,
-    )
+    for side, of_side in codes.items():
+        for kind, code in (("nan", _NAN), ("inf", 1)):
+            has = [np.abs(each) == code for each in of_side]
+            blank[side][kind] = int(np.count_nonzero(np.logical_or.reduce(has) & selected))
+            alone = [each & (one != other) for each, (one, other) in zip(has, pairs, strict=True)]
+            where = np.argwhere(np.logical_or.reduce(alone) & selected)
+            if len(where):
+                y, x = where[0].tolist()
+                lone[side, kind] = len(where), x + corner[0], y + corner[1]
+    return Nonfinite(blank, lone, apart if apart.any() else None)
 
 
 _NAN = 2

@@ -17,10 +17,10 @@ from torch import Tensor
 
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.soft_edges import AVERAGED, without_ramps
-from defocus_core.tensors.derived import Derived
+from defocus_core.tensors.derived import Mapped
 from defocus_core.tensors.neighbourhoods import squares_around
 from defocus_core.tensors.source import Pixels, bands
-from defocus_core.tensors.validation import dense, described
+from defocus_core.tensors.validation import described
 
 # Least step between surfaces, as a share of the range of disparity: more than a level of 8 bits;
 # and as a share of the range among neighbours, which on a slope steps evenly.
@@ -50,7 +50,7 @@ class _Votes(NamedTuple):
     own: Tensor  # [C, n] colours of the pixels
 
 
-class GuidedDepth(Derived):
+class GuidedDepth(Mapped):
     """Depth [H, W] at the size of a picture, computed window by window."""
 
     def __init__(self, depth: Tensor, image: Pixels) -> None:
@@ -64,12 +64,10 @@ class GuidedDepth(Derived):
         Raises:
             ValueError: If `depth` is no map of positive numbers.
         """
-        dense("depth", depth)
         if depth.dim() != 2 or not depth.is_floating_point() or not bool((depth > 0).all()):
             problem = f"depth must be [h, w] of positive floats, got {described(depth)}"
             raise ValueError(f"{problem}; inf is sky")
-        self.shape = tuple(image.shape[-2:])
-        self.dtype, self.device = depth.dtype, depth.device
+        super().__init__(self._computed, image.shape[-2:], depth)
         self._image = image
         disparity, has_ramps = _prepared(1 / depth.double())
         self._disparity = disparity
@@ -80,7 +78,7 @@ class GuidedDepth(Derived):
         self._slopes = [_slope(disparity, dim) for dim in (0, 1)]
         self._colors = _mean_colors(image, self._row, self._column, (h, w))
 
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+    def _computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
         disparity = _linear(self._disparity, rows, columns, self.shape)
         down, across = self._row[slice(*rows)], self._column[slice(*columns)]

@@ -6,13 +6,14 @@ Pictures are float64 on the CPU, with the signed CoC radius in px of each of the
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import max_pool2d
 
+from defocus_core.evaluation.synthetic_scenes import Scenery
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.render import render
 from defocus_core.tensors.views import Views
@@ -24,14 +25,7 @@ PERIOD = 16
 _STEP = 0.25
 
 
-class Probe(NamedTuple):
-    """A picture [C, H, W] and the signed radius [H, W] px of its pixels."""
-
-    image: Tensor
-    signed_radius: Tensor
-
-
-def spot(r: float, *, light: bool) -> Probe:
+def spot(r: float, *, light: bool) -> Scenery:
     """One odd pixel in the middle of a frame that is wider than its blur.
 
     A light is 1 on black, and drawn by its own kernel. Otherwise the pixel is black on white, a
@@ -40,7 +34,7 @@ def spot(r: float, *, light: bool) -> Probe:
     n = 2 * math.ceil(2.4 * abs(r)) + 9  # the slice radius above r is 20 % wider at most
     image = torch.full((1, n, n), 0.0 if light else 1.0, dtype=torch.float64)
     image[:, n // 2, n // 2] = 1.0 if light else 0.0
-    return Probe(image, torch.full((n, n), r, dtype=torch.float64))
+    return Scenery(image, torch.full((n, n), r, dtype=torch.float64))
 
 
 def waves(size: tuple[int, int] = SIZE) -> Tensor:
@@ -92,7 +86,7 @@ def noise(size: tuple[int, int] = SIZE) -> Tensor:
 
 def card(
     card_r: float, background_r: float, *, plain: bool = False, size: tuple[int, int] = SIZE
-) -> Probe:
+) -> Scenery:
     """A card before waves, or before one dark colour."""
     H, W = size
     on_card = torch.zeros(size, dtype=torch.bool)
@@ -100,14 +94,14 @@ def card(
     tint = torch.tensor([0.95, 0.75, 0.3], dtype=torch.float64)[:, None, None]
     background = torch.full((3, H, W), 0.3, dtype=torch.float64) if plain else 0.6 * waves(size)
     radius = torch.where(on_card, card_r, background_r).to(torch.float64)
-    return Probe(torch.where(on_card, tint, background), radius)
+    return Scenery(torch.where(on_card, tint, background), radius)
 
 
-def scenes() -> list[Probe]:
+def scenes() -> list[Scenery]:
     """A slope through focus, cards before and behind it, and cards in equal steps of radius."""
     return [
-        Probe(waves(), slope()),
-        Probe(waves(), levels()),
+        Scenery(waves(), slope()),
+        Scenery(waves(), levels()),
         card(-7.0, 0.0),
         card(0.0, 7.0),
         card(-5.0, 6.0),
@@ -200,11 +194,13 @@ class LawSetting:
         device: Where to compute, as torch calls it.
         quality: As for `render`.
         threads: As for `render`.
+        render: The renderer.
     """
 
     device: str = "cpu"
     quality: str = "standard"
     threads: int = 1
+    render: Callable[..., Views] = render
 
 
 @dataclass(frozen=True)
@@ -232,7 +228,7 @@ class Check:
 
 
 def rendered(
-    scene: Probe,
+    scene: Scenery,
     setting: LawSetting,
     dtype: torch.dtype,
     *,
@@ -242,7 +238,7 @@ def rendered(
 ) -> Views:
     """The rendering of a scene, with `setting.threads` unless ``threads`` says otherwise."""
     image, radius = (x.to(setting.device, dtype).contiguous() for x in scene)
-    return render(
+    return setting.render(
         image,
         radius,
         aperture=aperture,

@@ -8,7 +8,7 @@ in float32, as they are rendered for the user.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import torch
@@ -18,14 +18,15 @@ from defocus_core.evaluation import law_probes as probes
 from defocus_core.evaluation.law_probes import (
     Check,
     LawSetting,
-    Probe,
     greatest,
     pictures,
     rendered,
 )
+from defocus_core.evaluation.synthetic_scenes import Scenery
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.layers.quality import find
 
+Law = Callable[[LawSetting], list[Check]]
 # Wider bounds of checks at qualities that render in coarse pixels of 2 px.
 _IN_COARSE_PIXELS = {
     "slope of second-moment radius over r, off 1": 1.5,
@@ -46,11 +47,11 @@ _RIM = 1 / 16  # of the radius: width of a rim at reduced resolution
 _MIN_RIM = 7.0  # px of radius; rims of smaller discs have too few pixels
 
 
-def verify(setting: LawSetting | None = None) -> Iterator[list[Check]]:
-    """The checks of one law after the other; there are `len(LAWS)`."""
+def verify(setting: LawSetting | None = None, laws: Sequence[Law] = ()) -> Iterator[list[Check]]:
+    """The checks of one law after the other, of all `LAWS` unless some are given."""
     setting = setting or LawSetting()
     in_coarse_pixels = find(setting.quality).half_size
-    for law in LAWS:
+    for law in laws or LAWS:
         checks = law(setting)
         if in_coarse_pixels:
             checks = [replace(c, bound=_IN_COARSE_PIXELS.get(c.measured, c.bound)) for c in checks]
@@ -103,7 +104,7 @@ def near_focus(setting: LawSetting) -> list[Check]:
     off = []
     for r in (sign * size for size in _NEAR for sign in (1, -1)):
         radius = torch.full(probes.SIZE, r, dtype=torch.float64)
-        _, left, right = pictures(rendered(Probe(probes.wave(), radius), setting, torch.float64))
+        _, left, right = pictures(rendered(Scenery(probes.wave(), radius), setting, torch.float64))
         off.append(abs(probes.shift(right) - probes.shift(left) - 8 * r / (3 * math.pi)))
     measured = "near focus, off 8 r/(3 pi), |r| to 1 px"
     return [Check("half discs", measured, "px", greatest(off), 0.01)]
@@ -115,7 +116,7 @@ def white(setting: LawSetting) -> list[Check]:
     for name, aperture in (("round", Aperture()), ("6 blades", Aperture(6, 10.0))):
         off = []
         for radius in (probes.slope(), probes.strips(), probes.noise()):
-            scene = Probe(torch.ones(3, *probes.SIZE), radius)
+            scene = Scenery(torch.ones(3, *probes.SIZE), radius)
             views = rendered(scene, setting, torch.float32, aperture=aperture)
             off += [probes.worst(picture - 1) for picture in pictures(views)]
         measured = f"white over slope, steps, noise; {name}"
@@ -135,7 +136,7 @@ def left_and_right(setting: LawSetting) -> list[Check]:
 
 def focus(setting: LawSetting) -> list[Check]:
     """A picture that is all in focus stays as it is."""
-    scene = Probe(probes.waves(), torch.zeros(probes.SIZE))
+    scene = Scenery(probes.waves(), torch.zeros(probes.SIZE))
     views = rendered(scene, setting, torch.float32)
     off = [probes.worst(picture - scene.image.to(picture)) for picture in pictures(views)]
     return [Check("focus", "picture in focus, change", "-", greatest(off), 1e-6)]
@@ -163,10 +164,10 @@ def symmetry(setting: LawSetting) -> list[Check]:
     """Flips and quarter turns change nothing; a mirror swaps left and right."""
     flips, turns = [], []
     for image, radius in probes.scenes():
-        centre, left, right = pictures(rendered(Probe(image, radius), setting, torch.float64))
-        mirrored = Probe(image.flip(-1), radius.flip(-1))
-        upset = Probe(image.flip(-2), radius.flip(-2))
-        turned = Probe(image.rot90(1, (-2, -1)), radius.rot90())
+        centre, left, right = pictures(rendered(Scenery(image, radius), setting, torch.float64))
+        mirrored = Scenery(image.flip(-1), radius.flip(-1))
+        upset = Scenery(image.flip(-2), radius.flip(-2))
+        turned = Scenery(image.rot90(1, (-2, -1)), radius.rot90())
         for scene, axis, expected in (
             (mirrored, -1, (centre, right, left)),
             (upset, -2, (centre, left, right)),
@@ -197,7 +198,7 @@ def gradient(setting: LawSetting) -> list[Check]:
 
     def weighted_sum(step: float) -> Tensor:
         moved = [x + step * d for x, d in zip(at, directions, strict=True)]
-        scene = Probe(moved[0], moved[1])
+        scene = Scenery(moved[0], moved[1])
         rendering = rendered(scene, setting, torch.float64, left_right=False)
         return (rendering.render * weight).sum()
 
@@ -230,8 +231,8 @@ def tiles(setting: LawSetting) -> list[Check]:
     rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
     off = []
     for radius in (probes.slope(whole), probes.strips(whole)):
-        large = Probe(probes.waves(whole), radius)
-        part = Probe(large.image[:, rows, columns], radius[rows, columns])
+        large = Scenery(probes.waves(whole), radius)
+        part = Scenery(large.image[:, rows, columns], radius[rows, columns])
         one, other = (rendered(scene, setting, torch.float32) for scene in (part, large))
         observed = one.trust > 1 - 1e-5
         for a, b in zip(pictures(one), pictures(other), strict=True):
@@ -244,7 +245,10 @@ def same_bytes(setting: LawSetting) -> list[Check]:
     """Threads, and whether left and right are rendered too, change no byte of the centre."""
     size = (200, 210)  # four tiles
     threads, outputs = 0.0, 0.0
-    for scene in (Probe(probes.waves(size), probes.slope(size)), probes.card(-7.0, 5.0, size=size)):
+    for scene in (
+        Scenery(probes.waves(size), probes.slope(size)),
+        probes.card(-7.0, 5.0, size=size),
+    ):
         one = rendered(scene, setting, torch.float32, threads=1)
         two = rendered(scene, setting, torch.float32, threads=2)
         alone = rendered(scene, setting, torch.float32, left_right=False)
@@ -266,10 +270,10 @@ def rounding(setting: LawSetting) -> list[Check]:
     precision: list[float] = []
     inputs: list[float] = []
     for image, radius in probes.scenes():
-        scene = Probe(image.float(), radius.float())
+        scene = Scenery(image.float(), radius.float())
         single, changed = (
             pictures(rendered(each, setting, torch.float32))
-            for each in (scene, Probe(*map(probes.rounded, scene)))
+            for each in (scene, Scenery(*map(probes.rounded, scene)))
         )
         double = pictures(rendered(scene, setting, torch.float64))
         for off, others in ((precision, double), (inputs, changed)):
@@ -284,7 +288,7 @@ def rounding(setting: LawSetting) -> list[Check]:
 def devices(setting: LawSetting) -> list[Check]:
     """The CPU and the GPU render the same picture; without a GPU there is nothing to compare."""
     off: list[float] = []
-    host = LawSetting("cpu", setting.quality, setting.threads)
+    host = replace(setting, device="cpu")
     for scene in probes.scenes() if setting.device != "cpu" else []:
         on_device, on_cpu = (pictures(rendered(scene, s, torch.float32)) for s in (setting, host))
         off += [
@@ -294,7 +298,7 @@ def devices(setting: LawSetting) -> list[Check]:
     return [Check("CPU and GPU", "difference, of the local maximum", "-", value, 1e-4)]
 
 
-LAWS: tuple[Callable[[LawSetting], list[Check]], ...] = (
+LAWS: tuple[Law, ...] = (
     discs,
     near_focus,
     white,

@@ -48,8 +48,6 @@ class Fit:
         dual_pixel: The photodiodes of a pair; None of one picture.
         crosstalk_error: Standard error of the crosstalk, 0 if it was not sought.
         exchanged: Whether what was given for left is what the right photodiodes saw.
-        breathing: Px by which a blur of 1 px lies outwards, half a width from the middle.
-        breathing_error: Its standard error.
         shading: Of left and right the factor in the middle, and its change over half a frame
             along x and y; empty if it was not sought.
         explained: The fraction of the difference between the pictures that the blur explains.
@@ -70,8 +68,6 @@ class Fit:
     dual_pixel: DualPixel | None
     crosstalk_error: float
     exchanged: bool
-    breathing: float
-    breathing_error: float
     shading: tuple[tuple[float, ...], ...]
     explained: float
     doubts: tuple[str, ...]
@@ -113,7 +109,7 @@ def fit(
         exposure: Whether each channel may have a factor between the two pictures.
         side_shading: Whether left and right may have a factor each, a plane over the frame.
         gamma: Whether the power is to be found by which the pictures are linear light.
-        shift: Whether the blurred picture may be shifted by up to 16 px, and breathe.
+        shift: Whether the blurred picture may be shifted by up to 16 px.
         depth_repair: As for `render`.
         edge_width: As for `render`.
         threads: As for `render`.
@@ -130,7 +126,7 @@ def fit(
         "strength": strength is None,
         "focus": focus is None,
         "gamma": gamma,
-        **dict.fromkeys(("across", "down", "breathing"), shift),
+        **dict.fromkeys(("across", "down"), shift),
         "separation": crosstalk and len(observed) > 1,
     }
     span = float(disparity.max() - disparity.min())
@@ -195,7 +191,7 @@ def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[
     errors = _errors(search, fitted, scale, free, float(weight.sum()))
     radius = point.strength * scale.factor * (point.focus - scale.disparity)
     pair = len(scale.observed) > 1
-    shading = search.residual.shading(point, optics, scale) if search.residual.side_shading else ()
+    modelled = search.residual.modelled(point, optics, scale)
     evidence = JudgedPair.of(search.residual, point, optics)
     return Fit(
         point.strength,
@@ -205,15 +201,13 @@ def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[
         point.gamma,
         errors.get("gamma", 0.0),
         (point.across, point.down),
-        tuple(search.residual.gains(point, optics, scale).tolist()),
+        tuple(modelled.gains.tolist()),
         _psnr(residual, weight, radius),
         point.turned(optics.aperture),
         _with_crosstalk(optics.dual_pixel, point.separation) if pair else None,
         errors.get("separation", 0.0) / 2,
         point.separation < 0,
-        point.breathing,
-        errors.get("breathing", 0.0),
-        tuple(tuple(float(x) for x in row) for row in shading),
+        tuple(map(tuple, modelled.shading.tolist())),
         evidence.explained,
         tuple(_doubts(fitted, disparity, errors)),
         tuple(refusals_of(evidence, sought)),

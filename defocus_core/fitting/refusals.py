@@ -49,8 +49,8 @@ class JudgedPair(NamedTuple):
     def of(cls, residual: Residual, point: Candidate, optics: Optics) -> JudgedPair:
         """That of a point; of a pair its mean."""
         scale = residual.scale(_WIDTH)
-        modelled, weight = residual.modelled(point, optics, scale)
-        still = residual.modelled(_without_blur(point, scale), optics, scale)[0]
+        modelled, weight, *_ = residual.modelled(point, optics, scale)
+        still = residual.modelled(_without_blur(point, scale), optics, scale).light
         observed = torch.stack(scale.observed)
         modelled, observed, still = (
             residual.compressed(each.mean(0)) for each in (modelled, observed, still)
@@ -132,15 +132,10 @@ def _puts_right(before: float, after: float) -> bool:
 
 
 def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
-    """What explains more than a blur, if something does."""
+    """What explains more than a blur, if something does: the order, the exposure or the gamma."""
     if _detail(evidence.observed) > _AS_SHARP * _detail(evidence.sharp):
         problem = "BLURRED is sharper than SHARP"
         return Refusal("swapped", problem, "give them in the order SHARP DEPTH BLURRED")
-    return _other_curve(evidence, options)
-
-
-def _other_curve(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
-    """The exposure or the gamma that explains more than a blur, if one does."""
     # a wrong lens hides a curve that the sharp picture shows
     images = evidence.modelled, evidence.sharp
     tried = (_curves(image, evidence.observed, evidence.weight) for image in images)

@@ -19,7 +19,6 @@ from defocus_core.fitting.pictures import Scale, border_of, shifted
 from defocus_core.fitting.unknowns import Candidate
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.breathing import breathed
 from defocus_core.renderer.render import render
 
 BEND = 0.02  # of compressed light, from which on a difference counts less
@@ -36,6 +35,16 @@ class Optics(NamedTuple):
 
     aperture: Aperture
     dual_pixel: DualPixel
+
+
+class Modelled(NamedTuple):
+    """What a point makes."""
+
+    light: Tensor  # numbers that a camera stores [V, C, H, W]
+    weight: Tensor  # [V, 1, H, W]
+    gains: Tensor  # the factor of light of each channel [C]; ones if the exposure is the same
+    # Of each view the factor in the middle, and its change over half a frame [V, 3]; or none
+    shading: Tensor
 
 
 class Residual:
@@ -78,35 +87,23 @@ class Residual:
         self, point: Candidate, optics: Optics, scale: Scale, quality: str = "standard"
     ) -> tuple[Tensor, Tensor]:
         """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
-        modelled, weight = self.modelled(point, optics, scale, quality)
-        return self.compressed(modelled) - self.compressed(torch.stack(scale.observed)), weight
+        light, weight, *_ = self.modelled(point, optics, scale, quality)
+        return self.compressed(light) - self.compressed(torch.stack(scale.observed)), weight
 
     def modelled(
         self, point: Candidate, optics: Optics, scale: Scale, quality: str = "standard"
-    ) -> tuple[Tensor, Tensor]:
-        """The numbers that a camera stores [V, C, H, W], and their weights [V, 1, H, W]."""
-        modelled, weight = self._stored(point, optics, scale, quality)
+    ) -> Modelled:
+        """What a camera stores of a point."""
+        light, weight = self._stored(point, optics, scale, quality)
         observed = torch.stack(scale.observed)
+        gains, shading = torch.ones(light.shape[1]), light.new_zeros(0, 3)
         if self.exposure:
-            modelled = modelled * self._factors(modelled, observed, weight)[:, None, None]
+            gains = self._factors(light, observed, weight)
+            light = light * gains[:, None, None]
         if self.side_shading:
-            modelled = modelled * _planes(self._shading(modelled, observed, weight), modelled)
-        return modelled, weight
-
-    def gains(self, point: Candidate, optics: Optics, scale: Scale) -> Tensor:
-        """The factor of light of each channel [C]; ones if the exposure is the same."""
-        if not self.exposure:
-            return torch.ones(len(scale.sharp))
-        modelled, weight = self._stored(point, optics, scale, "standard")
-        return self._factors(modelled, torch.stack(scale.observed), weight) ** point.gamma
-
-    def shading(self, point: Candidate, optics: Optics, scale: Scale) -> Tensor:
-        """The factor of each view [V, 3]: in the middle, and its change over half a frame."""
-        modelled, weight = self._stored(point, optics, scale, "standard")
-        observed = torch.stack(scale.observed)
-        if self.exposure:
-            modelled = modelled * self._factors(modelled, observed, weight)[:, None, None]
-        return self._shading(modelled, observed, weight)
+            shading = self._shading(light, observed, weight)
+            light = light * _planes(shading, light)
+        return Modelled(light, weight, gains**point.gamma, shading)
 
     def _stored(
         self, point: Candidate, optics: Optics, scale: Scale, quality: str
@@ -144,14 +141,9 @@ class Residual:
             return self._rendered[key]
         strength = point.strength * scale.factor
         light = scale.sharp if point.gamma == 1 else scale.sharp.clamp_min(0) ** point.gamma
-        light, radius = breathed(
+        views = render(
             light if scale.lost is None else torch.cat([light, _FAINT * scale.lost]),
             strength * (point.focus - scale.disparity),
-            point.breathing,
-        )
-        views = render(
-            light,
-            radius,
             aperture=point.turned(optics.aperture),
             dual_pixel=optics.dual_pixel,
             quality=quality,

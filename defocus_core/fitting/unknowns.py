@@ -25,7 +25,6 @@ class Candidate:
     # How far left and right are apart, in the distance of halves of the pupil that share no
     # light; below 0 they are exchanged
     separation: float = 1.0
-    breathing: float = 0.0  # px by which a blur of 1 px lies outwards, half a width from the middle
 
     def turned(self, aperture: Aperture) -> Aperture:
         """The pupil with its rotation."""
@@ -65,7 +64,6 @@ def unknowns(span: float, names: Iterable[str]) -> list[Unknown]:
         Unknown("gamma", 1.0, 0.03, 0.2, is_ratio=True, bound=4.0),
         *(Unknown(name, 1.0, 0.25, 2.0, bound=MAX_SHIFT) for name in ("across", "down")),
         Unknown("separation", 1.0, 0.1, 1.0, bound=1.2),
-        Unknown("breathing", 1.0, 0.05, 0.2, bound=1.0),
     ]
     wanted = set(names)
     return [row for row in rows if row.name in wanted]

@@ -91,6 +91,7 @@ class Keeping:
     """Where the arrays of a picture are kept."""
 
     scratch: bool = False
+    strip_bytes: int = 1 << 23  # of pixels that are decoded at once
 
     def new(self, shape: tuple[int, int], dtype: Any) -> Any:
         """An array [H, W] of zeros."""

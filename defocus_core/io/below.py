@@ -145,6 +145,7 @@ class Folder:
                 if make:
                     with suppress(FileExistsError):
                         os.mkdir(folder, dir_fd=number)
+                        _sync(number)
                 inner = _inner(folder, number)
                 os.close(number)
                 number = inner
@@ -172,16 +173,6 @@ class Replacement:
         """Replace the file."""
         os.replace(self.sibling, self.name, src_dir_fd=self.folder, dst_dir_fd=self.folder)
 
-    def sync(self) -> None:
-        """Make its name durable, and that of its folder, which may be new, where the system can."""
-        above = os.open("..", _DIRECTORY, dir_fd=self.folder)
-        try:
-            for number in (self.folder, above):
-                with suppress(PermissionError, NotImplementedError):
-                    os.fsync(number)
-        finally:
-            os.close(above)
-
     def discard(self) -> None:
         """Remove it, unless it was put in place, and let go of the folder."""
         with suppress(OSError, ValueError):
@@ -195,6 +186,12 @@ class Replacement:
         """Let go of the folder."""
         os.close(self.folder)
         self.folder = -1
+
+
+def _sync(folder: int) -> None:
+    """Make the names in a folder durable, where the system can."""
+    with suppress(PermissionError, NotImplementedError):
+        os.fsync(folder)
 
 
 def _inner(name: str, folder: int) -> int:

@@ -28,7 +28,6 @@ from defocus_core.io.images.color import Color
 if TYPE_CHECKING:
     from os import PathLike
 
-_ALL_FORMATS = "'defocus help depth' lists all of them"
 HOLES = ("keep", "error", "far", "fill")
 _CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
 

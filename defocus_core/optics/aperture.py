@@ -8,6 +8,7 @@ focus (r > 0) the blur has the pupil's own orientation, nearer than focus it is 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -16,7 +17,6 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.cat_eye import Rim, fineness
-from defocus_core.optics.frame_grid import GridMix
 from defocus_core.optics.outline import (
     CurvedPolygon,
     Disc,
@@ -27,8 +27,8 @@ from defocus_core.optics.outline import (
     inradius,
 )
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
-from defocus_core.optics.pupil_field import PupilField, View
 from defocus_core.optics.pupil_image import PupilImage
+from defocus_core.optics.sensitivity import GridMix
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import described, number, whole
 
@@ -51,6 +51,15 @@ _FITS, _COARSE = 1e-6, 64
 _MIN_LIGHT = 0.01
 # Radius in px of the kernel of which a centroid is taken.
 _CENTROID_RADIUS = 48.0
+
+# The pupil as points of the frame see it: clipped by a rim, or shared by photodiodes of a place.
+View = Rim | GridMix
+
+
+def joined(views: Sequence[Any]) -> View:
+    """Views of one kind as one, as so many points see it."""
+    view: View = type(views[0]).joined(views)
+    return view
 
 
 @dataclass(frozen=True)
@@ -129,10 +138,6 @@ class Aperture:
             shape = Disc()
         elif not _is(self.curvature, 0.0):
             shape = CurvedPolygon(self.blades, self.rotation, self.curvature)
-        return self._shaped(shape)
-
-    def _shaped(self, shape: Outline) -> Outline:
-        """An outline, obstructed and squeezed."""
         if not _is(self.obstruction, 0.0):
             shape = Obstructed(shape, self.obstruction)
         return shape if _is(self.squeeze, 1.0) else Squeezed(shape, *self.narrowing)
@@ -158,15 +163,6 @@ class Aperture:
             if isinstance(value := getattr(self, name), Tensor)
         }
         return replace(self, **learnt) if learnt else self
-
-    def transposed(self) -> Aperture:
-        """The pupil of a picture whose rows are columns, as up and down are its left and right."""
-        return replace(
-            self,
-            rotation=-90.0 - self.rotation if self.blades else self.rotation,
-            image=self.image and self.image.transposed(),
-            squeeze=self.squeeze if _is(self.squeeze, 1.0) else 1 / self.squeeze,
-        )
 
     def kernel(
         self, radius: Tensor, size: int, part: Part = FULL, view: View | None = None
@@ -196,11 +192,8 @@ class Aperture:
         if not radius.is_floating_point():
             problem = f"radius must be a floating-point tensor in px, got {radius.dtype}"
             raise ValueError(f"{problem}; use radius.float()")
-        area: Scalar = area_of(self.fixed.outline, part)
-        if area <= 0.0:
+        if (area := self._of_outline(area_of, part)) <= 0.0:
             raise ValueError(f"part must overlap the pupil, got {part}; see Aperture.parts")
-        if self.requires_grad:
-            area = self._live_area(part)
         r = radius.double()
         r = torch.where(r.abs() < _MIN_RADIUS, _MIN_RADIUS, r)
         fine = 1 if view is None else fineness(float(r.detach().abs().min()))
@@ -230,10 +223,7 @@ class Aperture:
     def _light(self, u: Tensor, r: Tensor, part: Part, view: View | None) -> Tensor:
         """Light between corners u [..., n] of pixels: [..., n - 1, n - 1], of any sum."""
         x, y = part.clamp(u, u)
-        outline, mix = self.outline, view if isinstance(view, GridMix) else None
-        if mix and isinstance(mix.field, PupilField):
-            outline = self._shaped(mix.field.mixed(mix.weights))
-        light = outline.areas(x, y)
+        light = self.outline.areas(x, y)
         # a grey pixel of a picture is no border
         areas = light if self.image is None else torch.full_like(light, torch.inf)
         if self.psf_type == "gaussian":
@@ -241,15 +231,17 @@ class Aperture:
         if not _is(self.spherical, 0.0):
             light = light * self._aberration(u, r)
         if part.is_uneven:
+            mix = view if isinstance(view, GridMix) else None
             light = light * part.counted(u, self.narrowing, mix)
         if not isinstance(view, Rim):
             return light
         return light * view.left_open(areas, x, y, self.narrowing)
 
-    def _live_area(self, part: Part) -> Scalar:
-        """The area of a part, through which gradients flow to the attributes."""
-        area: Scalar = area_of.__wrapped__(self.outline, part)
-        return area
+    def _of_outline(self, weigh: Any, part: Part) -> Scalar:
+        """The area of a part, or its weight; anew if gradients flow through it to attributes."""
+        outline = self.outline if self.requires_grad else self.fixed.outline
+        weight: Scalar = (weigh.__wrapped__ if self.requires_grad else weigh)(outline, part)
+        return weight
 
     def _aberration(self, u: Tensor, r: Tensor) -> Tensor:
         """The light of spherical aberration in the middle of each pixel: [..., n - 1, n - 1].
@@ -275,15 +267,11 @@ class Aperture:
         if part.lean:
             return (1 + part.lean * self.narrowing[0] * self.centroid(FULL)[0]) / 2
         weigh = weight_of if self.psf_type == "gaussian" else area_of
-        of, outline = weigh.__call__, self.fixed.outline
-        if self.requires_grad:
-            of, outline = weigh.__wrapped__, self.outline
-        fraction: Scalar = of(outline, part) / of(outline, FULL)
-        return fraction
+        return self._of_outline(weigh, part) / self._of_outline(weigh, FULL)
 
     def fraction_between(self, part: Part, x: Tensor, y: Tensor) -> Tensor:
         """The share [...] of a part's area between x [..., 2] and y [..., 2], both ascending."""
-        area = self._live_area(part) if self.requires_grad else area_of(self.fixed.outline, part)
+        area = self._of_outline(area_of, part)
         return self.outline.areas(*part.clamp(x, y))[..., 0, 0] / area
 
     def parts(self, count: int) -> list[Part]:

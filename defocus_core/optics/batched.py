@@ -12,11 +12,10 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor
 
-from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.aperture import Aperture, View
 from defocus_core.optics.cat_eye import CatEye, Rim
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import Part
-from defocus_core.optics.pupil_field import View
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.torch_modes import requires_grad
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -70,14 +70,6 @@ class DualPixel:
         """What makes the photodiodes change over the frame; None if they are the same."""
         left = self.measured and self.measured[0]
         return left if isinstance(left, SensitivityField) else None
-
-    def transposed(self) -> DualPixel:
-        """The photodiodes of a frame whose rows are columns."""
-        fields = [each for each in self.measured or () if isinstance(each, SensitivityField)]
-        if not fields:
-            return self
-        left, right = (each.transposed() for each in fields)
-        return replace(self, measured=(left, right))
 
     def kernels(self, aperture: Aperture, radius: Tensor, size: int) -> Tensor:
         """As `Aperture.kernel`, in the centre, left and right images: [..., 3, size, size]."""

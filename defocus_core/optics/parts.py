@@ -10,9 +10,8 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from defocus_core.optics.frame_grid import GridMix
 from defocus_core.optics.outline import Outline
-from defocus_core.optics.sensitivity import Sensitivity, SensitivityField
+from defocus_core.optics.sensitivity import GridMix, Sensitivity, SensitivityField
 from defocus_core.tensors.source import Scalar
 
 # Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.
@@ -77,8 +76,6 @@ def parts_of(outline: Outline, count: int) -> tuple[Part, ...]:
     if count == 2:
         return LEFT, RIGHT
     minimum = _MIN_PART * area_of(outline, FULL)
-    if min(area_of(outline, half) for half in (LEFT, RIGHT)) <= minimum:
-        return (FULL,)  # a colour of a coloured pupil may lie in one half
     if count == 4:
         cuts = [(half, _bisecting_height(outline, half)) for half in (LEFT, RIGHT)]
         return tuple(p for half, y in cuts for p in (replace(half, y1=y), replace(half, y0=y)))

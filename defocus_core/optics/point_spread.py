@@ -7,7 +7,6 @@ not vary over the image, so x and y are not used.
 from __future__ import annotations
 
 import warnings
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -25,10 +24,6 @@ _LEVEL = 1000
 _EXACT_DISTANCE, _EXACT_AREAS = 4.0, 8.0
 # Shifts in px that are rounding.
 _NO_SHIFT = 1e-6
-# Added to a kernel before its logarithm is drawn: the darkest value shown.
-_DARKEST = 1e-4
-# Length of the scale bar in mm, and its distance from the corner in px.
-_BAR, _MARGIN = 0.1, 20
 
 
 class PsfLens(ThinLens):
@@ -150,36 +145,6 @@ class PsfLens(ThinLens):
         times = (*_grid_of(grid), 1, 1, 1)
         return left.repeat(times), right.repeat(times)
 
-    @torch.no_grad()
-    def draw_psf_map(
-        self,
-        grid: tuple[int, int] = (7, 7),
-        ks: int = 64,
-        depth: Scalar | None = None,
-        log_scale: bool = False,
-        save_name: str = "./psf_map.png",
-        show: bool = False,
-    ) -> tuple[Any, Any] | None:
-        """Draw `psf_map_rgb` with matplotlib, each kernel at its own full brightness.
-
-        Args:
-            grid: (rows, columns).
-            ks: Kernel size in px.
-            depth: Object depth in mm; None is `obj_depth`.
-            log_scale: Whether brightness is logarithmic.
-            save_name: The picture file to write.
-            show: Whether to return the figure instead of writing a file.
-
-        Returns:
-            matplotlib's (figure, axes) if `show` is set.
-
-        Raises:
-            ImportError: If matplotlib is not installed.
-            ValueError: As `psf_map`.
-        """
-        psf_map = self.psf_map_rgb(grid, ks, depth)
-        return _draw(psf_map, self.pixel_size, log_scale, None if show else save_name)
-
     def _radii(self, points: Tensor, ks: int, strict: bool) -> tuple[Tensor, int]:
         """Signed radii in px of points, and ks, once it is known whether the blur fits it."""
         points = self._tensor("points", points)
@@ -265,33 +230,3 @@ def _grid_of(grid: tuple[int, int]) -> tuple[int, int]:
             f"grid must be (rows, columns), whole numbers of at least 1 each, got {grid}; "
             "it is (5, 5) by default"
         ) from None
-
-
-def _draw(
-    psf_map: Tensor, pixel_size: float, log_scale: bool, save_name: str | None
-) -> tuple[Any, Any] | None:
-    """Draw kernels [rows, columns, 3, ks, ks] over a scale bar; without a name, (figure, axes)."""
-    try:
-        from matplotlib import pyplot
-    except ImportError as error:
-        problem = "drawing needs matplotlib, which is not installed"
-        raise ImportError(f"{problem}; run: pip install 'defocus[plot]'") from error
-
-    rows, columns, _, ks, _ = psf_map.shape
-    bright = (psf_map + _DARKEST).log() if log_scale else psf_map
-    low = bright.amin((2, 3, 4), keepdim=True) if log_scale else 0.0
-    high = bright.amax((2, 3, 4), keepdim=True)
-    # a map of level kernels is white
-    shown = ((bright - low) / (high - low)).nan_to_num(1.0)
-    mosaic = shown.permute(0, 3, 1, 4, 2).reshape(rows * ks, columns * ks, 3)
-    figure, axes = pyplot.subplots(figsize=(10, 10), layout="tight")
-    axes.imshow(mosaic.cpu().numpy())
-    end, y = _MARGIN + _BAR / pixel_size, rows * ks - _MARGIN
-    axes.plot([_MARGIN, end], [y, y], color="white", clip_on=False)
-    axes.text(end + 5, y, f"{1000 * _BAR:.0f} µm", color="white", va="center")
-    axes.set_axis_off()
-    if save_name is None:
-        return figure, axes
-    figure.savefig(save_name, dpi=300, bbox_inches="tight", pad_inches=0)
-    pyplot.close(figure)
-    return None

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.outline import Outline
-from defocus_core.tensors.validation import dense, described
+from defocus_core.tensors.validation import described
 
 # Transmission below this share of the greatest is dark: noise of a measured picture has no extent.
 _DARK = 1e-3
@@ -22,21 +22,18 @@ class PupilImage(Outline):
     transmission, so that areas are exact. Two of the same picture are equal.
     """
 
-    def __init__(self, transmission: Tensor, like: PupilImage | None = None) -> None:
+    def __init__(self, transmission: Tensor) -> None:
         """Find the centroid and the extent of a picture.
 
         Args:
             transmission: [H, W], 0 or more; its scale does not matter.
-            like: A picture of this size whose centroid and extent count, as for one channel of a
-                coloured pupil those of all channels do.
 
         Raises:
             ValueError: If it is no picture of finite numbers, or all of it is dark.
         """
         if not (isinstance(transmission, Tensor) and transmission.dim() == 2):
             problem = f"transmission must be a tensor [H, W], got {described(transmission)}"
-            raise ValueError(f"{problem}; a coloured pupil has one for each channel")
-        dense("transmission", transmission)
+            raise ValueError(f"{problem}; give the mean of a coloured one")
         picture = transmission.detach().to("cpu", torch.float64)
         if not bool(picture.isfinite().all() and (picture >= 0).all()):
             raise ValueError(
@@ -56,16 +53,7 @@ class PupilImage(Outline):
         rows, columns = (torch.arange(n, dtype=torch.float64) + 0.5 for n in picture.shape)
         self._middle = float(picture.sum(0) @ columns) / mass, float(picture.sum(1) @ rows) / mass
         self._bright = [(picture.amax(axis) > 0).nonzero()[:, 0] for axis in (0, 1)]
-        self._radius = reach = self.reach(self._middle)
-        if like is None:
-            return
-        if like._key[0] != self._key[0] or reach > like._radius + 1e-9 + self._off(like):
-            raise ValueError(
-                f"like must be a picture of {self._key[0]} px that holds this one, got one of "
-                f"{like._key[0]}; the mean of all channels is one"
-            )
-        self._middle, self._radius = like._middle, like._radius
-        self._key = (self._key[0], blake2b(self._key[1] + like._key[1]).digest())
+        self._radius = self.reach(self._middle)
 
     def reach(self, middle: tuple[float, float]) -> float:
         """The greatest distance in px along an axis to the border of a bright pixel."""
@@ -86,10 +74,6 @@ class PupilImage(Outline):
         self._middle, self._radius = middle, radius
         position = repr((*middle, radius)).encode()
         self._key = (self._key[0], blake2b(self._key[1] + position).digest())
-
-    def _off(self, other: PupilImage) -> float:
-        """Px between the centroids of two pictures, along the axis where they differ more."""
-        return max(abs(a - b) for a, b in zip(self._middle, other._middle, strict=True))
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, PupilImage) and self._key == other._key
@@ -115,21 +99,6 @@ class PupilImage(Outline):
     def radius(self) -> float:
         """The radius of the lens in px."""
         return self._radius
-
-    @property
-    def light(self) -> float:
-        """The sum of the picture."""
-        return float(self._sums[-1, -1])
-
-    def transposed(self) -> PupilImage:
-        """The picture with rows for columns."""
-        other = object.__new__(PupilImage)
-        other._key = (self._key[0][::-1], self._key[1] + b"transposed")
-        if self._key[1].endswith(b"transposed"):
-            other._key = (other._key[0], self._key[1].removesuffix(b"transposed"))
-        other._sums, other._middle = self._sums.mT.contiguous(), self._middle[::-1]
-        other._radius, other._bright = self._radius, self._bright[::-1]
-        return other
 
     def cumulative_area(self, x: Tensor, y: Tensor) -> Tensor:
         """The sum of the picture left of x and above y: bilinear between corners of its pixels."""

@@ -8,16 +8,18 @@ falls to half of its greatest, and faint light has no share.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.optics.frame_grid import FrameGrid
 from defocus_core.optics.outline import Disc
 from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.tensors.validation import dense, described
+from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.validation import described
 
 # Shares of the greatest light of a measured kernel: of its noise at most, and of its border.
 _FAINT, _BORDER = 0.1, 0.5
@@ -53,8 +55,12 @@ class Sensitivity:
         return torch.where(area > 0, fraction / torch.where(area > 0, area, 1.0), 0.0)
 
 
-class SensitivityField(Sensitivity, FrameGrid):
-    """Sensitivities of a photodiode over the frame; without a place, it is their mean."""
+class SensitivityField(Sensitivity):
+    """Sensitivities of a photodiode over the frame; without a place, it is their mean.
+
+    The frame is divided into rows and columns of equal rectangles, each with its own in its middle.
+    Between these places they are mixed, bilinear in the place; beyond the outer ones they stay.
+    """
 
     def __init__(self, positions: Sequence[Sensitivity], grid: tuple[int, int]) -> None:
         """Keep them."""
@@ -68,15 +74,17 @@ class SensitivityField(Sensitivity, FrameGrid):
     def __hash__(self) -> int:
         return hash((self.grid, self.positions))
 
-    def transposed(self) -> SensitivityField:
-        """That of a frame whose rows are columns; each place is as it was."""
-        rows, columns = self.grid
-        order = (row * columns + column for column in range(columns) for row in range(rows))
-        return SensitivityField([self.positions[index] for index in order], (columns, rows))
-
     def between(self, x: Tensor, y: Tensor) -> Tensor:
         """The mean of theirs."""
         return torch.stack([position.between(x, y) for position in self.positions]).mean(0)
+
+    def view(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> GridMix:
+        """What points of a frame (height, width) see, x and y px from its left upper corner."""
+        down, across = (
+            _tents(position, length, count)
+            for position, length, count in zip((y, x), frame, self.grid, strict=True)
+        )
+        return GridMix((down[..., :, None] * across[..., None, :]).flatten(-2))
 
     def mixed(self, weights: Tensor, x: Tensor, y: Tensor) -> Tensor:
         """As `between`, mixed by weights [G] or [v, G] of the places: for v points of the frame."""
@@ -89,6 +97,33 @@ class SensitivityField(Sensitivity, FrameGrid):
                 seen = position.between(x[which], y[which]) * weight[which, None, None]
                 total = total.index_add(0, which, seen)
         return total if weights.dim() > 1 else total[0]
+
+
+class GridMix(NamedTuple):
+    """The mix of the places of a field that points of the frame see."""
+
+    weights: Tensor  # [G] or [n, G] the share of the light of each place
+
+    @property
+    def points(self) -> int:
+        """The number of points that see it."""
+        return math.prod(self.weights.shape[:-1])
+
+    @classmethod
+    def joined(cls, mixes: Sequence[GridMix]) -> GridMix:
+        """Mixes of one field as one, as so many points see it."""
+        return cls(torch.stack([mix.weights for mix in mixes]))
+
+    def of(self, which: Tensor | slice) -> GridMix:
+        """The mix as the points of these indices see it."""
+        return GridMix(self.weights[which])
+
+
+def _tents(position: Scalar, length: int, count: int) -> Tensor:
+    """Weights [..., count] of the places of a grid along an axis."""
+    at = torch.as_tensor(position, dtype=torch.float64) * (count / length) - 0.5
+    number = torch.arange(count, dtype=at.dtype, device=at.device)
+    return (1 - (at.clamp(0, count - 1)[..., None] - number).abs()).clamp(min=0)
 
 
 def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity]:
@@ -114,7 +149,6 @@ def sensitivities(left: Tensor, right: Tensor) -> tuple[Sensitivity, Sensitivity
                 f"{described(kernel)}"
             )
             raise ValueError(f"{problem}; measure both photodiodes of one point")
-        dense(name, kernel)
     left, right = (kernel.detach().to("cpu", torch.float64) for kernel in (left, right))
     size = left.shape[-2:]
     pairs = zip(left.reshape(-1, *size), right.reshape(-1, *size), strict=True)

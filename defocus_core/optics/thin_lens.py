@@ -27,19 +27,15 @@ from defocus_core.tensors.validation import (
     broadcast,
     device_named,
     each_positive,
-    flag,
     floating,
     number,
     numbers,
     pair,
     positive,
-    whole,
 )
 
 _UNITS = "lengths are in mm, an f-number has no unit"
 _SIDES = "sensor_size is (width, height) in mm, sensor_res in px"
-# Where points of a grid over the image lie that do not stand in the middles of its fields.
-_NEAR_BORDER = 0.98
 
 
 def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: float) -> float:
@@ -191,44 +187,6 @@ class ThinLens:
     def dfov(self) -> Scalar:
         """Field of view across the sensor's diagonal, in radians."""
         return self._field_of_view(math.hypot(*self.sensor_size))
-
-    def point_source_grid(
-        self,
-        depth: float,
-        grid: tuple[int, int] = (9, 9),
-        normalized: bool = True,
-        quater: bool = False,
-        center: bool = True,
-    ) -> Tensor:
-        """Points at one depth, evenly spread over the image, the uppermost and leftmost first.
-
-        Args:
-            depth: z of the points in mm, negative in front of the lens.
-            grid: Numbers of points (across, down).
-            normalized: Whether x and y are shares of half the sensor, -1 to 1, y upwards; else they
-                are mm at that depth.
-            quater: Whether only the upper right quarter is wanted.
-            center: Whether the outermost points lie half of a field of n - 1 within the border;
-                else they lie at 0.98. A single point lies in the middle.
-
-        Returns:
-            [down, across, 3]: x, y and z.
-
-        Raises:
-            ValueError: If the grid is not of at least one point across and down.
-        """
-        across, down = (whole("grid", n, "it is (across, down)") for n in pair("grid", grid))
-        right, top = (_outermost(n, flag("center", center)) for n in (across, down))
-        z, enlarged = number("depth", depth), (1.0, 1.0)
-        if not flag("normalized", normalized):
-            scale = abs(z) / number("foclen", self.foclen)
-            enlarged = (scale * self.sensor_size[0] / 2, scale * self.sensor_size[1] / 2)
-        dtype, device = floating(self.dtype), self.device
-        x = enlarged[0] * torch.linspace(-right, right, across, dtype=dtype, device=device)
-        y = enlarged[1] * torch.linspace(top, -top, down, dtype=dtype, device=device)
-        y, x = torch.meshgrid(y, x, indexing="ij")
-        points = torch.stack([x, y, torch.full_like(x, z)], -1)
-        return points[: (down + 1) // 2, across // 2 :] if flag("quater", quater) else points
 
     def _field_of_view(self, side: float) -> Scalar:
         half = side / 2 / self.foclen
@@ -457,10 +415,3 @@ def _pitch(sensor_size: tuple[float, float], sensor_res: tuple[int, int]) -> flo
             f"use a sensor height of {across * rows:.5g} mm"
         )
     return size[0] / res[0]
-
-
-def _outermost(count: int, center: bool) -> float:
-    """Where the last of several points stands between the middle, 0, and the border, 1."""
-    if count == 1:
-        return 0.0
-    return 1 - 0.5 / (count - 1) if center else _NEAR_BORDER

@@ -9,8 +9,8 @@ import numpy as np
 
 from defocus_core.io.arrays import Keeping, bands, computed
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.exr.deep_layers import cut_volumes, merge_samples
-from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip
+from defocus_core.io.exr.deep_layers import merge_samples, mix_samples
+from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.images.color import Color
 from defocus_core.system.text import counted
@@ -31,8 +31,6 @@ class Layers:
     # Whether some layers hide others and have no alpha: then that of the picture is the last
     # plane of `light`
     held_out: bool = False
-    # Of each layer where its samples begin and end, in metres [H, W]; None of surfaces
-    ends: tuple[tuple[Any, Any] | None, ...] = ()
     pictures: tuple[Color, ...] = ()  # of each layer the colour if its depth is to be repaired
     front: int = 0  # number of layers of the picture in front, if it is before another one
 
@@ -59,13 +57,12 @@ class Layers:
             alpha=(*self.alpha, *plate.alpha),
             depths=(*self.depths, *plate.depths),
             merged=self.merged + plate.merged,
-            ends=(*self.ends, *plate.ends),
             front=len(self.alpha),
         )
 
     def cut(self, keeping: Keeping) -> Layers:
-        """These layers with volumes cut where other samples lie within, and mixed in one place."""
-        if not any(self.ends) and not self.front:
+        """These layers with the samples of two pictures in order, and mixed in one place."""
+        if not self.front:
             return self
         shape, merged = self.alpha[0].shape, 0
         names = (*(str(k) for k in range(len(self.light[0]))), ALPHA)
@@ -74,7 +71,7 @@ class Layers:
             strip = self._samples(rows, names)
             behind = strip.pixel[strip.rank >= self.front] if self.front else ()
             both = np.intersect1d(behind, strip.pixel[strip.rank < self.front])
-            strip, count = merge_samples(cut_volumes(strip, names, both), names)
+            strip, count = merge_samples(mix_samples(strip, names, both), names)
             merged += count
             while len(layers) < max(1, strip.maximum):
                 layers.append({name: keeping.new(shape, "float32") for name in (*names, DEPTH)})
@@ -92,24 +89,20 @@ class Layers:
             alpha=tuple(layer[ALPHA] for layer in layers),
             depths=tuple(replace(self.depths[0], metres=layer[DEPTH]) for layer in layers),
             merged=self.merged + merged,
-            ends=(None,) * len(layers),
         )
 
     def _samples(self, rows: slice, names: tuple[str, ...]) -> Strip:
-        """The samples of some rows, by number of the light, alpha, depth and ends."""
+        """The samples of some rows, by number of the light, alpha and depth."""
         window = Window(0, rows.start, self.alpha[0].shape[1] - 1, rows.stop - 1)
         columns = []
-        every = zip(self.light, self.alpha, self.depths, self.ends, strict=True)
-        for number, (light, alpha, depth, ends) in enumerate(every):
-            planes = [plane[rows] for plane in (*light, alpha, depth.metres, *(ends or ()))]
-            planes += planes[-1:] * (0 if ends else 2)
+        every = zip(self.light, self.alpha, self.depths, strict=True)
+        for number, (light, alpha, depth) in enumerate(every):
+            planes = [plane[rows] for plane in (*light, alpha, depth.metres)]
             at = np.flatnonzero(planes[len(light)] > 0)
             rank = np.full(len(at), number)
             columns.append((at, rank, *(np.ravel(plane)[at] for plane in planes)))
         pixel, rank, *values = (np.concatenate(each) for each in zip(*columns, strict=True))
-        return Strip(
-            window, pixel, rank, dict(zip((*names, DEPTH, FRONT, BACK), values, strict=True))
-        )
+        return Strip(window, pixel, rank, dict(zip((*names, DEPTH), values, strict=True)))
 
     def hold_out(self, holdout: Layers, black: Any) -> Layers:
         """These layers with others, which hide what is behind them and show nothing."""
@@ -123,7 +116,7 @@ def flat_layer(color: Color, depth: Depth) -> Layers:
     """A picture that is not deep as one layer."""
     light = (*color.light, *color.planes[len(color.channels) :])
     alpha, depth = coverage(color.planes[0].shape, color.alpha), replace(depth, empty=None)
-    return Layers((light,), (alpha,), (depth,), len(color.light), ends=(None,))
+    return Layers((light,), (alpha,), (depth,), len(color.light))
 
 
 def coverage(shape: tuple[int, int], alpha: Any) -> Any:

@@ -14,7 +14,6 @@ from defocus_core.picture.take import Take
 
 _WHITE = 0.9999  # of an integer picture, in linear light
 _FLOATS = (".exr", ".hdr")  # whose light has no end
-_PARTS = 32  # equal parts of the pixels of a frame, between quantiles of their disparity
 RADII = ("coc_mean_px", "coc_p50_px", "coc_p99_px")  # mean, median, 99th percentile, unsigned
 # Keys of the measures, in the order of the table of a card.
 MEASURES = (*RADII, "clipped_share", "invented_share")
@@ -26,8 +25,7 @@ def measures(take: Take) -> dict[str, float | None]:
     Returns ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px`` of the radii without sign, in px, of
     pixels that hold something; ``clipped_share`` of the pixels that are white in a colour, not of
     EXR and HDR; ``invented_share`` of the pixels of which less than 99 % of the lens saw what the
-    picture holds; None where nothing is known. Of a frame of a shot whose depth is in metres
-    ``depth_over_time``, too, see `_over_time`.
+    picture holds; None where nothing is known.
     """
     nothing = None if take.inputs.empty is None else sample_plane(take.inputs.empty)
     pixels = take.stats.get("pixels", 0)
@@ -36,26 +34,6 @@ def measures(take: Take) -> dict[str, float | None]:
         **radius_measures(sample_plane(take.shown), nothing),
         "clipped_share": _clipped_share(take),
         "invented_share": None if invented is None or not pixels else invented / pixels,
-        **_over_time(take),
-    }
-
-
-def _over_time(take: Take) -> dict[str, Any]:
-    """The number of a frame, and ascending quantiles of its disparity in 1/m, from 0 to 100 %."""
-    frame = take.job.picture.frame
-    if frame is None or take.metres is None:
-        return {}
-    metres = sample_plane(take.metres).astype("float64")
-    if take.inputs.empty is not None:
-        metres = metres[~sample_plane(take.inputs.empty)]
-    if not metres.size:
-        return {}
-    quantiles = np.quantile(1 / metres, np.linspace(0, 1, _PARTS + 1))
-    return {
-        "depth_over_time": {
-            "frame": frame,
-            "disparity": [float(f"{each:.5g}") for each in quantiles],
-        }
     }
 
 

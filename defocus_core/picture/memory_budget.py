@@ -39,14 +39,11 @@ if TYPE_CHECKING:
 SHARE = 0.8
 # Shares of the capacity: for the arrays of one picture, and for those of all in the pipeline; how
 # many these are.
-_FOR_ARRAYS, _FOR_PICTURES, _PICTURES = 0.5, 0.25, 3
+FOR_ARRAYS, _FOR_PICTURES, _PICTURES = 0.5, 0.25, 3
 # Share of the room that the cells of a draft may take.
 _FOR_CELLS = 0.25
 # Most memory of the strips through which a picture in scratch files is read and written.
 _STRIPS_MB = 168.0
-# Least memory of the program itself; what a rendering usually takes beside it and the files, of
-# which a part goes with the pixels.
-_PROGRAM_MB, _FEW_MB, _LIKELY_BYTES = 200.0, 150.0, 45.0
 # Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
@@ -71,30 +68,12 @@ class Holding:
 
 def holding(job: Job) -> Holding:
     """Memory of the picture of a job, from the headers of its files."""
-    return _divide(*_sizes(job), capacity_mb(job.machine))
+    return divide(*_sizes(job), capacity_mb(job.machine))
 
 
-def refuse_small(job: Job, program_mb: float = _PROGRAM_MB) -> None:
-    """Refuse a limit below what program and files take in any case, before files are decoded.
-
-    What the computation takes beside them depends on the blur, which no header tells.
-    """
-    if job.machine.memory is None:
-        return
-    pixels, (arrays, _) = describe(job.picture.color).pixels, _sizes(job)
-    files, limit = min(_STRIPS_MB, arrays), limit_mb(job.machine)
-    if (minimum := program_mb + files) > limit:
-        problem = (
-            f"needs more than {math.ceil(minimum)} MB to render, but {limit:.0f} MB are allowed"
-        )
-        likely = program_mb + 2 * files + _FEW_MB + pixels * _LIKELY_BYTES / memory.MB
-        remedy = f"use ‹memory› {_size(likely)}"
-        raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
-
-
-def _divide(arrays_mb: float, whole_mb: float, capacity: float) -> Holding:
+def divide(arrays_mb: float, whole_mb: float, capacity: float) -> Holding:
     """The division of a capacity between arrays, files that are decoded at once, and work."""
-    scratch = arrays_mb > _FOR_ARRAYS * capacity
+    scratch = arrays_mb > FOR_ARRAYS * capacity
     strips = min(_STRIPS_MB, 2 * arrays_mb)
     files = strips if scratch else _beside_each_other_mb(arrays_mb, capacity)
     return Holding(arrays_mb, whole_mb, scratch, files, max(capacity - files, 0.0))
@@ -105,11 +84,14 @@ def _beside_each_other_mb(arrays_mb: float, capacity: float) -> float:
     return min(max(arrays_mb, _FOR_PICTURES * capacity), _PICTURES * arrays_mb)
 
 
-def enough_mb(job: Job, needed_mb: float) -> float:
-    """The smallest limit that leaves ``needed_mb`` of room, within a few percent."""
-    sizes, room = _sizes(job), max(capacity_mb(job.machine), 1.0)
+def enough_mb(held: Holding, needed_mb: float) -> float:
+    """The smallest limit that leaves a picture ``needed_mb`` of room, within a few percent."""
+    room = max(held.files_mb + held.room_mb, 1.0)
     # Rounded up, it must still be one: arrays in memory leave less room than those in scratch.
-    while min(_divide(*sizes, mb).room_mb for mb in (room, 1.05 * room + 20)) < needed_mb:
+    while (
+        min(divide(held.arrays_mb, held.whole_mb, mb).room_mb for mb in (room, 1.05 * room + 20))
+        < needed_mb
+    ):
         room *= 1.01
     return base_mb() + room + _SPARE_MB
 
@@ -233,16 +215,15 @@ def regions_at_once(
         "out-of-memory",
         f"needs {sum(mb)} MB ({mb[0]} of the program, {mb[1]} of its files, {mb[2]}) to render, "
         f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
-        _remedy(job, bound, threads > 1 and needed(1, 1) <= room, device),
+        _remedy(job, enough_mb(holding, bound), threads > 1 and needed(1, 1) <= room, device),
         path=job.picture.color,
     )
 
 
-def _remedy(job: Job, needed_mb: float, with_one_thread: bool, device: str) -> str:
+def _remedy(job: Job, enough: float, with_one_thread: bool, device: str) -> str:
     if with_one_thread:
         return "use ‹threads› 1"
     machine = memory.available_mb(device)
-    enough = enough_mb(job, needed_mb)
     if device == "cpu" and (machine is None or enough < machine + base_mb()):
         return f"use ‹memory› {_size(enough)}"
     if job.machine.quality != "draft":
@@ -268,7 +249,7 @@ class Gate:
         """Wait until there is room for the picture of a job."""
         arrays, room = _sizes(job)[0], capacity_mb(job.machine)
         limit = _beside_each_other_mb(arrays, room)
-        need = limit if arrays > _FOR_ARRAYS * room else arrays  # in scratch, it is alone
+        need = limit if arrays > FOR_ARRAYS * room else arrays  # in scratch, it is alone
         with self._changed:
             self._changed.wait_for(
                 lambda: self._opened or not self._held or sum(self._held.values()) + need <= limit

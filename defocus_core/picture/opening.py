@@ -20,38 +20,26 @@ if TYPE_CHECKING:
     from defocus_core.optics.aperture import Aperture
     from defocus_core.optics.cat_eye import CatEye
     from defocus_core.optics.dual_pixel import DualPixel
-    from defocus_core.optics.pupil_field import PupilField
     from defocus_core.optics.pupil_image import PupilImage
     from defocus_core.optics.sensitivity import Sensitivity
 
-# Greatest difference of channels of a grey picture, as a share of its brightest pixel: compression
-# of JPEG makes less.
-_GREY = 0.02
 _MAX_SIDE = 4096  # px; sums of areas lose digits beyond
-_COLORS = 3
 _MAX_KERNELS = 1024  # of a field
 _MAX_RADIUS = 2000  # px of a drawn blur
 _SHOWN = 256  # px of a side of a square of the picture to look at
 
 
-def aperture_of(lens: Lens, color: int | None = None) -> Aperture:
-    """The pupil of a lens, as light of a colour sees it: red is 0, green 1, blue 2.
-
-    Without a colour, a coloured pupil is the mean of its colours.
-    """
+def aperture_of(lens: Lens) -> Aperture:
+    """The pupil of a lens."""
     from defocus_core.optics.aperture import Aperture
 
-    picture = None
-    if lens.aperture_image is not None:
-        mean, *colors = pupil_images(lens.aperture_image)
-        picture = colors[color] if colors and color is not None else mean
     return Aperture(
         blades=lens.blades,
         rotation=lens.blade_rotation,
         curvature=lens.blade_curvature,
         obstruction=lens.obstruction,
         spherical=lens.spherical,
-        image=picture,
+        image=None if lens.aperture_image is None else pupil_image(lens.aperture_image),
         squeeze=lens.squeeze,
     )
 
@@ -59,13 +47,9 @@ def aperture_of(lens: Lens, color: int | None = None) -> Aperture:
 def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
     """The barrel that clips the opening in pictures of (width, height) px, if one does."""
     from defocus_core.optics.cat_eye import CatEye
-    from defocus_core.optics.pupil_field import PupilField
 
     if lens.cat_eye is None:
         return None
-    if lens.aperture_image and isinstance(pupil_images(lens.aperture_image)[0], PupilField):
-        problem = "clips a field of kernels, which were clipped where they were measured"
-        raise UsageProblem("idle-option", problem, "leave it out", field="cat-eye")
     rim, distance = lens.cat_eye
     if 0 < lens.obstruction >= rim:
         problem = "lets no light pass beside the opaque middle of the opening"
@@ -82,16 +66,14 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
         raise UsageProblem("malformed", problem, remedy, field="cat-eye") from None
 
 
-def aperture_in_pixels(
-    lens: Lens, pixel_aspect: float, color: int | None = None
-) -> tuple[Aperture, float]:
+def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float]:
     """The pupil of a lens before pixels that need not be square.
 
     A radius of the CoC is so many px wide; pixels that are wider than high show it higher in px.
 
     Returns the pupil, and the longer half axis of its blur in px, in radii of the CoC.
     """
-    pupil = aperture_of(lens, color)
+    pupil = aperture_of(lens)
     if pixel_aspect == 1:
         return pupil, 1.0
     squeeze = lens.squeeze * pixel_aspect
@@ -102,13 +84,12 @@ def aperture_in_pixels(
 def dual_pixel_of(lens: Lens) -> DualPixel:
     """The photodiodes of the sensor behind a lens."""
     from defocus_core.optics.dual_pixel import DualPixel
-    from defocus_core.optics.pupil_field import PupilField
 
     measured = None if lens.dp_kernels is None else measured_pair(lens.dp_kernels)
     sensor = DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
-    if sensor.field and (lens.cat_eye or isinstance(aperture_of(lens).image, PupilField)):
-        problem = "has kernels over the frame, over which the opening changes, too"
-        remedy = "give kernels of one place, or leave out ‹cat-eye› and a field of ‹aperture-image›"
+    if sensor.field and lens.cat_eye:
+        problem = "has kernels over the frame, over which the rim clips others"
+        remedy = "give kernels of one place, or leave out ‹cat-eye›"
         raise UsageProblem("contradiction", problem, remedy, field="dp-model")
     return sensor
 
@@ -142,7 +123,7 @@ def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
 
 def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
     """Kernels of left and right: [H, W] of an NPY file, also [rows, columns, H, W] of an NPZ."""
-    from defocus_core.io.array_files import container_type, read_entries, read_npy
+    from defocus_core.io.array_files import container_type, read_array, read_entries
 
     if container_type(read_head(path)) == "NPZ":
         remedy = "save left and right, each rows × columns × height × width"
@@ -155,7 +136,7 @@ def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
         shapes = [entry.shape for entry in entries]
     else:
         remedy, axes = "save left and right as 2 × height × width", (2,)
-        entries, mapped = [], read_npy(path, integers=True)
+        entries, mapped = [], read_array(path)
         shapes = [mapped.shape[1:]] * len(mapped)
     fits = len(shapes) == 2 and shapes[0] == shapes[1] and len(shapes[0]) in axes
     if not fits or _is_wide(shapes[0]):
@@ -173,19 +154,17 @@ def _is_wide(shape: tuple[int, ...]) -> bool:
 
 
 @once
-def pupil_images(path: Path) -> tuple[PupilImage, ...]:
-    """The picture of a pupil, as light: the mean of its colours, then each if they differ."""
+def pupil_image(path: Path) -> PupilImage:
+    """The picture of a pupil, as light: the mean of its colours."""
     import torch
 
-    from defocus_core.io.array_files import NPY_MAGIC, read_npy
+    from defocus_core.io.array_files import array_type, read_array
     from defocus_core.io.images.color import read_color
     from defocus_core.io.images.describe import describe
     from defocus_core.optics.pupil_image import PupilImage
 
-    if read_head(path).startswith(NPY_MAGIC):
-        mapped = read_npy(path, integers=True)
-        if mapped.ndim > 3:
-            return (_field(path, mapped),)
+    if array_type(read_head(path)) == "NPY":
+        mapped = read_array(path)
         light = mapped[None] if mapped.ndim == 2 else np.moveaxis(mapped, -1, 0)
         _refuse_wide(path, light.shape)
         light = np.array(light, "float64")
@@ -195,11 +174,8 @@ def pupil_images(path: Path) -> tuple[PupilImage, ...]:
         color = read_color(path)
         light = np.stack([plane[:] for plane in color.planes], dtype="float64")
         light = light[: len(color.channels) - ("A" in color.channels)]
-    differ = float(np.ptp(light, axis=0).max()) > _GREY * float(np.abs(light).max())
     try:
-        mean = PupilImage(torch.from_numpy(light.mean(axis=0)))
-        colors = light if differ and len(light) == _COLORS else ()
-        return (mean, *(PupilImage(torch.from_numpy(each), like=mean) for each in colors))
+        return PupilImage(torch.from_numpy(light.mean(axis=0)))
     except ValueError as error:
         problem = f"is no picture of a pupil: {reason(error)}"
         raise InputError(
@@ -213,27 +189,6 @@ def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
         problem = f"is no picture of a pupil: it has {times(shape)} numbers"
         remedy = f"give one picture of {_MAX_SIDE} px a side at most"
         raise InputError("malformed", problem, remedy, path=path)
-
-
-def _field(path: Path, values: NDArray[Any]) -> PupilField:
-    """Kernels of a grid over the frame, [rows, columns, H, W] or with a channel before H."""
-    import torch
-
-    from defocus_core.optics.pupil_field import PupilField
-
-    if values.ndim == 5 and values.shape[2] == 1:
-        values = values[:, :, 0]
-    if values.ndim != 4 or _is_wide(values.shape):
-        problem = f"is no field of kernels: it has {times(values.shape)} numbers"
-        remedy = f"save rows × columns × height × width, of {_MAX_KERNELS} kernels at most"
-        raise InputError("malformed", problem, remedy, path=path)
-    try:
-        return PupilField(torch.from_numpy(np.array(values, "float64")))
-    except ValueError as error:
-        problem = f"is no field of kernels: {reason(error)}"
-        raise InputError(
-            "malformed", problem, "give kernels that are bright where light falls", path=path
-        ) from None
 
 
 def write_aperture(path: Path, lens: Lens, radius: float) -> None:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from defocus_core.batch.jobs.job import Job
 from defocus_core.errors import InputError, TooLarge, UsageProblem
-from defocus_core.picture.memory_budget import base_mb, capacity_mb, holding, refuse_small
+from defocus_core.picture.memory_budget import base_mb, capacity_mb, holding
 from defocus_core.picture.pair import InputPair
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
@@ -30,7 +30,6 @@ def read(job: Job) -> Inputs:
     if job.reading.blur_channels and job.outputs.format != "exr":
         problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
         raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
-    refuse_small(job, base_mb())
     held, left = holding(job), capacity_mb(job.machine)
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
@@ -59,7 +58,6 @@ def prepare(job: Job, inputs: Inputs) -> Take:
             shown=radii.px,
             limits=radii.limits,
             device=choose_device(job.machine.device),
-            quality=job.machine.quality,
         ),
     )
     return replace(take, blur=radii, warnings=(*take.warnings, *radii.warnings, *inputs.warnings))

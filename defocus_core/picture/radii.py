@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
-from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, times
+from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color import Color
 from defocus_core.picture.sources import map_windows, windows
@@ -39,37 +39,19 @@ class Radii(NamedTuple):
     # What became of radii that were larger than the lens lets them be, in words
     warnings: tuple[str, ...] = ()
 
-    def repair(
-        self,
-        color: Color,
-        reading: Reading,
-        *,
-        device: str = "cpu",
-        threads: int | None = None,  # to compute with; None for as many as torch has
-        longer: float = 1.0,  # the longer half axis of the blur in px, in radii of the CoC
-        decided: DepthRepair | None = None,
-        hold: bool = False,
-        matte: Pixels | None = None,
-    ) -> tuple[Pixels, DepthRepair]:
-        """The radii [H, W] px by which a picture is rendered, and the repair that made them.
-
-        `matte`: the coverage of the subject, whose edges are those of the depth; None if it is not
-        known.
-        """
+    def repair(self, color: Color, reading: Reading) -> tuple[Pixels, DepthRepair]:
+        """The radii [H, W] px by which a picture is rendered, and the repair that made them."""
         import torch
 
         from defocus_core.depth.repair import repair_depth
 
         return repair_depth(
-            map_windows(times(self.px, longer), device),
-            windows(color.planes, device),
-            None if self.infinity is None else longer * self.infinity,
-            torch.get_num_threads() if threads is None else threads,
+            map_windows(self.px, "cpu"),
+            windows(color.planes, "cpu"),
+            self.infinity,
+            torch.get_num_threads(),
             depth_repair=reading.depth_repair,
             edge_width=reading.edge_width,
-            decided=decided,
-            hold=hold,
-            matte=matte,
         )
 
     def diagnose(self, reading: Reading) -> DepthRepair:

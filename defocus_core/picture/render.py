@@ -100,8 +100,7 @@ def _fill(
                 shown = progress and partial(_of_all, progress, number, len(passes))
                 images.invented = 0  # of one rendering
                 for part in renderer.tiles(at_once, shown):
-                    first = number == 0 or each.transposed != passes[number - 1].transposed
-                    images.place(part, each, first=first)
+                    images.place(part, each, first=number == 0)
             return renderer
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
@@ -150,18 +149,11 @@ class _Images:
         if of.order:
             part = part._replace(images=[image[list(of.order)] for image in part.images])
         top, left, height, width = part.box
-        if of.transposed:
-            top, left, height, width = left, top, width, height
         rows, columns = slice(top, top + height), slice(left, left + width)
         self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
         for kind, planes in self.planes.items():
             row = KINDS[kind]
-            if bool(row.transposed) != of.transposed:
-                continue
-            names = (row.transposed,) if row.transposed else row.rendered_as
-            views = [to_array(getattr(part, view)) for view in names]
-            if of.transposed:
-                views = [view.swapaxes(-1, -2) for view in views]
+            views = [to_array(getattr(part, view)) for view in row.rendered_as]
             if row.image and len(of.channels) * len(views) < len(planes):
                 apart, some = len(planes) // len(views), of.channels
                 planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)

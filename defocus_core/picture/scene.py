@@ -76,6 +76,7 @@ class Surfaces:
 class Pass(NamedTuple):
     """A rendering of a scene, or of some of its colours."""
 
+    take: Take
     scene: Scene
     settings: Settings
     channels: tuple[int, ...]  # of the planes of the picture
@@ -83,16 +84,6 @@ class Pass(NamedTuple):
     px: float = 0.0  # added to the radii
     shared: SharedSurfaces | None = None  # the surfaces of all colours of the scene
     order: tuple[int, ...] = ()  # of the rendered channels; empty: as they are
-    transposed: bool = False  # rows are rendered as columns, whose left and right are up and down
-    color: int | None = None  # of the light, where the opening is coloured: 0 is red
-
-
-@dataclass(frozen=True)
-class Passes:
-    """What is rendered one after another; what says most of the picture comes last."""
-
-    take: Take
-    every: tuple[Pass, ...]
 
 
 def surfaces_of(take: Take) -> Surfaces:
@@ -104,10 +95,9 @@ def surfaces_of(take: Take) -> Surfaces:
 
 
 def passes_of(take: Take, scene: Scene) -> tuple[Pass, ...]:
-    """All that is rendered of a scene."""
+    """All that is rendered of a scene; what says most of the picture comes last."""
     channels = tuple(range(len(take.inputs.color.planes)))
-    whole = Pass(scene, settings_of(take), channels, channels)
-    return through("passes", Passes(take, (whole,))).every
+    return through("passes", (Pass(take, scene, settings_of(take), channels, channels),))
 
 
 def settings_of(take: Take) -> Settings:
@@ -119,7 +109,7 @@ def settings_of(take: Take) -> Settings:
         aperture=aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)[0],
         dual_pixel=dual_pixel_of(take.lens),
         cat_eye=cat_eye_of(take.lens, take.size),
-        quality=take.quality,
+        quality=job.machine.quality,
         left_right=any(kind.halves for kind in job.outputs.rows),
         threads=job.machine.threads,
         tile=job.machine.tile,

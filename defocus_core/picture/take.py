@@ -60,8 +60,6 @@ class Take:
     inputs: Inputs
     lens: Lens  # with its focus distance, once that is known
     radii: Radii = _UNKNOWN  # of the picture, or of the element over a plate
-    # Radii of what else the lens sees, by id of its depth
-    behind: Mapping[int, Radii] = field(default_factory=dict)
     # [H, W] px, the radii of what is in front: of the plate where the element is empty
     shown: Any = None
     limits: tuple[float, float] = (0.0, 0.0)  # the least and the greatest of those shown
@@ -69,7 +67,6 @@ class Take:
     # What other frames have seen of what is hidden; None if that is not asked
     seen: HiddenLayer | None = None
     device: str = "cpu"  # where it is rendered
-    quality: str = ""
     # Each rendered kind's arrays [H, W]: C of each view of an image, in linear light; one of a
     # map
     images: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)

@@ -238,7 +238,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
         **_of_any_lens(lens),
         **{name: str(value) for name, value in lens.effects.items()},
         "coc_px": " ".join(f"{radius:.6g}" for radius in take.limits),
-        "quality": take.quality,
+        "quality": job.machine.quality,
         "device": take.device,
     }
     return {f"defocus:{name}": value for name, value in values.items()}

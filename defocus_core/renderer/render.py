@@ -89,9 +89,7 @@ def render(
             distinguishes averages of distance from averages of disparity. None takes all for
             averages of disparity. One for each picture where lenses differ.
         depth_repair: "auto" repairs depth that is noisy, anti-aliased, soft at edges or quantised;
-            "off" leaves it as it is. "soft-edges=0.3" says that edges are soft: ramps of 0.3 px of
-            radius per px and more, up to 16 px wide, become steps where the colours change, and
-            all else is found as by "auto"; from 0 on, each ramp is an edge.
+            "off" leaves it as it is.
         edge_width: Width in px of the widest soft edges of depth: wider ramps are surfaces. 0 says
             that edges are hard, and makes no ramp a step. None leaves it to the diagnosis.
         dual_pixel: The photodiodes that left and right are of; by default each sees a half of the

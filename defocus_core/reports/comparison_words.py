@@ -30,6 +30,7 @@ _DIGITS = {"psnr": 4, "ssim": 5}
 _SHOWN = ("max", "rmse", "psnr", "hdr-psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
 _WORDS = {DIFFERENT: "DIFFERENT", MISSING: "MISSING", EXTRA: "EXTRA", UNREADABLE: "UNREADABLE"}
 _COUNTED = (*STATUSES, "not compared")
+_LISTS = ("failed", "warned", "unmeasured", "notes", "metadata")  # attributes of a record
 _METADATA = 3  # attributes that a line has room for
 _LOCAL = 0.25  # share of a picture
 _TITLES = {"psnr": "PSNR", "hdr": "HDR", "ssim": "SSIM", "rmse": "RMSE", "flip": "FLIP"}
@@ -87,21 +88,15 @@ def exit_code(records: Sequence[Comparison]) -> int:
     return 0 if all(record.passes for record in records) else 1
 
 
-def document(records: Sequence[Comparison]) -> dict[str, Any]:
-    """All pairs, for JSON."""
-    return {
-        **counts(records, len(records)),
-        "pairs": [pair_record(record) for record in records],
-    }
-
-
-def counts(records: Sequence[Comparison], pairs: int) -> dict[str, Any]:
-    """How many pairs have each status, for JSON; not the same if some are not compared."""
+def document(records: Sequence[Comparison], pairs: int | None = None) -> dict[str, Any]:
+    """All pairs, for JSON, and how many have each status; not the same if some are left."""
     numbers = Counter(record.status for record in records)
+    left = (pairs or len(records)) - len(records)
     return {
-        "same": len(records) == pairs and all(record.passes for record in records),
+        "same": not left and all(record.passes for record in records),
         "counts": {status: numbers[status] for status in STATUSES},
-        "not_compared": pairs - len(records),
+        "not_compared": left,
+        "pairs": [pair_record(record) for record in records],
     }
 
 
@@ -116,29 +111,22 @@ def pair_record(record: Comparison) -> dict[str, Any]:
         "size": record.size and list(record.size),
         "encoding": record.encoding or None,
         "findings": [
-            {
-                "name": finding.name,
-                "code": finding.code,
-                "text": finding.text,
-                "explained": finding.explained,
-                **_plain(finding.values),
-            }
+            {name: getattr(finding, name) for name in ("name", "code", "text", "explained")}
+            | _plain(finding.values)
             for finding in record.findings
         ],
-        "metrics": {name: number(value) for name, value in record.metrics.items()},
-        "channels": {name: number(value) for name, value in record.channels.items()},
+        "metrics": _plain(record.metrics),
+        "channels": _plain(record.channels),
         "differing_pixels": record.differing,
         "differing_window": record.window and list(record.window),
-        "worst": record.worst and _worst_record(record.worst),
-        "nonfinite": None
-        if nonfinite is None
-        else {k: dict(v) for k, v in nonfinite.counts.items()},
+        "worst": record.worst
+        and {
+            **{"x": record.worst.x, "y": record.worst.y},
+            **{side: _plain(getattr(record.worst, side)) for side in "ab"},
+        },
+        "nonfinite": nonfinite and {k: dict(v) for k, v in nonfinite.counts.items()},
         "edge_share": record.edge_share,
-        "failed": list(record.failed),
-        "warned": list(record.warned),
-        "unmeasured": list(record.unmeasured),
-        "notes": list(record.notes),
-        "metadata": list(record.metadata),
+        **{name: list(getattr(record, name)) for name in _LISTS},
         "proposal": record.proposal or None,
         "error": record.error or None,
         "images": [str(path) for path in record.images],
@@ -197,15 +185,6 @@ def worst_words(worst: Worst) -> str:
     names = list(worst.a)
     old, new = (" ".join(f"{side[n]:.4g}" for n in names) for side in (worst.a, worst.b))
     return f"{worst.x},{worst.y} ({' '.join(names)}: {old} -> {new})"
-
-
-def _worst_record(worst: Worst) -> dict[str, Any]:
-    return {
-        "x": worst.x,
-        "y": worst.y,
-        "a": {name: number(value) for name, value in worst.a.items()},
-        "b": {name: number(value) for name, value in worst.b.items()},
-    }
 
 
 def write_junit(path: Path, records: Sequence[Comparison], seconds: float) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from types import EllipsisType
 
@@ -14,7 +13,7 @@ from defocus_core.tensors.source import Pixels, Scalar, bands
 from defocus_core.tensors.threads import threaded
 
 # A derived picture of at most this many pixels is kept in memory, even if its source is not.
-_HELD = 1 << 22
+HELD = 1 << 22
 
 # Side in px of a window whose changes are counted; of how many windows one is, in a large picture;
 # and how many windows the sample moves on from one column of windows to the next.
@@ -26,17 +25,18 @@ _BAND_OF_MARGIN = 6
 Cut = slice | EllipsisType
 
 
-class Derived(ABC):
-    """A `Source` [..., H, W] whose windows are made when they are cut."""
+class Mapped:
+    """A `Source` [..., H, W] whose windows a function of their rows and columns makes."""
 
-    shape: tuple[int, ...]  # shape of the whole picture
-    dtype: torch.dtype  # type of its numbers
-    device: torch.device  # device of its windows
-    margin: int = 0  # distance in px within which pixels of the sources decide a pixel
-
-    @abstractmethod
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each a pair of first and end."""
+    def __init__(
+        self,
+        read: Callable[[tuple[int, int], tuple[int, int]], Tensor],
+        shape: Sequence[int],
+        like: Pixels,  # its dtype and device are those of the picture
+        margin: int = 0,  # distance in px within which pixels of the sources decide a pixel
+    ) -> None:
+        self._read, self.shape, self.margin = read, tuple(shape), margin
+        self.dtype, self.device = like.dtype, like.device
 
     def __getitem__(self, window: Cut | tuple[Cut, ...]) -> Tensor:
         """The window of slices of rows, or of rows and columns; with steps, read band by band."""
@@ -46,11 +46,10 @@ class Derived(ABC):
         size = self.shape[-2:]
         (top, below, step), (left, beside, stride) = map(slice.indices, cuts, size)
         if step == stride == 1:
-            return self.computed((top, below), (left, beside))
+            return self._read((top, below), (left, beside))
         rows = bands(self)[0][1] // step * step or step
         read = (
-            self.computed((y, min(y + rows, below)), (left, beside))
-            for y in range(top, below, rows)
+            self._read((y, min(y + rows, below)), (left, beside)) for y in range(top, below, rows)
         )
         return torch.cat([pixels[..., ::step, ::stride] for pixels in read], -2)
 
@@ -62,13 +61,13 @@ class Derived(ABC):
         )
 
 
-def held(picture: Derived, *of: Pixels, threads: int, hold: bool) -> Pixels:
+def held(picture: Mapped, *of: Pixels, threads: int, hold: bool) -> Pixels:
     """The picture as a tensor in memory, or the picture itself, computed at each read.
 
     A picture is held in memory if there is room, if its sources are in memory, or if it is small.
     """
     in_memory = all(isinstance(each, Tensor) for each in of)
-    if hold or in_memory or picture.shape[-2] * picture.shape[-1] <= _HELD:
+    if hold or in_memory or picture.shape[-2] * picture.shape[-1] <= HELD:
         return picture.at_once(threads)
     return picture
 
@@ -82,7 +81,7 @@ def fraction_changed(before: Pixels, after: Pixels) -> float:
     if after is before:
         return 0.0
     (H, W), differ, count = before.shape, 0, 0
-    every = 1 if H * W <= _HELD else _SAMPLED
+    every = 1 if H * W <= HELD else _SAMPLED
     for row in range(0, H, _SIDE):
         for column in range(0, W, _SIDE):
             if (row // _SIDE + column // _SIDE * _SHIFT) % every == 0:
@@ -90,24 +89,6 @@ def fraction_changed(before: Pixels, after: Pixels) -> float:
                 differ += int((before[window] != after[window]).sum())
                 count += before[window].numel()
     return differ / count
-
-
-class Mapped(Derived):
-    """A picture whose windows a function of their rows and columns reads."""
-
-    def __init__(
-        self,
-        read: Callable[[tuple[int, int], tuple[int, int]], Tensor],
-        shape: Sequence[int],
-        like: Pixels,  # its dtype and device are those of the picture
-        margin: int = 0,
-    ) -> None:
-        self._read, self.shape, self.margin = read, tuple(shape), margin
-        self.dtype, self.device = like.dtype, like.device
-
-    def computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each a pair of first and end."""
-        return self._read(rows, columns)
 
 
 class Repaired(Mapped):
@@ -125,16 +106,13 @@ class Repaired(Mapped):
         super().__init__(read, signed_radius.shape, signed_radius, around)
 
 
-def _mapped(
-    picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int, transposed: bool = False
-) -> Pixels:
+def _mapped(picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int) -> Pixels:
     """A function of a picture: of a tensor at once, else where it is read."""
     if isinstance(picture, Tensor):
         return function(picture)
 
     def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        cuts = (columns, rows) if transposed else (rows, columns)
-        return function(picture[..., slice(*cuts[0]), slice(*cuts[1])])
+        return function(picture[..., slice(*rows), slice(*columns)])
 
     return Mapped(read, shape, picture)
 
@@ -153,9 +131,3 @@ def plus(radii: Pixels, px: Scalar) -> Pixels:
     if not isinstance(px, Tensor) and px == 0:
         return radii
     return _mapped(radii, lambda x: x + px, *radii.shape)
-
-
-def transposed(picture: Pixels) -> Pixels:
-    """A picture [..., H, W] with rows for columns."""
-    *before, height, width = picture.shape
-    return _mapped(picture, lambda x: x.mT.contiguous(), *before, width, height, transposed=True)

@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import torch
 from torch import Tensor
 from torch.autograd import forward_ad
-from torch.nn import Parameter
 
 T = TypeVar("T")
 # Most letters of a wrong value that an error shows.
@@ -33,7 +32,6 @@ def whole(name: str, value: Any, remedy: str, minimum: int = 1) -> int:
 
 def number(name: str, value: Any, remedy: str = "lengths are in mm") -> float:
     """The value of a number, or of a tensor of one number, as a float."""
-    dense(name, value)
     try:
         if isinstance(value, str | bytes | complex | bool):
             raise TypeError
@@ -55,7 +53,6 @@ def each_positive(name: str, value: Any, remedy: str) -> None:
     if not (isinstance(value, Tensor) and value.dim() == 1 and len(value) > 1):
         positive(name, value, remedy)
         return
-    dense(name, value)
     values = value.detach()
     if not bool(((values > 0) & values.isfinite()).all()):
         raise ValueError(f"{name} must be positive and finite, got {values.tolist()}; {remedy}")
@@ -70,7 +67,6 @@ def numbers(
 ) -> Tensor:
     """A tensor of at least float32; numbers that are no tensor get the dtype and the device."""
     wide = dtype if dtype.itemsize >= 4 else torch.float32
-    dense(name, value)
     try:
         tensor = (
             value if isinstance(value, Tensor) else torch.tensor(value, dtype=wide, device=device)
@@ -84,24 +80,6 @@ def numbers(
     if tensor.is_floating_point():
         return tensor if tensor.dtype.itemsize >= 4 else tensor.float()
     return tensor.to(wide)
-
-
-def dense(name: str, value: Any) -> None:
-    """Refuse a tensor that does not hold its numbers one by one, or holds none."""
-    if isinstance(value, Tensor) and (kind := _kind(value)):
-        problem = f"must be a dense tensor, got a {kind} one"
-        raise ValueError(f"{name} {problem}; like its to_dense, dequantize or to_padded_tensor")
-
-
-def _kind(value: Tensor) -> str:
-    """The layout of a tensor that is not dense; empty for a dense one."""
-    if value.is_nested:
-        return "nested"
-    if value.layout != torch.strided:
-        return str(value.layout).removeprefix("torch.").strip("_")
-    if value.is_quantized:
-        return "quantized"
-    return "meta" if value.is_meta and type(value) in (Tensor, Parameter) else ""
 
 
 def backward_only(name: str, value: Any) -> None:
@@ -172,7 +150,6 @@ def check_image(image: Any, *, alone: bool = False) -> None:
 
     `alone`: whether one image [C, H, W] is accepted, too.
     """
-    dense("image", image)
     is_tensor = isinstance(image, Tensor)
     floats = is_tensor and image.is_floating_point() and image.dtype.itemsize > 1
     if not floats or image.dim() not in ((3, 4) if alone else (4,)):

@@ -2,11 +2,9 @@
 
 import json
 
-import pytest
 from command_line import files_under, refused, run, succeed
 from jobs_files import FIXED, INPUTS, LENS, SAMPLE, pictures
 
-from defocus_cli.words import dry_run
 from defocus_core.batch.datasets.finished import samples
 
 DRAFT = '\n[machine]\nquality = "draft"\n'
@@ -29,33 +27,17 @@ def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path):
     assert len(files_under(tmp_path / "out" / "render")) == 8
 
 
-@pytest.mark.parametrize(("more", "counts"), [((), (40, 0)), (("--shard", "2/2"), (20, 0))])
-def test_some_jobs_stand_for_a_large_batch(tmp_path, monkeypatch, more, counts):
-    monkeypatch.setattr(dry_run, "MAX_PLANNED", 12)
-    monkeypatch.setattr(dry_run, "LOOKED_AT", 8)
-    pictures(tmp_path)
-    text = LENS + SAMPLE.replace("n = 4", "n = 20")
-    told = batch(tmp_path, text, "--dry-run", "--json", *more).json
-    assert (told["todo"], told["done_before"]) == counts
-    assert told["looked_at"] == len(told["samples"]) == 8
-    assert told["forecast"]["pictures"] == counts[0]
-    words = batch(tmp_path, text, "--dry-run", *more).out
-    assert words.startswith(f"of 8 of {counts[0]} jobs")
-
-
-def test_some_jobs_tell_how_many_are_done_and_left(tmp_path, monkeypatch):
-    monkeypatch.setattr(dry_run, "MAX_PLANNED", 9)
-    monkeypatch.setattr(dry_run, "LOOKED_AT", 10)
+def test_a_dry_run_of_a_shard_and_of_a_limit_counts_what_is_left(tmp_path):
     pictures(tmp_path)
     text = LENS + SAMPLE.replace("n = 4", "n = 10").replace('"render", ', "")
+    told = batch(tmp_path, text, "--dry-run", "--json", "--shard", "1/2").json
+    assert told["forecast"]["pictures"] == told["todo"] == 10
     batch(tmp_path, text, "--shard", "1/2")
     told = batch(tmp_path, text, "--dry-run", "--json", "--limit", "6").json
     assert (told["done_before"], told["todo"], told["beyond_limit"]) == (10, 6, 4)
 
 
-def test_names_of_a_large_batch_that_two_jobs_share_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(dry_run, "MAX_PLANNED", 3)
-    monkeypatch.setattr(dry_run, "LOOKED_AT", 2)
+def test_names_that_two_jobs_share_are_refused(tmp_path):
     pictures(tmp_path)
     files = {"color": "a_rgb.exr", "depth": "a_z.exr"}
     stems = [{**files, "stem": stem} for stem in ("a", "a_mirror0.4", "c")]

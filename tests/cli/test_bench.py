@@ -1,13 +1,11 @@
 """``defocus bench`` on one tiny scene: a card out of focus before waves in focus."""
 
 import json
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
 import torch
 from command_line import color_exr, depth_exr, refused, run
-from html_reports import items, keys
 from reference import flatten, layered, lens_points
 from scenes import SIZE, card_layers
 
@@ -46,19 +44,6 @@ def bench(*args):
     return run("bench", "--threads", "1", *args)
 
 
-def test_each_picture_is_shown_beside_the_truth(tiny, tmp_path):
-    file = tmp_path / "bench.html"
-    assert bench("--truth", tiny, "--quality", "standard", "--html", file).code == 0
-    shown = {each["name"]: each for each in items(file)}
-    assert set(shown) == {f"card r7 {method}" for method in ("standard", "input", "sum", "over")}
-    standard = shown["card r7 standard"]
-    assert keys(standard, valued=True)[:2] == ["a", "b"]
-    assert [layer["title"] for layer in standard["layers"][:2]] == ["truth", "standard"]
-    assert keys(shown["card r7 sum"], valued=True) == []
-    assert standard["metrics"]["psnr"] > shown["card r7 input"]["metrics"]["psnr"]
-    refused(bench("--time", "--html", file), 2, "contradiction", "--html")
-
-
 def test_all_methods_are_measured_and_written(tiny):
     ran = bench("--truth", tiny, "--json")
     assert ran.code == 0
@@ -88,7 +73,6 @@ def test_less_can_be_asked_for(tiny):
     [
         (("--truth", "nowhere"), 3, "not-found", "nowhere"),
         (("--quality", "best"), 2, "malformed", "quality"),
-        (("--plot", "plot.exe"), 2, "malformed", "plot"),
     ],
 )
 def test_what_makes_no_sense_is_refused(tiny, args, exit_code, code, at):
@@ -112,19 +96,6 @@ def test_a_set_must_be_named_outside_the_repository(monkeypatch, tmp_path):
     monkeypatch.setattr("defocus_core.bench.truth_set._HERE", tmp_path)
     monkeypatch.chdir(tmp_path)
     refused(bench(), 2, "missing-option", "truth")
-
-
-def test_a_plot_without_matplotlib_says_what_to_install(monkeypatch, tiny):
-    monkeypatch.setattr(tables, "find_spec", lambda name: None)
-    ran = bench("--truth", tiny, "--plot", "plot.png")
-    refused(ran, 2, "needs-extra", "plot")
-
-
-@pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")
-def test_a_plot_is_written(tiny, tmp_path):
-    ran = bench("--truth", tiny, "--quality", "draft,standard", "--plot", tmp_path / "plot.png")
-    assert ran.code == 0, ran.err
-    assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
 
 
 def row(method, psnr, ssim=0.9, rel_rmse=0.1):

@@ -8,7 +8,6 @@ import torch
 from command_line import (
     LENS,
     color_exr,
-    depth_exr,
     pair,
     ramp,
     read_exr,
@@ -23,6 +22,7 @@ from image_files import save
 from defocus_core import radius_from_relative_disparity, run_batch, samples
 from defocus_core.errors import UsageProblem
 
+BLUR = ("--blur", "8px", "--focus-value", "2")
 NUMBERS = np.random.default_rng(2).uniform(-3, 9, (16, 24)).astype(np.float32)
 
 
@@ -38,7 +38,7 @@ def radius(folder, numbers, *options):
 
 
 def test_the_radius_is_linear_in_the_numbers(tmp_path):
-    found = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", "2")
+    found = radius(tmp_path, NUMBERS, *BLUR)
     wanted = 8 * (2 - NUMBERS) / np.abs(2 - NUMBERS).max()
     np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-6)
     assert np.abs(found).max() == pytest.approx(8)
@@ -59,13 +59,12 @@ def test_a_grey_picture_is_all_that_it_takes(tmp_path):
     grey = np.round(np.tile(np.linspace(0, 255, 24), (16, 1)))[..., None].astype(np.uint8)
     rgb = save(tmp_path / "rgb.png", (texture() * 255).astype(np.uint8))
     z = save(tmp_path / "z.png", np.repeat(grey, 3, 2))
-    ran = run(
-        "render", rgb, z, "--blur", "6px", "--focus-value", "0", "-o", tmp_path / "o", "--json"
-    )
+    blur = ("--blur", "6px", "--focus-value", "0")
+    ran = run("render", rgb, z, *blur, "-o", tmp_path / "o", "--json")
     (told,) = ran.json["pictures"]
     assert (ran.code, told["coc_px"]) == (0, [-6.0, 0.0])
     assert not told["warnings"]
-    own = run("info", z, "--blur", "6px", "--focus-value", "0", "--json").json["files"][0]["depth"]
+    own = run("info", z, *blur, "--json").json["files"][0]["depth"]
     assert (own["coc_px"], own["range"], own["range_m"]) == ([-6.0, 0.0], [0.0, 255.0], None)
 
 
@@ -95,25 +94,19 @@ def test_one_scale_holds_for_all_that_a_lens_sees(tmp_path):
     np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-5)
 
 
-def test_a_blur_that_no_frame_would_hold_is_refused(tmp_path):
-    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
-    words = ("--blur", "1e7px", "--focus-value", "2", "-o", tmp_path / "out")
-    refused(run("render", color, z, *words), 3, "too-blurred", z)
-
-
 def test_no_radius_is_larger_than_the_clamp(tmp_path):
-    free = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", "2")
+    free = radius(tmp_path, NUMBERS, *BLUR)
     color, z = tmp_path / "rgb.exr", tmp_path / "z.exr"
     lens = ("--focal-length", "50mm", "--fnumber", "1.4", "--focus", "2m")
     for own, numbers in (((), NUMBERS), (lens, ramp())):
-        options = own or ("--blur", "8px", "--focus-value", "2")
+        options = own or BLUR
         whole = radius(tmp_path, numbers, *options)
         limit = float(np.abs(whole).max()) / 2
         clamped = radius(tmp_path, numbers, *options, "--clamp-blur", f"{limit}px")
         np.testing.assert_allclose(clamped, np.clip(whole, -limit, limit), rtol=1e-6)
     count = int((np.abs(free) > 4).sum())
     depth(z)
-    options = ("--blur", "8px", "--focus-value", "2", "--clamp-blur", "4px", "-o", tmp_path / "b")
+    options = (*BLUR, "--clamp-blur", "4px", "-o", tmp_path / "b")
     ran = run("render", color, z, *options)
     assert f"radius of {count} pixels clamped to 4 px" in ran.err
 
@@ -138,17 +131,16 @@ def test_blur_is_swept_and_drawn_in_jobs_files(tmp_path):
 @pytest.mark.parametrize(
     ("options", "code", "field"),
     [
-        (["--blur", "8px", "--focus-value", "2", "--fnumber", "2"], "contradiction", "fnumber"),
-        (
-            ["--blur", "8px", "--focus-value", "2", "--depth-range", "1m", "2m"],
-            "contradiction",
-            "depth-range",
-        ),
-        (["--blur", "8px", "--focus-value", "2", "--radial"], "contradiction", "radial"),
-        (["--blur", "8px", "--focus-value", "2", "--focus-at", "1,1"], "contradiction", "focus-at"),
+        ([*BLUR, "--fnumber", "2"], "contradiction", "fnumber"),
+        ([*BLUR, "--depth-range", "1m", "2m"], "contradiction", "depth-range"),
+        ([*BLUR, "--radial"], "contradiction", "radial"),
+        ([*BLUR, "--focus-at", "1,1"], "contradiction", "focus-at"),
         (["--blur", "8px", "--focus-at", "99,1"], "out-of-range", "focus-at"),
         ([*LENS, "--invert"], "idle-option", "invert"),
         ([*LENS, "--focus-value", "2"], "idle-option", "focus-value"),
+        ([*BLUR, "--sharp-range", "1m..2m"], "malformed", "sharp-range"),
+        ([*BLUR, "--sharp-range", "3..1"], "malformed", "sharp-range"),
+        ([*LENS, "--sharp-range", "1..2"], "malformed", "sharp-range"),
     ],
 )
 def test_what_contradicts_a_blur_in_pixels_is_refused(options, code, field, tmp_path):
@@ -157,14 +149,24 @@ def test_what_contradicts_a_blur_in_pixels_is_refused(options, code, field, tmp_
     refused(ran, 2, code, field)
 
 
+def test_what_blurs_nothing_or_all_is_refused(tmp_path):
+    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
+    flat, out = depth(tmp_path / "flat.exr", np.full((16, 24), 4)), ("-o", tmp_path / "out")
+    ran = run("render", color, z, "--blur", "1e7px", "--focus-value", "2", *out)
+    refused(ran, 3, "too-blurred", z)
+    ran = run("render", color, flat, "--blur", "8px", "--focus-at", "1,1", *out)
+    refused(ran, 3, "no-valid-depth", flat)
+    for name in ("blur", "clamp-blur", "focus-value"):  # an opening has none
+        refused(run("aperture", f"--{name}", "4", "-o", tmp_path / "a.png"), 2, None)
+
+
 def test_a_lens_beside_a_blur_in_pixels_is_refused_wherever_it_comes_from(tmp_path):
     color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
-    blur = ("--blur", "8px", "--focus-value", "2")
-    ran = run("render", color, z, *blur, "--lens", "@hexagon-50", "-o", tmp_path / "out")
+    ran = run("render", color, z, *BLUR, "--lens", "@hexagon-50", "-o", tmp_path / "out")
     refused(ran, 2, "contradiction", "lens")
     assert "its opening is --blades 6 --blade-rotation 15" in ran.err
-    refused(run("info", z, *blur, "--lens", "@hexagon-50"), 2, "contradiction", "lens")
-    ran = run("render", color, z, *blur, "--lens-from-metadata", "-o", tmp_path / "out")
+    refused(run("info", z, *BLUR, "--lens", "@hexagon-50"), 2, "contradiction", "lens")
+    ran = run("render", color, z, *BLUR, "--lens-from-metadata", "-o", tmp_path / "out")
     refused(ran, 2, "contradiction", "lens-from-metadata")
     own = tmp_path / "own.toml"
     own.write_text('blur = "8px"\nfocus-value = 2\nfnumber = 2\n')
@@ -187,17 +189,6 @@ def test_a_lens_beside_a_blur_in_pixels_is_refused_wherever_it_comes_from(tmp_pa
         assert (error.value.code, error.value.field) == ("contradiction", field)
 
 
-def test_a_depth_that_is_in_focus_everywhere_is_refused(tmp_path):
-    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr", np.full((16, 24), 4))
-    ran = run("render", color, z, "--blur", "8px", "--focus-at", "1,1", "-o", tmp_path / "out")
-    refused(ran, 3, "no-valid-depth", z)
-
-
-@pytest.mark.parametrize("name", ["blur", "clamp-blur", "focus-value"])
-def test_an_opening_has_no_blur_of_a_picture(name, tmp_path):
-    refused(run("aperture", f"--{name}", "4", "-o", tmp_path / "a.png"), 2, None)
-
-
 def test_a_range_of_the_numbers_of_the_file_stays_sharp(tmp_path):
     low, high = np.percentile(NUMBERS, (30, 60))
     text = f"{low:g}..{high:g}"
@@ -209,12 +200,3 @@ def test_a_range_of_the_numbers_of_the_file_stays_sharp(tmp_path):
     focus = f"{(float(f'{low:g}') + float(f'{high:g}')) / 2:.9g}"
     other = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", focus)
     np.testing.assert_allclose(found[~within], other[~within], rtol=1e-4)
-
-
-@pytest.mark.parametrize(("lens", "text"), [("blur", "1m..2m"), ("blur", "3..1"), ("", "1..2")])
-def test_a_sharp_range_is_of_numbers_or_of_distances(lens, text, tmp_path):
-    files = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
-    metric = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
-    words = ("--blur", "8px", "--focus-value", "2") if lens else metric
-    ran = run("render", *files, *words, "--sharp-range", text, "-o", tmp_path / "out")
-    refused(ran, 2, "malformed", "sharp-range")

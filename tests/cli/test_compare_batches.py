@@ -32,16 +32,27 @@ def batch(folder, out, fnumber=2.0, *, format="exr"):
     return folder / out
 
 
-@pytest.fixture
-def folder(tmp_path):
+def inputs(folder):
     for seed, name in enumerate("ab"):
-        color_exr(tmp_path / "rgb" / f"{name}.exr", texture(seed=seed))
-        depth_exr(tmp_path / "z" / f"{name}.exr")
-    return tmp_path
+        color_exr(folder / "rgb" / f"{name}.exr", texture(seed=seed))
+        depth_exr(folder / "z" / f"{name}.exr")
+    return folder
 
 
-def test_batches_of_one_recipe_are_the_same(folder):
-    ran = run("compare", batch(folder, "one"), batch(folder, "two"))
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A folder of inputs, a batch of them, and another by another lens."""
+    folder = inputs(tmp_path_factory.mktemp("made"))
+    return folder, batch(folder, "one"), batch(folder, "two", 2.8)
+
+
+def copied(folder, name):
+    return Path(shutil.copytree(folder, name))
+
+
+def test_batches_of_one_recipe_are_the_same(made):
+    folder, one, _ = made
+    ran = run("compare", one, batch(folder, "again"))
     assert ran.code == 0
     assert ran.out.splitlines() == [
         "recipes: alike in all 2 samples that both batches have",
@@ -49,12 +60,13 @@ def test_batches_of_one_recipe_are_the_same(folder):
     ]
 
 
-def test_recipes_that_differ_come_before_the_pixels(folder):
-    one, two = batch(folder, "one"), batch(folder, "two", 2.8)
-    depth_exr(folder / "z" / "b.exr", ramp() + 1)
-    three = batch(folder, "three", 2.8)
-    lines = run("compare", one, two).out.splitlines()
+def test_recipes_that_differ_come_before_the_pixels(made, tmp_path):
+    _, one, two = made
+    depth_exr(inputs(tmp_path) / "z" / "b.exr", ramp() + 1)
+    three = batch(tmp_path, "three", 2.8)
+    lines = run("compare", one, two, "--html", tmp_path / "r.html").out.splitlines()
     assert lines[0] == "recipe: lens.fnum 2.8 instead of 2.0 in 2 of 2 samples"
+    assert "lens.fnum 2.8 instead of 2.0" in (tmp_path / "r.html").read_text()
     assert [line.split(":")[0] for line in lines[1:]] == [
         *("coc/a.exr", "coc/b.exr", "render/a.exr", "render/b.exr"),
         "4 pairs",
@@ -68,21 +80,19 @@ def test_recipes_that_differ_come_before_the_pixels(folder):
     ]
 
 
-def test_another_version_is_said(folder):
-    one = batch(folder, "one")
-    two = folder / "two"
-    shutil.copytree(one, two)
-    journal = two / "journal.jsonl"
+def test_another_version_is_said(made, tmp_path):
+    journal = copied(made[1], tmp_path / "two") / "journal.jsonl"
     text = journal.read_text()
     assert '"version":' in text
     journal.write_text(text.replace('"version": "', '"version": "99.'))
-    (line, _) = run("compare", one, two).out.splitlines()
+    (line, _) = run("compare", made[1], journal.parent).out.splitlines()
     assert line.startswith("recipe: version 99.")
     assert line.endswith("in 2 of 2 samples")
 
 
-def test_samples_pair_whatever_their_format(folder):
-    one, two = batch(folder, "one"), batch(folder, "two", format="png16")
+def test_samples_pair_whatever_their_format(made):
+    folder, one, _ = made
+    two = batch(folder, "png", format="png16")
     document = run("compare", one, two, "--fail", "psnr<40", "--fail", "max>0", "--json").json
     names = {pair["name"]: Path(pair["b"]).suffix for pair in document["pairs"]}
     assert names["render/a.exr"] == ".png"
@@ -90,15 +100,13 @@ def test_samples_pair_whatever_their_format(folder):
     assert document["recipes"][0]["what"] == "outputs.format"
 
 
-def test_samples_and_files_that_one_batch_lacks_are_a_difference(folder):
-    one = batch(folder, "one")
-    (folder / "rgb" / "b.exr").unlink()
-    (folder / "z" / "b.exr").unlink()
-    color_exr(folder / "rgb" / "c.exr")
-    depth_exr(folder / "z" / "c.exr")
-    two = batch(folder, "two")
+def test_samples_and_files_that_one_batch_lacks_are_a_difference(made, tmp_path):
+    inputs(tmp_path)
+    for name in ("rgb", "z"):
+        (tmp_path / name / "b.exr").rename(tmp_path / name / "c.exr")
+    two = batch(tmp_path, "two")
     (two / "coc" / "a.exr").unlink()
-    ran = run("compare", one, two)
+    ran = run("compare", made[1], two)
     assert ran.code == 1
     assert [line.split(": ")[:2] for line in ran.out.splitlines()][1:-1] == [
         ["coc/a.exr", "MISSING"],
@@ -109,25 +117,24 @@ def test_samples_and_files_that_one_batch_lacks_are_a_difference(folder):
     ]
 
 
-def test_a_directory_without_a_journal_pairs_by_path(folder):
-    one = batch(folder, "one")
-    shutil.copytree(one / "render", folder / "two" / "render")
-    shutil.copytree(one / "coc", folder / "two" / "coc")
-    ran = run("compare", one, folder / "two")
+def test_a_directory_without_a_journal_pairs_by_path(made, tmp_path):
+    for kind in ("render", "coc"):
+        copied(made[1] / kind, tmp_path / kind)
+    ran = run("compare", made[1], tmp_path)
     assert (ran.code, ran.out) == (0, "4 pairs: 4 same\n")
 
 
-def test_a_journal_that_cannot_be_read_is_refused(folder):
-    one, two = batch(folder, "one"), batch(folder, "two")
+def test_a_journal_that_cannot_be_read_is_refused(made, tmp_path):
+    one, two = (copied(made[1], tmp_path / name) for name in ("one", "two"))
     (two / "journal.jsonl").write_text('{"sample_id": "a"}\n{}\n')
     refused(run("compare", one, two), 3, "damaged", "journal.jsonl")
-    (two / "journal.jsonl").write_text("")
-    shutil.copy(two / "journal.jsonl", one / "journal.jsonl")
+    for folder in (one, two):
+        (folder / "journal.jsonl").write_text("")
     refused(run("compare", one, two), 3, "empty", one)
 
 
-def test_torch_is_not_loaded_for_batches(folder):
-    words = ["compare", str(batch(folder, "one")), str(batch(folder, "two"))]
+def test_torch_is_not_loaded_for_batches(made):
+    words = ["compare", str(made[1]), str(made[1])]
     code = (
         "import sys; from defocus_cli.main import main; "
         f"code = main({words!r}); sys.exit(code + 10 * ('torch' in sys.modules))"
@@ -135,16 +142,11 @@ def test_torch_is_not_loaded_for_batches(folder):
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_the_report_has_the_recipes(folder):
-    one, two = batch(folder, "one"), batch(folder, "two", 2.8)
-    run("compare", one, two, "--html", folder / "r.html")
-    assert "lens.fnum 2.8 instead of 2.0" in (folder / "r.html").read_text()
-
-
-def test_the_number_of_threads_changes_nothing(folder):
+def test_the_number_of_threads_changes_nothing(made, tmp_path):
     lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--exr-type", "float")
-    files = (folder / "rgb" / "a.exr", folder / "z" / "a.exr")
+    files = (made[0] / "rgb" / "a.exr", made[0] / "z" / "a.exr")
     for threads in "12":
-        assert run("render", *files, *lens, "-o", folder / threads, "--threads", threads).code == 0
-    ran = run("compare", folder / "1", folder / "2")
+        out = tmp_path / threads
+        assert run("render", *files, *lens, "-o", out, "--threads", threads).code == 0
+    ran = run("compare", tmp_path / "1", tmp_path / "2")
     assert (ran.code, ran.out.splitlines()[-1]) == (0, "1 pair: 1 same")

@@ -1,11 +1,13 @@
 """A finished batch is a dataset that stands by itself: inputs, splits, and a card."""
 
 import json
+import os
 import tarfile
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
+from batches import contents, jobs_file
 from command_line import pair, read_exr, refused, run, succeed
 
 JOBS = """
@@ -143,3 +145,19 @@ def test_a_split_of_a_tampered_journal_names_no_file_elsewhere(folder):
     ran = run("merge", folder / "out", "--shards-size", "1GB")
     refused(ran, 3, "damaged", journal)
     assert not list(folder.rglob("*set-*.tar"))
+
+
+def test_an_index_that_is_true_stays_and_any_other_is_written_again(tmp_path, out):
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    index, before = out / "metadata.jsonl", contents(out)
+    os.utime(index, (1, 1))
+    assert run("batch", path, "-o", out).code == 0
+    assert index.stat().st_mtime == 1
+    for name in ("metadata.jsonl", "card.json"):
+        (out / name).write_bytes(before[name][:-40])
+        run("batch", path, "-o", out)
+        assert contents(out) == before
+    (out / "README.md").unlink()
+    run("batch", path, "-o", out)
+    assert contents(out) == before

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import torch
-from command_line import photograph, read_exr, refused_input, render, run, write_exr
+from command_line import read_exr, refused_input, run, succeed, write_exr
 from deep_files import from_layers, write_deep_samples
 from layers import brute_force
 from measures import psnr
@@ -47,28 +47,32 @@ def picture(path):
     return torch.from_numpy(np.stack(planes).astype(np.float64))
 
 
-@pytest.mark.parametrize(("light", "tile"), [("half", 0), ("float", 0), ("float", 16)])
-def test_a_deep_picture_is_near_the_brute_force_one(tmp_path, light, tile):
-    color, depth, coverage = layers(0.8, 2.0, 6.0)
-    file = write_deep_samples(
-        tmp_path / "a.exr", from_layers(color, depth, coverage), light=light, tile=tile
-    )
-    render(file, "-o", tmp_path / "out", *LENS, *FLOAT)
-    truth = brute_force(torch.from_numpy(color), radius_of(depth), torch.from_numpy(coverage), 512)
-    shown = picture(tmp_path / "out/render/a.exr")
-    assert psnr(shown[:, 6:-6, 6:-6], truth[:, 6:-6, 6:-6]) > 40
+def rendered(folder, name, samples, *args, **how):
+    """The picture of deep samples that are written to a file of this name."""
+    file = write_deep_samples(folder / f"{name}.exr", samples, **how)
+    succeed("render", file, "-o", folder / name, *LENS, *FLOAT, *args)
+    return picture(folder / name / "render" / f"{name}.exr")
+
+
+def truth(color, depth, coverage):
+    """What a lens would take, within the border."""
+    colors, covers = torch.from_numpy(color), torch.from_numpy(coverage)
+    return brute_force(colors, radius_of(depth), covers, 512)[..., 6:-6, 6:-6]
+
+
+def test_a_deep_picture_is_near_the_brute_force_one(tmp_path):
+    made = layers(0.8, 2.0, 6.0)
+    wanted, samples = truth(*made), from_layers(*made)
+    for name, light, tile in (("a", "half", 0), ("b", "float", 16)):
+        shown = rendered(tmp_path, name, samples, light=light, tile=tile)
+        assert psnr(shown[:, 6:-6, 6:-6], wanted) > 40
 
 
 def test_samples_may_come_in_any_order_and_outside_windows_is_nothing(tmp_path):
-    color, depth, coverage = layers(0.9, 4.0)
-    forward = from_layers(color, depth, coverage)
+    forward = from_layers(*layers(0.9, 4.0))
     backward = [[pixel[::-1] for pixel in row] for row in forward]
-    for name, pixels in (("a", forward), ("b", backward)):
-        file = write_deep_samples(
-            tmp_path / f"{name}.exr", pixels, corner=(3, 5), full=(SIZE[1] + 8, SIZE[0] + 9)
-        )
-        render(file, "-o", tmp_path / name, *LENS, *FLOAT)
-    one, other = (picture(tmp_path / f"{n}/render/{n}.exr") for n in "ab")
+    window = {"corner": (3, 5), "full": (SIZE[1] + 8, SIZE[0] + 9)}
+    one, other = (rendered(tmp_path, n, s, **window) for n, s in (("a", forward), ("b", backward)))
     assert one.shape == (4, SIZE[0] + 9, SIZE[1] + 8)
     assert torch.equal(one, other)
 
@@ -78,10 +82,9 @@ def test_coc_and_focus_are_those_of_the_first_surface(tmp_path):
     coverage[:] = 0
     coverage[1, 10:30, 10:40] = coverage[0, 10:30, 10:30] = 0.5
     file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage))
-    ran = render(
-        file, "-o", tmp_path / "out", *LENS[:4], "--focus", "percentile(50)", "--outputs", "coc"
-    )
-    assert "focus 1m" in ran.out + ran.err
+    focus = ("--focus", "percentile(50)", "--outputs", "coc")
+    ran = succeed("render", file, "-o", tmp_path / "out", *LENS[:4], *focus)
+    assert "focus 1m" in ran.err
     coc = read_exr(tmp_path / "out/coc/a.exr")["coc"]
     assert not coc[10:30, 10:30].any()
     assert (coc[10:30, 30:40] > 0.8).all()
@@ -90,17 +93,12 @@ def test_coc_and_focus_are_those_of_the_first_surface(tmp_path):
 
 def test_a_volume_lies_at_its_middle_in_one_over_distance(tmp_path):
     color, depth, coverage = layers(1.0)
-    pixels = from_layers(color, depth, coverage)
-    for row in pixels:
-        for samples in row:
-            for sample in samples:
-                sample["ZBack"] = 3.0
-    names = ("R", "G", "B", "A", "Z", "ZBack")
-    render(write_deep_samples(tmp_path / "a.exr", pixels, names), "-o", tmp_path / "a", *LENS)
+    volume = from_layers(color, depth, coverage)
+    for sample in (each for row in volume for pixel in row for each in pixel):
+        sample["ZBack"] = 3.0
+    one = rendered(tmp_path, "a", volume, names=("R", "G", "B", "A", "Z", "ZBack"))
     plain = from_layers(color, depth * 0 + np.float32(1.5), coverage)
-    render(write_deep_samples(tmp_path / "b.exr", plain), "-o", tmp_path / "b", *LENS)
-    one, other = (picture(tmp_path / f"{n}/render/{n}.exr") for n in "ab")
-    assert torch.equal(one, other)
+    assert torch.equal(one, rendered(tmp_path, "b", plain))
 
 
 def test_more_samples_than_layers_are_merged_and_that_is_said(tmp_path):
@@ -108,12 +106,9 @@ def test_more_samples_than_layers_are_merged_and_that_is_said(tmp_path):
     color, _, coverage = layers(*many)
     coverage[:], color[:] = 0.05, 0.02
     depth = np.broadcast_to(np.float32(many)[:, None, None], coverage.shape)
-    file = write_deep_samples(
-        tmp_path / "a.exr", from_layers(color, depth, coverage), light="float"
-    )
-    ran = render(file, "-o", tmp_path / "out", *LENS, *FLOAT, "--json")
-    assert "merged" in ran.out
-    shown = picture(tmp_path / "out/render/a.exr")[:, 12:-12, 12:-12]
+    samples = from_layers(color, depth, coverage)
+    shown = rendered(tmp_path, "a", samples, light="float")[:, 12:-12, 12:-12]
+    assert "merged" in (tmp_path / "a" / "journal.jsonl").read_text()
     assert (shown[3] - (1 - 0.95**40)).abs().max() < 1e-3
     assert (shown[0] / shown[3] - 0.4).abs().max() < 1e-3
 
@@ -129,20 +124,23 @@ def test_info_tells_samples_and_their_depths(tmp_path):
     assert "Z 1 to 5" in told
 
 
-def test_a_sample_without_depth_is_named(tmp_path):
+def test_what_makes_no_deep_picture_is_refused(tmp_path):
     color, depth, coverage = layers(1.0, 5.0)
     coverage[:, 20, 30] = 0.5
     wrong = np.array(depth)
     wrong[1, 20, 30] = np.nan
-    file = write_deep_samples(tmp_path / "a.exr", from_layers(color, wrong, coverage))
-    refused_input(render(file, "-o", tmp_path / "out", *LENS), file, "not-finite")
-
-
-def test_a_depth_file_beside_a_deep_picture_is_refused(tmp_path):
-    color, depth, coverage = layers(1.0, 5.0)
+    bad = write_deep_samples(tmp_path / "bad.exr", from_layers(color, wrong, coverage))
     file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage))
-    other = write_exr(tmp_path / "z.exr", Z=np.ones(SIZE, np.float32))
-    refused_input(render(file, other, "-o", tmp_path / "out", *LENS), file, "deep-data")
+    few = (color[..., :9], depth[..., :9], coverage[..., :9])
+    small = write_deep_samples(tmp_path / "s.exr", from_layers(*few))
+    flat = write_exr(tmp_path / "z.exr", Z=np.ones(SIZE, np.float32))
+    for words, at, code in (
+        ((bad,), bad, "not-finite"),
+        ((file, flat), file, "deep-data"),
+        ((file, "--holdout", flat), flat, "empty"),
+        ((file, "--holdout", small), small, "wrong-size"),
+    ):
+        refused_input(run("render", *words, "-o", tmp_path / "out", *LENS), at, code)
 
 
 def test_a_holdout_cuts_out_what_lies_behind_it(tmp_path):
@@ -150,112 +148,65 @@ def test_a_holdout_cuts_out_what_lies_behind_it(tmp_path):
     coverage[:] = 0
     coverage[0, :, 30:], coverage[1, 8:32, 8:48], coverage[2, :, :30] = 1.0, 0.8, 0.9
     color = np.full_like(color, 0.5) * coverage[:, None]
-    file = write_deep_samples(
-        tmp_path / "a.exr", from_layers(color[1:2], depth[1:2], coverage[1:2]), light="float"
+    own, others = (
+        [plane[k] for plane in (color, depth, coverage)] for k in (np.s_[1:2], np.s_[::2])
     )
-    cut = write_deep_samples(
-        tmp_path / "cut.exr", from_layers(color[::2], depth[::2], coverage[::2]), ("A", "Z")
-    )
-    render(file, "-o", tmp_path / "out", *LENS, *FLOAT, "--holdout", cut)
-    shown = picture(tmp_path / "out/render/a.exr")[:, 6:-6, 6:-6]
-    inputs = torch.from_numpy(color), radius_of(depth), torch.from_numpy(coverage)
-    lit = torch.stack([inputs[0][:, 0] * 0, inputs[2] * torch.tensor([0, 1, 0])[:, None, None]], 1)
-    lit[1, 0] = inputs[0][1, 0]
-    truth = brute_force(lit, *inputs[1:], 512)[:2, 6:-6, 6:-6]
-    assert psnr(shown[[0, 3]], truth) > 40
+    cut = write_deep_samples(tmp_path / "cut.exr", from_layers(*others), ("A", "Z"))
+    shown = rendered(tmp_path, "a", from_layers(*own), "--holdout", cut, light="float")
+    shown = shown[:, 6:-6, 6:-6]
+    lit = np.stack([color[:, 0] * 0, coverage * np.float32([0, 1, 0])[:, None, None]], 1)
+    lit[1, 0] = color[1, 0]
+    assert psnr(shown[[0, 3]], truth(lit, depth, coverage)[:2]) > 40
     assert shown[3, :, 36:].max() < 0.01
 
 
 def test_a_holdout_cuts_a_flat_picture_too(tmp_path):
-    color, depth, coverage = layers(1.0)
-    flat_file = write_exr(
-        tmp_path / "a.exr",
-        **{name: np.full(SIZE, 0.5, np.float32) for name in "RGB"},
-        A=np.ones(SIZE, np.float32),
-        Z=np.full(SIZE, 2.0, np.float32),
-    )
-    cut = write_deep_samples(
-        tmp_path / "cut.exr", from_layers(color, depth, coverage), light="float"
-    )
-    render(flat_file, "-o", tmp_path / "out", *LENS, *FLOAT, "--holdout", cut)
-    blurred = brute_force(
-        torch.from_numpy(color), radius_of(depth), torch.from_numpy(coverage), 512
-    )[3]
+    made = layers(1.0)
+    planes = {name: np.full(SIZE, 0.5, np.float32) for name in "RGB"}
+    planes |= {"A": np.ones(SIZE, np.float32), "Z": np.full(SIZE, 2.0, np.float32)}
+    flat = write_exr(tmp_path / "a.exr", **planes)
+    cut = write_deep_samples(tmp_path / "cut.exr", from_layers(*made), light="float")
+    succeed("render", flat, "-o", tmp_path / "out", *LENS, *FLOAT, "--holdout", cut)
     alpha = picture(tmp_path / "out/render/a.exr")[3]
-    assert psnr(alpha[6:-6, 6:-6], 1 - blurred[6:-6, 6:-6]) > 43
-
-
-def test_a_holdout_that_is_not_deep_or_of_another_size_is_refused(tmp_path):
-    color, depth, coverage = layers(1.0, 5.0)
-    file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage))
-    flat_file = write_exr(tmp_path / "z.exr", Z=np.ones(SIZE, np.float32))
-    refused = render(file, "-o", tmp_path / "out", *LENS, "--holdout", flat_file)
-    refused_input(refused, flat_file, "empty")
-    small = write_deep_samples(
-        tmp_path / "s.exr", from_layers(color[..., :9], depth[..., :9], coverage[..., :9])
-    )
-    refused = render(file, "-o", tmp_path / "out", *LENS, "--holdout", small)
-    refused_input(refused, small, "wrong-size")
+    assert psnr(alpha[6:-6, 6:-6], 1 - truth(*made)[3]) > 43
 
 
 def test_a_deep_picture_over_a_plate_is_the_scene_of_both(tmp_path):
     color, depth, coverage = layers(0.9, 3.0, 6.0)
     color[2], coverage[2] = 0.4, 1.0
-    whole = from_layers(color, depth, coverage)
-    render(
-        write_deep_samples(tmp_path / "whole.exr", whole, light="float"),
-        "-o",
-        tmp_path / "whole_out",
-        *LENS,
-        *FLOAT,
-    )
+    whole = rendered(tmp_path, "whole", from_layers(color, depth, coverage), light="float")
+    behind = {name: color[2, k] for k, name in enumerate("RGB")}
+    plate = write_exr(tmp_path / "plate.exr", **behind, Z=np.array(depth[2]))
     front = from_layers(color[:2], depth[:2], coverage[:2])
-    file = write_deep_samples(tmp_path / "a.exr", front, light="float")
-    plate = write_exr(
-        tmp_path / "plate.exr",
-        **{name: color[2, k] for k, name in enumerate("RGB")},
-        Z=np.array(depth[2]),
-    )
-    render(file, "-o", tmp_path / "out", *LENS, *FLOAT, "--over", plate)
-    one, other = (
-        picture(tmp_path / "out/render/a.exr"),
-        picture(tmp_path / "whole_out/render/whole.exr"),
-    )
-    assert (one - other).abs().max() < 1e-4
+    one = rendered(tmp_path, "a", front, "--over", plate, light="float")
+    assert (one - whole).abs().max() < 1e-4
     assert (one[3] == 1).all()
 
 
 def test_rows_without_samples_are_nothing(tmp_path):
     color, depth, coverage = layers(0.8, 2.0, 6.0)
     coverage[:, 16:] = 0
-    file = write_deep_samples(tmp_path / "a.exr", from_layers(color, depth, coverage), tile=16)
-    photograph(file, "-o", tmp_path / "b", *LENS)
-    assert float(picture(tmp_path / "b/render/a.exr")[-1, -4:].max()) == 0
+    shown = rendered(tmp_path, "a", from_layers(color, depth, coverage), tile=16)
+    assert float(shown[-1, -4:].max()) == 0
     coverage[:] = 0
-    file = write_deep_samples(tmp_path / "none.exr", from_layers(color, depth, coverage))
-    photograph(file, "-o", tmp_path / "c", *LENS)
-    assert float(picture(tmp_path / "c/render/none.exr").abs().max()) == 0
+    assert not rendered(tmp_path, "none", from_layers(color, depth, coverage)).any()
 
 
 @pytest.mark.parametrize("view", ["left", "right"])
 def test_a_deep_picture_of_two_views_in_one_part_renders_each(tmp_path, view):
     """Both views have as many samples in a pixel: those of one part share their numbers."""
-    made = {"left": layers(2.0, 4.0), "right": layers(1.5, 3.0)}
-    samples = {each: from_layers(*made[each]) for each in made}
+    made = {"left": from_layers(*layers(2.0, 4.0)), "right": from_layers(*layers(1.5, 3.0))}
+
+    def merged(pair):
+        each = zip(made, pair, strict=True)
+        return {f"{side}.{n}": value for side, sample in each for n, value in sample.items()}
+
     both = [
-        [
-            [
-                {f"{each}.{n}": v for each in made for n, v in samples[each][y][x][k].items()}
-                for k in range(len(samples["left"][y][x]))
-            ]
-            for x in range(SIZE[1])
-        ]
-        for y in range(SIZE[0])
+        [list(map(merged, zip(*pixels, strict=True))) for pixels in zip(*rows, strict=True)]
+        for rows in zip(*made.values(), strict=True)
     ]
     names = [f"{each}.{name}" for each in made for name in "RGBAZ"]
-    deep = write_deep_samples(tmp_path / "deep.exr", both, names, light="float")
-    own = write_deep_samples(tmp_path / "alone.exr", samples[view], light="float")
-    photograph(deep, "-o", tmp_path / "a", "--view", view, *LENS)
-    photograph(own, "-o", tmp_path / "b", *LENS)
-    of_both, alone = tmp_path / "a/render/deep.exr", tmp_path / "b/render/alone.exr"
-    assert torch.equal(picture(of_both), picture(alone))
+    seen = rendered(
+        tmp_path, "deep", both, "--view", view, names=names, light="float", views=("left", "right")
+    )
+    assert torch.equal(seen, rendered(tmp_path, "alone", made[view], light="float"))

@@ -31,6 +31,13 @@ def depth(*args):
     return read_exr(Path(args[args.index("-o") + 1]))["Z"]
 
 
+def coc(out, *args):
+    """The radii that a rendering by the lens of most tests tells."""
+    photograph(*args, "-o", out, "--outputs", "coc")
+    (file,) = (out / "coc").glob("*.exr")
+    return read_exr(file)["coc"]
+
+
 def test_one_file_becomes_one_exr(tmp_path):
     path = png(tmp_path / "a.png", np.round(ramp() * 256))
     written = depth(path, "--depth-format", "kitti", "-o", tmp_path / "o" / "z.exr")
@@ -61,12 +68,6 @@ def test_several_files_go_to_a_directory_and_one_that_fails_alone_fails(tmp_path
     (record,) = ran.json["files"]
     assert (record["sky_pixels"], record["replaced_pixels"]) == (1, 1)
     assert record["range_m"] == [1.0, 1.0]
-
-
-def test_several_files_do_not_go_to_one(tmp_path):
-    files = [npy(tmp_path / folder / "a.npy", [[1.0]]) for folder in ("x", "y")]
-    refused(run("depth", *files, "-o", tmp_path / "z.exr"), 2, "one-file", "out")
-    refused(run("depth", *files, "-o", tmp_path / "o"), 2, "duplicate", "a.npy")
 
 
 def test_files_are_replaced_only_with_overwrite_and_inputs_never(tmp_path):
@@ -104,26 +105,16 @@ def test_a_format_means_the_same_in_render_info_batch_and_lens_files(tmp_path):
     color, _ = pair(tmp_path)
     path = png(tmp_path / "z.png", np.round(ramp() * 256))
     as_metres = write_exr(tmp_path / "z.exr", Z=np.float32(np.round(ramp() * 256) / 256))
-    render(color, as_metres, "-o", tmp_path / "o", "--outputs", "coc")
-    wanted = read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
-    said = ("--depth-format", "kitti")
-    photograph(color, path, "-o", tmp_path / "p", "--outputs", "coc", *said)
-    np.testing.assert_array_equal(read_exr(tmp_path / "p" / "coc" / "a.exr")["coc"], wanted)
+    wanted, said = coc(tmp_path / "o", color, as_metres), ("--depth-format", "kitti")
+    np.testing.assert_array_equal(coc(tmp_path / "p", color, path, *said), wanted)
     (record,) = run("info", "--json", path, *said).json["files"]
     assert record["depth"]["range_m"] == [1.0, 4.0]
     lens = 'focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\n'
     (tmp_path / "kitti.toml").write_text(f'{lens}depth-format = "kitti"\n')
-    named = ("--lens", tmp_path / "kitti.toml", "--outputs", "coc")
-    succeed("render", color, path, "-o", tmp_path / "q", *named)
-    np.testing.assert_array_equal(read_exr(tmp_path / "q" / "coc" / "a.exr")["coc"], wanted)
-    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{path}"\n'
-    for number, text in enumerate(
-        (
-            f'{inputs}[lens]\n{lens}[reading]\ndepth-format = "kitti"\n',
-            f'{inputs}[lens]\nfile = "kitti.toml"\n',
-        )
-    ):
-        (tmp_path / "jobs.toml").write_text(f'{text}[outputs]\nkinds = ["coc"]\n')
+    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{path}"\n[outputs]\nkinds = ["coc"]\n'
+    tables = (f'[lens]\n{lens}[reading]\ndepth-format = "kitti"\n', '[lens]\nfile = "kitti.toml"\n')
+    for number, text in enumerate(tables):
+        (tmp_path / "jobs.toml").write_text(inputs + text)
         out = tmp_path / f"b{number}"
         succeed("batch", tmp_path / "jobs.toml", "-o", out, "--processes", "1")
         np.testing.assert_array_equal(read_exr(out / "coc" / "a.exr")["coc"], wanted)
@@ -186,32 +177,24 @@ part = 1
 
 
 def test_radial_depth_takes_the_field_of_view_of_the_lens(tmp_path):
-    color = color_exr(tmp_path / "a.exr")
-    path = depth_exr(tmp_path / "z.exr")
-    focal = 50 / 36 * 24  # of LENS, 24 px wide
-    said = ("--radial", "--outputs", "coc")
-    render(color, path, "-o", tmp_path / "o", *said)
-    render(color, path, "-o", tmp_path / "p", *said, "--focal-px", f"{focal!r}")
-    fov = np.degrees(2 * np.arctan(18 / 50))
-    render(color, path, "-o", tmp_path / "q", *said, "--fov", f"{fov!s}")
-    render(color, path, "-o", tmp_path / "r", "--planar", "--outputs", "coc")
-    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "opqr"]
-    np.testing.assert_allclose(of[1], of[0], atol=1e-6)
-    np.testing.assert_allclose(of[2], of[0], atol=1e-6)
-    assert np.abs(of[3] - of[0]).max() > 1e-3
-
-
-def test_radial_depth_is_read_anew_for_each_focal_length(tmp_path):
     color, path = pair(tmp_path)
+    focal = 50 / 36 * 24  # of LENS, 24 px wide
+    fov = np.degrees(2 * np.arctan(18 / 50))
+    radial = coc(tmp_path / "o", color, path, "--radial")
+    for number, said in enumerate((("--focal-px", f"{focal!r}"), ("--fov", f"{fov!s}"))):
+        found = coc(tmp_path / f"p{number}", color, path, "--radial", *said)
+        np.testing.assert_allclose(found, radial, atol=1e-6)
+    assert np.abs(coc(tmp_path / "q", color, path, "--planar") - radial).max() > 1e-3
     text = f'[inputs]\ncolor = "{color}"\ndepth = "{path}"\n[lens]\nfnumber = 2\nfocus = "2m"\n'
     text += '[sweep]\nfocal-length = ["25mm", "50mm"]\n[reading]\nradial = true\n'
     (tmp_path / "jobs.toml").write_text(f'{text}[outputs]\nkinds = ["coc"]\n')
     succeed("batch", tmp_path / "jobs.toml", "-o", tmp_path / "b", "--processes", "1")
-    render(color, path, "-o", tmp_path / "o", "--radial", "--outputs", "coc")
     (swept,) = (tmp_path / "b" / "coc").glob("*50mm*")
-    np.testing.assert_array_equal(
-        read_exr(swept)["coc"], read_exr(tmp_path / "o" / "coc" / "a.exr")["coc"]
-    )
+    np.testing.assert_array_equal(read_exr(swept)["coc"], radial)
+    small = write_exr(tmp_path / "s.exr", Z=ramp(12, 8))
+    args = (color, small, "--resize-depth", "nearest", "--radial")
+    of = [coc(tmp_path / f"s{len(w)}", *args, *w) for w in ((), ("--focal-px", repr(focal)))]
+    np.testing.assert_allclose(*of, atol=1e-6)
 
 
 def test_depth_of_another_size_is_guided_by_the_colours(tmp_path):
@@ -221,27 +204,21 @@ def test_depth_of_another_size_is_guided_by_the_colours(tmp_path):
     pixels[inside], metres[inside] = 0.8, 1.5
     color, whole = color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "z.exr", metres)
     small = depth_exr(tmp_path / "s.exr", metres[2::4, 2::4].copy())
-    wanted = ("--outputs", "coc", "-o")
-    render(color, whole, *wanted, tmp_path / "whole")
+    exact, found = coc(tmp_path / "whole", color, whole), {}
     for how in ("guided", "nearest"):
-        ran = photograph(color, small, *wanted, tmp_path / how, "--resize-depth", how, "-v")
-        found, exact = (
-            read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in (how, "whole")
-        )
-        off = np.abs(found - exact) > 1e-3
-        assert off.any() == (how == "nearest")
+        found[how] = coc(tmp_path / how, color, small, "--resize-depth", how)
+        assert (np.abs(found[how] - exact) > 1e-3).any() == (how == "nearest")
         note = f"20x16 px resized{', guided by the colours' if how == 'guided' else ' by nearest'}"
-        assert note in ran.err
-    photograph(
-        color, small, *wanted, tmp_path / "mm", "--resize-depth", "guided", "--memory", "1GB"
+        assert note in (tmp_path / how / "journal.jsonl").read_text()
+    text = 'focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\nresize-depth = "guided"\n'
+    (tmp_path / "lens.toml").write_text(text)
+    args = (color, small, "--outputs", "coc")
+    succeed("render", *args, "-o", tmp_path / "toml", "--lens", tmp_path / "lens.toml")
+    np.testing.assert_array_equal(
+        read_exr(tmp_path / "toml" / "coc" / "a.exr")["coc"], found["guided"]
     )
-    (tmp_path / "lens.toml").write_text(
-        'focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\nresize-depth = "guided"\n'
-    )
-    run("render", color, small, *wanted, tmp_path / "toml", "--lens", tmp_path / "lens.toml")
-    names = ("guided", "toml", "mm")
-    first, *others = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in names]
-    assert all(np.array_equal(first, other) for other in others)
+    little = coc(tmp_path / "mm", color, small, "--resize-depth", "guided", "--memory", "1GB")
+    np.testing.assert_array_equal(little, found["guided"])
 
 
 def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path):
@@ -256,12 +233,6 @@ def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path):
     run("render", color, own, "-o", tmp_path / "q", *said, "--exr-type", "float")
     of = [read_exr(tmp_path / name / "render" / "a.exr")["R"] for name in "pq"]
     np.testing.assert_allclose(of[1], of[0], atol=1e-5)
-    refused(
-        run("depth", held, "--depth-format", "coc", "-o", tmp_path / "z.exr"),
-        2,
-        "radii",
-        "depth-format",
-    )
     shown = run("info", held, "--depth-format", "coc").out
     assert "negative nearer than the focus): -3.00 to 3.00 px" in shown
     assert " m to " not in shown
@@ -314,30 +285,19 @@ def test_rows_without_a_header_have_the_size_of_the_colour(tmp_path):
     color, path = pair(tmp_path)
     held = tmp_path / "DSC_0001.JPG"
     held.write_bytes(ramp().astype("<f4").tobytes())
-    said = ("--depth-format", "eth3d", "--outputs", "coc")
-    photograph(color, held, "-o", tmp_path / "o", *said)
-    render(color, path, "-o", tmp_path / "p", "--outputs", "coc")
-    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
-    np.testing.assert_array_equal(*of)
-    refused(
-        run("depth", held, "--depth-format", "eth3d", "-o", tmp_path / "z.exr"),
-        3,
-        "wrong-size",
-        held,
-    )
+    found = coc(tmp_path / "o", color, held, "--depth-format", "eth3d")
+    np.testing.assert_array_equal(found, coc(tmp_path / "p", color, path))
+    ran = run("depth", held, "--depth-format", "eth3d", "-o", tmp_path / "z.exr")
+    refused(ran, 3, "wrong-size", held)
 
 
 def test_a_frame_of_an_array_is_chosen_beside_a_colour_of_one_part(tmp_path):
     color, path = pair(tmp_path)
     np.savez(tmp_path / "a.npz", depths=np.stack([ramp() * 9, ramp()]).astype(np.float32))
     said = ("--depth-format", "video-depth-anything", "--depth-kind", "depth", "--part", "1")
-    args = (color, tmp_path / "a.npz", "-o", tmp_path / "o", "--outputs", "coc")
-    ran = photograph(*args, *said)
-    render(color, path, "-o", tmp_path / "p", "--outputs", "coc")
-    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
-    np.testing.assert_array_equal(*of)
-    ran = run("info", tmp_path / "a.npz", *said)
-    assert "depth: 1 m to 4 m" in ran.out
+    found = coc(tmp_path / "o", color, tmp_path / "a.npz", *said)
+    np.testing.assert_array_equal(found, coc(tmp_path / "p", color, path))
+    assert "depth: 1 m to 4 m" in run("info", tmp_path / "a.npz", *said).out
 
 
 def test_a_sidecar_or_mask_that_changes_is_a_changed_input(tmp_path):
@@ -356,16 +316,6 @@ def test_a_sidecar_or_mask_that_changes_is_a_changed_input(tmp_path):
     last = (tmp_path / "o" / "journal.jsonl").read_text().splitlines()[-1]
     record = json.loads(last)
     assert record["inputs"]["depth_sidecar"]["path"].endswith("calib.txt")
-
-
-def test_the_focal_length_of_the_colour_holds_for_smaller_depth(tmp_path):
-    color = color_exr(tmp_path / "a.exr")  # 24 × 16
-    small = write_exr(tmp_path / "z.exr", Z=ramp(12, 8))
-    args = (color, small, "--resize-depth", "nearest", "--radial", "--outputs", "coc")
-    render(*args, "-o", tmp_path / "o")
-    render(*args, "-o", tmp_path / "p", "--focal-px", repr(50 / 36 * 24))
-    of = [read_exr(tmp_path / name / "coc" / "a.exr")["coc"] for name in "op"]
-    np.testing.assert_allclose(of[1], of[0], atol=1e-6)
 
 
 def test_a_pfm_beside_calib_txt_is_not_converted_without_a_word(tmp_path):

@@ -1,18 +1,14 @@
 """The repair of depth: how a user steers it, and where it is recorded and drawn."""
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import (
     color_exr,
     depth_exr,
-    failed,
     header,
     read_exr,
-    refused,
     run,
     succeed,
-    write_exr,
 )
 
 WIDTH, HEIGHT = 144, 96
@@ -68,10 +64,10 @@ def test_the_record_stands_in_words_json_journal_and_header(tmp_path):
 
 def test_a_header_says_what_was_asked_and_nothing_of_clean_depth(tmp_path):
     files = two_surfaces(tmp_path, 1)
-    said = ("--depth-repair", "soft-edges=2", "--edge-width", "6px")
+    said = ("--depth-repair", "auto", "--edge-width", "6px")
     for name, args, asked in (
         ("clean", (), None),
-        ("said", said, "--depth-repair soft-edges=2 --edge-width 6px"),
+        ("said", said, "--edge-width 6px"),
     ):
         rendered(tmp_path / name, *files, *args)
         attributes = header(tmp_path / name / "render" / "rgb.exr")
@@ -89,69 +85,11 @@ def test_jobs_and_lens_files_steer_it_too(tmp_path):
     succeed("render", color, depth, *given)
     for name, more in (
         ("reading", '[reading]\nedge-width = "30px"\n'),
-        ("slope", '[reading]\ndepth-repair = "soft-edges=0.02"\nedge-width = 30\n'),
-        ("machine", '[reading]\nedge-width = 30\n[machine]\ndepth-repair = "soft-edges=0.02"\n'),
+        ("machine", '[reading]\nedge-width = 30\n[machine]\ndepth-repair = "auto"\n'),
     ):
         jobs = tmp_path / f"{name}.toml"
         jobs.write_text(f'{start}{more}[outputs]\nexr-type = "float"\n')
         succeed("batch", jobs, "-o", tmp_path / name, "--processes", "1")
-    for name in ("lens", "reading", "slope", "machine"):
+    for name in ("lens", "reading", "machine"):
         found = read_exr(next((tmp_path / name / "render").glob("*.exr")))["G"]
         assert np.array_equal(found, wanted), name
-
-
-def drawing(path):
-    """The picture and the repair of a drawing, [H, W, 3] each."""
-    pixels = oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
-    assert pixels.shape == (HEIGHT, 2 * WIDTH, 3)
-    return pixels[:, :WIDTH], pixels[:, WIDTH:]
-
-
-def test_info_draws_where_edges_are_repaired(tmp_path):
-    files, path = two_surfaces(tmp_path, 8), tmp_path / "repair.png"
-    ran = succeed("info", *files, *LENS, "--preview", path)
-    assert "edges soft over 8 px and " in ran.out
-    assert str(path) in ran.out
-    shown, repair = drawing(path)
-    assert shown[0, 0, 0] > 0.85 > 0.4 > shown[0, -1, 0]
-    saturation = np.ptp(repair, axis=2)
-    columns = np.flatnonzero(saturation.max(axis=0) > 0.1)
-    assert (columns.min(), columns.max()) == (WIDTH / 2 - 4, WIDTH / 2 + 3)
-    made_nearer, made_farther = repair[0, WIDTH // 2 - 3], repair[0, WIDTH // 2 + 2]
-    assert made_nearer[0] > 0.9 > 0.1 > made_nearer[2]
-    assert made_farther[2] > 0.9 > made_farther[0]
-
-
-def test_a_drawing_shows_what_the_options_do(tmp_path):
-    files, path = two_surfaces(tmp_path, 8), tmp_path / "repair.png"
-    for args in (("--depth-repair", "off"), ("--edge-width", "0")):
-        ran = run("info", *files, *LENS, "--preview", path, "--json", *args)
-        (pair,) = ran.json["pairs"]
-        assert (pair["repair"], pair["preview"]) == ("", str(path))
-        assert pair["depth_repair"]["kinds"] == []
-        assert ran.json["files"][1]["depth"]["repair"] == ""
-        assert np.ptp(drawing(path)[1], axis=2).max() == 0
-    (pair,) = run("info", *files, *LENS, "--preview", path, "--json").json["pairs"]
-    assert pair["depth_repair"]["kinds"] == ["soft-edges", "displaced-edges"]
-
-
-def test_a_picture_of_one_file_is_drawn_too(tmp_path):
-    color, depth = two_surfaces(tmp_path, 8)
-    both = write_exr(tmp_path / "both.exr", **read_exr(color), **read_exr(depth))
-    run("info", both, *LENS, "--preview", tmp_path / "both.png")
-    run("info", depth, color, *LENS, "--preview", tmp_path / "two.png")
-    assert (tmp_path / "both.png").read_bytes() == (tmp_path / "two.png").read_bytes()
-
-
-def test_a_drawing_that_cannot_be_made_is_refused(tmp_path):
-    color, depth = two_surfaces(tmp_path, 8)
-    path = tmp_path / "a.png"
-    refused(run("info", color, depth, "--preview", path), 2, "missing-option", "preview")
-    refused(
-        run("info", color, depth, *LENS, "--preview", tmp_path / "a.jpg"), 2, "malformed", "preview"
-    )
-    failed(run("info", depth, *LENS, "--preview", path), 2, "missing-option", "preview")
-    path.write_bytes(b"")
-    ran = run("info", path, depth, *LENS, "--preview", path)
-    refused(ran, 2, "replaces-input", "preview")
-    assert path.read_bytes() == b""

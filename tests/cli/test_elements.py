@@ -36,7 +36,7 @@ def shown(file):
     return rgba(read_parts(file)[0].channels)
 
 
-@pytest.mark.parametrize("said", [np.nan, np.inf, -np.inf, -3.0, 1e10, 0.4], ids=str)
+@pytest.mark.parametrize("said", [np.nan, -np.inf, 0.4], ids=str)
 def test_where_alpha_is_0_there_is_nothing_whatever_depth_says(said, tmp_path):
     planes = element(disc())
     expected = picture(write(tmp_path / "a.exr", planes), tmp_path / "zero")
@@ -110,8 +110,7 @@ def test_overscan_wider_than_the_picture_is_kept_whole(tmp_path):
     made = write(tmp_path / "a.exr", planes, dataWindow=data, displayWindow=shown)
     kept = picture(made, tmp_path / "k", "--sensor-width", "5mm", "--keep-overscan")
     whole = picture(write(tmp_path / "b.exr", planes), tmp_path / "p", "--sensor-width", "30mm")
-    for name in "RGB":
-        np.testing.assert_allclose(kept[name], whole[name], atol=2e-6)
+    np.testing.assert_allclose(*([p[n] for n in "RGB"] for p in (kept, whole)), atol=2e-6)
 
 
 def test_overscan_that_the_depth_lacks_is_left_out_of_the_blur(tmp_path):
@@ -123,35 +122,25 @@ def test_overscan_that_the_depth_lacks_is_left_out_of_the_blur(tmp_path):
     assert "cropped from 60x40 at -4,0 to the display window" in ran.err
 
 
-@pytest.mark.parametrize("how", ["auto", "on"])
-def test_depth_multiplied_by_alpha_is_divided_again(how, tmp_path):
+def test_depth_multiplied_by_alpha_is_divided_again_and_none_of_its_own(tmp_path):
     planes = element(disc())
-    expected = picture(write(tmp_path / "a.exr", planes), tmp_path / "o")
-    planes["Z"] = planes["Z"] * planes["A"]
-    made = write(tmp_path / "b" / "a.exr", planes)
-    ran = render(made, tmp_path / "p", "--unpremultiply-depth", how, "-v")
-    assert "divided by alpha" in ran.err
-    pixels = rgba(read_exr(tmp_path / "p" / "render" / "a.exr"))
-    np.testing.assert_allclose(pixels, rgba(expected), atol=1e-4)
-    off = rgba(picture(made, tmp_path / "q", "--unpremultiply-depth", "off"))
-    assert np.abs(off - rgba(expected)).max() > 0.02
-
-
-def test_depth_of_its_own_at_the_edges_is_not_divided(tmp_path):
-    made = write(tmp_path / "a.exr", element(disc()))
+    made = write(tmp_path / "a.exr", planes)
     ran = render(made, tmp_path / "o", "-v")
     assert "divided by alpha" not in ran.err
-    np.testing.assert_array_equal(
-        rgba(read_exr(tmp_path / "o" / "render" / "a.exr")),
-        rgba(picture(made, tmp_path / "p", "--unpremultiply-depth", "off")),
-    )
-
-
-def test_to_divide_by_alpha_there_must_be_one(tmp_path):
-    planes = element(np.ones(SIZE, np.float32))
+    expected = rgba(read_exr(tmp_path / "o" / "render" / "a.exr"))
+    off = ("--unpremultiply-depth", "off")
+    np.testing.assert_array_equal(expected, rgba(picture(made, tmp_path / "p", *off)))
+    planes["Z"] = planes["Z"] * planes["A"]
+    made = write(tmp_path / "b" / "a.exr", planes)
+    for how in ("auto", "on"):
+        ran = render(made, tmp_path / how, "--unpremultiply-depth", how, "-v")
+        assert "divided by alpha" in ran.err
+        pixels = rgba(read_exr(tmp_path / how / "render" / "a.exr"))
+        np.testing.assert_allclose(pixels, expected, atol=1e-4)
+    assert np.abs(rgba(picture(made, tmp_path / "q", *off)) - expected).max() > 0.02
     del planes["A"]
-    made = write(tmp_path / "a.exr", planes)
-    refused(render(made, tmp_path / "o", "--unpremultiply-depth", "on"), 3, "no-such-channel", made)
+    made = write(tmp_path / "c.exr", planes)
+    refused(render(made, tmp_path / "r", "--unpremultiply-depth", "on"), 3, "no-such-channel", made)
 
 
 def test_edges_whose_depth_missed_the_object_have_that_beside_them(tmp_path):
@@ -160,9 +149,8 @@ def test_edges_whose_depth_missed_the_object_have_that_beside_them(tmp_path):
     planes["Z"] = np.where(planes["A"] < 0.5, np.float32(0), planes["Z"])
     ran = render(write(tmp_path / "b" / "a.exr", planes), tmp_path / "p", "-v")
     assert "edge pixels without depth given that beside them" in ran.err
-    np.testing.assert_array_equal(
-        rgba(read_exr(tmp_path / "p" / "render" / "a.exr")), rgba(expected)
-    )
+    pixels = rgba(read_exr(tmp_path / "p" / "render" / "a.exr"))
+    np.testing.assert_array_equal(pixels, rgba(expected))
 
 
 def test_a_whole_pixel_without_depth_is_still_an_error(tmp_path):
@@ -288,14 +276,11 @@ def test_passes_are_blurred_with_the_picture_and_data_is_copied(tmp_path):
     assert halves["specular.R"].tobytes() == planes["specular.R"].tobytes()
 
 
-@pytest.mark.parametrize("pattern", ["Z", "diffuse.id", "glossy.*"])
-def test_what_is_no_light_is_not_blurred(pattern, tmp_path):
+def test_what_is_no_light_is_not_blurred_and_passes_need_a_file_that_holds_them(tmp_path):
     made, _ = passes(tmp_path / "a.exr")
-    refused(render(made, tmp_path / "o", "--blur-channels", pattern), 3, "no-such-channel", made)
-
-
-def test_passes_need_a_file_that_can_hold_them(tmp_path):
-    made, _ = passes(tmp_path / "a.exr")
+    for pattern in ("Z", "diffuse.id", "glossy.*"):
+        ran = render(made, tmp_path / "o", "--blur-channels", pattern)
+        refused(ran, 3, "no-such-channel", made)
     arguments = ("-o", tmp_path / "o", *LENS, "1m", "--format", "png", "--blur-channels", "N.X")
     refused(run("render", made, *arguments), 2, "idle-option", "blur-channels")
 
@@ -311,8 +296,7 @@ def moments(plane):
     return variances[0], variances[1]
 
 
-@pytest.mark.parametrize("aspect", [0.5, 1.5, 2.0])
-@pytest.mark.parametrize("squeeze", [1.0, 1.6])
+@pytest.mark.parametrize(("aspect", "squeeze"), [(0.5, 1.6), (2.0, 1.0)])
 def test_pixels_that_are_not_square_show_ellipses(aspect, squeeze, tmp_path):
     planes = {name: np.zeros((80, 80), np.float32) for name in "RGB"}
     planes["R"][40, 40] = 100
@@ -336,7 +320,7 @@ def test_distances_to_the_point_need_square_pixels(tmp_path):
     refused(render(made, tmp_path / "o", "--radial"), 3, "not-square", made)
 
 
-@pytest.mark.parametrize("options", [(), ("--quality", "draft"), ("--squeeze", "2")], ids=str)
+@pytest.mark.parametrize("options", [("--quality", "draft"), ("--squeeze", "2")], ids=str)
 def test_the_output_has_the_window_of_the_input_grown_by_the_blur(options, tmp_path):
     whole = {name: np.pad(plane, 40) for name, plane in element(disc()).items()}
     file = write_within(tmp_path / "a.exr", whole, (56, 46, 83, 73))

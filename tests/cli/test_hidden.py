@@ -39,30 +39,24 @@ def behind(folder, stem="a", red=0.9):
     )
 
 
-def test_hidden_shows_through_where_it_is_known(tmp_path):
+def test_hidden_shows_through_where_it_is_known_and_trust_is_a_map_of_shares(tmp_path):
     files, hidden = scene(tmp_path), behind(tmp_path)
-    photograph(*files, "-o", tmp_path / "without")
-    photograph(*files, "-o", tmp_path / "with", "--hidden", *hidden)
+    kinds = ("--outputs", "render,trust")
+    photograph(*files, "-o", tmp_path / "without", *kinds)
+    photograph(*files, "-o", tmp_path / "with", "--hidden", *hidden, *kinds)
     without, known = (read_exr(tmp_path / out / "render" / "a.exr") for out in ("without", "with"))
     more = known["R"].astype(np.float32) - without["R"]
     less = known["G"].astype(np.float32) - without["G"]
     assert more[CARD][:, 0].mean() > 0.02
     assert less[CARD][:, 0].mean() < -0.05
     assert header(tmp_path / "with" / "render" / "a.exr")["defocus:hidden"] == "a.exr a.exr"
-
-
-def test_trust_is_a_float_map_of_shares(tmp_path):
-    files, hidden = scene(tmp_path), behind(tmp_path)
-    photograph(*files, "-o", tmp_path / "o", "--outputs", "trust", "--preview")
-    assert files_under(tmp_path / "o") == {"trust/a.exr", "trust/a.preview.png"}
-    trust = read_exr(tmp_path / "o" / "trust" / "a.exr")["trust"]
+    trust, more = (
+        read_exr(tmp_path / out / "trust" / "a.exr")["trust"] for out in ("without", "with")
+    )
     assert trust.dtype == np.float32
     assert trust[CARD].min() < 0.9
     assert trust[0, 0] == pytest.approx(1.0, abs=1e-5)  # in focus, far from the card
-    args = ("-o", tmp_path / "k", "--outputs", "trust", "--hidden", *hidden)
-    photograph(*files, *args)
-    known = read_exr(tmp_path / "k" / "trust" / "a.exr")["trust"]
-    assert known[CARD][:, 0].mean() > trust[CARD][:, 0].mean() + 0.05
+    assert more[CARD][:, 0].mean() > trust[CARD][:, 0].mean() + 0.05
 
 
 def test_a_dry_run_says_that_the_hidden_files_would_be_read(tmp_path):
@@ -90,8 +84,11 @@ def test_hidden_that_does_not_fit(tmp_path):
     _, deep = behind(tmp_path)
     small = color_exr(tmp_path / "small.exr", texture(5, 4))
     small_depth = depth_exr(tmp_path / "small_depth.exr", np.ones((4, 5), np.float32))
-    refused(render(*files, "-o", out, "--hidden", small, small_depth), 3, "wrong-size", small)
-    refused(render(*files, "-o", out, "--hidden", small, deep), 3, "wrong-size", deep)
-    refused(render(*files, "-o", out, "--hidden", tmp_path / "x", deep), 3, "not-found", "x")
-    refused(render(*files, "-o", out, "--hidden", tmp_path, tmp_path / "rgb"), 3, "empty", "rgb")
+    for hidden, code, at in (
+        ((small, small_depth), "wrong-size", small),
+        ((small, deep), "wrong-size", deep),
+        ((tmp_path / "x", deep), "not-found", "x"),
+        ((tmp_path, tmp_path / "rgb"), "empty", "rgb"),
+    ):
+        refused(render(*files, "-o", out, "--hidden", *hidden), 3, code, at)
     assert not out.exists()

@@ -30,22 +30,16 @@ def holed_depth(path):
     return depth_exr(path, metres)
 
 
-def test_depth_is_told_with_its_range_sky_and_holes(tmp_path):
-    (record,) = run("info", "--json", holed_depth(tmp_path / "z.exr")).json["files"]
-    assert record["size"] == [WIDTH, HEIGHT]
-    assert record["parts"][0]["channels"] == {"Z": "float"}
-    assert record["color"] is None
-    assert record["depth"]["range_m"] == [1.0, 4.0]
-    assert record["depth"]["sky_pixels"] == 3
-    assert record["depth"]["invalid_pixels"] == 3
-    assert record["depth"]["coc_px"] is None
-
-
-def test_colour_is_told_with_its_channels(tmp_path):
-    (record,) = run("info", "--json", color_exr(tmp_path / "c.exr")).json["files"]
-    assert record["color"] == {"channels": ["R", "G", "B"], "nonfinite_pixels": 0}
-    assert record["depth"] is None
-    assert "no depth channel" in record["depth_note"]
+def test_files_are_told_with_range_sky_holes_and_channels(tmp_path):
+    files = (holed_depth(tmp_path / "z.exr"), color_exr(tmp_path / "c.exr"))
+    depth, color = run("info", "--json", *files).json["files"]
+    assert depth["size"] == [WIDTH, HEIGHT]
+    assert depth["parts"][0]["channels"] == {"Z": "float"}
+    assert depth["color"] is color["depth"] is None
+    wanted = {"range_m": [1.0, 4.0], "sky_pixels": 3, "invalid_pixels": 3, "coc_px": None}
+    assert {name: depth["depth"][name] for name in wanted} == wanted
+    assert color["color"] == {"channels": ["R", "G", "B"], "nonfinite_pixels": 0}
+    assert "no depth channel" in color["depth_note"]
 
 
 def test_with_a_lens_the_blur_is_that_of_render(tmp_path):
@@ -82,37 +76,22 @@ def test_people_are_told_on_stdout(tmp_path):
         assert words in ran.out
 
 
-@pytest.mark.parametrize("kind", ["coc", "disparity"])
-def test_a_map_that_render_wrote_is_told_with_its_range(kind, tmp_path):
-    out = tmp_path / "out"
-    color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
-    render(color, depth, "-o", out, "--outputs", kind)
-    path = out / kind / "c.exr"
-    written = read_exr(path)[kind]
-    (record,) = run("info", "--json", path, *LENS).json["files"]
-    assert record["maps"] == [
-        {"kind": kind, "range_px": [float(written.min()), float(written.max())]}
-    ]
-    assert record["color"] is record["depth"] is None
-    words = f"  {'CoC' if kind == 'coc' else 'disparity'} map ("
-    told = run("info", path)
-    assert words in told.out
-    assert f"{written.min():.2f} to {written.max():.2f} px" in told.out
-    assert "no depth" not in told.out
-
-
-def test_a_trust_map_is_no_depth(tmp_path):
-    color, depth = pair(tmp_path)
-    render(color, depth, "-o", tmp_path / "out", "--outputs", "trust")
-    path = tmp_path / "out" / "trust" / "a.exr"
-    (record,) = run("info", "--json", path).json["files"]
-    assert record["depth"] is None
-    (map_,) = record["maps"]
-    assert map_["kind"] == "trust"
-    assert 0 < map_["range"][0] <= map_["range"][1] == 1
-    assert "trust map (share of the lens" in run("info", path).out
-    ran = render(color, path, "-o", tmp_path / "again")
-    refused(ran, 3, "no-depth", path)
+def test_maps_that_render_wrote_are_told_with_their_range_and_are_no_depth(tmp_path):
+    out, (color, depth) = tmp_path / "out", pair(tmp_path)
+    render(color, depth, "-o", out, "--outputs", "coc,disparity,trust")
+    for kind, title in (("coc", "CoC"), ("disparity", "disparity"), ("trust", "trust")):
+        path = out / kind / "a.exr"
+        written = read_exr(path)[kind]
+        (record,) = run("info", "--json", path, *LENS).json["files"]
+        unit = "range" if kind == "trust" else "range_px"
+        wanted = {"kind": kind, unit: [float(written.min()), float(written.max())]}
+        assert record["maps"] == [wanted]
+        assert record["color"] is record["depth"] is None
+        told = run("info", path).out
+        assert f"  {title} map (" in told
+        assert f"{written.min():.2f} to {written.max():.2f}" in told
+        assert "no depth" not in told
+    refused(render(color, path, "-o", tmp_path / "again"), 3, "no-depth", path)
 
 
 def test_what_is_not_finite_in_a_map_is_outside_its_range(tmp_path):

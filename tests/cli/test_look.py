@@ -71,15 +71,6 @@ def test_a_lens_file_has_them_and_the_picture_lies_beside_it(light, tmp_path):
     assert from_file[17, 19] == 0  # between the arms
 
 
-def test_a_changed_picture_of_the_opening_is_rendered_again(light, tmp_path):
-    picture = tmp_path / "pupil.npy"
-    np.save(picture, np.ones((4, 4)))
-    first = drawn(light, tmp_path / "out", "--aperture-image", str(picture))["G"]
-    np.save(picture, np.array([[1.0, 0], [0, 1.0]]))
-    second = drawn(light, tmp_path / "out", "--aperture-image", str(picture), "--overwrite")
-    assert np.abs(first - second["G"]).max() > 0.1
-
-
 @pytest.mark.parametrize(
     ("options", "code", "field"),
     [
@@ -106,20 +97,13 @@ def test_a_look_or_sensor_that_makes_no_sense_is_refused(light, tmp_path, option
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(
-    "values",
-    [
-        np.zeros((4, 4)),
-        np.full((4, 4), -1.0),
-        np.stack([np.ones((4, 4)), np.zeros((4, 4)), np.ones((4, 4))], -1),
-    ],
-)
-def test_a_picture_that_is_no_opening_is_refused(light, tmp_path, values):
-    np.save(tmp_path / "pupil.npy", values)
-    out = tmp_path / "out"
-    ran = run("render", *light, "-o", out, *LENS, "--aperture-image", tmp_path / "pupil.npy")
-    refused(ran, 3, "malformed", "pupil.npy")
-    assert not list(out.glob("render/*"))
+def test_a_picture_that_is_no_opening_is_refused(light, tmp_path):
+    whole, out, file = np.ones((4, 4)), tmp_path / "out", tmp_path / "pupil.npy"
+    for values in (0 * whole, -whole, np.ones((2, 2, 5, 5))):
+        np.save(file, values)
+        ran = run("render", *light, "-o", out, *LENS, "--aperture-image", file)
+        refused(ran, 3, "malformed", "pupil.npy")
+        assert not list(out.glob("render/*"))
 
 
 def test_aperture_draws_the_opening_and_the_blur_of_a_point(tmp_path):
@@ -210,74 +194,8 @@ def test_focus_shows_what_is_sharp_without_rendering(tmp_path):
     assert (red >= green)[near].all()
     assert (blue >= green)[far].all()
     assert shown["R"].shape == metres.shape
-    inset = shown["G"][-40:, :96]
-    assert np.unique(inset).size > 4  # the bars, and the words
-    assert np.unique(shown["G"][-40:, 96:], axis=0).shape[0] == 1
     records = (tmp_path / "out/journal.jsonl").read_text().splitlines()
     assert json.loads(records[-1])["seconds"]["render"] == 0
-
-
-def test_focus_shows_a_wall_of_one_radius(tmp_path):
-    color = color_exr(tmp_path / "a.exr", np.full((80, 120, 3), 0.5, np.float32))
-    depth = depth_exr(tmp_path / "d.exr", np.full((80, 120), 1.3, np.float32))
-    lens = ("--focal-length", "50mm", "--fnumber", "1", "--focus", "2m")
-    succeed("render", color, depth, "-o", tmp_path / "out", *lens, "--outputs", "focus")
-    red, blue = (read_exr(tmp_path / "out/focus/a.exr")[name][:40] for name in "RB")
-    assert (red > blue).all(), "all of it is near"
-
-
-@pytest.mark.parametrize(
-    "options", [(), ("--blades", "5", "--blade-rotation", "20"), ("--axial-color", "0.1mm:-0.1mm")]
-)
-def test_up_and_down_are_the_halves_of_quad_pixels(tmp_path, options):
-    rng = np.random.default_rng(1)
-    pixels = rng.random((40, 56, 3), np.float32)
-    metres = np.full((40, 56), 6.0, np.float32)
-    metres[12:30, 20:40] = 1.2
-    lens = (*LENS, "--sensor-width", "9mm")
-
-    def shown(name, flip, kinds):
-        turn = (lambda a: np.ascontiguousarray(a.swapaxes(0, 1))) if flip else (lambda a: a)
-        color = color_exr(tmp_path / name / "a.exr", turn(pixels))
-        depth = depth_exr(tmp_path / name / "d.exr", turn(metres))
-        width = ("--sensor-width", f"{9 * 40 / 56}mm") if flip else ()
-        out = ("-o", tmp_path / name / "out", "--outputs", kinds, "--exr-type", "float")
-        succeed("render", color, depth, *out, *lens, *width, *options)
-        files = {
-            kind: read_exr(tmp_path / name / "out" / kind / "a.exr") for kind in kinds.split(",")
-        }
-        return {k: turn(np.stack([f[c] for c in "RGB"], -1)) for k, f in files.items()}
-
-    views = shown("upright", False, "render,left,right,up,down")
-    # by their areas, which blades may make unequal
-    across, above = views["up"] - views["down"], views["render"] - views["down"]
-    share = float((across * above).sum() / (across**2).sum())
-    assert share == pytest.approx(0.5, abs=0.02)
-    assert np.abs(share * across - above).max() < 2e-3
-    assert np.abs(views["up"] - views["left"]).max() > 0.05
-    alone = shown("alone", False, "up,down")
-    np.testing.assert_array_equal(alone["up"], views["up"])
-    if not options:  # a round opening is its own transpose
-        turned = shown("turned", True, "left,right")
-        np.testing.assert_allclose(turned["left"], views["up"], atol=1e-4)
-        np.testing.assert_allclose(turned["right"], views["down"], atol=1e-4)
-
-
-def test_each_colour_sees_its_own_part_of_a_coloured_opening(light, tmp_path):
-    picture = np.zeros((12, 12, 3))
-    picture[:, :4, 0] = picture[:, 4:8, 1] = picture[:, 8:, 2] = 1
-    np.save(tmp_path / "filter.npy", picture)
-    options = ("--aperture-image", str(tmp_path / "filter.npy"))
-    planes = drawn(light, tmp_path / "out", *options)
-    assert planes["G"].sum() == pytest.approx(1000, rel=1e-4)
-    at = np.arange(SIZE)
-    red, green, blue = (float((planes[c].sum(0) * at).sum() / planes[c].sum()) for c in "RGB")
-    assert green == pytest.approx(24, abs=0.05)
-    assert green - red == pytest.approx(blue - green, abs=0.05)
-    assert blue - red > 8
-    ran = run("render", *light, "-o", tmp_path / "x", *SMALL, *options, "--outputs", "left")
-    refused(ran, 2, "colored-pupil", "aperture-image")
-    assert drawn(light, tmp_path / "high", *options, "--quality", "high")
 
 
 def test_colours_apart_are_the_same_within_any_memory(tmp_path, monkeypatch):

@@ -1,8 +1,7 @@
-"""--multiview: left and right as the two views of one EXR file."""
+"""The kind multiview: left and right as the two views of one EXR file."""
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-import pytest
 from command_line import (
     HEIGHT,
     LENS,
@@ -11,7 +10,6 @@ from command_line import (
     header,
     pair,
     read_exr,
-    refused,
     run,
     succeed,
 )
@@ -25,7 +23,7 @@ def render(tmp_path, out, *args):
 
 def test_left_and_right_are_the_views_of_one_file(tmp_path):
     apart = render(tmp_path, "apart", "--outputs", "render,left,right")
-    one = render(tmp_path, "one", "--outputs", "render,left,right", "--multiview", "--preview")
+    one = render(tmp_path, "one", "--outputs", "render,multiview", "--preview")
     assert apart.code == one.code == 0, one.err
     assert files_under(tmp_path / "one") == {
         *("multiview/a.exr", "multiview/a.preview.png", "render/a.exr", "render/a.preview.png")
@@ -43,7 +41,7 @@ def test_left_and_right_are_the_views_of_one_file(tmp_path):
 
 
 def test_the_file_is_read_by_its_views_again(tmp_path):
-    assert render(tmp_path, "one", "--outputs", "left,right", "--multiview").code == 0
+    assert render(tmp_path, "one", "--outputs", "multiview").code == 0
     file = tmp_path / "one" / "multiview" / "a.exr"
     depth = tmp_path / "depth" / "a.exr"
     again = tmp_path / "again"
@@ -52,12 +50,6 @@ def test_the_file_is_read_by_its_views_again(tmp_path):
     seen, both = read_exr(again / "render" / "a.exr"), read_exr(file)
     assert set(seen) == set("RGB")
     np.testing.assert_allclose(seen["G"].astype("f"), both["right.G"], atol=1e-3)
-
-
-@pytest.mark.parametrize("kinds", ["render", "render,left"])
-def test_both_views_must_be_asked_for(kinds, tmp_path):
-    ran = render(tmp_path, "o", "--outputs", kinds, "--multiview")
-    refused(ran, 2, "missing-option", "multiview")
 
 
 def test_it_is_an_exr_whatever_the_format_of_images(tmp_path):

@@ -62,7 +62,7 @@ def test_a_phones_photograph_is_one_file_and_one_line(tmp_path):
     refused(run("render", file, "-o", tmp_path / "m.png"), 2, "missing-option", "focal-length")
 
 
-@pytest.mark.parametrize("given", ["", "--fnumber 2", "--focus 2m", "--lens @hexagon-50"])
+@pytest.mark.parametrize("given", ["", "--lens @hexagon-50"])
 def test_metric_depth_gets_one_error_with_a_command_that_runs(given, tmp_path):
     files = color_exr(tmp_path / "a b.exr"), depth_exr(tmp_path / "z.exr")
     ran = run("render", *files, "-o", tmp_path / "out", *given.split())

@@ -1,14 +1,17 @@
 """How the process of a command begins and ends."""
 
 import gc
+import io
 import json
 import os
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout, suppress
 
 import pytest
 from command_line import LENS, depth_exr, pair
 
+from defocus_cli import main
 from defocus_core.system.process import imports
 
 
@@ -47,16 +50,23 @@ def test_modules_are_not_taken_down():
 def test_nothing_is_said_to_who_has_gone(tmp_path):
     color, depth = pair(tmp_path)
     rendering = ["render", color, depth, *LENS, "-o", tmp_path / "out", "--outputs", "coc"]
-    told = (["--help"], ["info", color], ["info", color, "--json"], [*rendering, "--json"])
-    for words in told:
+    for words in (["--help"], ["info", color], [*rendering, "--json"]):
         reader, writer = os.pipe()
         os.close(reader)
-        command = [sys.executable, "-c", RUN, *map(str, words)]
-        ran = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
-        os.close(writer)
-        assert ran.returncode == 141
-        assert ran.stderr.count("\n") == (words[0] == "render"), ran.stderr
+        err = io.StringIO()
+        with suppress(BrokenPipeError), os.fdopen(writer, "w") as gone:
+            streams = redirect_stdout(gone), redirect_stderr(err)
+            with streams[0], streams[1]:
+                code = main.main(list(map(str, words)))
+        assert code == 141
+        assert err.getvalue().count("\n") == (words[0] == "render"), err.getvalue()
     assert (tmp_path / "out" / "coc" / "a.exr").exists()
+    reader, writer = os.pipe()
+    os.close(reader)
+    command = [sys.executable, "-c", RUN, "info", str(color), "--json"]
+    ran = subprocess.run(command, stdout=writer, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writer)
+    assert (ran.returncode, ran.stderr) == (141, "")
 
 
 def test_a_fault_of_python_itself_is_told_as_ever():
@@ -82,15 +92,11 @@ def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback():
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "defocus: interrupted\n")
 
 
-@pytest.mark.parametrize(
-    "module", ["defocus_core.batch.jobs.job", "numpy._core.getlimits", "OpenImageIO"]
-)
+@pytest.mark.parametrize("module", ["defocus_core.batch.jobs.job", "numpy._core.getlimits"])
 def test_ctrl_c_within_an_import_of_a_command_ends_it_alike(module, tmp_path):
-    held = depth_exr(tmp_path / "a.exr")
-    for words in (("info", held), ("depth", held, "-o", tmp_path / "z.exr")):
-        ran = ended(pressing(module) + RUN, *words)
-        assert ran.returncode == 130, ran.stderr
-        assert ran.stderr.startswith("defocus: interrupted")
+    ran = ended(pressing(module) + RUN, "info", depth_exr(tmp_path / "a.exr"))
+    assert ran.returncode == 130, ran.stderr
+    assert ran.stderr.startswith("defocus: interrupted")
 
 
 def test_garbage_is_not_looked_for_while_modules_are_imported():

@@ -14,22 +14,14 @@ from defocus_core import render as render_image
 MAPS = ("--outputs", "coc")
 
 
-def test_a_shipped_lens_without_its_mark(tmp_path, out):
-    refused(
-        run("render", *pair(tmp_path), "-o", out, "--lens", "portrait-85"),
-        2,
-        "unknown-name",
-        "lens",
-    )
-
-
-def test_two_frames_are_no_colour_and_depth(tmp_path, out):
+def test_mistakes_that_are_easily_made(tmp_path, out):
+    files = pair(tmp_path)
     frames = [color_exr(tmp_path / f"shot.{number}.exr") for number in (1001, 1002)]
+    shipped = run("render", *files, "-o", out, "--lens", "portrait-85")
+    refused(shipped, 2, "unknown-name", "lens")  # without its mark
     refused(render(*frames, "-o", out), 2, "contradiction", "shot.1002.exr")
-
-
-def test_a_range_in_a_pattern_has_an_option(tmp_path, out):
-    refused(render(tmp_path / "1001-1005#.exr", "-o", out), 3, "not-found", "1001-1005#.exr")
+    ran = render(tmp_path / "1001-1005#.exr", "-o", out)
+    refused(ran, 3, "not-found", "1001-1005#.exr")
 
 
 def test_quiet_says_only_what_is_wrong(tmp_path, out):

@@ -31,14 +31,8 @@ from image_files import box, multi_part, write_window
 
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.io.exr.header import read_headers
-from defocus_core.renderer.engine import renderer
 
 EVERYTHING = ",".join(KINDS)
-
-
-def test_the_default_output_is_the_render_alone(tmp_path):
-    photograph(*pair(tmp_path), "-o", tmp_path / "out")
-    assert files_under(tmp_path / "out") == {"render/a.exr"}
 
 
 def test_each_kind_has_its_directory(tmp_path):
@@ -47,12 +41,14 @@ def test_each_kind_has_its_directory(tmp_path):
     assert files_under(tmp_path / "out") == wanted
 
 
-def test_coc_is_the_signed_radius_in_px_as_float(tmp_path):
-    render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "coc")
-    channels = read_exr(tmp_path / "out" / "coc" / "a.exr")
-    assert set(channels) == {"coc"}
-    assert channels["coc"].dtype == np.float32
-    np.testing.assert_allclose(channels["coc"], thin_lens_radius(ramp() * 1e3), atol=1e-5)
+def test_coc_is_the_signed_radius_in_px_and_disparity_the_distance_of_half_discs(tmp_path):
+    photograph(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "coc,disparity")
+    coc, disparity = (
+        read_exr(tmp_path / "out" / kind / "a.exr")[kind] for kind in ("coc", "disparity")
+    )
+    assert coc.dtype == np.float32
+    np.testing.assert_allclose(coc, thin_lens_radius(ramp() * 1e3), atol=1e-5)
+    np.testing.assert_allclose(disparity, coc * (8 / (3 * math.pi)), rtol=1e-6)
 
 
 def test_telescopes_have_a_coc_too(tmp_path):
@@ -61,21 +57,6 @@ def test_telescopes_have_a_coc_too(tmp_path):
     succeed("render", *lens, color, depth, "-o", tmp_path / "out", "--outputs", "coc")
     radius = read_exr(tmp_path / "out" / "coc" / "a.exr")["coc"]
     np.testing.assert_allclose(radius, -39 / ramp() / (2 * PITCH), rtol=1e-6)
-
-
-def test_disparity_is_the_distance_of_the_half_disc_centroids(tmp_path):
-    render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "disparity,coc")
-    disparity = read_exr(tmp_path / "out" / "disparity" / "a.exr")["disparity"]
-    coc = read_exr(tmp_path / "out" / "coc" / "a.exr")["coc"]
-    np.testing.assert_allclose(disparity, coc * (8 / (3 * math.pi)), rtol=1e-6)
-
-
-def test_maps_need_no_renderer(tmp_path, monkeypatch):
-    monkeypatch.setattr(renderer, "Renderer", None)
-    ran = photograph(
-        *pair(tmp_path), "-o", tmp_path / "out", "--outputs", "coc,disparity", "--json"
-    )
-    assert ran.json["pictures"][0]["render_seconds"] == 0
 
 
 def test_directories_are_rendered_pair_by_pair(tmp_path):
@@ -103,6 +84,10 @@ def test_one_exr_with_depth_is_as_good_as_two_files(tmp_path):
     for name in "RGB":
         np.testing.assert_array_equal(one[name], two[name])
         np.testing.assert_array_equal(one[name], many[name])
+    for name, sharp in read_exr(scene).items():
+        if name in ("Z", "id"):  # carried as they are
+            assert one[name].dtype == sharp.dtype
+            np.testing.assert_array_equal(one[name], sharp)
 
 
 def test_an_output_exr_lies_where_the_display_window_of_the_input_does(tmp_path):
@@ -136,17 +121,8 @@ def test_colour_and_depth_may_be_parts_of_one_exr(tmp_path):
     np.testing.assert_array_equal(rendered["View.Depth.Z"], metres)
 
 
-def test_channels_that_are_not_colour_are_carried_through(tmp_path):
-    scene = scene_exr(tmp_path / "a.exr")
-    render(scene, "-o", tmp_path / "out")
-    sharp, rendered = read_exr(scene), read_exr(tmp_path / "out" / "render" / "a.exr")
-    for name in ("Z", "id"):
-        assert rendered[name].dtype == sharp[name].dtype
-        np.testing.assert_array_equal(rendered[name], sharp[name])
-
-
 @pytest.mark.parametrize(
-    ("name", "suffix"), [("png", "png"), ("png16", "png"), ("tiff", "tif"), ("jpg", "jpg")]
+    ("name", "suffix"), [("png", "png"), ("png16", "png"), ("tif", "tif"), ("jpeg", "jpg")]
 )
 def test_the_format_is_that_of_images_and_maps_stay_exr(tmp_path, name, suffix):
     out = tmp_path / "out"
@@ -154,17 +130,8 @@ def test_the_format_is_that_of_images_and_maps_stay_exr(tmp_path, name, suffix):
     assert files_under(out) == {f"render/a.{suffix}", "coc/a.exr"}
     record = run("info", "--json", out / "render" / f"a.{suffix}").json["files"][0]
     assert record["size"] == [WIDTH, HEIGHT]
-    bits = "uint16" if name in ("png16", "tiff") else "uint8"
+    bits = "uint16" if name in ("png16", "tif") else "uint8"
     assert set(record["parts"][0]["channels"].values()) == {bits}
-
-
-@pytest.mark.parametrize(("alias", "name"), [("jpeg", "jpg"), ("tif", "tiff")])
-def test_a_format_may_be_called_by_either_suffix(tmp_path, alias, name):
-    written = []
-    for out in (alias, name):
-        photograph(*pair(tmp_path), "-o", tmp_path / out, "--format", out)
-        written.append({f.name: f.read_bytes() for f in (tmp_path / out / "render").iterdir()})
-    assert written[0] == written[1]
 
 
 def test_image_exrs_are_half_unless_float_is_asked_for(tmp_path):
@@ -210,33 +177,24 @@ def test_outputs_say_how_they_were_made(tmp_path):
     render(*pair(tmp_path), "-o", tmp_path / "out", *options)
     for kind in ("render", "coc"):
         attributes = header(tmp_path / "out" / kind / "a.exr")
-        assert attributes["defocus:focal_length"] == "50mm"
-        assert attributes["defocus:fnumber"] == "2"
-        assert attributes["defocus:sensor_width"] == "36mm"
-        assert attributes["defocus:focus"] == "2m"
-        assert attributes["defocus:blades"] == "6"
-        assert attributes["defocus:blade_rotation"] == "15deg"
-        assert attributes["defocus:quality"] == "standard"
-        assert attributes["defocus:kind"] == kind
-        assert attributes["defocus:color"] == "a.exr"
+        said = {"focal_length": "50mm", "fnumber": "2", "sensor_width": "36mm", "focus": "2m"}
+        said |= {"blades": "6", "blade_rotation": "15deg", "quality": "standard", "kind": kind}
+        said |= {"color": "a.exr"}
+        assert said == {name: attributes[f"defocus:{name}"] for name in said}
         assert attributes["defocus:version"]
         assert str(tmp_path) not in str(attributes)
 
 
-def test_focus_at_a_pixel_is_focus_at_its_depth(tmp_path):
-    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus-at", "5,3", "--json")
-    ran = run("render", *pair(tmp_path), "-o", tmp_path / "out", "--outputs", "coc", *lens)
+def test_focus_at_a_pixel_is_focus_at_its_depth_and_at_the_sky_at_infinity(tmp_path):
+    metres = ramp()
+    metres[0, 0] = np.inf
+    color, depth = color_exr(tmp_path / "a.exr"), depth_exr(tmp_path / "z.exr", metres)
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--outputs", "coc", "--json")
+    ran = run("render", color, depth, "-o", tmp_path / "out", *lens, "--focus-at", "5,3")
     assert read_exr(tmp_path / "out" / "coc" / "a.exr")["coc"][3, 5] == 0
     record = ran.json["pictures"][0]["lens"]
     assert record["focus_mm"] == pytest.approx(ramp()[3, 5] * 1e3)
     assert record["focus_at_px"] == [5, 3]
-
-
-def test_focus_at_the_sky_is_focus_at_infinity(tmp_path):
-    metres = ramp()
-    metres[0, 0] = np.inf
-    color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr", metres)
-    lens = ("--focal-length", "50mm", "--fnumber", "2", "--outputs", "coc", "--json")
     at = run("render", color, depth, "-o", tmp_path / "at", *lens, "--focus-at", "0,0")
     inf = run("render", color, depth, "-o", tmp_path / "inf", *lens, "--focus", "inf")
     assert at.json["pictures"][0]["lens"]["focus_mm"] == "inf"
@@ -271,7 +229,6 @@ HEAVY = ("torch", "OpenEXR", "OpenImageIO")
     ("args", "banned"),
     [
         (["--help"], (*HEAVY, "numpy")),
-        (["--version"], (*HEAVY, "numpy")),
         (["render", "--help"], HEAVY),
         (["render", "{c}", "{z}", "-o", "{out}", "--dry-run", "--focus", "2"], HEAVY),
         (["render", "{c}", "{z}", "-o", "{out}"], ("torch",)),

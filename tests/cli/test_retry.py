@@ -9,7 +9,7 @@ from defocus_core.batch.journal.lock import locked
 
 def test_retry_of_what_another_does_is_refused_before_a_word_is_said(tmp_path, out):
     run("batch", jobs_file(tmp_path), "-o", out)
-    with locked(out, say=print):
+    with locked(out):
         refused(run("retry", out), 3, "in-use", ".journal.lock")
 
 

@@ -58,6 +58,9 @@ def test_a_lone_picture_is_shared_out_by_its_lenses(tmp_path, out):
 def test_a_shard_that_is_missing_is_named(tmp_path, out):
     path = jobs_file(tmp_path, *"abc")
     run("batch", path, "-o", out, "--shard", "1/3")
+    refused(
+        run("batch", path, "-o", out, "--shard", "1/2"), 3, "contradiction", "journal-1of3.jsonl"
+    )
     assert "1 of 3 shards begun" in run("status", out).out
     assert "warning: no journal of shards 2/3, 3/3" in run("merge", out).err
     assert run("batch", path, "-o", out).err.startswith("2 jobs done before, 4 to do")

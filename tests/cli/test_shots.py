@@ -34,6 +34,9 @@ def shot(folder, frames=4, first=1001):
     return folder / "rgb.####.exr", folder / "z_%04d.exr"
 
 
+PULL = "frame,focus,fnumber\n1001,1.5m,2\n1003,3m,8\n"
+
+
 def picture(folder, frame):
     return read_exr(folder / "render" / f"rgb.{frame}.exr")["R"]
 
@@ -48,54 +51,45 @@ def test_frames_pair_up_by_number_and_keep_it(tmp_path):
     assert again.err.count("done before") == 4
 
 
-def test_frames_are_chosen(tmp_path):
-    patterns = shot(tmp_path)
-    photograph(*patterns, "-o", tmp_path / "out", "--frames", "1001-1004x2")
-    assert len(files_under(tmp_path / "out" / "render")) == 2
-    refused(
-        render(*patterns, "-o", tmp_path / "o", "--frames", "1-2"),
-        3,
-        "missing-frames",
-        "rgb.####.exr",
-    )
-    refused(render(*patterns, "-o", tmp_path / "o", "--frames", "all"), 2, "malformed", "frames")
-    refused(
-        render(*patterns, "-o", tmp_path / "o", "--frames", "keys"), 2, "missing-option", "frames"
-    )
-
-
-def test_gaps_are_named_before_any_work_or_left_out(tmp_path):
-    patterns = shot(tmp_path)
+def test_frames_are_chosen_and_gaps_left_out(tmp_path):
+    patterns, behind = shot(tmp_path), shot(tmp_path / "hidden")
+    photograph(*patterns, "-o", tmp_path / "two", "--frames", "1001-1004x2", "--hidden", *behind)
+    assert len(files_under(tmp_path / "two" / "render")) == 2
+    (tmp_path / "pull.csv").write_text(PULL)
+    words = (*FOCAL, "--animate", tmp_path / "pull.csv", "--frames", "keys")
+    succeed("render", *patterns, "-o", tmp_path / "keys", *words)
+    assert len(files_under(tmp_path / "keys" / "render")) == 2
     (tmp_path / "z_1003.exr").unlink()
-    refused(render(*patterns, "-o", tmp_path / "out"), 3, "missing-frames", "z_%04d.exr")
-    assert not (tmp_path / "out").exists()
     ran = photograph(*patterns, "-o", tmp_path / "out", "--missing", "skip")
     assert "lacks 1 frame, 1003; left out" in ran.err
     assert len(files_under(tmp_path / "out" / "render")) == 3
 
 
-def test_files_and_patterns_do_not_mix_and_files_have_no_frames(tmp_path):
-    color, _ = shot(tmp_path)
-    ran = render(color, tmp_path / "z_1001.exr", "-o", tmp_path / "out")
-    refused(ran, 3, "missing-frames", "z_1001.exr")
-    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--frames", "1")
-    refused(ran, 2, "idle-option", "frames")
-    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--missing", "skip")
-    refused(ran, 2, "idle-option", "missing")
-
-
-def test_hidden_layers_may_be_patterns(tmp_path):
-    patterns = shot(tmp_path)
+def test_what_makes_no_shot_is_refused_before_any_work(tmp_path):
+    color, depth = shot(tmp_path)
     behind = shot(tmp_path / "hidden")
-    ran = photograph(*patterns, "-o", tmp_path / "out", "--hidden", *behind)
     (tmp_path / "hidden" / "rgb.1002.exr").unlink()
-    ran = render(*patterns, "-o", tmp_path / "out2", "--hidden", *behind)
-    refused(ran, 3, "missing-frames", "rgb.####.exr")
+    (tmp_path / "gap").mkdir()
+    depth_exr(tmp_path / "gap" / "z_1001.exr")
+    gap, lone = tmp_path / "gap" / "z_%04d.exr", tmp_path / "z_1001.exr"
+    for words, exit_code, code, at in (
+        ((color, depth, "--frames", "1-2"), 3, "missing-frames", "rgb.####.exr"),
+        ((color, depth, "--frames", "all"), 2, "malformed", "frames"),
+        ((color, depth, "--frames", "keys"), 2, "missing-option", "frames"),
+        ((color, depth, "--hidden", *behind), 3, "missing-frames", "rgb.####.exr"),
+        ((color, depth, "--interpolate", "ease"), 2, "idle-option", "interpolate"),
+        ((color, gap), 3, "missing-frames", gap),
+        ((color, lone), 3, "missing-frames", "z_1001.exr"),
+        ((*pair(tmp_path), "--frames", "1"), 2, "idle-option", "frames"),
+        ((*pair(tmp_path), "--missing", "skip"), 2, "idle-option", "missing"),
+    ):
+        refused(render(*words, "-o", tmp_path / "out"), exit_code, code, at)
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_pull_gives_each_frame_what_the_command_line_would(tmp_path):
     patterns = shot(tmp_path)
-    (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1003,3m,8\n")
+    (tmp_path / "pull.csv").write_text(PULL)
     out = tmp_path / "out"
     succeed("render", *patterns, "-o", out, *FOCAL, "--animate", tmp_path / "pull.csv")
     for frame, focus, fnumber in ((1001, "1.5m", "2"), (1002, "2m", "4"), (1004, "3m", "8")):
@@ -106,14 +100,6 @@ def test_a_pull_gives_each_frame_what_the_command_line_would(tmp_path):
         np.testing.assert_allclose(picture(out, frame), picture(alone, frame), atol=1e-3)
 
 
-def test_frames_may_be_those_with_keys(tmp_path):
-    patterns = shot(tmp_path)
-    (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1003,3m,8\n")
-    words = (*FOCAL, "--animate", tmp_path / "pull.csv", "--frames", "keys")
-    succeed("render", *patterns, "-o", tmp_path / "out", *words)
-    assert len(files_under(tmp_path / "out" / "render")) == 2
-
-
 def test_ease_changes_frames_between_keys_alone(tmp_path):
     patterns = shot(tmp_path)
     (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1004,3m,2\n")
@@ -122,8 +108,6 @@ def test_ease_changes_frames_between_keys_alone(tmp_path):
     succeed(*words, "-o", tmp_path / "b", "--interpolate", "ease")
     same = [np.array_equal(*(picture(tmp_path / o, f) for o in "ab")) for f in range(1001, 1005)]
     assert same == [True, False, False, True]
-    ran = render(*patterns, "-o", tmp_path / "c", "--interpolate", "ease")
-    refused(ran, 2, "idle-option", "interpolate")
 
 
 def test_a_camera_of_nuke_zooms(tmp_path):
@@ -185,7 +169,7 @@ def test_shots_of_a_jobs_file(tmp_path):
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(text)
     succeed("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
-    (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1003,3m,8\n")
+    (tmp_path / "pull.csv").write_text(PULL)
     words = (*FOCAL, "--animate", tmp_path / "pull.csv", "--frames", "1001-1003")
     patterns = (tmp_path / "rgb.####.exr", tmp_path / "z_%04d.exr")
     succeed("render", *patterns, "-o", tmp_path / "same", *words)

@@ -50,8 +50,9 @@ def test_the_table_names_what_fails_and_what_was_skipped(monkeypatch):
 
 @pytest.mark.parametrize("found", [HOLDS, BROKEN, NOT_A_NUMBER, SKIPPED])
 def test_json_says_the_same(found, monkeypatch):
-    use(monkeypatch, found)
+    asked = use(monkeypatch, found)
     ran = run("verify", "--json", "--device", "cpu", "--quality", "high", "--threads", "3")
+    assert asked == [LawSetting("cpu", "high", 3)]
     assert ran.code == (0 if found.ok else 1)
     told = ran.json
     assert (told["device"], told["quality"], told["threads"]) == ("cpu", "high", 3)
@@ -62,12 +63,6 @@ def test_json_says_the_same(found, monkeypatch):
     assert record["value"] == (found.value if found in (HOLDS, BROKEN) else None)
     assert (record["law"], record["measured"]) == (found.law, found.measured)
     assert (record["unit"], record["bound"]) == (found.unit, found.bound)
-
-
-def test_the_options_reach_the_laws(monkeypatch):
-    asked = use(monkeypatch, HOLDS)
-    run("verify", "--device", "cpu", "--quality", "draft", "--threads", "5")
-    assert asked == [LawSetting("cpu", "draft", 5)]
 
 
 def test_a_person_who_watches_sees_progress(monkeypatch):

@@ -33,8 +33,6 @@ JOBS = {
 LINES = """
 R --focus-at 1,1
 contradiction --focus: contradicts --focus-at; give one of them
-R --quality high --tolerance 1px
-contradiction --tolerance: stands beside --quality; keep one of them
 R --aperture-diameter 25mm
 contradiction --fnumber: contradicts --aperture-diameter; give one of them
 R --edge-width 4 --depth-repair off
@@ -52,9 +50,9 @@ idle-option --vignetting: darkens nothing without a rim; add --cat-eye 1.05:1.5,
 R --noise-seed 3
 idle-option --noise-seed: changes nothing without noise; add --noise 4000:3, or leave it out
 R --format jpg --exr-type half
-idle-option --exr-type: says nothing about jpg; leave it out, or use --format exr
+idle-option --exr-type: says nothing about jpg; leave it out, or write the format exr
 R --format png --jpeg-quality 80
-idle-option --jpeg-quality: says nothing about png; leave it out, or use --format jpg
+idle-option --jpeg-quality: says nothing about png; leave it out, or write the format jpg
 fit rgb.exr z.exr rgb.exr --side-shading
 idle-option --side-shading: has no effect without the right picture; \
 add --right FILE, or leave it out
@@ -69,9 +67,6 @@ run: defocus render --json rgb.exr z.exr -o out --lens @portrait-85 --focus-at 6
 info z.exr --focal-length 50mm
 missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4 or --aperture-diameter, \
 --focus 2m or --focus-at, or a --lens FILE that has them
-info rgb.exr z.exr --preview a.png
-missing-option --preview: needs a lens, whose blur decides the repair; \
-give --lens FILE.toml, or --focal-length, … --focus
 R -o a.hdr
 wrong-type a.hdr: is of a type that is read alone; end its name in .exr, .png, .tif, .jpg, .webp
 R --lens @portrait-58
@@ -103,7 +98,7 @@ malformed --obstruction: '2' is not a share of the radius; give 0 to 0.95, like 
 R --noise 1000
 malformed --noise: '1000' is not a noise of a sensor; write ELECTRONS:READ, like 4000:3
 R --depth-repair of
-malformed --depth-repair: 'of' is no depth repair; did you mean off?
+- --depth-repair: 'of' is not one of 'auto', 'off'; see 'defocus render --help'
 R --depth-format kiti
 malformed --depth-format: 'kiti' is no depth format; did you mean kitti or vkitti or vkitti2? \
 'defocus help depth' lists all of them
@@ -206,10 +201,8 @@ replaces-input rgb.exr: is an input and would be overwritten; choose another -o
 render rgb.####.exr z.####.exr -o out LENS
 missing-frames z.####.exr: lacks 1 frame, 3; \
 say --missing skip to leave them out, or name others with --frames
-B jobs.toml --parquet --shard 1/2
-whole-batch --parquet: needs the whole batch; give it to 'defocus merge'
-B jobs.toml --scheduler head
-malformed --scheduler: 'head' is no scheduler; …
+B jobs.toml --shards-size 1GB --shard 1/2
+whole-batch --shards-size: needs the whole batch; give it to 'defocus merge'
 retry held
 in-use held/.journal.lock: held is being written by process …
 R --quality best
@@ -288,7 +281,7 @@ def test_what_a_user_sees(words, wanted, desk, monkeypatch):
     first, _, rest = words.partition(" ")
     start = {"R": f"render rgb.exr z.exr -o out {LENS}", "B": "batch -o out"}.get(first, first)
     args = shlex.split(f"{start} {rest}".replace("LENS", LENS))
-    with locked(desk / "held", say=print):
+    with locked(desk / "held"):
         ran = run(args[0], *(["--json"] if first != "help" else []), *args[1:])
     code, _, line = wanted.partition(" ")
     said = ran.err.removeprefix("defocus: ").removesuffix("\n")

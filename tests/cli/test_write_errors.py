@@ -7,10 +7,13 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
+from pathlib import Path
 
 import pytest
-from command_line import LENS, Ran, files_under, pair, photograph, refused, render, succeed
+from command_line import LENS, files_under, pair, photograph, refused, render, succeed
 
+from defocus_cli import main
 from defocus_core.picture import plain_path
 from defocus_core.system.interrupts import delayed_signals
 
@@ -43,34 +46,56 @@ def test_an_output_that_is_a_directory(color, depth, out):
     assert files_under(out) == set()
 
 
-@pytest.mark.parametrize("stderr", ["full", "closed"])
-def test_words_that_cannot_be_said_do_not_cost_the_picture(stderr, color, depth, out):
-    command = "from defocus_cli.__main__ import run; run()"
-    args = [sys.executable, "-c", command, "render", color, "-o", out, "--outputs", "coc", *LENS]
-    redirected = "2>/dev/full" if stderr == "full" else "2>&-"
-    for more, code in ((depth, 0), (color, 3)):
-        shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", *args, more, "--overwrite"]
-        assert subprocess.run(shell, check=False).returncode == code
+COMMAND = "from defocus_cli.__main__ import run; run()"
+
+
+def shell(redirected, *words):
+    """A command of its own, whose output goes where no process of tests can send it."""
+    args = ["sh", "-c", f'exec "$@" {redirected}', "sh", sys.executable, "-c", COMMAND, *words]
+    return subprocess.run(list(map(str, args)), capture_output=True, text=True, check=False)
+
+
+@contextmanager
+def disk(path):
+    """A stream to a full disk; None for one that is closed."""
+    if path is None:
+        yield None
+        return
+    with suppress(OSError), Path(path).open("w") as stream:  # which cannot be closed in peace
+        yield stream
+
+
+@pytest.mark.parametrize(("stderr", "redirected"), [("/dev/full", "2>/dev/full"), (None, "2>&-")])
+def test_words_that_cannot_be_said_do_not_cost_the_picture(stderr, redirected, color, depth, out):
+    words = ("render", str(color), "-o", str(out), "--outputs", "coc", *LENS, "--overwrite")
+    with disk(stderr) as stream, redirect_stderr(stream):
+        codes = [main.main([*words, str(more)]) for more in (depth, color)]
+    assert codes == [0, 3]
     assert files_under(out) == {"coc/color.exr"}
+    assert shell(redirected, "rendr").returncode == 2
 
 
 @pytest.mark.parametrize(
-    ("redirected", "words"),
+    ("stdout", "redirected", "problem"),
     [
-        (">/dev/full", "cannot be written: No space left on device; free some space"),
-        (">&-", "is closed"),
+        ("/dev/full", ">/dev/full", "cannot be written: No space left on device; free some space"),
+        (None, ">&-", "is closed"),
     ],
 )
-def test_a_document_that_cannot_be_told_is_an_error(redirected, words, color, depth, out):
-    command = "from defocus_cli.__main__ import run; run()"
-    done = ["render", color, depth, "-o", out, "--outputs", "coc", "--json", *LENS]
+def test_a_document_that_cannot_be_told_is_an_error(
+    stdout, redirected, problem, color, depth, out, capfd
+):
+    done = ["render", str(color), str(depth), "-o", str(out), "--outputs", "coc", "--json", *LENS]
     succeed(*done)
-    for args in (done, ["info", color], ["info", color, "--json"], ["status", out]):
-        shell = ["sh", "-c", f'exec "$@" {redirected}', "sh", sys.executable, "-c", command, *args]
-        ran = subprocess.run(shell, capture_output=True, text=True, check=False)
-        told = ran.stderr.splitlines()
-        assert (ran.returncode, told[-1].startswith(f"defocus: stdout: {words}")) == (3, True)
-        assert len(told) == 1 + (args is done)
+    for words in (done, ["info", str(color)], ["info", str(color), "--json"], ["status", str(out)]):
+        capfd.readouterr()
+        with disk(stdout) as stream, redirect_stdout(stream):
+            assert main.main(words) == 3
+        told = capfd.readouterr().err.splitlines()
+        assert told[-1].startswith(f"defocus: stdout: {problem}")
+        assert len(told) == 1 + (words is done)
+    ran = shell(redirected, "help")
+    assert (ran.returncode, ran.stderr.count("\n")) == (3, 1)
 
 
 def test_a_full_disk(color, depth, out, monkeypatch):
@@ -134,21 +159,19 @@ def test_an_output_directory_that_is_removed_meanwhile_ends_the_run(
     assert again or not out.exists()
 
 
-def test_the_systems_own_errors_are_one_line(color, depth, out, monkeypatch):
-    def broken(*_):
-        raise OSError(errno.EIO, os.strerror(errno.EIO), "/mnt/disk")
+def test_errors_of_the_system_are_one_line_and_faults_ask_for_a_report(
+    color, depth, out, monkeypatch
+):
+    faults = [OSError(errno.EIO, os.strerror(errno.EIO), "/mnt/disk")]
+    faults += [RuntimeError("wires\ncrossed")] * 2
 
-    monkeypatch.setattr(plain_path, "compute", broken)
+    def faulty(*_):
+        raise faults.pop(0)
+
+    monkeypatch.setattr(plain_path, "compute", faulty)
     ran = render(color, depth, "-o", out)
     refused(ran, 3, None)
     assert ran.err.startswith("defocus: /mnt/disk: ")
-
-
-def test_a_fault_of_our_own_asks_for_a_report(color, depth, out, monkeypatch):
-    def faulty(*_):
-        raise RuntimeError("wires\ncrossed")
-
-    monkeypatch.setattr(plain_path, "compute", faulty)
     ran = render(color, depth, "-o", out)
     refused(ran, 1, None)
     assert "RuntimeError: wires crossed" in ran.err
@@ -170,25 +193,13 @@ def test_ctrl_c_waits_for_imports_and_is_not_lost():
     assert done
 
 
-def test_ctrl_c_ends_the_process_with_130_and_one_line(tmp_path):
-    files = [*pair(tmp_path), "-o", tmp_path / "out"]
-    script = (
-        "import sys, time; from defocus_cli import main\n"
-        "from defocus_core.picture import plain_path\n"
-        "plain_path.compute = lambda *_: (print('up', flush=True), time.sleep(60)); "
-        "sys.exit(main.main())"
-    )
-    process = subprocess.Popen(
-        [sys.executable, "-c", script, "render", *map(str, files), *LENS],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdout.readline() == "up\n"
-    time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate()
-    refused(Ran(process.returncode, "", err), 130, None)
+def test_ctrl_c_ends_a_lone_picture_with_130_and_one_line(color, depth, out, monkeypatch):
+    def pressed(*_):
+        os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(5)
+
+    monkeypatch.setattr(plain_path, "compute", pressed)
+    refused(render(color, depth, "-o", out), 130, None)
 
 
 def test_what_overwrite_replaced_comes_back_if_a_later_file_fails(color, depth, out, monkeypatch):

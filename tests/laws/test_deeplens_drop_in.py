@@ -3,7 +3,6 @@
 The cases are those of DeepLens' own tests of the class, told anew, and of its first example.
 """
 
-import builtins
 import inspect
 import math
 
@@ -142,11 +141,6 @@ def test_the_first_example_of_deeplens_runs(small):
         ("render_rgbd_dp", "rgb_img, depth, psf_ks"),
         ("set_sensor", "sensor_size, sensor_res"),
         ("set_sensor_res", "sensor_res"),
-        ("point_source_grid", "depth, grid=(9, 9), normalized=True, quater=False, center=True"),
-        (
-            "draw_psf_map",
-            "grid=(7, 7), ks=64, depth=None, log_scale=False, save_name='./psf_map.png'",
-        ),
         ("to", "device"),
         ("refocus", "foc_dist"),
         ("coc", "depth"),
@@ -193,33 +187,6 @@ def test_the_field_of_view_is_that_of_a_pinhole_in_radians(lens):
     assert zoom.grad.item() == pytest.approx(-36 / (50**2 + 18**2))
 
 
-def test_points_of_a_grid_stand_as_deeplens_puts_them(lens):
-    grid = lens.point_source_grid(-1500.0)
-    assert grid.shape == (9, 9, 3)
-    assert grid[0, 0].tolist() == [-0.9375, 0.9375, -1500.0]  # left and above, half a field inside
-    assert grid[4, 4].tolist() == [0.0, 0.0, -1500.0]
-    torch.testing.assert_close(grid.flip(1)[..., 0], -grid[..., 0])
-    corner = lens.point_source_grid(-1500.0, grid=(4, 3), center=False)
-    assert corner.shape == (3, 4, 3)
-    torch.testing.assert_close(corner[-1, -1], torch.tensor([0.98, -0.98, -1500.0]))
-    assert lens.point_source_grid(-1500.0, (1, 1)).tolist() == [[[0.0, 0.0, -1500.0]]]
-
-
-def test_a_quarter_of_a_grid_is_the_one_above_and_to_the_right(lens):
-    for n in (4, 5):
-        quarter = lens.point_source_grid(-1500.0, (n, n), quater=True)
-        assert quarter.shape == (3 if n == 5 else 2,) * 2 + (3,)
-        assert (quarter[..., :2] >= 0).all()
-
-
-def test_points_in_mm_are_those_that_the_pinhole_sees_there(lens):
-    lens.set_sensor((36.0, 24.0), (360, 240))
-    shares, mm = (lens.point_source_grid(-1500.0, normalized=n) for n in (True, False))
-    half = torch.tensor([math.tan(lens.hfov / 2), math.tan(lens.vfov / 2)]) * 1500
-    torch.testing.assert_close(mm[..., :2], shares[..., :2] * half)
-    assert lens.psf_map((2, 2), 31, -1500.0).shape == (2, 2, 1, 31, 31)
-
-
 def test_without_a_device_a_lens_takes_the_gpu_if_there_is_one(monkeypatch, pretended_gpu):
     lens = DefocusLens(50.0, 1.8)
     assert lens.device.type == "cuda"
@@ -250,32 +217,3 @@ def test_a_lens_says_what_it_is(lens):
     lens.foclen = torch.tensor(50.0, requires_grad=True)
     lens.refocus(torch.tensor(1000.0, requires_grad=True))
     assert repr(lens) == said
-
-
-def test_a_drawing_without_matplotlib_says_what_to_install(lens, monkeypatch):
-    imported = builtins.__import__
-
-    def without(name, *rest):
-        if name.startswith("matplotlib"):
-            raise ModuleNotFoundError(name)
-        return imported(name, *rest)
-
-    monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ImportError, match=r"pip install 'defocus\[plot\]'"):
-        lens.draw_psf_map()
-
-
-@pytest.mark.parametrize("log_scale", [False, True])
-def test_a_drawing_shows_each_kernel_at_its_full_brightness(lens, tmp_path, log_scale):
-    pytest.importorskip("matplotlib").use("Agg")
-    drawing = ((2, 3), 33, -1100.0, log_scale)
-    assert lens.draw_psf_map(*drawing, str(tmp_path / "map.png")) is None
-    assert (tmp_path / "map.png").stat().st_size > 1000
-    _, axes = lens.draw_psf_map(*drawing, show=True)
-    shown = torch.tensor(axes.images[0].get_array())
-    assert shown.shape == (66, 99, 3)
-    psf = lens.psf(torch.tensor([0.0, 0.0, -1100.0]), ks=33)
-    if log_scale:
-        psf = (psf + 1e-4).log()
-        psf = psf - psf.min()
-    torch.testing.assert_close(shown[33:, 66:, 1], psf / psf.max())

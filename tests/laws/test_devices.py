@@ -15,7 +15,7 @@ from defocus_core import (
     DualPixel,
     Frame,
     HiddenLayer,
-    PupilField,
+    PupilImage,
     RandomDefocus,
     render,
     render_layers,
@@ -38,10 +38,10 @@ from defocus_core.tensors import device_plan
 
 SIZE = (72, 110)
 
-# A disc, and one that has lost a side: the kernels of a lens that were measured.
+# A disc that has lost a side.
 _V = torch.linspace(-1, 1, 15)
 _DISC = (_V**2 + (_V**2)[:, None] <= 1).double()
-PUPILS = PupilField(torch.stack([_DISC, _DISC * (_V < 0.4)]).view(1, 2, 15, 15))
+PUPIL = PupilImage(_DISC * (_V < 0.4))
 
 
 @pytest.fixture(params=DEVICES)
@@ -105,11 +105,11 @@ def test_pictures_do_not_depend_on_the_device(agree, kind, quality):
         {"psf_ks": 41},
         {"infinity": 9.0},
         {"aperture": Aperture(obstruction=0.4, spherical=0.5), "quality": "draft"},
-        {"aperture": Aperture(image=PUPILS), "left_right": True},
+        {"aperture": Aperture(image=PUPIL), "left_right": True},
         {"cat_eye": CatEye(1.1, 0.5)},
         {"color_offsets": (0.6, 0.0, -0.4)},
         {"dual_pixel": DualPixel(crosstalk=0.3), "left_right": True},
-        {"depth_repair": "soft-edges=0.3"},
+        {"edge_width": 12.0},
     ],
     ids=lambda options: "-".join(options),
 )

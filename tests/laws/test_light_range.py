@@ -53,12 +53,12 @@ def test_known_hidden_colours_are_in_the_range_of_what_is_seen(quality):
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-@pytest.mark.parametrize("depth_repair", ["auto", "soft-edges=0.3"])
+@pytest.mark.parametrize("edge_width", [None, 16.0])
 @pytest.mark.parametrize("size", [(3, 120), (40, 3), (30, 40)])
-def test_left_and_right_overshoot_by_a_tenth_at_most(quality, depth_repair, size):
+def test_left_and_right_overshoot_by_a_tenth_at_most(quality, edge_width, size):
     image = 0.5 + 0.5 * noise(3, *size)
     radius = 12 * noise(*size) - 4
-    pair = render(image, radius, quality=quality, depth_repair=depth_repair, left_right=True)
+    pair = render(image, radius, quality=quality, edge_width=edge_width, left_right=True)
     for view in pair.images[1:]:
         assert float(view.min()) >= 0.45 - 1e-6
         assert float(view.max()) <= 1.05 + 1e-6

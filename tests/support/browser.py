@@ -80,9 +80,12 @@ class Page:
 
     def wait(self, condition):
         """Wait until a condition holds, in JavaScript; the page itself may evaluate none."""
-        while not self.page.evaluate(condition):
+        for _ in range(1000):
+            if self.page.evaluate(condition):
+                return
             assert not self.complaints, condition
             self.page.wait_for_timeout(20)
+        raise AssertionError(condition)
 
     def close(self):
         """Close it; there must have been no complaint, and nothing loaded but the file."""

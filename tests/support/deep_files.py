@@ -4,7 +4,15 @@ import OpenImageIO as oiio  # noqa: N813
 
 
 def write_deep_samples(
-    path, pixels, names=("R", "G", "B", "A", "Z"), *, light="half", tile=0, corner=(0, 0), full=None
+    path,
+    pixels,
+    names=("R", "G", "B", "A", "Z"),
+    *,
+    light="half",
+    tile=0,
+    corner=(0, 0),
+    full=None,
+    views=(),
 ):
     """Write rows of pixels, each a list of samples by name of the channel, in any order."""
     height, width = len(pixels), len(pixels[0])
@@ -16,6 +24,8 @@ def write_deep_samples(
     spec.x, spec.y = corner
     spec.full_width, spec.full_height = full or (width, height)
     spec.tile_width = spec.tile_height = tile
+    if views:
+        spec.attribute("multiView", oiio.TypeDesc(f"string[{len(views)}]"), views)
     data = oiio.DeepData()
     data.init(width * height, len(names), [oiio.TypeDesc(kind) for kind in kinds], names)
     flat = [samples for row in pixels for samples in row]

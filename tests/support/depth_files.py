@@ -4,8 +4,7 @@ import base64
 import struct
 
 import numpy as np
-import pytest
-from image_files import png_chunk, save
+from image_files import save
 
 
 def png(path, values, dtype=np.uint16):
@@ -42,22 +41,6 @@ def colmap(path, values):
     """COLMAP's dense map."""
     height, width = values.shape
     path.write_bytes(f"{width}&{height}&1&".encode() + np.asarray(values).astype("<f4").tobytes())
-    return path
-
-
-def with_text(path, **texts):
-    """Text chunks before the end of a PNG."""
-    data = path.read_bytes()
-    end = data.index(b"IEND") - 4
-    chunks = [png_chunk(b"tEXt", f"{key}\0{text}".encode()) for key, text in texts.items()]
-    path.write_bytes(data[:end] + b"".join(chunks) + data[end:])
-    return path
-
-
-def matlab(path, name, values, *, compressed=False):
-    """A MATLAB 5 file of one array; the test is left out where scipy is not installed."""
-    scipy_io = pytest.importorskip("scipy.io")
-    scipy_io.savemat(path, {name: values}, do_compression=compressed)
     return path
 
 

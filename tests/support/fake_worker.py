@@ -8,11 +8,8 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-from defocus_core.batch.jobs.job import Job
-from defocus_core.batch.journal.identity import typed, versions
 from defocus_core.batch.workers import job_result, pool
 from defocus_core.batch.workers.pool import READY
-from defocus_core.io.safe_files import leftover
 from defocus_core.picture import plain_path
 
 
@@ -20,9 +17,6 @@ def result_of(job):
     """What became of a job: who did it."""
     name = job.sample_id
     if name.startswith("deadly"):
-        path = job.written[0]
-        path.parent.mkdir(exist_ok=True)
-        path.with_name(f"{leftover(path)}{os.getpid()}.0.tmp").touch()
         os.kill(os.getpid(), signal.SIGKILL)
     if name.startswith("once"):
         mark = Path(job.picture.color)
@@ -69,19 +63,3 @@ def serve_mask(connection):
 def serve_nobody(connection):
     """Die before any work."""
     os._exit(7)
-
-
-def do(jobs, threads):
-    """What a Dask worker does."""
-    results = [result_of(typed(Job, job)) for job in jobs]
-    return {"versions": versions(), "results": results}
-
-
-def do_in_another_version(jobs, threads):
-    """What a Dask worker does that has not been updated."""
-    return {**do(jobs, threads), "versions": {"version": "0.0.1", "renderer": 1}}
-
-
-def cannot_do(jobs, threads):
-    """What a Dask worker does that lacks something."""
-    raise ModuleNotFoundError("No module named 'torch'")

@@ -43,7 +43,9 @@ def save(path, samples, **attributes):
     spec.x, spec.y = attributes.pop("x", 0), attributes.pop("y", 0)
     spec.tile_width, spec.tile_height = attributes.pop("tile", (0, 0))
     for name, value in attributes.items():
-        spec.attribute(name.replace("__", ":"), value)
+        kinds = (oiio.TypeDesc(f"uint8[{len(value)}]"),) if isinstance(value, bytes) else ()
+        value = np.frombuffer(value, np.uint8) if kinds else value
+        spec.attribute(name.replace("__", ":"), *kinds, value)
     output: Any = oiio.ImageOutput.create(str(path))
     assert output.open(str(path), spec)
     assert output.write_image(samples)

@@ -24,6 +24,7 @@ kinds = ["render", "coc"]
 
 
 def touch(folder, *names):
+    folder.mkdir(parents=True, exist_ok=True)
     for name in names:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).touch()

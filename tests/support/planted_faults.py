@@ -119,6 +119,10 @@ def through_disc(image, radius=2.0):
     return summed(image, np.clip(radius + 0.5 - np.hypot(y, x), 0, 1))
 
 
+def _noise(image, amount):
+    return amount * np.random.default_rng(1).standard_normal(image.shape)
+
+
 def _along(image):
     return summed(image, 1.0 * (np.indices((9, 9))[0] == 4))
 
@@ -154,114 +158,73 @@ def pulled(image, radii=(1.0, 2.0, 3.0)):
     return (1 - share) * pictures[low, rows] + share * pictures[low + 1, rows]
 
 
-FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str, str]] = {
-    # name: what is done, the name of the finding, words of the line
-    "right": (lambda a: _shifted(a, 1, 0), "shifted", "shifted by (1, 0)"),
-    "left and down": (lambda a: _shifted(a, -3, 2), "shifted", "shifted by (-3, 2)"),
-    "around": (lambda a: np.roll(a, -5, 0), "shifted", "shifted by (0, -5)"),
+# What is done, and words of the line.
+FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
+    "right": (lambda a: _shifted(a, 1, 0), "shifted by (1, 0)"),
+    "left and down": (lambda a: _shifted(a, -3, 2), "shifted by (-3, 2)"),
+    "around": (lambda a: np.roll(a, -5, 0), "shifted by (0, -5)"),
     "half a pixel": (
         lambda a: (blurred(a, 1) + np.roll(blurred(a, 1), 1, 1)) / 2,
-        "another CoC or bokeh shape",
-        "blurred more",
+        "another CoC or bokeh shape: blurred more",
     ),
-    "mirrored": (lambda a: a[:, ::-1], "flipped", "flipped left to right"),
-    "upside down": (lambda a: a[::-1], "flipped", "flipped upside down"),
-    "turned": (lambda a: a[::-1, ::-1], "rotated", "rotated by 180°"),
-    "side by side": (
-        lambda a: np.roll(a, WIDTH // 2, 1),
-        "left and right swapped",
-        "left and right swapped",
-    ),
-    "BGR": (lambda a: a[..., ::-1], "channels swapped", "channels swapped: R is B, B is R"),
-    "GBR": (lambda a: a[..., [1, 2, 0]], "channels swapped", "R is G, G is B, B is R"),
-    "gamma 2 %": (lambda a: a**1.02, "another gamma", "another gamma: to the power 1.02"),
-    "gamma 2.2": (lambda a: a ** (1 / 2.2), "another gamma", "to the power 0.4545"),
-    "encoded twice": (linear_to_srgb, "another gamma", "another gamma: sRGB-encoded once more"),
+    "mirrored": (lambda a: a[:, ::-1], "flipped left to right"),
+    "upside down": (lambda a: a[::-1], "flipped upside down"),
+    "turned": (lambda a: a[::-1, ::-1], "rotated by 180°"),
+    "side by side": (lambda a: np.roll(a, WIDTH // 2, 1), "left and right swapped"),
+    "BGR": (lambda a: a[..., ::-1], "channels swapped: R is B, B is R"),
+    "GBR": (lambda a: a[..., [1, 2, 0]], "channels swapped: R is G, G is B, B is R"),
+    "gamma 2 %": (lambda a: a**1.02, "another gamma: to the power 1.02"),
+    "gamma 2.2": (lambda a: a ** (1 / 2.2), "another gamma: to the power 0.4545"),
+    "encoded twice": (linear_to_srgb, "another gamma: sRGB-encoded once more"),
     "display gamma": (
         lambda a: srgb_to_linear(_encoded(a) ** 1.1),
-        "another gamma",
         "clipped at 1, another gamma: to the power 1.1, sRGB-encoded",
     ),
-    "a stop": (lambda a: 2 * a, "another exposure", "another exposure: x 2 (+1 EV)"),
-    "2 % darker": (lambda a: 0.98 * a, "another exposure", "another exposure: x 0.98"),
+    "a stop": (lambda a: 2 * a, "another exposure: x 2 (+1 EV)"),
+    "2 % darker": (lambda a: 0.98 * a, "another exposure: x 0.98"),
     "warmer": (
         lambda a: a * np.float32([1.25, 1, 0.75]),
-        "another exposure",
         "another exposure of each channel: R x 1.25, B x 0.75",
     ),
-    "clipped": (lambda a: np.minimum(a, 1), "clipped at 1", "clipped at 1,"),
+    "clipped": (lambda a: np.minimum(a, 1), "clipped at 1,"),
     "8 bits": (
         lambda a: srgb_to_linear(np.rint(_encoded(a) * 255) / 255),
-        "quantised to 8 bits",
         "clipped at 1, quantised to 8 bits",
     ),
-    "8 bits, linear": (
-        lambda a: np.rint(np.clip(a, 0, 1) * 255) / 255,
-        "quantised to 8 bits",
-        "quantised to 8 bits",
-    ),
-    "larger CoC": (lambda a: blurred(a, 2), "another CoC", "another CoC: blurred more"),
-    "window of data": (_cut, "crop", "a crop: 0 outside of 95x62 at 5,8"),
-    "cut": (lambda a: a[8:70, 5:100], "crop", "a crop: 95x62 at 5,8 of 128x90"),
-    "half of the size": (lambda a: a[::2, ::2], "another size", "another size: 64x45"),
-    "on its side": (np.rot90, "rotated", "rotated by 90° to the left"),
-    "NaN": (lambda a: _block(a, np.nan), "NaN", "NaN in 16 pixels, the first at 20,10"),
-    "Inf": (lambda a: _block(a, np.inf), "Inf", "Inf in 16 pixels, the first at 20,10"),
-    "negative": (lambda a: -a, "sign reversed", "sign reversed"),
-    "black": (lambda a: 0 * a, "empty", "empty: R 0, G 0, B 0 everywhere"),
-    "noise": (
-        lambda a: a + 0.01 * np.random.default_rng(1).standard_normal(a.shape),
-        "noise",
-        "noise of about 0.0",
-    ),
+    "8 bits, linear": (lambda a: np.rint(np.clip(a, 0, 1) * 255) / 255, "quantised to 8 bits"),
+    "larger CoC": (lambda a: blurred(a, 2), "another CoC: blurred more"),
+    "window of data": (_cut, "crop: 0 outside of 95x62 at 5,8"),
+    "cut": (lambda a: a[8:70, 5:100], "crop: 95x62 at 5,8 of 128x90"),
+    "half of the size": (lambda a: a[::2, ::2], "another size: 64x45"),
+    "on its side": (np.rot90, "rotated by 90° to the left"),
+    "NaN": (lambda a: _block(a, np.nan), "NaN in 16 pixels, the first at 20,10"),
+    "Inf": (lambda a: _block(a, np.inf), "Inf in 16 pixels, the first at 20,10"),
+    "negative": (lambda a: -a, "sign reversed"),
+    "black": (lambda a: 0 * a, "empty: R 0, G 0, B 0 everywhere"),
+    "noise": (lambda a: a + _noise(a, 0.01), "noise of about 0.0"),
     # Of one channel.
-    "red moved": (lambda a: _of_channel(a, 0, warped(a, dx=0.8)), "shifted", "R shifted by (0."),
-    "green offset": (
-        lambda a: a + np.float32([0, 0.02, 0]),
-        "raised blacks",
-        "G raised blacks: +0.02 of light",
-    ),
-    "blue noisy": (
-        lambda a: _of_channel(a, 2, a + 0.02 * np.random.default_rng(1).standard_normal(a.shape)),
-        "noise",
-        "B: noise of about 0.0",
-    ),
+    "red moved": (lambda a: _of_channel(a, 0, warped(a, dx=0.8)), "R shifted by (0."),
+    "green offset": (lambda a: a + np.float32([0, 0.02, 0]), "G raised blacks: +0.02 of light"),
+    "blue noisy": (lambda a: _of_channel(a, 2, a + _noise(a, 0.02)), "B: noise of about 0.0"),
     # Of colour spaces.
     **{
-        name: (
-            partial(converted, name),
-            "other primaries",
-            f"other primaries: {name} instead of Rec. 709",
-        )
+        name: (partial(converted, name), f"other primaries: {name} instead of Rec. 709")
         for name in PRIMARIES
     },
     "grey": (
         lambda a: (a @ np.float32([0.2126, 0.7152, 0.0722]))[..., None].repeat(3, axis=2),
-        "monochrome",
         "monochrome: 0.21 R +0.72 G +0.07 B",
     ),
     # Of rivals, which soften.
-    "disc of 2 px": (
-        through_disc,
-        "another CoC",
-        "blurred more, everywhere alike, as by a radius",
-    ),
-    "a line of 9 px": (_along, "motion blur", "motion blur: 9"),
-    "half, bilinear": (
-        lambda a: doubled(halved(a)),
-        "lower resolution",
-        "lower resolution: half resolution, bilinear",
-    ),
-    "median of neighbours": (median, "noise removed", "noise removed: smeared"),
-    "blurred down the frame": (pulled, "another CoC or bokeh shape", "blurred more"),
-    "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharpened", "sharpened: detail x 1.6"),
+    "disc of 2 px": (through_disc, "another CoC: blurred more, everywhere alike, as by a radius"),
+    "a line of 9 px": (_along, "motion blur: 9"),
+    "half, bilinear": (lambda a: doubled(halved(a)), "lower resolution: half resolution, bilinear"),
+    "median of neighbours": (median, "noise removed: smeared"),
+    "blurred down the frame": (pulled, "another CoC or bokeh shape: blurred more"),
+    "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharpened: detail x 1.6"),
     # Small ones.
-    "a tenth of a pixel": (
-        lambda a: warped(a, dx=0.1),
-        "shifted",
-        "shifted by (0.1",
-    ),
-    "a little of light": (lambda a: a + 0.003, "raised blacks", "raised blacks: +0.003"),
+    "a tenth of a pixel": (lambda a: warped(a, dx=0.1), "shifted by (0.1"),
+    "a little of light": (lambda a: a + 0.003, "raised blacks: +0.003"),
 }
 
 

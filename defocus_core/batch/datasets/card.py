@@ -35,9 +35,12 @@ _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "
 _MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # what Markdown takes for its own
 
 
-def write(out: Path, card: Mapping[str, Any], configs: Iterable[str] = ()) -> list[Path]:
-    """Write a card, each file whole or not at all."""
-    as_json = json.dumps(card, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+def write(out: Path, card: Mapping[str, Any], configs: Iterable[str], index: str) -> list[Path]:
+    """Write a card, each file whole or not at all, with the hash of the index that it is of."""
+    as_json = (
+        json.dumps({**card, "index_blake2b": index}, indent=1, ensure_ascii=False, allow_nan=False)
+        + "\n"
+    )
     texts = {_JSON: as_json, _README: markdown(card, configs)}
     if not _is_own(out):
         del texts[_README]
@@ -55,13 +58,13 @@ def remove(out: Path) -> None:
         Folder(out).remove(_README)
 
 
-def splits(out: Path) -> set[str]:
-    """The splits that the card of OUT counts; none if it cannot be read."""
+def read(out: Path) -> dict[str, Any]:
+    """The card of OUT, with the files that it speaks of; an empty one if it cannot be read."""
     with suppress(OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        return {
-            name for name in json.loads(Folder(out).read(_JSON))["splits"] if NAME.fullmatch(name)
-        }
-    return set()
+        card: dict[str, Any] = json.loads(Folder(out).read(_JSON))
+        if all(NAME.fullmatch(name) for name in card["splits"]) and (out / _README).exists():
+            return card
+    return {}
 
 
 def _is_own(out: Path) -> bool:

@@ -9,18 +9,16 @@ time and no place of OUT.
 Beside it are the list of each split, ``OUT/<split>set.jsonl``, by which `datasets` loads it: the
 ``configs`` in the head of README.md name them. A line of theirs is that of the index, without what
 would give a column other types in two splits: what one has a value of, and another has none.
-
-``OUT/samples.parquet`` is the index as a table for data tools; once it is there it goes with the
-index. It has a name of its own, as `datasets` refuses a folder with two files of ``metadata``.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from importlib.util import find_spec
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -28,13 +26,12 @@ from defocus_core.batch.jobs.job import FRAME_ROLE
 from defocus_core.batch.jobs.origin import Origin
 from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.lenses.lens import EFFECTS
-from defocus_core.errors import InputError, UsageProblem, cannot_read
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import unwritable, written_whole
+from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.measures import MEASURES
-from defocus_core.system.text import note
 
 NAME = "metadata.jsonl"
+_SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)*")')
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 Record = Mapping[str, Any]
 MM_PER_M = 1000.0
@@ -75,11 +72,9 @@ def names(records: Iterable[Record]) -> set[str]:
 
 
 def listed(out: Path) -> set[str] | None:
-    """The names of the samples in the index of OUT; None if it has none that can be read."""
-    with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        lines = Folder(out).read(NAME).splitlines()
-        return {str(json.loads(line)["sample_id"]) for line in lines}
-    return None
+    """The names of the samples in the index of OUT; None if it has none."""
+    lines = _lines(out)
+    return None if lines is None else {*lines}
 
 
 def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
@@ -87,11 +82,7 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
 
     A process that is killed leaves an index of the samples that it did not touch, each as it is.
     """
-    lines: dict[str, bytes] = {}
-    with suppress(OSError):
-        for text in Folder(out).read(NAME).splitlines(keepends=True):
-            with suppress(ValueError, KeyError, TypeError, RecursionError):
-                lines[str(json.loads(text)["sample_id"])] = text
+    lines = _lines(out) or {}
     taken = lines.keys() & changing
     if taken and alone:
         with written_whole(out / NAME, out) as file:
@@ -100,6 +91,22 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
         with suppress(FileNotFoundError):
             Folder(out).remove(NAME)
     return taken
+
+
+def _lines(out: Path) -> dict[str, bytes] | None:
+    """The lines of the index of OUT by sample; None if it has none, or a line without a name."""
+    with suppress(OSError, ValueError, TypeError):
+        lines = Folder(out).read(NAME).splitlines(keepends=True)
+        return {json.loads(_SAMPLE.search(line)[1]): line for line in lines}  # type: ignore[index]
+    return None
+
+
+def digest(lines: Iterable[bytes]) -> str:
+    """The hash of an index of these lines."""
+    hashed = blake2b(digest_size=16)
+    for each in lines:
+        hashed.update(each)
+    return hashed.hexdigest()
 
 
 def _is_sample(record: Record) -> bool:
@@ -184,7 +191,8 @@ def _lens(lens: Record) -> dict[str, Any]:
         "focus_percentile": lens.get("focus_percentile"),
         "blades": lens["blades"],
         "blade_rotation_deg": float(lens["blade_rotation_deg"]),
-        **{name: lens.get(name, default) for name, default in EFFECTS.items()},
+        **EFFECTS,
+        **{name: value for name, value in lens.items() if name in EFFECTS},
         "draw_seed": draw.get("seed"),
         "draw_index": draw.get("index"),
         "draw_attempt": draw.get("attempt"),
@@ -210,6 +218,11 @@ def write_splits(out: Path, entries: Sequence[Entry], lines: Sequence[bytes]) ->
                 for n in mine
             )
     return [out / _list_name(split) for split in splits]
+
+
+def has_splits(out: Path, splits: Iterable[str]) -> bool:
+    """Whether the lists of some splits are there."""
+    return all((out / _list_name(split)).exists() for split in splits)
 
 
 def remove_splits(out: Path, splits: Iterable[str]) -> None:
@@ -282,50 +295,3 @@ def _without(entry: Entry, keys: set[Key]) -> dict[str, Any]:
             place = place[key]
         place.pop(last, None)
     return kept
-
-
-TABLE = "samples.parquet"
-_REMEDY = "run: pip install 'defocus[parquet]'"
-
-
-def require_pyarrow() -> None:
-    """Refuse to write a table without pyarrow, before hours of rendering."""
-    if find_spec("pyarrow") is None:
-        problem = "needs pyarrow, which is not installed"
-        raise UsageProblem("needs-extra", problem, _REMEDY, field="parquet")
-
-
-def write_table(out: Path) -> Path:
-    """Write the index of OUT as a table, whole or not at all."""
-    require_pyarrow()
-    import pyarrow as pa
-    import pyarrow.parquet
-
-    index, path = out / NAME, out / TABLE
-    try:
-        rows = [json.loads(line) for line in Folder(out).read(NAME).splitlines()]
-        # Of an array of rows a column is what any row has; no rows have no type of their own.
-        every = pa.array(rows, type=None if rows else pa.struct([]))
-    except OSError as error:
-        raise cannot_read(index, error, "it is written when a batch ends") from None
-    except (ValueError, TypeError, RecursionError) as error:
-        problem, remedy = f"is no table: {error}", "let the batch write it again"
-        raise InputError("malformed", problem, remedy, path=index) from None
-    with written_whole(path, out) as file:
-        pyarrow.parquet.write_table(pa.Table.from_struct_array(every), file)
-    return path
-
-
-def follow_table(out: Path) -> list[Path]:
-    """Write the table of OUT again if there is one, else remove it; what is written."""
-    below = Folder(out)
-    try:
-        if below.status(TABLE) is None:
-            return []
-        if find_spec("pyarrow") is not None and below.status(NAME) is not None:
-            return [write_table(out)]
-        below.remove(TABLE)
-    except OSError as error:
-        raise unwritable(out / TABLE, error) from None
-    note(f"{out / TABLE}: removed, as samples change; ‹parquet› writes it again")
-    return []

@@ -16,12 +16,11 @@ import re
 import tarfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
 from stat import S_ISREG
-from typing import BinaryIO
 
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.sample_index import Record
@@ -37,34 +36,37 @@ _NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 
 @dataclass(frozen=True)
-class Member:
-    """A file of a shard: one of OUT's by its name below OUT, or a few bytes."""
+class ShardSample:
+    """A sample in a tar: its line of the index, and path and size of each file by its ending."""
 
-    name: str
-    size: int
-    source: str | bytes
+    key: str
+    split: str  # empty for none
+    line: bytes
+    files: Mapping[str, tuple[str, int]]
 
-    @property
-    def info(self) -> tarfile.TarInfo:
-        """Its header: no time, no owner."""
-        info = tarfile.TarInfo(self.name)
-        info.size = self.size
-        info.mode = 0o644
-        return info
+    def members(self, out: Path) -> Iterator[tuple[tarfile.TarInfo, bytes]]:
+        """Header, without time and owner, and bytes of each member, by name."""
+        for end in sorted([*self.files, "json"]):
+            path, size = self.files.get(end, ("", len(self.line)))
+            data = _read(out, path) if path else self.line
+            if len(data) != size:
+                problem = "changed while it was packed"
+                raise InputError("changed", problem, "pack it again", path=out / path)
+            yield _header(f"{self.key}.{end}", size), data
 
     @property
     def packed(self) -> int:
         """Bytes that it takes in a tar."""
-        header = len(self.info.tobuf(tarfile.PAX_FORMAT))
-        return header + _rounded(self.size, tarfile.BLOCKSIZE)
+        sizes = {"json": len(self.line)} | {end: size for end, (_, size) in self.files.items()}
+        headers = (_header(f"{self.key}.{end}", size) for end, size in sizes.items())
+        named = sum(len(header.tobuf(tarfile.PAX_FORMAT)) for header in headers)
+        return named + sum(_rounded(size, tarfile.BLOCKSIZE) for size in sizes.values())
 
 
-@dataclass(frozen=True)
-class ShardSample:
-    """The files of a sample, and its split, empty for none."""
-
-    split: str
-    members: tuple[Member, ...]
+def _header(name: str, size: int) -> tarfile.TarInfo:
+    info = tarfile.TarInfo(name)
+    info.size, info.mode = size, 0o644
+    return info
 
 
 @dataclass(frozen=True)
@@ -80,30 +82,22 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
 
     A sample larger than that gets a tar to itself. Tars of an earlier batch that are no longer
     needed are removed.
-
-    `limit`: bytes.
     """
-    folder = out / FOLDER
-    before = listed(out)
-    sizes = before.sizes if before else {}
-    packed = []
+    below, before, shards = Folder(out), listed(out), []
     for name, samples in _shards(_samples(out, records), limit):
-        path = folder / f"{name}.tar"
-        digest = _digest(samples)
-        if not _has_size(out, path.name, sizes.get((path.name, digest))):
-            _pack(out, path, samples)
-        size = _size(out, f"{FOLDER}/{path.name}")
-        one = {"file": path.name, "samples": len(samples), "bytes": size, "digest": digest}
-        packed.append(one)
-    with written_whole(folder / LIST, out) as file:
-        listing = {"limit": limit, "shards": packed}
-        file.write(json.dumps(listing, indent=1).encode() + b"\n")
-    kept = [folder / str(one["file"]) for one in packed]
-    below = Folder(out)
-    for name in set(below.names(FOLDER)) - {path.name for path in kept}:
+        digest = sample_index.digest(sample.line for sample in samples)
+        known = None if before is None else before.sizes.get((name, digest))
+        if known is None or known != _size_there(out, name):
+            _pack(out, out / FOLDER / name, samples)
+        size = _size(out, f"{FOLDER}/{name}")
+        shards.append({"file": name, "samples": len(samples), "bytes": size, "digest": digest})
+    with written_whole(out / FOLDER / LIST, out) as file:
+        file.write(json.dumps({"limit": limit, "shards": shards}, indent=1).encode() + b"\n")
+    kept = [str(shard["file"]) for shard in shards]
+    for name in set(below.names(FOLDER)).difference(kept):
         if _NAME.fullmatch(name):
             below.remove(f"{FOLDER}/{name}")
-    return kept
+    return [out / FOLDER / name for name in kept]
 
 
 def exist(out: Path) -> bool:
@@ -125,38 +119,24 @@ def listed(out: Path) -> Listing | None:
 def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
     origin = origin_of(out)
     entries = list(sample_index.entries(records, origin))
-    named = list(zip(entries, _keys([entry["sample_id"] for entry in entries]), strict=True))
+    named = list(zip(entries, _keys([entry["sample_id"] for entry in entries], out), strict=True))
     if origin.shuffle is not None:
         named.sort(key=lambda each: blake2b(f"{origin.shuffle} {each[1]}".encode()).digest())
     for entry, key in named:
-        members = [
-            Member(f"{key}.{kind}{Path(path).suffix}", _size(out, path), path)
-            for kind, path in entry["outputs"].items()
-        ]
-        line = sample_index.line(entry)
-        every = sorted([*members, Member(f"{key}.json", len(line), line)], key=_name)
-        yield ShardSample(entry["split"] or "", tuple(every))
+        paths = {f"{k}{Path(path).suffix}": path for k, path in entry["outputs"].items()}
+        files = {end: (path, _size(out, path)) for end, path in paths.items()}
+        yield ShardSample(key, entry["split"] or "", sample_index.line(entry), files)
 
 
-def _keys(names: Sequence[str]) -> list[str]:
-    """A key without dots for each sample; where two would be alike, with a hash of the name."""
-    plain = [name.replace(".", "_") for name in names]
-    count = Counter(plain)
-    taken = set(plain)
-    return [
-        key if name == key or count[key] == 1 else _hashed(name, key, taken)
-        for name, key in zip(names, plain, strict=True)
-    ]
-
-
-def _hashed(name: str, key: str, taken: set[str]) -> str:
-    """A key with so much of the hash of the name that no other sample is named like it."""
-    for size in (4, 8, 16, 32):
-        longer = f"{key}_{blake2b(name.encode(), digest_size=size).hexdigest()}"
-        if longer not in taken:
-            taken.add(longer)
-            return longer
-    raise AssertionError("names cannot have the hash of 32 bytes of one another")
+def _keys(names: Sequence[str], out: Path) -> list[str]:
+    """A key without dots for each sample."""
+    keys = [name.replace(".", "_") for name in names]
+    if len({*keys}) < len(keys):
+        key = Counter(keys).most_common(1)[0][0]
+        both = " and ".join(name for name in names if name.replace(".", "_") == key)
+        problem = f"has samples that tars cannot tell apart: {both}"
+        raise InputError("duplicate", problem, "rename the pictures of one", path=out)
+    return keys
 
 
 def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, list[ShardSample]]]:
@@ -168,7 +148,7 @@ def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, l
         # "train" between two signs would tell `datasets` that the folder has that split alone.
         prefix = f"{split}set" if split else "samples"
         for number, shard in enumerate(_filled(by_split[split], limit)):
-            yield f"{prefix}-{number:06}", shard
+            yield f"{prefix}-{number:06}.tar", shard
 
 
 def _filled(samples: Iterable[ShardSample], limit: int) -> Iterator[list[ShardSample]]:
@@ -176,12 +156,12 @@ def _filled(samples: Iterable[ShardSample], limit: int) -> Iterator[list[ShardSa
     shard: list[ShardSample] = []
     size = 0
     for sample in samples:
-        more = sum(member.packed for member in sample.members)
-        if shard and _closed(size + more) > limit:
+        end = 2 * tarfile.BLOCKSIZE
+        if shard and _rounded(size + sample.packed + end, tarfile.RECORDSIZE) > limit:
             yield shard
             shard, size = [], 0
         shard.append(sample)
-        size += more
+        size += sample.packed
     if shard:
         yield shard
 
@@ -191,47 +171,24 @@ def _pack(out: Path, path: Path, samples: Iterable[ShardSample]) -> None:
         written_whole(path, out) as file,
         tarfile.open(fileobj=file, mode="w", format=tarfile.PAX_FORMAT) as tar,
     ):
-        for member in (member for sample in samples for member in sample.members):
-            with _opened(out, member.source) as content:
-                try:
-                    tar.addfile(member.info, content)
-                except (tarfile.TarError, OSError) as error:
-                    if getattr(error, "errno", None) is not None:  # the tar cannot be written
-                        raise
-                    problem = f"changed while it was packed: {reason(error)}"
-                    raise InputError(
-                        "changed", problem, "pack it again", path=out / str(member.source)
-                    ) from None
+        for sample in samples:
+            for header, data in sample.members(out):
+                tar.addfile(header, io.BytesIO(data))
 
 
-@contextmanager
-def _opened(out: Path, source: str | bytes) -> Iterator[BinaryIO]:
-    if isinstance(source, bytes):
-        yield io.BytesIO(source)
-        return
+def _read(out: Path, name: str) -> bytes:
     try:
-        file = Folder(out).open(source)
+        return Folder(out).read(name)
     except OSError as error:
-        raise _gone(out / source, error) from None
-    with file:
-        yield file
+        raise _gone(out / name, error) from None
 
 
-def _digest(samples: Iterable[ShardSample]) -> str:
-    """The hash of a shard: names and sizes, and the JSON, which has the hashes of the files."""
-    digest = blake2b(digest_size=16)
-    for member in (member for sample in samples for member in sample.members):
-        digest.update(f"{member.name}\0{member.size}\0".encode("utf-8", "surrogateescape"))
-        if isinstance(member.source, bytes):
-            digest.update(member.source)
-    return digest.hexdigest()
-
-
-def _has_size(out: Path, name: str, size: object) -> bool:
+def _size_there(out: Path, name: str) -> int | None:
+    """The bytes of a tar, if it is one."""
     with suppress(OSError):  # who packs it says what is in the way
         status = Folder(out).status(f"{FOLDER}/{name}")
-        return status is not None and S_ISREG(status.st_mode) and status.st_size == size
-    return False
+        return status.st_size if status is not None and S_ISREG(status.st_mode) else None
+    return None
 
 
 def _size(out: Path, name: str) -> int:
@@ -250,14 +207,5 @@ def _gone(path: Path, error: OSError) -> InputError:
     return InputError("unreadable", problem, "render the batch again", path=path)
 
 
-def _name(member: Member) -> str:
-    return member.name
-
-
 def _rounded(size: int, block: int) -> int:
     return -(-size // block) * block
-
-
-def _closed(size: int) -> int:
-    """Bytes of a tar whose members take ``size``."""
-    return _rounded(size + 2 * tarfile.BLOCKSIZE, tarfile.RECORDSIZE)

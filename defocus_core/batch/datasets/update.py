@@ -6,18 +6,19 @@ any more, though its files stay. Where several jobs files write to one OUT, the 
 `defocus render` replaces stays in it as it is now. Before a run changes files of listed samples, it
 takes them out of the index, which is true at every moment. Shards that are there go with the index:
 they are packed again in their size if samples changed, and till then hold what they were packed of.
-A Parquet table that is there is as true as the index.
 """
 
 from __future__ import annotations
 
 from collections.abc import Collection
+from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
 from defocus_core.batch.jobs.origin import origin_of
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.resume import Ledger
+from defocus_core.io.below import Folder
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note
 
@@ -27,21 +28,22 @@ def index(
     out: Path,
     shards_size: int | None,
     asked: Collection[str] | None = None,
-    *,
-    parquet: bool = False,
+    unchanged: Collection[str] | None = None,
 ) -> list[Path]:
-    """Write the index, and tars and a table if asked for.
+    """Write the index, and tars if asked for.
 
     `shards_size`: greatest size of a tar in bytes; None to pack only where shards exist; `asked`:
-    names of the samples to list, as far as they are done; None for all in OUT.
+    names of the samples to list, as far as they are done; None for all in OUT; `unchanged`: their
+    names if all were done before, of which an index that is true stays.
     """
+    if shards_size is None and unchanged is not None and _is_true(out, unchanged):
+        return []
     records = Ledger(out, read_all(out)).live
     if asked is not None:
         own = [record for record in records if record["sample_id"] in asked]
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
     written = _written(out, records)
-    written += [sample_index.write_table(out)] if parquet else sample_index.follow_table(out)
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
@@ -51,9 +53,8 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
     """Take samples that are about to change out of index and card; the names of those taken."""
     taken = sample_index.withdraw(out, changing, alone=alone)
     if taken:
-        sample_index.remove_splits(out, card.splits(out))
+        sample_index.remove_splits(out, card.read(out).get("splits", ()))
         card.remove(out)  # it sums up what is no more
-        sample_index.follow_table(out)
     return taken
 
 
@@ -66,21 +67,35 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
         return
     records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
     path, *_ = _written(out, records)
-    sample_index.follow_table(out)
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
 
 
 def _written(out: Path, records: list[Record]) -> list[Path]:
     """Write the index, the list of each split, and the card."""
-    origin, before = origin_of(out), card.splits(out)
+    origin, before = origin_of(out), card.read(out).get("splits", {})
     entries = list(sample_index.entries(records, origin))
     summary = card.card_of(records, entries, origin)
-    sample_index.remove_splits(out, before - summary["splits"].keys())
+    sample_index.remove_splits(out, before.keys() - summary["splits"].keys())
     lines = list(map(sample_index.line, entries))
     lists = sample_index.write_splits(out, entries, lines)
-    cards = card.write(out, summary, sample_index.split_configs(entries))
+    configs = sample_index.split_configs(entries)
+    cards = card.write(out, summary, configs, sample_index.digest(lines))
     return [sample_index.write(out, lines), *lists, *cards]
+
+
+def _is_true(out: Path, names: Collection[str]) -> bool:
+    """Whether the index of OUT is of these samples, and as it was written with its card."""
+    told = card.read(out)
+    if not told or told.get("origin") != origin_of(out).said:
+        return False
+    with suppress(OSError):
+        index = sample_index.digest([Folder(out).read(sample_index.NAME)])
+        is_whole = index == told.get("index_blake2b") and sample_index.has_splits(
+            out, told["splits"]
+        )
+        return is_whole and sample_index.listed(out) == {*names}
+    return False
 
 
 def _followed(out: Path, records: list[Record]) -> list[Path]:

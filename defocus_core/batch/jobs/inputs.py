@@ -21,15 +21,15 @@ import csv
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 from io import TextIOWrapper
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
 from defocus_core.batch.jobs.job import OTHERS, Picture
 from defocus_core.batch.jobs.lens_from_options import checked, refuse_contradiction
-from defocus_core.batch.jobs.pairing import SCENE_SUFFIXES, find_pictures, whole_shot
+from defocus_core.batch.jobs.pairing import SCENE_SUFFIXES, find
 from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, reason
@@ -129,77 +129,33 @@ _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 class Entry:
     """A picture, its place in a file for errors, and its own lens options as texts."""
 
-    stem: str  # the name of the picture
-    # The picture; of a row of a list, its paths as they stand there by `FILES`, of which the
-    # picture is made when it is wanted: paths of a million rows take a gigabyte
-    files: Picture | tuple[str | None, ...]
+    picture: Picture
     where: Place
-    # Its own lens options, the name and the text of each in turn: a million mappings take a
-    # quarter of a gigabyte
-    option_texts: tuple[str, ...] = ()
-
-    @property
-    def options(self) -> dict[str, str]:
-        """Its own lens options by name."""
-        return dict(zip(self.option_texts[::2], self.option_texts[1::2], strict=True))
-
-    def with_options(self, options: Mapping[str, str]) -> Entry:
-        """The same picture with other options."""
-        return replace(self, option_texts=tuple(chain.from_iterable(options.items())))
-
-    @property
-    def picture(self) -> Picture:
-        """The picture."""
-        if isinstance(self.files, Picture):
-            return self.files
-        folder = Path(str(self.where.path)).parent
-        paths = {key: folder / text for key, text in zip(FILES, self.files, strict=False) if text}
-        others: dict[str, Any] = {
-            role: Picture(other.stem, other, paths.get(f"{role}-depth", other))
-            for role in OTHERS
-            if (other := paths.get(_COLOR[role])) is not None
-        }
-        color = paths["color"]
-        return Picture(self.stem, color, paths.get("depth", color), **others)
-
-    @property
-    def frame(self) -> int | None:
-        """Its number in a shot."""
-        return self.files.frame if isinstance(self.files, Picture) else None
+    options: Mapping[str, str] = field(default_factory=dict)
 
 
-def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> list[Entry]:
-    """The pictures of ``[inputs]``, in the order of the file; those of a pattern by name.
+def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> tuple[list[Entry], list[Entry]]:
+    """The pictures of ``[inputs]`` in the order of the file, and all frames of its shot, if any.
 
-    `table`: ``[inputs]``.
+    `table`: ``[inputs]``, whose patterns give pictures by name.
     """
     table.refuse_unknown(KEYS)
-    entries = [
-        *_from_files(table, keyed),
-        *(entry for file in _lists(table) for entry in _from_list(file)),
-        *_from_tables(table),
-    ]
+    entries, shot = _from_files(table, keyed)
+    for name in table.texts("list"):
+        file = table.file.parent / name
+        entries += _from_rows(read_rows(file, "list of pictures", _EXAMPLE), file)
+    entries += _from_tables(table)
     if not entries:
         remedy = 'write color = "frames/*.exr" and depth = "depth/*.exr" below [inputs]'
         raise UsageProblem("empty", "names no picture", remedy, path=table.file, field="[inputs]")
     named: dict[str, Entry] = {}
     for entry in entries:
-        first = named.setdefault(entry.stem, entry)
+        stem = entry.picture.stem
+        first = named.setdefault(stem, entry)
         if first is not entry:
-            problem = f"has the same name as that of {first.where}, '{entry.stem}'"
+            problem = f"has the same name as that of {first.where}, '{stem}'"
             raise UsageProblem("duplicate", problem, "give it a stem of its own", path=entry.where)
-    return entries
-
-
-def read_whole_shot(table: Table) -> list[Entry]:
-    """All frames of the shot of ``[inputs]``, whichever are wanted; none if it numbers none."""
-    paths = _paths(table)
-    if "color" not in paths:
-        return []
-    others = _others(table, paths)
-    root = table.file.parent
-    pictures = whole_shot(paths["color"], paths.get("depth"), others, patterns_in=root)
-    return [Entry(picture.stem, picture, table.place()) for picture in pictures]
+    return entries, shot
 
 
 def _paths(table: Table) -> dict[str, Path]:
@@ -208,7 +164,7 @@ def _paths(table: Table) -> dict[str, Path]:
     return {name: Path(text) for name, text in texts.items() if text is not None}
 
 
-def _others(table: Table, paths: Mapping[str, Path]) -> dict[str, tuple[Path, Path | None]]:
+def _others(paths: Mapping[str, Path], where: Place) -> dict[str, tuple[Path, Path | None]]:
     """Colour and depth of what belongs to each picture, by role."""
     others = {}
     for role in OTHERS:
@@ -217,13 +173,12 @@ def _others(table: Table, paths: Mapping[str, Path]) -> dict[str, tuple[Path, Pa
             others[role] = (other, paths.get(f"{role}-depth"))
         elif f"{role}-depth" in paths:
             problem = f"stands without {role}-color"
-            raise UsageProblem(
-                "missing-option", problem, "add that", path=table.place(f"{role}-depth")
-            )
+            path = where.at(f"{role}-depth")
+            raise UsageProblem("missing-option", problem, "add that", path=path)
     return others
 
 
-def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
+def _from_files(table: Table, keyed: tuple[int, ...]) -> tuple[list[Entry], list[Entry]]:
     paths = _paths(table)
     color, depth = paths.get("color"), paths.get("depth")
     if color is None:
@@ -233,28 +188,18 @@ def _from_files(table: Table, keyed: tuple[int, ...]) -> list[Entry]:
             raise UsageProblem(
                 "missing-option", "stands without color", "add color", path=table.place(lone)
             )
-        return []
-    others = _others(table, paths)
+        return [], []
     choice = frame_choice(
         table.text("frames"),
         table.choice("missing", MISSING),
         (table.place("frames"), table.place("missing")),
         keyed,
     )
-    root = table.file.parent
-    pictures = find_pictures(color, depth, others, patterns_in=root, frames=choice)
-    return [Entry(picture.stem, picture, table.place()) for picture in pictures]
-
-
-def _lists(table: Table) -> list[Path]:
-    value = table.values.get("list", [])
-    names = value if isinstance(value, list) else [value]
-    if not all(isinstance(name, str) and name for name in names):
-        problem = f"{value!r} does not name files"
-        raise UsageProblem(
-            "malformed", problem, 'write list = "pictures.csv"', path=table.place("list")
-        )
-    return [table.file.parent / name for name in names]
+    found = find(
+        color, depth, _others(paths, table.place()), patterns_in=table.file.parent, frames=choice
+    )
+    pictures, shot = ([Entry(picture, table.place()) for picture in each] for each in found)
+    return pictures, shot
 
 
 def _from_tables(table: Table) -> list[Entry]:
@@ -270,14 +215,10 @@ def _from_tables(table: Table) -> list[Entry]:
     return _from_rows(zip(places, tables, strict=False), table.file)
 
 
-def _from_list(file: Path) -> list[Entry]:
-    return _from_rows(read_rows(file, "list of pictures", _EXAMPLE), file)
-
-
 def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
     with without_collections():
-        entries = [_entry(row, where) for where, row in rows]
+        entries = [_entry(row, where, file) for where, row in rows]
     if not entries:
         raise InputError("empty", "has no row", "write one for each picture", path=file)
     if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
@@ -289,31 +230,26 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
     return entries
 
 
-def _entry(row: Mapping[str, Any], where: Place) -> Entry:
+def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
     if not row.keys() <= _KNOWN:
         refuse_unknown(row, (*LENS_OPTIONS, *ROW_KEYS), where, "a row")
     options = {key: checked(key, row[key], where.at(key)) for key in row if key not in ROW_KEYS}
     if options:
         refuse_contradiction(options, where)
-    keys = FILES[:2] if row.keys().isdisjoint(FILES[2:]) else FILES
-    files = tuple([_path(row[key], where, key) if key in row else None for key in keys])
-    color, depth = files[:2]
-    if color is None:
+    paths = {key: file.parent / _path(row[key], where, key) for key in FILES if key in row}
+    if "color" not in paths:
         raise InputError("empty", "names no color", "give it the path of a colour file", path=where)
-    for role in OTHERS if keys is FILES else ():
-        if f"{role}-depth" in row and f"{role}-color" not in row:
-            raise InputError(
-                "missing-option",
-                f"names a {role}-depth without {role}-color",
-                "give it both",
-                path=where,
-            )
-    if depth is None and Path(color).suffix.lower() not in SCENE_SUFFIXES:
+    color = paths["color"]
+    if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
         raise InputError(
             "empty", "names no depth, and no EXR that holds both", "give depth", path=where
         )
-    stem = _stem(row["stem"], where) if "stem" in row else Path(color).stem
-    return Entry(stem, files, where, tuple(chain.from_iterable(options.items())))
+    others: dict[str, Any] = {
+        role: Picture(other.stem, other, depth or other)
+        for role, (other, depth) in _others(paths, where).items()
+    }
+    stem = _stem(row["stem"], where) if "stem" in row else color.stem
+    return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)
 
 
 def _path(value: object, where: Place, key: str) -> str:

@@ -7,16 +7,16 @@ Nothing here opens a file, though `Job.files` looks which are there.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.batch.jobs.output_kinds import KINDS, PREVIEW, Kind
+from defocus_core.batch.jobs.output_kinds import KINDS, LOSSY, PREVIEW, Kind
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.batch.lenses.quantities import Percentile
-from defocus_core.errors import UsageProblem, did_you_mean
+from defocus_core.errors import Place, UsageProblem, did_you_mean
 from defocus_core.io.depth_formats.reading import DepthReading
 
 DEVICES = ("auto", "cpu", "cuda")
@@ -58,7 +58,7 @@ class Reading(DepthReading):
     """What to take from the input files, and how to read it."""
 
     color_layer: str | None = None  # colour layer of an EXR
-    # Auto, off (depth is used as it is read), or soft-edges=SLOPE in px per px
+    # Auto, or off: depth is used as it is read
     depth_repair: str = "auto"
     # Px of the widest soft edges of depth, 0 if none are soft; None: as found
     edge_width: float | None = None
@@ -114,15 +114,30 @@ class Outputs:
         return names
 
 
+def refuse_idle_outputs(
+    outputs: Outputs, given: Mapping[str, object], place: Callable[[str], Place]
+) -> None:
+    """Refuse what is given of outputs, by name, and says nothing of any file that is written."""
+    format, alone = outputs.format, f"says nothing about {outputs.format}"
+    of_format = "leave it out, or write the format {}".format
+    for name, is_idle, problem, remedy in (
+        ("exr-type", format != "exr", alone, of_format("exr")),
+        ("jpeg-quality", format not in LOSSY, alone, of_format("jpg")),
+        ("color-space", format == "exr", f"{alone}, which is linear", "leave it out"),
+        ("compression", not outputs.writes_exr, "is of EXR, and none is written", "leave it out"),
+    ):
+        if is_idle and given.get(name) is not None:
+            raise UsageProblem("idle-option", problem, remedy, path=place(name))
+
+
 @dataclass(frozen=True)
 class Machine:
-    """How to compute. ``quality`` or ``tolerance`` decide the pictures.
+    """How to compute. ``quality`` decides the pictures.
 
     ``tile`` changes their last digits, too; the other fields change nothing in them.
     """
 
     quality: str = "standard"
-    tolerance: float | None = None  # px of CoC radius, instead of a quality
     device: str = "auto"
     threads: int = 1
     memory: int | None = None  # bytes for the process; None: most of what is available

@@ -15,7 +15,7 @@ A TOML file with the tables
   [reading]   depth-format and the other options of reading, see `reading_options`
   [outputs]   kinds, format, map-format, exr-type, compression, jpeg-quality, preview;
               inputs = "copy" adds the sharp picture and its depth, kinds image and depth
-  [machine]   quality, or tolerance, like "1px"; depth-repair may stand here instead
+  [machine]   quality; depth-repair may stand here instead
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
 not.
@@ -27,13 +27,12 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.batch.jobs.inputs import Entry, read_inputs, read_whole_shot
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading
+from defocus_core.batch.jobs.inputs import Entry, read_inputs
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading, refuse_idle_outputs
 from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
 from defocus_core.batch.jobs.lens_plan import LensPlan, lens_file_of, read_plan
 from defocus_core.batch.jobs.origin import read_origin
@@ -42,11 +41,9 @@ from defocus_core.batch.jobs.output_kinds import (
     FORMAT_ALIASES,
     INPUTS,
     KINDS,
-    LOSSY,
     MAP_FORMATS,
     SUFFIXES,
     compression,
-    in_one_file,
 )
 from defocus_core.batch.jobs.reading_options import (
     READING_OPTIONS,
@@ -59,7 +56,6 @@ from defocus_core.batch.jobs.shots import read_decisions, with_shot
 from defocus_core.batch.jobs.splits import read_splits
 from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown, table
 from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.quantities import pixel_count
 from defocus_core.errors import UsageProblem
 
 TABLES = (
@@ -68,10 +64,10 @@ TABLES = (
 )
 MAX_JOBS = 10_000_000
 _OUTPUTS = (
-    *("kinds", "format", "exr-type", "jpeg-quality", "preview", "multiview", "keep-overscan"),
+    *("kinds", "format", "exr-type", "jpeg-quality", "preview", "keep-overscan"),
     *("map-format", "inputs", "compression", "color-space"),
 )
-_MACHINE = ("quality", "tolerance", "depth-repair")
+_MACHINE = ("quality", "depth-repair")
 # The keys of tables that are options of a single picture, too.
 KEYS = {
     **{"lens": LENS_KEYS, "reading": tuple(READING_OPTIONS)},
@@ -86,6 +82,7 @@ class Batch:
     path: Path  # the jobs file, or what errors call its tables
     tables: Mapping[str, Table]  # the tables by name
     entries: Sequence[Entry]
+    shot: Sequence[Entry]  # all frames of a shot, whichever are wanted
     plan: LensPlan  # the lenses of each
     reading: Reading  # how to read the files
     outputs: Outputs
@@ -97,20 +94,16 @@ class Batch:
         """How many jobs there are."""
         return len(self.entries) * self.plan.count
 
-    def jobs(self, numbers: Sequence[int] | None = None) -> list[Job]:
-        """The jobs, or those of ascending numbers; those of one picture follow one another."""
-        count, numbers = self.plan.count, range(self.count) if numbers is None else numbers
-        owns = list(dict.fromkeys(number // count for number in numbers))
-        pictures = [self.entries[own].picture for own in owns]
+    def jobs(self) -> list[Job]:
+        """The jobs; those of one picture follow one another."""
+        pictures = [entry.picture for entry in self.entries]
         splits = read_splits(self.tables["split"]).of(pictures)
-        by_entry = groupby(numbers, lambda number: number // count)
         jobs = [
-            Job(picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
-            for (own, mine), picture, split in zip(by_entry, pictures, splits, strict=True)
-            for suffix, lens in self.plan.lenses(self.entries[own], (n % count for n in mine))
+            Job(entry.picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
+            for entry, split in zip(self.entries, splits, strict=True)
+            for suffix, lens in self.plan.lenses(entry, range(self.plan.count))
         ]
-        every = read_whole_shot(self.tables["inputs"])
-        by_frame = {each.picture.frame: each for each in every}
+        by_frame = {each.picture.frame: each for each in self.shot}
         suffixes = {suffix: number for number, suffix in enumerate(self.plan.suffixes)}
 
         @cache
@@ -125,16 +118,11 @@ class Batch:
 
         return with_shot(
             jobs,
-            [each.picture for each in every],
+            [each.picture for each in self.shot],
             lambda picture, suffix: lens_of(picture.frame, suffix),
             read_decisions(self.tables["shot"]),
             moving="focus-at" in self.animation.keys,
         )
-
-    def names(self) -> list[str]:
-        """The name of the sample of each job."""
-        suffixes = self.plan.suffixes
-        return [one.stem + suffix for one in self.entries for suffix in suffixes]
 
 
 def read_batch(path: Path, outputs: Outputs, machine: Machine) -> Batch:
@@ -165,9 +153,9 @@ def batch_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: M
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
     animation = read_animation_table(named["animate"])
-    entries = read_inputs(named["inputs"], animation.frames)
+    entries, shot = read_inputs(named["inputs"], animation.frames)
     entries = animated(entries, animation, plan, named["lens"], reading)
-    batch = Batch(path, named, entries, plan, reading, outputs, machine, animation)
+    batch = Batch(path, named, entries, shot, plan, reading, outputs, machine, animation)
     if batch.count > MAX_JOBS:
         problem = f"asks for {batch.count} pictures"
         raise UsageProblem(
@@ -211,24 +199,7 @@ def _outputs(section: Table, outputs: Outputs) -> Outputs:
     outputs = dataclasses.replace(outputs, **_present(values))
     if section.choice("inputs", ("copy",)) is not None:
         outputs = dataclasses.replace(outputs, kinds=(*dict.fromkeys((*outputs.kinds, *INPUTS)),))
-    if section.flag("multiview"):
-        kinds = in_one_file(outputs.kinds, section.place("multiview"))
-        outputs = dataclasses.replace(outputs, kinds=kinds)
-    if values["compression"] is not None and not outputs.writes_exr:
-        place = section.place("compression")
-        raise UsageProblem(
-            "idle-option", "is of EXR, and none is written", "leave it out", path=place
-        )
-    if values["color_space"] is not None and outputs.format == "exr":
-        problem, place = "says nothing about exr, which is linear", section.place("color-space")
-        raise UsageProblem("idle-option", problem, "leave it out", path=place)
-    for field, formats in (("exr_type", ("exr",)), ("jpeg_quality", LOSSY)):
-        if values[field] is not None and outputs.format not in formats:
-            problem = f"says nothing about {outputs.format}"
-            remedy = f'leave it out, or use format = "{formats[0]}"'
-            raise UsageProblem(
-                "idle-option", problem, remedy, path=section.place(field.replace("_", "-"))
-            )
+    refuse_idle_outputs(outputs, section.values, section.place)
     return outputs
 
 
@@ -250,16 +221,8 @@ def _kinds(section: Table) -> tuple[str, ...] | None:
 
 def _machine(section: Table, machine: Machine) -> Machine:
     section.refuse_unknown(_MACHINE)
-    values: dict[str, Any] = {
-        "quality": section.choice("quality", QUALITIES),
-        "tolerance": section.parsed("tolerance", pixel_count),
-    }
-    if None not in values.values():
-        remedy = "keep one of them"
-        raise UsageProblem(
-            "contradiction", "stands beside quality", remedy, path=section.place("tolerance")
-        )
-    return dataclasses.replace(machine, **_present(values))
+    quality = section.choice("quality", QUALITIES)
+    return machine if quality is None else dataclasses.replace(machine, quality=quality)
 
 
 def _present(values: Mapping[str, Any]) -> dict[str, Any]:

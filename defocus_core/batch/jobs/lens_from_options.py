@@ -15,7 +15,7 @@ gave them himself.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
@@ -94,17 +94,33 @@ def make_lens(
         refuse_optics(options, CALLER)
         stored = shape_of(stored)
     values = merged({name: parsed(name, text) for name, text in stored.items()}, options)
-    if in_pixels:
-        refuse_unfocused(values, CALLER)
+    sources = {name: CALLER if name in options else Place(file) for name in values}
+    refuse_unusable({n: (v,) for n, v in values.items()}, sources, CALLER, radii, lacking)
+    return lens_of(values, CALLER if {"focus", "focus-at"} & options.keys() else Place(file))
+
+
+def refuse_unusable(
+    values: Mapping[str, Sequence[Any]],
+    sources: Mapping[str, Place],
+    source: Place,
+    radii: bool,
+    lacking: Path | None = None,
+) -> None:
+    """Refuse a lens without a required option, with a useless one, or that may focus too near.
+
+    `values`: of each option the value, or all or the ends of the range that it may get; `sources`:
+    where each stands; `source`: where others are to be added.
+    """
+    if "blur" in values:
+        refuse_unfocused(values, source)
     elif not radii:
-        refuse_missing(values, CALLER, lacking)
+        refuse_missing(values, source, lacking)
+        distances = [d for d in values.get("focus", ()) if not isinstance(d, Percentile)]
+        if distances:
+            longest = max(values["focal-length"])
+            refuse_near_focus(min(distances), longest, sources["focus"].at("focus"))
     for name in values:
-        source = CALLER if name in options else Place(file)
-        refuse_idle(LENS_OPTIONS[name], lambda of: values.get(of), source)
-    lens = lens_of(values, CALLER if {"focus", "focus-at"} & options.keys() else Place(file))
-    if lens.foc_dist is not None:
-        refuse_near_focus(lens.foc_dist, lens.foclen, lens.focus_source.at("focus"))
-    return lens
+        refuse_idle(LENS_OPTIONS[name], lambda of: any(values.get(of, ())), sources[name])
 
 
 def lens_of(values: Mapping[str, Any], source: Place = CALLER) -> Lens:
@@ -228,13 +244,6 @@ def refuse_lens_file(stored: Mapping[str, str], file: Path | None, where: Place)
     opening = " ".join(f"‹{name}› {stored[name]}" for name in OPENING if name in stored)
     remedy = f"leave it out; its opening is {opening}" if opening else "leave it out"
     raise UsageProblem("contradiction", problem, remedy, path=where)
-
-
-def refuse_metadata_beside_blur(names: Collection[str], where: Place) -> None:
-    """Raise UsageProblem if metadata are to give a lens, and a blur in pixels takes none."""
-    if "blur" in names:
-        problem = "changes nothing beside blur, which is no lens"
-        raise UsageProblem("contradiction", problem, "leave one of them out", path=where)
 
 
 def shape_of(options: Mapping[str, Any]) -> dict[str, Any]:

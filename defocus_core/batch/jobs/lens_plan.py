@@ -34,12 +34,9 @@ from defocus_core.batch.jobs.lens_from_options import (
     parsed,
     read_lens_file,
     refuse_contradiction,
-    refuse_idle,
     refuse_lens_file,
-    refuse_missing,
-    refuse_near_focus,
     refuse_optics,
-    refuse_unfocused,
+    refuse_unusable,
     shape_of,
 )
 from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
@@ -180,32 +177,15 @@ def _max_coc(lens: Table, sample: Table) -> float | None:
 
 
 def _check_lens(options: Mapping[str, str], source: Place, *, radii: bool) -> None:
-    """Refuse a lens without a required option, with a useless one, or that may focus too near."""
+    """Refuse a lens that cannot be, of options as texts, which may be drawn."""
     if "blur" in options:
         refuse_optics(options, source, in_pixels=True)
-        refuse_unfocused(options, source)
-    elif not radii:
-        refuse_missing(options, source)
-        nearest = min(_distances(options, "focus"), default=math.inf)
-        longest = max(_distances(options, "focal-length"))
-        refuse_near_focus(nearest, longest, source.at("focus"))
-    for name in options:
-        refuse_idle(LENS_OPTIONS[name], lambda of: any(_extremes(options, of)), source)
-
-
-def _distances(options: Mapping[str, str], name: str) -> list[float]:
-    """The lengths that an option can get in mm, or the ends of their range."""
-    return [each for each in _extremes(options, name) if not isinstance(each, Percentile)]
-
-
-def _extremes(options: Mapping[str, str], name: str) -> tuple[Any, ...]:
-    """The values that an option can get, or the ends of their range; none if the depth decides."""
-    if name not in options:
-        return ()
-    drawn = distribution(name, options[name])
-    if drawn is not None and drawn.kind == "percentile":
-        return ()
-    return (parsed(name, options[name]),) if drawn is None else drawn.values
+    values: dict[str, Sequence[Any]] = {}
+    for name, text in options.items():
+        drawn = distribution(name, text)
+        by_depth = drawn is not None and drawn.kind == "percentile"
+        values[name] = () if by_depth else (parsed(name, text),) if drawn is None else drawn.values
+    refuse_unusable(values, dict.fromkeys(options, source), source, radii)
 
 
 def _refuse_taken(options: Iterable[str], taken: Mapping[str, str], source: Place) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.lenses.quantities import QuantityError, within
-from defocus_core.errors import Place, UsageProblem, did_you_mean
+from defocus_core.errors import did_you_mean
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,7 +39,6 @@ class Kind:
     of_radius: Callable[..., NDArray[Any]] | None = None
     # Of an image of several, the kinds that are the views of its one EXR file
     views: tuple[str, ...] = ()
-    transposed: str = ""  # the view that it is of the picture with rows for columns, left or right
     # Input that it is made of without rendering, a row of `defocus_core.picture.write`;
     # empty for other kinds
     source: str = ""
@@ -72,8 +71,6 @@ _ROWS = (
     Kind("render", "the defocused picture", image=True),
     Kind("left", "what the left half of the lens sees (dual pixel)", image=True, halves=True),
     Kind("right", "what the right half of the lens sees", image=True, halves=True),
-    Kind("up", "what the upper half sees (quad pixel)", image=True, transposed="left"),
-    Kind("down", "what the lower half sees", image=True, transposed="right"),
     Kind(
         "coc",
         "signed radius of the circle of confusion in px, beyond the focus positive",
@@ -162,12 +159,3 @@ def is_picture_name(suffix: str) -> bool:
     """Whether a suffix is one of pictures that are written."""
     word = suffix.lower().removeprefix(".")
     return f".{word}" in SUFFIXES.values() or word in FORMAT_ALIASES
-
-
-def in_one_file(kinds: tuple[str, ...], where: Place) -> tuple[str, ...]:
-    """The kinds of output with left and right in one file."""
-    row = KINDS["multiview"]
-    if missing := [view for view in row.views if view not in kinds]:
-        problem = f"asks for left and right in one file, but {' and '.join(missing)} is no output"
-        raise UsageProblem("missing-option", problem, "name both, like left,right", path=where)
-    return (*(kind for kind in kinds if kind not in row.views), row.name)

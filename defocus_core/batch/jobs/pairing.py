@@ -60,16 +60,20 @@ class _Files:
         return replace(self, by_name={**photos, **self.by_name})
 
 
-def find_pictures(
+def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
+    """The pictures of the paths of colour and depth, sorted by name; those of a shot by frame."""
+    return find(color, depth, {})[0]
+
+
+def find(
     color: Path,
     depth: Path | None,  # the depth file or directory; None if each colour EXR holds its own depth
-    others: Others | None = None,
+    others: Others,
     *,
     patterns_in: Path | None = None,
     frames: FrameChoice = ALL,
-) -> list[Picture]:
-    """The pictures of the paths of colour and depth, sorted by name; those of a shot by frame."""
-    others = others or {}
+) -> tuple[list[Picture], list[Picture]]:
+    """The pictures of paths, and all frames of the shot that they are of, that are complete."""
     every = (color, depth, *(path for pair in others.values() for path in pair))
     paths = [path for path in every if path is not None]
     if any(is_pattern((patterns_in or Path()) / path) for path in paths):
@@ -93,7 +97,7 @@ def find_pictures(
         for name, picture in pictures.items():
             other: dict[str, Any] = {role: paired[name]}
             pictures[name] = replace(picture, **other)
-    return list(pictures.values())
+    return list(pictures.values()), []
 
 
 def _refuse_frames(color: Path, depth: Path) -> None:
@@ -105,32 +109,14 @@ def _refuse_frames(color: Path, depth: Path) -> None:
         raise UsageProblem("contradiction", problem, remedy, path=depth)
 
 
-def whole_shot(
-    color: Path,
-    depth: Path | None,
-    others: Others | None = None,
-    *,
-    patterns_in: Path | None = None,
-) -> list[Picture]:
-    """All frames of frame patterns that have all of their files, ascending; none of other paths."""
-    root, others = patterns_in or Path(), others or {}
-    every = (color, depth, *(path for pair in others.values() for path in pair))
-    paths = [path for path in every if path is not None]
-    if not any(is_pattern(root / path) for path in paths):
-        return []
-    files = _number(color, depth, others, root)
-    everywhere = set.intersection(*(set(of) for of in files.values()))
-    return [_frame(files, number) for number in sorted(everywhere)]
-
-
 def _shot(
     color: Path,
     depth: Path | None,
     others: Others,
     root: Path,
     frames: FrameChoice,
-) -> list[Picture]:
-    """The pictures of frame patterns, by frame; frames that are left out are named."""
+) -> tuple[list[Picture], list[Picture]]:
+    """The wanted frames of patterns, of which a note names those left out, and all frames."""
     files = _number(color, depth, others, root)
     paths = [color, depth or color]
     for other_color, other_depth in others.values():
@@ -139,7 +125,8 @@ def _shot(
     numbers, skipped = chosen(every, frames)
     if skipped:
         note(f"defocus: {skipped}; left out")
-    return [_frame(files, number) for number in numbers]
+    whole = {n: _frame(files, n) for n in sorted(set.intersection(*map(set, files.values())))}
+    return [whole[number] for number in numbers], list(whole.values())
 
 
 def _number(

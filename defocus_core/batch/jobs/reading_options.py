@@ -26,8 +26,9 @@ from defocus_core.batch.lenses.quantities import (
     pixel_count,
     read_at,
     text_of,
+    whole,
 )
-from defocus_core.errors import CALLER, Place, UsageProblem, did_you_mean
+from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.io.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_core.io.depth_formats.table import NAMES, UNITS
 
@@ -89,33 +90,6 @@ def field_of_view(text: str) -> float:
     if not 0 < degrees < 180:
         raise QuantityError(f"'{text}' is no field of view", "give more than 0 and less than 180")
     return degrees
-
-
-def integer(text: str) -> int:
-    """A whole number of 0 or more."""
-    if not re.fullmatch(r"\d{1,9}", text.strip()):
-        raise QuantityError(f"'{text}' is not a whole number of 0 or more", "write it like 1")
-    return int(text)
-
-
-def depth_repair(text: str) -> str:
-    """``auto``, ``off`` or ``soft-edges=SLOPE``."""
-    word, equals, slope = text.strip().lower().partition("=")
-    if (word, equals) == ("soft-edges", "="):
-        try:
-            value = number(slope)
-        except QuantityError:
-            value = -1.0
-        if value >= 0:
-            return f"soft-edges={value:.9g}"
-        problem = f"'{slope}' is no slope of soft edges"
-        raise QuantityError(problem, "write it like soft-edges=0.3, in px of radius per px")
-    if equals or word not in DEPTH_REPAIRS:
-        known = f"choose from {', '.join(DEPTH_REPAIRS)}, soft-edges=SLOPE"
-        raise QuantityError(
-            f"'{text}' is no depth repair", did_you_mean(word, DEPTH_REPAIRS, known)
-        )
-    return word
 
 
 def edge_width(text: str) -> float:
@@ -241,13 +215,11 @@ _ROWS = (
         "that.",
         of_pictures=True,
     ),
-    ReadingParam(
-        name="depth-repair",
-        parse=depth_repair,
-        metavar="auto|off|soft-edges=SLOPE",
-        help="auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off "
-        "takes it as it is given; soft-edges=0.3 takes slopes of 0.3 px of radius per px and more "
-        "for soft edges, whatever is found.  [default: auto]",
+    _choice(
+        "depth-repair",
+        DEPTH_REPAIRS,
+        "auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off "
+        "takes it as it is given.  [default: auto]",
         of_pictures=True,
     ),
     ReadingParam(
@@ -282,7 +254,7 @@ _ROWS = (
     ),
     ReadingParam(
         name="part",
-        parse=integer,
+        parse=whole,
         min_integer=0,
         metavar="N",
         help="Part of an EXR, page of a TIFF or frame of an array, from 0.",

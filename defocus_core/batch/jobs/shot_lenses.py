@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,10 +27,10 @@ from defocus_core.batch.jobs.lens_from_options import (
     parsed,
     read_lens_file,
     refuse_contradiction,
-    refuse_metadata_beside_blur,
 )
 from defocus_core.batch.jobs.reading_options import field_of_view
 from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown
+from defocus_core.batch.jobs.toml_file import table as table_of
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.lenses.parameters import (
     LENS_OPTIONS,
@@ -40,7 +40,7 @@ from defocus_core.batch.lenses.parameters import (
     alternatives,
 )
 from defocus_core.batch.lenses.quantities import read_at, text_of
-from defocus_core.errors import CALLER, InputError, Place, UsageProblem
+from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
@@ -117,102 +117,81 @@ def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
 
 
 def read_animation(
-    files: Iterable[str], interpolation: str | None, keys: Keys | None = None, root: Path = Path()
+    files: Iterable[str], interpolation: str | None, table: Table | None = None
 ) -> Animation:
-    """The animation of files, or ``option=FILE`` for a curve.
+    """The animation of files, or ``option=FILE`` for a curve, and of ``[animate]``.
 
-    `interpolation`: linear or ease; None for that of a TOML file, or linear.
+    `interpolation`: linear or ease; None for that of TOML, or linear.
     """
-    every: dict[str, Mapping[int, Key]] = dict(keys or {})
+    root, every = Path(), dict[str, Mapping[int, Key]]()
+    if table is not None:
+        root, files = table.file.parent, table.texts("file")
+        every, interpolation = _keys_of(table)
+    keys: Keys
     for text in files:
         option, _, name = text.rpartition("=") if not (root / text).exists() else ("", "", text)
-        if option:
-            refuse_unknown([option], tuple(LENS_OPTIONS), CALLER.at("animate"), "a lens", "option")
         file = root / name
         if file.suffix.lower() == ".toml" and not option:
-            of_file, interpolation = _of_toml(file, interpolation)
+            keys, said = _keys_of(_animate_of(file))
+            interpolation = interpolation or said
         else:
-            of_file = read_keys(file, option or None)
-        _add(every, of_file, file)
-    return animation_of(every, interpolation)
+            keys = read_keys(file, option or None)
+        for twice in keys.keys() & every.keys():
+            problem = f"animates {twice}, as does {_first(every[twice]).where}"
+            raise UsageProblem("contradiction", problem, "remove one of them", path=file)
+        every |= keys
+    checked = {name: _checked(name, keys) for name, keys in every.items() if keys}
+    if checked:
+        refuse_contradiction(checked, _first(next(iter(checked.values()))).where)
+    return Animation(checked, interpolation or INTERPOLATIONS[0])
 
 
-def animation_of(keys: Keys, interpolation: str | None) -> Animation:
-    """The animation of keys, once all of them make sense."""
-    every = {}
-    for name, of_option in keys.items():
-        if not of_option:
-            continue
-        where = next(iter(of_option.values())).where
-        refuse_unknown([name], tuple(_ANIMATED), where, "a lens", "option")
-        every[name] = {
-            frame: Key(_check(name, key), key.where) for frame, key in sorted(of_option.items())
-        }
-    if every:
-        refuse_contradiction(every, next(iter(next(iter(every.values())).values())).where)
-    return Animation(every, interpolation or INTERPOLATIONS[0])
+def read_animation_table(table: Table) -> Animation:
+    """The animation of ``[animate]`` of a jobs file."""
+    return read_animation((), None, table)
 
 
-def keys_of_table(values: Mapping[str, Any], where: Place) -> dict[str, dict[int, Key]]:
-    """The keys of the table ``[animate]``: of each option a table of values by frame."""
-    keys: dict[str, dict[int, Key]] = {}
-    for name, table in values.items():
-        if not isinstance(table, dict) or not table:
-            remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
-            raise UsageProblem(
-                "malformed", f"{table!r:.40} is no table of frames", remedy, path=where.at(name)
-            )
-        refuse_unknown([name], tuple(LENS_OPTIONS), where, "a lens", "option")
-        keys[name] = {
-            frame_of(frame, where.at(name)): Key(text_of(value), where.at(f"{name}: {frame}"))
-            for frame, value in table.items()
-        }
-    return keys
+def _first(keys: Mapping[int, Key]) -> Key:
+    return next(iter(keys.values()))
 
 
-def _of_toml(file: Path, interpolation: str | None) -> tuple[Keys, str | None]:
-    """The keys of a TOML file, and the interpolation unless the command line says one."""
-    remedy = 'write [animate] and focus = {1001 = "1.2m", 1060 = "4m"}'
-    tables = read_toml(file, what="file of keys", remedy=remedy)
+def _checked(name: str, keys: Mapping[int, Key]) -> dict[int, Key]:
+    """The keys of an option by frame, once they make sense, with the units that numbers have."""
+    refuse_unknown([name], tuple(_ANIMATED), _first(keys).where, "a lens", "option")
+    row, made = _ANIMATED[name], {}
+    for frame, key in sorted(keys.items()):
+        made[frame] = Key(row.with_unit(key.text), key.where)
+        read_at(key.where, row.parse, made[frame].text)
+    return made
+
+
+_REMEDY = 'write [animate] and focus = {1001 = "1.2m", 1060 = "4m"}'
+
+
+def _animate_of(file: Path) -> Table:
+    """The table of a file of keys."""
+    tables = read_toml(file, what="file of keys", remedy=_REMEDY)
     refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
-    values = tables.get("animate")
-    if not isinstance(values, dict):
-        raise InputError("empty", "has no table [animate]", remedy, path=file)
-    where = Place(file, "[animate]")
-    values, said = interpolation_of(values, where)
-    return keys_of_table(values, where), interpolation or said
+    if not tables:
+        raise InputError("empty", "has no table [animate]", _REMEDY, path=file)
+    return table_of(file, tables, "animate")
 
 
-def interpolation_of(values: Mapping[str, Any], where: Place) -> tuple[dict[str, Any], str | None]:
-    """The table ``[animate]`` without its interpolation, and the interpolation."""
-    said = values.get("interpolation")
-    if said is not None and said not in INTERPOLATIONS:
-        remedy = f"choose from {', '.join(INTERPOLATIONS)}"
-        raise UsageProblem(
-            "unknown-name", f"'{said}' is not known", remedy, path=where.at("interpolation")
-        )
-    return {name: value for name, value in values.items() if name != "interpolation"}, said
-
-
-def _add(every: dict[str, Mapping[int, Key]], keys: Keys, file: Path) -> None:
-    for name, of_option in keys.items():
-        if name in every:
-            where = next(iter(every[name].values())).where
-            raise UsageProblem(
-                "contradiction",
-                f"animates {name}, as does {where}",
-                "remove one of them",
-                path=file,
-            )
-        every[name] = of_option
-
-
-def _check(name: str, key: Key) -> str:
-    """The text of a key with the unit that a bare number has."""
-    row = _ANIMATED[name]
-    text = row.with_unit(key.text)
-    read_at(key.where, row.parse, text)
-    return text
+def _keys_of(table: Table) -> tuple[dict[str, Mapping[int, Key]], str | None]:
+    """The keys of ``[animate]``, of each option a table of values by frame; its interpolation."""
+    every: dict[str, Mapping[int, Key]] = {}
+    for name, frames in table.values.items():
+        if name in ("file", "interpolation"):
+            continue
+        if not isinstance(frames, dict) or not frames:
+            remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
+            problem = f"{frames!r:.40} is no table of frames"
+            raise UsageProblem("malformed", problem, remedy, path=table.place(name))
+        every[name] = {
+            frame_of(frame, table.place(name)): Key(text_of(text), table.place(f"{name}: {frame}"))
+            for frame, text in frames.items()
+        }
+    return every, table.choice("interpolation", INTERPOLATIONS)
 
 
 @dataclass(frozen=True)
@@ -264,10 +243,7 @@ class ShotLenses:
         if self._is_folder and file is not None:
             file = file / f"{picture.stem}.toml"
         stored = {} if file is None else read_lens_file(file)
-        known = {*self.flags, *stored, *self.animation.keys}
-        if self.metadata:
-            refuse_metadata_beside_blur(known, CALLER.at(METADATA))
-        _require_sensor(picture, taken, known)
+        _require_sensor(picture, taken, {*self.flags, *stored, *self.animation.keys})
         lens = make_lens(flags, file, radii=self.radii, lacking=lacking)
         used = {name: each for name, each in taken.items() if base.get(name) == each.text}
         return lens, {name: each for name, each in used.items() if name not in self.flags}
@@ -325,20 +301,6 @@ def _with_alternatives(name: str) -> set[str]:
     return alternatives("focal-length" if name == FIELD_OF_VIEW else name)
 
 
-def read_animation_table(table: Table) -> Animation:
-    """The animation of ``[animate]`` of a jobs file."""
-    values, interpolation = interpolation_of(table.values, table.place())
-    files = values.pop("file", [])
-    files = files if isinstance(files, list) else [files]
-    if not all(isinstance(file, str) and file for file in files):
-        problem = f"{files!r:.40} does not name files"
-        raise UsageProblem(
-            "malformed", problem, 'write file = "pull.csv"', path=table.place("file")
-        )
-    keys = keys_of_table(values, table.place())
-    return read_animation(files, interpolation, keys, table.file.parent)
-
-
 def animated(
     entries: list[Entry], animation: Animation, plan: LensPlan, lens: Table, reading: Reading
 ) -> list[Entry]:
@@ -346,8 +308,6 @@ def animated(
     metadata = lens.flag(METADATA) or False
     if not animation.keys and not metadata:
         return entries
-    if metadata:
-        refuse_metadata_beside_blur({*plan.options, *plan.taken}, lens.place(METADATA))
     for name in animation.keys:
         for same in _with_alternatives(name):
             if same in lens.values or same in plan.taken:
@@ -368,5 +328,5 @@ def animated(
         if metadata:  # what the file says holds
             said = {same for n in plan.options for same in _with_alternatives(n)}
             texts = {n: t for n, t in texts.items() if n in animation.keys or n not in said}
-        with_options.append(entry.with_options(merged(texts, entry.options)))
+        with_options.append(replace(entry, options=merged(texts, entry.options)))
     return with_options

@@ -64,6 +64,15 @@ class Table:
             )
         return value
 
+    def texts(self, key: str) -> list[str]:
+        """A text, or several, as a list; an empty one if there is none."""
+        value = self.values.get(key, [])
+        names = value if isinstance(value, list) else [value]
+        if not all(isinstance(name, str) and name and "\0" not in name for name in names):
+            problem, remedy = f"{value!r:.40} does not name files", f'write {key} = "a.csv"'
+            raise UsageProblem("malformed", problem, remedy, path=self.place(key))
+        return names
+
     def parsed(self, key: str, parse: Callable[[str], T]) -> T | None:
         """A quantity, or None."""
         if key not in self.values:

@@ -57,7 +57,6 @@ def settings(job: Job) -> dict[str, Any]:
         "reading": _plain(job.reading),
         "outputs": _plain(job.outputs),
         "quality": job.machine.quality,
-        **({} if job.machine.tolerance is None else {"tolerance": job.machine.tolerance}),
         **({} if job.machine.tile is None else {"tile": job.machine.tile}),
         **({} if job.shot is None else {"shot": shot_settings(job.shot, job.picture.frame)}),
     }
@@ -151,18 +150,18 @@ def settled_stamp(path: Path) -> dict[str, Any]:
     return settled
 
 
-def unchanged(path: Path, recorded: Stamp, *, read: bool = False) -> bool:
+def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
     """Whether a file is as it was recorded.
 
     `read`: compare the bytes even if size and time are those recorded.
     """
     try:
-        status = path.stat()
+        status = os.stat(path)  # noqa: PTH116 - it is asked of each file of all jobs
         if status.st_size != recorded.get("size"):
             return False
         if status.st_mtime_ns == recorded.get("mtime_ns") and not read:
             return True
-        return "blake2b" in recorded and stamp(path)["blake2b"] == recorded["blake2b"]
+        return "blake2b" in recorded and stamp(Path(path))["blake2b"] == recorded["blake2b"]
     except OSError:
         return False
 
@@ -170,15 +169,15 @@ def unchanged(path: Path, recorded: Stamp, *, read: bool = False) -> bool:
 T = TypeVar("T")
 
 
-def plain(value: Any, *, absolute: bool = False) -> Any:
+def plain(value: Any) -> Any:
     """A value without classes: dataclasses become dictionaries, tuples lists, paths text."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = ((field, getattr(value, field.name)) for field in dataclasses.fields(value))
-        return {f.name: plain(v, absolute=absolute) for f, v in fields if v != f.default}
+        return {f.name: plain(v) for f, v in fields if v != f.default}
     if isinstance(value, list | tuple):
-        return [plain(item, absolute=absolute) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, Path):
-        return str(value.absolute() if absolute else value)
+        return str(value)
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     return value

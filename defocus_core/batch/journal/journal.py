@@ -1,8 +1,8 @@
 """The journal of OUT: a durable JSON line for each job that ended.
 
 ``OUT/journal.jsonl`` holds what a single process wrote, ``OUT/journal-2of8.jsonl`` what that shard
-of a batch did. A last line that is no JSON is a record whose writer died: it is ignored, and cut
-off before the next record is appended. Where records speak of the same file, the last holds.
+of a batch did since. A last line that is no JSON is a record whose writer died: it is ignored, and
+cut off before the next record is appended. Where records speak of the same file, the last holds.
 
 A record has
     sample_id   name of the sample, the stem of its files
@@ -25,14 +25,12 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.records import fault_of, linked_folders
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
@@ -75,53 +73,12 @@ def require_journal(out: Path) -> None:
 
 
 def read_all(out: Path) -> list[Record]:
-    """The records of all journals in OUT, by `in_order`."""
-    paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
-    return in_order([read(path) for path in paths], out)
+    """The records of all journals in OUT, the last of a file the true one.
 
-
-def in_order(journals: Sequence[Sequence[Record]], out: Path) -> list[Record]:
-    """The records of several journals, those of each in its order; the last of a sample is true.
-
-    Of the journals that speak of a sample, the one comes last whose stamps most of the files have.
-    Times are for people: a clock may have stepped back, and machines have clocks of their own.
+    Those of shards follow, since a run on all of OUT begins with `run_file.gather`.
     """
-    records = [record for journal in journals for record in journal]
-    if sum(map(bool, journals)) < 2:
-        return records
-    count = Counter(name for journal in journals for name in _samples(journal))
-    shared = {name for name, times in count.items() if times > 1}
-    if not shared:
-        return records
-    last = _true_journals(journals, shared, out)
-    early: list[Record] = []
-    late: list[Record] = []
-    for place, journal in enumerate(journals):
-        for record in journal:
-            is_last = last.get(record["sample_id"]) == place
-            (late if is_last else early).append(record)
-    return early + late
-
-
-def _samples(journal: Sequence[Record]) -> set[str]:
-    return {record["sample_id"] for record in journal}
-
-
-def _true_journals(
-    journals: Sequence[Sequence[Record]], shared: Collection[str], out: Path
-) -> dict[str, int]:
-    """By sample, the place of the journal whose stamps most files have; of equals, the last."""
-    newest: dict[str, tuple[int, int]] = {}
-    for place, journal in enumerate(journals):
-        stamps: dict[str, dict[str, Any]] = {}
-        for record in journal:
-            if (name := record["sample_id"]) in shared:
-                each = {stamp["path"]: stamp for stamp in record["outputs"].values()}
-                stamps[name] = stamps.get(name, {}) | each
-        for name, files in stamps.items():
-            kept = sum(identity.unchanged(out / path, stamp) for path, stamp in files.items())
-            newest[name] = max(newest.get(name, (0, 0)), (kept, place))
-    return {name: place for name, (_, place) in newest.items()}
+    paths = [journal_path(out), *(journal_path(out, shard) for shard in shards(out))]
+    return [record for path in paths for record in read(path)]
 
 
 def read(path: Path) -> list[Record]:
@@ -199,23 +156,22 @@ def files_of(record: Record) -> list[str]:
 
 def input_path(path: Path, out: Path) -> str:
     """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
-    return _input_path(path, out, os.getcwd())  # noqa: PTH109 - it is asked of each job
-
-
-@lru_cache(maxsize=4096)
-def _input_path(path: Path, out: Path, base: str) -> str:
+    text = str(path)
     if path.is_absolute():
-        return str(path)
-    return (_input_folder(path.parent, out, Path(base)) / path.name).as_posix()
+        return text
+    folder, _, name = text.rpartition("/")
+    return _input_folder(folder, out, os.getcwd()) + name  # noqa: PTH109 - it is asked of each job
 
 
 @lru_cache(maxsize=1024)
-def _input_folder(folder: Path, out: Path, base: Path) -> Path:
-    """A folder relative to OUT; both paths are relative to ``base``."""
+def _input_folder(folder: str, out: Path, base: str) -> str:
+    """A folder relative to OUT, with a slash at its end; both paths are relative to ``base``."""
     # What is above a linked folder is what is above that which the link leads to.
-    ups = max((place for place, part in enumerate(folder.parts, 1) if part == ".."), default=0)
-    start = base.joinpath(*folder.parts[:ups]).resolve()
-    return Path(os.path.relpath(start.joinpath(*folder.parts[ups:]), (base / out).resolve()))
+    parts = Path(folder).parts
+    ups = max((place for place, part in enumerate(parts, 1) if part == ".."), default=0)
+    start = Path(base, *parts[:ups]).resolve()
+    found = Path(os.path.relpath(start.joinpath(*parts[ups:]), Path(base, out).resolve()))
+    return "" if found == Path() else f"{found.as_posix()}/"
 
 
 class Journal:

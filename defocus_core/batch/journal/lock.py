@@ -1,38 +1,32 @@
 """The lock of a journal: one writer at a time, named in a file beside it.
 
-The lock is a lease of `filelock`. Its holder touches the file every second. A holder on this
-machine that runs no more loses the lock at once; any other loses it when it has not touched the
-file for a minute, by the clock of the process that waits. ``.journal.lock`` is for all of OUT,
-``.journal-2of8.lock`` for a shard of a batch. Shards of one division run side by side; nothing else
-does.
+The system holds the lock on the file, and lets go of it when the process ends, however that ends.
+``.journal.lock`` is for all of OUT, ``.journal-2of8.lock`` for a shard of a batch. Shards of one
+division run side by side; nothing else does.
 """
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
-import shutil
+import re
+import socket
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
 
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.errors import InputError
-from defocus_core.io.safe_files import unwritable
+from defocus_core.io.below import Folder
+from defocus_core.io.safe_files import is_at, unwritable
+from defocus_core.system.text import note
 
-if TYPE_CHECKING:
-    from filelock import SoftFileLease  # its import takes 25 ms
-
-BEAT = 1.0  # seconds between two touches
-LEASE = 60.0  # seconds without a touch, after which another may take the lock
-GLANCE = 3.0  # seconds to wait for a touch before a line reports that there is none
-Say = Callable[[str], object]
+PATIENCE = 0.2  # seconds in which a holder may be gone that only looked whether there is one
+_HOLDER = re.compile(r"process \d{1,10} on [\w.-]{1,100}")
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # of file systems without
 Check = Callable[[], None]
-
-
-class LockLost(InputError):  # noqa: N818 - no mistake
-    """Another process has taken the lock while this one did not run."""
 
 
 def lock_path(out: Path, shard: Shard | None = None) -> Path:
@@ -41,117 +35,83 @@ def lock_path(out: Path, shard: Shard | None = None) -> Path:
 
 
 @contextmanager
-def locked(out: Path, shard: Shard | None = None, *, say: Say) -> Iterator[Check]:
+def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
     """Hold the lock of an existing OUT, or of a shard, while the block runs.
 
     `shard`: which part of a batch; None for all of it.
     """
     path = lock_path(out, shard)
-    lease = _acquired(path, say)
 
     def require_held() -> None:
-        owner = lease.owner
-        if owner is None or owner.token != lease.token:
-            name = _holder(lease)
-            problem = f"was taken over by {name}" if name else "was removed while jobs were done"
-            raise LockLost(
-                "unwritable", problem, "run the same command again, to go on or anew", path=path
-            )
+        if not is_at(path, number):
+            problem, remedy = "was removed while jobs were done", "run the same command again"
+            raise InputError("unwritable", problem, remedy, path=path)
 
-    try:
-        _refuse_others(out, path, shard, say)
+    with _held(path) as number:
+        refuse_held(out, path, shard)
         yield require_held
-    finally:
-        with suppress(OSError):  # OUT may be gone
-            lease.release()
 
 
-def refuse_held(out: Path, *, say: Say) -> None:
-    """Refuse an OUT that somebody writes to, before its records are read."""
-    _refuse_others(out, None, None, say)
+def refuse_held(out: Path, own: Path | None = None, shard: Shard | None = None) -> None:
+    """Refuse an OUT that others write to; the locks of those that were killed go."""
+    for path in sorted(out.glob(".journal*.lock")):
+        of_same_division = shard is not None and path.name.endswith(f"of{shard.of}.lock")
+        if path != own and not of_same_division:
+            with _held(path):
+                pass
 
 
-def holder(out: Path, shard: Shard | None = None) -> str | None:
-    """Who holds a lock, in words; None if nobody does."""
-    from filelock import LeaseSettingsMismatch
-
-    path = lock_path(out, shard)
-    name = _holder(_lease(path))
-    if name is None:
-        return None
-    # To take the lock itself, if only for a moment, would refuse a batch that starts just then.
-    with TemporaryDirectory() as folder:
+def holder(path: Path) -> str | None:
+    """Who holds the lock of a file, in words; None if nobody does."""
+    with suppress(OSError), Folder(path.parent).open(path.name) as file:
         try:
-            copy = _lease(Path(shutil.copy(path, folder)))
-        except FileNotFoundError:  # given back by now
-            return None
-        try:
-            copy.acquire(blocking=False)  # which succeeds if the holder runs no more
-        except (OSError, LeaseSettingsMismatch):
-            return name
-        copy.release()
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            words = file.read(200).decode(errors="replace")
+            return words if _HOLDER.fullmatch(words) else "another process"
     return None
 
 
-def _refuse_others(out: Path, own: Path | None, shard: Shard | None, say: Say) -> None:
-    for other in sorted(out.glob(".journal*.lock")):
-        of_same_division = shard is not None and other.name.endswith(f"of{shard.of}.lock")
-        if other != own and not of_same_division:
-            _acquired(other, say).release()
-
-
-def _lease(path: Path) -> SoftFileLease:
-    from filelock import SoftFileLease
-
-    # Any thread may ask whether the lock is still held.
-    return SoftFileLease(path, lease_duration=LEASE, heartbeat_interval=BEAT, thread_local=False)
-
-
-def _acquired(path: Path, say: Say) -> SoftFileLease:
-    """The lock, held; or an error that names its holder as soon as the holder touches it."""
-    from filelock import LeaseSettingsMismatch, Timeout
-
-    lease, touched = _lease(path), _touched(path)
-    before = _holder(lease)
-
-    def is_touched() -> bool:  # a lock that is just being made names its holder a moment later
-        return _touched(path) not in (None, touched) and _holder(lease) is not None
-
+@contextmanager
+def _held(path: Path) -> Iterator[int]:
+    """Hold a lock, whose file is gone after the block; an error names who else holds it."""
+    end = time.monotonic() + PATIENCE
     try:
-        try:
-            lease.acquire(timeout=GLANCE, poll_interval=0.05, cancel_check=is_touched)
-        except Timeout:
-            name = _holder(lease)
-            if name is None or is_touched():
-                raise
-            say(f"{path}: {name} has not touched it for {GLANCE:g} s; waiting {LEASE:g} s in all")
-            lease.acquire(timeout=LEASE + GLANCE, poll_interval=0.05, cancel_check=is_touched)
-    except (LeaseSettingsMismatch, Timeout) as error:
-        raise _held(path, _holder(lease)) from error
+        while (number := _taken(path)) is None:
+            if time.monotonic() > end:
+                problem = f"{path.parent} is being written by {holder(path) or 'another process'}"
+                remedy = "wait for it, stop it, or choose another -o"
+                raise InputError("in-use", problem, remedy, path=path)
+            time.sleep(0.02)
     except OSError as error:
         raise unwritable(path, error) from error
-    if before:
-        say(f"{path}: left behind by {before}, which runs no more; taken over")
-    return lease
+    try:
+        try:
+            os.ftruncate(number, 0)
+            os.write(number, f"process {os.getpid()} on {socket.gethostname()}".encode())
+        except OSError as error:
+            raise unwritable(path, error) from error
+        yield number
+    finally:
+        with suppress(OSError):  # OUT may be gone, and the lock another's
+            if is_at(path, number):
+                path.unlink()
+        os.close(number)
 
 
-def _held(path: Path, name: str | None) -> InputError:
-    if name is None:
-        return InputError(
-            "empty", "names no holder", "if nobody writes to that directory, remove it", path=path
-        )
-    problem = f"{path.parent} is being written by {name}"
-    return InputError("in-use", problem, "wait for it, stop it, or choose another -o", path=path)
-
-
-def _holder(lease: SoftFileLease) -> str | None:
-    owner = lease.owner
-    return owner and f"process {owner.pid} on {owner.hostname.partition('?')[0]}"
-
-
-def _touched(path: Path) -> tuple[int, int] | None:
-    """When a lock was touched, and which file it is; None if there is none."""
-    with suppress(OSError):
-        status = os.lstat(path)
-        return status.st_mtime_ns, status.st_ino
+def _taken(path: Path) -> int | None:
+    """The open file of a lock that is taken; None if another holds it."""
+    number = Folder(path.parent).append(path.name)
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            os.close(number)
+            if isinstance(error, BlockingIOError):
+                return None
+            raise
+        note(f"{path.parent}: warning: its file system locks nothing; let no other write there")
+    if is_at(path, number):
+        return number
+    os.close(number)  # its holder has just removed it
     return None

@@ -11,13 +11,11 @@ from pathlib import Path
 from defocus_core.batch.journal.journal import (
     Record,
     Shard,
-    files_of,
-    in_order,
     journal_path,
     read,
     shards,
 )
-from defocus_core.batch.journal.lock import holder
+from defocus_core.batch.journal.lock import holder, lock_path
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.batch.journal.run_file import plan_of, run_path
 from defocus_core.errors import InputError
@@ -64,7 +62,7 @@ def progress(out: Path) -> Progress:
             "empty", "has no journal", "name the directory that a batch writes to", path=out
         )
     records = {run: read(journal_path(out, run)) for run in runs}
-    every = in_order(list(records.values()), out)
+    every = [record for of_run in records.values() for record in of_run]
     live = Ledger(out, every).live
     state = Progress(
         statuses=Counter(record["status"] for record in live),
@@ -90,15 +88,14 @@ def _add_run(
     every: Sequence[Record],
 ) -> None:
     """Add the jobs left, the rate and the process of a run that did not get to its end."""
-    who, plan = holder(out, run), plan_of(out, run)
+    who, plan = holder(lock_path(out, run)), plan_of(out, run)
     if who:
         state.running.append(who)
     if plan is None:
         return
     left = plan.left(every)
-    known = {name for record in every for name in files_of(record)} if left else set()
     state.left += len(left)
-    state.again += sum(not known.isdisjoint(files) for files in left)
+    state.again += len({record["sample_id"] for record in every}.intersection(left))
     own = [record for record in records if record["finished"] >= plan.begun]
     if own:
         until = datetime.now(UTC) if who else datetime.fromisoformat(own[-1]["finished"])

@@ -162,9 +162,9 @@ def _is_split(name: object) -> bool:
 def wrong_type(values: Mapping[str, Any], types: Types) -> str | None:
     """What is missing or of a wrong type among values, as ``has no lens``; None if nothing is."""
     for key, kinds in types.items():
-        if key not in values:
-            return f"has no {key}"
-        if not isinstance(values[key], kinds):
+        if type(values.get(key, ...)) not in kinds:
+            if key not in values:
+                return f"has no {key}"
             return f"has the {key} {values[key]!r:.60}, which is of a wrong type"
     return None
 

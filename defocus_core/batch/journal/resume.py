@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -26,64 +25,10 @@ from defocus_core.batch.jobs.output_kinds import PREVIEW
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.identity import typed
 from defocus_core.batch.journal.journal import Record, files_of, input_path
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import LENS_FILES, LENS_OPTIONS
+from defocus_core.batch.lenses.lens import Lens, lens_record_words
+from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.errors import InputError, Place
 from defocus_core.system.memory import without_collections
-
-# Fields of the template of a name that tell settings apart.
-_NAMED = {
-    **dict.fromkeys(("foc_dist", "focus_at", "focus_percentile", "focus_value"), "{focus}"),
-    "fnum": "{fnumber}",
-    "foclen": "{focal-length}",
-    "blur": "{blur}",
-    "view": "{view}",
-}
-_OPTIONS = {row.field: row for row in LENS_OPTIONS.values()}
-
-
-def _change(field: str, was: object, now: object) -> str:
-    """The change of a setting, as ``focus 2m, not 3m``."""
-    row = _OPTIONS.get(field)
-    if row is None:
-        return f"{field} {was}, not {now}"
-    before, after = (v if isinstance(v, str) else row.shown(v) for v in (was, now))
-    return f"{row.name} {before}, not {after}"
-
-
-def _lens_and_view(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """What a picture must share with the one that it replaces."""
-    lens, reading = settings.get("lens") or {}, settings.get("reading") or {}
-    return {**lens, "view": reading.get("view")}
-
-
-def _drawn_alike(record: Record, job: Job) -> bool:
-    """Whether a record is of a job but for the largest radius, and that has the same lens.
-
-    A smaller limit keeps a lens within it, as those drawn before were beyond the larger one; a
-    larger limit keeps the first lens of its draw.
-    """
-    lens = job.lens
-    others = (lens.sharp_range, lens.clamp_blur, lens.blur, job.shot)
-    if record["status"] != "ok" or job.picture.others or any(x is not None for x in others):
-        return False
-    before = record["settings"]["lens"].get("max_coc")
-    was = replace(job, lens=replace(lens, max_coc=before))
-    if before == lens.max_coc or identity.recipe(was) != record["recipe"]:
-        return False
-    limit = math.inf if lens.max_coc is None else lens.max_coc
-    is_first = not (record["lens"].get("draw") or {}).get("attempt")
-    is_smaller = limit < (math.inf if before is None else before)
-    return max(map(abs, record["coc_px"])) <= limit and (is_first or is_smaller)
-
-
-def _with_limit(record: Record, job: Job, recipe: str) -> Record:
-    """The record with the largest radius that a job allows."""
-    lens = {**record["lens"], "max_coc_px": job.lens.max_coc}
-    if job.lens.max_coc is None:
-        del lens["max_coc_px"]
-    settings, name = identity.settings(job), identity.name(recipe, record["inputs"])
-    return {**record, "recipe": recipe, "job": name, "settings": settings, "lens": lens}
 
 
 class Ledger:
@@ -112,9 +57,12 @@ class Ledger:
         last = {id(record): record for record in self._last.values()}
         return [own for record in last.values() if (own := self._own(record)) is not None]
 
-    def knows(self, job: Job) -> bool:
-        """Whether a record names a file that a job writes."""
-        return any(name in self._last for name in job.names.values())
+    @property
+    def previews(self) -> dict[str, identity.Stamp]:
+        """The previews of pictures by path, with their stamps."""
+        done = (record for record in self._last.values() if record["status"] == "ok")
+        outputs = (each for record in done for each in record["outputs"].items())
+        return {stamp["path"]: stamp for name, stamp in outputs if name.endswith(PREVIEW)}
 
     def splits(self) -> dict[str, set[str]]:
         """The splits that pictures were in, by their names."""
@@ -124,37 +72,20 @@ class Ledger:
                 found[str(record["settings"].get("stem"))].add(split)
         return found
 
-    def previews_replaced(self, job: Job) -> dict[str, identity.Stamp]:
-        """Path and stamp of the previews of pictures that a job replaces, and which it leaves."""
-        if job.outputs.preview or not self.knows(job):
-            return {}
-        with_previews = replace(job.outputs, preview=True).names(job.sample_id)
-        return {
-            path: record["outputs"][name]
-            for name, path in with_previews.items()
-            if name.endswith(PREVIEW)
-            and (record := self._last.get(path)) is not None
-            and record["status"] == "ok"
-        }
-
     def settled(self, job: Job, *, recipe: str, read_inputs: bool) -> Record | None:
         """The record by which a job need not be done again; None if it has to be.
 
         That is an ``ok`` of the same recipe whose inputs and outputs are as they were, or a
-        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, the
-        sample is of another split, or another limit of its radii draws the same lens, it is a new
-        record that says so.
+        rejection of the same recipe with the same inputs. If the inputs lie elsewhere by now, or
+        the sample is of another split, it is a new record that says so.
 
         `read_inputs`: compare the bytes of the inputs, not only size and time.
         """
         planned = job.names
-        records = [self._last.get(path) for path in planned.values()]
-        record = records[0] if records else None
-        if record is None or any(other is not record for other in records):
+        record, *others = [self._last.get(path) for path in planned.values()]
+        if record is None or any(other is not record for other in others):
             return None
-        if record["status"] == "failed":
-            return None
-        if record["recipe"] != recipe and not _drawn_alike(record, job):
+        if record["status"] == "failed" or record["recipe"] != recipe:
             return None
         moved = {}
         for role, path in job.files.items():
@@ -169,8 +100,6 @@ class Ledger:
                 moved[role] = {**stamp, "path": place}
         if record["status"] == "ok" and not self._in_place(record, planned):
             return None
-        if record["recipe"] != recipe:
-            record = _with_limit(record, job, recipe)
         if moved:
             record = {**record, "inputs": {**record["inputs"], **moved}}
         split = job.split.name
@@ -180,35 +109,29 @@ class Ledger:
         """Whether this very record is one that the journals have, and not superseded."""
         return any(self._last.get(path) is record for path in files_of(record))
 
-    def refuse_other_pictures(self, jobs: Iterable[Job]) -> None:
-        """Refuse to replace outputs of another picture that has the same name."""
-        for job in jobs:
-            for name in job.names.values():
-                path, record = self.out / name, self._last.get(name)
-                if record is None or job.outputs.overwrite or not path.exists():
-                    continue
-                before = self.out.resolve() / record["inputs"]["color"]["path"]
-                if before.exists() and before.resolve() != job.picture.color.resolve():
-                    problem = f"exists already, made of another picture, {before.resolve()}"
-                    remedy = "choose another -o, or add ‹overwrite› to replace it"
-                    raise InputError("exists", problem, remedy, path=path)
+    def refuse_others(self, jobs: Iterable[Job], *, keep_lenses: bool) -> None:
+        """Refuse to replace outputs of another picture, and, if asked, those of another lens."""
 
-    def refuse_other_lenses(self, jobs: Iterable[Job]) -> None:
-        """Refuse to replace outputs that another lens took, or of another view."""
+        def taken(settings: Mapping[str, Any]) -> tuple[Any, Any]:
+            return settings.get("lens") or {}, (settings.get("reading") or {}).get("view")
+
         for job in jobs:
-            now = _lens_and_view(identity.settings(job))
+            now = taken(identity.settings(job))
             for name in () if job.outputs.overwrite else job.names.values():
                 path, record = self.out / name, self._last.get(name)
-                if record is None or record["status"] != "ok" or not path.exists():
+                if record is None or not path.exists():
                     continue
-                changes = list(identity.changed_settings(_lens_and_view(record["settings"]), now))
-                if changes:
-                    words = ", ".join(_change(*change) for change in changes[:3])
-                    part = _NAMED.get(changes[0][0], "2")
-                    problem = f"exists already, taken otherwise: {words}"
-                    names = f"‹name› '{{stem}}_{part}'"
-                    remedy = f"choose another -o, {names}, or add ‹overwrite› to replace it"
-                    raise InputError("exists", problem, remedy, path=path)
+                before = self.out.resolve() / record["inputs"]["color"]["path"]
+                was = taken(record["settings"])
+                if before.exists() and before.resolve() != job.picture.color.resolve():
+                    other = f"made of another picture, {before.resolve()}"
+                elif keep_lenses and record["status"] == "ok" and was != now:
+                    view = f", view {was[1]}" if was[1] != now[1] else ""
+                    other = f"taken otherwise: {lens_record_words(record['lens'])}{view}"
+                else:
+                    continue
+                remedy = "choose another -o or ‹name›, or add ‹overwrite› to replace it"
+                raise InputError("exists", f"exists already, {other}", remedy, path=path)
 
     def _own(self, record: Record) -> Record | None:
         """A record without the outputs that another has replaced; None if it is superseded."""
@@ -223,7 +146,7 @@ class Ledger:
     def _in_place(self, record: Record, planned: Mapping[str, str]) -> bool:
         outputs = record["outputs"]
         return set(outputs) == set(planned) and all(
-            identity.unchanged(self.out / stamp["path"], stamp) for stamp in outputs.values()
+            identity.unchanged(f"{self.out}/{stamp['path']}", stamp) for stamp in outputs.values()
         )
 
 
@@ -251,7 +174,6 @@ def job_of(record: Record, out: Path) -> Job:
             typed(Outputs, {"root": str(out), **asked["outputs"]}),
             Machine(
                 quality=asked["quality"],
-                tolerance=asked.get("tolerance"),
                 tile=asked.get("tile"),
             ),
             asked["suffix"],

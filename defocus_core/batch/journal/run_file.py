@@ -1,8 +1,6 @@
 """The plan of a run in progress, ``OUT/.journal.run``, and the end of runs on shards: the merge.
 
-A plan is kept until its run is done, and names the files of all its jobs. A process that is killed
-between writing a file and saying so in the journal leaves the file: it is ours, though no journal
-knows it.
+A plan is kept until its run is done, and names all its jobs, so that others know what is left.
 """
 
 from __future__ import annotations
@@ -18,7 +16,6 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.journal.journal import (
     Record,
     Shard,
-    files_of,
     journal_path,
     merged,
     read_all,
@@ -26,11 +23,11 @@ from defocus_core.batch.journal.journal import (
     shards,
 )
 from defocus_core.batch.journal.lock import locked
-from defocus_core.batch.journal.records import is_moment, output_fault
+from defocus_core.batch.journal.records import is_moment
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import LEFTOVER, left_in, leftover, sync_folder, written_whole
+from defocus_core.io.safe_files import LEFTOVER, left_in, sync_folder, written_whole
 from defocus_core.system.text import note
 
 SHARDS_FOLDER = "shards"  # of tars
@@ -41,13 +38,12 @@ class RunPlan:
     """The jobs of a run."""
 
     begun: str  # when it began, UTC
-    jobs: Sequence[Sequence[str]]  # the files of each job, relative to OUT
+    jobs: Sequence[str]  # the names of their samples
 
-    def left(self, records: Iterable[Record]) -> list[Sequence[str]]:
+    def left(self, records: Iterable[Record]) -> list[str]:
         """The jobs that did not end since the run began, by the records of the journals."""
-        recent = (record for record in records if record["finished"] >= self.begun)
-        ended = {name for record in recent for name in files_of(record)}
-        return [files for files in self.jobs if ended.isdisjoint(files)]
+        ended = {each["sample_id"] for each in records if each["finished"] >= self.begun}
+        return [name for name in self.jobs if name not in ended]
 
     def write(self, path: Path) -> None:
         """Write the file of the run."""
@@ -88,17 +84,6 @@ def sweep_up(out: Path) -> None:
                     below.remove(f"{folder}/{name}")
 
 
-def sweep_up_after(process: int, out: Path, files: Iterable[Path]) -> None:
-    """Remove the half-written siblings of files below ``out`` that a dead process left."""
-    below = Folder(out)
-    for path in files:
-        folder, begin = path.parent.relative_to(out).as_posix(), f"{leftover(path)}{process}."
-        with suppress(OSError):
-            for name in below.names(folder):
-                if name.startswith(begin) and LEFTOVER.fullmatch(name):
-                    below.remove(f"{folder}/{name}")
-
-
 def _read(path: Path) -> RunPlan | None:
     try:
         text = Folder(path.parent).read(path.name)
@@ -109,9 +94,7 @@ def _read(path: Path) -> RunPlan | None:
     try:
         stored = json.loads(text)
         plan = RunPlan(stored["begun"], stored["jobs"])
-        is_plan = is_moment(plan.begun) and all(
-            isinstance(names, list) and not any(map(output_fault, names)) for names in plan.jobs
-        )
+        is_plan = is_moment(plan.begun) and all(isinstance(name, str) for name in plan.jobs)
     except (ValueError, TypeError, KeyError, RecursionError):
         is_plan = False
     if not is_plan:
@@ -131,21 +114,35 @@ class Merged(NamedTuple):
 def merge(out: Path) -> Merged:
     """Put the records of all shards into the journal of OUT, and remove theirs."""
     require_journal(out)
-    with locked(out, say=note) as require_lock:
-        parts = [s for s in shards(out) if journal_path(out, s).exists()]
-        records = read_all(out)
-        require_lock()
-        if parts:
-            with written_whole(journal_path(out)) as file:
-                file.write(merged(records))
-            sync_folder(out)  # before the journals of the shards are removed
+    with locked(out):
+        parts = gather(out)
         for shard in parts:
-            journal_path(out, shard).unlink()
             if run_path(out, shard).exists():
                 problem = f"shard {shard.number}/{shard.of} did not get to its end"
                 note(f"{out}: warning: {problem}")
         sweep_up(out)
-    return Merged(len(Ledger(out, records).live), len(parts), _missing(parts))
+    return Merged(len(Ledger(out, read_all(out)).live), len(parts), _missing(parts))
+
+
+def refuse_other_division(out: Path, own: Shard) -> None:
+    """Refuse a shard beside records of another division, of which none comes last."""
+    for shard in shards(out):
+        if shard.of != own.of and journal_path(out, shard).exists():
+            problem = f"is of another division than {own.number}/{own.of}"
+            remedy = f"run 'defocus merge {out}' first"
+            raise InputError("contradiction", problem, remedy, path=journal_path(out, shard))
+
+
+def gather(out: Path) -> list[Shard]:
+    """Put the records of all shards into the journal of OUT, whose lock must be held."""
+    parts = [shard for shard in shards(out) if journal_path(out, shard).exists()]
+    if parts:
+        with written_whole(journal_path(out)) as file:
+            file.write(merged(read_all(out)))
+        sync_folder(out)  # before the journals of the shards are removed
+    for shard in parts:
+        journal_path(out, shard).unlink()
+    return parts
 
 
 def _missing(shards: list[Shard]) -> list[str]:

@@ -61,7 +61,6 @@ class Lens:
     dp_model: str = "split"
     dp_kernels: Path | None = None  # what photodiodes see, instead of a model
     dp_crosstalk: float = 0.0
-    breathing: float = 0.0  # px outwards at the side borders, of a blur of 1 px
     noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
     noise_seed: int = 0
     draw: Draw | None = None  # of a random lens; another can be drawn from it

@@ -377,8 +377,7 @@ _ROWS = (
         parse=quantities.file,
         metavar="FILE",
         help="Picture of the opening instead of blades, grey or RGB, PNG, EXR or NPY: bright is "
-        "open, as a point beyond the focus shows it. NPY of rows x columns of pictures is a field "
-        "of kernels over the frame.",
+        "open, as a point beyond the focus shows it.",
         tag="pupil",
         example="pupil.png",
         file_field="aperture_image",
@@ -419,16 +418,6 @@ _ROWS = (
         even_in="steps",
     ),
     LensParam(
-        name="breathing",
-        parse=quantities.within(-1, 1, "a breathing", "like 0.2"),
-        metavar="-1…1",
-        help="Breathing of the focus: px by which a blur of 1 px is drawn outwards at the left and "
-        "right border, like 0.2, and less nearer to the middle.  [default: 0]",
-        tag="breath",
-        example="0.2",
-        even_in="steps",
-    ),
-    LensParam(
         name="noise",
         parse=quantities.noise,
         metavar="ELECTRONS:READ",
@@ -442,7 +431,7 @@ _ROWS = (
     LensParam(
         name="noise-seed",
         never_off=True,
-        parse=quantities.seed,
+        parse=quantities.whole,
         metavar="N",
         help="Number that decides the random numbers of the noise.  [default: 0]",
         tag="seed",

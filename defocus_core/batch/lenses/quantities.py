@@ -68,20 +68,6 @@ def length(text: str) -> float:
     return value
 
 
-def distances(text: str) -> tuple[float, float]:
-    """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
-
-    They are as they are written: the range holds both.
-    """
-    ends = text.split("..")
-    if len(ends) != 2:
-        raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")
-    near, far = length(ends[0]), math.inf if ends[1].strip() == "inf" else length(ends[1])
-    if near > far:
-        raise QuantityError(f"'{text}' ends before it begins", "write the nearer distance first")
-    return near, far
-
-
 class FileNumbers(tuple[float, float]):
     """The ends of a range of the numbers of a depth file, which have no unit."""
 
@@ -90,15 +76,21 @@ class FileNumbers(tuple[float, float]):
 
 
 def sharp_range(text: str) -> tuple[float, float]:
-    """The ends of `distances`, or `FileNumbers` from ``100..200``, which have no unit."""
-    ends = text.split("..")
+    """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
+
+    Without a unit, as ``100..200``, they are `FileNumbers`. The range holds both as written.
+    """
+    ends = [end.strip() for end in text.split("..")]
+    if len(ends) != 2:
+        raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")
     try:
-        low, high = (number(end) for end in ends)
-    except (QuantityError, ValueError):
-        return distances(text)
-    if math.isinf(high) or low > high:
-        raise QuantityError(f"'{text}' ends before it begins", "write the smaller number first")
-    return FileNumbers((low, high))
+        low, high = map(number, ends)
+        made: tuple[float, float] = FileNumbers((low, high))
+    except QuantityError:
+        made = low, high = length(ends[0]), math.inf if ends[1] == "inf" else length(ends[1])
+    if low > high:
+        raise QuantityError(f"'{text}' ends before it begins", "write the nearer distance first")
+    return made
 
 
 def focus(text: str) -> float | Percentile:
@@ -201,33 +193,67 @@ def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
     return parse
 
 
+def pair(
+    first: Callable[[str], float], second: Callable[[str], float], problem: str, remedy: str
+) -> Callable[[str], tuple[float, float]]:
+    """A parser of two quantities on both sides of a colon."""
+
+    def parse(text: str) -> tuple[float, float]:
+        words = text.split(":")
+        if len(words) != 2:
+            raise QuantityError(f"'{text}' is {problem}", remedy)
+        return first(words[0]), second(words[1])
+
+    return parse
+
+
+_LIGHTS = "like 0.93:16"
+_clipped = pair(
+    within(0, 0.999, "a threshold in linear light", _LIGHTS),
+    within(1, 1000, "a gain", _LIGHTS),
+    "no THRESHOLD:GAIN",
+    f"write auto, or {_LIGHTS}",
+)
+
+
 def highlights(text: str) -> tuple[float, float] | None:
     """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
-    if (word := text.strip().lower()) in ("auto", "off"):
-        return AUTO_LIGHTS if word == "auto" else None
-    example = "like 0.93:16"
-    threshold, gain = _two(text, "no THRESHOLD:GAIN", f"write auto, or {example}")
-    return (
-        within(0, 0.999, "a threshold in linear light", example)(threshold),
-        within(1, 1000, "a gain", example)(gain),
-    )
+    word = text.strip().lower()
+    return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
 
 
-def rim(text: str) -> tuple[float, float]:
-    """Radius of a rim, and its distance, in radii of the opening, from ``1.05:1.5``."""
-    size, distance = _two(text, "not the rim of a barrel", "write it like 1.05:1.5")
-    radius = within(0.1, 10, "the radius of a rim", "like 1.05:1.5")(size)
-    return radius, within(0, 100, "the distance of a rim", "like 1.05:1.5")(distance)
+_RIM = "like 1.05:1.5"
+rim = pair(  # its radius and its distance, in radii of the opening
+    within(0.1, 10, "the radius of a rim", _RIM),
+    within(0, 100, "the distance of a rim", _RIM),
+    "not the rim of a barrel",
+    f"write it {_RIM}",
+)
 
 
-def shifts(text: str) -> tuple[float, float]:
-    """Shifts of the focus of red and of blue in mm, of either sign, from ``0.1mm:0.05mm``."""
-    words = _two(text, "no RED:BLUE", "write it like 0.1mm:0.05mm")
-    red, blue = (float(_number(word, "a length", "like 0.1mm", _MM)) for word in words)
-    if max(abs(red), abs(blue)) > _MAX_SHIFT:
-        problem, remedy = f"'{text}' shifts too far", f"give {_MAX_SHIFT:g}mm at most"
-        raise QuantityError(problem, remedy)
-    return red, blue
+def _shift(text: str) -> float:
+    mm = float(_number(text, "a length", "like 0.1mm", _MM))
+    if abs(mm) > _MAX_SHIFT:
+        raise QuantityError(f"'{text}' shifts too far", f"give {_MAX_SHIFT:g}mm at most")
+    return mm
+
+
+# Shifts of the focus of red and of blue in mm, of either sign.
+shifts = pair(_shift, _shift, "no RED:BLUE", "write it like 0.1mm:0.05mm")
+
+
+def _electrons(minimum: float) -> Callable[[str], float]:
+    parse = within(minimum, _MAX_ELECTRONS, "a number of electrons", "like 4000:3")
+    return lambda text: parse(text.strip().removesuffix("e"))
+
+
+# Electrons of a light of 1, and electrons of read noise.
+noise = pair(
+    _electrons(1 / _MAX_ELECTRONS),
+    _electrons(0),
+    "not a noise of a sensor",
+    "write ELECTRONS:READ, like 4000:3",
+)
 
 
 def switch(text: str) -> bool:
@@ -235,23 +261,9 @@ def switch(text: str) -> bool:
     return one_of(("on", "off"))(text.strip().lower()) == "on"
 
 
-def noise(text: str) -> tuple[float, float]:
-    """Electrons of a light of 1, and electrons of read noise, from ``4000:3`` or ``4000e:3e``."""
-    problem, example = "not a noise of a sensor", "like 4000:3"
-    words = [
-        w.strip().removesuffix("e") for w in _two(text, problem, f"write ELECTRONS:READ, {example}")
-    ]
-    units, what = {"": 1}, "a number of electrons"
-    electrons, read = (float(_number(word, what, example, units)) for word in words)
-    if not (0 < electrons <= _MAX_ELECTRONS and 0 <= read <= _MAX_ELECTRONS):
-        remedy = f"give up to {_MAX_ELECTRONS:g} electrons, {example}"
-        raise QuantityError(f"'{text}' is {problem}", remedy)
-    return electrons, read
-
-
-def seed(text: str) -> int:
+def whole(text: str) -> int:
     """A whole number, 0 or more."""
-    if not (text.strip().isdecimal() and len(text) < 10):
+    if not re.fullmatch(r"\s*\d{1,9}\s*", text):
         raise QuantityError(f"'{text}' is not a whole number", "write it like 7")
     return int(text)
 
@@ -303,14 +315,6 @@ def _number(text: str, what: str, example: str, units: Mapping[str, str | int]) 
         raise QuantityError(f"'{text}' has no unit", f"write it with a unit, {example}")
     known = " or ".join(filter(None, units)) or "no unit"
     raise QuantityError(f"'{text}' has an unknown unit", f"use {known}, {example}")
-
-
-def _two(text: str, problem: str, remedy: str) -> tuple[str, str]:
-    """The words on both sides of a colon."""
-    first, colon, second = text.partition(":")
-    if not colon or ":" in second:
-        raise QuantityError(f"'{text}' is {problem}", remedy)
-    return first, second
 
 
 def _positive(text: str, what: str, example: str, units: Mapping[str, str | int]) -> float:

@@ -116,7 +116,7 @@ def write(take: Take | Record) -> Record:
         "depth_note": take.depth_words(),
         "depth_repair": repair_record(take.repair),
         "device": take.device,
-        "quality": take.quality,
+        "quality": job.machine.quality,
         "measures": measures(take),
         "warnings": list(take.warnings),
         "seconds": {

@@ -52,10 +52,8 @@ class Plan:
     # How many of ``todo`` were done, but with other inputs or settings, or have outputs that
     # are no longer as they were
     changed: int
-    files: list[list[str]]  # the outputs of each job to do, now or later, relative to OUT
-    # By number in ``todo``, path and stamp of previews of the pictures that a job replaces
-    # without a preview of its own
-    previews: dict[int, dict[str, identity.Stamp]]
+    names: list[str]  # of the samples of all jobs to do, now or later
+    previews: dict[str, identity.Stamp]  # those of before by path, relative to OUT
 
 
 @without_collections()
@@ -80,19 +78,12 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
         changed += not forced and any(name in ledger.files for name in job.names.values())
     moved = [record for _, record in settled if not ledger.has(record)]
     now = todo if execution.limit is None else todo[: execution.limit]
-    ledger.refuse_other_pictures(job for job, _ in todo)
-    if execution.keep_lenses:
-        ledger.refuse_other_lenses(job for job, _ in todo)
     jobs_to_do = [job for job, _ in todo]
+    ledger.refuse_others(jobs_to_do, keep_lenses=execution.keep_lenses)
     own = own_without_record(jobs_to_do, out, ledger.files)
     refuse_unknown(jobs_to_do, ledger.files | own)
-    previews = {
-        number: stamps
-        for number, (job, _) in enumerate(now)
-        if (stamps := ledger.previews_replaced(job))
-    }
-    files = [list(job.names.values()) for job, _ in todo]
-    return Plan(now, settled, moved, len(todo) - len(now), changed, files, previews)
+    names = [job.sample_id for job in jobs_to_do]
+    return Plan(now, settled, moved, len(todo) - len(now), changed, names, ledger.previews)
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:
@@ -166,16 +157,6 @@ def own_without_record(jobs: Sequence[Job], out: Path, known: Collection[str]) -
     return own
 
 
-def refuse_names(stems: Sequence[str], outputs: Outputs) -> None:
-    """Refuse names of samples that two have, or that are too long for a file."""
-    count = Counter(stems)
-    twice = next((stem for stem, times in count.items() if times > 1), None)
-    if twice is not None:
-        raise _written_twice(outputs.root / next(iter(outputs.names(twice).values())))
-    for name in outputs.names(max(count, key=lambda stem: len(os.fsencode(stem)))).values():
-        _refuse_long(outputs.root, name)
-
-
 def _written_twice(path: Path) -> InputError:
     return InputError(
         "duplicate", "would be written twice", "rename one of the colour files", path=path
@@ -199,14 +180,15 @@ def _refuse_clashes(jobs: Sequence[Job]) -> None:
     for root, name in count:
         _refuse_long(root, name)
     pictures = {id(job.picture): job.picture for job in jobs}.values()
-    named = [path for picture in pictures for path in picture.files.values()]
+    named = [str(path) for picture in pictures for path in picture.files.values()]
     # Path.resolve raises where a link leads in a circle; its reader names that.
-    named += [Path(os.path.realpath(path)) for path in named if path.is_symlink()]
-    places = {folder: Path(folder).resolve() for folder in {str(path.parent) for path in named}}
+    named += [os.path.realpath(path) for path in named if os.path.islink(path)]  # noqa: PTH114
+    split = [os.path.split(path) for path in named]
+    places = {folder: Path(folder).resolve() for folder in {folder for folder, _ in split}}
     own = {folder.resolve() for outputs in _outputs_of(jobs) for folder in outputs.folders}
     if own.isdisjoint(places.values()):  # a batch has many outputs, and hardly ever such inputs
         return
-    inputs = {places[str(path.parent)] / path.name for path in named}
+    inputs = {places[folder] / name for folder, name in split}
     for path in (path for job in jobs for path in job.written):
         if path.parent.resolve() / path.name in inputs:
             raise InputError(

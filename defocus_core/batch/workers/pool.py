@@ -25,9 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 from defocus_core.batch.jobs.job import Job, Machine
 from defocus_core.batch.journal.journal import Record
-from defocus_core.batch.journal.run_file import sweep_up_after
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.dask_pool import execute_at
 from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError
@@ -241,22 +239,6 @@ class _Worker:
         self.connection.close()
         self.process.kill()
         self.process.join(_GRACE)
-        if self.process.pid is not None:
-            for job in self.flight.values():
-                sweep_up_after(self.process.pid, job.outputs.root, job.written)
-
-
-def execute_in(processes: int) -> Execute:
-    """An executor of jobs in so many processes."""
-
-    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-        first = [*islice(chunks, 2)]
-        if [len(chunk) for chunk in first] == [1]:  # a process takes longer to start than a job
-            pipeline.execute(iter(first), done, stopped)
-        elif first:
-            Pool(processes, chain(first, chunks), done, stopped).run()
-
-    return execute
 
 
 def _death(code: int | None, times: int) -> str:
@@ -281,7 +263,6 @@ def _without_interrupts() -> Iterator[None]:
 # A core more for each process saves more than a thread more in it, for these wait for one another;
 # but each should find this much memory.
 ROOM_MB = 2000
-MANY = 64  # workers of a cluster, whose number may change
 _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subsystem
 
 
@@ -289,7 +270,6 @@ _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subs
 class WorkerConfig:
     """The processes that compute."""
 
-    scheduler: str  # ``local``, or the address of a Dask scheduler
     processes: int | None  # on this machine; None for as many as suit it
     threads: int | None  # of each; None for what makes use of all cores
     device: str  # auto, cpu or cuda
@@ -309,7 +289,7 @@ class WorkerConfig:
     def _memory_of_each(self) -> int | None:
         """Bytes of memory that one of several processes may take; None for no bound."""
         available = memory.available_mb()
-        if self.scheduler != "local" or self.count == 1 or available is None:
+        if self.count == 1 or available is None:
             return None
         return int(memory_budget.SHARE * available / self.count * memory.MB)
 
@@ -330,18 +310,17 @@ class WorkerConfig:
         maximum = cores() if available is None else int(available // ROOM_MB)
         return max(1, min(cores(), maximum))
 
-    @property
-    def spread(self) -> int:
-        """Over how many workers the jobs of one picture are to be spread."""
-        return self.count if self.scheduler == "local" else MANY
-
     def execute(self) -> Execute:
         """The executor of the jobs."""
-        if self.scheduler == "local":
-            from defocus_core.batch.workers.pool import execute_in
 
-            return execute_in(self.count)
-        return execute_at(self.scheduler, threads=self.threads)
+        def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+            first = [*islice(chunks, 2)]
+            if [len(chunk) for chunk in first] == [1]:  # a process takes longer to start than a job
+                pipeline.execute(iter(first), done, stopped)
+            elif first:
+                Pool(self.count, chain(first, chunks), done, stopped).run()
+
+        return execute
 
 
 def computed_by(jobs: Sequence[Job], machine: Machine) -> list[Job]:

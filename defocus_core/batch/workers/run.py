@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
@@ -18,7 +18,7 @@ from defocus_core.batch.datasets import update
 from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
-from defocus_core.batch.journal.lock import Check, LockLost, locked
+from defocus_core.batch.journal.lock import Check, locked
 from defocus_core.batch.journal.run_file import RunPlan
 from defocus_core.batch.workers.job_result import TRANSIENT
 from defocus_core.batch.workers.plan import (
@@ -34,9 +34,7 @@ from defocus_core.batch.workers.plan import (
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
-from defocus_core.picture.memory_budget import refuse_small
 from defocus_core.system.interrupts import Interrupts
-from defocus_core.system.text import note
 
 MAX_IN_A_CHUNK = 8
 
@@ -69,13 +67,14 @@ class Summary:
     seconds: float = 0.0
     interrupted: bool = False
     withdrawn: set[str] = field(default_factory=set)  # samples taken out of the index of OUT
+    unchanged: set[str] | None = None  # names of all samples, if they were done before
 
 
 def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
     """Do jobs that write to OUT."""
     with (
         _output_folders({job.outputs for job in jobs}, out),
-        locked(out, execution.shard, say=note) as require_lock,
+        locked(out, execution.shard) as require_lock,
     ):
         return _carried_out(jobs, out, execution, listener, require_lock)
 
@@ -87,7 +86,6 @@ def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
 
     own = [name for name in job.names.values() if is_own(job.outputs.root / name)]
     refuse_unknown([job], known=own)
-    refuse_small(job)
     out, summary = job.outputs.root, Summary(1, 0, 1)
 
     def done(_: int, record: Record) -> None:
@@ -124,14 +122,19 @@ def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
 def _carried_out(
     jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener, require_lock: Check
 ) -> Summary:
-    if execution.shard is None:  # else other shards write to OUT, too
+    if execution.shard is None:
         run_file.sweep_up(out)
+        run_file.gather(out)
+    else:  # others of its division write to OUT, too
+        run_file.refuse_other_division(out, execution.shard)
     plan = make_plan(jobs, out, execution)
     listener.planned(plan)
     settled = len(plan.settled)
+    done = {job.sample_id for job, record in plan.settled if record["status"] == "ok"}
     plan.settled.clear()  # a night is long, and they are many
     left = len(plan.todo) + plan.beyond
     summary = Summary(settled + left, settled, left)
+    summary.unchanged = None if plan.todo or plan.moved else done
     path = run_file.run_path(out, execution.shard)
     if plan.moved:
         with Journal(journal_path(out, execution.shard)) as journal:
@@ -142,12 +145,10 @@ def _carried_out(
         if not execution.again:
             path.unlink(missing_ok=True)
         return summary
-    if len(plan.todo) == 1:
-        refuse_small(plan.todo[0][0])
     others = _others_left(plan, out) if execution.again else []
     with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        RunPlan(_now(), plan.files + others).write(path)
-        plan.files.clear()
+        RunPlan(_now(), plan.names + others).write(path)
+        plan.names.clear()
         if execution.shard is None and not execution.again:
             run_file.forget_shards(out)
         changing = {job.sample_id for job, _ in plan.todo}
@@ -158,8 +159,6 @@ def _carried_out(
                     plan, out, execution, listener, journal, summary, interrupts, require_lock
                 ).do()
             require_lock()
-        except LockLost:  # the plan of the run is another's by now
-            raise
         except BaseException:
             if len(jobs) == 1 and not others:
                 path.unlink(missing_ok=True)
@@ -172,12 +171,11 @@ def _carried_out(
     return summary
 
 
-def _others_left(plan: Plan, out: Path) -> list[Sequence[str]]:
-    """The files of each job that a stopped batch has left, and that is not in the plan."""
+def _others_left(plan: Plan, out: Path) -> list[str]:
+    """The jobs that a stopped batch has left, and that are not in the plan."""
     stopped = run_file.plan_of(out)
-    own = {name for files in plan.files for name in files}
-    left = stopped.left(read_all(out)) if stopped else []
-    return [files for files in left if own.isdisjoint(files)]
+    left, own = stopped.left(read_all(out)) if stopped else [], {*plan.names}
+    return [name for name in left if name not in own]
 
 
 @dataclass
@@ -223,9 +221,11 @@ class _Batch:
         transient = {key: record[key] for key in TRANSIENT if key in record}
         record = completed(record, job, recipe, self.out)
         self.journal.append(record)
-        if record["status"] == "ok":
-            for path, stamp in self.plan.previews.pop(number, {}).items():
-                if identity.unchanged(self.out / path, stamp):
+        if record["status"] == "ok" and not job.outputs.preview:
+            with_previews = replace(job.outputs, preview=True).names(job.sample_id)
+            for path in with_previews.values():  # of another lens
+                stamp = self.plan.previews.get(path)
+                if stamp and identity.unchanged(self.out / path, stamp):
                     Folder(self.out).remove(path)
         self.summary.left -= 1
         self.summary.statuses[record["status"]] += 1

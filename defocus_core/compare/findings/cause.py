@@ -1,6 +1,6 @@
 """What happened to B: causes tried in turn, and the one that leaves least is the finding.
 
-A cause is a row of a table: its name, its model, its words and its rivals. Where a rival explains
+A cause is a row of a table: its model, what it may leave, and its rivals. Where a rival explains
 about as much, the word for both is said. Where none explains enough, the place of the difference
 is, if it has one.
 """
@@ -15,7 +15,7 @@ from typing import Any
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.findings.geometry import GEOMETRY
-from defocus_core.compare.findings.places import located, place_of
+from defocus_core.compare.findings.places import LocatedPair, place_of
 from defocus_core.compare.findings.softness import SOFTNESS, SPREAD
 from defocus_core.compare.findings.tone import TONE
 from defocus_core.compare.findings.traces import TRACES
@@ -24,7 +24,6 @@ from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_p
 from defocus_core.compare.pixels import Pixels
 from defocus_core.errors import InputError
 
-_MAPS_OF_COC = {"coc", "disparity"}
 # Attributes of a render by what follows if they differ.
 _OF_A_LENS = {
     "another CoC": ("fnumber", "focus", "focal_length", "coc_px"),
@@ -39,8 +38,6 @@ _OF_NUMBERS = {
 _SPREADS = ("another CoC", "another CoC or bokeh shape", "spread otherwise")
 _LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
 _PLACED_TOO = "spread otherwise"  # says how, and no cause
-# Of a difference, and of the cost: two causes of few pixels that are closer are not told apart.
-_NEARLY, _AS_SIMPLE = 0.02, 0.005
 # Families of causes, the cheapest first: a later one is tried where the earlier leave something.
 FAMILIES = (TONE, (*GEOMETRY, *TRACES), SOFTNESS, SPREAD)
 _RIVAL = 0.8  # greatest share that a cause leaves of what each of its rivals leaves
@@ -56,68 +53,47 @@ def diagnose(
     coc: Path | None = None,
 ) -> list[Finding]:
     """The cause of the differences of a pair that has some, or their place, or nothing."""
-    others = _others(pixels, a.path)
-    evidence = Evidence(pixels, b.types, others)
+    evidence = Evidence(pixels, b.types, _others(pixels, a.path))
     old, new = (evidence.scaled(side) for side in evidence.sampled)
     if old.size and float(abs(new - old).max()) < _LAST_BITS:
         return []
     chosen = _chosen(evidence)
-    if chosen is not None and evidence.is_small:
-        again = _chosen(Evidence(pixels, b.types, others, swapped=True))
-        chosen = chosen if again is not None and again.finding.name == chosen.finding.name else None
-    if set(evidence.names) <= _MAPS_OF_COC and _is_of_values(chosen):
-        return _of_maps(evidence)
     findings = []
     if chosen is not None:
         finding = _by_metadata(_by_channels(chosen.finding, evidence), a.metadata, b.metadata)
-        share = round(max(0.0, 1 - chosen.fit.left), 4)
+        share = round(max(0.0, 1 - chosen.left), 4)
         findings = [Finding(finding.name, finding.text, finding.values, share)]
     if evidence.is_slight and (not findings or findings[0].name == _PLACED_TOO):
         return [Finding("too small to name", "too small to name")]
     if not findings or findings[0].name == _PLACED_TOO:
-        place = place_of(located(evidence, (a, b), corner, coc))
+        place = place_of(LocatedPair(evidence, (a, b), corner, coc))
         findings += [] if place is None else [place]
     return findings
 
 
 def _chosen(evidence: Evidence) -> Explanation | None:
     """The explanation that leaves least; the dear ones are tried where it leaves something."""
-    tried: list[Explanation] = []
+    good: list[Explanation] = []
     chosen = None
     for family in FAMILIES:
         if chosen is None or (chosen.rank > _CERTAIN and family is not SPREAD):
-            tried += [each for cause in family for each in cause.explanations(evidence)]
-            good = [each for each in tried if each.is_good]
+            good += [each for cause in family for each in cause.explanations(evidence)]
             chosen = min(good, key=lambda each: each.rank, default=None)
-    if evidence.is_small and _is_one_of_many(chosen, tried):
-        return None
-    return None if chosen is None else among_rivals(chosen, tried)
+    return None if chosen is None else among_rivals(chosen, good)
 
 
-def among_rivals(chosen: Explanation, tried: Sequence[Explanation]) -> Explanation:
+def among_rivals(chosen: Explanation, good: Sequence[Explanation]) -> Explanation:
     """The explanation, or the word for it and for what explains about as much."""
-    word, name = chosen.cause.rivals, chosen.finding.name
-    most = max(chosen.fit.left, _FLOOR) / _RIVAL
-    names = {
-        each.finding.name
-        for each in tried
-        if each.cause.rivals == word and each.is_good and each.fit.left < most
-    }
+    word, name = chosen.rivals, chosen.name
+    most = max(chosen.left, _FLOOR) / _RIVAL
+    names = {each.name for each in good if each.rivals == word and each.left < most}
     names = {each for each in names if each not in name and name not in each}
     if not word or not names:
         return chosen
-    text = f"{word}: {' or '.join([name, *sorted(names)])}"
-    values = {"possible": [name, *sorted(names)]}
-    return replace(chosen, finding=Finding(word, text, values))
-
-
-def _is_one_of_many(chosen: Explanation | None, tried: Sequence[Explanation]) -> bool:
-    """Whether another cause that is as simple explains nearly as much."""
-    if chosen is None:
-        return False
-    left, cost = chosen.fit.left + _NEARLY, chosen.fit.cost + _AS_SIMPLE
-    rivals = [e for e in tried if e.is_good and e.fit.left <= left and e.fit.cost <= cost]
-    return any(each.finding.name != chosen.finding.name for each in rivals)
+    possible = [name, *sorted(names)]
+    return replace(
+        chosen, name=word, how=f": {' or '.join(possible)}", values={"possible": possible}
+    )
 
 
 def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
@@ -156,24 +132,6 @@ def _by_metadata(finding: Finding, a: Mapping[str, str], b: Mapping[str, str]) -
             said = f"{name}: {how} ({', '.join(changes)}, by the metadata)"
             return Finding(name, said, finding.values)
     return finding
-
-
-def _is_of_values(chosen: Explanation | None) -> bool:
-    """Whether a map differs in its values and not in their places: no cause, or a tone."""
-    tones = ("another exposure", "another gamma", "raised blacks", "lowered blacks", "noise")
-    return chosen is None or chosen.finding.name in tones
-
-
-def _of_maps(evidence: Evidence) -> list[Finding]:
-    """Maps of the circle of confusion that differ, with their ranges."""
-    findings = []
-    for name in evidence.names:
-        planes = (evidence.at(side, slice(None), slice(None), [name]) for side in ("a", "b"))
-        old, new = ([float(plane.min()), float(plane.max())] for plane in planes)
-        ranges = [f"{minimum:.2f} to {maximum:.2f} px" for minimum, maximum in (new, old)]
-        text = f"another CoC: {name} {' instead of '.join(dict.fromkeys(ranges))}"
-        findings.append(Finding("another CoC", text, {"a": old, "b": new}))
-    return findings
 
 
 def _others(pixels: Pixels, file_a: Path | None) -> dict[str, dict[str, Any]]:

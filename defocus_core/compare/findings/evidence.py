@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -24,7 +24,7 @@ from defocus_core.compare.selection import widened
 from defocus_core.io.images.color_space import srgb_to_linear
 
 _SAMPLES = 5_000  # pixels that are looked at, each with its neighbour on the right
-_FEW = 2048  # pixels of a picture below which a finding must hold in both turns of the blocks
+_FEW = 2048  # pixels of a picture below which what explains half of them may be chance
 _FRAME = 448  # px of a side of the part that is looked at as a whole
 _LARGE = 0.5  # difference beyond which a pixel does not count more
 _GRID = 16  # px that its corner is a multiple of, so that tiles, blocks and coarse pixels are whole
@@ -34,6 +34,7 @@ LOSSY = (3.5 / 255) ** 2  # power of the strongest noise of a codec
 # Largest share of a difference that an explanation may leave, if it is to be named.
 LEFT = 0.4
 EXACT = 0.15  # the same for what predicts all values
+LEFT_OF_FEW = 0.06  # the same of a picture of few pixels
 _SIGNAL = 1.3  # least power of a difference, by that of the noise in it
 # RMS of what number types round off: of 0…1 for integers, as a share of the level for others.
 _STEPS = {"uint8": 0.35 / 255, "uint16": 0.35 / 65535}
@@ -42,55 +43,46 @@ PART = 32  # px of a side of a part
 
 
 @dataclass(frozen=True)
-class FittedCause:
-    """A cause whose parameters are those that explain most."""
+class Explanation:
+    """A cause whose parameters are those that explain most of a difference."""
 
     left: float  # share of the RMS difference that it leaves
-    # Its parameters, for words and for programs
+    name: str  # of the finding
+    how: str = ""  # what the words of the finding say after its name
+    # Its parameters, for programs
     values: Mapping[str, Any] = field(default_factory=dict)
-    said: Mapping[str, str] = field(default_factory=dict)  # what else its words say
     cost: float = 0.0  # what is added to ``left`` where causes compete: more for more parameters
+    # The word for it and all that can make the same picture, which is said where two of them
+    # explain about as much; empty if there are none
+    rivals: str = ""
+    text: str = ""  # the words, where they do not begin with the name
+
+    @property
+    def rank(self) -> float:
+        """What counts where explanations compete; the least wins."""
+        return round(self.left, 2) + self.cost
+
+    @property
+    def finding(self) -> Finding:
+        """The finding that it makes."""
+        return Finding(self.name, self.text or self.name + self.how, self.values)
 
 
 @dataclass(frozen=True)
 class Cause:
     """A row of the table of causes."""
 
-    name: str  # of the finding, with parameters in braces
-    model: Callable[[Evidence], Iterator[FittedCause]]  # fits it to a pair, in one way or several
-    words: str = "{name}"  # the finding, with its name and parameters in braces
+    model: Callable[[Evidence], Iterator[Explanation]]  # fits it to a pair, in one way or several
     limit: float = LEFT  # the largest share of a difference that it may leave, if it is to be named
-    # The word for it and all that can make the same picture, which is said where two of them
-    # explain about as much; empty if there are none
-    rivals: str = ""
+    rivals: str = ""  # as of `Explanation`
     needs: Callable[[Evidence], bool] | None = None  # whether a pair can have it; None for all
 
     def explanations(self, evidence: Evidence) -> Iterator[Explanation]:
-        """The fits of this cause to a pair."""
-        for fit in self.model(evidence) if self.needs is None or self.needs(evidence) else ():
-            parameters = {**fit.values, **fit.said}
-            name = self.name.format(**parameters)
-            text = self.words.format(**{**parameters, "name": name})
-            yield Explanation(self, fit, Finding(name, text, fit.values))
-
-
-@dataclass(frozen=True)
-class Explanation:
-    """A fit of a cause, and the finding that it makes."""
-
-    cause: Cause
-    fit: FittedCause
-    finding: Finding
-
-    @property
-    def rank(self) -> float:
-        """What counts where explanations compete; the least wins."""
-        return round(self.fit.left, 2) + self.fit.cost
-
-    @property
-    def is_good(self) -> bool:
-        """Whether it explains enough to be named."""
-        return self.fit.left <= self.cause.limit
+        """The fits of this cause to a pair that explain enough to be named."""
+        limit = min(self.limit, LEFT_OF_FEW) if evidence.is_small else self.limit
+        if self.needs is None or self.needs(evidence):
+            fits = (each for each in self.model(evidence) if each.left <= limit)
+            yield from (replace(each, rivals=self.rivals) for each in fits)
 
 
 class Evidence:
@@ -109,12 +101,8 @@ class Evidence:
         pixels: Pixels,
         types: Mapping[str, str],
         others: Mapping[str, Mapping[str, NDArray[Any]]],
-        *,
-        swapped: bool = False,
     ) -> None:
-        """A pair; if swapped, the blocks that chose parameters measure, and the reverse."""
         self.pixels, self.others = pixels, others
-        self._swapped = swapped
         self.is_small = pixels.a[0].size < _FEW
         self.names = tuple(n for n, most in pixels.differences.largest.items() if most)
         self.gamma = pixels.gamma
@@ -147,7 +135,7 @@ class Evidence:
         """Samples that choose parameters; the others measure."""
         rows, columns = (places // _BLOCK for places in self.places)
         half = len(rows) // 2
-        first = (rows[:half] + columns[:half]) % 2 == self._swapped
+        first = (rows[:half] + columns[:half]) % 2 == 0
         return np.concatenate([first, first])
 
     @cached_property
@@ -331,16 +319,6 @@ def _drawn(generator: np.random.Generator, mask: NDArray[np.bool_], count: int) 
 def has_light(evidence: Evidence) -> bool:
     """Whether a pair has colour, and not maps of numbers alone."""
     return bool(evidence.pixels.color)
-
-
-def has_many(evidence: Evidence) -> bool:
-    """Whether a pair has so many pixels that parameters do not fit them by chance."""
-    return not evidence.is_small
-
-
-def has_much_light(evidence: Evidence) -> bool:
-    """Whether a pair has colour of so many pixels."""
-    return has_light(evidence) and has_many(evidence)
 
 
 def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:

@@ -16,7 +16,7 @@ from defocus_core.compare.findings.evidence import (
     PART,
     Cause,
     Evidence,
-    FittedCause,
+    Explanation,
     blocks_in_turn,
     fitted_in_parts,
     sums_of_parts,
@@ -37,17 +37,17 @@ _STEP = 1e-4  # px by which kernels of interpolation are moved for their slope
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
 
 
-def _other_file(evidence: Evidence) -> Iterator[FittedCause]:
+def _other_file(evidence: Evidence) -> Iterator[Explanation]:
     """B is another file that lies beside A."""
     rows, columns = evidence.places
     for name, planes in evidence.others.items():
         if all(n in planes and planes[n].shape == evidence.size for n in evidence.names):
             there = np.stack([planes[n][rows, columns] for n in evidence.names])
-            said = {"name": name.partition(":")[0], "text": name}
-            yield FittedCause(evidence.left(np.nan_to_num(there.astype(np.float32))), said=said)
+            left = evidence.left(np.nan_to_num(there.astype(np.float32)))
+            yield Explanation(left, name.partition(":")[0], text=name)
 
 
-def _flipped(evidence: Evidence) -> Iterator[FittedCause]:
+def _flipped(evidence: Evidence) -> Iterator[Explanation]:
     """B is A mirrored or turned by right angles, or its halves or its rows in pairs exchanged."""
     y, x = evidence.places
     height, width = evidence.size
@@ -68,11 +68,10 @@ def _flipped(evidence: Evidence) -> Iterator[FittedCause]:
         half = (x + width // 2) % width
         moves.append(("left and right swapped", ": the halves of the picture", y, half))
     for name, how, rows, columns in moves:
-        left = evidence.left(evidence.at("a", rows, columns))
-        yield FittedCause(left, said={"name": name, "text": name + how})
+        yield Explanation(evidence.left(evidence.at("a", rows, columns)), name, how)
 
 
-def _cropped(evidence: Evidence) -> Iterator[FittedCause]:
+def _cropped(evidence: Evidence) -> Iterator[Explanation]:
     """B is 0 outside of a window, and as A within it."""
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
     if all(plane[0].any() and plane[:, 0].any() and plane[-1].any() for plane in planes):
@@ -88,11 +87,12 @@ def _cropped(evidence: Evidence) -> Iterator[FittedCause]:
         rows, columns = evidence.places
         inside = (rows >= top) & (rows <= bottom) & (columns >= left) & (columns <= right)
         left_over = evidence.left(np.where(inside, evidence.sampled[0], np.float32(0.0)))
-        where = f"{width}x{height} at {left},{top}"
-        yield FittedCause(left_over, {"window": [left, top, width, height]}, {"where": where})
+        text = f"a crop: 0 outside of {width}x{height} at {left},{top}"
+        values = {"window": [left, top, width, height]}
+        yield Explanation(left_over, "crop", values=values, text=text)
 
 
-def _tiles_exchanged(evidence: Evidence) -> Iterator[FittedCause]:
+def _tiles_exchanged(evidence: Evidence) -> Iterator[Explanation]:
     """Tiles of B are tiles of A of another place; a tile is known by the mean of its channels."""
     rows, columns = evidence.places
     pixels = evidence.pixels
@@ -120,8 +120,8 @@ def _tiles_exchanged(evidence: Evidence) -> Iterator[FittedCause]:
         step_x = (source[tile] % across - tile % across) * side * whole
         predicted = evidence.at("a", rows + step_y, columns + step_x)
         if step.any():
-            cost = 0.001 * _TILES.index(side)
-            yield FittedCause(evidence.left(predicted), {"side": side}, cost=cost)
+            left, cost = evidence.left(predicted), 0.001 * _TILES.index(side)
+            yield Explanation(left, "tiles exchanged", f": of {side} px", {"side": side}, cost)
 
 
 def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
@@ -149,11 +149,11 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
-def _shifted(evidence: Evidence) -> Iterator[FittedCause]:
+def _shifted(evidence: Evidence) -> Iterator[Explanation]:
     """B is A moved by whole pixels; what comes in at the border may be anything."""
     left, dx, dy = _offsets_tried(evidence)[0]
     if (dx, dy) != (0, 0):
-        yield FittedCause(left, {"dx": dx, "dy": dy})
+        yield Explanation(left, "shifted", f" by ({dx}, {dy})", {"dx": dx, "dy": dy})
 
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
@@ -185,7 +185,7 @@ def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[t
         yield [list(zip(x.tolist(), y.tolist(), strict=True)) for x, y in zip(dx, dy, strict=True)]
 
 
-def _moved_a_little(evidence: Evidence) -> Iterator[FittedCause]:
+def _moved_a_little(evidence: Evidence) -> Iterator[Explanation]:
     """B is A moved by fractions, turned or enlarged around the middle, with cubic interpolation.
 
     Shift, angle and scale are found by least squares on the gradient (Lucas and Kanade, 1981).
@@ -222,7 +222,8 @@ def _moved_a_little(evidence: Evidence) -> Iterator[FittedCause]:
         left = _left_by_move(evidence, move, far)
         if name == "shifted" and left > _SHIFT_LEFT:
             continue
-        yield FittedCause(left, values, {"name": name, "text": text}, 0.01 + 0.02 * (free - 2))
+        cost = 0.01 + 0.02 * (free - 2)
+        yield Explanation(left, name, values=values, cost=cost, text=text)
 
 
 def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
@@ -295,7 +296,7 @@ def _moved_words(move: NDArray[Any], far: float) -> tuple[str, str, dict[str, fl
     return strongest[1], " and ".join(ways) or strongest[1], values
 
 
-def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
+def _moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
     """Parts of the picture have moved by different amounts: another view, or another frame."""
     tried = _offsets_tried(evidence)
     if tried[0][0] <= _EXPLAINED or min(evidence.size) < 3 * PART:
@@ -322,9 +323,9 @@ def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
     if apart < _ONE_MOVE or not matter.any():
         return
     (x0, y0), (x1, y1) = (choose(moves[matter], axis=0) for choose in (np.min, np.max))
-    span = f"{x0:.0f} to {x1:.0f} px across, {y0:.0f} to {y1:.0f} px down"
+    how = f": parts moved by {x0:.0f} to {x1:.0f} px across, {y0:.0f} to {y1:.0f} px down"
     left = evidence.left_framed(evidence.unscaled_light(predicted), ~chooses)
-    yield FittedCause(left, said={"span": span}, cost=0.0 if apart > 1 else 0.1)
+    yield Explanation(left, "another view or frame", how, cost=0.0 if apart > 1 else 0.1)
 
 
 def _apart_from_one_move(moves: NDArray[Any], weights: NDArray[Any]) -> float:
@@ -359,15 +360,11 @@ def _moved_by(values: NDArray[Any], dx: int, dy: int) -> NDArray[Any]:
 
 
 GEOMETRY = (
-    Cause("{name}", _other_file, "{text}"),
-    Cause("{name}", _flipped, "{text}"),
-    Cause("crop", _cropped, "a crop: 0 outside of {where}"),
-    Cause("tiles exchanged", _tiles_exchanged, "tiles exchanged: of {side} px"),
-    Cause("shifted", _shifted, "{name} by ({dx}, {dy})", _SHIFT_LEFT),
-    Cause("{name}", _moved_a_little, "{text}"),
-    Cause(
-        *("another view or frame", _moved_in_parts),
-        "{name}: parts moved by {span}",
-        _PARTS_LEFT,
-    ),
+    Cause(_other_file),
+    Cause(_flipped),
+    Cause(_cropped),
+    Cause(_tiles_exchanged),
+    Cause(_shifted, _SHIFT_LEFT),
+    Cause(_moved_a_little),
+    Cause(_moved_in_parts, _PARTS_LEFT),
 )

@@ -10,8 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -42,72 +40,62 @@ _ONE_SIGN = 0.9  # share of the squared difference that makes it brighter, or da
 _DEPTHS = ("Z", "depth.Z", "depth")  # channels
 
 
-@dataclass(frozen=True)
 class LocatedPair:
-    """A pair where its difference is looked at, and what is known of its scene."""
+    """A pair where its difference is looked at, and what is known of its scene.
 
-    evidence: Evidence
-    radius: NDArray[Any] | None = None  # signed radius [H, W] in px, if a CoC map is at hand
-    depth: NDArray[Any] | None = None  # [H, W], if that is
+    Attributes:
+        evidence: the pair.
+        cut: the rows and columns that are looked at.
+        sides: A and B [C, h, w] on the scale of differences.
+        power: the squared difference [h, w], with the sign of the difference.
+        maps: signed ``radius`` [H, W] in px and ``depth`` [H, W], if they are at hand: in a file
+            that is named, in a channel, or in a file beside one of both.
+    """
 
-    @cached_property
-    def cut(self) -> tuple[slice, slice]:
-        """The rows and columns that are looked at."""
-        height, width = self.evidence.size
+    def __init__(
+        self,
+        evidence: Evidence,
+        files: tuple[DecodedPicture, DecodedPicture],
+        corner: tuple[int, int],
+        coc: Path | None,
+    ) -> None:
+        (x, y), (height, width) = corner, evidence.size
         step = slice(None, None, max(1, math.ceil(math.sqrt(height * width / _LOOKED_AT))))
-        return step, step
-
-    @cached_property
-    def sides(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """A and B [C, h, w] on the scale of differences."""
-        a, b = (self.evidence.scaled(self.evidence.at(side, *self.cut)) for side in "ab")
-        return a, b
-
-    @cached_property
-    def power(self) -> NDArray[np.float64]:
-        """The squared difference [h, w], with the sign of the difference."""
+        self.evidence, self.cut = evidence, (step, step)
+        self.sides = [evidence.scaled(evidence.at(side, *self.cut)) for side in "ab"]
         difference = (self.sides[1] - self.sides[0]).astype(np.float64)
-        total = np.copysign(np.square(difference), difference).sum(axis=0)
-        finite = self.evidence.pixels.finite
-        power: NDArray[np.float64] = total if finite is None else total * finite[self.cut]
-        return power
-
-
-def located(
-    evidence: Evidence,
-    sides: tuple[DecodedPicture, DecodedPicture],
-    corner: tuple[int, int],
-    coc: Path | None,
-) -> LocatedPair:
-    """The pair with the CoC and the depth that are at hand: named, in a file, or beside one."""
-    (x, y), (height, width) = corner, evidence.size
-    cut, full = (slice(y, y + height), slice(x, x + width)), (sides[0].height, sides[0].width)
-    files = [] if coc is None else [coc]
-    files += [s.path.parent.parent / "coc" / f"{s.path.stem}.exr" for s in sides if s.path.parent]
-    maps: dict[str, Any] = {}
-    for name, plane in ((n, p) for side in sides for n, p in side.planes.items()):
-        kind = "depth" if name in _DEPTHS else "radius" if name == "coc" else ""
-        if kind and plane.shape == full:
-            maps.setdefault(kind, np.nan_to_num(plane[cut].astype(np.float32)))
-    for file in files:
-        if "radius" not in maps and file.is_file():
-            with suppress(InputError):
-                maps["radius"] = read_radius(file, full)[cut]
-    return LocatedPair(evidence, **maps)
+        finite = evidence.pixels.finite
+        self.power = (difference * np.abs(difference)).sum(axis=0)
+        self.power *= True if finite is None else finite[self.cut]
+        full, within = (
+            (files[0].height, files[0].width),
+            (slice(y, y + height), slice(x, x + width)),
+        )
+        self.maps: dict[str, Any] = {}
+        for name, plane in ((n, p) for file in files for n, p in file.planes.items()):
+            kind = "depth" if name in _DEPTHS else "radius" if name == "coc" else ""
+            if kind and plane.shape == full:
+                self.maps.setdefault(kind, np.nan_to_num(plane[within].astype(np.float32)))
+        beside = [
+            f.path.parent.parent / "coc" / f"{f.path.stem}.exr" for f in files if f.path.parent
+        ]
+        for path in beside if coc is None else [coc, *beside]:
+            if "radius" not in self.maps and path.is_file():
+                with suppress(InputError):
+                    self.maps["radius"] = read_radius(path, full)[within]
 
 
 def _by_scene(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
     """Where the radius or the depth says something of a place."""
-    if shown.radius is not None:
-        sharp = np.abs(shown.radius[shown.cut]) <= _SHARP
+    radius, depth, reaches = shown.maps.get("radius"), shown.maps.get("depth"), [_EDGE_REACH]
+    if radius is not None:
+        sharp = np.abs(radius[shown.cut]) <= _SHARP
         yield "in focus only", "", sharp, _ONLY
         yield "out of focus only", "", ~sharp, _ONLY
-    reaches = [_EDGE_REACH]
-    if shown.radius is not None:
-        jumps = beside_jumps(shown.radius)
-        reaches.append(math.ceil(float(np.abs(shown.radius).max())))
-    elif shown.depth is not None:
-        inverse = 1 / np.maximum(shown.depth, 1e-9)
+        jumps = beside_jumps(radius)
+        reaches.append(math.ceil(float(np.abs(radius).max())))
+    elif depth is not None:
+        inverse = 1 / np.maximum(depth, 1e-9)
         low, high = np.quantile(inverse[shown.cut], (0.01, 0.99))
         jumps = beside_jumps(inverse, max(_JUMP * float(high - low), 1e-9))
     else:
@@ -129,20 +117,21 @@ def _by_light(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
 
 def _by_frame(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
     """The border, and the rectangle that holds most of the blocks that choose it."""
+    size, step = shown.evidence.size, shown.cut[0].step
     for wide in _BORDERS:
-        inner = np.zeros(shown.evidence.size, bool)
+        inner = np.zeros(size, bool)
         inner[wide:-wide, wide:-wide] = True
         yield "at the border", f", within {wide} px", ~inner[shown.cut], _MOST
-    power = np.abs(shown.power) * blocks_in_turn(shown.evidence.size)[shown.cut]
+    power = np.abs(shown.power) * blocks_in_turn(size)[shown.cut]
+    if not power.any():
+        return
     ends = []
-    for axis, step, length in zip((0, 1), shown.cut, shown.evidence.size, strict=True):
+    for axis in (0, 1):
         total = np.cumsum(power.sum(axis=1 - axis))
-        if not total[-1] > 0:
-            return
         first, last = np.searchsorted(total, (_TAILS * total[-1], (1 - _TAILS) * total[-1]))
-        ends.append((int(first) * step.step, min((int(last) + 1) * step.step, length)))
+        ends.append((int(first) * step, min((int(last) + 1) * step, size[axis])))
     (top, bottom), (left, right) = ends
-    within = np.zeros(shown.evidence.size, bool)
+    within = np.zeros(size, bool)
     within[top:bottom, left:right] = True
     how = f" of {right - left}x{bottom - top} at {left},{top}"
     yield "in one region", how, within[shown.cut], _MOST
@@ -161,13 +150,11 @@ def place_of(shown: LocatedPair) -> Finding | None:
         every = float(power[used].sum())
         share = float(power[mask & used].sum()) / every if every else 0.0
         area = np.count_nonzero(mask & used) / np.count_nonzero(used)
-        if share >= least and 0 < area < 1:
-            told.append((_entropy(share, area), name, how, share, area, mask))
+        if share >= least and 0 < area < 1 and (tells := _entropy(share, area)) >= _TELLS:
+            told.append((tells, name, how, share, area, mask))
     if not told:
         return None
-    tells, name, how, share, area, mask = max(told, key=lambda each: each[0])
-    if tells < _TELLS:
-        return None
+    _, name, how, share, area, mask = max(told, key=lambda each: each[0])
     sign = float(shown.power[mask].sum()) / float(power[mask].sum())
     kind = "brighter" if sign > _ONE_SIGN else "darker" if sign < -_ONE_SIGN else ""
     words = f"{share:.0%} of the difference in {area:.1%} of the pixels"

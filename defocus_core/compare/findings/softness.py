@@ -20,7 +20,7 @@ from defocus_core.compare.findings.evidence import (
     LOSSY,
     Cause,
     Evidence,
-    FittedCause,
+    Explanation,
     blocks_in_turn,
     densest,
     fitted_in_parts,
@@ -44,8 +44,6 @@ _FILTERS = {"nearest": "box", "bilinear": "triangle", "bicubic": "keys", "B-spli
 _FILTERS |= {"Lanczos": "lanczos3"}
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
-_GROWS = 0.6  # correlation of blur with place that makes it grow
-_SHARP_END = 0.35  # greatest share of the blur of one end that is at the other where it grows
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
 _COC, _EITHER = "another CoC", "another CoC or bokeh shape"
 _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
@@ -260,7 +258,7 @@ def white_noise(evidence: Evidence) -> str:
     return ""
 
 
-def _blurred_alike(evidence: Evidence) -> Iterator[FittedCause]:
+def _blurred_alike(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through a disc or a gaussian for all places, or the reverse."""
     frame = _softened(evidence)
     for side, way in ((0, "more"), (1, "less")):
@@ -268,13 +266,13 @@ def _blurred_alike(evidence: Evidence) -> Iterator[FittedCause]:
             size, predicted = frame.most_alike(response, sizes, side)
             radius = size * wide  # of the disc of the same moments
             if radius > 0.3:
-                said = {"way": way, "shape": " by a gaussian" if wide != 1 else ""}
-                yield FittedCause(
-                    frame.left(predicted), {"radius": radius}, said, 0.02 + 0.02 * side
-                )
+                how = f": blurred {way}, everywhere alike, as by a radius of {radius:.2g} px"
+                how += " by a gaussian" * (wide != 1)
+                left, cost = frame.left(predicted), 0.02 + 0.02 * side
+                yield Explanation(left, _COC, how, {"radius": radius}, cost)
 
 
-def _sharpened(evidence: Evidence) -> Iterator[FittedCause]:
+def _sharpened(evidence: Evidence) -> Iterator[Explanation]:
     """B is A, and a multiple of its detail."""
     frame = _softened(evidence)
     f, power, _, common = frame.rings
@@ -286,10 +284,11 @@ def _sharpened(evidence: Evidence) -> Iterator[FittedCause]:
     if gain > 0.02:
         a = frame.sides[0]
         predicted = a + gain * (a - frame.smooth(0, sigma))
-        yield FittedCause(frame.left(predicted), {"gain": 1 + gain, "sigma": sigma}, cost=0.02)
+        how, values = f": detail x {1 + gain:.3g}", {"gain": 1 + gain, "sigma": sigma}
+        yield Explanation(frame.left(predicted), "sharpened", how, values, 0.02)
 
 
-def _motion_blurred(evidence: Evidence) -> Iterator[FittedCause]:
+def _motion_blurred(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through a line for all places."""
     frame = _softened(evidence)
     fy, fx = (np.broadcast_to(f, frame.spectra[0].shape).ravel() for f in frame.frequencies)
@@ -313,11 +312,12 @@ def _motion_blurred(evidence: Evidence) -> Iterator[FittedCause]:
     turned = math.radians(angle)
     response = np.sinc(length * (fx * math.cos(turned) - fy * math.sin(turned)))
     if length > 1.8:
-        values = {"length": length, "angle": angle}
-        yield FittedCause(frame.left(frame.filtered(0, response)), values, cost=0.03)
+        how, values = f": {length:.2g} px at {angle:.0f}°", {"length": length, "angle": angle}
+        left = frame.left(frame.filtered(0, response))
+        yield Explanation(left, "motion blur", how, values, 0.03)
 
 
-def _lower_resolution(evidence: Evidence) -> Iterator[FittedCause]:
+def _lower_resolution(evidence: Evidence) -> Iterator[Explanation]:
     """B is A at a half or a quarter of the size, enlarged: its steps lie on a grid."""
     frame = _softened(evidence)
     shown = [evidence.scaled_light(side).astype("f8") for side in frame.sides]
@@ -337,10 +337,9 @@ def _lower_resolution(evidence: Evidence) -> Iterator[FittedCause]:
             small = [means, *(a[y::factor, x::factor] for y, x in starts if how == "nearest")]
             for coarse in small:
                 large = _enlarged(coarse, factor, kind)
-                said = {"size": size, "how": how}
-                yield FittedCause(
-                    frame.left(large, cut), {"factor": factor}, said, 0.01 * factor - 0.2
-                )
+                left, said = frame.left(large, cut), f": {size} resolution, {how}"
+                values, cost = {"factor": factor}, 0.01 * factor - 0.2
+                yield Explanation(left, "lower resolution", said, values, cost)
 
 
 def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
@@ -362,31 +361,32 @@ def _enlarged(values: NDArray[Any], factor: int, how: str) -> NDArray[np.float64
     return np.asarray(found, np.float64).reshape(height, width)
 
 
-def _noise_removed(evidence: Evidence) -> Iterator[FittedCause]:
+def _noise_removed(evidence: Evidence) -> Iterator[Explanation]:
     """B is A with means of neighbours that are alike in the place of each pixel, or medians."""
     frame = _softened(evidence)
     for predicted, strength, count in frame.denoised:
         if strength > 0.2:
-            yield FittedCause(frame.left(predicted), {"strength": strength}, cost=0.02 * count)
+            left, how = frame.left(predicted), ": smeared as by a denoiser"
+            yield Explanation(left, "noise removed", how, {"strength": strength}, 0.02 * count)
 
 
-def _blurred_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
+def _blurred_in_parts(evidence: Evidence) -> Iterator[Explanation]:
     """B is A blurred, or A is B blurred, in each part by as much as it takes."""
     left = _softened(evidence).left_in_parts
     if left <= _COC_LEFT:
         values, how = _ways(evidence)
         name = _COC if left <= _ROUND_LEFT else _EITHER
-        yield FittedCause(left, values, {"name": name, "how": how}, 0.08)
+        yield Explanation(left, name, f": {how}", values, 0.08)
 
 
-def _moved_in_parts(evidence: Evidence) -> Iterator[FittedCause]:
+def _moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through lines, along an axis, in each part by as much as it takes."""
     frame = _softened(evidence)
     for axis, way in ((1, "across"), (0, "down")):
         details = [frame.smooth(0, sigma, (axis,)) - frame.sides[0] for sigma in _WIDTHS[1:]]
         left = frame.left(frame.fitted(0, details, 32))
         if left < frame.left_in_parts - 0.1:
-            yield FittedCause(left, said={"way": way}, cost=0.1)
+            yield Explanation(left, "motion blur", f": {way}, in parts", cost=0.1)
 
 
 @lru_cache(maxsize=1)
@@ -401,37 +401,13 @@ def _ways(evidence: Evidence) -> tuple[dict[str, float], str]:
     shares = {"blurred_more": round(share, 3), "blurred_less": round(1 - share, 3)}
     text = "blurred more in places, less in others"
     if share > _ONE_WAY:
-        text = "blurred more" + _growth(evidence)
+        text = "blurred more"
     elif share < 1 - _ONE_WAY:
         text = "blurred less"
     return shares, text
 
 
-def _growth(evidence: Evidence) -> str:
-    """In which direction of the whole picture blur grows, if it does."""
-    height, width = evidence.size
-    part = max(8, min(height, width) // 12)
-    rows, columns = (np.arange(n // part * part) for n in (height, width))
-    rows = rows.reshape(-1, part)[:, :: max(4, part // 6)].ravel()  # a few of each part
-    kept = []
-    for side in ("a", "b"):
-        light = evidence.light(evidence.at(side, rows[:, None], columns)).mean(axis=0)
-        steps = np.abs(np.diff(evidence.scaled_light(light), axis=1, append=0.0))
-        kept.append(steps.reshape(height // part, -1, width // part, part).mean(axis=(1, 3)) + 1e-4)
-    for axis, words in (
-        (1, ("down the frame", "up the frame")),
-        (0, ("to the right", "to the left")),
-    ):
-        means = np.log(kept[0].sum(axis=axis) / kept[1].sum(axis=axis))
-        tie = alike(means, np.arange(len(means)))
-        third = max(1, len(means) // 3)
-        ends = sorted(float(end.mean()) for end in (means[:third], means[-third:]))
-        if abs(tie) > _GROWS and ends[0] < _SHARP_END * ends[1]:
-            return f", growing {words[tie < 0]}"
-    return ""
-
-
-def _spread_otherwise(evidence: Evidence) -> Iterator[FittedCause]:
+def _spread_otherwise(evidence: Evidence) -> Iterator[Explanation]:
     """The same light is spread otherwise within a few pixels, by whatever kernel."""
     frame = _softened(evidence)
     difference = frame.sides[1] - frame.sides[0]
@@ -443,7 +419,8 @@ def _spread_otherwise(evidence: Evidence) -> Iterator[FittedCause]:
     left = math.sqrt(float(np.square(kept).sum()) / max(float(np.square(moved).sum()), 1e-300))
     values, how = _ways(evidence)
     surely = left < _SURELY_SPREAD and "in places" not in how
-    yield FittedCause(left, values, {"name": _EITHER if surely else "spread otherwise", "how": how})
+    name = _EITHER if surely else "spread otherwise"
+    yield Explanation(left, name, f": the same light, {how}", values)
 
 
 def noise_like(difference: NDArray[Any]) -> bool:
@@ -476,32 +453,13 @@ def smooth(values: NDArray[Any], sigma: float) -> NDArray[Any]:
 
 _SOFT = "softened"
 SOFTNESS = (
-    Cause(
-        *("another CoC", _blurred_alike),
-        "{name}: blurred {way}, everywhere alike, as by a radius of {radius:.2g} px{shape}",
-        *(_SOFT_LEFT, _SOFT),
-        is_large,
-    ),
-    Cause("{name}", _blurred_in_parts, "{name}: {how}", _COC_LEFT, _SOFT, is_large),
-    Cause(
-        *("motion blur", _motion_blurred, "{name}: {length:.2g} px at {angle:.0f}°"),
-        *(_SOFT_LEFT, _SOFT),
-        is_large,
-    ),
-    Cause("motion blur", _moved_in_parts, "{name}: {way}, in parts", _COC_LEFT, _SOFT, is_large),
-    Cause(
-        *("lower resolution", _lower_resolution, "{name}: {size} resolution, {how}"),
-        _RESOLUTION_LEFT,  # nothing else makes its grid
-        needs=_has_room,
-    ),
-    Cause(
-        *("noise removed", _noise_removed, "{name}: smeared as by a denoiser"),
-        *(_COC_LEFT, _SOFT),
-        _has_room,
-    ),
-    Cause("sharpened", _sharpened, "{name}: detail x {gain:.3g}", _SOFT_LEFT, needs=is_large),
+    Cause(_blurred_alike, _SOFT_LEFT, _SOFT, is_large),
+    Cause(_blurred_in_parts, _COC_LEFT, _SOFT, is_large),
+    Cause(_motion_blurred, _SOFT_LEFT, _SOFT, is_large),
+    Cause(_moved_in_parts, _COC_LEFT, _SOFT, is_large),
+    Cause(_lower_resolution, _RESOLUTION_LEFT, needs=_has_room),  # nothing else makes its grid
+    Cause(_noise_removed, _COC_LEFT, _SOFT, _has_room),
+    Cause(_sharpened, _SOFT_LEFT, needs=is_large),
 )
 # What says how light moved, where nothing else explains it.
-SPREAD = (
-    Cause("{name}", _spread_otherwise, "{name}: the same light, {how}", _SPREAD_LEFT, "", is_large),
-)
+SPREAD = (Cause(_spread_otherwise, _SPREAD_LEFT, needs=is_large),)

@@ -14,9 +14,8 @@ from defocus_core.compare.findings.evidence import (
     EXACT,
     Cause,
     Evidence,
-    FittedCause,
+    Explanation,
     has_light,
-    has_much_light,
 )
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.picture import color_layers, layers
@@ -72,7 +71,7 @@ def _high(pixels: Pixels, side: str, name: str) -> float:
     return float(np.nanmax(pixels.plane(side, name))) if math.isnan(high) else high
 
 
-def _empty(evidence: Evidence) -> Iterator[FittedCause]:
+def _empty(evidence: Evidence) -> Iterator[Explanation]:
     """B has one value everywhere, or is 0 within the rectangle where it differs."""
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
     differs = evidence.pixels.greatest > 0
@@ -92,31 +91,30 @@ def _empty(evidence: Evidence) -> Iterator[FittedCause]:
         where = "everywhere"
     elif any(value.any() for value in values):
         return
-    yield FittedCause(0.0, said={"level": level, "where": where})
+    yield Explanation(0.0, "empty", f": {level} {where}")
 
 
-def _rounded(evidence: Evidence) -> Iterator[FittedCause]:
+def _rounded(evidence: Evidence) -> Iterator[Explanation]:
     a, b = evidence.sampled
     with np.errstate(over="ignore"):
         rounded = a.astype(np.float16).astype(np.float32)
     if np.array_equal(rounded, b):
-        yield FittedCause(0.0)
+        yield Explanation(0.0, "rounded to half")
 
 
-def _clipped(evidence: Evidence) -> Iterator[FittedCause]:
+def _clipped(evidence: Evidence) -> Iterator[Explanation]:
     """B is A with all values beyond a limit set to the limit."""
     a, _ = evidence.sampled
     (low, high), (minimum, maximum) = (_range(evidence, side) for side in ("a", "b"))
-    if high > maximum:
-        left = evidence.left(np.minimum(a, np.float32(maximum)))
-        yield FittedCause(left, {"limit": maximum}, {"how": ""})
-    if low < minimum:
-        left = evidence.left(np.maximum(a, np.float32(minimum)))
-        yield FittedCause(left, {"limit": minimum}, {"how": " from below"})
-    if high > maximum and low < minimum:
-        how = f" and, from below, at {minimum:.4g}"
-        left = evidence.left(np.clip(a, minimum, maximum))
-        yield FittedCause(left, {"limit": maximum, "lowest": minimum}, {"how": how}, 0.001)
+    ways = [(-math.inf, maximum, "")] * (high > maximum)
+    ways += [(minimum, math.inf, " from below")] * (low < minimum)
+    if len(ways) == 2:
+        ways.append((minimum, maximum, f" and, from below, at {minimum:.4g}"))
+    for least, most, how in ways:
+        limit = least if most == math.inf else most
+        values = {"limit": limit} | ({"lowest": least} if len(how) > 20 else {})
+        left = evidence.left(a.clip(least, most))
+        yield Explanation(left, f"clipped at {limit:.4g}", how, values, 0.0005 * len(values))
 
 
 def _range(evidence: Evidence, side: str) -> tuple[float, float]:
@@ -133,7 +131,7 @@ def _is_clipped_at_white(evidence: Evidence) -> bool:
     return _range(evidence, "b")[1] <= 1.001 < _range(evidence, "a")[1]
 
 
-def _quantised(evidence: Evidence) -> Iterator[FittedCause]:
+def _quantised(evidence: Evidence) -> Iterator[Explanation]:
     """B is A rounded to the levels of few bits, which A is not on."""
     a, b = evidence.sampled
     if len(np.unique(b[0, :4096])) >= min(4096, a.shape[1]) * 0.9:
@@ -148,14 +146,14 @@ def _quantised(evidence: Evidence) -> Iterator[FittedCause]:
             top = 2**bits - 1
             stored = back(np.rint(curve(aim) * top) / np.float32(top))
             left = evidence.left(stored, a <= 1.0 if clipped else None, exact=True)
-            yield FittedCause(left, {"bits": bits}, {"how": how})
+            yield Explanation(left, f"quantised to {bits} bits", how, {"bits": bits})
 
 
 def _decoded(values: NDArray[Any]) -> NDArray[Any]:
     return srgb_to_linear(np.maximum(values, 0.0)).astype(np.float32)
 
 
-def _swapped_channels(evidence: Evidence) -> Iterator[FittedCause]:
+def _swapped_channels(evidence: Evidence) -> Iterator[Explanation]:
     """Channels of one layer in another order."""
     for layer in layers(evidence.pixels.names):
         moved = [name for name in layer if name in evidence.names]
@@ -166,15 +164,16 @@ def _swapped_channels(evidence: Evidence) -> Iterator[FittedCause]:
             pairs = dict(zip(moved, sources, strict=True))
             said = ", ".join(f"{own[n]} is {own[old]}" for n, old in pairs.items() if n != old)
             left = evidence.left(evidence.at("a", *evidence.places, sources))
-            yield FittedCause(left, pairs, {"how": said})
+            yield Explanation(left, "channels swapped", f": {said}", pairs)
 
 
-def _swapped_views(evidence: Evidence) -> Iterator[FittedCause]:
+def _swapped_views(evidence: Evidence) -> Iterator[Explanation]:
     """The layers of the left and the right view in the place of each other."""
     others = [_other_view(name) for name in evidence.names]
     pairs = zip(others, evidence.names, strict=True)
     if all(other in evidence.pixels.names and other != name for other, name in pairs):
-        yield FittedCause(evidence.left(evidence.at("a", *evidence.places, others)))
+        left = evidence.left(evidence.at("a", *evidence.places, others))
+        yield Explanation(left, "left and right swapped")
 
 
 def _other_view(name: str) -> str:
@@ -185,7 +184,7 @@ def _other_view(name: str) -> str:
     return name
 
 
-def _premultiplied(evidence: Evidence) -> Iterator[FittedCause]:
+def _premultiplied(evidence: Evidence) -> Iterator[Explanation]:
     """Colour divided by its alpha, or multiplied once more."""
     alphas = [name[: -len(name.split(".")[-1])] + "A" for name in evidence.names]
     if not all(a in evidence.pixels.names and a not in evidence.names for a in alphas):
@@ -193,11 +192,12 @@ def _premultiplied(evidence: Evidence) -> Iterator[FittedCause]:
     light = evidence.light(evidence.sampled[0])
     alpha = evidence.at("a", *evidence.places, alphas)
     divided = np.where(alpha > 0, light / np.where(alpha > 0, alpha, 1.0), light)
-    for text, changed in (("divided by alpha", divided), ("multiplied by alpha", light * alpha)):
-        yield FittedCause(evidence.left(evidence.stored(changed)), said={"how": text})
+    for how, changed in (("divided", divided), ("multiplied", light * alpha)):
+        left = evidence.left(evidence.stored(changed))
+        yield Explanation(left, "premultiplication", f": colour {how} by alpha once more")
 
 
-def _another_exposure(evidence: Evidence) -> Iterator[FittedCause]:
+def _another_exposure(evidence: Evidence) -> Iterator[Explanation]:
     """B is a multiple of A, the same for all channels, or of its own for each."""
     light, aim = map(evidence.light, evidence.sampled)
     weights = _weights(evidence, light) * evidence.steady
@@ -207,16 +207,17 @@ def _another_exposure(evidence: Evidence) -> Iterator[FittedCause]:
     factor = float(tops.sum() / squares.sum())
     stops = f" ({np.log2(factor):+.3g} EV)" if factor > 0 else ""
     left = evidence.left(evidence.stored(light * factor), evidence.steady)
-    yield FittedCause(left, {"factor": factor}, {"how": f": x {factor:.4g}{stops}"})
+    yield Explanation(left, "another exposure", f": x {factor:.4g}{stops}", {"factor": factor})
     if len(light) > 1 and squares.all():
         factors = dict(zip(evidence.names, map(float, tops / squares), strict=True))
         each = ", ".join(f"{name} x {ratio:.4g}" for name, ratio in factors.items())
         left = evidence.left(evidence.stored(light * (tops / squares)[:, None]), evidence.steady)
-        yield FittedCause(left, {"factors": factors}, {"how": f" of each channel: {each}"}, 0.01)
+        how = f" of each channel: {each}"
+        yield Explanation(left, "another exposure", how, {"factors": factors}, 0.01)
 
 
-def _sign_reversed(evidence: Evidence) -> Iterator[FittedCause]:
-    yield FittedCause(evidence.left(-evidence.sampled[0]), cost=-0.001)
+def _sign_reversed(evidence: Evidence) -> Iterator[Explanation]:
+    yield Explanation(evidence.left(-evidence.sampled[0]), "sign reversed", cost=-0.001)
 
 
 def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
@@ -237,11 +238,11 @@ def _solved(
     return solved
 
 
-def _another_gamma(evidence: Evidence) -> Iterator[FittedCause]:
+def _another_gamma(evidence: Evidence) -> Iterator[Explanation]:
     """B is a power of A, of its values or of those that a screen shows; or encoded once more."""
     for name, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
         left = evidence.left(curve(evidence.sampled[0]).astype(np.float32))
-        yield FittedCause(left, said={"how": f"{name} once more"})
+        yield Explanation(left, "another gamma", f": {name} once more")
     yield from _powers(evidence, np.asarray, np.asarray, "")
     if evidence.gamma == 1.0:
         clipped = _is_clipped_at_white(evidence)
@@ -250,7 +251,7 @@ def _another_gamma(evidence: Evidence) -> Iterator[FittedCause]:
 
 def _powers(
     evidence: Evidence, curve: _Curve, back: _Curve, how: str, *, clipped: bool = False
-) -> Iterator[FittedCause]:
+) -> Iterator[Explanation]:
     a, b = (curve(np.clip(v, 0, 1) if clipped else v) for v in evidence.sampled)
     usable = (a > 0.02) & (b > 0.02) & evidence.fits & evidence.steady
     if np.count_nonzero(usable) < 16:
@@ -259,14 +260,14 @@ def _powers(
     weight = np.minimum(a[usable], 1.0)
     power = float((weight * x * y).sum() / max((weight * x * x).sum(), 1e-300))
     left = evidence.left(back(_power(a, power, 1.0)), evidence.steady)
-    said = {"how": f"to the power {power:.4g}{how}"}
-    yield FittedCause(left, {"power": power}, said, 0.005)
+    said = f": to the power {power:.4g}{how}"
+    yield Explanation(left, "another gamma", said, {"power": power}, 0.005)
     if not how and float(np.ptp(x)) > 0.1:
         power, offset = (float(value) for value in np.polyfit(x, y, 1))
         factor = float(np.exp(offset))
         left = evidence.left(_power(a, power, factor), evidence.steady)
-        said = {"how": f"to the power {power:.4g}, exposure x {factor:.4g}"}
-        yield FittedCause(left, {"power": power, "factor": factor}, said, 0.02)
+        said = f": to the power {power:.4g}, exposure x {factor:.4g}"
+        yield Explanation(left, "another gamma", said, {"power": power, "factor": factor}, 0.02)
 
 
 def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
@@ -277,7 +278,7 @@ def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
     return signed.astype(np.float32)
 
 
-def _raised(evidence: Evidence) -> Iterator[FittedCause]:
+def _raised(evidence: Evidence) -> Iterator[Explanation]:
     """B is a multiple of A and a constant: of light, or of the values that a screen shows.
 
     Of these it is another contrast, if they turn around a middle.
@@ -301,8 +302,8 @@ def _raised(evidence: Evidence) -> Iterator[FittedCause]:
         pivot = offset / (1 - factor) if factor != 1 else math.inf
         if 0.1 < pivot < 0.9:
             values = {"offset": offset, "factor": factor, "pivot": pivot}
-            said = {"name": "another contrast", "how": f"x {factor:.4g} around {pivot:.3g}"}
-            yield FittedCause(left, values, said, 0.02)
+            how = f": x {factor:.4g} around {pivot:.3g}"
+            yield Explanation(left, "another contrast", how, values, 0.02)
         else:
             yield _lifted(left, offset, factor, "what a screen shows", 0.02)
     if len(light) > 1:
@@ -311,21 +312,20 @@ def _raised(evidence: Evidence) -> Iterator[FittedCause]:
         left = evidence.left(evidence.stored(light + sums[:, None]), steady)
         offsets = dict(zip(evidence.names, map(float, sums), strict=True))
         each = ", ".join(f"{name} {value:+.3g}" for name, value in offsets.items())
-        said = {"name": _blacks(sums.sum()), "how": f"{each} of light"}
-        yield FittedCause(left, {"offsets": offsets}, said, 0.03)
+        said = _blacks(sums.sum()), f": {each} of light"
+        yield Explanation(left, *said, {"offsets": offsets}, 0.03)
 
 
-def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> FittedCause:
-    how = f"{offset:+.3g} of {of}" + f", x {factor:.4g}" * (factor != 1.0)
-    said = {"name": _blacks(offset), "how": how}
-    return FittedCause(left, {"offset": offset, "factor": factor}, said, cost)
+def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> Explanation:
+    how = f": {offset:+.3g} of {of}" + f", x {factor:.4g}" * (factor != 1.0)
+    return Explanation(left, _blacks(offset), how, {"offset": offset, "factor": factor}, cost)
 
 
 def _blacks(offset: float) -> str:
     return "raised blacks" if offset > 0 else "lowered blacks"
 
 
-def _mixed_channels(evidence: Evidence) -> Iterator[FittedCause]:
+def _mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
     """The channels of the only layer of R, G and B mixed by a matrix, of light or as shown.
 
     It makes the picture grey, changes the distances to luma by a factor, or is that of primaries.
@@ -346,15 +346,13 @@ def _mixed_channels(evidence: Evidence) -> Iterator[FittedCause]:
         ("", light, weights, evidence.stored),
         ("a screen shows", shown, 1.0 * (weights > 0), evidence.unscaled),
     ):
-        for matrix, values, said, cost in _matrices(layer, old, new, weight, of, grey=grey):
-            if evidence.is_small and not grey:  # they fit a few pixels by chance
-                continue
+        for matrix, name, how, values, cost in _matrices(layer, old, new, weight, of, grey=grey):
             predicted = matrix @ old
             predicted = back(np.maximum(predicted, 0.0) if dark else predicted)[kept]
             left = evidence.left(
                 np.asarray(predicted, np.float32), None if grey else evidence.steady
             )
-            yield FittedCause(left, values, said, cost)
+            yield Explanation(left, name, f": {how}", values, cost)
 
 
 def _is_grey(values: NDArray[Any]) -> bool:
@@ -370,22 +368,22 @@ def _matrices(
     of: str,
     *,
     grey: bool,
-) -> Iterator[tuple[NDArray[Any], dict[str, Any], dict[str, str], float]]:
-    """Matrices that make light of light, or what a screen shows, with values, words and cost."""
+) -> Iterator[tuple[NDArray[Any], str, str, dict[str, Any], float]]:
+    """Matrices that make light of light, or what a screen shows, with words, values and cost."""
+    shown = f" of what {of}" if of else ""
     if grey:
         shares = _solved(list(old), new[0], weight)
         how = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True)).lstrip("+")
         values = {"weights": dict(zip(layer, map(float, shares), strict=True))}
-        said = {"name": "monochrome", "how": how + f" as {of} it" * bool(of)}
-        yield np.tile(shares, (3, 1)), values, said, -0.02
+        how += f" as {of} it" * bool(of)
+        yield np.tile(shares, (3, 1)), "monochrome", how, values, -0.02
     luma = np.tile(_LUMA, (3, 1))
     factor = float(_solved([old - luma @ old], new - luma @ old, weight)[0])
-    said = {"name": "another saturation", "how": f"x {factor:.4g}" + f" of what {of}" * bool(of)}
-    yield luma + factor * (np.eye(3) - luma), {"factor": factor}, said, 0.01
+    changed, how = luma + factor * (np.eye(3) - luma), f"x {factor:.4g}{shown}"
+    yield changed, "another saturation", how, {"factor": factor}, 0.01
     matrix = np.stack([_solved(list(old), each, w) for each, w in zip(new, weight, strict=True)])
     if not of and np.abs(matrix - np.diag(np.diag(matrix))).max() >= _MIXED:
-        said = {"name": "other primaries", "how": _primaries(matrix)}
-        yield matrix, {"matrix": matrix.tolist()}, said, 0.03
+        yield matrix, "other primaries", _primaries(matrix), {"matrix": matrix.tolist()}, 0.03
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
@@ -399,7 +397,7 @@ def _primaries(matrix: NDArray[Any]) -> str:
     return nearest if apart[nearest] < _NEAR else "channels mixed by a matrix"
 
 
-def _vignette(evidence: Evidence) -> Iterator[FittedCause]:
+def _vignette(evidence: Evidence) -> Iterator[Explanation]:
     """B is A times a polynomial of the distance to the middle of the picture."""
     height, width = evidence.size
     rows, columns = evidence.places
@@ -413,10 +411,12 @@ def _vignette(evidence: Evidence) -> Iterator[FittedCause]:
             solved = _solved(terms, aim - light, weights)
             gain = 1 + sum(c * far**k for k, c in enumerate(solved, 1))
             left = evidence.left(evidence.stored(light * gain), evidence.steady)
-            yield FittedCause(left, {"corners": 1 + float(solved.sum())}, cost=0.02 * powers)
+            corners = 1 + float(solved.sum())
+            how, values = f": corners x {corners:.3g}", {"corners": corners}
+            yield Explanation(left, "vignette", how, values, 0.02 * powers)
 
 
-def _tone_curve(evidence: Evidence) -> Iterator[FittedCause]:
+def _tone_curve(evidence: Evidence) -> Iterator[Explanation]:
     """B is a curve of A that rises everywhere, the same for all channels or each with its own."""
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
@@ -424,7 +424,8 @@ def _tone_curve(evidence: Evidence) -> Iterator[FittedCause]:
     for how, each, cost in (("", curves[0], 0.05), (" of each channel", curves[1], 0.08)):
         if all(curve is not None for curve in each):
             stored = evidence.unscaled(np.stack(each).reshape(a.shape))
-            yield FittedCause(evidence.left(stored, evidence.steady), said={"how": how}, cost=cost)
+            left = evidence.left(stored, evidence.steady)
+            yield Explanation(left, "another tone curve", how, cost=cost)
 
 
 def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> Any:
@@ -445,18 +446,18 @@ def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> An
 
 
 TONE = (
-    Cause("empty", _empty, "{name}: {level} {where}"),
-    Cause("rounded to half", _rounded),
-    Cause("quantised to {bits} bits", _quantised, "{name}{how}", EXACT),
-    Cause("clipped at {limit:.4g}", _clipped, "{name}{how}", EXACT),
-    Cause("channels swapped", _swapped_channels, "{name}: {how}"),
-    Cause("left and right swapped", _swapped_views),
-    Cause("premultiplication", _premultiplied, "{name}: colour {how} once more", needs=has_light),
-    Cause("sign reversed", _sign_reversed),
-    Cause("another exposure", _another_exposure, "{name}{how}"),
-    Cause("another gamma", _another_gamma, "{name}: {how}"),
-    Cause("{name}", _raised, "{name}: {how}"),
-    Cause("vignette", _vignette, "{name}: corners x {corners:.3g}", needs=has_light),
-    Cause("{name}", _mixed_channels, "{name}: {how}", needs=has_light),
-    Cause("another tone curve", _tone_curve, "{name}{how}", needs=has_much_light),
+    Cause(_empty),
+    Cause(_rounded),
+    Cause(_quantised, EXACT),
+    Cause(_clipped, EXACT),
+    Cause(_swapped_channels),
+    Cause(_swapped_views),
+    Cause(_premultiplied, needs=has_light),
+    Cause(_sign_reversed),
+    Cause(_another_exposure),
+    Cause(_another_gamma),
+    Cause(_raised),
+    Cause(_vignette, needs=has_light),
+    Cause(_mixed_channels, needs=has_light),
+    Cause(_tone_curve, needs=has_light),
 )

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 from defocus_core.compare.findings.evidence import (
     Cause,
     Evidence,
-    FittedCause,
+    Explanation,
     blocks_in_turn,
-    has_many,
-    has_much_light,
+    fitted_in_parts,
+    has_light,
+    sums_of_parts,
     unexplained,
 )
 from defocus_core.compare.findings.softness import alike, noise_like, white_noise
+from defocus_core.compare.selection import widened
 from defocus_core.system.text import counted
 
 _PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
@@ -53,7 +55,7 @@ def _difference(evidence: Evidence) -> NDArray[Any]:
     return total
 
 
-def _fireflies(evidence: Evidence) -> Iterator[FittedCause]:
+def _fireflies(evidence: Evidence) -> Iterator[Explanation]:
     """A few pixels apart from each other hold the difference."""
     difference = _difference(evidence)
     size = np.abs(difference)
@@ -69,11 +71,11 @@ def _fireflies(evidence: Evidence) -> Iterator[FittedCause]:
         return
     left = math.sqrt(max(0.0, 1 - float(power[sparks].sum()) / float(power.sum())))
     bright = np.count_nonzero(difference[sparks] > 0) > number / 2
-    said = {"name": "fireflies" if bright else "dropped pixels", "count": counted(number, "pixel")}
-    yield FittedCause(left, {"pixels": number}, said, -0.05)
+    name, how = "fireflies" if bright else "dropped pixels", f": {counted(number, 'pixel')}"
+    yield Explanation(left, name, how, {"pixels": number}, -0.05)
 
 
-def _seams(evidence: Evidence) -> Iterator[FittedCause]:
+def _seams(evidence: Evidence) -> Iterator[Explanation]:
     """The difference lies on lines that are the side of a tile apart."""
     difference = _difference(evidence)
     profiles = [_profile(difference), _profile(difference.T)]  # of columns and of rows
@@ -102,11 +104,11 @@ def _seams(evidence: Evidence) -> Iterator[FittedCause]:
             left = unexplained(pairs[0], pairs[1], evidence.step)
             left = max(math.sqrt(outside), left if math.isfinite(left) else 0.0)
             starts = {(phase + wide // 2) % period for phase in phases}
-            at = f"at multiples of {period} px"
+            how = f" at multiples of {period} px"
             if starts != {0}:
-                at = f"every {period} px from {', '.join(map(str, sorted(starts)))}"
-            cost = 0.01 * wide + 0.4 / period - 0.05
-            yield FittedCause(left, {"period": period, "width": wide}, {"at": at}, cost)
+                how = f" every {period} px from {', '.join(map(str, sorted(starts)))}"
+            values, cost = {"period": period, "width": wide}, 0.01 * wide + 0.4 / period - 0.05
+            yield Explanation(left, "seams", how, values, cost)
 
 
 def _profile(difference: NDArray[Any]) -> NDArray[Any]:
@@ -142,49 +144,50 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
     return middle if sums[middle] > 0.98 * sums[best] else best
 
 
-def _gains_of_tiles(evidence: Evidence) -> Iterator[FittedCause]:
-    """Each tile is a multiple of A of its own, and it is tiles: another grid explains less."""
-    height, width = evidence.size
-    rows, columns = evidence.places
-    a, b = evidence.sampled
-    light, aim = evidence.light(a), evidence.light(b)
-    slope = 1 / np.maximum(np.abs(light), 0.003) ** 0.58
-    weights = slope * slope * evidence.fits * evidence.steady
+def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
+    """Each tile is a multiple of A of its own: one for all, and a grid aside, explain less."""
+    a, b = evidence.framed
+    slope = 1 / np.maximum(np.abs(a), 0.003) ** 0.58
+    turn = blocks_in_turn(a.shape, 4)
 
-    def left(side: int, offset: int) -> tuple[float, float]:
-        """What gains leave, and the share of tiles that hold the difference."""
-        tiles = (rows + offset) // side * (width // side + 2) + (columns + offset) // side
-        tops, squares = (
-            np.bincount(tiles, (weights * light * other).sum(axis=0)) for other in (aim, light)
+    def left(side: int, start: list[int]) -> float:
+        """What gains leave."""
+        cut = tuple(slice(first, None) for first in start)
+        measures = np.zeros(a.shape, bool)
+        measures[cut] = ~turn[cut]
+        there, of = a.copy(), slope[cut]
+        there[cut] += (
+            fitted_in_parts([(a * slope)[cut]], ((b - a) * slope)[cut], turn[cut], side) / of
         )
-        gains = (tops / np.where(squares > 0, squares, 1.0))[tiles]
-        power = np.bincount(tiles, np.square(evidence.scaled(b) - evidence.scaled(a)).sum(axis=0))
-        held = float(power.sum()) ** 2 / float(np.square(power).sum())
-        used = evidence.steady & (gains > 0)
-        return evidence.left(evidence.stored(light * gains), used), held / len(np.unique(tiles))
+        return evidence.left_framed(there, measures)
 
     for side in _PERIODS[2:]:
-        if 1.5 * side > max(height, width):
+        if side > min(a.shape):
             return
-        on_grid, share = left(side, 0)
-        if share < _FEW_TILES:  # they lie in one place
-            continue
-        if on_grid < _GAIN_LEFT and on_grid < 0.6 * left(side, side // 2)[0]:
-            yield FittedCause(on_grid, {"period": side}, cost=0.02 + 0.5 / side)
+        parts = sums_of_parts(np.square((b - a) * slope), side)
+        if parts.sum() ** 2 < _FEW_TILES * parts.size * np.square(parts).sum():
+            continue  # they lie in one place
+        starts = [
+            [(offset - cut.start) % side for cut in evidence.frame] for offset in (0, side // 2)
+        ]
+        on_grid, aside = (left(side, start) for start in starts)
+        if on_grid < min(_GAIN_LEFT, 0.6 * aside, 0.6 * left(max(a.shape), [0, 0])):
+            how = f" at multiples of {side} px: each tile has another exposure"
+            yield Explanation(on_grid, "seams", how, {"period": side}, 0.02 + 0.5 / side)
 
 
-def _halo(evidence: Evidence) -> Iterator[FittedCause]:
+def _halo(evidence: Evidence) -> Iterator[Explanation]:
     """The difference is a thin band of one sign."""
     difference = _difference(evidence)[evidence.frame]
     size = np.abs(difference)
     noise = 1.48 * float(np.median(size))
     band = size > max(0.15 * float(np.quantile(size, 0.999)), 4 * noise, 2 * evidence.step)
-    inner = _eroded(band)
+    inner = ~widened(~band, 1)
     area, border = int(band.sum()), int((band & ~inner).sum())
     if not 16 < area < 0.3 * band.size:
         return
     wide = 2 * area / border
-    thick = _eroded(_eroded(_eroded(inner)))
+    thick = ~widened(~band, 4)
     squares = np.square(difference[band], dtype="f8")
     one_sign = abs(float((squares * np.sign(difference[band])).sum()) / float(squares.sum()))
     moved = [np.roll(band, step, axis) for axis in (0, 1) for step in (-1, 1)]
@@ -201,20 +204,10 @@ def _halo(evidence: Evidence) -> Iterator[FittedCause]:
         return
     left = evidence.left_framed(np.where(band, gain * a + offset, a), ~chooses)
     brighter = "brighter" if float(difference[band].sum()) > 0 else "darker"
-    yield FittedCause(left, {"width": wide}, {"how": brighter}, 0.1)
+    yield Explanation(left, "halo", f" of {wide:.0f} px, {brighter}", {"width": wide}, 0.1)
 
 
-def _eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Pixels whose four neighbours are true, too."""
-    inner = mask.copy()
-    inner[1:] &= mask[:-1]
-    inner[:-1] &= mask[1:]
-    inner[:, 1:] &= mask[:, :-1]
-    inner[:, :-1] &= mask[:, 1:]
-    return inner
-
-
-def _compressed(evidence: Evidence) -> Iterator[FittedCause]:
+def _compressed(evidence: Evidence) -> Iterator[Explanation]:
     """In blocks of 8 px, frequencies of B are those of A rounded (ITU-T T.81), or small ones 0."""
     rows, columns = evidence.frame
     luma = []
@@ -244,7 +237,9 @@ def _compressed(evidence: Evidence) -> Iterator[FittedCause]:
         return
     on_grid = left(0)
     if on_grid < _ON_GRID * left(_DCT // 2):
-        yield FittedCause(on_grid, cost=-0.35)  # nothing else knows the grid
+        how = ": in blocks of 8 px, as JPEG and DWAA do"
+        # Nothing else knows the grid.
+        yield Explanation(on_grid, "compressed with losses", how, cost=-0.35)
 
 
 def _rounded(values: NDArray[Any], step: Any) -> NDArray[Any]:
@@ -269,7 +264,7 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
     return transformed
 
 
-def _noise(evidence: Evidence) -> Iterator[FittedCause]:
+def _noise(evidence: Evidence) -> Iterator[Explanation]:
     """The difference has no mean, and neighbours in it have nothing in common."""
     difference = _difference(evidence)[evidence.frame]
     power = float(np.square(difference, dtype="f8").mean())
@@ -287,25 +282,15 @@ def _noise(evidence: Evidence) -> Iterator[FittedCause]:
     if name:
         planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
         level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
-        how = f"of about {level:.2g}" + f", in {how}" * bool(how)
-        yield FittedCause(math.sqrt(shared), {"rms": level}, {"name": name, "how": how}, 0.6)
+        how = f" of about {level:.2g}" + f", in {how}" * bool(how)
+        yield Explanation(math.sqrt(shared), name, how, {"rms": level}, 0.6)
 
 
 TRACES = (
-    Cause("{name}", _fireflies, "{name}: {count}", _SPARK_LEFT),
-    Cause("seams", _seams, "{name} {at}", _SEAM_LEFT, needs=has_many),
-    Cause(
-        *("seams", _gains_of_tiles),
-        "{name} at multiples of {period} px: each tile has another exposure",
-        _GAIN_LEFT,
-        needs=has_much_light,
-    ),
-    Cause("halo", _halo, "{name} of {width:.0f} px, {how}", _HALO_LEFT, needs=has_much_light),
-    Cause(
-        *("compressed with losses", _compressed),
-        "{name}: in blocks of 8 px, as JPEG and DWAA do",
-        _CODEC_LEFT,
-        needs=has_much_light,
-    ),
-    Cause("{name}", _noise, "{name} {how}", _NOISE_LEFT, needs=has_many),
+    Cause(_fireflies, _SPARK_LEFT),
+    Cause(_seams, _SEAM_LEFT),
+    Cause(_gains_of_tiles, _GAIN_LEFT, needs=has_light),
+    Cause(_halo, _HALO_LEFT, needs=has_light),
+    Cause(_compressed, _CODEC_LEFT, needs=has_light),
+    Cause(_noise, _NOISE_LEFT),
 )

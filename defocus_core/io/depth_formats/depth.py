@@ -6,7 +6,7 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -20,9 +20,9 @@ from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading, own_format, resolved
 from defocus_core.io.depth_formats.rules import (
     HALF_MAX,
-    Decoding,
     DepthFormat,
     DepthNumbers,
+    Mark,
     decoded,
     divided,
     unpacked,
@@ -39,19 +39,6 @@ def set_far(metres: Any, valid: Valid, far: float = np.inf) -> None:
     """Make invalid pixels as far as ``far``, in place."""
     for rows in bands(metres.shape):
         metres[rows] = np.where(valid(rows), metres[rows], np.float32(far))
-
-
-def set_outside(metres: Any, within: tuple[slice, slice]) -> None:
-    """Make the depth invalid outside some rows and columns."""
-    (height, width), (rows, columns) = metres.shape, within
-    for outside in (
-        (slice(0, rows.start), slice(0, width)),
-        (slice(rows.stop, height), slice(0, width)),
-        (rows, slice(0, columns.start)),
-        (rows, slice(columns.stop, width)),
-    ):
-        if all(cut.stop > cut.start for cut in outside):
-            metres[outside] = np.full([c.stop - c.start for c in outside], np.nan, np.float32)
 
 
 def fill_from_farther(metres: Any, valid: Valid, farther: np.ufunc = np.maximum) -> None:
@@ -221,9 +208,9 @@ def read_depth(
         samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
     values, division = divided(path, samples.values, alpha, reading.unpremultiply_depth, keeping)
     width = samples.width if size is None else size[0]
-    decoding = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
-    metres, half_sky = _decode(replace(samples, values=values), decoding, keeping, overscan)
-    marks = _apply_marks(path, row, samples, metres)
+    completed = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
+    metres, half_sky = _decode(replace(samples, values=values), completed, keeping, overscan)
+    marks = _apply_marks(path, row, samples.marks, metres)
     if orientation != 1:
         from defocus_core.io.images.raster import upright
 
@@ -231,13 +218,10 @@ def read_depth(
         marks = (*marks, turned)
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
-        from defocus_core.io.depth_formats.file_types import refuse_named
-
-        refuse_named(path, values)
         _refuse_scaled(path, values)
-    words = (samples.words, division, decoding.words, *marks)
+    words = (samples.words, division, completed.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
-    is_radius = decoding.rule == "radius"
+    is_radius = completed.rule == "radius"
     depth = Depth(
         metres,
         path,
@@ -324,51 +308,39 @@ def _is_behind(metres: Any) -> bool:
 
 
 def _decode(
-    samples: DepthNumbers, decoding: Decoding, keeping: Keeping, overscan: Overscan
+    samples: DepthNumbers, completed: DepthFormat, keeping: Keeping, overscan: Overscan
 ) -> tuple[Any, bool]:
     """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
     values = samples.values
     own = isinstance(values, Scratch) or (values.flags.owndata and values.flags.writeable)
     # Numbers that were read are not needed any more: metres take their place.
     metres = values if own and values.dtype == "=f4" else keeping.new(values.shape, np.float32)
-    half = values.dtype.newbyteorder("=") == np.float16 and decoding.sky <= HALF_MAX
+    half = values.dtype.newbyteorder("=") == np.float16 and completed.sky <= HALF_MAX
     half_sky, frame = False, (values.shape[0], values.shape[1])
     for rows in bands(values.shape):
         numbers = values[rows]
         half_sky |= half and bool((numbers == HALF_MAX).any())
         metres[rows] = decoded(
-            numbers, decoding, first_row=rows.start, frame=frame, overscan=overscan
+            numbers, completed, first_row=rows.start, frame=frame, overscan=overscan
         )
     return metres, half_sky
 
 
 def _apply_marks(
-    path: Path, row: DepthFormat, samples: DepthNumbers, metres: Any
+    path: Path, row: DepthFormat, marks: Sequence[Mark], metres: Any
 ) -> tuple[str, ...]:
     """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
-    words, marks = [], []
-    if samples.within is not None:
-        set_outside(metres, samples.within)
-    if samples.nothing is not None:
-        marks.append((samples.nothing, np.inf))
-        words.append("sky where alpha is 0")
-    if samples.holes is not None:
-        marks.append((samples.holes, np.nan))
-        words.append(f"holes of {row.holes}")
+    words = ""
     if row.mask is not None:
-        from defocus_core.io.depth_formats.sidecars import marked_pixels
+        from defocus_core.io.depth_formats.sidecars import mask_beside
 
-        mask = marked_pixels(row.mask, path, metres.shape)
-        if mask is None:
-            words.append("no mask beside it")
-        else:
-            pixels, place = mask
-            marks.append((pixels, np.nan if row.mask.marks == "invalid" else np.inf))
-            words.append(f"mask {place.name}")
-    for pixels, value in marks:
+        mask = mask_beside(row.mask, path, metres.shape)
+        marks = (*marks, mask) if mask is not None else marks
+        words = "no mask beside it" if mask is None else ""
+    for mark in marks:
         for rows in bands(metres.shape):
-            metres[rows] = np.where(pixels[rows], np.float32(value), metres[rows])
-    return tuple(words)
+            metres[rows] = np.where(mark.pixels[rows], np.float32(mark.depth), metres[rows])
+    return *(mark.words for mark in marks), words
 
 
 def _replaced(depth: Depth, how: str) -> Depth:

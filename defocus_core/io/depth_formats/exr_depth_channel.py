@@ -12,7 +12,7 @@ import numpy as np
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.reading import DepthReading, require_size
-from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers
+from defocus_core.io.depth_formats.rules import DepthNumbers, Mark
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     by_name,
@@ -23,14 +23,13 @@ from defocus_core.io.exr.channel_choice import (
     only,
 )
 from defocus_core.io.exr.header import Header, read_headers
-from defocus_core.io.exr.reading import has_equal_colors, read_parts
+from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 
 _DEPTH_NAMES = frozenset({"depth", "zdepth"})  # of channels, whatever their layer
 _DEPTH_LAYERS = ("depth", "zdepth", "worlddepth")  # how the names of layers end
 NO_DEPTH = ("coc", "disparity", "trust")  # channels of maps that defocus writes
-_CAMERA = "worldToCamera"  # OpenEXR's attribute: of points as rows, from the world to the camera
 
 
 class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
@@ -46,10 +45,6 @@ def exr_depth_numbers(
 ) -> DepthNumbers:
     """Read the depth channel of an EXR file."""
     headers = in_view(path, read_headers(path), reading.view)
-    if (position := _position(headers, reading.depth_channel)) is not None:
-        shown = position[0].display
-        require_size(path, reading, (shown.height, shown.width), size)
-        return _along_axis(path, headers, position, keeping, overscan)
     chosen = choose_depth_channel(path, headers, reading)
     header = chosen.header
     require_size(path, reading, (header.display.height, header.display.width), size)
@@ -59,76 +54,24 @@ def exr_depth_numbers(
         return other.index == header.index and name in (chosen.source, alpha)
 
     parts = read_parts(path, headers, keeping, wanted, overscan)
-    pixels = parts[header.index].channels.get(chosen.source)
-    if pixels is None:
-        problem = f"has {chosen.name} at a lower resolution than its other channels"
-        raise InputError("subsampled", problem, "save the depth without subsampling", path=path)
+    pixels = parts[header.index].channels[chosen.source]
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
     view = f" in view {header.shown}" if header.shown else ""
     words = (f"EXR {kind} channel {chosen.name}{place}{view}", header.cut_note(overscan))
     window = header.display.grown(overscan)
-    transparency = None if alpha is None else parts[header.index].channels[alpha]
+    outside = np.ones((window.height, window.width), bool)
+    outside[window.cut(header.data)] = False
+    marks = [Mark(outside, np.nan, "")] * bool(outside.any())
+    if alpha is not None:
+        empty = parts[header.index].channels[alpha][:] == 0
+        marks.append(Mark(empty, np.inf, "sky where alpha is 0"))
     return DepthNumbers(
         pixels,
         "integer EXR" if pixels.dtype.kind in "iu" else "EXR",
         ", ".join(filter(None, words)),
         channel=chosen.name,
-        nothing=None if transparency is None else transparency[:] == 0,
-        within=window.cut(header.data),
-        data_window="" if header.data.covers(window) else str(header.data),
-    )
-
-
-def _position(
-    headers: Sequence[Header], layer: str | None
-) -> tuple[Header, tuple[str, ...]] | None:
-    """The part and the three channels of a position in the world, if a layer of them is named."""
-    for header in headers if layer else ():
-        plain = {channel.plain: channel.name for channel in header.channels}
-        for axes in ("XYZ", "xyz", "RGB"):
-            names = [f"{layer}.{axis}" for axis in axes]
-            if all(name in plain for name in names):
-                return header, tuple(plain[name] for name in names)
-    return None
-
-
-def _along_axis(
-    path: Path,
-    headers: Sequence[Header],
-    position: tuple[Header, tuple[str, ...]],
-    keeping: Keeping,
-    overscan: Overscan,
-) -> DepthNumbers:
-    """Depth of positions in the world, by the camera of the header; infinite where all are 0.
-
-    What is seen lies before the camera, whichever way its axis is counted.
-    """
-    header, names = position
-    camera = header.attributes.get(_CAMERA)
-    if camera is None or camera.kind != "m44f" or len(camera.value) != 64:
-        problem = f"has positions in the world, but no {_CAMERA} in its header"
-        remedy = "write that attribute, or render a pass of depth"
-        raise InputError("no-depth", problem, remedy, path=path)
-    matrix = np.frombuffer(camera.value, "<f4").reshape(4, 4).astype(np.float64)
-
-    def wanted(other: Header, name: str) -> bool:
-        return other.index == header.index and name in names
-
-    planes = read_parts(path, tuple(headers), keeping, wanted, overscan)[header.index].channels
-    points = [np.asarray(planes[name][:], np.float64) for name in names]
-    along = sum(p * m for p, m in zip(points, matrix[:3, 2], strict=True)) + matrix[3, 2]
-    nothing = np.logical_and.reduce([p == 0 for p in points])
-    along *= np.sign(np.median(along[~nothing])) if not nothing.all() else 1.0
-    along[nothing] = np.inf
-    words = f"EXR position {names[0].rpartition('.')[0]}, along the axis of {_CAMERA}"
-    window = header.display.grown(overscan)
-    return DepthNumbers(
-        along.astype(np.float32),
-        "EXR",
-        ", ".join(filter(None, (words, header.cut_note(overscan)))),
-        channel=names[0],
-        within=window.cut(header.data),
+        marks=tuple(marks),
         data_window="" if header.data.covers(window) else str(header.data),
     )
 
@@ -137,20 +80,13 @@ def choose_depth_channel(
     path: Path, headers: Sequence[Header], reading: DepthReading
 ) -> ChannelGroup:
     """The depth channel of a file: the one named, that of the format, or one of the usual names."""
-    row, channel = reading.row, reading.depth_channel
-    if channel is None and (row.channels or row.plane is not None):
-        every = channels_of(path, headers, reading.part)
-        if (known := _by_pattern(row, every)) is not None:
-            return known
-    try:
-        return choose_depth(path, headers, channel=channel, part=reading.part)
-    except NoDepthChannel as error:
-        if not any(has_equal_colors(path, header) for header in headers):
-            raise
-        if reading.depth_format is not None and channel is None:  # then it is said to be depth
-            return choose_depth(path, headers, channel="R", part=reading.part)
-        remedy = "R, G and B are equal: if they are the depth, say ‹depth-channel› R"
-        raise NoDepthChannel("no-depth", error.problem, remedy, path=path) from None
+    channel = reading.depth_channel
+    every = channels_of(path, headers, reading.part) if channel is None else []
+    for pattern in reading.row.channels:
+        for each in every:
+            if fnmatchcase(each.name, pattern):
+                return each
+    return choose_depth(path, headers, channel=channel, part=reading.part)
 
 
 def choose_depth(
@@ -169,13 +105,12 @@ def choose_depth(
         candidates = in_depth_part if len(in_depth_part) == 1 else candidates
     if not candidates:
         problem = f"has no depth channel, only {in_words(labels(every))}"
-        likely = [c for c in every if re.search(r"depth|dist|mist|(^|[._])p?z", c.name.lower())]
-        names = labels(every)
-        proposed = [names[every.index(c)] for c in likely] or ["NAME"]
-        layer, _, axis = proposed[0].rpartition(".")
-        if axis.lower() == "z" and {f"{layer}.X", f"{layer}.x"} & {*names}:  # of a position
-            proposed = [layer]
-        remedy = f"if one of them is the depth, say ‹depth-channel› {proposed[0]}"
+        likely = (
+            name
+            for name, c in zip(labels(every), every, strict=True)
+            if re.search(r"depth|dist|mist|(^|[._])p?z", c.name.lower()) and not _is_of_vector(c)
+        )
+        remedy = f"if one of them is the depth, say ‹depth-channel› {next(likely, 'NAME')}"
         raise NoDepthChannel("no-depth", problem, remedy, path=path)
     return only(path, candidates, "depth channel", "‹depth-channel›")
 
@@ -194,18 +129,14 @@ def _is_depth(candidate: ChannelGroup) -> bool:
         return base in ("r", "x", "y", "z", "v") and (base == "r" or f"{dot}r" not in siblings)
     if base not in {"z", "v"} or (layer and own_layer not in ("depth", "z")):
         return False
-    vector = {f"{dot}x", f"{dot}y", f"{dot}z"} <= siblings or {f"{dot}u", f"{dot}v"} <= siblings
-    return not vector
+    return not _is_of_vector(candidate)
 
 
-def _by_pattern(row: DepthFormat, every: Sequence[ChannelGroup]) -> ChannelGroup | None:
-    if row.plane is not None:
-        return every[row.plane]
-    for pattern in row.channels:
-        for channel in every:
-            if fnmatchcase(channel.name, pattern):
-                return channel
-    return None
+def _is_of_vector(candidate: ChannelGroup) -> bool:
+    """Whether its layer has a position or a motion."""
+    layer, siblings = candidate.name.rpartition(".")[0].lower(), candidate.header.folded_names
+    dot = f"{layer}." if layer else ""
+    return {f"{dot}x", f"{dot}y", f"{dot}z"} <= siblings or {f"{dot}u", f"{dot}v"} <= siblings
 
 
 def _alpha(chosen: ChannelGroup) -> str | None:

@@ -11,9 +11,8 @@ import base64
 import re
 import struct
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,36 +21,27 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.depth_formats.reading import holds_gdepth
+from defocus_core.io.depth_formats.rules import DepthNumbers
 from defocus_core.io.images.raster import (
-    damaged_heic,
+    HEIC_DAMAGE,
     open_heic,
     read_pages,
     read_samples,
     upright,
 )
-from defocus_core.io.safe_files import quiet, read_head
+from defocus_core.io.safe_files import decoding, quiet, read_head
 
 _XMP, _EXTENSION = b"http://ns.adobe.com/xap/1.0/\0", b"http://ns.adobe.com/xmp/extension/\0"
 _EXTENSION_HEAD = 32 + 8  # digest, length of all, offset of this part
-_PROPERTY = re.compile(rb"""(G(?:Depth|Image):\w+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
-_ELEMENT = re.compile(rb"<(G(?:Depth|Image):\w+)>([^<]*)</G")
+_PROPERTY = re.compile(r"""(G(?:Depth|Image):\w+)\s*=\s*(?:"([^"]*)"|'([^']*)')""")
+_ELEMENT = re.compile(r"<(G(?:Depth|Image):\w+)>([^<]*)</G")
 _START_OF_SCAN = 0xDA
-
-
-@dataclass(frozen=True)
-class PhotoDepth:
-    """A depth image inside a photograph."""
-
-    values: NDArray[Any]  # integers [H, W], upright
-    # What the file says of them: near, far, format, units, measure of GDepth; d_min, d_max,
-    # representation_type of HEIC
-    metadata: dict[str, Any]
 
 
 @contextmanager
 def sharp_original(path: Path) -> Iterator[Path]:
     """A file with the sharp picture inside a photograph; itself if it has none of its own."""
-    data = _properties(path).get(b"GImage:Data") if holds_gdepth(path) else None
+    data = _properties(path).get("GImage:Data") if holds_gdepth(path) else None
     if data is None:
         yield path
         return
@@ -63,52 +53,52 @@ def sharp_original(path: Path) -> Iterator[Path]:
         raise InputError("damaged", problem, "copy the photograph again", path=path) from error
 
 
-def read_heic(path: Path) -> PhotoDepth:
-    """The depth image of a HEIC photograph."""
+def read_heic(path: Path) -> DepthNumbers:
+    """The depth image of a HEIC photograph; with d_min, d_max and representation_type."""
     file = open_heic(path)
-    try:
-        with quiet():
-            images = file.info.get("depth_images") or []
-            values = np.asarray(images[0]) if images else None
-    except Exception as error:
-        raise damaged_heic(path, error) from error
+    with decoding(path, HEIC_DAMAGE), quiet():
+        images = file.info.get("depth_images") or []
+        values = np.asarray(images[0]) if images else None
     if values is None:
         remedy = "take the photograph in portrait mode"
         raise InputError("no-depth", "has no depth image", remedy, path=path)
-    return PhotoDepth(
-        values if values.ndim == 2 else values[:, :, 0], dict(images[0].info["metadata"] or {})
-    )
+    values = values if values.ndim == 2 else values[:, :, 0]
+    return _numbers(values, "HEIC", images[0].info["metadata"] or {})
 
 
-def read_gdepth(path: Path) -> PhotoDepth:
-    """The depth image of a JPEG photograph that holds GDepth, turned upright with it."""
+def read_gdepth(path: Path) -> DepthNumbers:
+    """The depth image of a JPEG photograph that holds GDepth, turned upright with it.
+
+    With Near, Far, Format, Units and MeasureType.
+    """
     metadata = {
-        name.removeprefix(b"GDepth:"): text
+        name.removeprefix("GDepth:"): text
         for name, text in _properties(path).items()
-        if name.startswith(b"GDepth:")
+        if name.startswith("GDepth:")
     }
-    if b"Data" not in metadata:
+    if "Data" not in metadata:
         remedy = "check what took or edited it"
         raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
-    data = metadata.pop(b"Data")
     try:
-        values = _decode(base64.b64decode(data, validate=False))
+        values = _decode(base64.b64decode(metadata.pop("Data"), validate=False))
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
         problem = f"has a damaged GDepth image ({why})"
         raise InputError("damaged", problem, "copy the photograph again", path=path) from error
-    words = {
-        name.decode("ascii", "replace"): text.decode("utf-8", "replace")
-        for name, text in metadata.items()
-    }
-    return PhotoDepth(upright(values, read_pages(path)[0].orientation), words)
+    return _numbers(upright(values, read_pages(path)[0].orientation), "GDepth", metadata)
 
 
-def _properties(path: Path) -> dict[bytes, bytes]:
+def _numbers(values: NDArray[Any], file_type: str, metadata: Mapping[str, Any]) -> DepthNumbers:
+    top = 2.0 ** (8 * values.itemsize) - 1
+    words = f"{file_type} depth image"
+    return DepthNumbers(values, file_type, words, metadata={**metadata, "top": top})
+
+
+def _properties(path: Path) -> dict[str, str]:
     """The properties GDepth:… and GImage:… of the XMP of a JPEG."""
     read_head(path)
     with path.open("rb") as file:
-        packet = b"".join(_xmp(file.read()))
+        packet = b"".join(_xmp(file.read())).decode("utf-8", "replace")
     attributes = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
     return attributes | dict(_ELEMENT.findall(packet))
 

@@ -1,14 +1,11 @@
-"""How a depth file is to be read: what a user may say of it, and the decoding that it makes.
-
-A decoding comes of the format, the options of the user and a sidecar.
-"""
+"""How a depth file is to be read: what a user may say of it, which completes its format."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, Self
+from typing import NoReturn, Self
 
 import numpy as np
 
@@ -16,18 +13,12 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.rules import (
     HALF_MAX,
-    Decoding,
     DepthFormat,
     DepthNumbers,
-    depth_range,
-    disparity_range,
+    linear,
 )
 from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS, usual_unit
 from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
-
-if TYPE_CHECKING:
-    from defocus_core.io.depth_formats.sidecars import Facts
-
 
 KINDS = ("depth", "disparity")
 GEOMETRIES = ("radial", "planar")
@@ -172,14 +163,8 @@ class Declared:
 
     path: Path
     reading: DepthReading  # the options of the user
-    row: DepthFormat
+    row: DepthFormat  # completed by its sidecar
     samples: DepthNumbers  # its numbers and its metadata
-    facts: Facts | None  # the facts of its sidecar; None if there is none
-
-    @property
-    def rule(self) -> str:
-        """scale, inverse, log or radius; empty where the user must say it."""
-        return self.facts.rule if self.facts is not None and self.facts.rule else self.row.rule
 
     @property
     def asked_by(self) -> dict[str, str]:
@@ -197,9 +182,7 @@ def refuse_idle(declared: Declared, rule: str) -> None:
     in_px = disparity and not row.per_metre  # disparity of two cameras
     has_range = row.name in ("metres", "disparity") or "depth-range" in row.needs or not row.rule
     has_unit = row.unitless and (not disparity or row.per_metre)
-    has_scale = rule in ("scale", "inverse") and (
-        declared.facts is None or not declared.facts.scale
-    )
+    has_scale = rule in ("scale", "inverse") and row.sidecar not in ("heic", "gdepth")
     means_nothing = {
         "depth-unit": reading.depth_unit is not None and not has_unit,
         "depth-range": reading.depth_range is not None and not has_range,
@@ -233,11 +216,9 @@ def ask(declared: Declared, option: str, value: str) -> NoReturn:
 
 def geometry_of(declared: Declared) -> str:
     """Planar, radial, or ask: by the user, the file, the channel or the format, in this order."""
-    reading, row, facts = declared.reading, declared.row, declared.facts
+    reading, row = declared.reading, declared.row
     if reading.geometry is not None:
         return reading.geometry
-    if facts is not None and facts.radial:
-        return "radial"
     return "radial" if declared.samples.channel in row.radial_channels else row.geometry
 
 
@@ -279,52 +260,40 @@ def resolved(
     *,
     picture_width: int,  # px of the colour, or of the depth if there is no colour
     lens_focal: float | None,
-) -> Decoding:
-    """The decoding of the numbers of a file to depth.
+) -> DepthFormat:
+    """The format of a file, completed by its sidecar and the user.
 
     `lens_focal`: focal length of the lens in widths of its sensor, None if there is no lens.
     """
     if reading.relative:
         near = "black" if reading.invert else "white"
-        return Decoding("radius", words=f"relative disparity, {near} near")
+        return replace(FORMATS["coc"], words=f"relative disparity, {near} near")
     row = reading.row
-    facts = None
     if row.sidecar:
-        from defocus_core.io.depth_formats.sidecars import facts_of
+        from defocus_core.io.depth_formats.sidecars import completed
 
-        facts = facts_of(row.sidecar, path, samples.metadata)
-    declared = Declared(path, reading, row, samples, facts)
+        row = completed(row, path, samples.metadata)
+    declared = Declared(path, reading, row, samples)
     rule = _rule(declared)
     refuse_idle(declared, rule)
-    make = {"scale": _depth_decoding, "inverse": _disparity_decoding, "log": _logarithm_decoding}
     if rule == "radius":
-        return Decoding("radius", words="signed CoC radius in px")
-    decoding = make[rule](declared)
-    sky = reading.sky
-    if sky is None:
-        sky = -math.inf if rule == "inverse" else _own_sky(samples, row)
+        return replace(row, words="signed CoC radius in px")
+    row = (_disparity_row if rule == "inverse" else _depth_row)(declared)
+    sky = row.sky if reading.sky is None else reading.sky
+    if reading.sky is None and rule == "inverse":
+        sky = -math.inf
+    elif reading.sky is None and samples.values.dtype.newbyteorder("=") == "float16":
+        sky = min(sky, HALF_MAX)
     focal = focal_of(declared, picture_width, lens_focal)
-    geometry = "" if focal is None else f", radial with a focal length of {focal:.6g} px"
-    return replace(
-        decoding,
-        sky=sky,
-        sky_numbers=row.sky_numbers,
-        invalid=row.invalid,
-        invalid_infinity=row.invalid_infinity,
-        focal_px=focal,
-        words=f"{decoding.words}{geometry}",
-    )
-
-
-def _own_sky(samples: DepthNumbers, row: DepthFormat) -> float:
-    """The least number that is sky; the largest half is, in a file of half."""
-    half = samples.values.dtype.newbyteorder("=") == "float16"
-    return min(row.sky, HALF_MAX) if half else row.sky
+    if focal is None:
+        return replace(row, rule=rule, sky=sky, geometry="planar")
+    words = f"{row.words}, radial with a focal length of {focal:.6g} px"
+    return replace(row, rule=rule, sky=sky, geometry="radial", focal_px=focal, words=words)
 
 
 def _rule(declared: Declared) -> str:
-    """scale, inverse, log or radius: of the format, or by depth_kind."""
-    reading, rule = declared.reading, declared.rule
+    """scale, inverse or radius: of the format, or by depth_kind."""
+    reading, rule = declared.reading, declared.row.rule
     by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
     if not rule:
         if by_kind is None:
@@ -356,7 +325,12 @@ def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
     if near == far:
         problem = "has the same distance twice"
         raise UsageProblem("out-of-range", problem, "give two distances", field="depth-range")
+    _within(declared)
     return near, far
+
+
+def _ends_in_words(samples: DepthNumbers, ends: tuple[float, float]) -> str:
+    return f"0 is {ends[0]:.6g} m and {samples.top:.6g} is {ends[1]:.6g} m"
 
 
 def _within(declared: Declared) -> None:
@@ -376,78 +350,57 @@ def _within(declared: Declared) -> None:
         raise InputError("out-of-range", problem, remedy, path=declared.path)
 
 
-def _depth_decoding(declared: Declared) -> Decoding:
+def _depth_row(declared: Declared) -> DepthFormat:
     reading, row, samples = declared.reading, declared.row, declared.samples
     if (ends := _ends(declared, disparity=False)) is not None:
-        _within(declared)
-        scale, shift = depth_range(*ends, samples.top)
-        words = f"depth, 0 is {ends[0]:.6g} m and {samples.top:.6g} is {ends[1]:.6g} m"
-        return Decoding("scale", scale, shift, words=words)
+        scale, shift = linear(*ends, samples.top)
+        words = f"depth, {_ends_in_words(samples, ends)}"
+        return replace(row, scale=scale, shift=shift, words=words)
     if "depth-scale" in row.needs and reading.depth_scale is None:
         ask(declared, "depth-scale", "METRES")
-    facts = declared.facts
-    if facts is not None and facts.scale is not None:
-        words = f"{row.name}, {facts.source}"
-        return Decoding("scale", facts.scale, facts.shift or 0.0, words=words)
     unit = reading.depth_unit
     if reading.depth_format is None and unit is None:
         unit = usual_unit(samples) if reading.depth_scale is None else "m"
         if unit is None:
-            problem = f"has {samples.channel or 'numbers'} in whole numbers, whose unit is unknown"
+            numbers = f"has {samples.channel} in whole numbers"
+            if not samples.channel:
+                numbers = f"holds {samples.values.dtype} numbers"
+            problem = f"{numbers}, whose unit is unknown"
             named = samples.type == "HEIC"
             remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=declared.path)
     words = UNIT_WORDS.get(unit or "", "")
     scale = row.scale * UNITS[unit or "m"]
-    if row.integer_scale is not None and samples.is_integer:
-        scale = row.integer_scale
     if reading.depth_scale is not None:
         scale *= reading.depth_scale
         words = ", ".join(filter(None, (words, f"× {reading.depth_scale:g}")))
     if reading.depth_format is not None:
-        words = ", ".join(filter(None, (row.name, words)))
-    return Decoding("scale", scale, words=words)
+        words = ", ".join(filter(None, (row.name, row.words, words)))
+    return replace(row, scale=scale, words=words)
 
 
-def _disparity_decoding(declared: Declared) -> Decoding:
-    reading, row, facts = declared.reading, declared.row, declared.facts
+def _disparity_row(declared: Declared) -> DepthFormat:
+    """A format of 1 / (scale · v + shift), be it by focal length and baseline."""
+    reading, row, samples = declared.reading, declared.row, declared.samples
     if (ends := _ends(declared, disparity=True)) is not None:
-        _within(declared)
-        top = declared.samples.top
-        scale, shift = disparity_range(*ends, top)
-        words = f"disparity, 0 is {ends[1]:.6g} m and {top:.6g} is {ends[0]:.6g} m"
-        return Decoding("inverse", scale, shift, words=words)
-    if facts is not None and facts.scale is not None:
-        words = f"{row.name}, {facts.source}"
-        return Decoding("inverse", facts.scale, facts.shift or 0.0, words=words)
-    if row.per_metre:
-        if row.sidecar:
-            problem = f"has no {row.sidecar} metadata"
-            raise InputError("no-metadata", problem, "check what wrote it", path=declared.path)
-        unit = UNITS[reading.depth_unit or "m"]
-        scale = row.scale * (reading.depth_scale or 1.0)
-        return Decoding("inverse", scale, focal_baseline=unit, words=f"{row.name}, 1 / z")
-    return _by_calibration(declared)
-
-
-def _by_calibration(declared: Declared) -> Decoding:
-    """Disparity by focal length and baseline, or by a scale alone."""
-    from defocus_core.io.depth_formats.sidecars import Facts
-
-    reading, row, facts = declared.reading, declared.row, declared.facts
-    beside = Facts("") if facts is None else facts
-    own_baseline = None if reading.baseline is None else reading.baseline / MM_PER_M
-    focal = _first(reading.focal_px, beside.focal_px, row.focal_px)
-    baseline = _first(own_baseline, beside.baseline, row.baseline)
-    doffs = _first(reading.doffs, beside.doffs) or 0.0
+        scale, shift = linear(1 / ends[1], 1 / ends[0], samples.top)  # 1 / inf is 0
+        words = f"disparity, {_ends_in_words(samples, ends[::-1])}"
+        return replace(row, scale=scale, shift=shift, words=words)
     scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
-    source = f" by {facts.source}" if facts is not None else ""
+    if row.per_metre:
+        words = f"{row.name}, {row.words or '1 / z'}"
+        return replace(row, scale=scale / UNITS[reading.depth_unit or "m"], words=words)
+    focal = row.focal_px if reading.focal_px is None else reading.focal_px
+    baseline = row.baseline if reading.baseline is None else reading.baseline / MM_PER_M
+    doffs = row.shift if reading.doffs is None else reading.doffs
+    source = f" by {row.words}" if row.words else ""
     if focal is not None and baseline is not None:
         words = f"{row.name}, {focal:.6g} px × {baseline:.6g} m{source}"
-        return Decoding("inverse", scale, doffs, focal * baseline, words=words)
+        scale, doffs = scale / (focal * baseline), doffs / (focal * baseline)
+        return replace(row, scale=scale, shift=doffs, words=words)
     if focal is None and baseline is None and reading.depth_scale is not None:
         words = f"disparity, 1/z = {scale:g} v{f' + {doffs:g}' if doffs else ''}"
-        return Decoding("inverse", scale, doffs, words=words)
+        return replace(row, scale=scale, shift=doffs, words=words)
     missing = [n for n, value in zip(_CALIBRATION, (focal, baseline), strict=True) if value is None]
     names = " and ".join(f"‹{name}›" for name in missing)
     why = f": there is no {row.sidecar} beside {declared.path}" if row.sidecar else ""
@@ -455,18 +408,3 @@ def _by_calibration(declared: Declared) -> Decoding:
     if row.name == "disparity":
         remedy += ", or ‹depth-range› NEAR FAR, or ‹depth-scale›"
     raise UsageProblem("missing-option", f"leaves {names} open{why}", remedy, **declared.asked_by)
-
-
-def _logarithm_decoding(declared: Declared) -> Decoding:
-    facts = declared.facts
-    if facts is None or facts.ends is None:
-        problem = f"has no text chunks near and far, which {declared.row.name} needs"
-        remedy = "check what wrote or edited it"
-        raise InputError("no-metadata", problem, remedy, path=declared.path)
-    near, far = facts.ends
-    words = f"{declared.row.name}, from {near:.6g} m to {far:.6g} m"
-    return Decoding("log", ends=facts.ends, words=words)
-
-
-def _first(*values: float | None) -> float | None:
-    return next((value for value in values if value is not None), None)

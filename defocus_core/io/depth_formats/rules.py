@@ -1,20 +1,18 @@
 """Depth formats as data: numbers of a file, the fields of a row, and functions that decode by them.
 
-Four kinds of rule are enough for every row. Numbers v of the file become
+Three kinds of rule are enough for every row. Numbers v of the file become
   scale     depth  scale · v + shift
   inverse   depth  focal · baseline / (scale · v + shift), or 1 / (scale · v + shift)
-  log       depth  near^(1 − t) far^t
   bits      numbers v first: float32 in the four bytes of a pixel, float16 in 16 bits, or an integer
             spread over R, G and B; then one of the above
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +27,14 @@ _EDGE, _WHOLE = (0.05, 0.9), 0.995
 _ENOUGH, _MAXIMUM = 12, 0.8
 
 
+class Mark(NamedTuple):
+    """Pixels whose depth another channel, array or file says."""
+
+    pixels: NDArray[np.bool_]  # [H, W]
+    depth: float  # inf is sky, NaN no depth
+    words: str  # for people; empty if they need not know
+
+
 @dataclass(frozen=True)
 class DepthNumbers:
     """The numbers of a depth file."""
@@ -40,12 +46,7 @@ class DepthNumbers:
     words: str  # type of the file and of its numbers, for people
     channel: str = ""  # name in the file; empty where it has none
     metadata: Mapping[str, Any] = field(default_factory=dict)  # of the file, by key
-    # Pixels of an alpha of 0, where that means sky, [H, W]
-    nothing: NDArray[np.bool_] | None = None
-    # Pixels without depth by another array of the file, [H, W]
-    holes: NDArray[np.bool_] | None = None
-    # Rows and columns that the file has; the others have no depth. None of all
-    within: tuple[slice, slice] | None = None
+    marks: tuple[Mark, ...] = ()  # in order: a later one wins
     data_window: str = ""  # its data window in words, if it does not cover the picture
 
     @property
@@ -125,27 +126,26 @@ ANY = (*FLOATS, "16-bit PNG", "8-bit PNG", "8-bit RGB", "integer EXR", "integer 
 
 @dataclass(frozen=True)
 class Mask:
-    """An image or array beside the depth file that marks pixels."""
+    """An image or array beside the depth file that marks pixels without depth."""
 
     # Where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of the depth
-    # file, ``{folder}`` the name of its folder, ``{number}`` the last digits of the stem
+    # file, ``{folder}`` the name of its folder
     places: tuple[str, ...]
-    marks: str
-    where: str | int  # pixels it marks: ``zero``, ``nonzero``, or the number of a class
+    zeros: bool  # whether it marks them by 0, or by any other number
 
 
 @dataclass(frozen=True)
 class DepthFormat:
-    """A depth convention: one row of the table."""
+    """A depth convention: a row of the table, which sidecar and user complete for a file."""
 
     name: str  # as ``depth_format`` has it
     title: str  # which data set, renderer or network writes it
     files: tuple[str, ...]  # types of file it may come in, as `DepthNumbers.type` has them
-    # Scale, inverse, log, or radius, whose numbers are signed CoC radii in px; empty where
+    # Scale, inverse, or radius, whose numbers are signed CoC radii in px; empty where
     # ``depth_kind`` must say whether they are depth or disparity
     rule: str = "scale"
     scale: float = 1.0  # what 1 in the file is: metres of depth, px of disparity
-    integer_scale: float | None = None  # what 1 is where the numbers are integers; None for `scale`
+    shift: float = 0.0  # added to numbers that were scaled
     per_metre: bool = False  # whether disparity is in 1/m rather than in px
     bits: str = ""  # ``float32`` or ``float16`` where the bits of a pixel are those of a float
     weights: tuple[float, ...] = ()  # of R, G and B, where a pixel is an integer spread over them
@@ -154,8 +154,7 @@ class DepthFormat:
     channels: tuple[str, ...] = ()
     holes: str = ""  # name of the array in the same file whose zeros are invalid
     radial_channels: tuple[str, ...] = ()  # which of these hold the distance to the point
-    # Which entry of a last axis of several; of EXR channels in the order of the file
-    plane: int | None = None
+    plane: int | None = None  # which entry of a last axis of several
     axes: str = "HW"  # order of axes in the file, N for frames
     stride: int = 1  # every so many rows and columns are taken
     size: tuple[int, int] | None = None  # width and height of a file without a header
@@ -165,38 +164,19 @@ class DepthFormat:
     invalid_infinity: bool = False  # whether +inf means no depth rather than sky
     sky: float = SKY  # numbers from this one on are sky
     sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
-    focal_px: float | None = None  # focal length in px of its pictures, where it is fixed
+    # Focal length in px of its pictures, where it is fixed; of a completed row, of this one
+    focal_px: float | None = None
     # Width of the pictures that `focal_px` is of; None for any width
     focal_width: int | None = None
     baseline: float | None = None  # metres between its two cameras, where it is fixed
     sidecar: str = ""  # name of what else holds a part of the rule, as `sidecars` has it
+    words: str = ""  # what completed the row, and in the end its rule, for people
     mask: Mask | None = None
     alpha: bool = False  # whether nothing is where the alpha of the EXR is 0
     needs: tuple[str, ...] = ()  # options without which it cannot be decoded
     unitless: bool = False  # whether its unit is that of a scene, so that ``depth_unit`` may say it
     note: str = ""  # what else a user should know
     aliases: tuple[str, ...] = field(default=())
-
-
-@dataclass(frozen=True)
-class Decoding:
-    """The decoding of one file: its format, completed by the user and the sidecar."""
-
-    rule: str  # scale, inverse, log or radius
-    scale: float = 1.0
-    shift: float = 0.0
-    focal_baseline: float = 1.0  # metres · px over disparity in px; 1 of disparity in 1/m
-    ends: tuple[float, float] = (1.0, 1.0)  # depth in metres at number 1 and at 65534, of log
-    sky: float = SKY  # numbers from this one on are sky; of disparity, numbers up to this one
-    sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
-    invalid: tuple[float, ...] = ()  # single numbers that are no depth
-    invalid_infinity: bool = False  # whether +inf is no depth
-    # Of a distance to the point, the focal length of the picture; None of depth
-    focal_px: float | None = None
-    words: str = ""  # the rule, for people
-
-
-LOG_STEPS = 65533  # between the numbers 1 and 65534
 
 
 def unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
@@ -214,7 +194,7 @@ def unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
 
 def decoded(
     numbers: NDArray[Any],
-    decoding: Decoding,
+    row: DepthFormat,
     *,
     first_row: int = 0,
     frame: tuple[int, int] | None = None,
@@ -222,68 +202,64 @@ def decoded(
 ) -> NDArray[np.float32]:
     """Planar metres of numbers [h, W] of a file: +inf is sky; NaN, 0 and less are invalid.
 
-    `frame`: rows and columns of the frame; None if `numbers` has all of them.
+    `row`: completed; `frame`: rows and columns of the frame; None if `numbers` has all of them.
     """
     with np.errstate(over="ignore"):  # as below
-        metres = _metres(numbers, decoding)
-    if decoding.focal_px is not None:
+        metres = _metres(numbers, row)
+    if row.geometry == "radial":
+        assert row.focal_px is not None
         rows, columns = overscan.shown(*(frame or numbers.shape[:2]))
         cosine = _cosine(
             metres.shape,
-            decoding.focal_px,
+            row.focal_px,
             first=(first_row - rows.start, -columns.start),
             size=(rows.stop - rows.start, columns.stop - columns.start),
         )
         metres = (metres.astype(np.float64) * cosine).astype(np.float32)
     for marked, value in ((is_sky, np.inf), (is_marked_invalid, np.nan)):
-        pixels = marked(numbers, decoding)
+        pixels = marked(numbers, row)
         if pixels is not None and pixels.any():
             metres = np.where(pixels, np.float32(value), metres)
     return metres
 
 
-def is_sky(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
+def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_] | None:
     """Which numbers stand for sky; None if none can."""
-    if decoding.rule == "radius":
+    if row.rule == "radius":
         return None
-    if decoding.rule == "inverse":
-        sky: NDArray[np.bool_] = numbers <= np.float32(decoding.sky)
+    if row.rule == "inverse":
+        sky: NDArray[np.bool_] = numbers <= np.float32(row.sky)
     else:
         with np.errstate(over="ignore"):  # a double beyond float32 is sky
             depths = numbers.astype(np.float32, copy=False)
-            ahead = -depths if decoding.scale < 0 else depths
-            sky = ahead >= np.float32(decoding.sky)
-    for number in decoding.sky_numbers:
+            ahead = -depths if row.scale < 0 else depths
+            sky = ahead >= np.float32(row.sky)
+    for number in row.sky_numbers:
         sky |= numbers == number
     return sky
 
 
-def is_marked_invalid(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.bool_] | None:
+def is_marked_invalid(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_] | None:
     """Which numbers the format marks as invalid; None if none. NaN stays NaN by any rule."""
-    marked = [numbers == number for number in decoding.invalid]
-    if decoding.invalid_infinity:
+    marked = [numbers == number for number in row.invalid]
+    if row.invalid_infinity:
         marked.append(np.isposinf(numbers))
     return np.logical_or.reduce(marked) if marked else None
 
 
-def _metres(numbers: NDArray[Any], decoding: Decoding) -> NDArray[np.float32]:
+def _metres(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.float32]:
     """Depth, or distance to the point, in metres."""
-    plain = decoding.rule in ("scale", "radius") and (decoding.scale, decoding.shift) == (1, 0)
+    plain = row.rule in ("scale", "radius") and (row.scale, row.shift) == (1, 0)
     if plain:
         return numbers.astype(np.float32, copy=False)
-    scaled: NDArray[np.float64] = numbers.astype(np.float64) * decoding.scale
-    if decoding.shift:
-        scaled += decoding.shift
-    if decoding.rule in ("scale", "radius"):
+    scaled: NDArray[np.float64] = numbers.astype(np.float64) * row.scale
+    if row.shift:
+        scaled += row.shift
+    if row.rule in ("scale", "radius"):
         return scaled.astype(np.float32)
-    if decoding.rule == "inverse":
-        # No point in front of both cameras has a negative disparity.
-        with np.errstate(divide="ignore"):
-            depth = np.where(scaled < 0, np.nan, decoding.focal_baseline / np.abs(scaled))
-    else:
-        assert decoding.rule == "log", decoding.rule
-        near, far = map(math.log, decoding.ends)
-        depth = np.exp(near + (scaled - 1) / LOG_STEPS * (far - near))
+    # No point in front of both cameras has a negative disparity.
+    with np.errstate(divide="ignore"):
+        depth = np.where(scaled < 0, np.nan, 1 / np.abs(scaled))
     return depth.astype(np.float32)
 
 
@@ -305,15 +281,6 @@ def _cosine(
     return cosine
 
 
-def disparity_range(near: float, far: float, top: float) -> tuple[float, float]:
-    """Scale and shift with which number 0 is the disparity 1/far, and `top` is 1/near.
-
-    `near`: metres; `far`: metres, or inf.
-    """
-    minimum = 0.0 if math.isinf(far) else 1 / far
-    return (1 / near - minimum) / top, minimum
-
-
-def depth_range(near: float, far: float, top: float) -> tuple[float, float]:
-    """Scale and shift with which number 0 is `near`, and `top` is `far`; both in metres."""
-    return (far - near) / top, near
+def linear(at_zero: float, at_top: float, top: float) -> tuple[float, float]:
+    """Scale and shift with which number 0 is one value, and `top` another."""
+    return (at_top - at_zero) / top, at_zero

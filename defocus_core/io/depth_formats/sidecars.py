@@ -1,17 +1,15 @@
 """Files beside a depth file that hold a part of its rule: calibration, cameras, masks.
 
-Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's properties.
+Also the metadata of the file itself: HEIC's and GDepth's properties.
 """
 
 from __future__ import annotations
 
 import configparser
-import json
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from io import TextIOWrapper
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,71 +17,50 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.below import open_plain
-from defocus_core.io.depth_formats.rules import DepthFormat, Mask
+from defocus_core.io.below import read_plain
+from defocus_core.io.depth_formats.rules import DepthFormat, Mark, Mask, linear
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import MALFORMED, decoding
 
 # What a reader raises that meets another content than it expects.
 _FAULTS = (OSError, *MALFORMED)
-_LONGEST = 1 << 20  # characters of a sidecar
+_LONGEST = 1 << 20  # bytes of a sidecar
 _CHECK = "check the file"
 
 
-@dataclass(frozen=True)
-class Facts:
-    """The facts that a sidecar holds."""
-
-    source: str  # the file, or the part of the depth file, for people
-    focal_px: float | None = None  # focal length in px
-    baseline: float | None = None  # metres
-    doffs: float | None = None  # px
-    ends: tuple[float, float] | None = None  # depth in metres at the ends of log
-    scale: float | None = None  # multiplies numbers, before `shift` is added
-    shift: float | None = None
-    rule: str = ""  # scale or inverse, where the file declares one
-    radial: bool = False  # whether the file says that it holds the distance to the point
-
-
-def facts_of(name: str, path: Path, metadata: Mapping[str, Any]) -> Facts | None:
-    """The facts of the sidecar of a depth file; None if there is no such file."""
-    place = path
+def completed(row: DepthFormat, path: Path, metadata: Mapping[str, Any]) -> DepthFormat:
+    """A format with what the sidecar of a depth file says; as it is if there is no such file."""
+    own = row.sidecar in _METADATA_READERS
+    place = path if own else _sidecar(row, path)
+    if place is None:
+        return row
     try:
-        if name in _METADATA_READERS:
-            return _METADATA_READERS[name](metadata)
-        for place in _PLACES[name](path):
-            if place.is_file():
-                return _SIDECAR_READERS[name](place, path)
+        if own:
+            return _METADATA_READERS[row.sidecar](row, metadata)
+        return _SIDECARS[row.sidecar](row, place, path)
     except (*_FAULTS, configparser.Error) as error:
-        problem = f"does not say what {name} of {path.name} should ({reason(error)})"
+        problem = f"does not say what {row.sidecar} of {path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
-    return None
 
 
 def _text(path: Path) -> str:
-    with TextIOWrapper(open_plain(path), encoding="utf-8", errors="replace") as file:
-        return file.read(_LONGEST)
+    return read_plain(path, _LONGEST).decode("utf-8", "replace")
 
 
-def _number_at_end(path: Path) -> str:
-    digits = re.search(r"(\d+)\D*$", path.stem)
-    return digits[1] if digits else path.stem
-
-
-def _calib(path: Path, _: Path) -> Facts:
+def _calib(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     """Middlebury: ``cam0=[f 0 cx; 0 f cy; 0 0 1]``, ``doffs=``, ``baseline=`` in mm."""
     lines = dict(line.split("=", 1) for line in _text(path).splitlines() if "=" in line)
     focal = float(lines["cam0"].strip(" []").split()[0])
     baseline = float(lines["baseline"]) / 1000
-    return Facts(path.name, _positive(focal), _positive(baseline), float(lines.get("doffs", 0)))
+    return _calibrated(row, path.name, focal, baseline, float(lines.get("doffs", 0)))
 
 
-def _dmin(path: Path, _: Path) -> Facts:
+def _dmin(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     """Middlebury 2005 and 2006, whose camera is one: px by which the crops differ, of full size."""
-    return Facts(path.name, focal_px=3740.0, baseline=0.16, doffs=float(_text(path)))
+    return _calibrated(row, path.name, 3740.0, 0.16, float(_text(path)))
 
 
-def _parameters(path: Path, _: Path) -> Facts:
+def _parameters(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     """4D light field benchmark: disparity is 0 at the focus distance."""
     parser = configparser.ConfigParser(interpolation=None)
     parser.read_string(_text(path))
@@ -92,86 +69,61 @@ def _parameters(path: Path, _: Path) -> Facts:
     focal = float(values["focal_length_mm"]) / float(values["sensor_size_mm"]) * width
     baseline = float(values["baseline_mm"]) / 1000
     focus = _positive(float(values["focus_distance_m"]))
-    return Facts(path.name, _positive(focal), _positive(baseline), focal * baseline / focus)
+    return _calibrated(row, path.name, focal, baseline, focal * baseline / focus)
 
 
-def _cityscapes(path: Path, _: Path) -> Facts:
-    """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
-    camera = json.loads(_text(path))
-    focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
-    return Facts(path.name, _positive(focal), _positive(baseline), -1 / 256)
-
-
-def _cityscapes_cameras(path: Path) -> list[Path]:
-    """Where the camera of disparity/SPLIT/CITY/STEM_disparity.png may lie."""
-    name = f"{path.stem.removesuffix('_disparity')}_camera.json"
-    places = [path.with_name(name)]
-    if len(path.parents) > 3:
-        split, city = path.parent.parent.name, path.parent.name
-        places.append(path.parents[3] / "camera" / split / city / name)
-    return places
-
-
-def _intrinsics(path: Path, depth: Path) -> Facts:
+def _intrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
     """Spring: a line ``fx fy cx cy`` for each frame, the first of which is 1."""
-    frame = int(_number_at_end(depth))
+    frame = int(re.findall(r"\d+", depth.stem)[-1])
     line = [line for line in _text(path).splitlines() if line.strip()][max(frame - 1, 0)]
-    return Facts(f"{path.name}, frame {frame}", _positive(float(line.split()[0])))
+    focal = _positive(float(line.split()[0]))
+    return replace(row, words=f"{path.name}, frame {frame}", focal_px=focal)
 
 
-def _extrinsics(path: Path, depth: Path) -> Facts:
-    """UnrealStereo4K: a line of intrinsics, 3×3, and one of world to camera, 3×4, a camera."""
-    own = path.parent.parent / f"Extrinsics{'1' if depth.parent.name.endswith('1') else '0'}"
-    poses, focal = [], 0.0
-    for number in "01":
-        file = path.parent.parent / f"Extrinsics{number}" / path.name
-        intrinsics, pose = _text(file).splitlines()[:2]
-        if file.parent == own:
-            focal = float(intrinsics.split()[0])
-        matrix = np.eye(4)
-        matrix[:3] = np.array([float(word) for word in pose.split()]).reshape(3, 4)
-        poses.append(np.linalg.inv(matrix))
-    baseline = abs(float((np.linalg.inv(poses[0]) @ poses[1])[0, 3]))
-    return Facts(f"{own.name}/{path.name}", _positive(focal), _positive(baseline))
-
-
-def _text_chunks(metadata: Mapping[str, Any]) -> Facts | None:
-    """MoGe: near and far, and a unit in files of its first version."""
-    if not {"near", "far"} <= metadata.keys():
-        return None
-    unit = float(metadata.get("unit", 1))
-    near, far = (_positive(float(metadata[key]) * unit) for key in ("near", "far"))
-    return Facts("text chunks near and far", ends=(near, far))
-
-
-def _heic(metadata: Mapping[str, Any]) -> Facts:
+def _heic(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
     """HEIC: steps of 1/z from far to near (0), of disparity in 1/m (1), or of z (2)."""
     kind = int(metadata.get("representation_type", 1))
     if kind in (0, 2):
         near, far = (_positive(float(metadata[key])) for key in ("z_near", "z_far"))
-        if kind == 2:
-            scale = (far - near) / metadata["top"]
-            return Facts("z_near and z_far", scale=scale, shift=near, rule="scale")
-        scale = (1 / near - 1 / far) / metadata["top"]
-        return Facts("z_near and z_far", scale=scale, shift=1 / far, rule="inverse")
+        ends = (near, far) if kind == 2 else (1 / far, 1 / near)
+        return _linear(row, "z_near and z_far", ends, metadata, "scale" if kind == 2 else "inverse")
     if kind != 1:
         raise ValueError(f"representation_type {kind}, which is none of 0, 1 and 2")
-    minimum, maximum = float(metadata["d_min"]), float(metadata["d_max"])
-    return Facts("d_min and d_max", scale=(maximum - minimum) / metadata["top"], shift=minimum)
+    ends = float(metadata["d_min"]), float(metadata["d_max"])
+    return _linear(row, "d_min and d_max", ends, metadata, "inverse")
 
 
-def _gdepth(metadata: Mapping[str, Any]) -> Facts:
+def _gdepth(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
     """GDepth: RangeInverse is linear in 1/z, RangeLinear in z; Near and Far in m or mm."""
     unit = {"m": 1.0, "mm": 1e-3}[str(metadata["Units"])]
     near, far = (_positive(float(metadata[key]) * unit) for key in ("Near", "Far"))
-    radial = metadata.get("MeasureType") == "OpticRay"
-    source, top = f"GDepth {metadata['Format']}", float(metadata["top"])
+    row = replace(row, geometry="radial") if metadata.get("MeasureType") == "OpticRay" else row
+    source = f"GDepth {metadata['Format']}"
     if metadata["Format"] == "RangeInverse":
-        scale, shift = (1 / far - 1 / near) / top, 1 / near
-        return Facts(source, scale=scale, shift=shift, rule="inverse", radial=radial)
+        return _linear(row, source, (1 / near, 1 / far), metadata, "inverse")
     if metadata["Format"] != "RangeLinear":
         raise ValueError(f"Format {metadata['Format']}")
-    return Facts(source, scale=(far - near) / top, shift=near, rule="scale", radial=radial)
+    return _linear(row, source, (near, far), metadata, "scale")
+
+
+def _linear(
+    row: DepthFormat,
+    source: str,
+    ends: tuple[float, float],
+    metadata: Mapping[str, Any],
+    rule: str,
+) -> DepthFormat:
+    """A format whose numbers are linear in z, or 1/z, from that of 0 to that of the greatest."""
+    scale, shift = linear(*ends, float(metadata["top"]))
+    return replace(row, words=source, rule=rule, scale=scale, shift=shift, per_metre=True)
+
+
+def _calibrated(
+    row: DepthFormat, source: str, focal: float, baseline: float, doffs: float
+) -> DepthFormat:
+    """A format with focal length in px, baseline in metres and px added to the disparity."""
+    focal, baseline = _positive(focal), _positive(baseline)
+    return replace(row, words=source, focal_px=focal, baseline=baseline, shift=doffs)
 
 
 def _positive(value: float) -> float:
@@ -180,65 +132,46 @@ def _positive(value: float) -> float:
     return value
 
 
-_METADATA_READERS: dict[str, Callable[[Mapping[str, Any]], Facts | None]] = {
-    "text-chunks": _text_chunks,
-    "heic": _heic,
-    "gdepth": _gdepth,
-}
-_SIDECAR_READERS: dict[str, Callable[[Path, Path], Facts]] = {
+_METADATA_READERS = {"heic": _heic, "gdepth": _gdepth}
+
+
+# How a sidecar is read: the format that it completes, its place, and that of the depth file
+_SIDECARS: dict[str, Callable[[DepthFormat, Path, Path], DepthFormat]] = {
     "calib.txt": _calib,
     "dmin.txt": _dmin,
     "parameters.cfg": _parameters,
-    "camera.json": _cityscapes,
     "intrinsics.txt": _intrinsics,
-    "Extrinsics": _extrinsics,
 }
-_PLACES: dict[str, Callable[[Path], list[Path]]] = {
-    "calib.txt": lambda path: [path.with_name("calib.txt")],
-    "dmin.txt": lambda path: [path.with_name("dmin.txt")],
-    "parameters.cfg": lambda path: [path.with_name("parameters.cfg")],
-    "camera.json": _cityscapes_cameras,
-    "intrinsics.txt": lambda path: [
-        path.with_name("intrinsics.txt"),
-        path.parent.parent / "cam_data" / "intrinsics.txt",
-    ],
-    "Extrinsics": lambda path: [
-        path.parent.parent / "Extrinsics0" / f"{path.stem}.txt",
-        path.parent / "Extrinsics0" / f"{path.stem}.txt",
-    ],
-}
+
+
+def _sidecar(row: DepthFormat, path: Path) -> Path | None:
+    """The sidecar of a depth file; None if there is none."""
+    folders = (path.parent, path.parent.parent / "cam_data") if row.sidecar in _SIDECARS else ()
+    places = (folder / row.sidecar for folder in folders)
+    return next((place for place in places if place.is_file()), None)
 
 
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     """Files beside a depth file by which it is read, by role; empty if there are none."""
-    files = {}
-    if row.sidecar in _PLACES:
-        place = next((place for place in _PLACES[row.sidecar](path) if place.is_file()), None)
-        if place is not None:
-            files["depth_sidecar"] = place
-            if row.sidecar == "Extrinsics":
-                files["depth_sidecar_right"] = place.parent.parent / "Extrinsics1" / place.name
-    if row.mask is not None and (mask := _mask_file(row.mask, path)) is not None:
-        files["depth_mask"] = mask
-    return files
+    files = {
+        "depth_sidecar": _sidecar(row, path),
+        "depth_mask": _mask_file(row.mask, path) if row.mask is not None else None,
+    }
+    return {role: file for role, file in files.items() if file is not None}
 
 
-def marked_pixels(
-    mask: Mask, path: Path, shape: tuple[int, int]
-) -> tuple[NDArray[np.bool_], Path] | None:
-    """Where a mask marks pixels, [H, W], and its file; None if there is no such file."""
+def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark | None:
+    """What a mask of a depth file marks; None if there is no such file."""
     place = _mask_file(mask, path)
     if place is None:
         return None
     values = _mask_values(place, shape, path)
-    if isinstance(mask.where, int):
-        return values == mask.where, place
-    return (values == 0) == (mask.where == "zero"), place
+    return Mark((values == 0) == mask.zeros, math.nan, f"mask {place.name}")
 
 
 def _mask_file(mask: Mask, path: Path) -> Path | None:
     """The mask of a depth file; None if there is none."""
-    words = {"stem": path.stem, "folder": path.parent.name, "number": _number_at_end(path)}
+    words = {"stem": path.stem, "folder": path.parent.name}
     places = (path.parent / template.format(**words) for template in mask.places)
     return next((place for place in places if place.is_file() and place != path), None)
 

@@ -10,6 +10,8 @@ fields are in `rules`. The rows are of stereo data sets, networks, renderers, da
 
 from __future__ import annotations
 
+from functools import partial
+
 from defocus_core.io.depth_formats.rules import (
     ANY,
     FLOATS,
@@ -18,6 +20,10 @@ from defocus_core.io.depth_formats.rules import (
     DepthNumbers,
     Mask,
 )
+
+# What rows have in common: 16 bits of which 0 is a hole, and EXR in units of a scene.
+_png16 = partial(DepthFormat, files=("16-bit PNG",), invalid=(0,))
+_exr = partial(DepthFormat, files=("EXR",), unitless=True)
 
 STEREO_DATASETS = (
     DepthFormat(
@@ -38,15 +44,6 @@ STEREO_DATASETS = (
         aliases=("middlebury2005",),
     ),
     DepthFormat(
-        "middlebury2003",
-        "Middlebury 2003 as PNG, a quarter of the size",
-        ("8-bit PNG",),
-        rule="inverse",
-        scale=1 / 4,
-        invalid=(0,),
-        note="pictures of half the size need ‹depth-scale› 2",
-    ),
-    DepthFormat(
         "sceneflow",
         "FlyingThings3D, Monkaa, Driving",
         ("PFM",),
@@ -55,34 +52,6 @@ STEREO_DATASETS = (
         baseline=1.0,
         note="pictures of 15 mm need ‹focal-px› 450",
         aliases=("flyingthings3d", "monkaa", "driving"),
-    ),
-    DepthFormat(
-        "cityscapes",
-        "Cityscapes, disparity: (v - 1) / 256 px",
-        ("16-bit PNG",),
-        rule="inverse",
-        scale=1 / 256,
-        invalid=(0,),
-        sidecar="camera.json",
-    ),
-    DepthFormat(
-        "irs",
-        "IRS",
-        ("EXR",),
-        rule="inverse",
-        channels=("G", "*"),
-        invalid=(0,),
-        focal_px=480.0,
-        baseline=0.1,
-    ),
-    DepthFormat(
-        "unrealstereo4k",
-        "UnrealStereo4K",
-        ("NPY",),
-        rule="inverse",
-        invalid=(0,),
-        invalid_infinity=True,
-        sidecar="Extrinsics",
     ),
     DepthFormat(
         "spring",
@@ -102,42 +71,20 @@ STEREO_DATASETS = (
         rule="inverse",
         sidecar="parameters.cfg",
     ),
-    DepthFormat(
-        "ffs-stereo4d",
-        "Stereo4D of Fast Foundation Stereo, (255² R + 255 G + B) / 1000 px",
-        ("8-bit RGB", "8-bit RGBA"),
-        rule="inverse",
-        scale=1 / 1000,
-        weights=(255.0**2, 255.0, 1.0),
-    ),
 )
 
 
 _PICTURES = ("16-bit PNG", "8-bit PNG")
 
 NETWORKS = (
-    DepthFormat(
-        "moge-png",
-        "MoGe, depth in the logarithm",
-        ("16-bit PNG",),
-        rule="log",
-        invalid=(0,),
-        sky=65535,
-        sidecar="text-chunks",
-    ),
-    DepthFormat(
+    _exr(
         "moge",
         "MoGe, depth.exr",
-        ("EXR",),
         invalid_infinity=True,
-        mask=Mask(("mask.png", "{stem}_mask.png"), "invalid", "zero"),
-        unitless=True,
+        mask=Mask(("mask.png", "{stem}_mask.png"), zeros=True),
         note="version 1 has no scale: give ‹depth-scale›",
     ),
     DepthFormat("depth-pro", "Depth Pro", ("NPZ",), channels=("depth",)),
-    DepthFormat(
-        "depth-anything-v2-metric", "Depth Anything V2 metric, *_raw_depth_meter.npy", ("NPY",)
-    ),
     DepthFormat(
         "depth-anything",
         "Depth Anything relative, MiDaS: disparity without scale and shift",
@@ -184,7 +131,14 @@ _SCENE = "units of the scene, as metres unless ‹depth-unit› says otherwise"
 _ALPHA = f"{_SCENE}; where alpha is 0 is sky"
 
 RENDERERS = (
-    DepthFormat("metres", "any file of depth, in the unit of ‹depth-unit›", ANY, unitless=True),
+    DepthFormat(
+        "metres",
+        "any file of depth, in the unit of ‹depth-unit›: BlendedMVS, Habitat's pinhole camera, "
+        "Depth Anything V2 metric (*_raw_depth_meter.npy), …",
+        ANY,
+        unitless=True,
+        aliases=("blendedmvs", "habitat", "depth-anything-v2-metric"),
+    ),
     DepthFormat(
         "disparity",
         "any file of disparity",
@@ -201,12 +155,10 @@ RENDERERS = (
         channels=("coc",),
         note="used as it is: of the lens, only ‹blades› and ‹blade-rotation› have an effect",
     ),
-    DepthFormat(
+    _exr(
         "blender",
         "Blender, pass Z",
-        ("EXR",),
         channels=("*.Depth.Z", "Depth.Z", "Z", "*.Depth.V", "Depth.V", "V"),
-        unitless=True,
         note=f"{_SCENE}; the pass Mist is no depth",
     ),
     DepthFormat(
@@ -218,14 +170,11 @@ RENDERERS = (
     ),
     DepthFormat("vision-blender", "VisionBlender", ("NPZ",), channels=("depth_map", "depth*", "*")),
     DepthFormat("kubric", "Kubric", ("float TIFF", "NPZ", "EXR"), geometry="ask"),
-    DepthFormat(
+    _exr(
         "mitsuba",
         "Mitsuba, AOV depth",
-        ("EXR",),
         channels=("depth", "*depth*", "*.T", "dd.y"),
         geometry="radial",
-        invalid=(0,),
-        unitless=True,
         note="some versions are off by the near clip",
     ),
     DepthFormat(
@@ -254,50 +203,27 @@ RENDERERS = (
         weights=(1.0, 256.0, 65536.0),
         sky=2.0**24 - 1,
     ),
-    DepthFormat(
-        "habitat",
-        "Habitat, pinhole camera",
-        FLOATS,
-        invalid=(0,),
-        note="an equirectangular camera writes the distance to the point: ‹radial›",
-    ),
-    DepthFormat(
-        "mujoco-warp",
-        "MuJoCo Warp, Newton",
-        FLOATS,
-        geometry="ask",
-        note="radial in versions before March 2026, planar since",
-        aliases=("newton",),
-    ),
-    DepthFormat(
+    _exr(
         "nuke-scanline",
         "Nuke, ScanlineRender, 1/z",
-        ("EXR",),
         rule="inverse",
         channels=("depth.Z", "Z"),
         per_metre=True,
-        unitless=True,
     ),
-    DepthFormat(
+    _exr(
         "arnold",
         "Arnold, Redshift, Karma",
-        ("EXR",),
         channels=("Z", "depth.Z", "*.Z"),
         alpha=True,
-        invalid=(0,),
-        unitless=True,
         note=_ALPHA,
         aliases=("redshift", "karma"),
     ),
-    DepthFormat(
+    _exr(
         "houdini",
         "Houdini, Pz: negative in front of the camera",
-        ("EXR",),
         scale=-1.0,
         channels=("Pz", "*.Pz", "*Pz"),
         alpha=True,
-        invalid=(0,),
-        unitless=True,
         note=_ALPHA,
     ),
     DepthFormat(
@@ -308,9 +234,7 @@ RENDERERS = (
         needs=("depth-range",),
         note="‹depth-range› is the distance of black, then of white",
     ),
-    DepthFormat(
-        "colmap", "COLMAP, depth_maps/*.bin", ("COLMAP",), invalid=(0,), unitless=True, note=_SCENE
-    ),
+    DepthFormat("colmap", "COLMAP, depth_maps/*.bin", ("COLMAP",), unitless=True, note=_SCENE),
 )
 
 
@@ -327,13 +251,6 @@ DEPTH_DATASETS = (
         focal_px=886.81,
         focal_width=1024,
         note="NaN is sky or a window; scenes with a tilted or shifted lens need ‹focal-px›",
-    ),
-    DepthFormat(
-        "hypersim-marigold",
-        "Hypersim as Marigold prepares it",
-        _PNG16,
-        scale=1 / 1000,
-        invalid=(0,),
     ),
     DepthFormat(
         "tartanair",
@@ -362,22 +279,23 @@ DEPTH_DATASETS = (
                 *("{stem}_invalid.png", "invalid/{stem}.png", "../invalid/{stem}.png"),
                 "../../invalid/{folder}/{stem}.png",
             ),
-            "invalid",
-            "nonzero",
+            zeros=False,
         ),
     ),
-    DepthFormat("kitti", "KITTI depth, sparse", _PNG16, scale=1 / 256, invalid=(0,)),
+    _png16(
+        "png-mm",
+        "millimetres: ScanNet, ScanNet++, NYU Depth V2 as PNG, Hypersim as Marigold prepares it, "
+        "ARKitScenes, WildRGBD, HOI4D, UASOL, …",
+        scale=1 / 1000,
+        note="ARKitScenes: turn both pictures so that the sky is above",
+        aliases=(
+            *("scannet", "scannetpp", "nyu", "nyu-png", "hypersim-marigold", "arkitscenes"),
+            *("arkit", "wildrgbd", "hoi4d", "uasol", "dp5k"),
+        ),
+    ),
+    _png16("kitti", "KITTI depth, sparse", scale=1 / 256),
     DepthFormat(
         "vkitti2", "Virtual KITTI 2", _PNG16, scale=1 / 100, sky=65500, aliases=("vkitti",)
-    ),
-    DepthFormat(
-        "nyu-png",
-        "NYU Depth V2 as PNG",
-        _PNG16,
-        scale=1 / 1000,
-        invalid=(0,),
-        note="the crop of Eigen is a mask and no crop",
-        aliases=("nyu",),
     ),
     DepthFormat(
         "nyu-mat",
@@ -388,21 +306,8 @@ DEPTH_DATASETS = (
         holes="rawDepths",
         note="‹part› N chooses the frame; pixels without raw depth are invalid",
     ),
-    DepthFormat(
-        "scannet",
-        "ScanNet",
-        _PNG16,
-        scale=1 / 1000,
-        invalid=(0,),
-        note="resize the colour to the size of the depth",
-    ),
-    DepthFormat("scannetpp", "ScanNet++, rendered", _PNG16, scale=1 / 1000, invalid=(0,)),
-    DepthFormat(
-        "matterport", "Matterport3D, undistorted_depth_images", _PNG16, scale=1 / 4000, invalid=(0,)
-    ),
-    DepthFormat(
-        "diode", "DIODE", ("NPY",), invalid=(0,), mask=Mask(("{stem}_mask.npy",), "invalid", "zero")
-    ),
+    _png16("matterport", "Matterport3D, undistorted_depth_images", scale=1 / 4000),
+    DepthFormat("diode", "DIODE", ("NPY",), mask=Mask(("{stem}_mask.npy",), zeros=True)),
     DepthFormat(
         "eth3d",
         "ETH3D, ground_truth_depth without a header",
@@ -411,26 +316,16 @@ DEPTH_DATASETS = (
         invalid_infinity=True,
         note="pairs with the distorted pictures",
     ),
-    DepthFormat(
-        "pointodyssey", "PointOdyssey", _PNG16, scale=1000 / 65535, invalid=(0,), sky=65535
-    ),
-    DepthFormat(
-        "dynamicreplica",
-        "Dynamic Replica, float16 in 16 bits",
-        _PNG16,
-        bits="float16",
-        invalid=(0,),
-    ),
-    DepthFormat(
+    _png16("pointodyssey", "PointOdyssey", scale=1000 / 65535, sky=65535),
+    _png16("dynamicreplica", "Dynamic Replica, float16 in 16 bits", bits="float16"),
+    _png16(
         "co3d",
         "CO3D, float16 in 16 bits",
-        _PNG16,
         bits="float16",
-        invalid=(0,),
         needs=("depth-scale",),
         note="‹depth-scale› is scale_adjustment of frame_annotations.jgz",
     ),
-    DepthFormat("mvs-synth", "MVS-Synth", ("EXR",), unitless=True, note="units of the game"),
+    _exr("mvs-synth", "MVS-Synth", note="units of the game"),
     DepthFormat(
         "bedlam",
         "BEDLAM and BEDLAM2",
@@ -439,77 +334,26 @@ DEPTH_DATASETS = (
         channels=("Depth", *UNREAL_DEPTH, "*.Depth"),
         sky=_BEYOND_20000,
     ),
-    DepthFormat(
-        "urbansyn",
-        "UrbanSyn",
-        ("EXR",),
-        scale=1e5,
-        mask=Mask(("{stem}_ss.png", "../ss/ss_{number}.png"), "sky", 10),
-    ),
-    DepthFormat(
-        "synscapes",
-        "Synscapes",
-        ("EXR",),
-        channels=("Z",),
-        mask=Mask(("{stem}_class.png", "../class/{stem}.png"), "sky", 23),
-    ),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
-    DepthFormat("omniobject3d", "OmniObject3D, last channel", ("EXR",), plane=-1, sky=65504),
-    DepthFormat(
-        "blendedmvs", "BlendedMVS", ("PFM",), invalid=(0,), unitless=True, note="units of the scene"
-    ),
-    DepthFormat(
-        "megadepth",
-        "MegaDepth",
-        ("HDF5",),
-        channels=("depth",),
-        invalid=(0,),
-        needs=("depth-scale",),
-        note="without a metric scale: ‹depth-scale› says metres of 1",
-    ),
-    DepthFormat("eden", "EDEN", ("MATLAB", "HDF5"), channels=("Depth",), plane=0),
-    DepthFormat(
-        "arkitscenes",
-        "ARKitScenes, WildRGBD, HOI4D, UASOL, and others in millimetres",
-        _PNG16,
-        scale=1 / 1000,
-        invalid=(0,),
-        note="ARKitScenes: turn both pictures so that the sky is above",
-        aliases=("wildrgbd", "hoi4d", "uasol", "arkit", "dp5k", "png-mm"),
-    ),
-    DepthFormat(
+    _png16(
         "tum",
         "TUM RGB-D, Bonn, SmartPortraits",
-        _PNG16,
         scale=1 / 5000,
-        invalid=(0,),
         aliases=("bonn", "smartportraits"),
     ),
-    DepthFormat(
+    _png16(
         "ibims1",
         "iBims-1",
-        _PNG16,
         scale=50 / 65535,
-        invalid=(0,),
         sky=65535,
         mask=Mask(
             ("{stem}_mask_invalid.png", "mask_invalid/{stem}.png", "../mask_invalid/{stem}.png"),
-            "invalid",
-            "zero",
+            zeros=True,
         ),
         note="mask_invalid is true where the depth is valid",
     ),
     DepthFormat("infinigen", "Infinigen", ("NPY",), plane=0),
-    DepthFormat(
-        "scenenet-rgbd", "SceneNet RGB-D", _PNG16, scale=1 / 1000, geometry="radial", invalid=(0,)
-    ),
-    DepthFormat(
-        "ros",
-        "ROS, 32FC1 in metres or 16UC1 in millimetres",
-        (*FLOATS, "16-bit PNG", "integer NPY"),
-        invalid=(0,),
-        integer_scale=1 / 1000,
-    ),
+    _png16("scenenet-rgbd", "SceneNet RGB-D", scale=1 / 1000, geometry="radial"),
 )
 
 

@@ -31,8 +31,8 @@ class ChannelGroup:
 
     header: Header  # the part that they are in
     name: str  # as ``layer`` or ``depth_channel`` has it inside its part
-    # Canonical name to the name in the file: R, G, B or Y, with RY and BY if there is chroma,
-    # then A; the name of a depth channel to itself
+    # Canonical name to the name in the file: R, G, B or Y, then A; the name of a depth channel
+    # to itself
     channels: Mapping[str, str] = field(default_factory=dict)
     default: bool = False  # whether it is the part's colour layer of plain names, without a prefix
 
@@ -65,7 +65,7 @@ def _chosen_color(
     layers = [each for header in searched for each in _color_layers(header)]
     if layer is not None:
         return by_name(path, layers, layer, "colour layer", "‹color-layer›")
-    candidates = [each for each in layers if {"R", "RY"} & each.channels.keys()] or layers
+    candidates = [each for each in layers if "R" in each.channels] or layers
     for known in (
         [c for c in candidates if c.default],
         [c for c in candidates if _is_whole_picture(c)],
@@ -90,20 +90,18 @@ def light_passes(path: Path, extras: Mapping[str, Any], patterns: Sequence[str])
     A pattern with a wildcard passes over depth and whole numbers, which are never averaged.
     """
     light = [n for n, plane in extras.items() if plane.dtype.kind not in "iu" and not is_depth(n)]
+    chosen: set[str] = set()
     for pattern in patterns:
-        folded = pattern.casefold()
-        if not any(fnmatchcase(name.casefold(), folded) for name in light):
-            isnt = any(fnmatchcase(name.casefold(), folded) for name in extras)
+        named = {n for n in extras if fnmatchcase(n.casefold(), pattern.casefold())}
+        if named.isdisjoint(light):
             problem = f"has no channel {pattern} of light beside its colour"
-            if isnt:
+            if named:
                 problem = f"has {pattern}, which is depth or whole numbers and is never averaged"
             known = f"it has {in_words(light)}" if light else "it has none"
             remedy = f"check ‹blur-channels›: {known}"
             raise InputError("no-such-channel", problem, remedy, path=path)
-    folded_patterns = [pattern.casefold() for pattern in patterns]
-    return tuple(
-        name for name in light if any(fnmatchcase(name.casefold(), p) for p in folded_patterns)
-    )
+        chosen |= named
+    return tuple(name for name in light if name in chosen)
 
 
 def require_part(path: Path, part: int, count: int) -> None:
@@ -137,8 +135,6 @@ def _color_layers(header: Header) -> Iterable[ChannelGroup]:
             bases |= {fold(last_word(channel.plain)): channel.name for channel in members}
         if {"R", "G", "B"} <= bases.keys():
             wanted = ["R", "G", "B", "A"]
-        elif {"Y", "RY", "BY"} <= bases.keys():
-            wanted = ["Y", "RY", "BY", "A"]
         elif "Y" in bases and not bases.keys() & {"X", "RY", "BY"}:  # no vector, no lone chroma
             wanted = ["Y", "A"]
         else:

@@ -3,9 +3,8 @@
 In the picture in focus, colours and alpha are `over` each other; depth, and what is no colour, is
 that of the nearest sample.
 
-Of two pictures in one pixel volumes are cut, and what lies in one place is mixed by what each
-absorbs: a part t of a volume of alpha a has 1 - (1 - a)^t (P. Hillman, The Theory of OpenEXR Deep
-Samples; F. Kainz, Interpreting OpenEXR Deep Pixels, 2013).
+Of two pictures in one pixel, what lies in one place is mixed by what each absorbs (P. Hillman, The
+Theory of OpenEXR Deep Samples; F. Kainz, Interpreting OpenEXR Deep Pixels, 2013).
 
 Of a pixel of more samples than layers, the two neighbours nearest to each other in 1 / distance
 become one, until there are few enough: blur is linear in 1 / distance. The nearer one weakens the
@@ -16,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +23,9 @@ from numpy.typing import NDArray
 
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.channel_choice import is_depth
-from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT, Strip, middle, strips
+from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
 from defocus_core.io.exr.header import Header
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
+from defocus_core.io.exr.windows import Overscan, Window
 
 _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
@@ -36,7 +34,7 @@ _DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 class DeepLayers:
     """The samples of a deep picture as layers of its frame, nearest first."""
 
-    # For each the arrays [H, W] by name of the channel; with volumes `FRONT`, too
+    # For each the arrays [H, W] by name of the channel
     layers: tuple[Mapping[str, Any], ...]
     merged: int  # number of pixels that had more samples than there are layers
 
@@ -72,15 +70,14 @@ def deep_layers(
     header: Header,
     names: tuple[str, ...],
     keeping: Keeping,
-    overscan: Overscan = NO_OVERSCAN,
+    overscan: Overscan,
 ) -> DeepLayers:
     """The samples as layers, of which there are as many as the pixel with most samples needs."""
     frame, crowded = header.display.grown(overscan), 0
     layers: list[dict[str, Any]] = []
     kinds = {channel.name: channel.type for channel in header.channels}
-    volumes = any(channel.plain == BACK for channel in header.channels)
-    wanted = (*names, ALPHA, DEPTH, *((FRONT, BACK) if volumes else ()))
-    for strip in strips(path, header, last=True):
+    wanted = (*names, ALPHA, DEPTH)
+    for strip in strips(path, header):
         strip, count = merge_samples(strip, (*names, ALPHA))
         crowded += count
         while len(layers) < max(1, strip.maximum):
@@ -120,57 +117,18 @@ def _paste(plane: Any, rows: NDArray[Any], window: Window, frame: Window) -> Non
         plane[place] = rows[shown]
 
 
-_CUT = 1 << 12  # pixels cut at once
 _OPAQUE = 1e6  # absorption of alpha 1
 
 
-def cut_volumes(strip: Strip, light: tuple[str, ...], mixed: NDArray[Any]) -> Strip:
-    """The samples in which no volume holds another one."""
-    front, back = strip.values[FRONT], strip.values[BACK]
-    is_volume = (back > front) & np.isfinite(back) & (front > 0)
-    counts = np.bincount(strip.pixel)
-    cut = np.unique(strip.pixel[is_volume & (counts[strip.pixel] > 1)])
-    kept = ~is_volume | ~np.isin(strip.pixel, cut)
-    pieces = [(strip.pixel[kept], *(strip.values[n][kept] for n in (*light, DEPTH)))]
-    for first in range(0, len(cut), _CUT):
-        pieces += _pieces(strip, is_volume, cut[first : first + _CUT], light)
-    pixel, *values = (np.concatenate(column) for column in zip(*pieces, strict=True))
-    order = np.lexsort((np.nan_to_num(values[-1], nan=np.inf, posinf=np.inf), pixel))
-    pixel, values = _mix(pixel[order], [each[order] for each in values], mixed)
+def mix_samples(strip: Strip, light: tuple[str, ...], mixed: NDArray[Any]) -> Strip:
+    """The samples sorted by depth; those of one place are one in the pixels `mixed`."""
+    depth = np.nan_to_num(strip.values[DEPTH], nan=np.inf, posinf=np.inf)
+    order = np.lexsort((depth, strip.pixel))
+    values = [strip.values[name][order] for name in (*light, DEPTH)]
+    pixel, values = _mix(strip.pixel[order], values, mixed)
     rank = np.arange(len(pixel)) - np.searchsorted(pixel, pixel)
     named = zip((*light, DEPTH), values, strict=True)
     return Strip(strip.window, pixel, rank, {n: each.astype("f4") for n, each in named})
-
-
-def _pieces(
-    strip: Strip, is_volume: NDArray[Any], pixels: NDArray[Any], light: tuple[str, ...]
-) -> list[tuple[NDArray[Any], ...]]:
-    """The pixel, light and depth of the volumes of pixels between neighbouring cuts."""
-    chosen = np.flatnonzero(np.isin(strip.pixel, pixels))
-    at = np.searchsorted(pixels, strip.pixel[chosen]), strip.rank[chosen]
-    shape = len(pixels), int(strip.rank[chosen].max()) + 1
-
-    def dense(values: NDArray[Any], nothing: float) -> NDArray[Any]:
-        array = np.full(shape, nothing, np.float64)
-        array[at] = values[chosen]
-        return array
-
-    front, back = (dense(strip.values[n], np.inf) for n in (FRONT, BACK))
-    volume = dense(is_volume, 0) > 0
-    back = np.where(volume, back, front)
-    alpha = dense(strip.values[ALPHA], 0)
-    color = [dense(strip.values[n], 0) / np.where(alpha > 0, alpha, 1) for n in light]
-    length = np.subtract(back, front, where=volume, out=np.ones(shape))
-    cuts, absorbed, pieces = np.sort(np.concatenate([front, back], 1), 1).T, _absorption(alpha), []
-    for near, far in pairwise(cuts):
-        inside = volume & (front <= near[:, None]) & (back >= far[:, None]) & (far > near)[:, None]
-        some = inside.any(1)
-        first, last = near[some], far[some]
-        fractions = (inside * absorbed / length)[some] * (last - first)[:, None]
-        alphas = _alpha_per(total := fractions.sum(1)) * total
-        values = [_ratio((fractions * each[some]).sum(1), total) * alphas for each in color]
-        pieces.append((pixels[some], *values, middle(first, last)))
-    return pieces
 
 
 def _mix(
@@ -233,8 +191,6 @@ def merge_samples(strip: Strip, light: tuple[str, ...]) -> tuple[Strip, int]:
     pixel, rank = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
     merged = {n: np.concatenate([piece[2][n] for piece in pieces]).astype("f4") for n in light}
     merged[DEPTH] = np.concatenate(depths)
-    for name in (n for n in (FRONT, BACK) if n in strip.values):
-        merged[name] = np.concatenate([strip.values[name][kept], *depths[1:]])
     return Strip(strip.window, pixel, rank, merged), len(crowded)
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import MULTIPART, Channel, Header, channels_of, raw_headers
 from defocus_core.io.exr.windows import Window
-from defocus_core.io.safe_files import damaged, once, stamp_of
+from defocus_core.io.safe_files import damaged, once
 
 # Samples of a strip of rows that are decoded at once, and the most of a row; px of a tile at most.
 _AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
@@ -32,15 +32,11 @@ _AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
 # cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
 _ANY, _RATIO = 1 << 26, 250
 _DTYPES = {"uint": "<u4", "half": "<f2", "float": "<f4"}
-_COMPRESSIONS = NONE, RLE, ZIPS = 0, 1, 2
+_COMPRESSIONS = NONE, ZIPS = 0, 2  # RLE is hardly written
 
 
-class Samples(NamedTuple):
-    """The samples of some rows of a part, in any order of the pixels."""
-
-    rows: tuple[int, int]  # the first and the last row
-    pixel: NDArray[np.int64]  # [N] number of the pixel of each sample, row by row
-    values: dict[str, NDArray[np.generic]]  # [N] by name of the channel
+# Samples of some rows: their window, for each the number of its pixel there, values by channel
+Samples = tuple[Window, NDArray[np.int32], dict[str, NDArray[np.generic]]]
 
 
 class _Chunk(NamedTuple):
@@ -58,7 +54,7 @@ class _Chunk(NamedTuple):
 class _Part:
     """A deep part: where its rows lie, and how they are packed."""
 
-    data: tuple[int, int, int, int]  # its data window: x0, y0, x1, y1
+    data: Window
     tile: tuple[int, int]  # width and height of its tiles; of parts in scan lines, of a row
     is_tiled: bool  # whether it has tiles
     compression: int  # of the file format
@@ -68,12 +64,12 @@ class _Part:
     @property
     def across(self) -> int:
         """Number of chunks side by side."""
-        return -(-(self.data[2] - self.data[0] + 1) // self.tile[0])
+        return -(-self.data.width // self.tile[0])
 
     @property
     def down(self) -> int:
         """Number of chunks above each other."""
-        return -(-(self.data[3] - self.data[1] + 1) // self.tile[1])
+        return -(-self.data.height // self.tile[1])
 
     @property
     def sample_bytes(self) -> int:
@@ -116,18 +112,17 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
     for before in parts[: header.index]:
         start += 8 * max(*struct.unpack("<i", before["chunkCount"].value), 0)
     attributes = parts[header.index]
-    x0, y0, x1, y1 = header.data
-    tile, is_tiled = (x1 - x0 + 1, 1), attributes["type"].value.startswith(b"deeptile")
+    tile, is_tiled = (header.data.width, 1), attributes["type"].value.startswith(b"deeptile")
     if is_tiled:
         tile = struct.unpack_from("<II", attributes["tiles"].value)
     compression = attributes["compression"].value[0]
     channels = tuple(channels_of(attributes["channels"].value))
-    if compression not in _COMPRESSIONS or any(channel.subsampled for channel in channels):
-        raise ValueError(f"deep samples of compression {compression}")
-    if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, x1 - x0 + 1):
+    if compression not in _COMPRESSIONS:
+        raise ValueError(f"deep samples of compression {compression}, not none or ZIPS")
+    if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, header.data.width):
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
     number = header.index if version & MULTIPART else None
-    return _Part((x0, y0, x1, y1), tile, is_tiled, compression, channels, number), start
+    return _Part(header.data, tile, is_tiled, compression, channels, number), start
 
 
 def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
@@ -144,7 +139,7 @@ def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
         file.seek(min(offset, size))
         *place, table, packed, unpacked = head.unpack(file.read(head.size))
         row, column = divmod(number, part.across)
-        due = [column, row, 0, 0] if part.is_tiled else [part.data[1] + row]
+        due = [column, row, 0, 0] if part.is_tiled else [part.data.y0 + row]
         at = offset + head.size
         if place != [*([] if part.number is None else [part.number]), *due]:
             raise ValueError("a chunk is not where it should be")
@@ -185,8 +180,7 @@ def _strips(part: _Part, chunks: Sequence[_Chunk]) -> Iterator[Sequence[_Chunk]]
 
 def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
     """The samples of chunks that fill rows."""
-    x0, y0, x1, y1 = part.data
-    width, top = x1 - x0 + 1, chunks[0].y
+    width, top = part.data.width, chunks[0].y
     values: dict[str, list[NDArray[np.generic]]] = {
         each.name: [np.zeros(0, _DTYPES[each.type])] for each in part.channels
     }
@@ -203,19 +197,16 @@ def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
                 piece = np.frombuffer(data, _DTYPES[channel.type], of_row, at)
                 values[channel.name].append(piece)
                 at += piece.nbytes
-    last = chunks[-1].y + part.tile[1] - 1
-    return Samples(
-        (y0 + top, min(y0 + last, y1)),
-        np.concatenate(pixels),
-        {name: np.concatenate(pieces) for name, pieces in values.items()},
-    )
+    x0, y0, x1, y1 = part.data
+    window = Window(x0, y0 + top, x1, min(y0 + chunks[-1].y + part.tile[1] - 1, y1))
+    every = {name: np.concatenate(pieces) for name, pieces in values.items()}
+    return window, np.concatenate(pixels).astype(np.int32), every
 
 
 def _counts(file: BinaryIO, part: _Part, chunk: _Chunk) -> NDArray[np.int64]:
     """The number [h, w] of samples of each pixel of a chunk; the file stands before their data."""
-    x0, y0, x1, y1 = part.data
-    rows = min(part.tile[1], y1 - y0 + 1 - chunk.y)
-    columns = min(part.tile[0], x1 - x0 + 1 - chunk.x)
+    rows = min(part.tile[1], part.data.height - chunk.y)
+    columns = min(part.tile[0], part.data.width - chunk.x)
     file.seek(chunk.at)
     table = _unpack(file.read(chunk.table), 4 * rows * columns, part.compression)
     ends = np.frombuffer(table, "<i4").reshape(rows, columns).astype(np.int64)
@@ -229,24 +220,11 @@ def _unpack(data: bytes, size: int, compression: int) -> bytes:
     """So many bytes, from what they were packed to; as they are if packing made them no smaller."""
     if compression == NONE or len(data) == size:
         unpacked = data
-    elif compression == RLE:
-        unpacked = _order(_run_lengths(data, size))
     else:
         unpacked = _order(zlib.decompressobj().decompress(data, size + 1)) if size else b""
     if len(unpacked) != size:
         raise ValueError(f"{len(unpacked)} bytes in place of {size}")
     return unpacked
-
-
-def _run_lengths(data: bytes, size: int) -> bytes:
-    """Runs: below 0, so many bytes as they are; else a byte once more than so many times."""
-    unpacked, at = bytearray(), 0
-    while at < len(data) and len(unpacked) <= size:
-        (count,) = struct.unpack_from("<b", data, at)
-        run = data[at + 1 : at + 1 - count] if count < 0 else data[at + 1 : at + 2] * (count + 1)
-        unpacked += run
-        at += 1 - count if count < 0 else 2
-    return bytes(unpacked)
 
 
 def _order(data: bytes) -> bytes:
@@ -259,10 +237,7 @@ def _order(data: bytes) -> bytes:
     return ordered.tobytes()
 
 
-HELD_BYTES = 1 << 27
-_held: dict[object, list[Strip]] = {}
 ALPHA, DEPTH, BACK = _OF_LAYERS = "A", "Z", "ZBack"
-FRONT = "ZFront"  # where a sample begins, beside its depth
 _ROUNDING = 2e-3  # alpha beyond 1 by less is rounding of half
 
 
@@ -274,12 +249,6 @@ class Strip(NamedTuple):
     rank: NDArray[Any]  # [N] number of the sample in its pixel, 0 is the nearest
     # [N] by channel; coverage and depth of a view by their plain names, too
     values: dict[str, NDArray[Any]]
-
-    @property
-    def nbytes(self) -> int:
-        """Size of its arrays."""
-        arrays = (self.pixel, self.rank, *self.values.values())
-        return sum(array.nbytes for array in arrays)
 
     @property
     def maximum(self) -> int:
@@ -316,43 +285,24 @@ def summary(path: Path, header: Header) -> DeepSummary:
     return DeepSummary(maximum, total, pixels, (min(ends), max(ends)) if ends else None)
 
 
-def strips(path: Path, header: Header, *, last: bool = False) -> Iterator[Strip]:
-    """The samples of a deep part, some rows at a time.
-
-    Those of one part are held, if they are not too many, until they are read for the last time.
-    """
-    key = path, header, stamp_of(path)
-    held = _held.pop(key, None)
-    if held is None:
-        held, size = [], 0
-        for samples in decoded(path, header):
-            strip = _strip(path, samples, header)
-            size += strip.nbytes
-            if not last and size <= HELD_BYTES:
-                held.append(strip)
-            yield strip
-        if last or size > HELD_BYTES:
-            return
-    else:
-        yield from held
-    if not last:
-        _held.clear()
-        _held[key] = held
+def strips(path: Path, header: Header) -> Iterator[Strip]:
+    """The samples of a deep part, some rows at a time."""
+    for samples in decoded(path, header):
+        yield _strip(path, samples, header)
 
 
 def _strip(path: Path, samples: Samples, header: Header) -> Strip:
     """Some decoded rows: their samples, sorted; of another view's channels nothing."""
-    (x0, _, x1, _), pixel = header.data, samples.pixel.astype(np.int32)
-    window, values = Window(x0, samples.rows[0], x1, samples.rows[1]), {}
+    window, pixel, own = samples
+    values: dict[str, NDArray[Any]] = {}
     channels = {channel.name: channel for channel in header.channels}
     for name, channel in channels.items():
-        numbers, plain = samples.values[name], channel.plain
+        numbers, plain = own[name], channel.plain
         is_whole = channel.type == "uint"
         values[plain if plain in _OF_LAYERS else name] = numbers.astype("u4" if is_whole else "f4")
     _check_alpha(path, values)
     if BACK in values and DEPTH in values:
-        values[FRONT] = values[DEPTH]
-        values[DEPTH] = middle(values[DEPTH], values[BACK])
+        values[DEPTH] = _middle(values[DEPTH], values[BACK])
     depth = np.nan_to_num(values.get(DEPTH, pixel[:0]), nan=np.inf, posinf=np.inf)
     order = np.lexsort((depth, pixel)) if DEPTH in values else np.argsort(pixel, kind="stable")
     pixel, values = pixel[order], {name: each[order] for name, each in values.items()}
@@ -374,7 +324,7 @@ def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
     values[ALPHA] = np.minimum(alpha, 1)
 
 
-def middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
+def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
     """The middle of volumes in 1 / distance; of surfaces, their distance."""
     with np.errstate(divide="ignore", invalid="ignore"):
         between = 2 / (1 / front + 1 / back)

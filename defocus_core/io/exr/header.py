@@ -57,17 +57,11 @@ class Channel:
 
     name: str
     type: str  # uint, half or float
-    sampling: tuple[int, int] = (1, 1)  # every how many pixels it has a sample, across and down
     plain: str = ""  # its name without that of a view
 
     def __post_init__(self) -> None:
         """Its plain name is its name unless it is of a view."""
         object.__setattr__(self, "plain", self.plain or self.name)
-
-    @property
-    def subsampled(self) -> bool:
-        """Whether it has fewer samples than the picture has pixels."""
-        return self.sampling != (1, 1)
 
 
 @dataclass(frozen=True)
@@ -85,8 +79,6 @@ class Header:
     multi_view: tuple[str, ...] = ()
     shown: str = ""  # the view that the channels are restricted to; empty if to none
     compression: str = "zip"  # the codec of its pixels, as `compression` names it
-    # Whether a channel of the part, of any view, has fewer samples than pixels
-    subsampled: bool = False
     attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
 
     @property
@@ -120,8 +112,8 @@ class Header:
         return sum(_BYTES[channel.type] for channel in self.channels)
 
 
-class _TooMany(Exception):  # noqa: N818 - it is said of a header
-    """A header has more of something than is read."""
+class _Refused(Exception):  # noqa: N818 - it is said of a header
+    """A sound header of a file that is not read: code, problem and remedy."""
 
 
 def is_exr(head: bytes) -> bool:
@@ -141,9 +133,8 @@ def read_headers(path: Path) -> tuple[Header, ...]:
         problem = f"has a name in its header that is not UTF-8, {error.object!r}"
         remedy = "write it again with plain names"
         raise InputError("not-utf-8", problem, remedy, path=path) from error
-    except _TooMany as error:
-        problem, remedy = f"has a header of more than {error}", "split it into several files"
-        raise InputError("too-large", problem, remedy, path=path) from None
+    except _Refused as error:
+        raise InputError(*error.args, path=path) from None
     except (OSError, ValueError, struct.error) as error:
         raise damaged(path, str(error), "has a damaged OpenEXR header") from error
     for header in headers:
@@ -172,7 +163,8 @@ def _limit(**counts: int) -> None:
     """Refuse a header before more of it is read than any picture has."""
     for name, count in counts.items():
         if count > _MOST[name]:
-            raise _TooMany(f"{_MOST[name]} {name}")
+            problem = f"has a header of more than {_MOST[name]} {name}"
+            raise _Refused("too-large", problem, "split it into several files")
 
 
 def header_bytes(attributes: Mapping[str, Raw]) -> bytes:
@@ -230,17 +222,15 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
     if missing:
         raise ValueError(f"no {min(missing)}")
     (aspect,) = struct.unpack("<f", values.get("pixelAspectRatio", struct.pack("<f", 1.0)))
-    channels = tuple(channels_of(values["channels"]))
     return Header(
         index=index,
         name=values.get("name", b"").decode("utf-8", "replace"),
-        channels=channels,
+        channels=tuple(channels_of(values["channels"])),
         data=Window(*struct.unpack("<4i", values["dataWindow"])),
         display=Window(*struct.unpack("<4i", values["displayWindow"])),
         deep=values["type"].startswith(b"deep") if "type" in values else deep,
         pixel_aspect=aspect,
         compression=codec_name(values),
-        subsampled=any(channel.subsampled for channel in channels),
         multi_view=_texts(values.get("multiView", b"")),
         attributes={name: raw for name, raw in attributes.items() if name not in STRUCTURAL},
     )
@@ -257,7 +247,11 @@ def channels_of(value: bytes) -> list[Channel]:
         kind, xs, ys = struct.unpack_from("<i4x2i", value, end + 1)
         if kind not in PIXEL_TYPES or xs < 1 or ys < 1:
             raise ValueError(f"channel type {kind}, sampling {xs}×{ys}")
-        channels.append(Channel(value[at:end].decode(), PIXEL_TYPES[kind], (xs, ys)))
+        name = value[at:end].decode()
+        if (xs, ys) != (1, 1):  # as of luminance and chroma
+            problem = f"has fewer samples than pixels in channel {name}"
+            raise _Refused("subsampled", problem, "save it with all, colour as R, G and B")
+        channels.append(Channel(name, PIXEL_TYPES[kind]))
         _limit(channels=len(channels))
         at = end + 17
     return channels

@@ -1,8 +1,7 @@
 """OpenEXR pixels, in: native half, float and uint arrays of the frame.
 
 The frame is the display window and the overscan that is asked for. Pixels outside the data window
-are 0. OpenImageIO decodes a strip of rows or tiles at a time; files of which a channel has fewer
-samples than the picture has pixels, OpenEXR decodes at once.
+are 0. OpenImageIO decodes a strip of rows or tiles at a time.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ from itertools import groupby, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, first_line
@@ -27,16 +25,18 @@ from defocus_core.system.interrupts import delayed_signals
 if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
 
-if TYPE_CHECKING:
-    from defocus_core.io.exr.deep_layers import DeepLayers
-
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """OpenImageIO's input: to open a file reads the headers of all its parts."""
+    """OpenImageIO's input: to open a file reads the headers of all its parts.
+
+    Its own limits are lifted: `read_headers` has checked the size of the pictures.
+    """
     with delayed_signals():
         import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
+    for name in _LIMITS:
+        oiio.attribute(name, 0)
     file = oiio.ImageInput.open(str(path))
     if not file:
         raise damaged(path, first_line(path, oiio.geterror()))
@@ -47,16 +47,6 @@ def opened(path: Path) -> Iterator[Any]:
         oiio.geterror()  # or the next file would be blamed
 
 
-def seek(path: Path, file: Any, header: Header) -> None:
-    """Turn an open file to a part, whose data window is the header's."""
-    if not file.seek_subimage(header.index, 0):
-        raise damaged(path, first_line(path, file.geterror()))
-    spec, (x0, y0, x1, y1) = file.spec(), header.data
-    if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
-        raise damaged(path, "two sizes in its header")
-
-
-_STRIP_BYTES = 1 << 23  # of pixels, decoded at once
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
 _LIMITS = ("limits:imagesize_MB", "limits:channels")  # of OpenImageIO: all of memory, and 1024
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
@@ -68,9 +58,8 @@ class ExrPart:
     """One decoded part of an EXR file."""
 
     header: Header
-    # Name to native array [H, W] of the frame, in memory or in a scratch file, without channels
-    # of fewer samples than pixels but chroma; of a deep part the picture in focus, whose light
-    # is float32
+    # Name to native array [H, W] of the frame, in memory or in a scratch file; of a deep part the
+    # picture in focus, whose light is float32
     channels: dict[str, Any]
 
 
@@ -83,41 +72,9 @@ def read_parts(
 ) -> tuple[ExrPart, ...]:
     """All parts of an EXR file, decoded."""
     headers = read_headers(path) if headers is None else headers
-    with decoding(path), quiet(), _unlimited():
-        if any(header.subsampled for header in headers):  # OpenImageIO does not open it
-            from defocus_core.io.exr.chroma import planes_of
-
-            planes = planes_of(path, headers, wanted, overscan)
-            return tuple(ExrPart(*pair) for pair in zip(headers, planes, strict=True))
-        with nullcontext() if all(header.deep for header in headers) else opened(path) as file:
-            return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
-
-
-def read_layers(
-    path: Path,
-    header: Header,
-    names: tuple[str, ...],
-    keeping: Keeping = IN_MEMORY,
-    overscan: Overscan = NO_OVERSCAN,
-) -> DeepLayers:
-    """The samples of a deep part as layers."""
-    from defocus_core.io.exr.deep_layers import deep_layers
-
-    with decoding(path), quiet(), _unlimited():
-        return deep_layers(path, header, names, keeping, overscan)
-
-
-def has_equal_colors(path: Path, header: Header) -> bool:
-    """Whether R, G and B of a part are equal: depth may have been saved as a grey picture."""
-    types = {channel.name: channel.type for channel in header.channels if channel.name in "RGB"}
-    if len(types) < 3 or header.deep or header.subsampled:
-        return False
-    with decoding(path), quiet(), _unlimited(), opened(path) as file:
-        return all(
-            np.array_equal(piece["R"], piece[other], equal_nan=piece["R"].dtype.kind == "f")
-            for _, piece in _pieces(path, file, header, types, Keeping(scratch=True))
-            for other in "GB"
-        )
+    opening = nullcontext() if all(header.deep for header in headers) else opened(path)
+    with decoding(path), quiet(), opening as file:
+        return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
 
 
 def _part(
@@ -152,8 +109,11 @@ def _pieces(
     path: Path, file: Any, header: Header, types: Mapping[str, str], keeping: Keeping
 ) -> Pieces:
     """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
-    seek(path, file, header)
+    if not file.seek_subimage(header.index, 0):
+        raise damaged(path, first_line(path, file.geterror()))
     spec, (x0, y0, x1, y1) = file.spec(), header.data
+    if (spec.x, spec.y, spec.width, spec.height) != (x0, y0, x1 - x0 + 1, y1 - y0 + 1):
+        raise damaged(path, "two sizes in its header")
     wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
     cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
     if spec.tile_width and keeping.scratch and cell_bytes > _LARGEST_TILE:
@@ -163,28 +123,12 @@ def _pieces(
             "allow more ‹memory›, or save it in scan lines, ZIP compressed",
             path=path,
         )
-    cells = max(1, _STRIP_BYTES // cell_bytes)
+    cells = max(1, keeping.strip_bytes // cell_bytes)
     across = min(cells, -(-spec.width // wide))
     wide, high = across * wide, cells // across * high
     for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):
         window = Window(left, top, min(left + wide - 1, x1), min(top + high - 1, y1))
         yield window, _decode(path, file, header.index, window, types)
-
-
-@contextmanager
-def _unlimited() -> Iterator[None]:
-    """Lift OpenImageIO's own limits: `read_headers` has checked the size of the pictures."""
-    with delayed_signals():
-        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
-    limits = {name: oiio.get_int_attribute(name) for name in _LIMITS}
-    try:
-        for name in limits:
-            oiio.attribute(name, 0)
-        yield
-    finally:
-        for name, limit in limits.items():
-            oiio.attribute(name, limit)
 
 
 def _decode(

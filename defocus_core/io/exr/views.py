@@ -2,13 +2,11 @@
 
 A view is named by the attribute ``view`` of a part, or by ``multiView`` and the last but one word
 of a channel: ``left.R``, ``diffuse.left.R`` (OpenEXR, "Storing Multi-View Images"). The first view
-is the default one; its plain channels have no view in their names. A file that lost its attributes
-is known by the names that it has for left and right.
+is the default one; its plain channels have no view in their names.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -17,38 +15,12 @@ from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Channel, Header, is_exr, read_headers
 from defocus_core.io.safe_files import read_head
 
-_STEREO = ("left", "right", "center", "centre")  # names of views where no attribute says them
-_END = re.compile(r"[._\- ]([A-Za-z]+)$")
-
 
 def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
     """The views of a file, the default one first; none of a file of one picture."""
-    said = [header.view for header in headers] if len(headers) > 1 else []
-    if len(headers) == 1:
-        said = [*headers[0].multi_view] or [headers[0].view]
-    by_name = [_of_name(header) for header in headers]
-    of_channels = [_of_channel(channel.name) for h in headers for channel in h.channels]
-    for names in (said, by_name, of_channels):
-        view_names = tuple(dict.fromkeys(filter(None, names)))
-        if len(view_names) > 1 or (view_names and names is said):
-            return view_names
-    return ()
-
-
-def views_of_parts(headers: Sequence[Header]) -> list[tuple[str, ...]]:
-    """The views that each part of a file has channels of; none in a file without views."""
-    views = views_of(headers)
-    return [_views_in(header, views) for header in headers] if views else [()] * len(headers)
-
-
-def _views_in(header: Header, views: Sequence[str]) -> tuple[str, ...]:
-    """The views that a part has channels of; none if all of them are of no view."""
-    if (of_part := _of_part(header)) in views:
-        return (of_part,) if header.channels else ()
-    named = {_split(channel, header, views)[0] for channel in header.channels}
-    if named <= {""}:
-        return ()
-    return tuple(view for view in views if "" in named or view in named)
+    if len(headers) == 1 and headers[0].multi_view:
+        return tuple(dict.fromkeys(headers[0].multi_view))
+    return tuple(dict.fromkeys(header.view for header in headers if header.view))
 
 
 def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
@@ -93,14 +65,15 @@ def name_in_view(name: str, view: str) -> str:
 
 def _restrict(header: Header, views: Sequence[str], chosen: str) -> Header:
     """A part with the channels of a view and those of none."""
-    if (of_part := _of_part(header)) in views:
-        return replace(header, channels=header.channels if of_part == chosen else (), shown=chosen)
-    channels = []
+    if header.view in views:
+        channels = header.channels if header.view == chosen else ()
+        return replace(header, channels=channels, shown=chosen)
+    restricted = []
     for channel in header.channels:
         view, plain = _split(channel, header, views)
         if view in ("", chosen):
-            channels.append(Channel(channel.name, channel.type, channel.sampling, plain))
-    return replace(header, channels=_without_doubles(channels), shown=chosen)
+            restricted.append(Channel(channel.name, channel.type, plain))
+    return replace(header, channels=_without_doubles(restricted), shown=chosen)
 
 
 def _split(channel: Channel, header: Header, views: Sequence[str]) -> tuple[str, str]:
@@ -117,22 +90,3 @@ def _without_doubles(channels: Sequence[Channel]) -> tuple[Channel, ...]:
     """Channels of which those of the view stand for those of no view with the same plain name."""
     plain_names = {channel.plain for channel in channels if channel.plain != channel.name}
     return tuple(c for c in channels if c.plain != c.name or c.plain not in plain_names)
-
-
-def _of_part(header: Header) -> str:
-    """The view of a whole part: its attribute, or what its name ends with."""
-    if header.view or header.multi_view:
-        return header.view
-    return _of_name(header)
-
-
-def _of_name(header: Header) -> str:
-    """The view that the name of a part ends with, if its name tells one."""
-    end = _END.search(header.name)
-    return end[1] if end and end[1].lower() in _STEREO else ""
-
-
-def _of_channel(name: str) -> str:
-    """The view that the name of a channel tells, if it does."""
-    words = name.split(".")
-    return words[-2] if len(words) > 1 and words[-2].lower() in _STEREO else ""

@@ -30,8 +30,6 @@ from defocus_core.io.safe_files import quiet, written_whole
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.text import counted
 
-_STRIP_BYTES = 1 << 25  # of pixels, encoded at once
-
 
 def write_exr(
     path: Path,
@@ -39,6 +37,7 @@ def write_exr(
     attributes: Mapping[str, object],
     layout: Layout = Layout(),  # noqa: B008 - a constant
     compression: str = "zip",
+    strip_bytes: int = 1 << 25,
 ) -> None:
     """Write one part whose pixel types are those of the arrays.
 
@@ -46,7 +45,8 @@ def write_exr(
     file that it would write at once, byte for byte.
 
     `channels`: name to float16, float32 or uint32 array [H, W], which is read in strips of rows;
-    of `attributes`, tags and profiles of photographs are left out.
+    of `attributes`, tags and profiles of photographs are left out; `strip_bytes`: of pixels that
+    are encoded at once.
     """
     own = {
         name: value
@@ -67,7 +67,9 @@ def write_exr(
         texts = (struct.pack("<i", len(view)) + view.encode() for view in layout.views)
         carried["multiView"] = Raw("stringvector", b"".join(texts))
     with written_whole(path) as file, quiet():
-        for strip_attributes, starts, chunks in _encoded_strips(channels, plain, whole, codec):
+        for strip_attributes, starts, chunks in _encoded_strips(
+            channels, plain, whole, codec, strip_bytes
+        ):
             if not offsets:
                 file.write(header_bytes(strip_attributes | carried | windows))
                 table = file.tell()
@@ -110,7 +112,11 @@ def _beyond_half(colors: Mapping[str, Any], rows: slice) -> int:
 
 
 def _encoded_strips(
-    channels: Mapping[str, Any], attributes: Mapping[str, object], whole: Window, codec: Codec
+    channels: Mapping[str, Any],
+    attributes: Mapping[str, object],
+    whole: Window,
+    codec: Codec,
+    strip_bytes: int,
 ) -> Iterator[tuple[dict[str, Raw], NDArray[np.uint64], bytes]]:
     """Each strip of rows as OpenEXR encodes it: attributes, offsets of the chunks, the chunks."""
     with delayed_signals():
@@ -118,7 +124,7 @@ def _encoded_strips(
 
     kind = {"compression": OpenEXR.Compression(codec.number), "type": OpenEXR.scanlineimage}
     row_bytes = whole.width * sum(array.dtype.itemsize for array in channels.values())
-    rows = max(1, _STRIP_BYTES // row_bytes // LARGEST_CHUNK) * LARGEST_CHUNK
+    rows = max(1, strip_bytes // row_bytes // LARGEST_CHUNK) * LARGEST_CHUNK
     for top in range(0, whole.height, rows):
         strip = {n: np.ascontiguousarray(a[top : top + rows]) for n, a in channels.items()}
         first, last = whole.y0 + top, min(whole.y0 + top + rows - 1, whole.y1)

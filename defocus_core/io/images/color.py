@@ -140,36 +140,56 @@ def read_color(
     `original`: whether the sharp picture inside a photograph is taken, where there is one;
     `carried`: whether further channels of an EXR file are read.
     """
-    head = read_head(path)
-    if is_exr(head):
-        return read_exr_color(
-            path,
-            layer=layer,
-            part=part,
-            view=view,
-            blur_channels=blur_channels,
-            keeping=keeping,
-            overscan=overscan,
-            carried=carried,
-        )
-    if path.suffix.lower() == ".exr":
-        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
-    if layer is not None:
-        remedy = "leave it out"
-        raise UsageProblem("idle-option", f"{path} has no layers", remedy, field="color-layer")
-    if blur_channels:
-        problem = f"{path} has no further channels"
-        raise UsageProblem("idle-option", problem, "leave it out", field="blur-channels")
-    return _no_exr(path, part, keeping, original=original)
+    if not is_exr(read_head(path)):
+        if path.suffix.lower() == ".exr":
+            remedy = "check what wrote it"
+            raise InputError("wrong-type", "is not an OpenEXR file", remedy, path=path)
+        for option, value in (("color-layer", layer), ("blur-channels", blur_channels)):
+            if value:
+                problem = f"{path} has no channels to choose from"
+                raise UsageProblem("idle-option", problem, "leave it out", field=option)
+        return _no_exr(path, part, keeping, original=original)
+    every = read_headers(path)
+    headers = in_view(path, every, view)
+    chosen = choose_color(path, headers, layer=layer, part=part)
+    own = (chosen.header.index, *chosen.channels.values())
+
+    def wanted(header: Header, name: str) -> bool:
+        return carried or (header.index == own[0] and name in own[1:])
+
+    parts = read_parts(path, headers, keeping, wanted, overscan)
+    channels, planes = _planes(parts[chosen.header.index], chosen, keeping, overscan)
+    extras, left_out = _extras(parts, chosen) if carried else ({}, ())
+    passes = light_passes(path, extras, blur_channels)
+    planes += [extras.pop(name) for name in passes]
+    attributes = {k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL}
+    if chosen.header.shown:
+        attributes["view"] = Raw("string", chosen.header.shown.encode())
+    return Color(
+        planes=_one_type(planes, keeping),
+        channels=channels,
+        path=path,
+        passes=passes,
+        attributes=attributes,
+        extras=extras,
+        pixel_aspect=_aspect(chosen.header),
+        corner=(chosen.header.display.x0, chosen.header.display.y0),
+        data=reduce(Window.united, (header.data for header in headers)),
+        overscan=overscan,
+        note=_exr_note(chosen, overscan),
+        warnings=tuple(filter(None, [default_warning(every, view)])),
+        left_out=left_out,
+        compression=chosen.header.compression,
+    )
 
 
 def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -> Color:
     """The colour of a file of another type."""
-    from defocus_core.io.array_files import is_float_map
+    from defocus_core.io.array_files import array_type
     from defocus_core.io.depth_formats.photo_depth import sharp_original
     from defocus_core.io.images.raster import choose_page, read_pages, upright
 
-    if is_float_map(read_head(path)):
+    if array_type(read_head(path, 32)):
         problem = "is a map of floats without colour"
         remedy = "use EXR, PNG, JPEG, TIFF, WEBP or HDR for colour"
         raise InputError("no-color", problem, remedy, path=path)
@@ -267,54 +287,8 @@ _NEARLY_SQUARE = 1e-3  # difference of the sides of a pixel as a share of one
 _THUMBNAIL = "preview"  # attribute of an EXR header
 
 
-def read_exr_color(
-    path: Path,
-    *,
-    layer: str | None,
-    part: int | None,
-    view: str | None,
-    blur_channels: Sequence[str],
-    keeping: Keeping,
-    overscan: Overscan,
-    carried: bool,
-) -> Color:
-    """Decode the colour of an EXR file; the arguments are those of `read_color`."""
-    every = read_headers(path)
-    headers = in_view(path, every, view)
-    chosen = choose_color(path, headers, layer=layer, part=part)
-    own = (chosen.header.index, *chosen.channels.values())
-
-    def wanted(header: Header, name: str) -> bool:
-        return carried or (header.index == own[0] and name in own[1:])
-
-    parts = read_parts(path, headers, keeping, wanted, overscan)
-    channels, planes = _planes(path, parts[chosen.header.index], chosen, keeping, overscan)
-    extras, left_out = _extras(parts, chosen) if carried else ({}, ())
-    passes = light_passes(path, extras, blur_channels)
-    planes += [extras.pop(name) for name in passes]
-    attributes = {k: v for k, v in chosen.header.attributes.items() if k != _THUMBNAIL}
-    if chosen.header.shown:
-        attributes["view"] = Raw("string", chosen.header.shown.encode())
-    return Color(
-        planes=_one_type(planes, keeping),
-        channels=channels,
-        path=path,
-        passes=passes,
-        attributes=attributes,
-        extras=extras,
-        pixel_aspect=_aspect(chosen.header),
-        corner=(chosen.header.display.x0, chosen.header.display.y0),
-        data=reduce(Window.united, (header.data for header in headers)),
-        overscan=overscan,
-        note=_exr_note(chosen, overscan),
-        warnings=tuple(filter(None, [default_warning(every, view)])),
-        left_out=left_out,
-        compression=chosen.header.compression,
-    )
-
-
 def _planes(
-    path: Path, part: ExrPart, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
+    part: ExrPart, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
 ) -> tuple[tuple[str, ...], list[Any]]:
     """The names and arrays of a colour layer; alpha is added where a part has pixels of the frame.
 
@@ -322,11 +296,6 @@ def _planes(
     """
     header, names = chosen.header, tuple(chosen.channels)
     planes = [part.channels[name] for name in chosen.channels.values()]
-    if "RY" in names:
-        from defocus_core.io.exr.chroma import rgb_of, weights_of
-
-        planes[:3] = rgb_of(planes[0], planes[1:3], weights_of(header, path))
-        names = ("R", "G", "B", *names[3:])
     frame = header.display.grown(overscan)
     if "A" in names or header.data.covers(frame):
         return names, planes
@@ -347,14 +316,13 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     kinds = {channel.type for channel in header.channels if channel.name in names}
     thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in header.attributes)
     view = f"view {header.shown}" if header.shown else ""
-    chroma = "luminance and chroma" if "RY" in chosen.channels else ""
     kind = f"EXR {' and '.join(sorted(kinds))}, linear"
     declared = declared_primaries(header.attributes)
     primaries = "" if same_primaries(declared, REC_709) else f"primaries {primaries_name(declared)}"
     aspect = _aspect(header)
     pixels = "" if aspect == 1 else f"pixels {aspect:g} times as wide as high"
     return ", ".join(
-        filter(None, (kind, primaries, view, chroma, pixels, header.cut_note(overscan), thumbnail))
+        filter(None, (kind, primaries, view, pixels, header.cut_note(overscan), thumbnail))
     )
 
 
@@ -387,9 +355,6 @@ def _extras(
         plain = {channel.name: channel.plain for channel in part.header.channels}
         if not plain:  # of another view
             continue
-        lost = [name for name in plain if name not in part.channels]
-        if lost:
-            left_out.append(f"{', '.join(lost)}, with fewer samples than pixels, left out")
         is_of_color = part.header.index == chosen.header.index
         if (part.header.deep and not is_of_color) or (display.width, display.height) != size:
             why = "which is deep" if part.header.deep else "which is of another size"

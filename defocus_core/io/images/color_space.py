@@ -44,19 +44,6 @@ class Profile:
     curves: tuple[tuple[float, ...], ...]
     primaries: Chromaticities
 
-    def light(self, values: NDArray[Any]) -> NDArray[np.float32]:
-        """Linear light of samples [H, W, 3]: integers by a table, floats 0…1 by interpolation."""
-        if values.dtype.kind == "u":
-            tables = _tables(self, values.dtype.itemsize * 8)
-            light = [table[values[..., c]] for c, table in enumerate(tables)]
-        else:
-            steps = np.linspace(0, 1, _CURVE_STEPS)
-            light = [
-                np.interp(values[..., c], steps, curve).astype(np.float32)
-                for c, curve in enumerate(self.curves)
-            ]
-        return np.stack(light, axis=-1)
-
     def samples(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
         """The samples 0…1 of linear light [H, W, 3], whose curves never fall; NaN is black."""
         place = np.fmin(np.fmax(light, np.float32(0)), np.float32(1))
@@ -75,12 +62,6 @@ class Embedded(NamedTuple):
 
     data: bytes
     profile: Profile | None
-
-
-@cache
-def _tables(profile: Profile, bits: int) -> list[NDArray[np.float32]]:
-    values, steps = np.linspace(0, 1, 2**bits), np.linspace(0, 1, _CURVE_STEPS)
-    return [np.interp(values, steps, curve).astype(np.float32) for curve in profile.curves]
 
 
 @cache
@@ -272,14 +253,31 @@ def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
 
 
 @cache
-def decoding_table(bits: int, gamma: float | None = None) -> NDArray[np.float32]:
-    """Linear light of every integer of a file with 8 or 16 bits, [2^bits].
-
-    `gamma`: exponent of a file that declares a power law (1 = linear); None for sRGB.
-    """
+def _table(bits: int, gamma: float | None, profile: Profile | None) -> list[NDArray[np.float32]]:
+    """Linear light of every integer of 8 or 16 bits, [2^bits]: of each channel of a profile."""
     encoded = np.arange(2**bits) / (2**bits - 1)
-    linear = srgb_to_linear(encoded) if gamma is None else encoded**gamma
-    return linear.astype(np.float32)
+    channels = 1 if profile is None else len(profile.curves)
+    return [*np.moveaxis(_light(np.stack([encoded] * channels, -1), gamma, profile), -1, 0)]
+
+
+def _light(
+    values: NDArray[Any], gamma: float | None, profile: Profile | None
+) -> NDArray[np.float32]:
+    """Linear light of samples [..., C]: floats 0…1, or integers by a table."""
+    if values.dtype.kind == "u":
+        tables = _table(values.dtype.itemsize * 8, gamma, profile)
+        if profile is None:
+            light: NDArray[np.float32] = tables[0][values]
+            return light
+        return np.stack([table[values[..., c]] for c, table in enumerate(tables)], axis=-1)
+    if profile is not None:
+        steps, curves = np.linspace(0, 1, _CURVE_STEPS), enumerate(profile.curves)
+        every = [np.interp(values[..., c], steps, curve) for c, curve in curves]
+        return np.stack(every, axis=-1, dtype=np.float32)
+    linear: NDArray[Any] = values
+    if gamma != 1.0:
+        linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma
+    return linear.astype(np.float32, copy=False)
 
 
 def linear_light(
@@ -291,27 +289,13 @@ def linear_light(
     profile: Profile | None = None,
 ) -> NDArray[np.float32]:
     """Linear light of the samples of a file, premultiplied by alpha if there is one."""
-    linear: NDArray[np.float32]
     if alpha is not None and associated and gamma != 1.0:
         # Such files were premultiplied after encoding, as editors do: undo that first.
         visible = np.where(alpha > 0, alpha, np.float32(1.0))
         straight = np.minimum(unit(colour) / visible, 1.0)
-        light = _decode(straight, gamma) if profile is None else profile.light(straight)
-        return light * alpha
-    if profile is not None:
-        linear = profile.light(colour)
-    elif colour.dtype.kind == "u":
-        linear = decoding_table(colour.dtype.itemsize * 8, gamma)[colour]
-    else:
-        linear = _decode(colour, gamma)
+        return _light(straight, gamma, profile) * alpha
+    linear = _light(colour, gamma, profile)
     return linear if alpha is None or associated else linear * alpha
-
-
-def _decode(values: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
-    if gamma == 1.0:
-        return values
-    linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma
-    return linear.astype(np.float32)
 
 
 def unit(samples: NDArray[Any]) -> NDArray[np.float32]:

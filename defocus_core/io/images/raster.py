@@ -12,12 +12,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import accumulate
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError, first_line, reason
+from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.color_space import ColorSpace, color_space, profiled_space
@@ -41,15 +41,8 @@ SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
+HEIC_DAMAGE = "is a damaged HEIC file"
 _MOST_PAGES = 256  # that a TIFF may have: to look at one goes through those before it
-
-
-class _MayBeWhole(Protocol):
-    @property
-    def whole(self) -> bool: ...
-
-
-_Page = TypeVar("_Page", bound=_MayBeWhole)
 
 
 @dataclass(frozen=True)
@@ -94,8 +87,11 @@ def pnm_top(path: Path) -> int | None:
     return None if top in (255, 65535) else top
 
 
-def choose_page(path: Path, pages: Sequence[_Page], part: int | None) -> _Page:
-    """The image of a file that is meant: the only one, or that which ``part`` counts from 0."""
+def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
+    """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
+
+    `pages`: of Raster or PartInfo.
+    """
     if len(pages) == 1:  # as of EXR files: one part serves the colour and the depth
         return pages[0]
     if part is not None:
@@ -144,17 +140,8 @@ def open_heic(path: Path) -> Any:
         import pillow_heif
     except ImportError:
         raise needs_extra(path, "a HEIC", "pillow-heif", "heif") from None
-    try:
-        with quiet():
-            return pillow_heif.open_heif(str(path))
-    except Exception as error:
-        raise damaged_heic(path, error) from error
-
-
-def damaged_heic(path: Path, error: Exception) -> InputError:
-    """The error for a HEIC file that cannot be decoded."""
-    problem = f"is a damaged HEIC file ({reason(error)})"
-    return InputError("damaged", problem, "copy it again", path=path)
+    with decoding(path, HEIC_DAMAGE), quiet():
+        return pillow_heif.open_heif(str(path))
 
 
 def _heic_page(path: Path) -> Raster:
@@ -181,11 +168,8 @@ def _heic_page(path: Path) -> Raster:
 def _heic_samples(path: Path) -> NDArray[Any]:
     """Its samples, uint8 [H, W, C]."""
     file = open_heic(path)
-    try:
-        with quiet():
-            samples = np.asarray(file)
-    except Exception as error:
-        raise damaged_heic(path, error) from error
+    with decoding(path, HEIC_DAMAGE), quiet():
+        samples = np.asarray(file)
     return samples[:, :, None] if samples.ndim == 2 else samples
 
 

@@ -15,11 +15,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, reason
-from defocus_core.io.below import open_plain
+from defocus_core.io.below import read_plain
 
 FIELD_OF_VIEW = "vertical-fov"  # of a .chan file, which becomes a focal length
 _CHAN_COLUMNS = 8
-_LARGEST_FILE = 2**26  # bytes
 _MAX_LINES = 2**17  # a shot of 90 minutes
 
 
@@ -94,14 +93,12 @@ def _is_frame(text: str) -> bool:
 def _rows(file: Path) -> Iterator[_Line]:
     """The lines that are neither empty nor a comment."""
     try:
-        with open_plain(file) as opened:
-            data = opened.read(_LARGEST_FILE + 1)
-        text = data.decode("utf-8-sig")
+        text = read_plain(file).decode("utf-8-sig")
     except OSError as error:
         raise cannot_read(file, error, "check the path") from None
     except UnicodeDecodeError:
         raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
-    if "\0" in text or len(data) > _LARGEST_FILE:
+    if "\0" in text:
         remedy = "give CSV, TOML, .chan or lines of a curve"
         raise InputError("wrong-type", "is no file of keys", remedy, path=file)
     lines = text.splitlines()

@@ -14,12 +14,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.errors import InputError
 from defocus_core.io.exr.header import Raw, is_exr, read_headers
 from defocus_core.io.exr.windows import Window
-from defocus_core.io.images.raster import SIDEWAYS, tags_of
+from defocus_core.io.images.raster import read_pages
 from defocus_core.io.safe_files import read_head
-from defocus_core.system.interrupts import delayed_signals
 
 _FORMATS = {"float": "<f", "double": "<d", "int": "<i"}
 _NO_TARGET = 1e9  # of V-Ray's distances: there is no target
@@ -115,7 +113,10 @@ def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
 def _numbers(path: Path) -> dict[str, float]:
     """The metadata of a file that are numbers, by name."""
     if not is_exr(read_head(path)):
-        return _exif_numbers(path)
+        page = read_pages(path)[0]
+        tags = {name: tag.value for name, tag in page.tags.items()}
+        said = {name: value for name, value in tags.items() if isinstance(value, int | float)}
+        return {**said, "width": page.width, "height": page.height}
     numbers: dict[str, float] = {}
     for header in read_headers(path):
         for name, raw in header.attributes.items():
@@ -138,22 +139,3 @@ def _number(raw: Raw) -> float | None:
         return float(value)
     except (KeyError, ValueError, ArithmeticError, struct.error):
         return None
-
-
-def _exif_numbers(path: Path) -> dict[str, float]:
-    """The Exif of a photograph, numbers alone."""
-    with delayed_signals():
-        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
-    file = oiio.ImageInput.open(str(path))
-    if not file:
-        oiio.geterror()
-        remedy = "check what wrote it"
-        raise InputError("unreadable", "cannot be read as a picture", remedy, path=path)
-    spec = file.spec()
-    file.close()
-    sides = [spec.width, spec.height]
-    if spec.get_int_attribute("Orientation", 1) in SIDEWAYS:
-        sides = sides[::-1]
-    tags = {n: tag.value for n, tag in tags_of(spec).items() if isinstance(tag.value, int | float)}
-    return {**tags, "width": float(sides[0]), "height": float(sides[1])}

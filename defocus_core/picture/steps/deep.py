@@ -18,9 +18,9 @@ from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.depth_formats.reading import resolved
 from defocus_core.io.depth_formats.rules import DepthNumbers, decoded
 from defocus_core.io.exr.channel_choice import choose_color
-from defocus_core.io.exr.deep_samples import ALPHA, BACK, DEPTH, FRONT
+from defocus_core.io.exr.deep_layers import deep_layers
+from defocus_core.io.exr.deep_samples import ALPHA, DEPTH
 from defocus_core.io.exr.header import Header, is_exr, read_headers
-from defocus_core.io.exr.reading import read_layers
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.layers import Layers, flat_layer
@@ -104,16 +104,12 @@ def read_deep(pair: InputPair, header: Header) -> Layers:
 def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> Layers:
     """The samples of a deep part as layers, with the channels of light that are wanted."""
     color, depth = pair.color, pair.depth
-    read = read_layers(pair.picture.color, header, sources, pair.keeping, color.overscan)
+    read = deep_layers(pair.picture.color, header, sources, pair.keeping, color.overscan)
     metres = [_metres(layer[DEPTH], pair) for layer in read.layers]
-    ends = tuple(
-        (_metres(layer[FRONT], pair), _metres(layer[BACK], pair)) if BACK in layer else None
-        for layer in read.layers
-    )
     alpha = tuple(layer[ALPHA] for layer in read.layers)
     depths = tuple(_depth(depth, *both) for both in zip(metres, alpha, strict=True))
     light = tuple(tuple(layer[name] for name in sources) for layer in read.layers)
-    return Layers(light, alpha, depths, len(color.light), read.merged, ends=ends)
+    return Layers(light, alpha, depths, len(color.light), read.merged)
 
 
 def _metres(numbers: Any, pair: InputPair) -> Any:

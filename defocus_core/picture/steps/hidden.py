@@ -39,14 +39,6 @@ def read(take: Take) -> Take:
     return take.reading(hidden=(behind, depth), warnings=(*take.inputs.warnings, *warnings))
 
 
-def radii(take: Take) -> Take:
-    """The take with the radii of its hidden layer."""
-    assert take.inputs.hidden is not None
-    depth = take.inputs.hidden[1]
-    known = {id(depth): radii_of(take.lens, depth, take.inputs.holding.keeping)}
-    return replace(take, behind={**take.behind, **known})
-
-
 def scene(surfaces: Surfaces) -> Surfaces:
     """The surfaces with what is hidden: as files have it, and else as other frames saw it."""
     take = surfaces.take
@@ -67,11 +59,12 @@ def _of_files(surfaces: Surfaces) -> KnownLayer:
     take = surfaces.take
     assert take.inputs.hidden is not None
     color, depth = take.inputs.hidden
-    known = take.inputs.holding.keeping.new(depth.metres.shape, np.bool_)
+    keeping = take.inputs.holding.keeping
+    known = keeping.new(depth.metres.shape, np.bool_)
     for rows in bands(depth.metres.shape):
         shown = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
         known[rows] = np.isfinite(depth.metres[rows]) | shown
-    px = times(take.behind[id(depth)].px, surfaces.longer)
+    px = times(radii_of(take.lens, depth, keeping).px, surfaces.longer)
     return (
         windows(color.planes, take.device),
         map_windows(px, take.device),

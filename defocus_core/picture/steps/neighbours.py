@@ -10,7 +10,7 @@ upwards. Without vectors to the frame before, a surface moves on as it did.
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from threading import Lock
@@ -59,9 +59,12 @@ def read_motion(files: Iterable[Path], channel: str, overscan: Overscan = NO_OVE
         if not is_exr(read_head(path)):
             continue
         there = [c.name for header in read_headers(path) for c in header.channels]
-        wanted = _vectors(there, channel)
-        if wanted:
-            return _motion(path, wanted, overscan)
+        if vectors := _vectors(there, channel):
+            planes = _planes(path, {name for x, y, _ in vectors for name in (x, y)}, overscan)
+            to_next, *to_previous = (
+                np.stack([sign * planes[x], -sign * planes[y]]) for x, y, sign in vectors
+            )
+            return Motion(to_previous[0] if to_previous else -to_next, to_next)
         names += there
     layers = ", ".join(sorted({name.rpartition(".")[0] for name in names} - {""})) or "none"
     problem = f"has no motion vectors '{channel}'"
@@ -69,42 +72,28 @@ def read_motion(files: Iterable[Path], channel: str, overscan: Overscan = NO_OVE
     raise InputError("no-such-channel", problem, remedy, path=path)
 
 
-def _vectors(names: list[str], channel: str) -> dict[str, str]:
-    """The channel of each component: x, y to the frame after; back_x, back_y to the one before."""
+def _planes(path: Path, names: set[str], overscan: Overscan) -> dict[str, NDArray[np.float32]]:
+    """Channels of a file."""
+    parts = read_parts(path, wanted=lambda _, name: name in names, overscan=overscan)
+    return {name: plane[:].astype("f4") for part in parts for name, plane in part.channels.items()}
+
+
+def _vectors(names: list[str], channel: str) -> list[tuple[str, str, float]]:
+    """The channels of x and y to the frame after, and to the one before, and their signs."""
     by_lower = {name.lower(): name for name in names}
     layer = channel.lower().removesuffix(".")
+    stem = layer.removesuffix(_FORWARD).removesuffix(_BACKWARD)
 
-    def components(of_layer: str, *ends: str) -> list[str] | None:
-        every = [by_lower.get(f"{of_layer}.{end}") for end in ends]
-        return None if None in every else [str(name) for name in every]
+    def pair(of_layer: str, ends: str, sign: float = 1.0) -> list[tuple[str, str, float]]:
+        x, y = (by_lower.get(f"{of_layer}.{end}") for end in ends)
+        return [(x, y, sign)] if x and y else []
 
-    if (blender := components(layer, "x", "y", "z", "w")) is not None:
-        return dict(zip(("back_x", "back_y", "x", "y"), blender, strict=True)) | {"blender": ""}
-    head, _, last = layer.rpartition(".")
-    before = f"{head}.{_BACKWARD}" if head else _BACKWARD
-    after = f"{head}.{_FORWARD}" if last == _BACKWARD and head else layer
-    after = _FORWARD if layer == _BACKWARD else after
-    forward = components(after, "u", "v")
-    if forward is None:
-        return {}
-    backward = components(before, "u", "v") if after.endswith(_FORWARD) else None
-    vectors = dict(zip(("x", "y"), forward, strict=True))
-    return vectors | dict(zip(("back_x", "back_y"), backward or (), strict=False))
-
-
-def _motion(path: Path, vectors: dict[str, str], overscan: Overscan) -> Motion:
-    named = set(vectors.values())
-    planes: dict[str, Any] = {}
-    for part in read_parts(path, wanted=lambda _, name: name in named, overscan=overscan):
-        planes |= {name: plane[:].astype(np.float32) for name, plane in part.channels.items()}
-
-    def pair(x: str, y: str, sign: float) -> NDArray[np.float32]:
-        return np.stack([sign * planes[vectors[x]], -sign * planes[vectors[y]]])
-
-    to_next = pair("x", "y", -1.0 if "blender" in vectors else 1.0)
-    if "back_x" not in vectors:
-        return Motion(-to_next, to_next)
-    return Motion(pair("back_x", "back_y", 1.0), to_next)
+    blender = pair(layer, "zw", -1.0) + pair(layer, "xy")
+    if len(blender) == 2:
+        return blender
+    after = pair(layer if stem == layer else f"{stem}{_FORWARD}", "uv")
+    before = [] if stem == layer else pair(f"{stem}{_BACKWARD}", "uv")
+    return after and after + before
 
 
 # Rows beside a band that decide its means; share of the memory that decoded neighbours may take;
@@ -117,7 +106,7 @@ _DISTANCES = frozenset({1, 3, 6, 10})
 
 def blur(take: Take) -> Take:
     """The take with radii averaged over frames, and what neighbours have seen of what is hidden."""
-    shot, averaged = take.job.shot, None
+    shot = take.job.shot
     assert shot is not None
     if take.inputs.layers is not None and shot.motion is not None:
         problem = "has no effect: layers, of deep pixels or of a plate, hold what is hidden"
@@ -125,6 +114,10 @@ def blur(take: Take) -> Take:
     noise = None if take.decided is None else take.decided.noise
     if noise is None and shot.motion is None:
         return take
+    if shot.motion is not None and take.inputs.holding.scratch:
+        problem = "is too large for ‹motion› in the memory that is allowed"
+        remedy = "allow more ‹memory›, or leave out ‹motion›"
+        raise TooLarge("out-of-memory", problem, remedy, path=take.job.picture.color)
     neighbours = Neighbours(take)
     if noise is not None:
         averaged = neighbours.averaged_radius(noise)
@@ -134,7 +127,7 @@ def blur(take: Take) -> Take:
             take, shot_note=f"{note}, {take.shot_note}", blur=take.blur._replace(px=averaged)
         )
     if shot.motion is not None:
-        take = replace(take, seen=neighbours.hidden(averaged))
+        take = replace(take, seen=neighbours.hidden(take.blur.px))
     return take
 
 
@@ -145,20 +138,12 @@ class Neighbours:
         """Keep what the neighbours are read with."""
         job, inputs = take.job, take.inputs
         assert job.shot is not None
-        self._job, self._inputs, self._lens = job, inputs, take.lens
-        self._shot, window = job.shot, job.shot.window
-        self._place = [picture.frame for picture in window].index(job.picture.frame)
-        self._window, self._radii = window, {self._place: take.radii.px}
-        others = (place for place in range(len(window)) if place != self._place)
+        self._job, self._inputs, self._lens, self._shot = job, inputs, take.lens, job.shot
+        self._window = job.shot.window
+        self._place = [picture.frame for picture in self._window].index(job.picture.frame)
+        self._radii = {self._place: take.radii.px}
+        others = (place for place in range(len(self._window)) if place != self._place)
         self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
-        if self._shot.motion is not None and inputs.holding.scratch:
-            problem = "is too large for ‹motion› in the memory that is allowed"
-            raise TooLarge(
-                "out-of-memory",
-                problem,
-                "allow more ‹memory›, or leave out ‹motion›",
-                path=job.picture.color,
-            )
 
     def averaged_radius(self, noise: float) -> Any:
         """Radii [H, W] px averaged with those of the neighbours where the scene is still."""
@@ -168,54 +153,40 @@ class Neighbours:
 
         radius = self._radii[self._place]
         averaged = self._inputs.holding.keeping.new(radius.shape, "float32")
-        own = self._inputs.color
-        order = self._order[: AVERAGED - 1]
-        others = [(self._files(place), self._radius(place)) for place in order]
-        moved, parts = None, bands(radius.shape)
-        if self._shot.motion is not None:
-            moved = [self._path(self._place, place) for place in order]
-            parts = [slice(0, radius.shape[0])]
+        moves = self._shot.motion is not None
+        others = [
+            (
+                self._files(place),
+                self._radius(place),
+                self._path(self._place, place) if moves else None,
+            )
+            for place in self._order[: AVERAGED - 1]
+        ]
+        parts = [slice(0, radius.shape[0])] if moves else bands(radius.shape)
         for rows in parts:
             top = max(rows.start - _BESIDE, 0)
             around = slice(top, rows.stop + _BESIDE)
-            frame = Frame(_image(own, around), torch.from_numpy(radius[around]))
-            mean, _ = temporal_mean(
-                frame,
-                (
-                    Frame(
-                        _image(color, around),
-                        torch.from_numpy(other[around]),
-                        moved[number] if moved else None,
-                    )
-                    for number, ((color, _), other) in enumerate(others)
-                ),
-                noise,
+            frames = (
+                Frame(_image(color, around), torch.from_numpy(px[around]), motion)
+                for (color, _), px, motion in ((self._files(self._place), radius, None), *others)
             )
+            mean, _ = temporal_mean(next(frames), frames, noise)
             averaged[rows] = mean[rows.start - top : rows.stop - top].numpy()
         return averaged
 
-    def hidden(self, radius: Any = None) -> HiddenLayer:
-        """What neighbours have seen behind surfaces of radii [H, W] px; None for its own."""
+    def hidden(self, radius: Any) -> HiddenLayer:
+        """What neighbours have seen behind surfaces of radii [H, W] px, the closest first."""
         import torch
 
         from defocus_core.sequences.neighbours import Frame, seen_behind
 
-        radius = self._radii[self._place] if radius is None else radius
-        image = _image(self._inputs.color, slice(None))
-        return seen_behind(Frame(image, torch.from_numpy(radius[:])), self._moved())
-
-    def _moved(self) -> Iterator[Frame]:
-        """The neighbours that are looked at, the closest first, with the motion to the frame."""
-        import torch
-
-        from defocus_core.sequences.neighbours import Frame
-
-        for place in self._order:
-            if abs(place - self._place) not in _DISTANCES:
-                continue
+        def frame(place: int, px: Any, motion: torch.Tensor | None = None) -> Frame:
             image = _image(self._files(place)[0], slice(None))
-            motion = self._path(place, self._place)
-            yield Frame(image, torch.from_numpy(self._radius(place)[:]), motion)
+            return Frame(image, torch.from_numpy(px[:]), motion)
+
+        shown = (p for p in self._order if abs(p - self._place) in _DISTANCES)
+        moved = (frame(p, self._radius(p), self._path(p, self._place)) for p in shown)
+        return seen_behind(frame(self._place, radius), moved)
 
     def _path(self, start: int, end: int) -> torch.Tensor:
         """The motion [2, H, W] px from one frame of the window to another."""
@@ -247,12 +218,8 @@ class Neighbours:
             )
             motion = Motion(*map(np.stack, pairs))
         if motion.to_next.shape[1:] != self._inputs.depth.metres.shape:
-            raise InputError(
-                "wrong-size",
-                "has motion vectors of another size",
-                "render it again",
-                path=picture.color,
-            )
+            problem = "has motion vectors of another size"
+            raise InputError("wrong-size", problem, "render it again", path=picture.color)
         return motion
 
     def _radius(self, place: int) -> Any:

@@ -25,7 +25,7 @@ def write(contents: Contents) -> Contents:
     planes = []
     for number, plane in enumerate(contents.planes):
         view, name = kind.rendered_as[number // len(channels)], channels[number % len(channels)]
-        light = electrons / 2 if KINDS[view].halves or KINDS[view].transposed else electrons
+        light = electrons / 2 if KINDS[view].halves else electrons
         words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view} {name}"
         planes.append(plane if name == "A" else _noisy(plane, light, read, words))
     return contents._replace(planes=tuple(planes))

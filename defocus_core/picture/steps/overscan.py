@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.io.arrays import LazyArray
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel, choose_depth_channel
 from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import is_exr, read_headers
@@ -79,20 +78,13 @@ def reframe(array: Any, held: Overscan, wanted: Overscan, nothing: float | None)
     """
     if held == wanted:
         return array
-    height, width = array.shape
-    rows = np.arange(-wanted.top, height - held.top - held.bottom + wanted.bottom) + held.top
-    columns = np.arange(-wanted.left, width - held.left - held.right + wanted.right) + held.left
-
-    def read(window: Any) -> Any:
-        window = window if isinstance(window, tuple) else (window, slice(None))
-        y, x = rows[window[0]], columns[window[1]]
-        there = array[slice(max(int(y[0]), 0), max(int(y[-1]), 0) + 1)]
-        values = there[
-            np.ix_((y - max(int(y[0]), 0)).clip(0, len(there) - 1), x.clip(0, width - 1))
-        ]
-        if nothing is None:
-            return values
-        inside = ((y >= 0) & (y < height))[:, None] & (x >= 0) & (x < width)
-        return np.where(inside, values, array.dtype.type(nothing))
-
-    return LazyArray((len(rows), len(columns)), array.dtype, read)
+    kept = held.within(wanted)
+    cut, more = (
+        Overscan(*(px - common for px, common in zip(each, kept, strict=True)))
+        for each in (held, wanted)
+    )
+    rows, columns = cut.shown(*array.shape)
+    values, pads = array[rows][:, columns], ((more.top, more.bottom), (more.left, more.right))
+    if nothing is None:
+        return np.pad(values, pads, mode="edge")
+    return np.pad(values, pads, constant_values=array.dtype.type(nothing))

@@ -62,7 +62,7 @@ def radii(take: Take) -> Take:
     if element.empty is not None:
         shown = computed(lambda a, n, b: np.where(n, b, a), own.px, element.empty, below.px)
     limits = min(own.limits[0], below.limits[0]), max(own.limits[1], below.limits[1])
-    return replace(take, behind={**take.behind, id(plate.depth): below}, shown=shown, limits=limits)
+    return replace(take, shown=shown, limits=limits)
 
 
 def _wanted(element: InputPair) -> InputPair:

@@ -63,21 +63,10 @@ def _has_neighbours(take: Any) -> bool:
     return take.job.shot is not None and len(take.job.shot.window) > 1
 
 
-def _has_tolerance(take: Any) -> bool:
-    """Whether a tolerance is asked for, not a quality."""
-    return take.job.machine.tolerance is not None
-
-
 def _has_matte(surfaces: Any) -> bool:
     """Whether the coverage of the subject counts: layers have their own."""
     inputs = surfaces.take.inputs
     return inputs.matte is not None and inputs.layers is None
-
-
-def _has_apart(passes: Any) -> bool:
-    """Whether colours are in focus apart, or halves lie above one another."""
-    lens, rows = passes.take.lens, passes.take.job.outputs.rows
-    return lens.axial_color or lens.aperture_image or any(kind.transposed for kind in rows)
 
 
 def _is_noisy(contents: Any) -> bool:
@@ -94,13 +83,13 @@ def _has_overscan(contents: Any) -> bool:
 def _may_end(contents: Any) -> bool:
     """Whether an image may have fewer pixels than the picture: nothing is beyond the blur."""
     take, kind, lens = contents.take, contents.kind, contents.take.lens
-    lit = take.inputs.plate or take.inputs.hidden or lens.noise or lens.breathing
+    lit = take.inputs.plate or take.inputs.hidden or lens.noise
     is_cut = take.job.outputs.format == "exr" and take.inputs.color.is_cut
     return kind.image and kind.rendered and is_cut and not lit
 
 
 # What a stage hands on: `window` and `pair` an InputPair, before and after it is decoded; `read`,
-# `lens`, `radii` and `blur` a Take; `scene` Surfaces; `passes` Passes; `write` Contents.
+# `lens`, `radii` and `blur` a Take; `scene` Surfaces; `passes` each Pass; `write` Contents.
 STEPS = (
     # Files: colour and depth, then what belongs to them.
     Step("window", "plate", "an element has the overscan of its plate", lambda p: p.picture.over),
@@ -115,21 +104,19 @@ STEPS = (
     Step("lens", "shot_decisions", "frames find the focus", _frames_focus),
     Step("lens", "focusing", "the picture decides the focus", _lens_is_found),
     Step("radii", "plate", "the plate shows where nothing is", lambda t: t.inputs.plate),
-    Step("radii", "hidden", "the hidden layer has radii", lambda t: t.inputs.hidden),
-    Step("radii", "layers", "each layer has radii", lambda t: t.inputs.layers),
-    Step("radii", "tolerance", "it decides the quality", _has_tolerance),
     Step("radii", "implausible", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
     Step("radii", "shot_decisions", "frames repair depth together", _frames_repair),
     Step("blur", "neighbours", "frames show each other more", _has_neighbours),
     # The scene, and how often it is rendered.
-    Step("scene", "breathing", "blur is drawn outwards", lambda s: s.take.lens.breathing),
     Step("scene", "layers", "layers are stacked", lambda s: s.take.inputs.layers),
     Step("scene", "matte", "its subject has a coverage", _has_matte),
     Step("scene", "repair", "depth is repaired", lambda s: s.is_repaired),
     Step("scene", "lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
     Step("scene", "hidden", "what is hidden is known", lambda s: s.knows_hidden),
-    Step("passes", "colors_apart", "colours, or columns, are rendered apart", _has_apart),
-    Step("passes", "layers", "alpha is the coverage", lambda p: p.take.inputs.layers),
+    Step(
+        "passes", "colors_apart", "colours are in focus apart", lambda p: p[0].take.lens.axial_color
+    ),
+    Step("passes", "layers", "alpha is the coverage", lambda p: p[0].take.inputs.layers),
     # The planes of a file, as they are written.
     Step("write", "noise", "the sensor is noisy", _is_noisy),
     Step("write", "overscan", "pixels beyond the picture are cut, or kept", _has_overscan),

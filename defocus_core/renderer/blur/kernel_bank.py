@@ -19,10 +19,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.aperture import Aperture, View, joined
 from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
-from defocus_core.optics.pupil_field import View, joined
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost, sent
 from defocus_core.tensors.torch_modes import requires_grad

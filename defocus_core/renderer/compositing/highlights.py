@@ -27,9 +27,8 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.depth.matting import Unmixed
-from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.aperture import Aperture, View
 from defocus_core.optics.parts import Part
-from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.kernel_bank import reach
 from defocus_core.renderer.layers.samples import Sampled
 from defocus_core.renderer.layers.slice_radii import slice_position

@@ -23,10 +23,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample, max_pool2d, pad
 
-from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.aperture import Aperture, View
 from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
-from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.layers.samples import ascending
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box

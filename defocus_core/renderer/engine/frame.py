@@ -12,11 +12,10 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.aperture import Aperture, View
 from defocus_core.optics.cat_eye import CatEye, falloff
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT, RIGHT, Part
-from defocus_core.optics.pupil_field import View
 from defocus_core.renderer.blur.kernel_bank import TransformWindow
 from defocus_core.renderer.compositing.sight import ASIDE, OPAQUE
 from defocus_core.renderer.engine.settings import Settings

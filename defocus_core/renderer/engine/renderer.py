@@ -19,8 +19,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.depth.repair import repair_depth, repaired, repaired_each
-from defocus_core.depth.repair_options import RepairOptions
+from defocus_core.depth.repair import repair_depth, repaired_each
 from defocus_core.renderer.engine.drafts import (
     Enlarging,
     coarse_radii,
@@ -70,11 +69,10 @@ def fit_together(pixels: Tensor, settings: Settings) -> bool:
 
     A draft changes its size, and an exact number of slices spans the radii of each picture.
     """
-    (count, _, H, W), options = pixels.shape, settings.repair
+    count, _, H, W = pixels.shape
     by_scene = settings.num_layers is None and not find(settings.quality).half_size
-    by_diagnosis = options in (RepairOptions(), RepairOptions(on=False))
     fits = _most_pixels(pixels.device) >= 2 * H * W
-    return count > 1 and fits and by_scene and by_diagnosis
+    return count > 1 and fits and by_scene and settings.edge_width is None
 
 
 def batches(
@@ -94,7 +92,7 @@ def batches(
         ]
     pixels = pixels.movedim(0, 1).contiguous()
     repairs = [DepthRepair()] * len(signed_radius)
-    if settings[0].repair.on:
+    if settings[0].depth_repair != "off":
         infinity = [one.infinity for one in settings]
         signed_radius, repairs = repaired_each(signed_radius, pixels, infinity)
     surveys = surveyed_each(pixels, signed_radius, computed_in(pixels, signed_radius))
@@ -186,21 +184,12 @@ class Renderer:
 
     def _prepare(self, scene: Scene, settings: Settings, *, hold: bool) -> None:
         threads, quality = settings.threads, find(settings.quality)
+        if scene.layered is None and scene.repair is None:
+            scene = repaired_once(scene, settings, hold=hold)
         signed_radius, layered, hidden = scene.signed_radius, scene.layered, scene.hidden
         matte = scene.matte
         self.size = signed_radius.shape[-2], signed_radius.shape[-1]
         self.repair = scene.repair or DepthRepair()
-        if settings.repair.on and layered is None and scene.repair is None:
-            signed_radius, self.repair = repaired(
-                signed_radius,
-                scene.image,
-                infinity=settings.infinity,
-                threads=threads,
-                hold=hold,
-                options=settings.repair,
-                decided=settings.decided,
-                matte=scene.matte,
-            )
         image, in_px = scene.image, signed_radius
         if layered is not None:
             quality = quality.of_layers(layered.deepest)
@@ -344,7 +333,7 @@ def shared_surfaces(
     return shared
 
 
-def repaired_once(scene: Scene, settings: Settings) -> Scene:
+def repaired_once(scene: Scene, settings: Settings, *, hold: bool = False) -> Scene:
     """The scene with the radii by which all its colours are rendered."""
     radius, repair = repair_depth(
         scene.signed_radius,
@@ -354,6 +343,7 @@ def repaired_once(scene: Scene, settings: Settings) -> Scene:
         depth_repair=settings.depth_repair,
         edge_width=settings.edge_width,
         decided=settings.decided,
+        hold=hold,
         matte=scene.matte,
     )
     return replace(scene, signed_radius=radius, repair=repair)

@@ -24,10 +24,10 @@ from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, KnownLayer, hidden_layer
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import chosen, plus, transposed
+from defocus_core.tensors.derived import chosen, plus
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, Scalar, banded
-from defocus_core.tensors.validation import backward_only, dense, described
+from defocus_core.tensors.validation import backward_only, described
 
 
 class RegionSurfaces(NamedTuple):
@@ -218,7 +218,6 @@ class Scene:
         """
         tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
         for name, tensor in tensors.items():
-            dense(name, tensor)
             backward_only(name, tensor)
             if not (isinstance(tensor, Tensor) and tensor.is_floating_point()):
                 problem = f"{name} must be a tensor of floats, got {described(tensor)}"
@@ -277,24 +276,6 @@ class Scene:
             surfaces=None if surfaces is None else surfaces.of(channels, px),
         )
 
-    def turned(self) -> Scene:
-        """The scene with rows for columns."""
-        if self.layered is not None:
-            layers = self.layered
-            layers = layers._replace(
-                colors=transposed(layers.colors),
-                signed_radius=transposed(layers.signed_radius),
-                coverage=transposed(layers.coverage),
-            )
-            return Scene.of_layered(layers, self.repair)
-        hidden = self.hidden
-        if hidden is not None:
-            color, radius, mask = map(transposed, hidden)
-            hidden = color, radius, mask
-        image, radius = transposed(self.image), transposed(self.signed_radius)
-        matte = None if self.matte is None else transposed(self.matte)
-        return replace(self, image=image, signed_radius=radius, hidden=hidden, matte=matte)
-
 
 def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) -> None:
     """Refuse what is no hidden layer of pictures of a shape and radii of a size.
@@ -311,7 +292,6 @@ def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) 
             "leave it out where nothing is known"
         )
     for name, value in zip(HiddenLayer._fields, hidden, strict=True):
-        dense(f"hidden {name}", value)
         backward_only(f"hidden {name}", value)
     kinds = [x.dtype for x in hidden[:2]]
     if not all(kind.is_floating_point for kind in kinds):

@@ -7,14 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.depth.repair_options import RepairOptions, repair_options
+from defocus_core.depth.repair import check_repair
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.batched import Apertures, CatEyes, DualPixels
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.optics.frame_grid import FrameGrid
-from defocus_core.optics.pupil_field import PupilField
 from defocus_core.optics.pupil_image import PupilImage
+from defocus_core.optics.sensitivity import SensitivityField
 from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.box import BLOCK
 from defocus_core.tensors.validation import described, flag, number, whole
@@ -47,7 +46,7 @@ class Settings:
         if not isinstance(self.aperture, Aperture):
             problem = f"aperture must be an Aperture, got {described(self.aperture)}"
             remedy = "Aperture() is round"
-            if isinstance(self.aperture, PupilImage | PupilField):
+            if isinstance(self.aperture, PupilImage):
                 remedy = "give Aperture(image=…)"
             raise ValueError(f"{problem}; {remedy}")
         if not isinstance(self.dual_pixel, DualPixel):
@@ -56,19 +55,16 @@ class Settings:
         if not isinstance(self.cat_eye, CatEye | None):
             problem = f"cat_eye must be a CatEye, got {described(self.cat_eye)}"
             raise ValueError(f"{problem}; None clips nothing")
-        if self.cat_eye and isinstance(self.aperture.image, PupilField):
-            problem = "cat_eye must be None beside a field of pupils, whose kernels are clipped"
-            raise ValueError(f"{problem} where they were measured; leave it out")
         opaque = float(self.aperture.fixed.obstruction)
         if self.cat_eye and opaque and opaque >= (size := number("size", self.cat_eye.size)):
             problem = f"cat_eye must be larger than the opaque middle of the pupil, got size {size}"
             raise ValueError(f"{problem} and obstruction {opaque}: no light would pass both")
-        if self.dual_pixel.field and (self.cat_eye or isinstance(self.aperture.image, PupilField)):
-            problem = "dual_pixel must be the same all over the frame beside a cat_eye or a field"
-            raise ValueError(f"{problem} of pupils; give kernels of one place")
+        if self.dual_pixel.field and self.cat_eye:
+            problem = "dual_pixel must be the same all over the frame beside a cat_eye"
+            raise ValueError(f"{problem}; give kernels of one place")
         find(self.quality)
         flag("left_right", self.left_right)
-        repair_options(self.depth_repair, self.edge_width)
+        check_repair(self.depth_repair, self.edge_width)
         checked: dict[str, float] = {
             "threads": whole("threads", self.threads, "it is how many tiles are computed at once")
         }
@@ -100,16 +96,8 @@ class Settings:
         )
 
     @property
-    def repair(self) -> RepairOptions:
-        """Whether, and by which knowledge, depth is repaired."""
-        return repair_options(self.depth_repair, self.edge_width)
-
-    @property
-    def field(self) -> CatEye | FrameGrid | None:
+    def field(self) -> CatEye | SensitivityField | None:
         """What makes the pupil or its halves change over the frame."""
-        image = self.aperture.image
-        if isinstance(image, PupilField):
-            return image
         return self.cat_eye or (self.dual_pixel.field if self.left_right else None)
 
     @property

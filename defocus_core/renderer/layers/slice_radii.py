@@ -18,11 +18,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.allowed_values import QUALITIES
-from defocus_core.renderer.layers.quality import Quality, find
+from defocus_core.renderer.layers.quality import Quality
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.ties import tied, with_gradient
-from defocus_core.tensors.validation import number
 
 # Up to a radius of SHARP px a pixel counts as in focus: its disc is much narrower than the pixel.
 # From there to SOFT its blur rises to what its radius says, so that shares have no step.
@@ -32,33 +30,6 @@ ALONE = 2.0
 # Px by which radii exceed the first and the last slice at most: less may be rounding.
 _ROUNDING = 1e-6
 _PX = "radii are in px, negative nearer than focus"
-
-
-class UnreachableTolerance(ValueError):  # noqa: N818 - named for the argument at fault
-    """No quality has slices as close to the radii of pixels as the tolerance asks for.
-
-    Attributes:
-        tolerance: The tolerance that was asked for, in px of radius.
-        finest: The least tolerance that a quality reaches, in px of radius, rounded up to 0.01 px.
-        minimum: Signed radius in px of the nearest pixel.
-        maximum: Signed radius in px of the farthest pixel.
-        quality: The quality that has the finest slices.
-    """
-
-    def __init__(
-        self, tolerance: float, finest: float, minimum: float, maximum: float, quality: str
-    ) -> None:
-        # All of the data are arguments of the exception, so that it can be pickled.
-        super().__init__(tolerance, finest, minimum, maximum, quality)
-        self.tolerance, self.finest, self.quality = tolerance, finest, quality
-        self.minimum, self.maximum = minimum, maximum
-
-    def __str__(self) -> str:
-        """The name of the argument, wanted, got and remedy."""
-        return (
-            f"tolerance must be at least {self.finest:g} px where radii go from {self.minimum:.1f} "
-            f"to {self.maximum:.1f} px, got {self.tolerance:g}; that is what {self.quality} has"
-        )
 
 
 def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float, ...]:
@@ -77,44 +48,6 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
     first = max(i for i in even if spaced[i] <= minimum and i < len(spaced) - 1)
     last = min(i for i in even if spaced[i] >= maximum and i > first)
     return tuple(spaced[first : last + 1])
-
-
-def quantisation(minimum: float, maximum: float, quality: str) -> float:
-    """The greatest distance in px from the radius of a pixel to the nearest slice: half a step.
-
-    A pixel belongs to the slices on both sides, so that its blur has the right width in any case.
-    If the quality renders at half size, the rounding to coarse pixels adds half a px.
-
-    `minimum`: signed radius in px of the nearest pixel; `maximum`: signed radius in px of the
-    farthest pixel.
-    """
-    settings = find(quality)
-    if (
-        not -math.inf
-        < number("minimum", minimum, _PX)
-        <= number("maximum", maximum, _PX)
-        < math.inf
-    ):
-        raise ValueError(
-            f"minimum and maximum must be finite and in order, got {minimum}, {maximum}; {_PX}"
-        )
-    spaced = slice_radii(minimum, maximum, settings)
-    steps = [b - a for a, b in pairwise(spaced) if b > minimum and a < maximum]
-    return max(steps, default=0.0) / 2 + (0.5 if settings.half_size else 0.0)
-
-
-def cheapest_within(tolerance: float, minimum: float, maximum: float) -> str:
-    """The cheapest quality whose `quantisation` is within a tolerance.
-
-    `tolerance`: in px of radius; `minimum`: signed radius in px of the nearest pixel; `maximum`:
-    signed radius in px of the farthest pixel.
-    """
-    tolerance = number("tolerance", tolerance, _PX)
-    for quality in QUALITIES:
-        if quantisation(minimum, maximum, quality) <= tolerance:
-            return quality
-    best = math.ceil(100 * quantisation(minimum, maximum, QUALITIES[-1])) / 100
-    raise UnreachableTolerance(tolerance, best, minimum, maximum, QUALITIES[-1])
 
 
 def evenly(minimum: float, maximum: float, count: int) -> tuple[float, ...]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +18,8 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.journal.journal import Record, read_all, require_journal
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.batch.lenses.lens import lens_record_words
-from defocus_core.reports.html.item import Column, Item, Layer, Report, ReportTable, depth_of_frame
-from defocus_core.reports.html.layers import (
-    drawn_files,
-    valued_layers,
-    wiggle_of,
-)
+from defocus_core.reports.html.item import Column, Item, Layer, Report
+from defocus_core.reports.html.layers import drawn_files, valued_layers, wiggle_of
 from defocus_core.reports.html.page import ValuesRoom, write_report
 from defocus_core.reports.html.render_command import render_command
 from defocus_core.system.process import spread
@@ -36,12 +31,8 @@ _COLUMNS = (
 _DIGITS = re.compile(r"(\d+)")
 
 
-@dataclass(frozen=True)
-class SampleItem:
-    """A sample that is to be drawn: title and file of each layer, and whether values are wanted."""
-
-    files: Sequence[tuple[str, Path]]
-    values: bool
+# A sample that is to be drawn: kind and file of each layer, and whether values are wanted.
+Sample = tuple[Sequence[tuple[str, Path]], bool]
 
 
 def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) -> int:
@@ -57,8 +48,7 @@ def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) 
     items = [_item(record, layers, out) for record, layers in zip(records, drawings, strict=True)]
     counts = Counter(item.status for item in items)
     words = [f"Directory: {out}", ", ".join(f"{n} {status}" for status, n in counts.items())]
-    card = tables_of(card_of(records, list(sample_index.entries(records))))
-    tables = [ReportTable(each.title, each.heading, each.rows) for each in card]
+    tables = list(tables_of(card_of(records, list(sample_index.entries(records)))))
     write_report(path, Report(f"Batch in {out}", words, items, _COLUMNS, tables))
     return len(items)
 
@@ -70,27 +60,25 @@ def _place(record: Record) -> tuple[bool, list[tuple[int, str]]]:
     return record["status"] == "ok", natural
 
 
-def _samples(records: Sequence[Record], out: Path) -> Iterator[SampleItem]:
+def _samples(records: Sequence[Record], out: Path) -> Iterator[Sample]:
     """What is to be drawn; values are wanted of the first, while there may be room for them."""
     room = ValuesRoom(len(records))
     for record in records:
         if record["status"] != "ok":
-            yield SampleItem((), values=False)
+            yield (), False
             continue
-        files = [("input", out / record["inputs"]["color"]["path"])]
-        files += [
-            (kind, out / record["outputs"][kind]["path"])
-            for kind in KINDS
-            if kind in record["outputs"]
-        ]
+        written = ((kind, record["outputs"][kind]) for kind in KINDS if kind in record["outputs"])
+        stamps = [("input", record["inputs"]["color"]), *written]
+        files = [(kind, out / stamp["path"]) for kind, stamp in stamps]
         planes = sum(1 if kind in KINDS and not KINDS[kind].image else 3 for kind, _ in files)
-        yield SampleItem(files, room.takes(record["size"], planes))
+        yield files, room.takes(record["size"], planes)
 
 
-def draw_sample(sample: SampleItem) -> list[Layer]:
+def draw_sample(sample: Sample) -> list[Layer]:
     """The layers of a sample; files that cannot be read any more are left out."""
-    drawn = list(drawn_files(sample.files, values=sample.values))
-    return valued_layers(drawn) if sample.values and drawn else [each.layer for each in drawn]
+    files, values = sample
+    drawn = list(drawn_files(files, values=values))
+    return valued_layers(drawn) if values and drawn else [each.layer for each in drawn]
 
 
 def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
@@ -111,7 +99,6 @@ def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
         commands=[("Render again", command)] if command else [],
         layers=layers,
         wiggle=wiggle_of(layers),
-        depth=depth_of_frame(record) if is_done else None,
     )
 
 

@@ -21,8 +21,8 @@ from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, CompareSet
 from defocus_core.compare.thresholds import OVER, Rules
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
-from defocus_core.reports.html.item import Column, Item, Report
-from defocus_core.reports.html.layers import Drawing, Subject, draw_pair
+from defocus_core.reports.html.item import Column, Item, Layer, Report
+from defocus_core.reports.html.layers import draw_pair
 from defocus_core.reports.html.page import ValuesRoom, write_report
 from defocus_core.system.process import spread
 from defocus_core.system.text import command_line, counted
@@ -39,7 +39,7 @@ class ReportHeader:
 
     title: str  # heading of the report
     words: Sequence[str]  # what was compared, a line each
-    commands: Commands  # the command lines of a pair, each with a title
+    commands: Commands = lambda _: ()  # the command lines of a pair, each with a title
     b: str = ""  # what B is, where its files do not last; empty where they do
 
 
@@ -52,10 +52,9 @@ def write(
 ) -> None:
     """Write the report of comparisons, those that fail first and the worst of them."""
     ranked = sorted(records, key=rank)
-    subjects = list(_subjects(ranked, settings.coc))
-    drawings = spread(draw_pair, subjects, processes, "the report")
+    drawings = spread(_drawn, list(_wanted(ranked)), processes, "the report")
     items = [
-        _item(record, drawing, header) for record, drawing in zip(ranked, drawings, strict=True)
+        _item(record, *drawing, header) for record, drawing in zip(ranked, drawings, strict=True)
     ]
     write_report(path, Report(header.title, header.words, items, columns_of(items)))
 
@@ -68,16 +67,20 @@ def rank(record: Comparison) -> tuple[int, int, float]:
     return order[record.status], -int(apart), -error if math.isfinite(error) else -math.inf
 
 
-def _subjects(ranked: Sequence[Comparison], coc: Path | None) -> Iterable[Subject]:
+def _wanted(ranked: Sequence[Comparison]) -> Iterable[tuple[Comparison, bool]]:
     """The pairs; values are wanted of those that do not pass, while there may be room for them."""
     room = ValuesRoom(len(ranked))
     for record in ranked:
         looked_at = not record.passes or record.status == WARNING
-        wanted = looked_at and room.takes(record.size or (0, 0), _HALF_LAYERS)
-        yield Subject(record, wanted, coc)
+        yield record, looked_at and room.takes(record.size or (0, 0), _HALF_LAYERS)
 
 
-def _item(record: Comparison, drawing: Drawing, header: ReportHeader) -> Item:
+def _drawn(wanted: tuple[Comparison, bool]) -> tuple[Sequence[Layer], float]:
+    record, values = wanted
+    return draw_pair(record, values=values)
+
+
+def _item(record: Comparison, layers: Sequence[Layer], full: float, header: ReportHeader) -> Item:
     finding_words = ", ".join(finding.text for finding in record.findings)
     return Item(
         name=record.name,
@@ -86,11 +89,9 @@ def _item(record: Comparison, drawing: Drawing, header: ReportHeader) -> Item:
         words=finding_words or _brief(record),
         facts=list(_facts(record, header.b)),
         metrics=record.metrics,
-        facets={"lens": drawing.lens} if drawing.lens else {},
         commands=header.commands(record),
-        layers=drawing.layers,
-        wiggle=drawing.wiggle,
-        full=drawing.full,
+        layers=layers,
+        full=full,
         place=None if record.worst is None else (record.worst.x, record.worst.y),
     )
 
@@ -135,22 +136,6 @@ def columns_of(items: Sequence[Item]) -> list[Column]:
     ]
 
 
-def compare_commands(rules: Callable[[str], Rules], settings: CompareSettings) -> Commands:
-    """The command lines of a pair of two files: compare again, and accept B."""
-
-    def commands(record: Comparison) -> list[tuple[str, str]]:
-        lines = []
-        if record.a and record.b:
-            options = [*rule_words(rules(record.name)), *_setting_words(settings)]
-            words = ["defocus", "compare", record.a, record.b, *options]
-            lines.append(("Compare again", command_line(words)))
-            if not record.passes:
-                lines.append(("Accept B", command_line([*words, "--accept"])))
-        return lines
-
-    return commands
-
-
 def golden_commands(
     jobs: Path, folder: Path, rules: Callable[[str], Rules], default: Rules
 ) -> Commands:
@@ -159,7 +144,10 @@ def golden_commands(
     def commands(record: Comparison) -> list[tuple[str, str]]:
         words: list[object] = [jobs, folder, "--only", escape(record.name)]
         own = rules(record.name)
-        words += [] if own == default else rule_words(own)
+        if own != default:
+            words += [w for rule in own.fail for w in ("--fail", rule.text)]
+            words += [w for rule in own.warn for w in ("--warn", rule.text)]
+            words += ["--over", own.over] if own.over != OVER else []
         lines = [("Check again", command_line(["defocus", "golden", "check", *words]))]
         if not record.passes:
             accept = command_line(["defocus", "golden", "update", *words, "--accept"])
@@ -167,13 +155,6 @@ def golden_commands(
         return lines
 
     return commands
-
-
-def rule_words(rules: Rules) -> list[object]:
-    """The options that say rules."""
-    words: list[object] = [w for rule in rules.fail for w in ("--fail", rule.text)]
-    words += [w for rule in rules.warn for w in ("--warn", rule.text)]
-    return words + (["--over", rules.over] if rules.over != OVER else [])
 
 
 def setting_lines(settings: CompareSettings) -> list[str]:
@@ -186,18 +167,6 @@ def setting_lines(settings: CompareSettings) -> list[str]:
         "tolerant of": "anti-aliased edges" if settings.tolerate_edges else None,
     }
     return [f"Compared: {words} {value}" for words, value in chosen.items() if value is not None]
-
-
-def _setting_words(settings: CompareSettings) -> list[object]:
-    words: list[object] = []
-    for option in ("region", "mask", "ignore_mask", "coc"):
-        value = getattr(settings, option)
-        words += [] if value is None else [f"--{option.replace('_', '-')}", value]
-    words += [w for part in settings.ignore_region for w in ("--ignore-region", part)]
-    if settings.ignore_metadata:
-        words += ["--ignore-metadata", ",".join(settings.ignore_metadata)]
-    flags = ("flip", "metadata", "tolerate_edges")
-    return words + [f"--{f.replace('_', '-')}" for f in flags if getattr(settings, f)]
 
 
 def keep_check(

@@ -33,7 +33,6 @@ from defocus_core.picture.take import Inputs
 from defocus_core.reports.html.page import Payloads, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
-from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import command_line
 
 Progress = Callable[[int, int], None]
@@ -41,8 +40,7 @@ _FOCUSES = 8
 _STRENGTHS = (0.25, 0.5, 1.0, 2.0)  # of the blur that is asked for
 _ASKED = _STRENGTHS.index(1.0)
 _PIXELS, _WIDEST = 420_000, 1000  # of a picture, and px of its width
-_QUALITIES = (85, 70, 50, 25)  # of JPEG: the first of which all pictures have room
-_ROOM = 9_500_000  # bytes of all pictures: in base64, with the page, less than 15 MB
+_JPEG = "jpeg:85"  # of a photograph, a page of a few MB; of noise, of less than 30
 _TOP = 65535  # of the numbers of the map
 _BINS = 256
 _MM_PER_M = 1000.0
@@ -72,7 +70,6 @@ def write_choice(
     progress: Progress | None = None,
 ) -> None:
     """Write the page of a picture."""
-    refuse_other(path, "html")
     load()
     job = Job(picture, lens, reading, Outputs(Path()), replace(machine, quality="draft"))
     color, depth = read(InputPair(picture, job.reading, lens_focal=job.lens_focal))
@@ -92,7 +89,7 @@ def write_choice(
             if progress:
                 progress(len(shown), len(focuses) * len(strengths))
     payloads = Payloads()
-    names = [payloads.add(data) for data in _within_room(shown)]
+    names = [payloads.add(encoded(each, "jpeg", {"Compression": _JPEG})) for each in shown]
     low, high = float(small.disparity.min()), float(small.disparity.max())
     share = (small.disparity - low) / ((high - low) or 1.0)
     chosen = _first_place(lens, depth)
@@ -189,15 +186,6 @@ def _samples(planes: Sequence[Any], color: Color) -> NDArray[np.uint8]:
         to_srgb=srgb_matrix(color.path, channels, color.attributes),
     )[0]
     return np.repeat(samples, 3, axis=2) if samples.shape[2] == 1 else samples
-
-
-def _within_room(pictures: Sequence[NDArray[np.uint8]]) -> list[bytes]:
-    """The pictures as JPEG, of the best quality of which there is room for all."""
-    for quality in _QUALITIES:
-        files = [encoded(each, "jpeg", {"Compression": f"jpeg:{quality}"}) for each in pictures]
-        if sum(map(len, files)) <= _ROOM:
-            break
-    return files
 
 
 def _map(numbers: NDArray[np.uint16]) -> bytes:

@@ -4,9 +4,6 @@ Values are packed as half floats, which a browser unpacks and shows at any expos
 half are a number of 16 bits. Stored is its difference, modulo 2^16, to the left neighbour, or to
 the same pixel of another layer: channel after channel, the low bytes of all before the high bytes,
 deflated (zlib).
-
-A pair has A, B, their difference, and the maps and views that lie beside B: a batch writes
-OUT/<kind>/<sample>, and where B is such a file, those of the sample are layers, too.
 """
 
 from __future__ import annotations
@@ -22,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.output_kinds import KINDS, SUFFIXES
+from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.compare.picture import (
     DecodedPicture,
     color_layers,
@@ -31,7 +28,6 @@ from defocus_core.compare.picture import (
     read_picture,
 )
 from defocus_core.compare.record import Comparison
-from defocus_core.compare.selection import coc_file
 from defocus_core.errors import InputError
 from defocus_core.io.images.describe import describe
 from defocus_core.reports.html import thumbnails
@@ -44,25 +40,15 @@ A, B, DIFFERENCE = "a", "b", "difference"
 Box = tuple[int, int, int, int]  # x, y, width, height
 _LARGEST = 65504.0  # of half
 _LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
-_INTEGERS = {"uint8": 1 / 255}  # steps of integers that half holds exactly
-_ROUNDING = 1e-3  # of a step, of single precision
-_STEPS = frozenset(_INTEGERS.values())
 VIEWS = ("left", "right")
 _MAX_DRAWN = 2**27  # numbers of a file: 8192 x 4096 px of four channels
 _VIEW_SIDE = 960  # px of the thumbnails of views beside values
 
 
-def common_scale(planes: Sequence[NDArray[Any]], kind: str) -> float:
-    """The factor from halves to the values of planes: it makes small integers whole numbers."""
-    step = _INTEGERS.get(kind)
-    if step is not None and all(_is_whole(plane / step) for plane in planes):
-        return step
+def common_scale(planes: Sequence[NDArray[Any]]) -> float:
+    """The factor from halves to the values of planes, which may be beyond the greatest half."""
     maximum = _largest(planes)
     return 2.0 ** math.ceil(math.log2(maximum / _LARGEST)) if maximum > _LARGEST else 1.0
-
-
-def _is_whole(plane: NDArray[Any]) -> bool:
-    return bool((np.abs(plane - np.rint(plane)) < _ROUNDING).all())
 
 
 def unit_scale(planes: Sequence[NDArray[Any]]) -> float:
@@ -84,7 +70,7 @@ def is_exact(planes: Sequence[NDArray[Any]], scale: float) -> bool:
     """Whether halves hold the values of planes."""
     with np.errstate(all="ignore"):
         for plane in planes:
-            scaled = plane if scale == 1 else _scaled(plane, scale)
+            scaled = _scaled(plane, scale)
             if not np.array_equal(scaled, scaled.astype(np.float16), equal_nan=True):
                 return False
     return True
@@ -99,9 +85,8 @@ def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16
 
 
 def _scaled(plane: NDArray[Any], scale: float) -> NDArray[Any]:
-    """The numbers that are stored as halves; of integers, whole ones."""
-    scaled = plane if scale == 1 else np.asarray(plane, np.float64) / scale
-    return np.rint(scaled) if scale in _STEPS else scaled
+    """The numbers that are stored as halves."""
+    return plane if scale == 1 else np.asarray(plane, np.float64) / scale
 
 
 def pack(
@@ -118,7 +103,8 @@ def pack(
     if base is None or base[1].shape != values.shape:
         return packed
     other = _deflated(values - base[1])
-    return replace(packed, data=other, base=base[0]) if len(other) < len(packed.data) else packed
+    shorter = len(other) < len(packed.payload)
+    return replace(packed, payload=other, base=base[0]) if shorter else packed
 
 
 def _deflated(values: NDArray[np.uint16]) -> bytes:
@@ -168,7 +154,6 @@ def draw(
     height, width = planes[0].shape
     layer = Layer(
         *(key, title, kind, tuple(names), (width, height), picture.gamma, value_range),
-        type=picture.types[names[0]],
         thumbnail=thumbnail,
     )
     return Drawn(layer, planes)
@@ -211,9 +196,7 @@ def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
     """
     cut = {each.layer.key: _within(each.planes, box) for each in drawn}
     pair = [plane for key in (A, B) for plane in cut.get(key, ())]
-    by_key = {each.layer.key: each.layer for each in drawn}
-    types = {by_key[key].type for key in (A, B) if key in by_key}
-    shared = common_scale(pair, types.pop() if len(types) == 1 else "")
+    shared = common_scale(pair)
     layers, base = [], None
     for each in drawn:
         layer, planes = each.layer, cut[each.layer.key]
@@ -221,11 +204,11 @@ def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
             layers.append(_difference(layer, cut, shared, box))
             continue
         is_pair = layer.key in (A, B)
-        scale = shared if is_pair else common_scale(planes, layer.type)
+        scale = shared if is_pair else common_scale(planes)
         bits = half_bits(planes, scale)
         packed = pack(bits, box[:2], scale, base if layer.key == B else None)
         base = (layer.key, bits) if layer.key == A else base
-        layers.append(replace(layer, halves=packed))
+        layers.append(replace(layer, values=packed))
     return layers
 
 
@@ -238,26 +221,12 @@ def _difference(
     with np.errstate(all="ignore"):
         planes = [np.subtract(b, a, dtype=np.float64) for a, b in zip(cut[A], cut[B], strict=True)]
     step = unit_scale(planes)
-    return replace(layer, halves=pack(half_bits(planes, step), box[:2], step))
+    return replace(layer, values=pack(half_bits(planes, step), box[:2], step))
 
 
 def _within(planes: Sequence[NDArray[Any]], box: Box) -> list[NDArray[Any]]:
     x, y, width, height = box
     return [plane[y : y + height, x : x + width] for plane in planes]
-
-
-def beside(path: Path) -> Iterator[tuple[str, Path]]:
-    """Kind and file of what a batch wrote of the same sample, other than the file itself."""
-    own, root = path.parent.name, path.parent.parent
-    if own not in KINDS:
-        return
-    suffixes = dict.fromkeys([path.suffix, *SUFFIXES.values()])
-    for kind in KINDS.values():
-        endings = suffixes if kind.image else (".exr",)
-        files = (root / kind.name / f"{path.stem}{suffix}" for suffix in endings)
-        file = next((file for file in files if file.is_file()), None)
-        if kind.name != own and file is not None:
-            yield kind.name, file
 
 
 def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[Drawn]:
@@ -284,55 +253,25 @@ def _views(title: str, picture: DecodedPicture) -> Iterator[tuple[str, Sequence[
             yield view, names
 
 
-def wiggle_of(layers: Sequence[Layer], path: Path | None = None) -> tuple[str, ...]:
-    """Keys of the left and the right view, where there are both; ``b`` for the file of B."""
-    keys = {layer.key: layer.key for layer in layers}
-    if path is not None and path.parent.name in VIEWS and B in keys:
-        keys[path.parent.name] = B
-    return tuple(keys[view] for view in VIEWS) if set(VIEWS) <= keys.keys() else ()
+def wiggle_of(layers: Sequence[Layer]) -> tuple[str, ...]:
+    """Keys of the left and the right view, where there are both."""
+    return VIEWS if {layer.key for layer in layers} >= set(VIEWS) else ()
 
 
-@dataclass(frozen=True)
-class Subject:
-    """A pair that is to be drawn."""
+def draw_pair(record: Comparison, *, values: bool) -> tuple[list[Layer], float]:
+    """The layers of a pair, with its values or not, and the difference of the hottest colour.
 
-    record: Comparison  # what is known of it
-    values: bool  # whether its values are wanted, and not thumbnails alone
-    coc: Path | None = None  # CoC maps of the pictures, if they were named
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A pair that was drawn."""
-
-    layers: Sequence[Layer] = ()
-    wiggle: tuple[str, ...] = ()  # keys of the left and the right view; empty if there are none
-    full: float = 1.0  # the difference of the hottest colour
-    lens: str = ""  # the lens that the file names, in words; empty if it names none
-
-
-def draw_pair(subject: Subject) -> Drawing:
-    """Draw a pair; what cannot be read is left out."""
-    record = subject.record
+    What cannot be read is left out.
+    """
     equal = record.passes and not record.differing and record.b is not None
     a, b = None if equal else _read(record.a), _read(record.b)
-    whole = b or a
-    if whole is None:
-        return Drawing()
+    if not (a or b):
+        return [], 1.0
     if a and b and (a.gamma, a.associated) != (b.gamma, b.associated):
         a, b = in_linear_light(a), in_linear_light(b)
     drawn, full = _pair(a, b, record, "A = B" if equal else "B")
-    size = drawn[0].layer.size
-    files = dict(beside(whole.path))
-    if subject.coc is not None:
-        with suppress(InputError):
-            files["coc"] = coc_file(subject.coc, record.name)
-    others = drawn_files(files.items(), values=subject.values)
-    drawn += [each for each in others if each.layer.size == size]
     place = None if record.worst is None else (record.worst.x, record.worst.y)
-    layers = valued_layers(drawn, place) if subject.values else [each.layer for each in drawn]
-    wiggle = wiggle_of(layers, whole.path)
-    return Drawing(layers, wiggle, full, lens_words(whole.metadata))
+    return valued_layers(drawn, place) if values else [each.layer for each in drawn], full
 
 
 def _read(path: Path | None) -> DecodedPicture | None:
@@ -352,7 +291,7 @@ def _pair(
         return [draw(k, t, each, shown_channels(list(each.planes))) for k, t, each in sides], 1.0
     names_shown = shown_channels(names, record.channels)
     first = sides[0][2]
-    value_range = draw(A, "A", first, names_shown).layer.value_range
+    value_range = draw(A, "A", first, names_shown).layer.ends
     drawn = [
         draw(key, title, each, names_shown, value_range=value_range) for key, title, each in sides
     ]
@@ -391,12 +330,3 @@ def _full(greatest: NDArray[Any]) -> float:
         return 0.0 if finite.size == greatest.size else 1.0
     maximum = float(np.percentile(finite, 99.9)) or float(finite.max())
     return float(2.0 ** np.ceil(np.log2(maximum)))
-
-
-def lens_words(metadata: Mapping[str, str]) -> str:
-    """The lens that the metadata of a picture of ours name, in words; empty if they name none."""
-    values = {name: metadata.get(f"defocus:{name}", "") for name in ("focal_length", "fnumber")}
-    if not all(values.values()):
-        return ""
-    focus = metadata.get("defocus:focus", "")
-    return f"{values['focal_length']} f/{values['fnumber']}" + (f", {focus}" if focus else "")

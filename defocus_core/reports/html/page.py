@@ -16,8 +16,8 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -25,7 +25,7 @@ from typing import Any
 from defocus_core.errors import printable, with_dashes
 from defocus_core.io.safe_files import written_whole
 from defocus_core.reports.html import thumbnails
-from defocus_core.reports.html.item import Column, Item, Layer, Report
+from defocus_core.reports.html.item import Item, Layer, Report
 from defocus_core.reports.html.layers import DIFFERENCE, WHOLE, B
 from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import counted
@@ -57,101 +57,67 @@ def write_report(path: Path, report: Report) -> None:
     """Write the HTML file of a report, whole or not at all."""
     items = fitted(report.items)
     payloads = Payloads()
-    drawn = [_item(item, payloads) for item in items]
-    counts = Counter(item.status for item in items)
+    drawn = [plain(item, payloads) for item in items]
+    facets = dict.fromkeys(name for item in drawn for name in item["facets"])
     write_page(
         path,
         "report",
-        data={"items": drawn, **_constants()},
+        data={
+            "items": drawn,
+            "heats": thumbnails.HEATS,
+            "signed": thumbnails.SIGNED_COLORS,
+            "nonfinite": thumbnails.NONFINITE,
+        },
         payloads=payloads,
         title=printable(report.title),
-        report=_printed(report, items),
-        counts=sorted(counts.items(), key=lambda each: _first(items, each[0])),
+        report={
+            "words": [*map(printable, report.words), _room_words(items)],
+            "columns": report.columns,
+            "tables": plain(report.tables, payloads),
+            "rows": drawn,
+        },
+        counts=Counter(item.status for item in items).items(),
         tones={item.status: _TONES.get(item.status, "bad") for item in items},
-        facets=_facets(items),
+        facets=[(f, sorted({d["facets"][f] for d in drawn if f in d["facets"]})) for f in facets],
         pictures=[list(_row_pictures(item)) for item in drawn],
-        numbers=_number,
+        number=_number,
         keys=_KEYS,
     )
 
 
-def _printed(report: Report, items: Sequence[Item]) -> dict[str, Any]:
-    """The report as the template has it, each text without control characters."""
-    valued = sum(any(layer.halves for layer in item.layers) for item in items)
+def _room_words(items: Sequence[Item]) -> str:
+    """What of the items there was room for."""
+    valued = sum(any(layer.values for layer in item.layers) for item in items)
     pictured = sum(any(layer.thumbnail for layer in item.layers) for item in items)
-    words = [*map(printable, report.words)]
-    words.append(
+    if valued == len(items):
+        return f"{counted(len(items), 'item')}, each with its values as half floats."
+    return (
         f"{counted(len(items), 'item')}: values of the first {valued} in their order, as half "
         f"floats; thumbnails of {pictured}. The file has room for no more."
-        if valued < len(items)
-        else f"{counted(len(items), 'item')}, each with its values as half floats."
     )
-    rows = [
-        {
-            "name": printable(item.name),
-            "status": item.status,
-            "words": printable(item.words),
-            "metrics": item.metrics,
-            "facets": {name: printable(value) for name, value in item.facets.items()},
-        }
-        for item in items
-    ]
-    return {
-        "words": words,
-        "columns": report.columns,
-        "tables": [
-            {
-                "title": printable(table.title),
-                "heading": table.heading,
-                "rows": [[printable(cell) for cell in row] for row in table.rows],
-            }
-            for table in report.tables
-        ],
-        "rows": rows,
-    }
 
 
-def _item(item: Item, payloads: Payloads) -> dict[str, Any]:
-    """An item as the script has it."""
-    layers = [_layer(layer, payloads) for layer in item.layers]
-    return {
-        "name": printable(item.name),
-        "status": item.status,
-        "passes": item.passes,
-        "words": printable(item.words),
-        "facts": [[term, printable(text)] for term, text in item.facts],
-        "metrics": {name: _plain(value) for name, value in item.metrics.items()},
-        "facets": {name: printable(value) for name, value in item.facets.items()},
-        "commands": [list(each) for each in item.commands],
-        "layers": layers,
-        "wiggle": list(item.wiggle),
-        "full": item.full,
-        "place": item.place,
-        "depth": item.depth and {**item.depth._asdict(), "shot": printable(item.depth.shot)},
-    }
+def plain(value: Any, payloads: Payloads) -> Any:
+    """A record as JSON has it, by the names of its fields.
 
-
-def _layer(layer: Layer, payloads: Payloads) -> dict[str, Any]:
-    values = layer.halves
-    return {
-        "key": layer.key,
-        "title": layer.title,
-        "kind": layer.kind,
-        "channels": list(layer.channels),
-        "size": layer.size,
-        "gamma": layer.gamma,
-        "ends": layer.value_range,
-        "type": layer.type,
-        "thumbnail": payloads.add(layer.thumbnail),
-        "values": values
-        and {
-            "payload": payloads.add(values.data),
-            "corner": values.corner,
-            "size": values.size,
-            "scale": values.scale,
-            "base": values.base,
-        },
-    }
+    Texts lose control characters, bytes are the name of a payload, and a number that JSON has not
+    is the name that the script gives to it.
+    """
+    if is_dataclass(value):
+        return {each.name: plain(getattr(value, each.name), payloads) for each in fields(value)}
+    if hasattr(value, "_asdict"):
+        return plain(value._asdict(), payloads)
+    if isinstance(value, Mapping):
+        return {key: plain(each, payloads) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(each, payloads) for each in value]
+    if isinstance(value, bytes):
+        return payloads.add(value)
+    if isinstance(value, str):
+        return printable(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+    return value
 
 
 def _row_pictures(item: Mapping[str, Any]) -> Iterator[str]:
@@ -161,37 +127,8 @@ def _row_pictures(item: Mapping[str, Any]) -> Iterator[str]:
     yield from filter(None, (first, by_key.get(DIFFERENCE, "")))
 
 
-def _facets(items: Sequence[Item]) -> list[tuple[str, list[str]]]:
-    """Names of facets, and the values of each."""
-    names = dict.fromkeys(name for item in items for name in item.facets)
-    return [
-        (name, sorted({printable(item.facets[name]) for item in items if name in item.facets}))
-        for name in names
-    ]
-
-
-def _constants() -> dict[str, Any]:
-    return {
-        "heats": thumbnails.HEATS,
-        "signed": thumbnails.SIGNED_COLORS,
-        "nonfinite": thumbnails.NONFINITE,
-    }
-
-
-def _number(item: Mapping[str, Any], column: Column) -> str:
-    value = item["metrics"].get(column.name)
-    return "" if value is None else f"{value:.4g}"
-
-
-def _plain(value: float) -> float | str:
-    """A number of JSON, or the name that the script gives to one that JSON has not."""
-    if math.isfinite(value):
-        return value
-    return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
-
-
-def _first(items: Sequence[Item], status: str) -> int:
-    return next(n for n, item in enumerate(items) if item.status == status)
+def _number(value: float | str | None) -> str:
+    return "" if value is None else value if isinstance(value, str) else f"{value:.4g}"
 
 
 def length(data: bytes) -> int:
@@ -212,9 +149,36 @@ class ValuesRoom:
         return wanted
 
 
-def _thumbnails(item: Item, *, first: bool) -> int:
-    own = (each for each in item.layers if _is_first(item, each) == first)
-    return sum(length(each.thumbnail) for each in own)
+def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
+    """The items without the payloads that there is no room for, in so many characters."""
+    room -= sum(map(text_room, items))
+    first, others, values = zip(*map(_costs, items), strict=True) if items else ((), (), ())
+    shown, left = _spent(room // 2, first)
+    with_others = [cost and cost + more for cost, more in zip(values, others, strict=True)]
+    valued, left = _spent(left + room - room // 2, with_others)
+    beside, _ = _spent(left, [0 if n in valued else cost for n, cost in enumerate(others)])
+    return [
+        replace(item, layers=_present(item, n in shown, n in beside | valued, n in valued))
+        for n, item in enumerate(items)
+    ]
+
+
+def _costs(item: Item) -> tuple[int, int, int]:
+    """Characters of its thumbnails that are shown at first, of the others, and of its values."""
+    thumbnails = [(length(each.thumbnail), _is_first(item, each)) for each in item.layers]
+    values = sum(length(each.values.payload) for each in item.layers if each.values)
+    first = sum(cost for cost, is_first in thumbnails if is_first)
+    return first, sum(cost for cost, _ in thumbnails) - first, values
+
+
+def _spent(room: int, costs: Sequence[int]) -> tuple[set[int], int]:
+    """Numbers of the items that fit, and the room left; one too large lets smaller ones follow."""
+    fitting = set()
+    for number, cost in enumerate(costs):
+        if 0 < cost <= room:
+            room -= cost
+            fitting.add(number)
+    return fitting, room
 
 
 def _is_first(item: Item, layer: Layer) -> bool:
@@ -222,63 +186,23 @@ def _is_first(item: Item, layer: Layer) -> bool:
     return layer.key == DIFFERENCE or layer in item.layers[:2]
 
 
-def _values(item: Item) -> int:
-    return sum(length(each.halves.data) for each in item.layers if each.halves)
-
-
-class ByteBudget:
-    """Room that is spent on items in their order."""
-
-    def __init__(self, room: int) -> None:
-        self.room = room
-
-    def spend(self, costs: Iterable[int]) -> set[int]:
-        """Numbers of the items that fit; one that does not lets smaller ones come after it."""
-        fitting = set()
-        for number, cost in enumerate(costs):
-            if 0 < cost <= self.room:
-                self.room -= cost
-                fitting.add(number)
-        return fitting
-
-
-def fitted(items: Sequence[Item]) -> list[Item]:
-    """The items without the payloads that there is no room for."""
-    room = ROOM - sum(map(_text, items))
-    budget = ByteBudget(room // 2)
-    shown = budget.spend(_thumbnails(item, first=True) for item in items)
-    budget.room += room - room // 2
-    valued = budget.spend(_values(item) + bool(_values(item)) * _rest(item) for item in items)
-    beside = budget.spend(0 if n in valued else _rest(item) for n, item in enumerate(items))
-    beside |= valued
-
-    return [
-        replace(
-            item,
-            layers=_present(item, first=n in shown, others=n in beside, values=n in valued),
-        )
-        for n, item in enumerate(items)
-    ]
-
-
-def _text(item: Item) -> int:
+def text_room(item: Item) -> int:
     """Characters of the texts of an item, of which its name and words stand there twice."""
     texts = [*(text for pair in (*item.facts, *item.commands) for text in pair)]
     return _FRAME + 2 * len(item.name + item.words) + sum(map(len, texts))
 
 
-def _rest(item: Item) -> int:
-    return _thumbnails(item, first=False)
-
-
-def _present(item: Item, *, first: bool, others: bool, values: bool) -> list[Layer]:
+def _present(item: Item, first: bool, others: bool, values: bool) -> list[Layer]:
     """The layers that have something to show."""
-    layers = []
-    for layer in item.layers:
-        stays = first if _is_first(item, layer) else others
-        thumbnail = layer.thumbnail if stays else b""
-        layers.append(replace(layer, thumbnail=thumbnail, halves=layer.halves if values else None))
-    return [layer for layer in layers if layer.thumbnail or layer.halves]
+    layers = [
+        replace(
+            layer,
+            thumbnail=layer.thumbnail if (first if _is_first(item, layer) else others) else b"",
+            values=layer.values if values else None,
+        )
+        for layer in item.layers
+    ]
+    return [layer for layer in layers if layer.thumbnail or layer.values]
 
 
 class Payloads:

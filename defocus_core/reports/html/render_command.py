@@ -21,7 +21,7 @@ _LENS = {**RECORDED, **EFFECT_OPTIONS}
 # What records round, and settings do not.
 _PAIRS = frozenset(key for key, row in EFFECT_OPTIONS.items() if row.separator)
 _CHOICE = frozenset({"focus_at_px", "focus_percentile", "max_coc_px", "draw"})
-_MACHINE = ("quality", "tolerance", "depth_repair", "tile")
+_MACHINE = ("quality", "depth_repair", "tile")
 # Settings that a command line says; a frame of a shot needs the shot.
 _SETTINGS = frozenset({"stem", "suffix", "lens", "reading", "outputs", *_MACHINE})
 
@@ -54,7 +54,7 @@ def render_words(
         words += [other.depth] if role == "hidden" or other.depth != other.color else []
     words += _option_words(settings["reading"]) + _option_words(settings["outputs"])
     machine = {key: settings[key] for key in _MACHINE if key in settings}
-    if "tolerance" in machine or machine["quality"] == Machine.quality:
+    if machine["quality"] == Machine.quality:
         del machine["quality"]
     return words + _option_words(machine)
 

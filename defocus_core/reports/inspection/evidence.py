@@ -1,8 +1,8 @@
 """Evidence for people to judge: of a depth file's format, and of colour and depth together.
 
 Numbers, names and files beside it name the formats that a file could be of. Sharp colour has sharp
-edges at every depth, and edges where the depth has them: both are measured. Neither changes what is
-read or rendered, and only strong evidence is told.
+edges at every depth, which is measured. Neither changes what is read or rendered, and only strong
+evidence is told.
 """
 
 from __future__ import annotations
@@ -18,14 +18,11 @@ from numpy.typing import NDArray
 
 from defocus_core.batch.jobs.job import Reading
 from defocus_core.errors import DefocusError
-from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
 from defocus_core.io.depth_formats.depth import read_depth, read_numbers
-from defocus_core.io.depth_formats.file_types import png_text
-from defocus_core.io.depth_formats.reading import DepthReading, holds_depth, holds_gdepth
+from defocus_core.io.depth_formats.reading import DepthReading, holds_gdepth
 from defocus_core.io.depth_formats.rules import DepthNumbers
 from defocus_core.io.depth_formats.table import ROWS
-from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import FileInfo
 from defocus_core.io.safe_files import is_heic, read_head
@@ -52,8 +49,6 @@ _BESIDE = {
     "diode": ("NPY", "{stem}_mask.npy"),
     "moge": ("EXR", "fov.json"),
 }
-# Relative depth is inverted if the top tenth of a picture is nearer by more of the range than this.
-_STRIPS, _MOST = 10, 0.6
 _WINDOW = 2048  # px, side of the middle of the picture that is measured
 # Widths of edges are measured at two scales, standard deviations in px.
 _FINE, _COARSE = 1, 2
@@ -61,38 +56,12 @@ _MIN_STEP = 0.02  # least gradient of an edge, in parts of white a px
 # Of the edges at one range of depths, the sharpest quarter tells how sharp the colour is there.
 _QUARTER, _MIN_EDGES, _RANGES = 25, 300, 6
 _SHARP_PX, _BLURRED_PX = 1.0, 1.6  # standard deviation of an edge: as good as sharp, surely blurred
-_JUMP = 0.1  # least step of depth at an edge, as a share of the nearer
-_MIN_JUMPS = 500
-_REACH = 0.06  # farthest shift that is tried, as a share of the side
-_MIN_SHIFT = 3  # px; depth edges of networks lie less exactly
-# A place is told if colour has so many standard deviations more gradient there than at a typical
-# place, and so many times what it has above a typical place where the depth lies now.
-_CLEAR, _CLEARER = 7.0, 2.0
-
-
-def may_be_depth(info: FileInfo) -> bool:
-    """Whether a file is an EXR, arrays, one channel, or a photograph that holds depth."""
-    head = read_head(info.path, 32)
-    arrays = len(info.parts[0].channels) == 1 or container_type(head) != ""
-    return is_exr(head) or arrays or holds_depth(info.path)
-
-
-def is_grey_in_color(info: FileInfo, reading: DepthReading, keeping: Keeping) -> bool:
-    """Whether a picture of 8 bits and several channels is as grey as one of a single channel."""
-    channels = info.parts[0].channels
-    if len(channels) < 3 or channels[0][1] != "uint8" or reading.depth_format is not None:
-        return False
-    try:  # stops at the first pixel of a colour
-        read_numbers(info.path, replace(reading, depth_scale=1.0), keeping, None)
-    except DefocusError:
-        return False
-    return True
 
 
 def evidence_of(
     path: Path, reading: DepthReading, info: FileInfo, keeping: Keeping
 ) -> tuple[str, ...]:
-    """Sentences on the formats that a depth file could be of, and on one that seems inverted."""
+    """Sentences on the formats that a depth file could be of."""
     sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
     if holds_gdepth(path):
         return tuple(sentences)
@@ -103,8 +72,6 @@ def evidence_of(
         return tuple(sentences)
     if reading.depth_format is None:
         sentences += _numbers_evidence(path, samples, reading)
-    if reading.relative or samples.type == "8-bit PNG":
-        sentences += _inverted(samples.values, black_is_near=reading.invert is not None)
     return tuple(sentences)
 
 
@@ -127,10 +94,6 @@ def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
 
 def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) -> Iterator[str]:
     """Evidence of the numbers of a file without a named format."""
-    texts = png_text(path)
-    if {"near", "far"} <= texts.keys():
-        yield f"text chunks near and far: {_say('moge-png')}"
-        return
     if samples.type == "16-bit PNG":
         top, zero = (_share(samples, number) for number in (_TOP, 0))
         if top >= _SEVERAL:
@@ -152,23 +115,6 @@ def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) 
     has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
     if samples.type == "PFM" and not has_sidecar and samples.values.min() < 0:
         yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
-
-
-def _inverted(values: Any, *, black_is_near: bool) -> Iterator[str]:
-    """A hint if relative depth is nearer at the top of the picture than at its bottom."""
-    height = values.shape[0]
-    strips = slice(0, -(-height // _STRIPS)), slice(height - -(-height // _STRIPS), height)
-    above, below = (float(np.median(values[rows])) for rows in strips)
-    ends = [end for rows in bands(values.shape) for end in _ends_of(values[rows])]
-    if (below - above if black_is_near else above - below) > _MOST * (max(ends) - min(ends)) > 0:
-        near = "white" if black_is_near else "black"
-        remedy = "leave ‹invert› out" if black_is_near else "say ‹invert›"
-        yield f"the top of the picture is nearer than its bottom: if {near} is near, {remedy}"
-
-
-def _ends_of(band: NDArray[Any]) -> list[float]:
-    finite = band[np.isfinite(band)]
-    return [float(end) for end in (finite.min(), finite.max())] if finite.size else []
 
 
 def _share(samples: DepthNumbers, number: int) -> float:
@@ -225,7 +171,7 @@ def evidence_of_pair(
         light = np.mean(planes, 0, dtype=np.float32)
     white = float(np.percentile(light, 99)) or 1.0
     seen: Floats = np.power(np.clip(np.nan_to_num(light) / white, 0, 1), np.float32(1 / 2.2))
-    return tuple(filter(None, (_blurred(seen, disparity), _misplaced(seen, disparity))))
+    return tuple(filter(None, [_blurred(seen, disparity)]))
 
 
 def _middle(length: int) -> slice:
@@ -260,59 +206,6 @@ def _blurred(seen: Floats, disparity: Floats) -> str:
     sharp = f"{min(widths):.1f} px where they are sharpest"
     remedy = "take a picture that is in focus everywhere"
     return f"warning: the colour looks blurred already: {spread}, {sharp}; {remedy}"
-
-
-def _misplaced(seen: Floats, disparity: Floats) -> str:
-    """A sentence if the edges of depth lie on edges of colour elsewhere or mirrored; else empty."""
-    gradient = _gradient(_smoothed(seen, _FINE))
-    strength = np.minimum(gradient, np.percentile(gradient, 95))
-    strength = strength - strength.mean()
-    jumps = _jumps(disparity)
-    if jumps.sum() < _MIN_JUMPS:
-        return ""
-    reach = int(_REACH * max(seen.shape))
-    here, at, score = _best_place(strength, jumps, reach)
-    if max(map(abs, at)) >= _MIN_SHIFT and score > _CLEAR and score > _CLEARER * max(here, 0):
-        right, down = at
-        shift = f"{right:+d} px to the right and {down:+d} px down"
-        problem = "colour and depth do not lie on each other"
-        return f"warning: {problem}: the colour has the edges of the depth {shift}; align them"
-    for axis, word in ((0, "upside down"), (1, "mirrored left to right")):
-        _, _, score = _best_place(strength, np.flip(jumps, axis), reach)
-        if score > _CLEAR and score > _CLEARER * max(here, 0):
-            problem = "colour and depth do not lie on each other"
-            return f"warning: {problem}: the colour has the edges of the depth {word}; turn one"
-    return ""
-
-
-def _best_place(
-    strength: Floats, jumps: Floats, reach: int
-) -> tuple[float, tuple[int, int], float]:
-    """How well depth edges lie on colour edges, in standard deviations of all shifts tried.
-
-    Returns the score without a shift (the best within a px), the best shift (right, down) in px,
-    and its score.
-    """
-    spectrum = np.conj(np.fft.rfft2(jumps)) * np.fft.rfft2(strength)
-    tried = np.roll(np.fft.irfft2(spectrum, strength.shape), (reach, reach), (0, 1))
-    tried = tried[: 2 * reach + 1, : 2 * reach + 1]
-    tried = (tried - np.median(tried)) / (np.std(tried) + 1e-12)
-    down, right = np.unravel_index(int(np.argmax(tried)), tried.shape)
-    here = tried[reach - 1 : reach + 2, reach - 1 : reach + 2].max()
-    return float(here), (int(right) - reach, int(down) - reach), float(tried.max())
-
-
-def _jumps(disparity: Floats) -> Floats:
-    """Where depth has a step, 1 at the nearer side of it."""
-    jumps = np.zeros(disparity.shape, np.float32)
-    for one, other in (
-        (np.s_[:, 1:], np.s_[:, :-1]),
-        (np.s_[:, :-1], np.s_[:, 1:]),
-        (np.s_[1:], np.s_[:-1]),
-        (np.s_[:-1], np.s_[1:]),
-    ):
-        jumps[one] = np.maximum(jumps[one], disparity[one] > (1 + _JUMP) * disparity[other])
-    return jumps
 
 
 def _smoothed(image: Floats, scale: float) -> Floats:

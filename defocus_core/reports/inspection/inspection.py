@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,39 +16,28 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.batch.lenses.lens import Lens, lens_record
 from defocus_core.batch.lenses.quantities import length_text
-from defocus_core.errors import DefocusError, InputError, UsageProblem
+from defocus_core.errors import DefocusError, InputError
 from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth
-from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, choose_depth
-from defocus_core.io.depth_formats.reading import holds_depth
-from defocus_core.io.exr.channel_choice import choose_color, require_part
+from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
+from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.deep_samples import summary
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
-from defocus_core.io.exr.views import in_view
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
-from defocus_core.io.images.color_space import quantised
 from defocus_core.io.images.describe import FileInfo, PartInfo, describe
-from defocus_core.io.images.encode import display_encoded, write_samples
-from defocus_core.io.images.raster import choose_page
 from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
-from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.pair import InputPair
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
-from defocus_core.picture.sources import to_array
 from defocus_core.picture.steps.alpha import element_depth
 from defocus_core.picture.steps.focusing import with_blur_reach, with_focus
 from defocus_core.picture.steps.implausible import of_radii
 from defocus_core.picture.steps.overscan import overscan_of
-from defocus_core.reports.inspection.evidence import (
-    evidence_of,
-    evidence_of_pair,
-    is_grey_in_color,
-    may_be_depth,
-)
+from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.memory import MB
 
@@ -60,24 +49,9 @@ _NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
 _MAX_AT_ONCE = 512
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
+# Codes of files that have no colour, or no depth, but may have the other.
+_ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no-such-view"})
 MAX_READ = 25  # frames that are decoded, evenly spread over the shot
-# Brightness of the grey picture below the false colours; px of radius from which these are full.
-_DIMMED, _FULL = 0.5, 2.0
-NEAR, FAR = (1.0, 0.55, 0.0), (0.25, 0.6, 1.0)  # sRGB
-
-
-def read_picture(path: Path, reading: Reading, keeping: Keeping, overscan: Overscan) -> Color:
-    """The colour of a file."""
-    return read_color(
-        path,
-        layer=reading.color_layer,
-        part=reading.part,
-        view=reading.view,
-        keeping=keeping,
-        overscan=overscan,
-        original=True,
-        carried=False,
-    )
 
 
 def color_figures(color: Color) -> dict[str, Any]:
@@ -125,7 +99,11 @@ def depth_figures(
         lens = with_blur_reach(with_focus(lens, depth), (depth,))
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(limits), max(limits)], np.float32)
-        coc_px = _ends_px(lens, extremes, depth, keeping)
+        coc_px = (
+            list(radii_of(lens, depth, keeping).limits)
+            if depth.is_radius
+            else [float(r) for r in signed_radius(lens, extremes, depth.size)]
+        )
         if not invalid:
             repair, warnings = _repair(depth, lens, reading, keeping)
     reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
@@ -147,19 +125,17 @@ def _read(
     path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
 ) -> Depth:
     """The depth of a file, with nothing where the alpha of its colour is 0."""
-    lens_focal = None if lens is None else lens.foclen / lens.sensor_width
-    if color is None:
-        return read_depth(path, reading, keeping=keeping, lens_focal=lens_focal)
     depth = read_depth(
         path,
         reading,
         keeping=keeping,
-        lens_focal=lens_focal,
-        overscan=color.overscan,
-        alpha=color.alpha,
+        lens_focal=None if lens is None else lens.foclen / lens.sensor_width,
+        overscan=NO_OVERSCAN if color is None else color.overscan,
+        alpha=None if color is None else color.alpha,
     )
-    same = depth.metres.shape == color.shape[:2]
-    return element_depth(depth, color, keeping) if same else depth
+    if color is None or depth.metres.shape != color.shape[:2]:
+        return depth
+    return element_depth(depth, color, keeping)
 
 
 def _repair(
@@ -171,13 +147,6 @@ def _repair(
         warnings = of_radii(depth, radii.px, radii.limits, lens, declared=declared)
         return radii.diagnose(reading), tuple(warnings)
     return None, ()
-
-
-def _ends_px(lens: Lens, extremes: NDArray[Any], depth: Depth, keeping: Keeping) -> list[float]:
-    """The ends of the radii of depths with these extremes."""
-    if depth.is_radius:
-        return list(radii_of(lens, depth, keeping).limits)
-    return [float(r) for r in signed_radius(lens, extremes, depth.size)]
 
 
 def ends_of(values: NDArray[Any]) -> list[float]:
@@ -197,28 +166,17 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     has_frames = container_type(read_head(path, 32)) != ""  # whose number --part is
     if reading.part is not None and not has_frames and (lone or len(info.parts) > 1):
         require_part(path, reading.part, len(info.parts))
-    too_large = _too_large(info)
-    color_note = too_large or _why_no_color(info, reading)
-    keeping = _keeping(info)
-    grey = not too_large and is_grey_in_color(info, reading, keeping)
-    depth_note = too_large or _why_no_depth(info, reading, grey=grey)
-    picture, color, depth, overscan = None, None, None, NO_OVERSCAN
-    if not color_note and not depth_note and info.parts[0].display_window:
-        overscan = overscan_of(InputPair(Picture("", path, path), reading))
+    color_note = depth_note = _too_large(info)
+    picture, color, depth = None, None, None
+    maps: list[dict[str, Any]] = []
+    evidence: tuple[str, ...] = ()
     if not color_note:
-        picture = read_picture(path, reading, keeping, overscan)
-        color_note, color = picture.note, color_figures(picture)
-    if not depth_note:
-        try:
-            depth_note, depth = depth_figures(path, reading, keeping, lens, picture)
-        except InputError as error:
-            if color is None and not has_frames:
-                raise
-            depth_note = _clause(error)  # a picture without depth, or arrays to choose from
-    maps = [] if too_large else _maps(info, keeping)
-    depth_like = ((grey or may_be_depth(info)) and not too_large) or (
-        depth is not None and reading.says_scale
-    )
+        keeping = _keeping(info)
+        picture, color_note = _color_of(info, reading, keeping)
+        color = picture and color_figures(picture)
+        depth_note, depth = _depth_of(path, reading, keeping, lens, picture, arrays=has_frames)
+        maps = _maps(info, keeping)
+        evidence = () if maps else evidence_of(path, reading, info, keeping)
     return {
         "file": str(path),
         "size": [info.width, info.height],
@@ -227,9 +185,57 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         "color_note": color_note,
         "depth": depth,
         "depth_note": depth_note,
-        "evidence": [*evidence_of(path, reading, info, keeping)] if depth_like and not maps else [],
+        "evidence": list(evidence),
         "maps": maps,
     }
+
+
+def _color_of(info: FileInfo, reading: Reading, keeping: Keeping) -> tuple[Color | None, str]:
+    """The colour of a file and how it is read; None, and why it has none."""
+    path, overscan = info.path, NO_OVERSCAN
+    names = {name for part in info.parts for name, _ in part.channels}
+    if not (is_exr(read_head(path)) or {"R", "G", "B"} <= names or "Y" in names):
+        return None, "has no colour channels"
+    with suppress(InputError):  # only where depth lies beside the colour
+        overscan = overscan_of(InputPair(Picture("", path, path), reading))
+    try:
+        picture = read_color(
+            path,
+            layer=reading.color_layer,
+            part=reading.part,
+            view=reading.view,
+            keeping=keeping,
+            overscan=overscan,
+            original=True,
+            carried=False,
+        )
+    except InputError as error:
+        if error.code not in _ABSENT or (reading.color_layer and is_exr(read_head(path))):
+            raise
+        return None, _clause(error)
+    return picture, picture.note
+
+
+def _depth_of(
+    path: Path,
+    reading: Reading,
+    keeping: Keeping,
+    lens: Lens | None,
+    picture: Color | None,
+    *,
+    arrays: bool,
+) -> tuple[str, dict[str, Any] | None]:
+    """How the depth of a file is read and its figures; why it has none, and None."""
+    if reading.row.rule == "radius":
+        return "holds signed radii in px, which 'defocus render' takes as they are", None
+    try:
+        return depth_figures(path, reading, keeping, lens, picture)
+    except InputError as error:
+        absent = picture is not None or arrays or error.code in _ABSENT
+        if not absent or (reading.depth_channel and is_exr(read_head(path))):
+            raise
+        usual = picture is not None and error.code in ("unknown-unit", "not-one-channel")
+        return error.problem if usual else _clause(error), None
 
 
 def _keeping(info: FileInfo) -> Keeping:
@@ -286,83 +292,29 @@ def inspect_pairs(
     That are two files of one size, of which one holds colour and the other depth, the first colour
     if both hold both; or an EXR with depth beside its colour.
     """
-    from pathlib import Path
-
     orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
     resized = reading.resize_depth is not None or reading.turn_depth is not None
     pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
     if not pairs:
         return []
-    color, depth = (record["file"] for record in pairs[0])
-    width, height = pairs[0][0]["size"]
-    keeping = Keeping(scratch=4 * width * height > _NUMBERS_IN_MEMORY)
+    color, depth = (Path(record["file"]) for record in pairs[0])
+    keeping = Keeping(scratch=4 * math.prod(pairs[0][0]["size"]) > _NUMBERS_IN_MEMORY)
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     try:
-        evidence = evidence_of_pair(
-            Path(color), Path(depth), reading, keeping=keeping, lens_focal=lens_focal
-        )
+        evidence = evidence_of_pair(color, depth, reading, keeping=keeping, lens_focal=lens_focal)
     except DefocusError:  # the two cannot be read as one picture, as with --part of one of them
         return []
-    return [{"color": color, "depth": depth, "evidence": list(evidence)}]
+    return [{"color": str(color), "depth": str(depth), "evidence": list(evidence)}]
 
 
 def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: bool) -> bool:
     """Whether two records, or one twice, are of colour and depth that could be one picture."""
     if color is depth and not color["file"].lower().endswith(".exr"):
         return False
-    has_both = color["color"] is not None and depth["depth"] is not None
     fits = resized or color["size"] == depth["size"]
-    if not (has_both and fits and "R" in color["color"]["channels"]):
+    if not (fits and color["color"] and depth["depth"] and "R" in color["color"]["channels"]):
         return False
-    width, height = depth["size"]
-    return bool(depth["depth"]["nothing_pixels"] != width * height)
-
-
-def _why_no_color(info: FileInfo, reading: Reading) -> str:
-    """Why a file has no colour to blur; empty if it has."""
-    layer = reading.color_layer
-    why, channels = _chosen(info, reading, partial(choose_color, layer=layer), named=layer)
-    if why or channels is None:
-        return why
-    names = {name for name, _ in channels}
-    return "" if {"R", "G", "B"} <= names or "Y" in names else "has no colour channels"
-
-
-def _why_no_depth(info: FileInfo, reading: Reading, *, grey: bool) -> str:
-    """Why a file has no depth, which a `grey` one may have in equal channels; empty if it has."""
-    row = reading.row
-    if row.rule == "radius":
-        return "holds signed radii in px, which 'defocus render' takes as they are"
-    if reading.depth_format is not None and (row.channels or row.plane is not None):
-        return ""  # the format knows its own channels
-    channel = reading.depth_channel
-    why, channels = _chosen(info, reading, partial(choose_depth, channel=channel), named=channel)
-    if why or channels is None:
-        return why
-    if reading.says_scale or holds_depth(info.path) or container_type(read_head(info.path, 32)):
-        return ""  # the decoder names what is wrong
-    if len(channels) != 1 and not grey:
-        return f"has {len(channels)} channels, and depth is one"
-    return "has 8 bits, too few for depth" if channels[0][1] == "uint8" else ""
-
-
-def _chosen(
-    info: FileInfo, reading: Reading, choose: Callable[..., object], *, named: str | None
-) -> tuple[str, tuple[tuple[str, str], ...] | None]:
-    """Why nothing of a file can be chosen, empty if something can; and the channels of its page.
-
-    An EXR has no pages: its channels are chosen by ``choose``.
-    """
-    try:
-        if not is_exr(read_head(info.path)):
-            return "", choose_page(info.path, info.parts, reading.part).channels
-        headers = in_view(info.path, read_headers(info.path), reading.view)
-        choose(info.path, headers, part=reading.part)
-    except InputError as error:
-        if named is not None and is_exr(read_head(info.path)):
-            raise
-        return _clause(error), None
-    return "", None
+    return bool(depth["depth"]["nothing_pixels"] != math.prod(depth["size"]))
 
 
 def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
@@ -400,10 +352,8 @@ def summarise_shots(
     colors = files[patterns[0]]
 
     def lens_of(frame: int, path: Path) -> Lens | None:
-        if lenses is None:
-            return None
-        color = colors.get(frame, path)
-        return lenses.of(Picture(path.stem, color, path, frame=frame))[0]
+        picture = Picture(path.stem, colors.get(frame, path), path, frame=frame)
+        return None if lenses is None else lenses.of(picture)[0]
 
     return [_summary(pattern, of, reading, lens_of) for pattern, of in files.items()]
 
@@ -471,58 +421,3 @@ def shot_lines(record: Mapping[str, Any]) -> Iterator[str]:
     if record["largest_blur"]:
         radius = max(map(abs, record["largest_blur"]["coc_px"]))
         yield f"  blur is largest in {record['largest_blur']['frame']}: {radius:.2f} px"
-
-
-def check_preview(path: Path, files: Sequence[Path], lens: Lens | None) -> None:
-    """Refuse a drawing that cannot be made."""
-    if lens is None or lens.is_shape:
-        problem, remedy = "needs a lens, whose blur decides the repair", "give ‹lens› FILE.toml"
-        raise UsageProblem(
-            "missing-option", problem, f"{remedy}, or ‹focal-length›, … ‹focus›", field="preview"
-        )
-    if path.suffix.lower() != ".png":
-        raise UsageProblem(
-            "malformed", f"{path} is no PNG", "name a file that ends in .png", field="preview"
-        )
-    if path.exists() and any(file.exists() and path.samefile(file) for file in files):
-        raise UsageProblem(
-            "replaces-input", f"{path} is a file to look at", "name another file", field="preview"
-        )
-
-
-def draw_repair(pairs: Sequence[dict[str, Any]], reading: Reading, lens: Lens, path: Path) -> None:
-    """Draw the repair of the one picture, and add it to its record.
-
-    Beside the picture stands what `defocus render` would do to it: orange made nearer, blue made
-    farther; colour is full from 2 px of radius on.
-    """
-    if not pairs:
-        problem, remedy = "needs a colour and a depth file of one size", "name the two files"
-        raise UsageProblem(
-            "missing-option", problem, f"{remedy}, or say ‹resize-depth›", field="preview"
-        )
-    (pair,) = pairs
-    picture = Picture(Path(pair["color"]).stem, Path(pair["color"]), Path(pair["depth"]))
-    color, depth = read(InputPair(picture, reading, lens_focal=lens.foclen / lens.sensor_width))
-    radii = radii_of(with_blur_reach(with_focus(lens, depth), (depth,)), depth)
-    repaired, repair = radii.repair(color, reading)
-    height, width = radii.px.shape
-    write_samples(path, (height, 2 * width), _strips(color, radii.px, repaired), "png", {})
-    pair["repair"], pair["depth_repair"] = repair_words(repair), repair_record(repair)
-    pair["preview"] = str(path)
-
-
-def _strips(color: Color, given: Any, repaired: Any) -> Iterator[NDArray[Any]]:
-    """Rows of the picture and its repair, from the radii [H, W] px before and after it."""
-    channels = color.channels
-    planes = color.planes[: len(channels)]
-    for rows in bands(given.shape):
-        pixels = np.stack([plane[rows] for plane in planes], -1).astype(np.float32)
-        shown, _, _ = display_encoded(pixels, channels, 8, keep_alpha=False)
-        shown = np.broadcast_to(shown[..., :3], (*shown.shape[:2], 3))
-        grey = _DIMMED * shown.mean(axis=2, dtype=np.float32)[:, :, None] / 255
-        change = (to_array(repaired[rows]) - given[rows])[:, :, None]
-        amount = np.sqrt(np.minimum(np.abs(change) / _FULL, 1))
-        hue = np.where(change < 0, np.array(NEAR, np.float32), np.array(FAR, np.float32))
-        mixed = grey + amount * (hue - grey)
-        yield np.concatenate([shown, quantised(mixed.astype(np.float32), 8)], 1)

@@ -1,4 +1,4 @@
-"""Goldens change all together or not at all, and a full folder of scratch is named."""
+"""Goldens change all together or not at all."""
 
 from __future__ import annotations
 
@@ -8,12 +8,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from jobs_files import FIXED, INPUTS, jobs_file
 
-from defocus_core.batch.jobs.job import Machine
-from defocus_core.batch.workers.plan import Execution
-from defocus_core.compare.goldens import store
-from defocus_core.compare.goldens.store import MANIFEST, accept, store_to_update
+from defocus_core.compare.goldens import MANIFEST, accept, store_to_update
 from defocus_core.compare.record import DIFFERENT, EXTRA, MISSING, Comparison
 from defocus_core.errors import InputError
 
@@ -68,28 +64,3 @@ def test_a_kill_while_accepting_leaves_the_old_goldens_or_the_new(survives, tmp_
         assert accept(store, [job], root, records) == 3
     monkeypatch.setattr(Path, "replace", replace)
     assert held(goldens) == NEW
-
-
-def test_a_full_folder_of_scratch_is_named(tmp_path, monkeypatch):
-    for name in ("a_rgb.exr", "a_z.exr"):
-        (tmp_path / name).touch()
-
-    def fails(*_):
-        raise InputError("unwritable", "cannot be written", "", path=tmp_path)
-
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr("tempfile.tempdir", None)
-    monkeypatch.setattr("defocus_core.batch.workers.run.carry_out", fails)
-    execution: Any = Execution
-    listener: Any = None
-    jobs = jobs_file(tmp_path, FIXED, inputs=INPUTS)
-    for free, code in ((0, "no-space"), (2**40, "unwritable")):
-        usage = SimpleNamespace(free=free)
-        monkeypatch.setattr("shutil.disk_usage", lambda _, usage=usage: usage)
-        with (
-            pytest.raises(InputError) as refused,
-            store.rendered(jobs, Machine(), execution, listener),
-        ):
-            pass
-        assert (refused.value.code, refused.value.path) == (code, str(tmp_path))
-    assert not list(tmp_path.glob("defocus-golden-*"))

@@ -162,7 +162,7 @@ def test_what_is_held_and_what_is_made_again_are_alike(monkeypatch):
     image, radius = scene(card()), (card() + scatter(0.3)).float()
     whole = render(image, radius).render
     for maximum in (0, 1 << 22):
-        monkeypatch.setattr(derived, "_HELD", maximum)
+        monkeypatch.setattr(derived, "HELD", maximum)
         renderer = Renderer(Scene(image, Lazily(radius)))
         assert renderer.repair.noise == pytest.approx(0.3, rel=0.1)
         for part in renderer.tiles():

@@ -2,18 +2,15 @@
 
 import pytest
 import torch
-from torch import Tensor
 from torch.nn.functional import avg_pool2d, pad
 from windows import Windows
 
-from defocus_core import DepthRepair, render
-from defocus_core.depth.repair import repaired
-from defocus_core.depth.repair_options import repair_options
+from defocus_core import DepthRepair, render, repair_depth
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.tensors import derived
+from defocus_core.tensors.derived import fraction_changed
 
 SIZE = (160, 200)
 NEAR, FAR = -6.0, 10.0
@@ -27,12 +24,9 @@ def softened(width):
     return image, (NEAR + (FAR - NEAR) * (x / width + 0.5).clamp(0, 1)).expand(SIZE).clone()
 
 
-def repaired_by(width, repair="auto", edge_width=None):
+def repaired_by(width, edge_width=None):
     image, radius = softened(width)
-    options = repair_options(repair, edge_width)
-    found, _ = repaired(radius, image, infinity=None, threads=1, hold=False, options=options)
-    assert isinstance(found, Tensor)
-    return found
+    return repair_depth(radius, image, edge_width=edge_width)[0]
 
 
 def is_a_step(radius):
@@ -52,33 +46,10 @@ def test_no_ramp_is_an_edge_if_edges_are_hard():
     assert torch.equal(repaired_by(6, edge_width=0.0), radius)
 
 
-def test_slopes_as_gentle_as_is_said_are_edges():
-    image, radius = softened(6)
-    gentle = radius / 128  # of 0.02 px per px, which is a surface
-    for repair, changed in (("auto", False), ("soft-edges=0.1", False), ("soft-edges=0.01", True)):
-        options = repair_options(repair)
-        found, _ = repaired(gentle, image, infinity=None, threads=1, hold=False, options=options)
-        assert torch.equal(found, gentle) is not changed
-    everything = repair_options("soft-edges=0")
-    found, record = repaired(
-        gentle, image, infinity=None, threads=1, hold=False, options=everything
-    )
-    assert record.soft_edges == 0
-    assert is_a_step(128 * found)
-
-
-def test_a_door_takes_both():
+def test_render_takes_the_width():
     image, radius = softened(24)
-    pictures = [
-        render(image, radius, **options).render
-        for options in ({}, {"edge_width": 24.0}, {"depth_repair": "soft-edges=0.05"})
-    ]
-    assert not torch.equal(pictures[0], pictures[1])
-    gentle = [
-        render(image, radius / 5, **options).render
-        for options in ({}, {"depth_repair": "soft-edges=0.01", "edge_width": 24.0})
-    ]
-    assert not torch.equal(*gentle)
+    pictures = [render(image, radius, edge_width=width).render for width in (None, 24.0)]
+    assert not torch.equal(*pictures)
 
 
 @pytest.mark.parametrize("width", [4, 6, 9, 14])
@@ -98,19 +69,14 @@ def test_the_width_is_that_of_most_edges():
 
 def test_the_share_of_changed_pixels_is_recorded():
     image, radius = softened(9)
-    found, record = repaired(radius, image, infinity=None, threads=1, hold=False)
+    found, record = repair_depth(radius, image)
     assert record.fraction == float((found != radius).double().mean())
     assert record.fraction == pytest.approx(8 / SIZE[1], rel=0.2)
 
 
-def test_a_large_picture_has_one_share_in_memory_and_on_disk(monkeypatch):
-    image, radius = softened(9)
-    exact = Renderer(Scene(image, radius)).repair.fraction
-    monkeypatch.setattr(derived, "_HELD", 100)
-    monkeypatch.setattr(derived, "_SIDE", 8)
-    shares = {
-        Renderer(Scene(Windows(image), Windows(radius)), hold=hold).repair.fraction
-        for hold in (True, False)
-    }
-    assert shares == {Renderer(Scene(image, radius)).repair.fraction}
-    assert shares.pop() == pytest.approx(exact, rel=0.3)
+def test_of_a_large_picture_the_share_is_that_of_a_sample():
+    before = torch.zeros(2100, 2048)
+    after = before + (torch.rand(before.shape, generator=torch.Generator().manual_seed(1)) < 0.2)
+    assert fraction_changed(before, after) == pytest.approx(0.2, rel=0.05)
+    assert fraction_changed(Windows(before), Windows(after)) == fraction_changed(before, after)
+    assert fraction_changed(before, before) == 0

@@ -1,8 +1,6 @@
-"""Errors by closed forms, and as the truth's own script measures them."""
+"""Errors by closed forms."""
 
-import importlib.util
 import math
-from pathlib import Path
 
 import demo
 import numpy as np
@@ -11,8 +9,6 @@ import torch
 from measures import inner, psnr
 
 from defocus_core.evaluation import metrics
-
-TRUTH = Path(__file__).parents[4] / "shared" / "truth"
 
 
 def noise(*shape, seed=0):
@@ -113,21 +109,3 @@ def test_psnr_is_that_of_the_demo():
     assert found.psnr == pytest.approx(demo.psnr(*moved, 4), abs=1e-9)
     shown = (inner(metrics.encoded(x), 4) for x in (a, b))
     assert found.psnr == pytest.approx(psnr(*shown))
-
-
-@pytest.mark.skipif(not (TRUTH / "score.py").exists(), reason="needs ../shared/truth")
-def test_errors_are_those_of_the_truths_own_script():
-    pytest.importorskip("scipy")
-    spec = importlib.util.spec_from_file_location("score", TRUTH / "score.py")
-    assert spec is not None
-    assert spec.loader is not None
-    script = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(script)
-    files = [TRUTH / "quick" / name for name in ("rgb.exr", "truth_r12.exr")]
-    wanted = script.score(*map(str, files))
-    picture, truth = (
-        torch.from_numpy(np.moveaxis(demo.read_rgb(file), -1, 0).copy()) for file in files
-    )
-    found = metrics.measure(picture, truth, flat(picture.shape[-2:]), border=wanted["border"])
-    for name in ("psnr", "rel_rmse", "ssim", "p999"):
-        assert getattr(found, name) == pytest.approx(wanted[name], rel=1e-6), name

@@ -13,19 +13,14 @@ def radius(kind, r=8.0):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_scene_is_as_large_and_as_blurred_as_asked_for(kind):
+def test_a_scene_is_as_large_and_as_blurred_as_asked_for_each_time(kind):
     image, r = scenery(kind, *SIZE, 8.0)
+    assert all(map(torch.equal, (image, r), scenery(kind, *SIZE, 8.0)))
     assert (image.shape, r.shape) == ((3, *SIZE), SIZE)
     maximum = float(r.abs().max())
     assert maximum <= 0.5 if kind == "focus" else 7.5 < maximum <= 8.0
     assert float(image.min()) >= 0.0
     assert float(image.max()) > 1.0 if kind == "lights" else float(image.max()) <= 1.0
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_scene_is_the_same_each_time(kind):
-    for one, other in zip(scenery(kind, *SIZE, 8.0), scenery(kind, *SIZE, 8.0), strict=True):
-        assert torch.equal(one, other)
 
 
 def test_four_fifths_of_a_frame_are_in_focus():
@@ -41,11 +36,9 @@ def test_a_floor_crosses_the_focus_without_a_step():
 @pytest.mark.parametrize("kind", ["cards", "thin", "lights"])
 def test_surfaces_overlap(kind):
     assert float(radius(kind).diff(dim=-1).abs().max()) > 1.5
-
-
-def test_cards_lie_on_both_sides_of_the_focus():
-    assert len(radius("cards").unique()) > 6
-    assert float(radius("cards").min()) < -6
+    if kind == "cards":  # on both sides of the focus
+        assert len(radius(kind).unique()) > 6
+        assert float(radius(kind).min()) < -6
 
 
 def test_lights_are_as_dense_at_any_size():

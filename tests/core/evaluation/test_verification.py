@@ -113,15 +113,15 @@ def rows(found, named):
     return [c for c in found if c.law.startswith(law) and c.measured.startswith(measured)]
 
 
-def all_checks(setting):
-    return [check for found in lens_laws.verify(setting) for check in found]
+def all_checks(setting, laws=()):
+    return [check for found in lens_laws.verify(setting, laws) for check in found]
 
 
-def leave_laws(monkeypatch, sound, named):
-    """Leave the laws that measure the rows named; the others would take minutes."""
+def measured_by(renderer, sound, named, device="cpu:0"):
+    """The checks of a renderer by the laws that measure the rows named; all would take minutes."""
     laws = zip(lens_laws.LAWS, sound, strict=True)
-    left = [law for law, passed in laws if any(rows(passed, name) for name in named)]
-    monkeypatch.setattr(lens_laws, "LAWS", left)
+    wanted = [law for law, passed in laws if any(rows(passed, name) for name in named)]
+    return all_checks(LawSetting(device, render=renderer), wanted)
 
 
 @pytest.fixture(scope="module")
@@ -151,11 +151,9 @@ def test_two_devices_are_compared(sound):
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_fault_fails_the_rows_of_its_law(fault, sound, monkeypatch):
+def test_a_fault_fails_the_rows_of_its_law(fault, sound):
     wrong, named = FAULTS[fault]
-    monkeypatch.setattr(law_probes, "render", wrong)
-    leave_laws(monkeypatch, sound, named)
-    found = all_checks(GPU_ALIKE)
+    found = measured_by(wrong, sound, named)
     for name in named:
         assert rows(found, name)
         assert not [check for check in rows(found, name) if check.ok]
@@ -164,11 +162,11 @@ def test_a_fault_fails_the_rows_of_its_law(fault, sound, monkeypatch):
 @pytest.mark.parametrize(
     ("fault", "law"), [("halves swapped", "half discs"), ("one half darker", "left + right")]
 )
-def test_a_fault_of_the_pair_alone_leaves_the_centre_sound(fault, law, sound, monkeypatch):
-    monkeypatch.setattr(law_probes, "render", FAULTS[fault][0])
+def test_a_fault_of_the_pair_alone_leaves_the_centre_sound(fault, law, sound):
     centre = {"PSF radius", "sharp rim", "centroid", "energy", "gradient"}
-    leave_laws(monkeypatch, sound, {(name, "") for name in (law, *centre)})
-    failed = {check.law for check in all_checks(LawSetting()) if not check.ok}
+    named = {(name, "") for name in (law, *centre)}
+    found = measured_by(FAULTS[fault][0], sound, named, "cpu")
+    failed = {check.law for check in found if not check.ok}
     assert law in failed
     assert not failed & centre
 

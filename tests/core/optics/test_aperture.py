@@ -158,11 +158,12 @@ def test_gaussian_falls_off_as_its_formula_within_the_disc():
 
 
 @pytest.mark.parametrize("aperture", APERTURES)
-@pytest.mark.parametrize("part", [FULL, LEFT, OBLIQUE])
-@pytest.mark.parametrize("size", [9, 10])
+@pytest.mark.parametrize(("part", "size"), [(FULL, 9), (LEFT, 10), (OBLIQUE, 9)])
 def test_gradient_in_the_radius_is_that_of_the_areas(aperture, part, size):
     radius = torch.tensor([0.71, 2.33, -3.71], dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda r: aperture.kernel(r, size, part), radius)
+    assert torch.autograd.gradcheck(
+        lambda r: aperture.kernel(r, size, part), radius, fast_mode=True
+    )
 
 
 @pytest.mark.parametrize("aperture", APERTURES)

@@ -189,45 +189,23 @@ def test_gradients_flow_to_every_number_of_a_pupil():
         return pupil.kernel(radius, 13)
 
     values = [double(v, learns=True) for v in (0.5, 0.3, 0.4, 1.5, 5.3)]
-    assert torch.autograd.gradcheck(kernel, values)
+    assert torch.autograd.gradcheck(kernel, values, fast_mode=True)
 
 
-@pytest.mark.parametrize("pupil", [*PUPILS, Aperture(5, 20.0)])
-def test_a_transposed_pupil_has_rows_for_columns(pupil):
-    kernel, turned = (p.kernel(double(9.3), 21) for p in (pupil, pupil.transposed()))
-    torch.testing.assert_close(turned, kernel.mT, atol=1e-12, rtol=0)
-    again = pupil.transposed().transposed().kernel(double(9.3), 21)
-    torch.testing.assert_close(again, kernel, atol=1e-12, rtol=0)
-
-
-def test_a_pupil_with_its_light_aside_leaves_white_white_and_says_what_it_saw():
-    picture = torch.zeros(12, 12)
-    picture[:, :4] = 1
-    whole = PupilImage(torch.ones(12, 12))
-    pupil = Aperture(image=PupilImage(picture, like=whole))
+def test_a_pupil_without_light_in_its_middle_leaves_white_white():
+    corners = Aperture(image=PupilImage(torch.eye(2)))
     radius = torch.full((40, 44), 8.0)
     radius[10:30, 12:30] = -4.0
-    for quality in ("draft", "standard", "high"):
-        views = render(torch.ones(1, 40, 44), radius, aperture=pupil, quality=quality)
-        assert (views.render - 1).abs().max() < 1e-5
-        assert bool(views.trust.isfinite().all())
-    corners = Aperture(image=PupilImage(torch.eye(2)))
     white = render(torch.ones(1, 40, 44), radius, aperture=corners, left_right=True)
     assert all((view - 1).abs().max() < 1e-5 for view in white.images)
-    with pytest.raises(ValueError, match="like must be a picture"):
-        PupilImage(picture, like=PupilImage(torch.ones(5, 5)))
 
 
 def test_a_picture_of_a_pupil_leaves_white_layers_white_and_keeps_their_alpha():
-    picture = torch.zeros(12, 12)
-    picture[:, :4] = 1
-    aside = Aperture(image=PupilImage(picture, like=PupilImage(torch.ones(12, 12))))
     coverage = torch.ones(2, 40, 44)
     coverage[0] = torch.linspace(0, 1, 44)
     radius = torch.stack([torch.full((40, 44), -4.0), torch.full((40, 44), 8.0)])
-    for pupil in (IMAGE, aside):
-        views = render_layers(coverage[:, None], radius, coverage, aperture=pupil)
-        assert (views.render - 1).abs().max() < 1e-5
+    views = render_layers(coverage[:, None], radius, coverage, aperture=IMAGE)
+    assert (views.render - 1).abs().max() < 1e-5
     only = render_layers(coverage[:1, None], radius[:1], coverage[:1], aperture=IMAGE).render
     torch.testing.assert_close(only[0], only[1], atol=1e-5, rtol=0)
     assert float(only[1].sum()) == pytest.approx(float(coverage[0].sum()), rel=0.02)

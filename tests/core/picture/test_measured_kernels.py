@@ -1,4 +1,4 @@
-"""Kernels that were measured: over the frame, and of the photodiodes of a dual pixel."""
+"""Kernels that were measured of the photodiodes of a dual pixel, also over the frame."""
 
 from __future__ import annotations
 
@@ -23,14 +23,7 @@ def lights(tmp_path):
     return color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "d.exr", depth)
 
 
-def field():  # type: ignore[type-arg]
-    """Kernels of 1 x 2 places: discs without their right or without their left side."""
-    k = np.arange(-10, 11)
-    disc = (k[None] ** 2 + k[:, None] ** 2 <= 100).astype(np.float32)
-    return np.stack([disc * (k < 4), disc * (k > -4)])[None]
-
-
-def pair():  # type: ignore[type-arg]
+def pair():
     """Left and right of a sensor that splits light less than half discs do."""
     v = np.linspace(-1, 1, 21)
     disc = (v[None] ** 2 + v[:, None] ** 2 <= 1).astype(np.float32)
@@ -38,27 +31,10 @@ def pair():  # type: ignore[type-arg]
     return np.stack([left, disc - left])
 
 
-def shown(folder, *args):  # type: ignore[type-arg]
+def shown(folder, *args):
     ran = run("render", *args, "-o", folder, *WIDE, "--exr-type", "float")
     assert ran.code == 0, ran.err
     return {file.parent.name: read_exr(file) for file in folder.glob("*/a.exr")}
-
-
-def test_lights_are_the_kernels_of_their_side(lights, tmp_path):
-    np.save(tmp_path / "field.npy", field())
-    render = shown(tmp_path / "o", *lights, "--aperture-image", tmp_path / "field.npy")["render"]
-    light = render["G"]
-    assert light[:, :36].sum() == pytest.approx(1000, rel=1e-3)
-    assert light[:, 36:].sum() == pytest.approx(1000, rel=1e-3)
-    columns = np.flatnonzero(light.max(0) > 0.1)
-    left, right = columns[columns < 36] - 14, columns[columns >= 36] - 57
-    assert abs(left.min()) > 1.5 * left.max()
-    assert right.max() > 1.5 * abs(right.min())
-    np.testing.assert_allclose(light[:, ::-1], light, atol=0.02 * light.max())
-    assert header(tmp_path / "o/render/a.exr")["defocus:aperture_image"] == "field.npy"
-    np.save(tmp_path / "drawn.npy", field()[:, :, None])  # as psf_map of DeepLens has a channel
-    again = shown(tmp_path / "p", *lights, "--aperture-image", tmp_path / "drawn.npy")["render"]
-    np.testing.assert_array_equal(again["G"], light)
 
 
 def test_photodiodes_see_what_their_kernels_say(lights, tmp_path):
@@ -100,11 +76,11 @@ def test_kernels_over_the_frame_split_each_light_as_at_its_place(lights, tmp_pat
 
 def test_kernels_are_inputs_of_a_batch_and_are_found_again(lights, tmp_path):
     np.save(tmp_path / "pair.npy", pair())
-    np.save(tmp_path / "field.npy", field())
+    np.save(tmp_path / "disc.npy", pair().sum(0))
     jobs = tmp_path / "jobs.toml"
     jobs.write_text(
         f'[inputs]\ncolor = "{lights[0]}"\ndepth = "{lights[1]}"\n[outputs]\nkinds = ["left"]\n'
-        '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\naperture-image = "field.npy"\n'
+        '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\naperture-image = "disc.npy"\n'
         '[sweep]\ndp-model = ["smooth", "pair.npy"]\n'
     )
     ran = run("batch", jobs, "-o", tmp_path / "out", "--processes", "1")
@@ -131,30 +107,15 @@ def test_kernels_are_inputs_of_a_batch_and_are_found_again(lights, tmp_path):
 @pytest.mark.parametrize(
     ("option", "values", "code"),
     [
-        ("--aperture-image", np.ones((2, 2, 3, 5, 5)), "malformed"),
-        ("--aperture-image", np.zeros((1, 2, 5, 5)), "malformed"),
         ("--dp-model", np.ones((3, 5, 5)), "wrong-size"),
         ("--dp-model", np.ones((2, 5, 5)), "malformed"),
     ],
 )
-def test_kernels_that_make_no_sense_are_refused(
-    lights,
-    tmp_path,
-    option,
-    values,  # type: ignore[type-arg]
-    code,
-):
+def test_kernels_that_make_no_sense_are_refused(lights, tmp_path, option, values, code):
     np.save(tmp_path / "k.npy", values)
     out = ("-o", tmp_path / "out", "--outputs", "left")
     ran = run("render", *lights, *out, *LENS, option, tmp_path / "k.npy")
     refused(ran, 3, code, "k.npy")
-    assert not list((tmp_path / "out").glob("left/*"))
-
-
-def test_a_rim_does_not_clip_kernels_twice(lights, tmp_path):
-    np.save(tmp_path / "field.npy", field())
-    options = ("--aperture-image", tmp_path / "field.npy", "--cat-eye", "1.05:1.5")
-    ran = run("render", *lights, "-o", tmp_path / "out", *LENS, *options)
-    refused(ran, 2, "idle-option", "cat-eye")
-    missing = run("render", *lights, "-o", tmp_path / "out", *LENS, "--dp-model", "no.npy")
+    missing = run("render", *lights, *out, *LENS, option, "no.npy")
     refused(missing, 3, "not-found", "no.npy")
+    assert not list((tmp_path / "out").glob("left/*"))

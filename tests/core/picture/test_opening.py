@@ -14,10 +14,10 @@ def test_a_picture_too_wide_for_a_pupil_is_not_decoded(tmp_path, monkeypatch):
     save(tmp_path / "wide.png", np.ones((1, 5000, 1), np.uint8))
     monkeypatch.setattr("defocus_core.io.images.color.read_color", pytest.fail)
     with refuses("malformed", "1 × 1 × 5000", path=tmp_path / "wide.png"):
-        opening.pupil_images(tmp_path / "wide.png")
+        opening.pupil_image(tmp_path / "wide.png")
 
 
-def test_an_array_of_no_possible_size_is_damaged(tmp_path, recwarn):
+def test_an_array_of_no_possible_size_is_refused(tmp_path, recwarn):
     np.save(tmp_path / "a.npy", np.ones((4, 4), np.float32))
     data = (tmp_path / "a.npy").read_bytes()
     shape = b"(4, 4), }"
@@ -25,6 +25,6 @@ def test_an_array_of_no_possible_size_is_damaged(tmp_path, recwarn):
     at = data.index(shape)
     padding = data[at + len(shape) :].replace(b" " * (len(claimed) - len(shape)), b"", 1)
     (tmp_path / "a.npy").write_bytes(data[:at] + claimed + padding)
-    with refuses("damaged", path=tmp_path / "a.npy"):
-        opening.pupil_images(tmp_path / "a.npy")
+    with refuses("too-large", path=tmp_path / "a.npy"):
+        opening.pupil_image(tmp_path / "a.npy")
     assert not recwarn

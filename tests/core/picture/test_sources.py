@@ -19,7 +19,7 @@ from defocus_core.picture.sources import (
     to_device,
     windows,
 )
-from defocus_core.tensors.derived import chosen, plus, transposed
+from defocus_core.tensors.derived import chosen, plus
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4)
 
@@ -54,7 +54,6 @@ def test_windows_of_what_is_computed_are_those_of_the_whole(cut):
     pairs = {
         "some": (chosen(image, [2, 0]), whole[[2, 0]]),
         "farther": (plus(image, 2.5), whole + 2.5),
-        "turned": (transposed(image), whole.mT),
         "layers": (layer_windows([map_windows(p, "cpu") for p in planes]), whole),
     }
     for name, (lazy, held) in pairs.items():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -15,7 +14,6 @@ from defocus_core import Aperture, DefocusLens, Distribution, HiddenLayer, Rando
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.layers.slice_radii import cheapest_within, quantisation
 
 IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)
 DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
@@ -77,8 +75,6 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: Aperture(3.5), "blades must be a whole number"),
     (lambda: Aperture(10**6), "blades must be 10000 at most"),
     (lambda: Aperture(6, "15"), "rotation must be one number"),
-    (lambda: quantisation(math.nan, 5, "high"), "minimum and maximum must be finite and in order"),
-    (lambda: cheapest_within(1, 5, -5), "minimum and maximum must be finite and in order"),
     (
         lambda: drawn(foclen=(24, 50)),
         r"foclen must be one number, got \(24, 50\); in mm",
@@ -102,44 +98,6 @@ def test_what_makes_no_sense_is_refused_by_name(wrong, said):
     with pytest.raises(ValueError, match=said) as told:
         wrong()
     assert "; " in str(told.value), "what would do"
-
-
-def odd(values):
-    """Tensors that are no plain arrays of numbers, and how an error names them."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return [
-            (values.to_sparse(), "sparse_coo"),
-            (values[0, 0].to_sparse_csr(), "sparse_csr"),
-            (values.to_mkldnn(), "mkldnn"),
-            (values.to("meta"), "meta"),
-            (torch.quantize_per_tensor(values, 0.1, 0, torch.quint8), "quantized"),
-            (torch.nested.nested_tensor(list(values)), "nested"),
-            (torch.nested.nested_tensor(list(values), layout=torch.jagged), "jagged|nested"),
-        ]
-
-
-@pytest.mark.parametrize("at", range(7))
-def test_tensors_that_are_not_dense_are_refused(at):
-    image, name = odd(IMAGE[None].clone())[at]
-    radius, depth = (odd(values[None, None].clone())[at][0] for values in (RADIUS, DEPTH[0]))
-    scene = (IMAGE[None], RADIUS[None])
-    uses = [
-        ("image", lambda: render(image, RADIUS)),
-        ("image", lambda: lens().render_rgbd(image, DEPTH)),
-        ("image", lambda: drawn(image)),
-        ("signed_radius", lambda: render(IMAGE, radius)),
-        ("depth", lambda: lens().render_rgbd(IMAGE[None], depth)),
-        ("depth", lambda: drawn(depth=depth)),
-        ("depth", lambda: lens().dof(depth)),
-        ("points", lambda: lens().psf(depth)),
-        ("fnum", lambda: lens(50.0, depth)),
-        ("hidden color", lambda: render(*scene, hidden=HiddenLayer(image, scene[1], scene[1] > 0))),
-        ("hidden mask", lambda: render(*scene, hidden=HiddenLayer(*scene, radius))),
-    ]
-    for argument, use in uses:
-        with pytest.raises(ValueError, match=f"^{argument} must be a dense tensor, got a ({name})"):
-            use()
 
 
 def test_a_hidden_layer_is_of_floats():

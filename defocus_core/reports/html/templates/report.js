@@ -395,7 +395,6 @@ function show(number, quietly) {
   }
   $("readout").textContent = "Point at the picture to read its values.";
   details();
-  chart();
   modes();
   if (!quietly) tell(`${item().name}: ${item().status}`);
 }
@@ -504,82 +503,6 @@ function play() {
       if (program && layer && layer.thumbnail) textureOf(layer.thumbnail, () => thumbTexture(layer.thumbnail));
     }
   }, FRAME);
-}
-
-// ---- depth and focus over time: frames to the right, disparity downwards, denser depth darker
-
-const CHART = { left: 46, right: 714, top: 8, bottom: 150, shot: null };
-const SHADES = 8, LEAST_GAP = 16;
-const METRES = [0.1, 0.15, 0.2, 0.3, 0.5, 0.7, 1, 1.5, 2, 3, 5, 7, 10, 15, 20, 30, 50, 100, 200, 500, 1000];
-const metres = disparity => disparity > 0 ? `${+(1 / disparity).toPrecision(3)} m` : "∞";
-
-function drawn(name, attributes, text) {
-  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
-  for (const [key, value] of Object.entries(attributes)) made.setAttribute(key, value);
-  if (text !== undefined) made.textContent = text;
-  return made;
-}
-
-// Scales of a shot: frames to places across, disparities to places down.
-function scales(shown) {
-  const { left, right, top, bottom } = CHART, frames = shown.map(each => each.frame);
-  const [first, last] = [Math.min(...frames), Math.max(...frames)], wide = (right - left) / (last - first + 1);
-  const every = shown.flatMap(each => [each.quantiles[0], each.quantiles.at(-1), each.focus]);
-  const [far, near] = [Math.min(...every), Math.max(...every)], high = (bottom - top) / (near - far || 1);
-  return { first, last, wide, high, far, near, x: frame => left + (frame - first) * wide, y: d => top + (d - far) * high };
-}
-
-// Rectangles between neighbouring quantiles as one path for each shade.
-function shades(shown, scale) {
-  const paths = Array.from({ length: SHADES }, () => "");
-  for (const { frame, quantiles } of shown) {
-    const even = (CHART.bottom - CHART.top) / (quantiles.length - 1); // px of depth evenly spread
-    for (let n = 1; n < quantiles.length; n++) {
-      const y = scale.y(quantiles[n - 1]), tall = Math.max(1.5, scale.y(quantiles[n]) - y);
-      const shade = Math.min(SHADES, Math.floor(3 * Math.sqrt(even / tall))); // 3 if evenly spread
-      if (shade) paths[shade - 1] += `M${scale.x(frame).toFixed(2)} ${y.toFixed(2)}h${scale.wide.toFixed(2)}v${tall.toFixed(2)}h${(-scale.wide).toFixed(2)}z`;
-    }
-  }
-  return paths.map((d, n) => drawn("path", { d, class: "depth", "fill-opacity": 0.75 * (n + 1) / SHADES }));
-}
-
-function ticks({ first, last, far, near, wide, x, y }) {
-  const { left, right, bottom } = CHART, marks = [];
-  let before = -LEAST_GAP;
-  for (const disparity of [0, ...METRES.map(each => 1 / each).reverse()].filter(each => each >= far && each <= near)) {
-    if (y(disparity) - before < LEAST_GAP) continue;
-    before = y(disparity);
-    marks.push(drawn("line", { x1: left, x2: right, y1: before, y2: before, class: "tick" }));
-    marks.push(drawn("text", { x: left - 5, y: before + 4, "text-anchor": "end" }, metres(disparity)));
-  }
-  const by = Math.max(1, Math.ceil((last - first) / 8));
-  for (let frame = first; frame <= last; frame += by) marks.push(drawn("text", { x: x(frame) + wide / 2, y: bottom + 14, "text-anchor": "middle" }, frame));
-  return marks;
-}
-
-function chart() {
-  const own = item().depth, shown = own ? items.map(each => each.depth).filter(each => each && each.shot === own.shot) : [];
-  $("over-time").hidden = shown.length < 2;
-  if (shown.length < 2) return;
-  shown.sort((a, b) => a.frame - b.frame);
-  const scale = scales(shown), middle = frame => scale.x(frame) + scale.wide / 2;
-  if (CHART.shot !== own.shot) {
-    const points = shown.map(each => `${middle(each.frame).toFixed(2)},${scale.y(each.focus).toFixed(2)}`).join(" ");
-    const now = drawn("line", { y1: CHART.top, y2: CHART.bottom, class: "now" });
-    $("chart").replaceChildren(...ticks(scale), ...shades(shown, scale), drawn("polyline", { points, class: "focus" }), now);
-    CHART.shot = own.shot;
-  }
-  const now = $("chart").querySelector(".now"), last = own.quantiles.length - 1;
-  for (const end of ["x1", "x2"]) now.setAttribute(end, middle(own.frame));
-  const [far, most, half, near] = [0, last / 4, 3 * last / 4, last].map(n => metres(own.quantiles[Math.round(n)]));
-  $("chart-words").textContent = `Frame ${own.frame}: focus ${metres(own.focus)}, depth ${near} to ${far}, half of it ${half} to ${most}`;
-}
-
-function chosen(event) {
-  const shown = items.map((each, n) => [each.depth, n]).filter(([depth]) => depth && depth.shot === item().depth.shot);
-  const { first, wide } = scales(shown.map(([depth]) => depth)), box = $("chart").getScreenCTM();
-  const frame = first + ((event.clientX - box.e) / box.a - CHART.left) / wide - 0.5;
-  show(shown.reduce((a, b) => Math.abs(b[0].frame - frame) < Math.abs(a[0].frame - frame) ? b : a)[1]);
 }
 
 // ---- the table
@@ -691,7 +614,6 @@ $("help-button").onclick = KEYS["?"];
 $("previous").onclick = () => step(-1);
 $("next").onclick = () => step(1);
 $("play").onclick = play;
-$("chart").onclick = chosen;
 $("wiggle").onclick = wiggle;
 $("fit").onclick = fit;
 $("in").onclick = () => zoomBy(1.5);

@@ -1,11 +1,8 @@
 """From a jobs file to a data set: what is swept and drawn is rendered, journalled and indexed."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import random
-import shutil
 import subprocess
 import sys
 from contextlib import suppress
@@ -20,10 +17,8 @@ from defocus_core import run_batch
 from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.identity import plain, typed
 from defocus_core.batch.journal.journal import read_all
 from defocus_core.batch.journal.resume import Ledger
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.errors import InputError
 
@@ -89,12 +84,6 @@ def test_a_sweep_that_grows_does_what_is_new(tmp_path):
     assert all(now[line["sample_id"]] == line for line in few)
 
 
-def test_a_job_with_a_drawn_lens_survives_the_journal(tmp_path):
-    lens = jobs(tmp_path, LENS + SAMPLE)[0].lens
-    assert lens.draw is not None
-    assert typed(Lens, json.loads(json.dumps(plain(lens)))) == lens
-
-
 class Killed(BaseException):
     """Ends a process at once."""
 
@@ -150,31 +139,6 @@ def test_effects_are_absent_where_the_draw_says_so(tmp_path):
     assert len({(lens["noise"], lens["obstruction"]) for lens in lenses}) > 2
     read = [sample.lens.noise for sample in samples(tmp_path / "out")]
     assert read == [lens["noise"] and (4000.0, 3.0) for lens in lenses]
-
-
-def test_another_limit_redoes_what_it_draws_anew(tmp_path):
-    pictures(tmp_path)
-    carried_out(tmp_path, LENS + SAMPLE)
-    for limit in ("0.2px", "9px", "0.3px"):
-        text = LENS + SAMPLE.replace("0.3px", limit)
-        before = outputs(tmp_path / "out")
-        summary, _ = carried_out(tmp_path, text)
-        shutil.rmtree(tmp_path / "fresh", ignore_errors=True)
-        carried_out(tmp_path, text, "fresh")
-        now = outputs(tmp_path / "out")
-        assert now == outputs(tmp_path / "fresh"), limit
-        same = sum(now[name][1] == before[name][1] for name in now)
-        assert 0 < summary.skipped <= same < 8
-        assert carried_out(tmp_path, text)[0].skipped == 8
-
-
-def outputs(out):
-    """Lens and hashes of each sample."""
-    live = {record["sample_id"]: record for record in Ledger(out, read_all(out)).live}
-    return {
-        name: (record["lens"], {k: v["blake2b"] for k, v in record["outputs"].items()})
-        for name, record in sorted(live.items())
-    }
 
 
 @pytest.mark.bench

@@ -1,11 +1,8 @@
 """WebDataset shards: what is in them, that they fit, and that their bytes are fixed."""
 
-from __future__ import annotations
-
 import json
 import os
 import tarfile
-from itertools import groupby
 
 from records import record
 from refusals import refuses
@@ -31,23 +28,16 @@ def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path):
     wanted = [f"{key}.{kind}" for key in keys for kind in ("coc.exr", "json", "render.png")]
     assert names(shard) == wanted, "neighbours of one key, up to the first dot, are one sample"
     with tarfile.open(shard) as tar:
-        data = {member.name: tar.extractfile(member).read() for member in tar}  # type: ignore[union-attr]
+        data = {member.name: tar.extractfile(member).read() for member in tar}
     assert data["a_f1_4_s001.render.png"] == (tmp_path / "render/a_f1.4_s001.png").read_bytes()
     assert json.loads(data["a_f1_4_s001.json"])["sample_id"] == "a_f1.4_s001"
 
 
-def test_files_of_one_sample_have_one_key_and_follow_one_another(tmp_path):
-    records = [record(tmp_path, name) for name in ("a.1", "a_1", "a", "a.b.c", "b" * 120)]
-    found = names(tar_shards.write(tmp_path, records, LARGE)[0])
-    keys = [key for key, _ in groupby(name.split(".")[0] for name in found)]
-    assert len(keys) == len(set(keys)) == 5
-    assert len(found) == len(set(found)) == 15
-
-    escaped = found[3].split(".")[0]  # a sample named like the key of another
-    records = [record(tmp_path, name) for name in ("a.1", "a_1", "a", "a.b.c", escaped)]
-    found = names(tar_shards.write(tmp_path, records, LARGE)[0])
-    assert len(found) == len(set(found)) == 15
-    assert f"{escaped}.json" in found
+def test_samples_that_a_tar_cannot_tell_apart_are_refused(tmp_path):
+    records = [record(tmp_path, name) for name in ("a.1", "a_1")]
+    with refuses("duplicate", "a.1 and a_1"):
+        tar_shards.write(tmp_path, records, LARGE)
+    assert not list(tmp_path.glob("shards/*"))
 
 
 def test_the_bytes_depend_on_the_samples_alone(tmp_path):
@@ -70,12 +60,8 @@ def test_shards_hold_all_and_none_is_larger_than_it_may(tmp_path):
     assert sum(one["samples"] for one in listed) == 40
 
 
-def test_a_sample_that_is_too_large_has_a_shard_to_itself(tmp_path):
-    assert [len(names(path)) for path in packed(tmp_path, 2, 1)] == [3, 3]
-
-
-def test_what_is_no_longer_needed_goes(tmp_path):
-    assert len(packed(tmp_path, 3, 1)) == 3
+def test_a_sample_that_is_too_large_has_a_shard_to_itself_and_what_is_not_needed_goes(tmp_path):
+    assert [len(names(path)) for path in packed(tmp_path, 3, 1)] == [3, 3, 3]
     kept = tmp_path / "shards" / "samples-of-mine.tar"
     kept.touch()
     packed(tmp_path, 1, 1)

@@ -1,9 +1,6 @@
 """A finished batch as tensors: what the files hold, joined by torch's own loader."""
 
-from __future__ import annotations
-
 import itertools
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +19,7 @@ def out(tmp_path_factory):
     folder = tmp_path_factory.mktemp("batch")
     for stem in "ab":
         pair(folder, stem)
-    tables: dict[str, Any] = {
+    tables = {
         "inputs": {
             "color": str(folder / "rgb" / "*.exr"),
             "depth": str(folder / "depth" / "*.exr"),
@@ -52,7 +49,7 @@ def test_an_item_is_what_the_files_hold(out):
 
 def test_maps_of_tiff_are_read_too(tmp_path):
     color, depth = pair(tmp_path)
-    tables: dict[str, Any] = {
+    tables = {
         "inputs": {"color": str(color), "depth": str(depth)},
         "lens": {"focal-length": "50mm", "fnumber": 2, "focus": "2m"},
         "outputs": {"kinds": ["coc"], "map-format": "tiff"},

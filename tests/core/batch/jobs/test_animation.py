@@ -27,12 +27,10 @@ def test_values_go_evenly_in_the_variable_in_which_blur_is_smooth(tmp_path):
     assert middle["fnumber"] == pytest.approx(2)  # in stops
     assert middle["focal-length"] == pytest.approx(40)
     assert middle["blade-rotation"] == pytest.approx(15)
-
-
-def test_a_pull_reaches_infinity(tmp_path):
-    shot = animation(tmp_path, "frame,focus\n1,1m\n3,inf\n")
-    assert values(shot, 2)["focus"] == pytest.approx(2000)
-    assert values(shot, 3)["focus"] == math.inf
+    far = animation(tmp_path, "frame,focus,sharp-range\n1,1m,1m..3m\n3,inf,3m..inf\n")
+    assert values(far, 2)["focus"] == pytest.approx(2000)
+    assert values(far, 2)["sharp-range"] == pytest.approx((1500, 6000))
+    assert values(far, 3)["focus"] == math.inf
 
 
 def test_a_key_is_taken_as_it_is_written_and_the_ends_hold(tmp_path):
@@ -53,13 +51,6 @@ def test_ease_is_slow_at_keys_and_the_same_in_the_middle(tmp_path):
 def test_a_tracked_point_is_a_focus_and_blades_hold(tmp_path):
     shot = animation(tmp_path, "frame,x,y,blades\n1,10,20,6\n3,21,20,8\n")
     assert shot.texts(2) == {"focus-at": "16,20", "blades": "6"}
-
-
-def test_ranges_of_distances_go_in_disparity_and_shapes_of_blades_evenly(tmp_path):
-    text = "frame,sharp-range,blade-curvature\n1,1m..3m,0\n3,3m..inf,1\n"
-    middle = values(animation(tmp_path, text), 2)
-    assert middle["sharp-range"] == pytest.approx((1500, 6000))
-    assert middle["blade-curvature"] == 0.5
 
 
 @pytest.mark.parametrize(

@@ -1,20 +1,12 @@
 """Files pair up by stem, and a job writes nothing that it should not."""
 
-from __future__ import annotations
-
 import pytest
+from jobs_files import touch
 from refusals import refuses, refuses_as
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.jobs.pairing import find_pictures
 from defocus_core.batch.lenses.lens import Lens
-
-
-def touch(folder, *names):
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in names:
-        (folder / name).touch()
-    return folder
 
 
 def test_two_files_are_one_picture_named_by_its_colour(tmp_path):

@@ -1,7 +1,5 @@
 """Jobs files: tables become jobs, and what a file says wrong is told with its key."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -40,8 +38,8 @@ depth-repair = "off"
     assert job.outputs.exr_type == "float"
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nformat = "jpg"\njpeg-quality = 80\n')
     assert job.outputs.jpeg_quality == 80
-    (job,) = jobs(tmp_path, FIXED + 'max-coc = "40px"\n[machine]\ntolerance = "0.5px"\n')
-    assert (job.lens.max_coc, job.machine.tolerance) == (40, 0.5)
+    (job,) = jobs(tmp_path, FIXED + 'max-coc = "40px"\n')
+    assert job.lens.max_coc == 40
 
 
 def test_what_a_file_does_not_say_is_as_told(tmp_path):
@@ -92,8 +90,6 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path):
         (FIXED + "[outputs]\npreview = 1\n", "malformed preview"),
         (FIXED + "[outputs]\nout = 'o'\n", "unknown-name [outputs]"),
         (FIXED + "[machine]\nquality = 'hihg'\n", "unknown-name quality"),
-        (FIXED + "[machine]\nquality = 'high'\ntolerance = '1px'\n", "contradiction tolerance"),
-        (FIXED + "[machine]\ntolerance = '1m'\n", "malformed tolerance"),
         (FIXED + "[machine]\nthreads = 2\n", "unknown-name [machine]"),
         (FIXED + "[reading]\ndepth-unit = 'km'\n", "malformed depth-unit"),
         (FIXED + "[reading]\npart = -1\n", "malformed part"),

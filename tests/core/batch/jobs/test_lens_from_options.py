@@ -1,7 +1,5 @@
 """A lens file is the lens options under their names; options on the command line win."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

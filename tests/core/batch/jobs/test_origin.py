@@ -1,7 +1,5 @@
 """A set says where it comes from: title, licence, source, citation, and its jobs file."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,10 +1,7 @@
 """Each row of the table of kinds is all that the command line needs to write and explain it."""
 
-from __future__ import annotations
-
 import json
 import re
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,22 +14,17 @@ from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 
 MAPS = [kind for kind in KINDS.values() if not kind.image]
-TOLD = [kind for kind in MAPS if not kind.source]  # others are told as what they are of
 
 
 def name_of(kind):
     return kind.name
 
 
-def written(folder, kind):
-    ran = render(*pair(folder), "-o", folder / "out", "--outputs", kind.name, "--preview")
-    assert ran.code == 0, ran.err
-    return folder / "out" / kind.name / "a.exr"
-
-
 @pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
-def test_a_kind_is_written_alone_with_its_name(kind, tmp_path):
-    file = written(tmp_path, kind)
+def test_a_kind_is_written_alone_with_its_name_and_info_tells_what_a_map_shows(kind, tmp_path):
+    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", kind.name, "--preview")
+    assert ran.code == 0, ran.err
+    file = tmp_path / "out" / kind.name / "a.exr"
     assert header(file)["defocus:kind"] == kind.name
     channels = read_exr(file)
     views = ["", *(f"{view}." for view in kind.views[1:])]  # the default view has no name
@@ -42,16 +34,13 @@ def test_a_kind_is_written_alone_with_its_name(kind, tmp_path):
         np.dtype(np.float16 if kind.image else np.float32)
     }
     assert file.with_suffix(".preview.png").exists()
-
-
-@pytest.mark.parametrize("kind", TOLD, ids=name_of)
-def test_info_tells_what_a_map_shows(kind, tmp_path):
-    file = written(tmp_path, kind)
-    values = read_exr(file)[kind.channel or kind.name]
+    if kind.image or kind.source:  # told as what they are of
+        return
+    values = channels[kind.channel or kind.name]
     minimum, maximum = float(values.min()), float(values.max())
     reach = f"{minimum:.2f} to {maximum:.2f} {kind.unit}".rstrip()
     assert f"  {kind.title}: {reach}\n" in run("info", file).out
-    shown: dict[str, Any] = json.loads(run("info", file, "--json").out)["files"][0]["maps"][0]
+    shown = json.loads(run("info", file, "--json").out)["files"][0]["maps"][0]
     assert shown["kind"] == kind.name
     assert shown[f"range_{kind.unit}" if kind.unit else "range"] == [minimum, maximum]
 
@@ -74,7 +63,7 @@ def test_a_kind_computes_pixels_of_its_shape(kind):
     if kind.of_radius:
         assert kind.of_radius(radius.numpy(), 0.85).shape == radius.shape
         return
-    if kind.source or kind.transposed:  # tests of its own
+    if kind.source:  # tests of its own
         return
     views = rendered(torch.rand(3, 6, 8), radius, left_right=kind.halves)
     for view in kind.rendered_as:

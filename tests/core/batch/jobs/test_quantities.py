@@ -1,10 +1,6 @@
 """Quantities are read with their unit, and only with it."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
 import pytest
 from hypothesis import given
@@ -13,7 +9,7 @@ from hypothesis import strategies as st
 from defocus_core.batch.lenses import quantities
 from defocus_core.batch.lenses.quantities import QuantityError
 
-READ: Sequence[tuple[Callable[[str], Any], Mapping[str, Any]]] = (
+READ = (
     (quantities.length, {"50mm": 50, "2.5cm": 25, "2m": 2000, "2.3m": 2300, "1in": 25.4}),
     (quantities.length, {"6ft": 1828.8, " 1.2 m ": 1200, ".5M": 500, "1e-1m": 100}),
     (quantities.focus, {"inf": math.inf, "2m": 2000}),
@@ -24,7 +20,7 @@ READ: Sequence[tuple[Callable[[str], Any], Mapping[str, Any]]] = (
     (quantities.byte_count, {"1GB": 10**9, "1.5 MiB": 3 * 2**19, "4096B": 4096, "2kb": 2000}),
 )
 # The parser, what it refuses, and what it says of that.
-REFUSED: Sequence[tuple[Callable[[str], Any], Sequence[str], str]] = (
+REFUSED = (
     (quantities.length, ["2"], "'2' has no unit; write it with a unit, like 2m or 50mm"),
     (quantities.length, ["", "m", "two metres", "1.2.3m", "nan", "inf"], "is not a length"),
     (quantities.length, ["2yd"], "has an unknown unit"),

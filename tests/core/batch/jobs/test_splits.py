@@ -1,7 +1,5 @@
 """The scene of a picture decides its split, whatever other scenes there are."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
 
@@ -58,19 +56,10 @@ def test_no_scene_moves_when_another_is_added_removed_or_renamed(names):
         assert all(every[name] == others[name] for name in names - {left_out})
 
 
-@pytest.mark.parametrize("text", ["(", "[a", "(?P<a", "a**"])
-def test_an_expression_that_is_none_is_refused(text):
-    with refuses_as("malformed scene"):
-        splits(train=1, scene=text)
-
-
-def test_splits_without_a_scene_are_said(caplog):
-    assert set(kept({}, "ac", train=0.5, val=0.25, test=0.25).values()) == {"train"}
-    assert "none of 2 scenes is in test, val" in caplog.text
-
-
-def test_a_scene_stays_in_the_split_that_is_recorded(caplog):
+def test_a_scene_stays_where_it_is_recorded_and_splits_without_one_are_said(caplog):
     shares = {"train": 0.5, "val": 0.25, "test": 0.25}
+    assert set(kept({}, "ac", **shares).values()) == {"train"}
+    assert "none of 2 scenes is in test, val" in caplog.text
     assert kept({"a": {"val"}, "b": {"train"}}, "ac", **shares) == {"a": "val", "c": "train"}
     assert "1 scene kept where the journal has it" in caplog.text
 
@@ -111,6 +100,7 @@ def test_an_expression_says_what_a_scene_is():
         ({"train": True}, "malformed train"),
         ({"tr/ain": 1.0}, "malformed tr/ain"),
         ({"scene": "a"}, "missing-option scene"),
+        *(({"train": 1, "scene": text}, "malformed scene") for text in ("(", "[a", "(?P<a", "a**")),
     ],
 )
 def test_shares_that_make_no_sense_are_refused(values, refusal):

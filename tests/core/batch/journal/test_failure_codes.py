@@ -1,7 +1,5 @@
 """Each way to fail has a code of the closed list."""
 
-from __future__ import annotations
-
 import errno
 import os
 import re

@@ -1,7 +1,5 @@
 """What the journal has is durable; what was being written when its writer died is not there."""
 
-from __future__ import annotations
-
 import errno
 import json
 import os
@@ -11,7 +9,6 @@ import pytest
 from counting import calls
 from refusals import refuses
 
-from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import (
     Journal,
     Shard,
@@ -22,6 +19,7 @@ from defocus_core.batch.journal.journal import (
     read_all,
 )
 from defocus_core.batch.journal.resume import Ledger
+from defocus_core.batch.journal.run_file import gather
 
 WHOLE = {
     "recipe": "r",
@@ -65,21 +63,15 @@ def path(tmp_path):
     return tmp_path / "journal.jsonl"
 
 
-def test_what_is_written_is_read(path):
-    records = [record("a"), record("ü\n\udcff", "failed")]
-    write(path, *records)
-    assert read(path) == records
-    write(path, record("c"))
-    assert read(path) == [*records, record("c")]
-
-
 def test_a_journal_is_a_line_of_json_for_each_record(path):
-    write(path, record("a"), record("b"))
-    write(path, record("c"))
+    records = [record("a"), record("ü\n\udcff", "failed"), record("c")]
+    write(path, *records[:2])
+    assert read(path) == records[:2]
+    write(path, records[2])
+    assert read(path) == records
     lines = path.read_text().splitlines(keepends=True)
-    assert [json.loads(line)["sample_id"] for line in lines] == ["a", "b", "c"]
-    assert all(line.endswith("\n") for line in lines)
-    assert merged([record(name) for name in "abac"]) == path.read_bytes(), "each once"
+    assert [json.loads(line) for line in lines] == records
+    assert merged([*records, records[0]]) == path.read_bytes(), "each once"
 
 
 def test_a_record_that_lacks_its_newline_alone_is_whole(path):
@@ -139,28 +131,21 @@ def test_a_full_disk_leaves_the_journal_as_it_was(path, monkeypatch):
     assert read(path) == [record("a"), record("c")]
 
 
-@pytest.mark.parametrize("true", [None, Shard(1, 2), Shard(2, 2)])
-@pytest.mark.parametrize("step", [-1, 1])
-def test_the_file_says_which_record_of_two_journals_is_true_and_no_clock_does(true, step, tmp_path):
-    (tmp_path / "render").mkdir()
-    file = tmp_path / "render" / "a.exr"
-    for second, shard in enumerate((None, Shard(1, 2), Shard(2, 2)), 1):
-        file.write_text(f"of {shard}")
-        output = {"render": {"path": "render/a.exr", **identity.stamp(file)}}
-        end = f"2026-01-01T00:00:{30 + step * second}+00:00"
-        one = record("a", outputs=output, finished=end, quality=str(shard))
-        write(journal_path(tmp_path, shard), record("a", "failed"), one, record(f"other{second}"))
-    file.write_text(f"of {true}")
-    assert Ledger(tmp_path, read_all(tmp_path)).live[-1]["quality"] == str(true)
-
-
-def test_within_a_journal_the_last_line_holds_whatever_its_clock_said(path):
+def test_the_last_line_holds_whatever_its_clock_said_and_shards_come_last(path):
     early, late = (f"2026-01-01T00:00:0{second}+00:00" for second in (1, 2))
+    out, shard = path.parent, journal_path(path.parent, Shard(1, 2))
     write(path, record("a", finished=late, quality="draft"))
-    write(path, record("a", finished=early, quality="high"))
-    write(journal_path(path.parent, Shard(1, 2)), record("b"))
-    live = Ledger(path.parent, read_all(path.parent)).live
-    assert {one["sample_id"]: one["quality"] for one in live} == {"a": "high", "b": "draft"}
+    write(path, record("a", finished=early, quality="high"), record("b", quality="draft"))
+    write(shard, record("b", finished=early, quality="high"))
+    before = Ledger(out, read_all(out)).live
+    assert {one["sample_id"]: one["quality"] for one in before} == {"a": "high", "b": "high"}
+    copy = shard.read_bytes()
+    for _ in range(2):
+        assert gather(out) == [Shard(1, 2)]
+        assert not shard.exists()
+        assert Ledger(out, read_all(out)).live == before
+        shard.write_bytes(copy)  # as if it had been killed before that was removed
+    assert Ledger(out, read_all(out)).live == before
 
 
 def test_paths_of_inputs_lead_to_them_through_linked_folders(tmp_path, monkeypatch):
@@ -218,7 +203,7 @@ def test_a_record_takes_as_much_work_among_many_as_among_few(tmp_path):
         assert len(ledgers[-1].live) == count
         return work
 
-    ledgers: list[Ledger] = []
+    ledgers = []
     few, many = read_of(2000), read_of(4000)
     assert few < 2000 * 250
     assert many < 2.1 * few

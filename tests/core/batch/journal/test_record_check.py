@@ -1,9 +1,6 @@
 """A journal may come from anywhere: each line is checked, and no file outside OUT is reached."""
 
-from __future__ import annotations
-
 import json
-from typing import Any
 
 import pytest
 from records import record
@@ -20,7 +17,7 @@ NEEDED = (
     *("sample_id", "recipe", "status", "reason", "message", "settings", "inputs", "outputs"),
     *("quality", "version", "warnings", "seconds", "finished", "lens", "size", "coc_px", "device"),
 )
-WRONG: list[tuple[dict[str, Any], str]] = [
+WRONG = [
     ({"status": "done"}, "has the status 'done', not one of ok, rejected, failed"),
     ({"status": []}, "has the status [], which is of a wrong type"),
     ({"finished": "yesterday"}, "finished at 'yesterday', which is no time with a zone"),
@@ -33,6 +30,7 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"lens": {"fnumber": 2.0}}, "has no focal_length_mm"),
     ({"warnings": [[]]}, "has a warning that is no text"),
     ({"sample_id": "../a"}, "has a sample_id with a slash"),
+    ({"coc_px": [float("nan"), 1]}, "is broken"),
 ]
 OUTSIDE = (
     *("../../etc/passwd", "/etc/passwd", "render/../../secret", "render/..", "render", "secret"),
@@ -73,16 +71,8 @@ def test_json_that_is_no_record_is_refused_even_as_the_last_line(line, tmp_path)
 
 @pytest.mark.parametrize(("change", "message"), WRONG)
 def test_a_value_that_is_wrong_is_told(change, message, tmp_path):
-    path = journal_of(tmp_path, record(tmp_path, "a", **change))
+    path = journal_of(tmp_path, record(tmp_path, "a", **change), record(tmp_path, "b"))
     with refuses("damaged", "line 1", message):
-        read(path)
-
-
-@pytest.mark.parametrize("key", ["coc_px", "size", "seconds"])
-def test_numbers_that_are_no_json_are_refused(key, tmp_path):
-    bad = record(tmp_path, "a", **{key: [float("nan"), 1]})
-    path = journal_of(tmp_path, bad, record(tmp_path, "b"))
-    with refuses("damaged", "line 1"):
         read(path)
 
 
@@ -138,7 +128,7 @@ def test_settings_that_name_other_files_than_the_outputs_are_not_tried_again(ste
         failed_jobs(Ledger(tmp_path, [odd]), ())
 
 
-PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/a.exr"]]}
+PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": ["a"]}
 
 
 @pytest.mark.parametrize(
@@ -149,7 +139,7 @@ PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": [["coc/a.exr"]]}
         json.dumps({"begun": PLAN["begun"]}),
         json.dumps({**PLAN, "begun": ""}),
         json.dumps({**PLAN, "begun": 5}),
-        json.dumps({**PLAN, "jobs": ["coc/a.exr"]}),
+        json.dumps({**PLAN, "jobs": 1}),
         json.dumps({**PLAN, "jobs": [[1]]}),
     ],
 )

@@ -1,7 +1,5 @@
 """Rows of the table of lens options: what they write, they read."""
 
-from __future__ import annotations
-
 from dataclasses import fields
 
 import pytest

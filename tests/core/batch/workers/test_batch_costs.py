@@ -1,7 +1,5 @@
 """What batches cost: five lenses less than five, rendering and little else, no more memory."""
 
-from __future__ import annotations
-
 import os
 import resource
 import subprocess
@@ -66,20 +64,14 @@ def test_memory_does_not_grow_with_the_jobs(tmp_path):
     pair(tmp_path)
     jobs_of(tmp_path, '"1.5m..3m @ 2000 in depth"')
     script = (
-        "import itertools, resource, sys; from defocus_cli import main\n"
-        "from defocus_core.batch.workers import pipeline\n"
-        "from defocus_core.batch.journal import journal\n"
-        "from defocus_core.batch.workers.pool import WorkerConfig\n"
-        "WorkerConfig.execute = lambda crew: pipeline.execute\n"
-        "append, count = journal.Journal.append, itertools.count(1)\n"
-        "def told(journal, record):\n"
-        "    append(journal, record)\n"
+        "import itertools, resource, sys; from defocus_core import run_batch\n"
+        "count = itertools.count(1)\n"
+        "def ended(job, record):\n"
         "    if next(count) in (500, 2000):\n"
         "        print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
-        "journal.Journal.append = told\n"
-        "sys.exit(main.main(sys.argv[1:]))"
+        "run_batch(*sys.argv[1:], ended=ended)"
     )
-    words = [sys.executable, "-c", script, "batch", tmp_path / "jobs.toml", "-o", tmp_path / "out"]
+    words = [sys.executable, "-c", script, tmp_path / "jobs.toml", tmp_path / "out"]
     ran = subprocess.run(words, check=True, capture_output=True, text=True)
     early, late = map(int, ran.stdout.split())
     assert late < 1.02 * early

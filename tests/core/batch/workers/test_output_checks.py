@@ -1,24 +1,17 @@
 """A job writes nothing that it should not."""
 
-from __future__ import annotations
-
+import os
 from pathlib import Path
 
+from jobs_files import touch
 from refusals import refuses
 
 from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers.plan import refuse_misplaced, refuse_unknown
-from defocus_core.io.safe_files import written_whole
+from defocus_core.io.safe_files import written_together, written_whole
 
 LENS = Lens(50.0, 2.0, 2000.0)
-
-
-def touch(folder, *names):
-    folder.mkdir(parents=True, exist_ok=True)
-    for name in names:
-        (folder / name).touch()
-    return folder
 
 
 def jobs_for(pictures, outputs):
@@ -46,17 +39,11 @@ def test_a_directory_is_never_replaced(tmp_path):
         refuse_unknown(jobs, {"render/a.exr"})
 
 
-def test_an_input_is_never_overwritten(tmp_path):
-    file = touch(tmp_path / "render", "a.exr") / "a.exr"
-    with refuses("replaces-input"):
-        refuse_misplaced(jobs_for([Picture("a", file, file)], Outputs(tmp_path, overwrite=True)))
-
-
-def test_an_input_is_never_overwritten_by_another_name_of_it(tmp_path):
+def test_an_input_is_never_overwritten_by_any_name_of_it(tmp_path):
     file = touch(tmp_path / "out" / "render", "a.exr") / "a.exr"
     (tmp_path / "linked").symlink_to(tmp_path / "out")
     (tmp_path / "a.exr").symlink_to(file)
-    for root, color in (("linked", file), ("out", tmp_path / "a.exr")):
+    for root, color in (("out", file), ("linked", file), ("out", tmp_path / "a.exr")):
         outputs = Outputs(tmp_path / root, overwrite=True)
         with refuses("replaces-input"):
             refuse_misplaced(jobs_for([Picture("a", color, color)], outputs))
@@ -95,14 +82,26 @@ def test_names_that_no_file_can_have_are_refused(tmp_path):
     outputs = Outputs(tmp_path, preview=True)
     fits = "é" * 121  # 242 bytes, and .preview.png
     refuse_misplaced(jobs_for([Picture(fits, tmp_path / "a", tmp_path / "z")], outputs))
-    with written_whole(tmp_path / f"{fits}.preview.png") as file:
-        file.write(b"whole")
+    for name in (f"{fits}.preview.png", f"{'𝄞' * 62}.exr"):
+        with written_whole(tmp_path / name) as file:
+            file.write(b"whole")
+        assert (tmp_path / name).read_bytes() == b"whole"
     with refuses("too-large"):
         refuse_misplaced(jobs_for([Picture(fits + "é", tmp_path / "a", tmp_path / "z")], outputs))
 
 
-def test_names_of_wide_characters_can_be_written_whole(tmp_path):
-    path = tmp_path / f"{'𝄞' * 62}.exr"
-    with written_whole(path) as file:
-        file.write(b"whole")
-    assert path.read_bytes() == b"whole"
+def test_a_file_costs_one_sync_of_its_folder_and_a_new_folder_one_more(tmp_path, monkeypatch):
+    synced, sync = [], os.fsync
+
+    def counted(number):
+        synced.append(Path(f"/proc/self/fd/{number}").readlink())
+        sync(number)
+
+    monkeypatch.setattr(os, "fsync", counted)
+    folder = tmp_path / "render"
+    for name, folders in (("a", [tmp_path, folder]), ("b", [folder])):
+        synced.clear()
+        with written_together(tmp_path), written_whole(folder / name) as file:
+            file.write(b"whole")
+        assert [path for path in synced if path.is_dir()] == folders
+        assert len(synced) == len(folders) + 1

@@ -1,7 +1,5 @@
 """Reading, rendering and writing overlap, within bounds."""
 
-from __future__ import annotations
-
 import signal
 import threading
 import time
@@ -78,7 +76,7 @@ def test_the_next_is_read_and_the_last_is_written_while_one_is_computed(steps):
     """Each waits for those two: the run would else never end."""
     for before, now, after in ("abc", "bcd", "cde", "def"):
         steps.meanwhile["compute", now] = {("read", after), ("write", before)}
-    done: list[int] = []
+    done = []
     pipeline.run(jobs("abcdefgh"), lambda number, result: done.append(number))
     assert done == list(range(8))
 
@@ -94,7 +92,7 @@ def test_one_picture_waits_at_most_before_and_behind(steps):
 def test_one_job_is_a_call_without_threads(steps, monkeypatch):
     monkeypatch.setattr(plain_path, "load", lambda: None)
     monkeypatch.setattr(threading.Thread, "start", None)
-    done: list[int] = []
+    done = []
     pipeline.execute(iter([[*jobs("a")]]), lambda number, _: done.append(number), lambda: False)
     assert done == [0]
     in_order = ["read", "read.", "compute", "compute.", "write", "write."]
@@ -104,7 +102,7 @@ def test_one_job_is_a_call_without_threads(steps, monkeypatch):
 @pytest.mark.parametrize("step", ["read", "compute"])
 def test_what_fails_skips_the_steps_that_follow(step, steps):
     steps.fails = (step, "b")
-    done: dict[int, str] = {}
+    done = {}
     pipeline.run(jobs("abc"), lambda number, result: done.update({number: result["status"]}))
     assert done == {0: "ok", 1: "failed", 2: "ok"}
     assert ("write", "b") not in steps.events
@@ -124,7 +122,7 @@ def test_what_the_jobs_raise_ends_the_run_after_those_before(steps):
         yield from jobs("ab")
         raise OSError("no note can be made")
 
-    done: list[int] = []
+    done = []
     with pytest.raises(OSError, match="note"):
         pipeline.run(broken(), lambda number, result: done.append(number))
     assert done == [0, 1]
@@ -132,7 +130,7 @@ def test_what_the_jobs_raise_ends_the_run_after_those_before(steps):
 
 
 def test_what_was_read_ahead_when_it_is_stopped_is_let_go(steps):
-    done: list[int] = []
+    done = []
 
     def stopped():  # asked before b is computed: a is written, c is read
         return ("compute.", "a") in steps.events
@@ -144,7 +142,7 @@ def test_what_was_read_ahead_when_it_is_stopped_is_let_go(steps):
 
 
 def test_ctrl_c_during_the_last_write_comes_after_it(steps):
-    done: list[int] = []
+    done = []
     steps.interrupted = ("write", "a")
     with pytest.raises(KeyboardInterrupt):
         pipeline.run(jobs("a"), lambda number, result: done.append(number))
@@ -162,11 +160,11 @@ def test_what_is_being_decoded_ends_before_the_run_does(steps):
 def test_jobs_of_one_picture_are_decoded_once(tmp_path, monkeypatch):
     from defocus_core.picture.take import Inputs
 
-    decoded: list[str] = []
+    decoded = []
 
     def load(job):
         decoded.append(job.picture.stem)
-        return Inputs(*[None] * 3)  # type: ignore[arg-type]
+        return Inputs(*[None] * 3)
 
     monkeypatch.setattr(plain_path, "read", load)
     reader = job_result.Reader()

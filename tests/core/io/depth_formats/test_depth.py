@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -35,49 +36,31 @@ def exr(path, *names):
     return path
 
 
+OTHERS = "R G B N.X N.Y N.Z P.X P.Y P.Z"
+
+
 @pytest.mark.parametrize(
     ("names", "depth"),
     [
-        (["Z"], "Z"),
-        (["R", "G", "B", "Z"], "Z"),
-        (["depth.Z", "R", "G", "B"], "depth.Z"),
-        (["ViewLayer.Combined.R", "ViewLayer.Depth.Z", "ViewLayer.Mist.Z"], "ViewLayer.Depth.Z"),
-        (["N.X", "N.Y", "N.Z", "Depth.Z"], "Depth.Z"),
-        (["R", "G", "B", "V"], "V"),
-        (["R", "G", "B", "depth.v"], "depth.v"),
-        (["R", "G", "B", "Depth"], "Depth"),
-        (["anything"], "anything"),
-        (["R"], "R"),
+        ("Z", "Z"),
+        ("anything", "anything"),
+        ("R", "R"),
+        ("ViewLayer.Combined.R ViewLayer.Depth.Z ViewLayer.Mist.Z", "ViewLayer.Depth.Z"),
+        *(
+            (f"{OTHERS} {name}", name.split()[0])
+            for name in (
+                *("Z", "V", "Pz", "Z.Z", "depth.Z", "depth.v", "Depth", "zdepth", "depth.R"),
+                *("VRayZDepth.R", "zDepth.Y", "Zdepth.R", "FinalImagePW_WorldDepth.R"),
+                *("depth.R depth.G depth.B", "ViewLayer.Depth.V"),
+            )
+        ),
     ],
 )
 def test_the_depth_channel_is_found_by_its_name(tmp_path, names, depth):
-    read = read_depth(exr(tmp_path / "a.exr", *names))
+    read = read_depth(exr(tmp_path / "a.exr", *names.split()))
     assert read.channel == depth
-    np.testing.assert_array_equal(read.metres, plane(names.index(depth)))
+    np.testing.assert_array_equal(read.metres, plane(names.split().index(depth)))
     assert read.note == f"EXR float channel {depth}, metres"
-
-
-@pytest.mark.parametrize(
-    "names",
-    [
-        "VRayZDepth.R",
-        "zDepth.Y",
-        "zdepth",
-        "Zdepth.R",
-        "Pz",
-        "depth.R",
-        "Z.Z",
-        "FinalImagePW_WorldDepth.R",
-        "depth.R depth.G depth.B",
-        "ViewLayer.Depth.V",
-    ],
-)
-def test_depth_is_known_by_the_names_that_programs_write(tmp_path, names):
-    own = names.split()
-    path = exr(tmp_path / "a.exr", *own, "R", "G", "B", "N.X", "N.Y", "N.Z", "P.X", "P.Y", "P.Z")
-    read = read_depth(path)
-    assert read.channel == own[0]
-    np.testing.assert_array_equal(read.metres, plane(0))
 
 
 def test_a_layer_of_one_channel_is_chosen_by_its_name(tmp_path):
@@ -88,7 +71,8 @@ def test_a_layer_of_one_channel_is_chosen_by_its_name(tmp_path):
 
 
 def test_the_likeliest_channel_is_proposed(tmp_path):
-    path = exr(tmp_path / "a.exr", "R", "G", "B", "Px", "Py", "Pz", "camera_distance.y")
+    vectors = ("N.X", "N.Y", "N.Z", "Px", "Py", "Pz")
+    path = exr(tmp_path / "a.exr", "R", "G", "B", *vectors, "camera_distance.y")
     with refuses("no-depth", "‹depth-channel› Pz", kind=NoDepthChannel):
         read_depth(path)
 
@@ -148,23 +132,10 @@ def test_a_part_called_depth_wins_over_one_called_mist(tmp_path):
 def test_no_depth_names_the_channels_there_are(tmp_path):
     with refuses("no-depth", "B, G, R", "‹depth-channel› NAME", kind=NoDepthChannel):
         read_depth(exr(tmp_path / "a.exr", "R", "G", "B"))
-    grey = {name: plane() for name in "RGB"}
-    write_exr(tmp_path / "b.exr", grey, {})
-    with refuses("no-depth", "equal", "‹depth-channel› R", kind=NoDepthChannel):
-        read_depth(tmp_path / "b.exr")
     with refuses("no-such-channel") as caught:  # it was asked for
-        read_depth(tmp_path / "b.exr", channel="Z")
+        read_depth(tmp_path / "a.exr", channel="Z")
     assert not isinstance(caught.value, NoDepthChannel)
-    assert "are equal" not in caught.value.remedy
-    read = read_depth(tmp_path / "b.exr", channel="R")
-    np.testing.assert_array_equal(read.metres, plane())
-
-
-@pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1), ("ft", 0.3048)])
-def test_units(tmp_path, unit, metres):
-    path = exr(tmp_path / "a.exr", "Z")
-    read = read_depth(path, unit=unit)
-    np.testing.assert_array_equal(read.metres, (plane().astype(np.float64) * metres).astype("f"))
+    np.testing.assert_array_equal(read_depth(tmp_path / "a.exr", channel="R").metres, plane())
 
 
 def test_sky_and_holes(tmp_path):
@@ -235,22 +206,32 @@ def test_the_header_of_a_pfm_ends_with_its_line(tmp_path, end):
     np.testing.assert_array_equal(read_depth(tmp_path / "a.pfm").metres, expected)
 
 
+def npy_bytes(values):
+    file = BytesIO()
+    np.save(file, values, allow_pickle=True)
+    return file.getvalue()
+
+
 @pytest.mark.parametrize(
-    ("content", "code", "fact"),
+    ("name", "content", "code", "fact"),
     [
-        (b"Pf\n6 5\n-1\n" + bytes(121), "damaged", "1 bytes more than the 120"),
-        (b"Pf\n6 5\n-1\n" + bytes(119), "damaged", "119 bytes of pixels, 120 expected"),
-        (b"Pf\n6 5\n0\n" + bytes(120), "damaged", "scale 0"),
-        (b"Pf\n6", "damaged", "header"),
-        (b"Pf\n-6 5\n-1\n" + bytes(120), "damaged", "-6×5 px"),
-        (b"Pf\n9999999 9999999\n-1\n", "too-large", "9999999×9999999 px"),
-        (b"PF\n6 5\n-1\n" + bytes(360), "not-one-channel", "PF"),
+        ("a.pfm", b"Pf\n6 5\n-1\n" + bytes(121), "damaged", "6×5 px of float32 are 120"),
+        ("a.pfm", b"Pf\n6 5\n-1\n" + bytes(119), "damaged", "119 bytes of pixels"),
+        ("a.pfm", b"Pf\n6 5\n0\n" + bytes(120), "damaged", "scale 0"),
+        ("a.pfm", b"Pf\n6", "damaged", "header"),
+        ("a.pfm", b"Pf\n-6 5\n-1\n" + bytes(120), "damaged", "-6×5 px"),
+        ("a.pfm", b"Pf\n9999999 9999999\n-1\n", "too-large", "9999999×9999999 px"),
+        ("a.pfm", b"PF\n6 5\n-1\n" + bytes(360), "not-one-channel", "PF"),
+        ("a.npy", npy_bytes(np.ones((2, 3), np.uint16)), "unknown-unit", "uint16"),
+        ("a.npy", npy_bytes(np.ones((2, 3, 3), np.float32)), "wrong-shape", "2 × 3 × 3"),
+        ("a.npy", npy_bytes(np.array([{"pickled": 1}], dtype=object)), "not-numbers", ""),
+        ("a.npy", npy_bytes(np.ones((50, 60), np.float32))[:-8], "damaged", ""),
     ],
 )
-def test_a_bad_pfm_is_refused(tmp_path, content, code, fact):
-    (tmp_path / "a.pfm").write_bytes(content)
-    with refuses(code, fact, path=tmp_path / "a.pfm"):
-        read_depth(tmp_path / "a.pfm")
+def test_a_bad_file_is_refused(tmp_path, name, content, code, fact):
+    (tmp_path / name).write_bytes(content)
+    with refuses(code, fact, path=tmp_path / name):
+        read_depth(tmp_path / name)
 
 
 @pytest.mark.parametrize("dtype", ["f2", "<f4", ">f4", "f8"])
@@ -261,23 +242,6 @@ def test_npy_is_read_in_any_float(tmp_path, dtype):
         read = read_depth(tmp_path / name)
         np.testing.assert_array_equal(read.metres, values.astype("f4"))
         assert read.metres.dtype == np.dtype("=f4")
-
-
-def test_a_bad_npy_is_refused(tmp_path):
-    path = tmp_path / "a.npy"
-    bad: list[tuple[Any, str]] = [
-        (np.ones((2, 3), np.uint16), "unknown-unit"),
-        (np.ones((2, 3, 3), np.float32), "wrong-shape"),
-        (np.array([{"pickled": 1}], dtype=object), "not-numbers"),
-    ]
-    for values, code in bad:
-        np.save(path, values, allow_pickle=True)
-        with refuses(code, path=path):
-            read_depth(path)
-    np.save(path, np.ones((50, 60), np.float32))
-    path.write_bytes(path.read_bytes()[:-8])
-    with refuses("damaged", path=path):
-        read_depth(path)
 
 
 def test_16_bit_integers_are_millimetres_and_0_is_a_hole(tmp_path):

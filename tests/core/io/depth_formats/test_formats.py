@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,13 +11,13 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import read_exr, refused, run, write_exr
-from depth_files import colmap, dpt, gdepth, matlab, npy, pfm, png, with_text
+from command_line import write_exr
+from depth_files import colmap, dpt, gdepth, npy, pfm, png
 from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 from refusals import refuses
 
-from defocus_core.batch.jobs.reading_options import READING_OPTIONS, make_reading
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
+from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import FORMATS
 
 INF, NAN = np.inf, np.nan
@@ -27,6 +25,7 @@ INF, NAN = np.inf, np.nan
 DEPTH = np.array([[1.0, 2.5, 4.0, 5.5], [8.0, 9.0, 10.5, 12.0], [15.0, 16.0, 18.0, 20.0]])
 HOLE = (2, 0)
 SKY = (0, 3)
+RANGE, PLANAR = {"depth_range": (1000.0, 20_000.0)}, {"geometry": "planar"}
 
 
 @dataclass(frozen=True)
@@ -36,13 +35,13 @@ class Example:
     Attributes:
         path: the file.
         metres: planar depth; inf is sky, NaN invalid.
-        options: options of the command line beside the format.
+        said: what a reading must say beside the format.
         rtol: half of the relative step of the file's numbers, more or less.
     """
 
     path: Path
     metres: Any
-    options: tuple[str, ...] = ()
+    said: dict[str, Any] = field(default_factory=dict)
     rtol: float = 1e-6
 
 
@@ -109,7 +108,7 @@ def _nyu_mat(folder):
     frames = np.stack([DEPTH.T + 100, DEPTH.T])  # N, W, H
     raw = np.stack([DEPTH.T, marked(hole=0).T])
     path = of_hdf5(folder, depths=frames, rawDepths=raw)
-    return Example(path, metres(hole=True), ("--part", "1"))
+    return Example(path, metres(hole=True), {"part": 1})
 
 
 def _diode(folder):
@@ -118,32 +117,14 @@ def _diode(folder):
 
 
 def _eth3d(folder):
-    values = np.broadcast_to(np.arange(1, 6049, dtype="<f4"), (4032, 6048)).copy()
-    values[1:, :] += 1
-    values[0, 0] = INF
-    (folder / "a.JPG").write_bytes(values.tobytes())
-    values[0, 0] = NAN
-    return Example(folder / "a.JPG", values)
+    (folder / "a.JPG").write_bytes(marked(hole=INF).astype("<f4").tobytes())
+    return Example(folder / "a.JPG", metres(hole=True))
 
 
-def _float16(folder, *options, factor=1.0):
+def _float16(folder, factor=1.0, **said):
     halves = marked(hole=0).astype(np.float16)
     path = png(folder / "a.png", halves.view(np.uint16))
-    return Example(path, metres(hole=True) * factor, options)
-
-
-def _class_mask(folder, name, number, scale):
-    (folder / "depth").mkdir()
-    classes = marked(np.full((3, 4), 7), sky=number)
-    place = folder / name.format(stem="a_0003", number="0003")
-    place.parent.mkdir(exist_ok=True)
-    png(place, classes, np.uint8)
-    path = write_exr(folder / "depth" / "a_0003.exr", Z=np.float32(DEPTH / scale))
-    return Example(path, metres(sky=True), rtol=1e-5)
-
-
-def _omniobject3d(folder):
-    return Example(exr(folder, "X", DEPTH * 3, B=DEPTH * 2, Y=marked(sky=65504)), metres(sky=True))
+    return Example(path, metres(hole=True) * factor, said)
 
 
 def _ibims1(folder):
@@ -159,12 +140,8 @@ def _ibims1(folder):
 def _scenenet(folder):
     numbers = np.round(radial(5.0) * 1000)
     numbers[HOLE] = 0
-    path, options = png(folder / "a.png", numbers), ("--focal-px", "5")
-    return Example(path, metres(hole=True), options, rtol=1e-3)
-
-
-def _ros(folder):
-    return png_of(folder, scale=1000, hole=0)
+    path = png(folder / "a.png", numbers)
+    return Example(path, metres(hole=True), {"focal_px": 5.0}, rtol=1e-3)
 
 
 def _middlebury(folder):
@@ -181,27 +158,6 @@ def _middlebury2006(folder):
     numbers = np.round(3740 * 0.16 / (DEPTH + 2) - 20)
     depth = marked(3740 * 0.16 / (numbers + 20), hole=NAN)
     return Example(png(folder / "disp1.png", marked(numbers, hole=0), np.uint8), depth)
-
-
-def _cityscapes(folder):
-    own, cameras = (folder / name / "train" / "ulm" for name in ("disparity", "camera"))
-    for made in (own, cameras):
-        made.mkdir(parents=True)
-    camera = {"intrinsic": {"fx": 226.252}, "extrinsic": {"baseline": 0.209313}}
-    (cameras / "ulm_000001_000019_camera.json").write_text(json.dumps(camera))
-    numbers = np.round(256 * 226.252 * 0.209313 / DEPTH + 1)
-    path = png(own / "ulm_000001_000019_disparity.png", marked(numbers, hole=0))
-    return Example(path, metres(hole=True), rtol=1e-3)
-
-
-def _unrealstereo4k(folder):
-    for number, x in (("0", 1.0), ("1", 0.5)):  # world to camera: the second is 0.5 to the right
-        pose = f"1 0 0 {x} 0 1 0 2 0 0 1 3"
-        path = folder / f"Extrinsics{number}" / "00007.txt"
-        path.parent.mkdir()
-        path.write_text(f"1000 0 1920 0 1000 1080 0 0 1\n{pose}\n")
-    disparity = marked(1000 * 0.5 / DEPTH, hole=0)
-    return Example(npy(folder / "Disp0" / "00007.npy", disparity), metres(hole=True))
 
 
 def _spring(folder):
@@ -225,26 +181,11 @@ def _hci(folder):
     return Example(pfm(folder / "gt_disp_lowres.pfm", disparity), metres(), rtol=1e-5)
 
 
-def _ffs(folder):
-    packed = np.round(1000 * 500 * 0.1 / DEPTH).astype(int)
-    red, rest = np.divmod(packed, 255**2)
-    path = png(folder / "a.png", np.stack([red, rest // 255, rest % 255], axis=2), np.uint8)
-    options = ("--focal-px", "500", "--baseline", "100mm")
-    return Example(path, 500 * 0.1 / (packed / 1000), options)
-
-
 def _carla(folder):
     packed = np.round(marked(sky=1000.0) / 1000 * (2**24 - 1)).astype(int)
     planes = [packed % 256, packed // 256 % 256, packed // 65536]
     path = png(folder / "a.png", np.stack([*planes, packed * 0 + 255], axis=2), np.uint8)
     return Example(path, metres(sky=True), rtol=1e-4)
-
-
-def _moge_png(folder):
-    share = np.log(DEPTH / 0.5) / np.log(50 / 0.5)
-    numbers = marked(1 + np.round(share * 65533), hole=0, sky=65535)
-    path = with_text(png(folder / "a.png", numbers), near="0.5", far="50.0")
-    return Example(path, metres(hole=True, sky=True), rtol=1e-4)
 
 
 def _moge(folder):
@@ -259,21 +200,19 @@ def _moge(folder):
 
 def _affine(folder):
     share = (DEPTH - 1) / 19
-    return Example(
-        npy(folder / "a.npy", share), metres(), ("--depth-range", "1m", "20m"), rtol=1e-5
-    )
+    return Example(npy(folder / "a.npy", share), metres(), RANGE, rtol=1e-5)
 
 
 def _relative(folder):
     numbers = np.round(255 * (1 / DEPTH - 1 / 20) / (1 - 1 / 20))
     expected = 1 / (1 / 20 + numbers / 255 * (1 - 1 / 20))
     path = png(folder / "a.png", numbers, np.uint8)
-    return Example(path, expected, ("--depth-range", "1m", "20m"))
+    return Example(path, expected, RANGE)
 
 
 def _video(folder):
     np.savez(folder / "a.npz", depths=np.stack([DEPTH + 1, DEPTH]).astype(np.float32))
-    return Example(folder / "a.npz", metres(), ("--depth-kind", "depth", "--part", "1"))
+    return Example(folder / "a.npz", metres(), {"depth_kind": "depth", "part": 1})
 
 
 def _heic(folder):
@@ -293,9 +232,9 @@ def _gdepth(folder):
     return Example(path, far * near / (far - numbers / 255 * (far - near)))
 
 
-def _npz(folder, *options, **arrays):
+def _npz(folder, said=None, **arrays):
     np.savez(folder / "a.npz", **{k: v.astype(np.float32) for k, v in arrays.items()})
-    return Example(folder / "a.npz", metres(sky=True), options)
+    return Example(folder / "a.npz", metres(sky=True), said or {})
 
 
 def _blenderproc(folder):
@@ -303,26 +242,21 @@ def _blenderproc(folder):
     return Example(path, metres(sky=True))
 
 
-def _exr_of(folder, name, *options, hole=None, sky=None, factor=1.0, **others):
+def _exr_of(folder, name, hole=None, sky=None, factor=1.0, **others):
     numbers = marked(DEPTH * factor, hole=hole, sky=sky)
     expected = metres(hole=hole is not None, sky=sky is not None)
-    return Example(exr(folder, name, numbers, **others), expected, options)
+    return Example(exr(folder, name, numbers, **others), expected)
 
 
-def _radial_exr(folder, name, *options):
+def _radial_exr(folder, name, **said):
     numbers = marked(radial(5.0), hole=0)
-    return Example(
-        exr(folder, name, numbers), metres(hole=True), ("--focal-px", "5", *options), 1e-5
-    )
+    said["focal_px"] = 5.0
+    return Example(exr(folder, name, numbers), metres(hole=True), said, 1e-5)
 
 
-def _npy_of(folder, *options, hole=None, sky=None):
+def _npy_of(folder, hole=None, sky=None):
     path = npy(folder / "a.npy", marked(hole=hole, sky=sky))
-    return Example(path, metres(hole=hole is not None, sky=sky is not None), options)
-
-
-def _irs(folder):
-    return Example(exr(folder, "G", marked(48 / DEPTH, hole=0)), metres(hole=True))
+    return Example(path, metres(hole=hole is not None, sky=sky is not None))
 
 
 def _nuke(folder):
@@ -349,7 +283,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "disparity": lambda f: Example(
         npy(f / "a.npy", marked(500 * 0.1 / DEPTH - 2, hole=NAN)),
         metres(hole=True),
-        ("--focal-px", "500px", "--baseline", "0.1m", "--doffs", "2"),
+        {"focal_px": 500.0, "baseline": 100.0, "doffs": 2.0},
     ),
     "coc": lambda f: Example(exr(f, "coc", DEPTH - 9), DEPTH - 9),
     "blender": lambda f: _exr_of(
@@ -357,51 +291,35 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     ),
     "blenderproc": _blenderproc,
     "vision-blender": lambda f: _npz(f, depth_map=marked(sky=1e10), normal_map=np.ones((3, 4, 3))),
-    "kubric": lambda f: _npz(f, "--planar", depth=marked(sky=INF)),
+    "kubric": lambda f: _npz(f, PLANAR, depth=marked(sky=INF)),
     "mitsuba": lambda f: _radial_exr(f, "depth"),
     "unreal-mrq": lambda f: _unreal(f),
-    "unity-perception": lambda f: _radial_exr(f, "R", "--radial"),
+    "unity-perception": partial(_radial_exr, name="R", geometry="radial"),
     "carla": _carla,
-    "habitat": lambda f: _npy_of(f, hole=0),
-    "mujoco-warp": lambda f: _npy_of(f, "--planar"),
     "nuke-scanline": _nuke,
     "arnold": _arnold,
     "houdini": _houdini,
     "vray-zdepth": lambda f: Example(
-        exr(f, "Z", (20 - DEPTH) / 19), metres(), ("--depth-range", "20", "1"), 1e-5
+        exr(f, "Z", (20 - DEPTH) / 19), metres(), {"depth_range": (20_000.0, 1000.0)}, 1e-5
     ),
     "colmap": lambda f: Example(colmap(f / "a.bin", marked(hole=0)), metres(hole=True)),
     "hypersim": _hypersim,
-    "hypersim-marigold": partial(png_of, scale=1000, hole=0),
     "tartanair": partial(_npy_of, sky=10000.0),
     "tartanair2": _tartanair2,
     "sintel": _sintel,
     "kitti": partial(png_of, scale=256, hole=0),
     "vkitti2": partial(png_of, scale=100, sky=65535),
-    "nyu-png": partial(png_of, scale=1000, hole=0),
     "nyu-mat": _nyu_mat,
-    "scannet": partial(png_of, scale=1000, hole=0),
-    "scannetpp": partial(png_of, scale=1000, hole=0),
     "matterport": lambda f: _quarter(f),
     "diode": _diode,
     "eth3d": _eth3d,
     "pointodyssey": partial(png_of, scale=65.535, hole=0, sky=65535),
     "dynamicreplica": _float16,
-    "co3d": lambda f: _float16(f, "--depth-scale", "0.5", factor=0.5),
+    "co3d": partial(_float16, factor=0.5, depth_scale=0.5),
     "mvs-synth": lambda f: _exr_of(f, "Z", sky=INF),
     "bedlam": lambda f: _exr_of(f, "Depth", sky=30000.0, factor=100, R=DEPTH, G=DEPTH, B=DEPTH * 2),
-    "urbansyn": lambda f: _class_mask(f, "ss/ss_{number}.png", 10, 1e5),
-    "synscapes": lambda f: _class_mask(f, "class/{stem}.png", 23, 1),
     "3dkenburns": lambda f: _exr_of(f, "Z", sky=30000.0, factor=1000),
-    "omniobject3d": _omniobject3d,
-    "blendedmvs": lambda f: Example(pfm(f / "a.pfm", marked(hole=0), big=True), metres(hole=True)),
-    "megadepth": lambda f: Example(
-        of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, ("--depth-scale", "3")
-    ),
-    "eden": lambda f: Example(
-        matlab(f / "a.mat", "Depth", np.stack([DEPTH, DEPTH * 2, DEPTH * 3], axis=2)), metres()
-    ),
-    "arkitscenes": partial(png_of, scale=1000, hole=0),
+    "png-mm": partial(png_of, scale=1000, hole=0),
     "tum": lambda f: _fifth(f),
     "ibims1": _ibims1,
     "infinigen": lambda f: Example(
@@ -409,28 +327,16 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
         metres(hole=True, sky=True),
     ),
     "scenenet-rgbd": _scenenet,
-    "ros": _ros,
     "middlebury": _middlebury,
     "middlebury2006": _middlebury2006,
-    "middlebury2003": lambda f: Example(
-        png(f / "disp2.png", marked(np.round(200 / DEPTH), hole=0), np.uint8),
-        marked(900 * 0.1 / (np.round(200 / DEPTH) / 4), hole=NAN),
-        ("--focal-px", "900", "--baseline", "10cm"),
-    ),
     "sceneflow": _sceneflow,
-    "cityscapes": _cityscapes,
-    "irs": _irs,
-    "unrealstereo4k": _unrealstereo4k,
     "spring": _spring,
     "hci-lightfield": _hci,
-    "ffs-stereo4d": _ffs,
-    "moge-png": _moge_png,
     "moge": _moge,
     "depth-pro": lambda f: _npz(f, depth=marked(sky=1e10)),
-    "depth-anything-v2-metric": _npy_of,
     "depth-anything": _relative,
     "video-depth-anything": _video,
-    "depth-anything-3": lambda f: _npz(f, "--planar", depth=marked(sky=INF)[None]),
+    "depth-anything-3": lambda f: _npz(f, PLANAR, depth=marked(sky=INF)[None]),
     "marigold": _affine,
     "apple-heic": _heic,
     "android-gdepth": _gdepth,
@@ -467,37 +373,16 @@ def test_every_format_has_an_example():
     assert EXAMPLES.keys() == FORMATS.keys()
 
 
-@pytest.mark.parametrize("name", sorted(FORMATS.keys() - {"coc"}))  # which holds no depth
+@pytest.mark.parametrize("name", FORMATS)
 def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
     example = EXAMPLES[name](tmp_path)
-    out = tmp_path / "out.exr"
-    ran = run(
-        *("depth", example.path, "--depth-format", name, "--invalid", "far", "-o", out),
-        *example.options,
-    )
-    assert ran.code == 0, ran.err
-    written = read_exr(out)["Z"]
-    expected = np.where(np.isnan(example.metres), INF, example.metres)
-    assert written.dtype == np.float32
-    np.testing.assert_allclose(written, expected, rtol=example.rtol)
-
-
-@pytest.mark.parametrize("name", FORMATS)
-def test_invalid_pixels_are_told_from_sky_and_refused(name, tmp_path):
-    example = EXAMPLES[name](tmp_path)
-    words = list(example.options)
-    fields: dict[str, Any] = {"depth_format": name}
-    while words:
-        option = words.pop(0).removeprefix("--")
-        if option in ("planar", "radial"):
-            fields["geometry"] = option
-            continue
-        text = f"{words.pop(0)} {words.pop(0)}" if option == "depth-range" else words.pop(0)
-        fields[option.replace("-", "_")] = READING_OPTIONS[option].parse(text)
-    depth = read_depth(example.path, make_reading(fields, {}))
-    np.testing.assert_array_equal(depth.invalid, np.isnan(example.metres))
-    np.testing.assert_array_equal(np.isposinf(depth.metres), np.isposinf(example.metres))
-    if depth.invalid.any():
+    size = DEPTH.shape[::-1] if name == "eth3d" else None  # which has no header
+    depth = read_depth(example.path, DepthReading(depth_format=name, **example.said), size=size)
+    valid = ~np.isnan(example.metres)
+    np.testing.assert_array_equal(depth.invalid, ~valid)
+    np.testing.assert_allclose(depth.metres[:][valid], example.metres[valid], rtol=example.rtol)
+    assert depth.metres.dtype == np.float32
+    if not valid.all():
         with refuses("invalid-depth", "‹invalid› far", path=example.path):
             require_valid(depth)
     else:
@@ -507,31 +392,26 @@ def test_invalid_pixels_are_told_from_sky_and_refused(name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("vray-zdepth", "leaves --depth-range open"),
-        ("marigold", "leaves --depth-range open"),
-        ("depth-anything", "leaves --depth-range open"),
-        ("video-depth-anything", "leaves --depth-kind open"),
-        ("megadepth", "leaves --depth-scale open"),
-        ("co3d", "leaves --depth-scale open: .*scale_adjustment"),
-        ("unity-perception", "add --planar or --radial"),
-        ("kubric", "add --planar or --radial"),
-        ("mujoco-warp", "before March 2026.* add --planar or --radial"),
-        ("depth-anything-3", "add --planar or --radial"),
-        ("mitsuba", "--fov 60deg or --focal-px PX"),
-        ("scenenet-rgbd", "--fov 60deg or --focal-px PX"),
-        ("middlebury", r"leaves --focal-px and --baseline open: there is no calib\.txt beside"),
-        ("hci-lightfield", r"there is no parameters\.cfg beside"),
-        ("spring", r"leaves --focal-px open: there is no intrinsics\.txt beside"),
-        ("unrealstereo4k", "there is no Extrinsics beside"),
-        ("ffs-stereo4d", "leaves --focal-px and --baseline open"),
-        ("disparity", "--focal-px PX and --baseline 65mm, or --depth-range NEAR FAR, or"),
+        ("vray-zdepth", ["leaves ‹depth-range› open"]),
+        ("marigold", ["leaves ‹depth-range› open"]),
+        ("depth-anything", ["leaves ‹depth-range› open"]),
+        ("video-depth-anything", ["leaves ‹depth-kind› open"]),
+        ("co3d", ["leaves ‹depth-scale› open", "scale_adjustment"]),
+        ("unity-perception", ["add ‹planar› or ‹radial›"]),
+        ("kubric", ["add ‹planar› or ‹radial›"]),
+        ("depth-anything-3", ["add ‹planar› or ‹radial›"]),
+        ("mitsuba", ["‹fov› 60deg or ‹focal-px› PX"]),
+        ("scenenet-rgbd", ["‹fov› 60deg or ‹focal-px› PX"]),
+        ("middlebury", ["leaves ‹focal-px› and ‹baseline› open: there is no calib.txt beside"]),
+        ("hci-lightfield", ["there is no parameters.cfg beside"]),
+        ("spring", ["leaves ‹focal-px› open: there is no intrinsics.txt beside"]),
+        ("disparity", ["‹focal-px› PX and ‹baseline› 65mm, or ‹depth-range› NEAR FAR, or"]),
     ],
 )
 def test_what_no_format_may_guess_is_asked_for(name, words, tmp_path):
     example = EXAMPLES[name](tmp_path)
     for sidecar in (p for p in tmp_path.rglob("*") if p.suffix in (".txt", ".cfg")):
         sidecar.unlink()
-    part = ("--part", "0") if "--part" in example.options else ()
-    ran = run("depth", example.path, "--depth-format", name, *part, "-o", tmp_path / "o.exr")
-    refused(ran, 2, "missing-option", "depth-format")
-    assert re.search(words, ran.err)
+    reading = DepthReading(depth_format=name, part=example.said.get("part"))
+    with refuses("missing-option", *words, field="depth-format", value=name):
+        read_depth(example.path, reading)

@@ -14,32 +14,21 @@ from defocus_core.io.depth_formats.reading import DepthReading
 INF, NAN = np.inf, np.nan
 
 
-def filled(rows):
+@pytest.mark.parametrize(
+    ("rows", "filled"),
+    [
+        ([[1, NAN, 0, 5, -1]], [[1, 5, 5, 5, 5]]),  # the farther of the neighbours in the row
+        ([[NAN, 3, NAN, 2]], [[3, 3, 3, 2]]),
+        ([[2, NAN, INF]], [[2, INF, INF]]),  # sky is the farthest
+        # a row without depth: the farther of the rows beside it
+        ([[0, 0], [1, 9], [0, 0], [0, 0], [5, 2]], [[1, 9], [1, 9], [5, 9], [5, 9], [5, 2]]),
+        ([[1, 2], [3, 4]], [[1, 2], [3, 4]]),
+    ],
+)
+def test_a_hole_takes_the_farther_of_its_neighbours(rows, filled):
     metres = np.array(rows, np.float32)
     fill_from_farther(metres, lambda rows: metres[rows] > 0)
-    found: list[list[float]] = metres.tolist()
-    return found
-
-
-def test_a_hole_takes_the_farther_of_its_neighbours_in_the_row():
-    assert filled([[1, NAN, 0, 5, -1]]) == [[1, 5, 5, 5, 5]]
-    assert filled([[NAN, 3, NAN, 2]]) == [[3, 3, 3, 2]]
-
-
-def test_sky_is_the_farthest_neighbour():
-    assert filled([[2, NAN, INF]]) == [[2, INF, INF]]
-
-
-def test_a_row_without_depth_takes_the_farther_of_the_rows_beside_it():
-    assert filled([[0, 0], [1, 9], [0, 0], [0, 0], [5, 2]]) == [
-        *([[1, 9]] * 2),
-        *([[5, 9]] * 2),
-        [5, 2],
-    ]
-
-
-def test_depth_stays_as_it_is():
-    assert filled([[1, 2], [3, 4]]) == [[1, 2], [3, 4]]
+    assert metres.tolist() == filled
 
 
 def test_nothing_can_be_filled_from_nothing(tmp_path):

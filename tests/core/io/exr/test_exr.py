@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from contextlib import suppress
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,6 @@ from refusals import refuses
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
-from defocus_core.io.exr import reading, writing
 from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import CODECS, codec_of, read_headers
 from defocus_core.io.exr.reading import read_parts
@@ -183,17 +183,16 @@ def whole_by_openexr(path):
     return parts
 
 
-def same_in_pieces(path, monkeypatch, piece_bytes=3000):
-    for pieces in (piece_bytes, 1 << 25):
-        monkeypatch.setattr(reading, "_STRIP_BYTES", pieces)
-        for scratch in (False, True):
-            parts = read_parts(path, keeping=Keeping(scratch=scratch))
-            for part, planes in zip(parts, whole_by_openexr(path), strict=True):
-                assert part.channels.keys() == planes.keys()
-                for name, plane in planes.items():
-                    pixels = part.channels[name][:]
-                    assert pixels.dtype == plane.dtype
-                    np.testing.assert_array_equal(pixels, plane)
+def same_in_pieces(path, piece_bytes=3000):
+    whole = whole_by_openexr(path)
+    for scratch, pieces in product((False, True), (piece_bytes, 1 << 25)):
+        parts = read_parts(path, keeping=Keeping(scratch, pieces))
+        for part, planes in zip(parts, whole, strict=True):
+            assert part.channels.keys() == planes.keys()
+            for name, plane in planes.items():
+                pixels = part.channels[name][:]
+                assert pixels.dtype == plane.dtype
+                np.testing.assert_array_equal(pixels, plane)
 
 
 def mixed_planes(shape):
@@ -208,32 +207,24 @@ def mixed_planes(shape):
 
 
 @pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_scan_lines_of_all_compressions_are_the_same_in_pieces(compression, tmp_path, monkeypatch):
-    header = {"type": OpenEXR.scanlineimage, "compression": getattr(OpenEXR, compression)}
-    OpenEXR.File(header, mixed_planes((600, 20))).write(str(tmp_path / "a.exr"))
-    same_in_pieces(tmp_path / "a.exr", monkeypatch)
-
-
-@pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_tiles_of_all_compressions_are_the_same_in_pieces(compression, tmp_path, monkeypatch):
-    header = {**tiles(16, 24), "compression": getattr(OpenEXR, compression)}
-    OpenEXR.File(header, mixed_planes((70, 50))).write(str(tmp_path / "a.exr"))
-    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+def test_all_compressions_are_the_same_in_pieces(compression, tmp_path):
+    for kind, shape in (({"type": OpenEXR.scanlineimage}, (300, 20)), (tiles(16, 24), (70, 50))):
+        header = {**kind, "compression": getattr(OpenEXR, compression)}
+        OpenEXR.File(header, mixed_planes(shape)).write(str(tmp_path / "a.exr"))
+        same_in_pieces(tmp_path / "a.exr")
 
 
 @pytest.mark.parametrize("piece_bytes", [1, 20_000, 10**6])
-def test_a_texture_with_its_smaller_copies_is_the_same_in_pieces_of_any_size(
-    piece_bytes, tmp_path, monkeypatch
-):
+def test_a_texture_with_its_smaller_copies_is_the_same_in_pieces_of_any_size(piece_bytes, tmp_path):
     texture = oiio.ImageBuf(oiio.ImageSpec(50, 70, 3, "float"))
     texture.set_pixels(oiio.ROI(), np.random.default_rng(4).random((70, 50, 3), np.float32))
     tiled = oiio.ImageSpec()
     tiled.tile_width, tiled.tile_height = 32, 16
     assert oiio.ImageBufAlgo.make_texture(oiio.MakeTxTexture, texture, f"{tmp_path}/a.exr", tiled)
-    same_in_pieces(tmp_path / "a.exr", monkeypatch, piece_bytes)
+    same_in_pieces(tmp_path / "a.exr", piece_bytes)
 
 
-def test_tiled_parts_and_windows_are_the_same_in_pieces(tmp_path, monkeypatch):
+def test_tiled_parts_and_windows_are_the_same_in_pieces(tmp_path):
     data, display = box(-5, 7, 44, 66), box(0, 0, 39, 79)
     windows = {"dataWindow": data, "displayWindow": display}
     parts = [
@@ -242,40 +233,36 @@ def test_tiled_parts_and_windows_are_the_same_in_pieces(tmp_path, monkeypatch):
         OpenEXR.Part({"name": "after", **SCANLINE, **windows}, random_planes("Y", (60, 50))),
     ]
     OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
-    same_in_pieces(tmp_path / "a.exr", monkeypatch)
+    same_in_pieces(tmp_path / "a.exr")
 
 
-def test_a_tile_too_large_to_be_decoded_at_once_is_refused(tmp_path, monkeypatch):
-    OpenEXR.File(tiles(64, 64), random_planes("RGB", (70, 80))).write(str(tmp_path / "a.exr"))
-    monkeypatch.setattr(reading, "_LARGEST_TILE", 64 * 64 * 6 - 1)
+def test_a_tile_too_large_to_be_decoded_at_once_is_refused(tmp_path):
+    planes = {name: np.zeros((4100, 4100), np.float32) for name in ("Y",)}
+    OpenEXR.File(tiles(4100, 4100), planes).write(str(tmp_path / "a.exr"))
     with refuses("no-pieces", "‹memory›"):
         read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
 
 
-def test_of_subsampled_channels_only_chroma_is_read(tmp_path):
+def test_channels_of_fewer_samples_than_pixels_are_refused(tmp_path):
     path, plane = tmp_path / "a.exr", random_planes("R", (24, 32))["R"]
-    OpenEXR.File(dict(SCANLINE), {"R": plane, "mask": OpenEXR.Channel(plane, 2, 2)}).write(
-        str(path)
-    )
+    OpenEXR.File(dict(SCANLINE), {"Y": plane, "BY": OpenEXR.Channel(plane, 2, 2)}).write(str(path))
     assert not oiio.ImageInput.open(str(path)), "OpenImageIO reads it: it could be taken"
     oiio.geterror()
-    (part,) = read_parts(path)
-    assert part.channels.keys() == {"R"}
-    np.testing.assert_array_equal(part.channels["R"], plane)
+    with refuses("subsampled", "BY", "R, G and B", path=path):
+        read_headers(path)
 
 
 def test_limits_of_openimageio_are_not_those_of_exr_files(tmp_path):
     """It refuses pictures larger than memory, which are read in pieces, and 1025 channels."""
     names = [f"c{index}" for index in range(1030)]
-    planes = {name: np.full((20, 30), index, np.float16) for index, name in enumerate(names)}
+    planes = {name: np.full((16, 36), index, np.float16) for index, name in enumerate(names)}
     OpenEXR.File(dict(SCANLINE), dict(planes)).write(str(tmp_path / "a.exr"))
     limits = {"limits:imagesize_MB": 1, "limits:channels": 1024}
     before = {name: oiio.get_int_attribute(name) for name in limits}
     try:
         for name, limit in limits.items():
             oiio.attribute(name, limit)
-        (part,) = read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
-        assert {name: oiio.get_int_attribute(name) for name in limits} == limits
+        (part,) = read_parts(tmp_path / "a.exr")
     finally:
         for name, limit in before.items():
             oiio.attribute(name, limit)
@@ -293,11 +280,11 @@ def test_openexr_refuses_a_header_with_text_that_is_not_utf_8(tmp_path):
 
 
 @pytest.mark.parametrize("rows", [256, 512, 10_000])
-def test_strips_make_the_file_that_openexr_writes_at_once(rows, tmp_path, monkeypatch):
+def test_strips_make_the_file_that_openexr_writes_at_once(rows, tmp_path):
     planes, corner = mixed_planes((600, 20)), (-3, 5)
     row_bytes = 20 * sum(plane.dtype.itemsize for plane in planes.values())
-    monkeypatch.setattr(writing, "_STRIP_BYTES", rows * row_bytes)
-    write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, Layout(corner))
+    strip_bytes = rows * row_bytes
+    write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, Layout(corner), strip_bytes=strip_bytes)
     window = box(-3, 5, 16, 604)
     told = {**SCANLINE, "owner": "ünï", "dataWindow": window, "displayWindow": window}
     OpenEXR.File(told, planes).write(str(tmp_path / "b.exr"))
@@ -318,10 +305,9 @@ def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", [*CODECS, "dwaa:300"])
-def test_each_codec_makes_the_file_that_openexr_writes_at_once(name, tmp_path, monkeypatch):
-    monkeypatch.setattr(writing, "_STRIP_BYTES", 1)
+def test_each_codec_makes_the_file_that_openexr_writes_at_once(name, tmp_path):
     planes = random_planes("RGBZ", (600, 8))
-    write_exr(tmp_path / "a.exr", planes, {}, compression=name)
+    write_exr(tmp_path / "a.exr", planes, {}, compression=name, strip_bytes=1)
     codec, level = codec_of(name)
     kind = {"compression": OpenEXR.Compression(codec.number), "type": OpenEXR.scanlineimage}
     OpenEXR.File({**kind, **level}, planes).write(str(tmp_path / "b.exr"))

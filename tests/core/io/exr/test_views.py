@@ -55,14 +55,13 @@ def test_views_of_one_part_are_in_the_names_of_its_channels(tmp_path):
     assert plain_names(path, "LEFT") == plain_names(path, "left")
 
 
-@pytest.mark.parametrize(
-    "attributes", [("left", "left", "right", "right"), ("", "", "", "")], ids=["said", "by name"]
-)
-@pytest.mark.parametrize("end", [".", "_", "-"])
-def test_views_of_parts_are_their_attribute_or_the_end_of_their_name(attributes, end, tmp_path):
-    names = [f"{layer}{end}{view}" for view in ("left", "right") for layer in ("rgba", "depth")]
-    kinds = zip(("RGBA", "Z", "RGBA", "Z"), attributes, strict=True)
-    path = several_parts(tmp_path / "a.exr", dict(zip(names, kinds, strict=True)))
+def test_views_of_parts_are_their_attribute(tmp_path):
+    parts = {
+        f"{layer}_{view}": (channels, view)
+        for view in ("left", "right")
+        for layer, channels in (("rgba", "RGBA"), ("depth", "Z"))
+    }
+    path = several_parts(tmp_path / "a.exr", parts)
     color = read_color(path, view="right")
     expected = random_planes("RGBA", (4, 6), seed=2)
     np.testing.assert_array_equal(color.planes[0], expected["R"])
@@ -89,15 +88,6 @@ def test_a_picture_without_views_has_none(tmp_path):
     path = one_part(tmp_path / "a.exr", "R", "G", "B", "Z", "left.mask", "diffuse.R")
     assert views_of(read_headers(path)) == ()
     assert set(plain_names(path, None)) == {"R", "G", "B", "Z", "left.mask", "diffuse.R"}
-
-
-def test_views_are_known_by_left_and_right_where_attributes_were_lost(tmp_path):
-    names = (*(f"View.Combined.{side}.{c}" for side in ("left", "right") for c in "RGB"),)
-    path = one_part(tmp_path / "a.exr", *names)
-    assert views_of(read_headers(path)) == ("left", "right")
-    assert plain_names(path, "right") == {
-        f"View.Combined.{c}": f"View.Combined.right.{c}" for c in "RGB"
-    }
 
 
 @pytest.mark.parametrize("damage", [b"\xff\xff\xff\x7f", b"\xfe\xff\xff\xff"])

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from image_files import (
     box,
@@ -22,7 +23,6 @@ from image_files import (
 from refusals import refuses
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io import arrays
 from defocus_core.io.exr.header import Raw
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import BRIGHTEST, Color, read_color, require_finite
@@ -91,11 +91,13 @@ def test_grey_is_y(tmp_path):
     assert read_color(save(tmp_path / "b.png", integers(8, 2))).channels == ("Y", "A")
 
 
-@pytest.mark.parametrize("strip", [1, 10**6])
-@pytest.mark.parametrize("turn", range(1, 9))
-def test_a_photograph_comes_upright(tmp_path, turn, strip, monkeypatch):
-    monkeypatch.setattr(arrays.bands, "__defaults__", (strip,))
-    upright = np.arange(42, dtype=np.uint8).reshape(*SHAPE, 1).repeat(3, axis=2)
+@pytest.mark.parametrize(
+    ("turn", "shape"),
+    [*((turn, SHAPE) for turn in range(1, 9)), *((turn, (1030, 1100)) for turn in (2, 4, 6, 7))],
+)
+def test_a_photograph_comes_upright(tmp_path, turn, shape):
+    """Be it of one strip of rows or of two."""
+    upright = (np.arange(shape[0] * shape[1]) % 251).astype(np.uint8).reshape(*shape, 1)
     # EXIF: where row 0 and column 0 of the stored image are seen.
     undo: Any = {
         1: lambda a: a,
@@ -110,7 +112,7 @@ def test_a_photograph_comes_upright(tmp_path, turn, strip, monkeypatch):
     stored = np.ascontiguousarray(undo(upright))
     path = save(tmp_path / "a.tif", stored, Orientation=turn)
     np.testing.assert_allclose(read_color(path).pixels, srgb(upright / 255), rtol=1e-6)
-    assert (describe(path).height, describe(path).width) == SHAPE
+    assert (describe(path).height, describe(path).width) == shape
 
 
 @pytest.mark.parametrize(
@@ -121,20 +123,19 @@ def test_a_photograph_comes_upright(tmp_path, turn, strip, monkeypatch):
         ("progressive.jpg", {"jpeg__progressive": 1}),
         ("a.hdr", {}),
         ("a.tif", {}),
-        ("one_strip.tif", {"tiff__RowsPerStrip": 40}),
+        ("one_strip.tif", {"tiff__RowsPerStrip": 1030}),
         ("tiled.tif", {"tile": (16, 32)}),
         ("elsewhere.tif", {"tile": (16, 16), "x": 7, "y": 11}),
     ],
 )
-def test_strips_of_a_file_are_the_whole(name, more, tmp_path, monkeypatch):
-    samples = np.random.default_rng(5).integers(0, 256, (40, 29, 3), np.uint8)
+def test_strips_of_a_file_are_the_whole(name, more, tmp_path):
+    samples = np.random.default_rng(5).integers(0, 256, (1030, 1029, 1), np.uint8)
     if name.endswith("hdr"):
-        samples = samples.astype(np.float32)
+        samples = samples.astype(np.float32).repeat(3, axis=2)
     path = save(tmp_path / name, samples, **more)
-    whole = read_color(path).pixels
-    assert name.endswith(("jpg", "hdr")) or np.array_equal(whole, np.float32(srgb(samples / 255)))
-    monkeypatch.setattr(arrays.bands, "__defaults__", (100,))
-    np.testing.assert_array_equal(read_color(path).pixels, whole)
+    whole: Any = oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
+    light = whole if name.endswith("hdr") else srgb(whole)
+    np.testing.assert_allclose(read_color(path).pixels, light, rtol=1e-5, atol=1e-6)
 
 
 def test_what_a_decoder_holds_at_once_is_known(tmp_path):
@@ -143,7 +144,7 @@ def test_what_a_decoder_holds_at_once_is_known(tmp_path):
         ("a.png", {}, False),
         ("a.tif", {}, False),
         ("tiled.tif", {"tile": (16, 16)}, False),
-        ("large.tif", {"tile": (4096, 8192)}, True),
+        ("large.tif", {"tile": (4096, 5472)}, True),
         ("a.jpg", {}, True),
     ):
         assert describe(save(tmp_path / name, samples, **more)).at_once == at_once, name
@@ -237,18 +238,6 @@ def test_lone_chroma_is_not_taken_for_colour(tmp_path):
     write_exr(tmp_path / "a.exr", {**planes, "RY": planes["Y"]}, {})
     with refuses("no-color"):
         read_color(tmp_path / "a.exr")
-
-
-def test_a_header_that_lies_about_chroma_is_an_error(tmp_path):
-    planes, path = random_planes("Y"), tmp_path / "a.exr"
-    write_exr(path, {**planes, "RY": planes["Y"], "BY": planes["Y"]}, {})
-    data = bytearray(path.read_bytes())
-    for name in (b"RY\0", b"BY\0"):
-        sampling = data.index(name) + len(name) + 8  # behind the type and what is reserved
-        data[sampling : sampling + 8] = struct.pack("<II", 2, 2)
-    path.write_bytes(data)
-    with refuses("damaged", path=path):
-        read_color(path)
 
 
 def test_what_stores_white_as_0_is_refused_beyond_8_bit(tmp_path):

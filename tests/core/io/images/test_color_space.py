@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import struct
-from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import color_exr, depth_exr, header, render, run, texture
 from image_files import png_chunk, raw_png, save
@@ -28,21 +26,11 @@ def profile(name):
     return head + struct.pack(">I4sII", 1, b"desc", 144, len(described)) + described
 
 
-def with_profile(path, name):
-    spec = oiio.ImageSpec(PHOTOGRAPH.shape[1], PHOTOGRAPH.shape[0], 3, "uint8")
-    data = np.frombuffer(profile(name), np.uint8)
-    spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(data)}]"), data)
-    output: Any = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec)
-    assert output.write_image(PHOTOGRAPH)
-    assert output.close()
-    return path
-
-
 @pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
 def test_a_profile_that_is_not_of_srgb_is_said_not_to_be_applied(tmp_path, suffix):
-    wide = with_profile(tmp_path / f"wide.{suffix}", "Display P3")
-    plain = with_profile(tmp_path / f"plain.{suffix}", "sRGB IEC61966-2.1")
+    wide = save(tmp_path / f"wide.{suffix}", PHOTOGRAPH, ICCProfile=profile("Display P3"))
+    srgb = profile("sRGB IEC61966-2.1")
+    plain = save(tmp_path / f"plain.{suffix}", PHOTOGRAPH, ICCProfile=srgb)
     depth = depth_exr(tmp_path / "z.exr")
     assert read_color(plain).warnings == ()
     for path, said in ((wide, True), (plain, False)):

@@ -15,7 +15,12 @@ from image_files import SCANLINE, save
 from defocus_core.errors import InputError
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.images.color import read_color
-from defocus_core.io.images.color_space import linear_to_srgb, read_profile, srgb_to_linear
+from defocus_core.io.images.color_space import (
+    linear_light,
+    linear_to_srgb,
+    read_profile,
+    srgb_to_linear,
+)
 from defocus_core.io.images.encode import write_image
 from defocus_core.io.images.primaries import (
     REC_709,
@@ -79,17 +84,6 @@ def profile(primaries, curve, *, chad=True):
 
 def parametric(kind, *numbers):
     return b"para" + bytes(4) + struct.pack(">HH", kind, 0) + fixed(*numbers)
-
-
-def with_profile(path, samples, data):
-    array = np.frombuffer(data, np.uint8)
-    spec = oiio.ImageSpec(samples.shape[1], samples.shape[0], 3, samples.dtype.name)
-    spec.attribute("ICCProfile", oiio.TypeDesc(f"uint8[{len(data)}]"), array)
-    output: Any = oiio.ImageOutput.create(str(path))
-    assert output.open(str(path), spec)
-    assert output.write_image(samples)
-    assert output.close()
-    return path
 
 
 def exr(path, rgb, **attributes):
@@ -161,7 +155,7 @@ def test_a_profile_is_decoded(tmp_path, suffix, chad):
     encoded = linear_to_srgb(in_primaries(rgb, "Display P3"))
     samples = np.rint(encoded * 65535).astype(np.uint16)
     data = profile(WIDE["Display P3"], parametric(3, *SRGB_CURVE), chad=chad)
-    color = read_color(with_profile(tmp_path / f"a.{suffix}", samples, data))
+    color = read_color(save(tmp_path / f"a.{suffix}", samples, ICCProfile=data))
     assert color.warnings == ()
     assert "primaries Display P3" in color.note
     declared = {k: v for k, v in color.attributes.items() if k != "ICCProfile"}
@@ -204,8 +198,8 @@ def test_every_number_of_a_profile_comes_back(curve, dtype):
     assert found is not None
     top = np.iinfo(dtype).max
     numbers = np.arange(top + 1, dtype=dtype)[None, :, None].repeat(3, 2)
-    back = found.samples(found.light(numbers)) * top
-    assert np.array_equal(np.rint(back), numbers)
+    light = linear_light(numbers, None, gamma=None, associated=False, profile=found)
+    assert np.array_equal(np.rint(found.samples(light) * top), numbers)
     beyond = np.array([[[-1, np.nan, np.inf]]], np.float32)
     assert found.samples(beyond).tolist() == [[[0, 0, 1]]]
 
@@ -253,7 +247,7 @@ def embedded(path):
 def test_a_picture_keeps_its_profile_and_in_focus_its_numbers(name, suffix, kind, tmp_path):
     ramp = np.linspace(0, 255, 24 * 32).reshape(24, 32, 1)
     samples = np.rint(ramp * (1.0, 0.8, 0.6)).astype(np.uint8)
-    photo = with_profile(tmp_path / f"a.{suffix}", samples, PROFILES[name])
+    photo = save(tmp_path / f"a.{suffix}", samples, ICCProfile=PROFILES[name])
     lens = ("--focal-length", "50mm", "--fnumber", "4", "--focus", "3m", "--format", kind)
     ran = run("render", photo, depth(tmp_path), "-o", tmp_path / "out", *lens)
     assert (ran.code, "warning" in ran.err) == (0, False), ran.err
@@ -265,7 +259,7 @@ def test_a_picture_keeps_its_profile_and_in_focus_its_numbers(name, suffix, kind
 def test_a_picture_is_made_srgb_only_if_that_is_asked_for(tmp_path):
     rgb = patches()
     samples = np.rint(linear_to_srgb(in_primaries(rgb, "Display P3")) * 65535).astype(np.uint16)
-    photo = with_profile(tmp_path / "a.png", samples, PROFILES["Display P3"])
+    photo = save(tmp_path / "a.png", samples, ICCProfile=PROFILES["Display P3"])
     options = ("--format", "png16", "--color-space", "srgb")
     assert render(photo, depth(tmp_path), "-o", tmp_path / "out", *options).code == 0
     made = tmp_path / "out" / "render" / "a.png"
@@ -279,7 +273,7 @@ def test_a_picture_is_made_srgb_only_if_that_is_asked_for(tmp_path):
 
 def test_the_picture_in_false_colour_is_srgb(tmp_path):
     samples = np.full((24, 32, 3), 200, np.uint8)
-    photo = with_profile(tmp_path / "a.png", samples, PROFILES["Display P3"])
+    photo = save(tmp_path / "a.png", samples, ICCProfile=PROFILES["Display P3"])
     options = ("--outputs", "focus", "--format", "png")
     ran = render(photo, depth(tmp_path), "-o", tmp_path / "out", *options)
     assert (ran.code, "black" in ran.err) == (0, False), ran.err

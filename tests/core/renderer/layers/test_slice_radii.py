@@ -1,7 +1,5 @@
 """Shares of pixels in slices: a partition of unity that keeps the second moment."""
 
-import pickle
-
 import pytest
 import torch
 from tolerances import ROUNDING
@@ -10,11 +8,8 @@ from defocus_core import QUALITIES
 from defocus_core.renderer.layers.quality import find
 from defocus_core.renderer.layers.slice_radii import (
     SHARP,
-    UnreachableTolerance,
-    cheapest_within,
     evenly,
     membership,
-    quantisation,
     slice_position,
     slice_radii,
 )
@@ -100,31 +95,3 @@ def test_an_even_ladder_has_exactly_its_count_and_spans_the_range():
     assert evenly(-2.0, 6.0, 1) == (2.0,)
     assert evenly(-2.0, 6.0, 5) == (-2.0, 0.0, 2.0, 4.0, 6.0)
     assert (shares(evenly(-2.0, 6.0, 5)).sum(0) - 1).abs().max() < EXACT
-
-
-def test_better_qualities_are_off_by_less_and_the_cheapest_is_chosen():
-    off = [quantisation(-23.0, 31.0, quality) for quality in QUALITIES]
-    assert off == sorted(off, reverse=True)
-    for quality, error in zip(QUALITIES, off, strict=True):
-        assert cheapest_within(error, -23.0, 31.0) == quality
-    assert cheapest_within(0.7, -1.0, 2.0) != cheapest_within(0.7, -23.0, 31.0)
-    with pytest.raises(ValueError, match=r"at least .* px where radii go from -23\.0 to 31\.0 px"):
-        cheapest_within(off[-1] * 0.9, -23.0, 31.0)
-
-
-def test_an_unreachable_tolerance_says_which_one_can_be_had():
-    finest = quantisation(-23.0, 31.0, QUALITIES[-1])
-    with pytest.raises(UnreachableTolerance) as caught:
-        cheapest_within(finest * 0.9, -23.0, 31.0)
-    error = caught.value
-    assert (error.tolerance, error.minimum, error.maximum) == (finest * 0.9, -23.0, 31.0)
-    assert finest <= error.finest <= finest + 0.01
-    assert cheapest_within(error.finest, error.minimum, error.maximum) == error.quality
-    sent = pickle.loads(pickle.dumps(error))  # from a worker
-    assert (str(sent), vars(sent)) == (str(error), vars(error))
-
-
-def test_quantisation_is_that_of_the_rungs_in_use():
-    assert quantisation(0.0, 0.0, "standard") == 0.0
-    assert quantisation(0.1, 0.2, "standard") == find("standard").near_spacing / 2
-    assert quantisation(-60.0, 0.0, "standard") == quantisation(0.0, 60.0, "standard")

@@ -14,7 +14,6 @@ from image_files import save
 
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb
-from defocus_core.reports.html import focus_choice
 from defocus_core.reports.html.focus_choice import focuses_of
 
 WIDTH, HEIGHT = 96, 64
@@ -133,16 +132,6 @@ def test_a_page_is_replaced_and_no_other_file(folder):
     assert files[0].read_bytes() == before
     ran = run("choose", folder / "rgb.exr", folder / "z.exr", "-o", folder / "n.html")
     refused(ran, 2, "missing-option", "focal-length")
-
-
-def test_pictures_that_have_no_room_are_worse(monkeypatch):
-    rng = np.random.default_rng(0)
-    pictures = [rng.integers(0, 255, (64, 64, 3), np.uint8) for _ in range(4)]
-    free = sum(map(len, focus_choice._within_room(pictures)))
-    monkeypatch.setattr(focus_choice, "_ROOM", free - 1)
-    assert sum(map(len, focus_choice._within_room(pictures))) < free
-    assert free > focus_choice._ROOM
-    assert 9_500_000 * 4 / 3 < 13e6, "with the map, less than 15 MB"
 
 
 def test_focuses_lie_where_the_depth_has_mass_and_are_there():

@@ -30,7 +30,6 @@ from defocus_core.io.safe_files import MALFORMED, missing, unwritable, written_w
 MANIFEST = "golden.json"
 _ASIDE = ".accepting"  # folder of what is being accepted; complete once it has golden.json
 _LARGEST = 2**28  # bytes of golden.json
-_ROOM = 2**20  # bytes that a folder has free if it is not full
 
 
 @dataclass(frozen=True)
@@ -241,30 +240,12 @@ def rendered(
     try:
         root = Path(tempfile.mkdtemp(prefix="defocus-golden-", dir=scratch_folder()))
     except OSError as error:
-        raise _no_room(scratch_folder(), reason(error)) from error
+        raise unwritable(scratch_folder(), error) from error
     try:
         jobs = _chosen(read_jobs(jobs_file, Outputs(root), machine), only)
-        try:
-            made = FreshPictures(jobs, root, run.carry_out(jobs, root, execution, listener))
-        except (OSError, InputError) as error:
-            if _is_full(root):
-                raise _no_room(root.parent, "it is full") from error
-            raise
-        if not made.complete and _is_full(root):
-            raise _no_room(root.parent, "it is full")
-        yield made
+        yield FreshPictures(jobs, root, run.carry_out(jobs, root, execution, listener))
     finally:
         shutil.rmtree(root, ignore_errors=True)
-
-
-def _is_full(folder: Path) -> bool:
-    return shutil.disk_usage(folder).free < _ROOM
-
-
-def _no_room(folder: Path, why: str) -> InputError:
-    problem = f"has no room for the pictures that are rendered there: {why}"
-    remedy = "free some, or let TMPDIR name another directory"
-    return InputError("no-space", problem, remedy, path=folder)
 
 
 def _chosen(jobs: Sequence[Job], only: Sequence[str]) -> Sequence[Job]:

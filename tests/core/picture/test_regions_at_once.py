@@ -1,0 +1,84 @@
+"""How many regions of a picture are computed at once, and what is said where none fits."""
+
+import re
+from typing import Any
+
+import pytest
+from command_line import LENS, files_under, pair, refused, run
+
+from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.errors import TooLarge
+from defocus_core.evaluation import cost
+from defocus_core.picture import memory_budget
+from defocus_core.picture.memory_budget import Holding
+from defocus_core.system import memory
+
+
+@pytest.fixture
+def short(tmp_path, monkeypatch):
+    """A job for four threads on a machine that has 100 MB left, and what its rendering needs."""
+
+    def made(bound, limit=None):
+        memory_budget.limit_mb(Machine())  # kept for the tests that come later
+        monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)
+        monkeypatch.setattr(
+            cost, "memory_bound", lambda _, threads, at_once: 1e6 * bound(threads, at_once)
+        )
+        color, depth = pair(tmp_path)
+        lens, outputs = Lens(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")
+        machine = Machine(threads=4, memory=limit)
+        return Job(Picture("a", color, depth), lens, Reading(), outputs, machine)
+
+    return made
+
+
+def held(room_mb):
+    return Holding(10.0, 0.0, False, 30.0, room_mb)
+
+
+def regions_at_once(job, room_mb):
+    unused: Any = None
+    return memory_budget.regions_at_once(job, unused, held(room_mb), "cpu")[0]
+
+
+@pytest.mark.parametrize(
+    ("of_one_thread", "remedy"), [(90.0, "use ‹threads› 1"), (800.0, "smaller picture")]
+)
+def test_what_does_not_fit_is_refused_with_what_would_help(of_one_thread, remedy, short):
+    job = short(lambda threads, at_once: of_one_thread if threads == 1 else 450.0)
+    with pytest.raises(TooLarge, match=remedy):
+        regions_at_once(job, 1e9)
+
+
+def test_the_sizes_of_a_refusal_add_up(short):
+    with pytest.raises(TooLarge) as refusal:
+        regions_at_once(short(lambda threads, at_once: 450.0), 80.0)
+    numbers = [int(word) for word in re.findall(r"\d+", str(refusal.value))]
+    needed, program, files, rendering, allowed = numbers[-5:]
+    assert needed == program + files + rendering
+    assert (files, rendering) == (30, 450)
+    assert allowed == pytest.approx(memory_budget.base_mb() + 30 + 80, abs=1)
+
+
+@pytest.mark.parametrize(("room", "regions"), [(1e9, 4), (75.0, 3), (60.0, 2), (45.0, 1)])
+def test_as_many_regions_as_fit_are_computed_at_once(room, regions, short):
+    job = short(lambda threads, at_once: 80.0 * (at_once / 4) ** 0.5)
+    assert regions_at_once(job, room) == regions
+
+
+def test_what_a_limit_forbids_a_greater_one_would_allow(short, monkeypatch):
+    job = short(lambda threads, at_once: 60.0, limit=500 * memory.MB)
+    monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 4000.0)
+    with pytest.raises(TooLarge, match=r"use ‹memory› \d+MB") as refusal:
+        regions_at_once(job, 30.0)
+    said = int(re.findall(r"\d+", str(refusal.value))[-1])
+    assert 80 < said - memory_budget.base_mb() < 120, "10 of files, thrice, and 60"
+
+
+def test_rendering_refuses_what_does_not_fit_and_writes_nothing(tmp_path, short):
+    job = short(lambda threads, at_once: 90.0 if threads == 1 else 450.0)
+    files = (job.picture.color, job.picture.depth)
+    ran = run("render", *LENS, *files, "-o", tmp_path / "out", "--threads", "4")
+    refused(ran, 3, "out-of-memory", "a.exr")
+    assert files_under(tmp_path) == {"rgb/a.exr", "depth/a.exr"}
