@@ -27,6 +27,7 @@ from defocus_core.batch.jobs.lens_from_options import (
     parsed,
     read_lens_file,
     refuse_contradiction,
+    refuse_optics,
 )
 from defocus_core.batch.jobs.reading_options import field_of_view
 from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown
@@ -308,6 +309,8 @@ def animated(
     metadata = lens.flag(METADATA) or False
     if not animation.keys and not metadata:
         return entries
+    if metadata and "blur" in {*plan.options, *plan.taken}:
+        refuse_optics([METADATA], lens.place(), in_pixels=True)
     for name in animation.keys:
         for same in _with_alternatives(name):
             if same in lens.values or same in plan.taken:
