@@ -81,7 +81,7 @@ def choose_depth_channel(
 ) -> ChannelGroup:
     """The depth channel of a file: the one named, that of the format, or one of the usual names."""
     row, channel = reading.row, reading.depth_channel
-    if channel is None and row.channels:
+    if channel is None and (row.channels or row.plane is not None):
         every = channels_of(path, headers, reading.part)
         if (known := _by_pattern(row, every)) is not None:
             return known
@@ -139,6 +139,8 @@ def _is_of_vector(candidate: ChannelGroup) -> bool:
 
 
 def _by_pattern(row: DepthFormat, every: Sequence[ChannelGroup]) -> ChannelGroup | None:
+    if row.plane is not None:
+        return every[row.plane]
     for pattern in row.channels:
         for channel in every:
             if fnmatchcase(channel.name, pattern):

@@ -296,7 +296,7 @@ def _own_sky(samples: DepthNumbers, row: DepthFormat) -> float:
 
 
 def _rule(declared: Declared) -> str:
-    """scale, inverse or radius: of the format, or by depth_kind."""
+    """scale, inverse, log or radius: of the format, or by depth_kind."""
     reading, rule = declared.reading, declared.row.rule
     by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
     if not rule:
@@ -304,7 +304,9 @@ def _rule(declared: Declared) -> str:
             ask(declared, "depth-kind", "depth or disparity")
         return by_kind
     if by_kind is not None and by_kind != rule:
-        holds = {"scale": "depth", "inverse": "disparity"}.get(rule, declared.row.title)
+        holds = {"scale": "depth", "log": "depth", "inverse": "disparity"}.get(
+            rule, declared.row.title
+        )
         problem = f"contradicts ‹depth-format› {declared.row.name}, which is {holds}"
         raise UsageProblem("contradiction", problem, "leave one of them out", field="depth-kind")
     if reading.depth_range is not None and reading.depth_format is None and by_kind is None:
@@ -374,7 +376,8 @@ def _depth_row(declared: Declared) -> DepthFormat:
             remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=declared.path)
     words = UNIT_WORDS.get(unit or "", "")
-    scale = row.scale * UNITS[unit or "m"]
+    own = row.integer_scale if samples.is_integer else None
+    scale = (row.scale if own is None else own) * UNITS[unit or "m"]
     if reading.depth_scale is not None:
         scale *= reading.depth_scale
         words = ", ".join(filter(None, (words, f"× {reading.depth_scale:g}")))

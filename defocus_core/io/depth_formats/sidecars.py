@@ -1,11 +1,12 @@
 """Files beside a depth file that hold a part of its rule: calibration, cameras, masks.
 
-Also the metadata of the file itself: HEIC's and GDepth's properties.
+Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's properties.
 """
 
 from __future__ import annotations
 
 import configparser
+import json
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -74,6 +75,50 @@ def _parameters(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     return _calibrated(row, path.name, focal, baseline, focal * baseline / focus)
 
 
+def _cityscapes(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
+    """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
+    camera = json.loads(_text(path))
+    focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
+    return _calibrated(row, path.name, focal, baseline, -1 / 256)
+
+
+def _cityscapes_cameras(path: Path) -> list[Path]:
+    """Where the camera of disparity/SPLIT/CITY/STEM_disparity.png may lie."""
+    name = f"{path.stem.removesuffix('_disparity')}_camera.json"
+    places = [path.with_name(name)]
+    if len(path.parents) > 3:
+        split, city = path.parent.parent.name, path.parent.name
+        places.append(path.parents[3] / "camera" / split / city / name)
+    return places
+
+
+def _extrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
+    """UnrealStereo4K: a line of intrinsics, 3×3, and one of world to camera, 3×4, a camera."""
+    own = f"Extrinsics{'1' if depth.parent.name.endswith('1') else '0'}"
+    poses, focal = [], 0.0
+    for number in "01":
+        file = path.parent.parent / f"Extrinsics{number}" / path.name
+        intrinsics, pose = _text(file).splitlines()[:2]
+        if file.parent.name == own:
+            focal = float(intrinsics.split()[0])
+        matrix = np.eye(4)
+        matrix[:3] = np.array([float(word) for word in pose.split()]).reshape(3, 4)
+        poses.append(np.linalg.inv(matrix))
+    baseline = abs(float((np.linalg.inv(poses[0]) @ poses[1])[0, 3]))
+    return _calibrated(row, f"{own}/{path.name}", focal, baseline, 0.0)
+
+
+_STEPS = 65533  # of MoGe, between the numbers 1 and 65534
+
+
+def _text_chunks(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
+    """MoGe: near and far, and a unit in files of its first version; steps of the logarithm."""
+    unit = float(metadata.get("unit", 1))
+    near, far = (math.log(_positive(float(metadata[key]) * unit)) for key in ("near", "far"))
+    scale = (far - near) / _STEPS
+    return replace(row, words="text chunks near and far", scale=scale, shift=near - scale)
+
+
 def _intrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
     """Spring: a line ``fx fy cx cy`` for each frame, the first of which is 1."""
     frame = int(re.findall(r"\d+", depth.stem)[-1])
@@ -134,7 +179,7 @@ def _positive(value: float) -> float:
     return value
 
 
-_METADATA_READERS = {"heic": _heic, "gdepth": _gdepth}
+_METADATA_READERS = {"text-chunks": _text_chunks, "heic": _heic, "gdepth": _gdepth}
 
 
 class _Sidecar(NamedTuple):
@@ -148,6 +193,14 @@ _SIDECARS = {
     "calib.txt": _Sidecar(lambda path: [path.with_name("calib.txt")], _calib),
     "dmin.txt": _Sidecar(lambda path: [path.with_name("dmin.txt")], _dmin),
     "parameters.cfg": _Sidecar(lambda path: [path.with_name("parameters.cfg")], _parameters),
+    "camera.json": _Sidecar(_cityscapes_cameras, _cityscapes),
+    "Extrinsics": _Sidecar(
+        lambda path: [
+            path.parent.parent / "Extrinsics0" / f"{path.stem}.txt",
+            path.parent / "Extrinsics0" / f"{path.stem}.txt",
+        ],
+        _extrinsics,
+    ),
     "intrinsics.txt": _Sidecar(
         lambda path: [
             path.with_name("intrinsics.txt"),
@@ -166,8 +219,13 @@ def _sidecar(row: DepthFormat, path: Path) -> Path | None:
 
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     """Files beside a depth file by which it is read, by role; empty if there are none."""
+    sidecar = _sidecar(row, path)
+    is_first = sidecar is not None and row.sidecar == "Extrinsics"
     files = {
-        "depth_sidecar": _sidecar(row, path),
+        "depth_sidecar": sidecar,
+        "depth_sidecar_right": sidecar.parent.parent / "Extrinsics1" / sidecar.name
+        if sidecar is not None and is_first
+        else None,
         "depth_mask": _mask_file(row.mask, path) if row.mask is not None else None,
     }
     return {role: file for role, file in files.items() if file is not None}
@@ -179,12 +237,17 @@ def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark | None:
     if place is None:
         return None
     values = _mask_values(place, shape, path)
-    return Mark((values == 0) == mask.zeros, math.nan, f"mask {place.name}")
+    words = f"mask {place.name}"
+    if mask.sky is not None:
+        return Mark(values == mask.sky, math.inf, words)
+    return Mark((values == 0) == mask.zeros, math.nan, words)
 
 
 def _mask_file(mask: Mask, path: Path) -> Path | None:
     """The mask of a depth file; None if there is none."""
-    words = {"stem": path.stem, "folder": path.parent.name}
+    digits = re.findall(r"\d+", path.stem)
+    number = digits[-1] if digits else path.stem
+    words = {"stem": path.stem, "folder": path.parent.name, "number": number}
     places = (path.parent / template.format(**words) for template in mask.places)
     return next((place for place in places if place.is_file() and place != path), None)
 

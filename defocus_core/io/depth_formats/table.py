@@ -63,6 +63,42 @@ STEREO_DATASETS = (
         aliases=("flyingthings3d", "monkaa", "driving"),
     ),
     DepthFormat(
+        "cityscapes",
+        "Cityscapes, disparity: (v - 1) / 256 px",
+        ("16-bit PNG",),
+        rule="inverse",
+        scale=1 / 256,
+        invalid=(0,),
+        sidecar="camera.json",
+    ),
+    DepthFormat(
+        "irs",
+        "IRS",
+        ("EXR",),
+        rule="inverse",
+        channels=("G", "*"),
+        invalid=(0,),
+        focal_px=480.0,
+        baseline=0.1,
+    ),
+    DepthFormat(
+        "unrealstereo4k",
+        "UnrealStereo4K",
+        ("NPY",),
+        rule="inverse",
+        invalid=(0,),
+        invalid_infinity=True,
+        sidecar="Extrinsics",
+    ),
+    DepthFormat(
+        "ffs-stereo4d",
+        "Stereo4D of Fast Foundation Stereo, (255² R + 255 G + B) / 1000 px",
+        ("8-bit RGB", "8-bit RGBA"),
+        rule="inverse",
+        scale=1 / 1000,
+        weights=(255.0**2, 255.0, 1.0),
+    ),
+    DepthFormat(
         "spring",
         "Spring, .dsp5 at twice the size",
         ("HDF5",),
@@ -86,6 +122,9 @@ STEREO_DATASETS = (
 _PICTURES = ("16-bit PNG", "8-bit PNG")
 
 NETWORKS = (
+    _png16(
+        "moge-png", "MoGe, depth in the logarithm", rule="log", sky=65535, sidecar="text-chunks"
+    ),
     _exr(
         "moge",
         "MoGe, depth.exr",
@@ -211,6 +250,14 @@ RENDERERS = (
         scale=1000 / (2**24 - 1),
         weights=(1.0, 256.0, 65536.0),
         sky=2.0**24 - 1,
+    ),
+    DepthFormat(
+        "mujoco-warp",
+        "MuJoCo Warp, Newton",
+        FLOATS,
+        geometry="ask",
+        note="radial in versions before March 2026, planar since",
+        aliases=("newton",),
     ),
     _exr(
         "nuke-scanline",
@@ -343,6 +390,21 @@ DEPTH_DATASETS = (
         channels=("Depth", *UNREAL_DEPTH, "*.Depth"),
         sky=_BEYOND_20000,
     ),
+    DepthFormat(
+        "urbansyn",
+        "UrbanSyn",
+        ("EXR",),
+        scale=1e5,
+        mask=Mask(("{stem}_ss.png", "../ss/ss_{number}.png"), sky=10),
+    ),
+    DepthFormat(
+        "synscapes",
+        "Synscapes",
+        ("EXR",),
+        channels=("Z",),
+        mask=Mask(("{stem}_class.png", "../class/{stem}.png"), sky=23),
+    ),
+    DepthFormat("omniobject3d", "OmniObject3D, last channel", ("EXR",), plane=-1, sky=65504),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
     DepthFormat(
         "megadepth",
@@ -370,6 +432,13 @@ DEPTH_DATASETS = (
         note="mask_invalid is true where the depth is valid",
     ),
     DepthFormat("infinigen", "Infinigen", ("NPY",), plane=0),
+    DepthFormat(
+        "ros",
+        "ROS, 32FC1 in metres or 16UC1 in millimetres",
+        (*FLOATS, "16-bit PNG", "integer NPY"),
+        integer_scale=1 / 1000,
+        invalid=(0,),
+    ),
     _png16("scenenet-rgbd", "SceneNet RGB-D", scale=1 / 1000, geometry="radial"),
 )
 

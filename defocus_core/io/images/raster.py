@@ -80,6 +80,13 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
         return pages
 
 
+def text_of(path: Path) -> dict[str, str]:
+    """Texts in the header of an image, like those of chunks of a PNG, by key."""
+    with decoding(path, "cannot be read"), quiet(), _open(path, "PNG") as file:
+        texts = file.spec().extra_attribs
+        return {each.name: each.value for each in texts if isinstance(each.value, str)}
+
+
 def pnm_top(path: Path) -> int | None:
     """The greatest number of a PGM or PPM by its header, if the decoder scales it to its type's."""
     match = _PNM.match(read_head(path, _PNM_HEAD))

@@ -32,6 +32,8 @@ def rule(row):
     """What the numbers v become."""
     if row.rule == "radius":
         return "px of radius"
+    if row.rule == "log":
+        return "near^(1−t) far^t"
     v = "float32 of the bytes" if row.bits == "float32" else row.bits or ""
     if row.weights:
         v = " + ".join(
@@ -42,7 +44,7 @@ def rule(row):
     if "depth-range" in row.needs:
         return "1/z linear in v" if row.rule == "inverse" else "z linear in v"
     if row.rule == "inverse":
-        sidecars = ("calib.txt", "dmin.txt", "parameters.cfg")
+        sidecars = ("calib.txt", "dmin.txt", "parameters.cfg", "camera.json")
         shifted = row.name == "disparity" or row.sidecar in sidecars
         scaled = f"({scaled} + doffs)" if shifted else f"({scaled})" if "/" in scaled else scaled
         known = [f"f = {number(row.focal_px)} px"] if row.focal_px else []
@@ -57,7 +59,8 @@ def marks(row):
     invalid += [f"{row.holes} 0"] * bool(row.holes)
     sky = [f"≥ {number(row.sky)}"] * (row.sky != SKY) + [number(n) for n in row.sky_numbers]
     sky += ["alpha 0"] * row.alpha
-    invalid += ["mask"] * (row.mask is not None)
+    if row.mask is not None:
+        (invalid if row.mask.sky is None else sky).append("mask")
     told = [f"invalid {', '.join(invalid)}"] * bool(invalid) + [f"sky {', '.join(sky)}"] * bool(sky)
     return "; ".join(told) or "–"
 
@@ -70,7 +73,7 @@ def needed(row):
     if row.geometry == "radial" and row.focal_px is None:
         told.append("`--fov`")
     calibrated = row.rule == "inverse" and not row.per_metre and not row.needs
-    if row.sidecar in ("heic", "gdepth"):
+    if row.sidecar in ("text-chunks", "heic", "gdepth"):
         told.append("metadata of the file")
     elif row.sidecar:
         told.append(row.sidecar)
