@@ -4,8 +4,8 @@ Nothing is read off the range of the values. A file without a named format follo
 type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
 have no custom, so that their unit must be set (``depth_unit``).
 
-A new format is a row, and a line of ``help/depth.md``, which the test of that topic prints; its
-fields are in `rules`. The rows are of stereo data sets, networks, renderers, data sets of depth.
+A new format is a row, and a line of ``help/depth.md``, which a test compares; its fields are in
+`rules`. The rows are of stereo data sets, networks, renderers, data sets of depth.
 """
 
 from __future__ import annotations
