@@ -172,16 +172,6 @@ class Replacement:
         """Replace the file."""
         os.replace(self.sibling, self.name, src_dir_fd=self.folder, dst_dir_fd=self.folder)
 
-    def sync(self) -> None:
-        """Make its name durable, and that of its folder, which may be new, where the system can."""
-        above = os.open("..", _DIRECTORY, dir_fd=self.folder)
-        try:
-            for number in (self.folder, above):
-                with suppress(PermissionError, NotImplementedError):
-                    os.fsync(number)
-        finally:
-            os.close(above)
-
     def discard(self) -> None:
         """Remove it, unless it was put in place, and let go of the folder."""
         with suppress(OSError, ValueError):

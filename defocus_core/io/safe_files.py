@@ -252,7 +252,8 @@ def written_together(root: Path | None = None) -> Iterator[None]:
         for replacement, path in together.files:
             try:
                 replacement.put()
-                replacement.sync()
+                sync_folder(path.parent)
+                sync_folder(path.parent.parent)  # which may have got the folder just now
             except OSError as error:
                 raise unwritable(path, error) from error
     finally:

@@ -15,8 +15,8 @@ from command_line import (
     run,
     succeed,
     texture,
-    write_exr,
 )
+from elements import write
 
 OTHER = {
     "focus": ("--focus", "3m"),
@@ -62,14 +62,17 @@ def test_a_name_that_cannot_be_is_refused(template, code, tmp_path, out):
     refused(render(*pair(tmp_path), "-o", out, "--name", template), 2, code, "name")
 
 
+VIEWS = {"multiView": ["left", "right"]}
+
+
 def test_each_view_is_rendered_and_named(tmp_path, out):
     left, right = (texture(seed=seed) for seed in (1, 2))
     planes = {
-        f"{view}_{c}": pixels[..., k]
+        f"{view}.{c}": pixels[..., k]
         for view, pixels in (("left", left), ("right", right))
         for k, c in enumerate("RGB")
     }
-    color, depth = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
+    color, depth = write(tmp_path / "a.exr", planes, **VIEWS), depth_exr(tmp_path / "z.exr")
     photograph(color, depth, "-o", out, "--outputs", "image", "--view", "left,right")
     for view, pixels in (("left", left), ("right", right)):
         written = read_exr(out / f"image/a_{view}.exr")["R"]
@@ -79,8 +82,8 @@ def test_each_view_is_rendered_and_named(tmp_path, out):
 
 
 def test_another_view_replaces_no_picture(tmp_path, out):
-    planes = {f"{v}_{c}": texture()[..., 0] for v in ("left", "right") for c in "RGB"}
-    files = write_exr(tmp_path / "a.exr", **planes), depth_exr(tmp_path / "z.exr")
+    planes = {f"{v}.{c}": texture()[..., 0] for v in ("left", "right") for c in "RGB"}
+    files = write(tmp_path / "a.exr", planes, **VIEWS), depth_exr(tmp_path / "z.exr")
     photograph(*files, "-o", out, *MAPS, "--view", "left")
     refused(render(*files, "-o", out, *MAPS, "--view", "right"), 3, "exists", "a.exr")
 

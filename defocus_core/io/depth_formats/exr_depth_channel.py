@@ -12,7 +12,7 @@ import numpy as np
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.reading import DepthReading, require_size
-from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers, Mark
+from defocus_core.io.depth_formats.rules import DepthNumbers, Mark
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     by_name,
@@ -80,11 +80,14 @@ def choose_depth_channel(
     path: Path, headers: Sequence[Header], reading: DepthReading
 ) -> ChannelGroup:
     """The depth channel of a file: the one named, that of the format, or one of the usual names."""
-    row, channel = reading.row, reading.depth_channel
-    if channel is None and (row.channels or row.plane is not None):
-        every = channels_of(path, headers, reading.part)
-        if (known := _by_pattern(row, every)) is not None:
-            return known
+    channel = reading.depth_channel
+    every = channels_of(path, headers, reading.part) if channel is None else []
+    if every and reading.row.plane is not None:
+        return every[reading.row.plane]
+    for pattern in reading.row.channels:
+        for each in every:
+            if fnmatchcase(each.name, pattern):
+                return each
     return choose_depth(path, headers, channel=channel, part=reading.part)
 
 
@@ -136,16 +139,6 @@ def _is_of_vector(candidate: ChannelGroup) -> bool:
     layer, siblings = candidate.name.rpartition(".")[0].lower(), candidate.header.folded_names
     dot = f"{layer}." if layer else ""
     return {f"{dot}x", f"{dot}y", f"{dot}z"} <= siblings or {f"{dot}u", f"{dot}v"} <= siblings
-
-
-def _by_pattern(row: DepthFormat, every: Sequence[ChannelGroup]) -> ChannelGroup | None:
-    if row.plane is not None:
-        return every[row.plane]
-    for pattern in row.channels:
-        for channel in every:
-            if fnmatchcase(channel.name, pattern):
-                return channel
-    return None
 
 
 def _alpha(chosen: ChannelGroup) -> str | None:

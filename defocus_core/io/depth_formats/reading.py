@@ -17,7 +17,7 @@ from defocus_core.io.depth_formats.rules import (
     DepthNumbers,
     linear,
 )
-from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS, usual_unit
+from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS
 from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 
 KINDS = ("depth", "disparity")
@@ -279,20 +279,16 @@ def resolved(
     if rule == "radius":
         return replace(row, words="signed CoC radius in px")
     row = (_disparity_row if rule == "inverse" else _depth_row)(declared)
-    sky = reading.sky
-    if sky is None:
-        sky = -math.inf if rule == "inverse" else _own_sky(samples, row)
+    sky = row.sky if reading.sky is None else reading.sky
+    if reading.sky is None and rule == "inverse":
+        sky = -math.inf
+    elif reading.sky is None and samples.values.dtype.newbyteorder("=") == "float16":
+        sky = min(sky, HALF_MAX)
     focal = focal_of(declared, picture_width, lens_focal)
     if focal is None:
         return replace(row, rule=rule, sky=sky, geometry="planar")
     words = f"{row.words}, radial with a focal length of {focal:.6g} px"
     return replace(row, rule=rule, sky=sky, geometry="radial", focal_px=focal, words=words)
-
-
-def _own_sky(samples: DepthNumbers, row: DepthFormat) -> float:
-    """The least number that is sky; the largest half is, in a file of half."""
-    half = samples.values.dtype.newbyteorder("=") == "float16"
-    return min(row.sky, HALF_MAX) if half else row.sky
 
 
 def _rule(declared: Declared) -> str:
@@ -366,8 +362,10 @@ def _depth_row(declared: Declared) -> DepthFormat:
         ask(declared, "depth-scale", "METRES")
     unit = reading.depth_unit
     if reading.depth_format is None and unit is None:
-        unit = usual_unit(samples) if reading.depth_scale is None else "m"
-        if unit is None:
+        unit = "mm" if samples.type == "16-bit PNG" else "m"  # the custom
+        if reading.depth_scale is not None:
+            unit = "m"
+        elif samples.is_integer and unit == "m":
             numbers = f"has {samples.channel} in whole numbers"
             if not samples.channel:
                 numbers = f"holds {samples.values.dtype} numbers"

@@ -11,7 +11,6 @@ import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,14 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.below import open_plain
+from defocus_core.io.below import read_plain
 from defocus_core.io.depth_formats.rules import DepthFormat, Mark, Mask, linear
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import MALFORMED, decoding
 
 # What a reader raises that meets another content than it expects.
 _FAULTS = (OSError, *MALFORMED)
-_LONGEST = 1 << 20  # characters of a sidecar
+_LONGEST = 1 << 20  # bytes of a sidecar
 _CHECK = "check the file"
 
 
@@ -46,8 +45,7 @@ def completed(row: DepthFormat, path: Path, metadata: Mapping[str, Any]) -> Dept
 
 
 def _text(path: Path) -> str:
-    with TextIOWrapper(open_plain(path), encoding="utf-8", errors="replace") as file:
-        return file.read(_LONGEST)
+    return read_plain(path, _LONGEST).decode("utf-8", "replace")
 
 
 def _calib(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
@@ -80,16 +78,6 @@ def _cityscapes(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     camera = json.loads(_text(path))
     focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
     return _calibrated(row, path.name, focal, baseline, -1 / 256)
-
-
-def _cityscapes_cameras(path: Path) -> list[Path]:
-    """Where the camera of disparity/SPLIT/CITY/STEM_disparity.png may lie."""
-    name = f"{path.stem.removesuffix('_disparity')}_camera.json"
-    places = [path.with_name(name)]
-    if len(path.parents) > 3:
-        split, city = path.parent.parent.name, path.parent.name
-        places.append(path.parents[3] / "camera" / split / city / name)
-    return places
 
 
 def _extrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
@@ -183,57 +171,60 @@ _METADATA_READERS = {"text-chunks": _text_chunks, "heic": _heic, "gdepth": _gdep
 
 
 class _Sidecar(NamedTuple):
-    """Where a sidecar may lie, and how it is read."""
+    """How a sidecar is read, and where it may lie."""
 
-    places: Callable[[Path], list[Path]]  # by the depth file
-    read: Callable[[DepthFormat, Path, Path], DepthFormat]  # the sidecar, of the depth file
+    # The format that it completes, its place, and that of the depth file
+    read: Callable[[DepthFormat, Path, Path], DepthFormat]
+    # Relative to the depth file's folder: ``{stem}`` is the stem of the depth file, ``{scene}`` it
+    # without its last word, ``{folder}`` and ``{above}`` the names of its folder and the one above
+    places: tuple[str, ...]
 
 
 _SIDECARS = {
-    "calib.txt": _Sidecar(lambda path: [path.with_name("calib.txt")], _calib),
-    "dmin.txt": _Sidecar(lambda path: [path.with_name("dmin.txt")], _dmin),
-    "parameters.cfg": _Sidecar(lambda path: [path.with_name("parameters.cfg")], _parameters),
-    "camera.json": _Sidecar(_cityscapes_cameras, _cityscapes),
-    "Extrinsics": _Sidecar(
-        lambda path: [
-            path.parent.parent / "Extrinsics0" / f"{path.stem}.txt",
-            path.parent / "Extrinsics0" / f"{path.stem}.txt",
-        ],
-        _extrinsics,
+    "calib.txt": _Sidecar(_calib, ("calib.txt",)),
+    "dmin.txt": _Sidecar(_dmin, ("dmin.txt",)),
+    "parameters.cfg": _Sidecar(_parameters, ("parameters.cfg",)),
+    "intrinsics.txt": _Sidecar(_intrinsics, ("intrinsics.txt", "../cam_data/intrinsics.txt")),
+    "camera.json": _Sidecar(
+        _cityscapes,
+        ("{scene}_camera.json", "../../../camera/{above}/{folder}/{scene}_camera.json"),
     ),
-    "intrinsics.txt": _Sidecar(
-        lambda path: [
-            path.with_name("intrinsics.txt"),
-            path.parent.parent / "cam_data" / "intrinsics.txt",
-        ],
-        _intrinsics,
-    ),
+    "Extrinsics": _Sidecar(_extrinsics, ("../Extrinsics0/{stem}.txt", "Extrinsics0/{stem}.txt")),
 }
+
+
+def _found(places: tuple[str, ...], path: Path) -> Path | None:
+    """The first file of some places beside a depth file; None if there is none."""
+    digits = re.findall(r"\d+", path.stem)
+    words = {
+        "stem": path.stem,
+        "scene": path.stem.rpartition("_")[0],
+        "folder": path.parent.name,
+        "above": path.parent.parent.name,
+        "number": digits[-1] if digits else path.stem,
+    }
+    files = (path.parent / template.format(**words) for template in places)
+    return next((file for file in files if file.is_file() and file != path), None)
 
 
 def _sidecar(row: DepthFormat, path: Path) -> Path | None:
     """The sidecar of a depth file; None if there is none."""
-    places = _SIDECARS[row.sidecar].places(path) if row.sidecar in _SIDECARS else []
-    return next((place for place in places if place.is_file()), None)
+    return _found(_SIDECARS[row.sidecar].places, path) if row.sidecar in _SIDECARS else None
 
 
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     """Files beside a depth file by which it is read, by role; empty if there are none."""
-    sidecar = _sidecar(row, path)
-    is_first = sidecar is not None and row.sidecar == "Extrinsics"
-    files = {
-        "depth_sidecar": sidecar,
-        "depth_sidecar_right": sidecar.parent.parent / "Extrinsics1" / sidecar.name
-        if sidecar is not None and is_first
-        else None,
-        "depth_mask": _mask_file(row.mask, path) if row.mask is not None else None,
-    }
+    sidecar, right = _sidecar(row, path), None
+    if sidecar is not None and row.sidecar == "Extrinsics":
+        right = sidecar.parent.parent / "Extrinsics1" / sidecar.name
+    mask = _found(row.mask.places, path) if row.mask is not None else None
+    files = {"depth_sidecar": sidecar, "depth_sidecar_right": right, "depth_mask": mask}
     return {role: file for role, file in files.items() if file is not None}
 
 
 def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark | None:
     """What a mask of a depth file marks; None if there is no such file."""
-    place = _mask_file(mask, path)
+    place = _found(mask.places, path)
     if place is None:
         return None
     values = _mask_values(place, shape, path)
@@ -241,15 +232,6 @@ def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark | None:
     if mask.sky is not None:
         return Mark(values == mask.sky, math.inf, words)
     return Mark((values == 0) == mask.zeros, math.nan, words)
-
-
-def _mask_file(mask: Mask, path: Path) -> Path | None:
-    """The mask of a depth file; None if there is none."""
-    digits = re.findall(r"\d+", path.stem)
-    number = digits[-1] if digits else path.stem
-    words = {"stem": path.stem, "folder": path.parent.name, "number": number}
-    places = (path.parent / template.format(**words) for template in mask.places)
-    return next((place for place in places if place.is_file() and place != path), None)
 
 
 def _mask_values(path: Path, shape: tuple[int, int], depth: Path) -> NDArray[Any]:

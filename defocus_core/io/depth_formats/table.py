@@ -4,8 +4,8 @@ Nothing is read off the range of the values. A file without a named format follo
 type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
 have no custom, so that their unit must be set (``depth_unit``).
 
-A new format is a row, and a line of ``help/depth.md``, which the test of that topic prints; its
-fields are in `rules`. The rows are of stereo data sets, networks, renderers, data sets of depth.
+A new format is a row, and a line of ``help/depth.md``, which a test compares; its fields are in
+`rules`. The rows are of stereo data sets, networks, renderers, data sets of depth.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from defocus_core.io.depth_formats.rules import (
     FLOATS,
     UNREAL_DEPTH,
     DepthFormat,
-    DepthNumbers,
     Mask,
 )
 
@@ -42,15 +41,6 @@ STEREO_DATASETS = (
         invalid=(0,),
         sidecar="dmin.txt",
         aliases=("middlebury2005",),
-    ),
-    DepthFormat(
-        "middlebury2003",
-        "Middlebury 2003 as PNG, a quarter of the size",
-        ("8-bit PNG",),
-        rule="inverse",
-        scale=1 / 4,
-        invalid=(0,),
-        note="pictures of half the size need ‹depth-scale› 2",
     ),
     DepthFormat(
         "sceneflow",
@@ -406,14 +396,6 @@ DEPTH_DATASETS = (
     ),
     DepthFormat("omniobject3d", "OmniObject3D, last channel", ("EXR",), plane=-1, sky=65504),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
-    DepthFormat(
-        "megadepth",
-        "MegaDepth",
-        ("HDF5",),
-        channels=("depth",),
-        needs=("depth-scale",),
-        note="without a metric scale: ‹depth-scale› says metres of 1",
-    ),
     _png16(
         "tum",
         "TUM RGB-D, Bonn, SmartPortraits",
@@ -448,10 +430,3 @@ FORMATS = {row.name: row for row in ROWS}
 NAMES = {name: row for row in ROWS for name in (row.name, *row.aliases)}
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}  # metres of 1 in the file
 UNIT_WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "feet"}
-
-
-def usual_unit(samples: DepthNumbers) -> str | None:
-    """The unit that numbers of a type have unless one is set; None if the type has no custom."""
-    if samples.type == "16-bit PNG":
-        return "mm"
-    return None if samples.is_integer else "m"

@@ -23,22 +23,6 @@ def views_of(headers: Sequence[Header]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(header.view for header in headers if header.view))
 
 
-def views_of_parts(headers: Sequence[Header]) -> list[tuple[str, ...]]:
-    """The views that each part of a file has channels of; none in a file without views."""
-    views = views_of(headers)
-    return [_views_in(header, views) for header in headers] if views else [()] * len(headers)
-
-
-def _views_in(header: Header, views: Sequence[str]) -> tuple[str, ...]:
-    """The views that a part has channels of; none if all of them are of no view."""
-    if header.view in views:
-        return (header.view,) if header.channels else ()
-    named = {_split(channel, header, views)[0] for channel in header.channels}
-    if named <= {""}:
-        return ()
-    return tuple(view for view in views if "" in named or view in named)
-
-
 def in_view(path: Path, headers: Sequence[Header], view: str | None) -> tuple[Header, ...]:
     """The headers of a file with the channels of one view, and of none; their names without it.
 

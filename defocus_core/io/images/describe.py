@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from defocus_core.io.exr.header import is_exr, read_headers
-from defocus_core.io.exr.views import views_of_parts
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.safe_files import once, read_head
+
+if TYPE_CHECKING:
+    from defocus_core.io.array_files import ArrayEntry
 
 # A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
 _MOST_NUMBERS, _NUMBERS_OF_A_BYTE = 2**26, 32
@@ -47,11 +51,7 @@ class FileInfo:
     height: int  # in px
     parts: tuple[PartInfo, ...]  # one, except in some EXR and TIFF files
     at_once: bool  # whether its decoder may hold all of it; else it is read in pieces
-    pixels: int = 0  # as many as are read at most, with those beyond the picture shown
-
-    def __post_init__(self) -> None:
-        """Without overscan the pixels are those shown."""
-        object.__setattr__(self, "pixels", self.pixels or self.width * self.height)
+    pixels: int  # as many as are read at most, with those beyond the picture shown
 
     @property
     def deep(self) -> bool:
@@ -84,12 +84,12 @@ def describe(path: Path) -> FileInfo:
                 header.name,
                 tuple((channel.name, channel.type) for channel in header.channels),
                 header.deep,
-                views=views,
+                views=(header.view,) if header.view else header.multi_view,
                 data_window=header.data,
                 display_window=header.display,
                 pixel_aspect=header.pixel_aspect,
             )
-            for header, views in zip(headers, views_of_parts(headers), strict=True)
+            for header in headers
         )
         shown = headers[0].display
         frames = (h.display.grown(h.data.beyond(h.display)) for h in headers)
@@ -104,9 +104,7 @@ def _of_no_exr(path: Path, head: bytes) -> FileInfo:
     from defocus_core.io.images.raster import read_pages
 
     if kind := arrays.array_type(head):
-        entries = arrays.read_entries(path).items()
-        shapes = {name or "Z": (entry.shape, entry.dtype) for name, entry in entries}
-        return _arrays(path, shapes, at_once=kind in arrays.NAMED)
+        return _arrays(path, arrays.read_entries(path), at_once=kind in arrays.NAMED)
     known = "EXR, PNG, JPEG, TIFF, WEBP, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(
@@ -115,24 +113,17 @@ def _of_no_exr(path: Path, head: bytes) -> FileInfo:
     )
     first = next((page for page in pages if page.whole), pages[0])
     at_once = any(page.at_once for page in pages)
-    return FileInfo(path, first.width, first.height, parts, at_once)
+    return FileInfo(path, first.width, first.height, parts, at_once, first.width * first.height)
 
 
-def _arrays(
-    path: Path, arrays: dict[str, tuple[tuple[int, ...], str]], *, at_once: bool
-) -> FileInfo:
-    """Arrays of a file by name, of shape and type: its size is that of the first."""
-    channels = tuple(
-        (
-            name if len(shape) == 2 and len(arrays) == 1 else f"{name} {'×'.join(map(str, shape))}",
-            dtype,
-        )
-        for name, (shape, dtype) in arrays.items()
-    )
-    sizes = [
-        shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:]
-        for shape, _ in arrays.values()
-    ]
+def _arrays(path: Path, entries: Mapping[str, ArrayEntry], *, at_once: bool) -> FileInfo:
+    """The arrays of a file: its size is that of the first."""
+    channels, sizes = [], []
+    for name, entry in entries.items():
+        shape = entry.shape
+        axes = "" if len(shape) == 2 and len(entries) == 1 else f" {'×'.join(map(str, shape))}"
+        channels.append((f"{name or 'Z'}{axes}", entry.dtype))
+        sizes.append(shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:])
     (height, width), maximum = sizes[0], max(map(math.prod, sizes))
-    part = PartInfo(0, "", channels, deep=False)
+    part = PartInfo(0, "", tuple(channels), deep=False)
     return FileInfo(path, width, height, (part,), at_once, maximum)

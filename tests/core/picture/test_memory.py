@@ -25,7 +25,6 @@ from defocus_core.batch.workers import pool
 from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
-from defocus_core.io.exr import reading, writing
 from defocus_core.picture import memory_budget, plain_path
 from defocus_core.renderer.engine import renderer
 from defocus_core.system import memory
@@ -47,8 +46,6 @@ def scratch(monkeypatch):
     monkeypatch.setattr(Scratch, "__init__", spy)
     monkeypatch.setattr(memory_budget, "_FOR_ARRAYS", 0.0)
     monkeypatch.setattr(arrays.bands, "__defaults__", (1000,))
-    monkeypatch.setattr(reading, "_STRIP_BYTES", 20_000)
-    monkeypatch.setattr(writing, "_STRIP_BYTES", 20_000)
     return made
 
 

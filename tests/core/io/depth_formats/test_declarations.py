@@ -65,6 +65,10 @@ DISPARITY = {"depth_kind": "disparity"}
         ),
         ([100, 200], {"depth_unit": "cm", "depth_scale": 3}, [3, 6]),
         ([100, 200], {"depth_scale": 0.5}, [50, 100]),
+        *(
+            ([10], {"depth_unit": unit}, [10 * metres])
+            for unit, metres in (("mm", 1e-3), ("cm", 1e-2), ("m", 1), ("ft", 0.3048))
+        ),
         ([1, 99, 100], {"depth_unit": "m", "sky": 100}, [1, 99, math.inf]),
         ([1, 2], {**DISPARITY, "depth_scale": 1.0, "sky": 1.0}, [math.inf, 0.5]),
     ],

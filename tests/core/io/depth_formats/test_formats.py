@@ -388,9 +388,6 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "mvs-synth": lambda f: _exr_of(f, "Z", sky=INF),
     "bedlam": lambda f: _exr_of(f, "Depth", sky=30000.0, factor=100, R=DEPTH, G=DEPTH, B=DEPTH * 2),
     "3dkenburns": lambda f: _exr_of(f, "Z", sky=30000.0, factor=1000),
-    "megadepth": lambda f: Example(
-        of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, {"depth_scale": 3.0}
-    ),
     "png-mm": partial(png_of, scale=1000, hole=0),
     "tum": lambda f: _fifth(f),
     "ibims1": _ibims1,
@@ -401,11 +398,6 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "scenenet-rgbd": _scenenet,
     "middlebury": _middlebury,
     "middlebury2006": _middlebury2006,
-    "middlebury2003": lambda f: Example(
-        png(f / "disp2.png", marked(np.round(200 / DEPTH), hole=0), np.uint8),
-        marked(900 * 0.1 / (np.round(200 / DEPTH) / 4), hole=NAN),
-        {"focal_px": 900.0, "baseline": 100.0},
-    ),
     "sceneflow": _sceneflow,
     "spring": _spring,
     "hci-lightfield": _hci,
@@ -473,7 +465,6 @@ def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
         ("marigold", ["leaves ‹depth-range› open"]),
         ("depth-anything", ["leaves ‹depth-range› open"]),
         ("video-depth-anything", ["leaves ‹depth-kind› open"]),
-        ("megadepth", ["leaves ‹depth-scale› open"]),
         ("co3d", ["leaves ‹depth-scale› open", "scale_adjustment"]),
         ("unity-perception", ["add ‹planar› or ‹radial›"]),
         ("kubric", ["add ‹planar› or ‹radial›"]),

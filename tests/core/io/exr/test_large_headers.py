@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import struct
-import sys
 import time
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
+from counting import calls
 from image_files import multi_part, random_planes
 from refusals import refuses
 
@@ -57,22 +57,6 @@ def test_a_header_of_more_than_any_picture_has_is_refused(what, flags, header, t
     assert caught.value.problem.endswith(what)
 
 
-def work(done):
-    """How many functions are called."""
-    count = 0
-
-    def counted(*_):
-        nonlocal count
-        count += 1
-
-    sys.setprofile(counted)
-    try:
-        done()
-    finally:
-        sys.setprofile(None)
-    return count
-
-
 def read(path):
     headers = read_headers(path)
     describe(path)
@@ -93,7 +77,7 @@ def test_work_is_linear_in_the_channels_and_parts_of_a_file(of, tmp_path):
             multi_part(path, first=first | {f"{name}.Z.X": first["Z"] for name in others})
         else:
             multi_part(path, first=first, **dict.fromkeys(others, first))
-        counts.append(work(lambda path=path: read(path)))  # type: ignore[misc]
+        counts.append(calls(lambda path=path: read(path)))  # type: ignore[misc]
     half, all_of_them = counts
     assert all_of_them < 2.2 * half
 
