@@ -39,7 +39,6 @@ CODES = {
     "no-color": "a file has no colour",
     "no-depth": "a file has no depth",
     "no-gpu": "a GPU is asked for, and there is none",
-    "no-metadata": "a file lacks metadata that its format needs",
     "no-pieces": "a picture cannot be decoded piece by piece in the memory that is allowed",
     "no-rule": "what the numbers of a depth file mean is not known",
     "no-scene": "the name of a picture does not tell its scene",

@@ -218,6 +218,9 @@ def read_depth(
         marks = (*marks, turned)
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
+        from defocus_core.io.depth_formats.file_types import refuse_named
+
+        refuse_named(path, values)
         _refuse_scaled(path, values)
     words = (samples.words, division, completed.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"

@@ -82,6 +82,8 @@ def choose_depth_channel(
     """The depth channel of a file: the one named, that of the format, or one of the usual names."""
     channel = reading.depth_channel
     every = channels_of(path, headers, reading.part) if channel is None else []
+    if every and reading.row.plane is not None:
+        return every[reading.row.plane]
     for pattern in reading.row.channels:
         for each in every:
             if fnmatchcase(each.name, pattern):

@@ -17,7 +17,7 @@ from defocus_core.io.depth_formats.rules import (
     DepthNumbers,
     linear,
 )
-from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS, usual_unit
+from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS
 from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 
 KINDS = ("depth", "disparity")
@@ -292,7 +292,7 @@ def resolved(
 
 
 def _rule(declared: Declared) -> str:
-    """scale, inverse or radius: of the format, or by depth_kind."""
+    """scale, inverse, log or radius: of the format, or by depth_kind."""
     reading, rule = declared.reading, declared.row.rule
     by_kind = {"depth": "scale", "disparity": "inverse"}.get(reading.depth_kind or "")
     if not rule:
@@ -300,7 +300,9 @@ def _rule(declared: Declared) -> str:
             ask(declared, "depth-kind", "depth or disparity")
         return by_kind
     if by_kind is not None and by_kind != rule:
-        holds = {"scale": "depth", "inverse": "disparity"}.get(rule, declared.row.title)
+        holds = {"scale": "depth", "log": "depth", "inverse": "disparity"}.get(
+            rule, declared.row.title
+        )
         problem = f"contradicts ‹depth-format› {declared.row.name}, which is {holds}"
         raise UsageProblem("contradiction", problem, "leave one of them out", field="depth-kind")
     if reading.depth_range is not None and reading.depth_format is None and by_kind is None:
@@ -360,8 +362,10 @@ def _depth_row(declared: Declared) -> DepthFormat:
         ask(declared, "depth-scale", "METRES")
     unit = reading.depth_unit
     if reading.depth_format is None and unit is None:
-        unit = usual_unit(samples) if reading.depth_scale is None else "m"
-        if unit is None:
+        unit = "mm" if samples.type == "16-bit PNG" else "m"  # the custom
+        if reading.depth_scale is not None:
+            unit = "m"
+        elif samples.is_integer and unit == "m":
             numbers = f"has {samples.channel} in whole numbers"
             if not samples.channel:
                 numbers = f"holds {samples.values.dtype} numbers"
@@ -370,7 +374,8 @@ def _depth_row(declared: Declared) -> DepthFormat:
             remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=declared.path)
     words = UNIT_WORDS.get(unit or "", "")
-    scale = row.scale * UNITS[unit or "m"]
+    own = row.integer_scale if samples.is_integer else None
+    scale = (row.scale if own is None else own) * UNITS[unit or "m"]
     if reading.depth_scale is not None:
         scale *= reading.depth_scale
         words = ", ".join(filter(None, (words, f"× {reading.depth_scale:g}")))

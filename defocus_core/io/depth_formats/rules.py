@@ -1,8 +1,9 @@
 """Depth formats as data: numbers of a file, the fields of a row, and functions that decode by them.
 
-Three kinds of rule are enough for every row. Numbers v of the file become
+Four kinds of rule are enough for every row. Numbers v of the file become
   scale     depth  scale · v + shift
   inverse   depth  focal · baseline / (scale · v + shift), or 1 / (scale · v + shift)
+  log       depth  exp(scale · v + shift)
   bits      numbers v first: float32 in the four bytes of a pixel, float16 in 16 bits, or an integer
             spread over R, G and B; then one of the above
 """
@@ -126,12 +127,13 @@ ANY = (*FLOATS, "16-bit PNG", "8-bit PNG", "8-bit RGB", "integer EXR", "integer 
 
 @dataclass(frozen=True)
 class Mask:
-    """An image or array beside the depth file that marks pixels without depth."""
+    """An image or array beside the depth file that marks pixels without depth, or sky."""
 
     # Where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of the depth
-    # file, ``{folder}`` the name of its folder
+    # file, ``{folder}`` the name of its folder, ``{number}`` the last digits of the stem
     places: tuple[str, ...]
-    zeros: bool  # whether it marks them by 0, or by any other number
+    zeros: bool = False  # whether it marks them by 0, or by any other number
+    sky: int | None = None  # the number of the class that is sky; None if it marks no sky
 
 
 @dataclass(frozen=True)
@@ -141,11 +143,12 @@ class DepthFormat:
     name: str  # as ``depth_format`` has it
     title: str  # which data set, renderer or network writes it
     files: tuple[str, ...]  # types of file it may come in, as `DepthNumbers.type` has them
-    # Scale, inverse, or radius, whose numbers are signed CoC radii in px; empty where
+    # Scale, inverse, log, or radius, whose numbers are signed CoC radii in px; empty where
     # ``depth_kind`` must say whether they are depth or disparity
     rule: str = "scale"
     scale: float = 1.0  # what 1 in the file is: metres of depth, px of disparity
     shift: float = 0.0  # added to numbers that were scaled
+    integer_scale: float | None = None  # what 1 is where the numbers are integers; None for `scale`
     per_metre: bool = False  # whether disparity is in 1/m rather than in px
     bits: str = ""  # ``float32`` or ``float16`` where the bits of a pixel are those of a float
     weights: tuple[float, ...] = ()  # of R, G and B, where a pixel is an integer spread over them
@@ -154,7 +157,8 @@ class DepthFormat:
     channels: tuple[str, ...] = ()
     holes: str = ""  # name of the array in the same file whose zeros are invalid
     radial_channels: tuple[str, ...] = ()  # which of these hold the distance to the point
-    plane: int | None = None  # which entry of a last axis of several
+    # Which entry of a last axis of several; of EXR channels in the order of the file
+    plane: int | None = None
     axes: str = "HW"  # order of axes in the file, N for frames
     stride: int = 1  # every so many rows and columns are taken
     size: tuple[int, int] | None = None  # width and height of a file without a header
@@ -257,6 +261,8 @@ def _metres(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.float32]:
         scaled += row.shift
     if row.rule in ("scale", "radius"):
         return scaled.astype(np.float32)
+    if row.rule == "log":
+        return np.exp(scaled).astype(np.float32)
     # No point in front of both cameras has a negative disparity.
     with np.errstate(divide="ignore"):
         depth = np.where(scaled < 0, np.nan, 1 / np.abs(scaled))

@@ -1,17 +1,18 @@
 """Files beside a depth file that hold a part of its rule: calibration, cameras, masks.
 
-Also the metadata of the file itself: HEIC's and GDepth's properties.
+Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's properties.
 """
 
 from __future__ import annotations
 
 import configparser
+import json
 import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +38,7 @@ def completed(row: DepthFormat, path: Path, metadata: Mapping[str, Any]) -> Dept
     try:
         if own:
             return _METADATA_READERS[row.sidecar](row, metadata)
-        return _SIDECARS[row.sidecar](row, place, path)
+        return _SIDECARS[row.sidecar].read(row, place, path)
     except (*_FAULTS, configparser.Error) as error:
         problem = f"does not say what {row.sidecar} of {path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
@@ -70,6 +71,40 @@ def _parameters(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
     baseline = float(values["baseline_mm"]) / 1000
     focus = _positive(float(values["focus_distance_m"]))
     return _calibrated(row, path.name, focal, baseline, focal * baseline / focus)
+
+
+def _cityscapes(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
+    """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
+    camera = json.loads(_text(path))
+    focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
+    return _calibrated(row, path.name, focal, baseline, -1 / 256)
+
+
+def _extrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
+    """UnrealStereo4K: a line of intrinsics, 3×3, and one of world to camera, 3×4, a camera."""
+    own = f"Extrinsics{'1' if depth.parent.name.endswith('1') else '0'}"
+    poses, focal = [], 0.0
+    for number in "01":
+        file = path.parent.parent / f"Extrinsics{number}" / path.name
+        intrinsics, pose = _text(file).splitlines()[:2]
+        if file.parent.name == own:
+            focal = float(intrinsics.split()[0])
+        matrix = np.eye(4)
+        matrix[:3] = np.array([float(word) for word in pose.split()]).reshape(3, 4)
+        poses.append(np.linalg.inv(matrix))
+    baseline = abs(float((np.linalg.inv(poses[0]) @ poses[1])[0, 3]))
+    return _calibrated(row, f"{own}/{path.name}", focal, baseline, 0.0)
+
+
+_STEPS = 65533  # of MoGe, between the numbers 1 and 65534
+
+
+def _text_chunks(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
+    """MoGe: near and far, and a unit in files of its first version; steps of the logarithm."""
+    unit = float(metadata.get("unit", 1))
+    near, far = (math.log(_positive(float(metadata[key]) * unit)) for key in ("near", "far"))
+    scale = (far - near) / _STEPS
+    return replace(row, words="text chunks near and far", scale=scale, shift=near - scale)
 
 
 def _intrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
@@ -132,48 +167,71 @@ def _positive(value: float) -> float:
     return value
 
 
-_METADATA_READERS = {"heic": _heic, "gdepth": _gdepth}
+_METADATA_READERS = {"text-chunks": _text_chunks, "heic": _heic, "gdepth": _gdepth}
 
 
-# How a sidecar is read: the format that it completes, its place, and that of the depth file
-_SIDECARS: dict[str, Callable[[DepthFormat, Path, Path], DepthFormat]] = {
-    "calib.txt": _calib,
-    "dmin.txt": _dmin,
-    "parameters.cfg": _parameters,
-    "intrinsics.txt": _intrinsics,
+class _Sidecar(NamedTuple):
+    """How a sidecar is read, and where it may lie."""
+
+    # The format that it completes, its place, and that of the depth file
+    read: Callable[[DepthFormat, Path, Path], DepthFormat]
+    # Relative to the depth file's folder: ``{stem}`` is the stem of the depth file, ``{scene}`` it
+    # without its last word, ``{folder}`` and ``{above}`` the names of its folder and the one above
+    places: tuple[str, ...]
+
+
+_SIDECARS = {
+    "calib.txt": _Sidecar(_calib, ("calib.txt",)),
+    "dmin.txt": _Sidecar(_dmin, ("dmin.txt",)),
+    "parameters.cfg": _Sidecar(_parameters, ("parameters.cfg",)),
+    "intrinsics.txt": _Sidecar(_intrinsics, ("intrinsics.txt", "../cam_data/intrinsics.txt")),
+    "camera.json": _Sidecar(
+        _cityscapes,
+        ("{scene}_camera.json", "../../../camera/{above}/{folder}/{scene}_camera.json"),
+    ),
+    "Extrinsics": _Sidecar(_extrinsics, ("../Extrinsics0/{stem}.txt", "Extrinsics0/{stem}.txt")),
 }
+
+
+def _found(places: tuple[str, ...], path: Path) -> Path | None:
+    """The first file of some places beside a depth file; None if there is none."""
+    digits = re.findall(r"\d+", path.stem)
+    words = {
+        "stem": path.stem,
+        "scene": path.stem.rpartition("_")[0],
+        "folder": path.parent.name,
+        "above": path.parent.parent.name,
+        "number": digits[-1] if digits else path.stem,
+    }
+    files = (path.parent / template.format(**words) for template in places)
+    return next((file for file in files if file.is_file() and file != path), None)
 
 
 def _sidecar(row: DepthFormat, path: Path) -> Path | None:
     """The sidecar of a depth file; None if there is none."""
-    folders = (path.parent, path.parent.parent / "cam_data") if row.sidecar in _SIDECARS else ()
-    places = (folder / row.sidecar for folder in folders)
-    return next((place for place in places if place.is_file()), None)
+    return _found(_SIDECARS[row.sidecar].places, path) if row.sidecar in _SIDECARS else None
 
 
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     """Files beside a depth file by which it is read, by role; empty if there are none."""
-    files = {
-        "depth_sidecar": _sidecar(row, path),
-        "depth_mask": _mask_file(row.mask, path) if row.mask is not None else None,
-    }
+    sidecar, right = _sidecar(row, path), None
+    if sidecar is not None and row.sidecar == "Extrinsics":
+        right = sidecar.parent.parent / "Extrinsics1" / sidecar.name
+    mask = _found(row.mask.places, path) if row.mask is not None else None
+    files = {"depth_sidecar": sidecar, "depth_sidecar_right": right, "depth_mask": mask}
     return {role: file for role, file in files.items() if file is not None}
 
 
 def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark | None:
     """What a mask of a depth file marks; None if there is no such file."""
-    place = _mask_file(mask, path)
+    place = _found(mask.places, path)
     if place is None:
         return None
     values = _mask_values(place, shape, path)
-    return Mark((values == 0) == mask.zeros, math.nan, f"mask {place.name}")
-
-
-def _mask_file(mask: Mask, path: Path) -> Path | None:
-    """The mask of a depth file; None if there is none."""
-    words = {"stem": path.stem, "folder": path.parent.name}
-    places = (path.parent / template.format(**words) for template in mask.places)
-    return next((place for place in places if place.is_file() and place != path), None)
+    words = f"mask {place.name}"
+    if mask.sky is not None:
+        return Mark(values == mask.sky, math.inf, words)
+    return Mark((values == 0) == mask.zeros, math.nan, words)
 
 
 def _mask_values(path: Path, shape: tuple[int, int], depth: Path) -> NDArray[Any]:

@@ -4,8 +4,8 @@ Nothing is read off the range of the values. A file without a named format follo
 type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
 have no custom, so that their unit must be set (``depth_unit``).
 
-A new format is a row, and a line of ``help/depth.md``, which the test of that topic prints; its
-fields are in `rules`. The rows are of stereo data sets, networks, renderers, data sets of depth.
+A new format is a row, and a line of ``help/depth.md``, which a test compares; its fields are in
+`rules`. The rows are of stereo data sets, networks, renderers, data sets of depth.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from defocus_core.io.depth_formats.rules import (
     FLOATS,
     UNREAL_DEPTH,
     DepthFormat,
-    DepthNumbers,
     Mask,
 )
 
@@ -54,6 +53,42 @@ STEREO_DATASETS = (
         aliases=("flyingthings3d", "monkaa", "driving"),
     ),
     DepthFormat(
+        "cityscapes",
+        "Cityscapes, disparity: (v - 1) / 256 px",
+        ("16-bit PNG",),
+        rule="inverse",
+        scale=1 / 256,
+        invalid=(0,),
+        sidecar="camera.json",
+    ),
+    DepthFormat(
+        "irs",
+        "IRS",
+        ("EXR",),
+        rule="inverse",
+        channels=("G", "*"),
+        invalid=(0,),
+        focal_px=480.0,
+        baseline=0.1,
+    ),
+    DepthFormat(
+        "unrealstereo4k",
+        "UnrealStereo4K",
+        ("NPY",),
+        rule="inverse",
+        invalid=(0,),
+        invalid_infinity=True,
+        sidecar="Extrinsics",
+    ),
+    DepthFormat(
+        "ffs-stereo4d",
+        "Stereo4D of Fast Foundation Stereo, (255² R + 255 G + B) / 1000 px",
+        ("8-bit RGB", "8-bit RGBA"),
+        rule="inverse",
+        scale=1 / 1000,
+        weights=(255.0**2, 255.0, 1.0),
+    ),
+    DepthFormat(
         "spring",
         "Spring, .dsp5 at twice the size",
         ("HDF5",),
@@ -77,6 +112,9 @@ STEREO_DATASETS = (
 _PICTURES = ("16-bit PNG", "8-bit PNG")
 
 NETWORKS = (
+    _png16(
+        "moge-png", "MoGe, depth in the logarithm", rule="log", sky=65535, sidecar="text-chunks"
+    ),
     _exr(
         "moge",
         "MoGe, depth.exr",
@@ -202,6 +240,14 @@ RENDERERS = (
         scale=1000 / (2**24 - 1),
         weights=(1.0, 256.0, 65536.0),
         sky=2.0**24 - 1,
+    ),
+    DepthFormat(
+        "mujoco-warp",
+        "MuJoCo Warp, Newton",
+        FLOATS,
+        geometry="ask",
+        note="radial in versions before March 2026, planar since",
+        aliases=("newton",),
     ),
     _exr(
         "nuke-scanline",
@@ -334,6 +380,21 @@ DEPTH_DATASETS = (
         channels=("Depth", *UNREAL_DEPTH, "*.Depth"),
         sky=_BEYOND_20000,
     ),
+    DepthFormat(
+        "urbansyn",
+        "UrbanSyn",
+        ("EXR",),
+        scale=1e5,
+        mask=Mask(("{stem}_ss.png", "../ss/ss_{number}.png"), sky=10),
+    ),
+    DepthFormat(
+        "synscapes",
+        "Synscapes",
+        ("EXR",),
+        channels=("Z",),
+        mask=Mask(("{stem}_class.png", "../class/{stem}.png"), sky=23),
+    ),
+    DepthFormat("omniobject3d", "OmniObject3D, last channel", ("EXR",), plane=-1, sky=65504),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
     _png16(
         "tum",
@@ -353,6 +414,13 @@ DEPTH_DATASETS = (
         note="mask_invalid is true where the depth is valid",
     ),
     DepthFormat("infinigen", "Infinigen", ("NPY",), plane=0),
+    DepthFormat(
+        "ros",
+        "ROS, 32FC1 in metres or 16UC1 in millimetres",
+        (*FLOATS, "16-bit PNG", "integer NPY"),
+        integer_scale=1 / 1000,
+        invalid=(0,),
+    ),
     _png16("scenenet-rgbd", "SceneNet RGB-D", scale=1 / 1000, geometry="radial"),
 )
 
@@ -362,10 +430,3 @@ FORMATS = {row.name: row for row in ROWS}
 NAMES = {name: row for row in ROWS for name in (row.name, *row.aliases)}
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}  # metres of 1 in the file
 UNIT_WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "feet"}
-
-
-def usual_unit(samples: DepthNumbers) -> str | None:
-    """The unit that numbers of a type have unless one is set; None if the type has no custom."""
-    if samples.type == "16-bit PNG":
-        return "mm"
-    return None if samples.is_integer else "m"

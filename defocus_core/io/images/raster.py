@@ -71,13 +71,18 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
             if len(pages) == _MOST_PAGES:
-                problem, remedy = (
-                    f"has more than {_MOST_PAGES} pages",
-                    "split it into several files",
-                )
+                problem = f"has more than {_MOST_PAGES} pages"
+                remedy = "split it into several files"
                 raise InputError("too-large", problem, remedy, path=path)
             pages.append(_raster(path, file, len(pages)))
         return pages
+
+
+def text_of(path: Path) -> dict[str, str]:
+    """Texts in the header of an image, like those of chunks of a PNG, by key."""
+    with decoding(path, "cannot be read"), quiet(), _open(path, "PNG") as file:
+        texts = file.spec().extra_attribs
+        return {each.name: each.value for each in texts if isinstance(each.value, str)}
 
 
 def pnm_top(path: Path) -> int | None:

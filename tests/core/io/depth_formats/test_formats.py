@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
@@ -12,7 +13,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from command_line import write_exr
-from depth_files import colmap, dpt, gdepth, npy, pfm, png
+from depth_files import colmap, dpt, gdepth, npy, pfm, png, with_text
 from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 from refusals import refuses
 
@@ -278,6 +279,64 @@ def _sceneflow(folder):
     return Example(pfm(folder / "a.pfm", marked(1050 / DEPTH, sky=0)), metres(sky=True))
 
 
+def _class_mask(folder, name, number, scale):
+    (folder / "depth").mkdir()
+    classes = marked(np.full((3, 4), 7), sky=number)
+    place = folder / name.format(stem="a_0003", number="0003")
+    place.parent.mkdir(exist_ok=True)
+    png(place, classes, np.uint8)
+    path = write_exr(folder / "depth" / "a_0003.exr", Z=np.float32(DEPTH / scale))
+    return Example(path, metres(sky=True), rtol=1e-5)
+
+
+def _omniobject3d(folder):
+    return Example(exr(folder, "X", DEPTH * 3, B=DEPTH * 2, Y=marked(sky=65504)), metres(sky=True))
+
+
+def _ros(folder):
+    return png_of(folder, scale=1000, hole=0)
+
+
+def _cityscapes(folder):
+    own, cameras = (folder / name / "train" / "ulm" for name in ("disparity", "camera"))
+    for made in (own, cameras):
+        made.mkdir(parents=True)
+    camera = {"intrinsic": {"fx": 226.252}, "extrinsic": {"baseline": 0.209313}}
+    (cameras / "ulm_000001_000019_camera.json").write_text(json.dumps(camera))
+    numbers = np.round(256 * 226.252 * 0.209313 / DEPTH + 1)
+    path = png(own / "ulm_000001_000019_disparity.png", marked(numbers, hole=0))
+    return Example(path, metres(hole=True), rtol=1e-3)
+
+
+def _unrealstereo4k(folder):
+    for number, x in (("0", 1.0), ("1", 0.5)):  # world to camera: the second is 0.5 to the right
+        pose = f"1 0 0 {x} 0 1 0 2 0 0 1 3"
+        path = folder / f"Extrinsics{number}" / "00007.txt"
+        path.parent.mkdir()
+        path.write_text(f"1000 0 1920 0 1000 1080 0 0 1\n{pose}\n")
+    disparity = marked(1000 * 0.5 / DEPTH, hole=0)
+    return Example(npy(folder / "Disp0" / "00007.npy", disparity), metres(hole=True))
+
+
+def _ffs(folder):
+    packed = np.round(1000 * 500 * 0.1 / DEPTH).astype(int)
+    red, rest = np.divmod(packed, 255**2)
+    path = png(folder / "a.png", np.stack([red, rest // 255, rest % 255], axis=2), np.uint8)
+    said = {"focal_px": 500.0, "baseline": 100.0}
+    return Example(path, 500 * 0.1 / (packed / 1000), said)
+
+
+def _moge_png(folder):
+    share = np.log(DEPTH / 0.5) / np.log(50 / 0.5)
+    numbers = marked(1 + np.round(share * 65533), hole=0, sky=65535)
+    path = with_text(png(folder / "a.png", numbers), near="0.5", far="50.0")
+    return Example(path, metres(hole=True, sky=True), rtol=1e-4)
+
+
+def _irs(folder):
+    return Example(exr(folder, "G", marked(48 / DEPTH, hole=0)), metres(hole=True))
+
+
 EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "metres": partial(_exr_of, name="Z", sky=INF, hole=NAN),
     "disparity": lambda f: Example(
@@ -290,6 +349,16 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
         f, "ViewLayer.Depth.Z", sky=1e10, **{"ViewLayer.Mist.Z": DEPTH * 2, "ViewLayer.A": DEPTH}
     ),
     "blenderproc": _blenderproc,
+    "mujoco-warp": lambda f: Example(npy(f / "a.npy", marked()), metres(), PLANAR),
+    "urbansyn": lambda f: _class_mask(f, "ss/ss_{number}.png", 10, 1e5),
+    "synscapes": lambda f: _class_mask(f, "class/{stem}.png", 23, 1),
+    "omniobject3d": _omniobject3d,
+    "ros": _ros,
+    "cityscapes": _cityscapes,
+    "irs": _irs,
+    "unrealstereo4k": _unrealstereo4k,
+    "ffs-stereo4d": _ffs,
+    "moge-png": _moge_png,
     "vision-blender": lambda f: _npz(f, depth_map=marked(sky=1e10), normal_map=np.ones((3, 4, 3))),
     "kubric": lambda f: _npz(f, PLANAR, depth=marked(sky=INF)),
     "mitsuba": lambda f: _radial_exr(f, "depth"),
@@ -410,7 +479,7 @@ def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
 )
 def test_what_no_format_may_guess_is_asked_for(name, words, tmp_path):
     example = EXAMPLES[name](tmp_path)
-    for sidecar in (p for p in tmp_path.rglob("*") if p.suffix in (".txt", ".cfg")):
+    for sidecar in (p for p in tmp_path.rglob("*") if p.suffix in (".txt", ".cfg", ".json")):
         sidecar.unlink()
     reading = DepthReading(depth_format=name, part=example.said.get("part"))
     with refuses("missing-option", *words, field="depth-format", value=name):
