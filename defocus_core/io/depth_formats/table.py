@@ -43,6 +43,15 @@ STEREO_DATASETS = (
         aliases=("middlebury2005",),
     ),
     DepthFormat(
+        "middlebury2003",
+        "Middlebury 2003 as PNG, a quarter of the size",
+        ("8-bit PNG",),
+        rule="inverse",
+        scale=1 / 4,
+        invalid=(0,),
+        note="pictures of half the size need ‹depth-scale› 2",
+    ),
+    DepthFormat(
         "sceneflow",
         "FlyingThings3D, Monkaa, Driving",
         ("PFM",),
@@ -396,6 +405,14 @@ DEPTH_DATASETS = (
     ),
     DepthFormat("omniobject3d", "OmniObject3D, last channel", ("EXR",), plane=-1, sky=65504),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
+    DepthFormat(
+        "megadepth",
+        "MegaDepth",
+        ("HDF5",),
+        channels=("depth",),
+        needs=("depth-scale",),
+        note="without a metric scale: ‹depth-scale› says metres of 1",
+    ),
     _png16(
         "tum",
         "TUM RGB-D, Bonn, SmartPortraits",

@@ -398,6 +398,14 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "scenenet-rgbd": _scenenet,
     "middlebury": _middlebury,
     "middlebury2006": _middlebury2006,
+    "middlebury2003": lambda f: Example(
+        png(f / "disp2.png", marked(np.round(200 / DEPTH), hole=0), np.uint8),
+        marked(900 * 0.1 / (np.round(200 / DEPTH) / 4), hole=NAN),
+        {"focal_px": 900.0, "baseline": 100.0},
+    ),
+    "megadepth": lambda f: Example(
+        of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, {"depth_scale": 3.0}
+    ),
     "sceneflow": _sceneflow,
     "spring": _spring,
     "hci-lightfield": _hci,
@@ -465,6 +473,7 @@ def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
         ("marigold", ["leaves ‹depth-range› open"]),
         ("depth-anything", ["leaves ‹depth-range› open"]),
         ("video-depth-anything", ["leaves ‹depth-kind› open"]),
+        ("megadepth", ["leaves ‹depth-scale› open"]),
         ("co3d", ["leaves ‹depth-scale› open", "scale_adjustment"]),
         ("unity-perception", ["add ‹planar› or ‹radial›"]),
         ("kubric", ["add ‹planar› or ‹radial›"]),
