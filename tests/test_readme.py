@@ -98,7 +98,7 @@ def kitti(depth):
 def carry_out(words, monkeypatch):
     """Run a command of a document, or as much of it as a test can."""
     program, *rest = words
-    if program in ELSEWHERE:
+    if program in ELSEWHERE or "--scheduler" in rest:
         return
     if program == "sbatch":
         monkeypatch.setenv("SLURM_ARRAY_TASK_ID", "1")

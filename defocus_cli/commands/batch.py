@@ -77,6 +77,7 @@ def command(
       defocus batch jobs.toml -o out --dry-run
       defocus batch jobs.toml -o out --html out.html
       defocus batch jobs.toml -o out --shard $SLURM_ARRAY_TASK_ID/8
+      defocus batch jobs.toml -o out --scheduler tcp://head:8786
     """  # noqa: D301  click reads the backspace
     if shard is not None and shards_size is not None:
         problem, remedy = "needs the whole batch", "give it to 'defocus merge'"
@@ -88,7 +89,7 @@ def command(
         limit=limit,
         fail_fast=not keep_going,
         read_inputs=check_inputs == "hash",
-        spread=crew.count,
+        spread=crew.spread,
     )
     if dry_run:
         from defocus_cli.words import dry_run as dry_runs

@@ -172,7 +172,7 @@ def _render(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> AbstractContextManager[FreshPictures]:
     report = batch_report.BatchReport(each=False)
-    execution = Execution(crew.execute(), spread=crew.count)
+    execution = Execution(crew.execute(), spread=crew.spread)
     return rendered(jobs_file, crew.machine, execution, report, only)
 
 

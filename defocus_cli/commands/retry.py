@@ -56,7 +56,7 @@ def command(
     jobs = failed_jobs(Ledger(out, read_all(out)), reasons)
     if not jobs:
         console.stderr(f"{out}: nothing failed{' for that reason' if reasons else ''}")
-    execution = Execution(crew.execute(), again=True, spread=crew.count)
+    execution = Execution(crew.execute(), again=True, spread=crew.spread)
     jobs = computed_by(jobs, crew.machine)
     before = sample_index.listed(out)
     asked = None if before is None else before | {job.sample_id for job in jobs}

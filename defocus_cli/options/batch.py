@@ -17,6 +17,13 @@ def crew_options(command: Command) -> Command:
     """Hand a command ``crew``: the processes that compute."""
     options = [
         machine_option(
+            "--scheduler local|tcp://…",
+            "Who does the jobs: processes of this machine, or a Dask scheduler "
+            "(pip install 'defocus[dask]').",
+            default="local",
+            show_default=True,
+        ),
+        machine_option(
             "--processes N",
             "Processes on this machine.  [default: cores / threads; without --threads "
             "one for each core and 2 GB that are free; 1 with a GPU]",
@@ -24,7 +31,7 @@ def crew_options(command: Command) -> Command:
         ),
         machine_option(
             "--threads N",
-            "Threads of each process.  [default: cores / processes]",
+            "Threads of each process.  [default: cores / processes; 1 on Dask]",
             click.IntRange(min=1),
         ),
         device_option(),

@@ -94,14 +94,14 @@ def run_batch(
     if device not in DEVICES:
         remedy = f"choose from {', '.join(DEVICES)}"
         raise UsageProblem("unknown-name", f"'{device}' is not known", remedy, field="device")
-    config = WorkerConfig(processes, threads, device, memory, None)
+    config = WorkerConfig("local", processes, threads, device, memory, None)
     asked = computed_by(batch_jobs(jobs, out, overwrite=overwrite), config.machine)
     execution = Execution(
         pipeline.execute if processes == 1 else config.execute(),
         limit=limit,
         fail_fast=fail_fast,
         read_inputs=hash_inputs,
-        spread=config.count,
+        spread=config.spread,
     )
     summary = run.carry_out(asked, Path(out), execution, _Callbacks(ended))
     if summary.interrupted and summary.left:

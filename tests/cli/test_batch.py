@@ -286,7 +286,17 @@ def test_a_bar_counts_the_jobs_on_a_terminal(tmp_path, out):
     assert "/4 [" in run("batch", jobs_file(tmp_path), "-o", out, err=Terminal()).err
 
 
-HEAVY = ("torch", "OpenEXR", "OpenImageIO", "pandas")
+def test_a_scheduler_that_is_none_is_refused(tmp_path, out, monkeypatch):
+    monkeypatch.undo()
+    path = jobs_file(tmp_path)
+    refused(run("batch", path, "-o", out, "--scheduler", "head"), 2, "malformed", "scheduler")
+    monkeypatch.setattr("defocus_core.batch.workers.dask_pool.find_spec", lambda name: None)
+    ran = run("batch", path, "-o", out, "--scheduler", "tcp://127.0.0.1:1")
+    refused(ran, 2, "needs-extra", "scheduler")
+    assert not out.exists()
+
+
+HEAVY = ("torch", "OpenEXR", "OpenImageIO", "distributed", "pandas")
 
 
 def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(tmp_path, out, monkeypatch):

@@ -203,6 +203,8 @@ missing-frames z.####.exr: lacks 1 frame, 3; \
 say --missing skip to leave them out, or name others with --frames
 B jobs.toml --shards-size 1GB --shard 1/2
 whole-batch --shards-size: needs the whole batch; give it to 'defocus merge'
+B jobs.toml --scheduler head
+malformed --scheduler: 'head' is no scheduler; …
 retry held
 in-use held/.journal.lock: held is being written by process …
 R --quality best

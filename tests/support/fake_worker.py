@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal.identity import typed, versions
 from defocus_core.batch.workers import job_result, pool
 from defocus_core.batch.workers.pool import READY
 from defocus_core.picture import plain_path
@@ -63,3 +65,19 @@ def serve_mask(connection):
 def serve_nobody(connection):
     """Die before any work."""
     os._exit(7)
+
+
+def do(jobs, threads):
+    """What a Dask worker does."""
+    results = [result_of(typed(Job, job)) for job in jobs]
+    return {"versions": versions(), "results": results}
+
+
+def do_in_another_version(jobs, threads):
+    """What a Dask worker does that has not been updated."""
+    return {**do(jobs, threads), "versions": {"version": "0.0.1", "renderer": 1}}
+
+
+def cannot_do(jobs, threads):
+    """What a Dask worker does that lacks something."""
+    raise ModuleNotFoundError("No module named 'torch'")

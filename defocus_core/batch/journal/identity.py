@@ -169,15 +169,15 @@ def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
 T = TypeVar("T")
 
 
-def plain(value: Any) -> Any:
+def plain(value: Any, *, absolute: bool = False) -> Any:
     """A value without classes: dataclasses become dictionaries, tuples lists, paths text."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         fields = ((field, getattr(value, field.name)) for field in dataclasses.fields(value))
-        return {f.name: plain(v) for f, v in fields if v != f.default}
+        return {f.name: plain(v, absolute=absolute) for f, v in fields if v != f.default}
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain(item, absolute=absolute) for item in value]
     if isinstance(value, Path):
-        return str(value)
+        return str(value.absolute() if absolute else value)
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     return value

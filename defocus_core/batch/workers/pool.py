@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 from defocus_core.batch.jobs.job import Job, Machine
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import pipeline
+from defocus_core.batch.workers.dask_pool import execute_at
 from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError
@@ -263,6 +264,7 @@ def _without_interrupts() -> Iterator[None]:
 # A core more for each process saves more than a thread more in it, for these wait for one another;
 # but each should find this much memory.
 ROOM_MB = 2000
+MANY = 64  # workers of a cluster, whose number may change
 _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subsystem
 
 
@@ -270,6 +272,7 @@ _GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subs
 class WorkerConfig:
     """The processes that compute."""
 
+    scheduler: str  # ``local``, or the address of a Dask scheduler
     processes: int | None  # on this machine; None for as many as suit it
     threads: int | None  # of each; None for what makes use of all cores
     device: str  # auto, cpu or cuda
@@ -289,7 +292,7 @@ class WorkerConfig:
     def _memory_of_each(self) -> int | None:
         """Bytes of memory that one of several processes may take; None for no bound."""
         available = memory.available_mb()
-        if self.count == 1 or available is None:
+        if self.scheduler != "local" or self.count == 1 or available is None:
             return None
         return int(memory_budget.SHARE * available / self.count * memory.MB)
 
@@ -310,8 +313,15 @@ class WorkerConfig:
         maximum = cores() if available is None else int(available // ROOM_MB)
         return max(1, min(cores(), maximum))
 
+    @property
+    def spread(self) -> int:
+        """Over how many workers the jobs of one picture are to be spread."""
+        return self.count if self.scheduler == "local" else MANY
+
     def execute(self) -> Execute:
         """The executor of the jobs."""
+        if self.scheduler != "local":
+            return execute_at(self.scheduler, threads=self.threads)
 
         def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
             first = [*islice(chunks, 2)]

@@ -307,10 +307,10 @@ def test_a_megabyte_is_that_of_the_option():
 
 def test_processes_share_the_memory_unless_told(monkeypatch):
     monkeypatch.setattr(memory, "available_mb", lambda: 1000.0)
-    shared = WorkerConfig(4, 1, "cpu", None, None).machine.memory
+    shared = WorkerConfig("local", 4, 1, "cpu", None, None).machine.memory
     assert shared == int(0.8 * 1000 / 4 * memory.MB)
-    assert WorkerConfig(4, 1, "cpu", 7, None).machine.memory == 7
-    assert WorkerConfig(1, 1, "cpu", None, None).machine.memory is None
+    assert WorkerConfig("local", 4, 1, "cpu", 7, None).machine.memory == 7
+    assert WorkerConfig("local", 1, 1, "cpu", None, None).machine.memory is None
 
 
 @pytest.mark.parametrize(
@@ -332,7 +332,7 @@ def test_each_core_has_a_process_if_there_is_memory_for_it(
     free = iter([available])
     monkeypatch.setattr(memory, "available_mb", lambda: next(free, 0.0))
     monkeypatch.setattr(pool, "cores", lambda: 8)
-    crew = WorkerConfig(processes, threads, "cpu", 7, None)
+    crew = WorkerConfig("local", processes, threads, "cpu", 7, None)
     assert (crew.count, crew.machine.threads) == shared_out
     assert crew.count == shared_out[0], "whatever is free by now"
 

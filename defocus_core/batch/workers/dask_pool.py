@@ -1,0 +1,164 @@
+"""Jobs of a batch on the workers of a Dask scheduler.
+
+Jobs go as plain dictionaries and come back as small ones; pictures are read and written where they
+are computed, so every worker has to see the same files under the same names. Dask may do a job
+twice, which changes nothing: outputs are written whole, and only this process writes the journal.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from importlib.util import find_spec
+from typing import Any
+
+from defocus_core.batch.jobs.job import Job
+from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.identity import plain, typed
+from defocus_core.batch.workers import job_result
+from defocus_core.batch.workers.job_result import failed
+from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.system.text import note
+
+AT_ONCE = 2  # chunks for each worker: one is computed, one waits where it is
+CONNECT = "30s"
+
+
+def execute_at(address: str, *, threads: int | None) -> Execute:
+    """An executor on a Dask scheduler; each job computes with ``threads``, or with one."""
+    if "://" not in address:
+        problem = f"'{address}' is no scheduler"
+        raise UsageProblem(
+            "malformed", problem, "use local, or an address like tcp://head:8786", field="scheduler"
+        )
+    if find_spec("distributed") is None:
+        problem = "needs Dask, which is not installed"
+        raise UsageProblem(
+            "needs-extra", problem, "run: pip install 'defocus[dask]'", field="scheduler"
+        )
+
+    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+        import distributed
+
+        # Its client would log each worker that dies; the journal says what became of the jobs.
+        logging.getLogger("distributed.client").setLevel(logging.ERROR)
+        make_client: Any = distributed.Client  # without types
+
+        try:
+            client = make_client(address, timeout=CONNECT)
+        except (OSError, TimeoutError, ValueError) as error:
+            problem = f"no Dask scheduler answers: {reason(error)}"
+            raise InputError(
+                "unreachable", problem, "start one, or check the address", path=address
+            ) from None
+        with client:
+            _Submitted(client, chunks, done, stopped, threads).run()
+
+    return execute
+
+
+class _Submitted:
+    """Chunks that are submitted to a scheduler."""
+
+    def __init__(
+        self,
+        client: Any,
+        chunks: Iterator[Chunk],
+        done: Done,
+        stopped: Callable[[], bool],
+        threads: int | None,
+    ) -> None:
+        self.client, self.chunks, self.done, self.stopped = client, chunks, done, stopped
+        self.address = client.scheduler.address
+        self.threads = threads
+        self.flight: dict[Any, Chunk] = {}
+        self.suspects: Chunk = []  # of workers that died; done one by one, after all others
+        self.alone = False
+
+    def run(self) -> None:
+        """Do all jobs, or until stopped."""
+        import distributed
+
+        make: Any = distributed.as_completed  # without types
+        completed = make()
+        try:
+            self._submit(completed)
+            while self.flight:
+                future = next(completed)
+                self._take(future, self.flight.pop(future))
+                self._submit(completed)
+        finally:
+            self.client.cancel(list(self.flight))
+
+    def _submit(self, completed: Any) -> None:
+        workers = len(self.client.scheduler_info(n_workers=-1)["workers"])
+        if not workers and not self.flight:
+            note(f"{self.address}: has no workers; waiting for some")
+        room = AT_ONCE * max(1, workers)
+        while len(self.flight) < room and not self.stopped():
+            chunk = next(self.chunks, None)
+            if chunk is None and self.suspects and not self.flight:
+                chunk, room, self.alone = [self.suspects.pop()], 1, True
+            if chunk is None:
+                return
+            number, job = chunk[0]
+            alone = "-alone" if self.alone else ""  # what failed under a name keeps it
+            key = f"{job.sample_id}-{identity.recipe(job)}-{number}-{len(chunk)}{alone}"
+            jobs = [plain(job, absolute=True) for _, job in chunk]
+            future = self.client.submit(do, jobs, self.threads or 1, key=key, pure=False)
+            self.flight[future] = chunk
+            completed.add(future)
+
+    def _take(self, future: Any, chunk: Chunk) -> None:
+        """Hand on the results of a chunk, or do its jobs one by one if its worker died."""
+        if future.cancelled():  # not by us
+            remedy = "start it again, and run the same command to go on"
+            raise InputError(
+                "unreachable", "the Dask scheduler went away", remedy, path=self.address
+            )
+        error = future.exception()
+        if error is None:
+            answer = future.result()
+            self._require_same_version(answer["versions"])
+            for (number, _), result in zip(chunk, answer["results"], strict=True):
+                self.done(number, result)
+        elif type(error).__name__ != "KilledWorker":
+            problem = f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
+            raise InputError(
+                "other-version",
+                problem,
+                "install the same defocus on all of them",
+                path=self.address,
+            )
+        elif not self.alone:  # Dask blames all that waited for a worker, too: see which it was
+            self.suspects += chunk
+        else:
+            number, job = chunk[0]
+            problem = f"{job.picture.color}: several Dask workers that worked on it died"
+            message = f"{problem}; see if it is damaged"
+            self.done(number, failed("failed", "worker-died", message, {}))
+
+    def _require_same_version(self, theirs: Mapping[str, Any]) -> None:
+        own = identity.versions()
+        if theirs != own:
+            remote, local = ("{version}, renderer {renderer}".format(**it) for it in (theirs, own))
+            problem = f"its workers have defocus {remote}, but here is {local}"
+            raise InputError(
+                "other-version",
+                problem,
+                "install the same defocus on all of them",
+                path=self.address,
+            )
+
+
+def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+    """Do jobs of one picture on a worker; gives their results, and the versions there."""
+    reader, results = job_result.Reader(), []
+    for each in jobs:
+        job = typed(Job, each)
+        job = replace(job, machine=replace(job.machine, threads=threads))
+        record = job_result.write(job_result.compute(job, reader.read(job)))
+        results.append({key: value for key, value in record.items() if key != "error"})
+    return {"versions": identity.versions(), "results": results}
