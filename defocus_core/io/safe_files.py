@@ -253,7 +253,6 @@ def written_together(root: Path | None = None) -> Iterator[None]:
             try:
                 replacement.put()
                 sync_folder(path.parent)
-                sync_folder(path.parent.parent)  # which may have got the folder just now
             except OSError as error:
                 raise unwritable(path, error) from error
     finally:
