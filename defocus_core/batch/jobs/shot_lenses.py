@@ -40,7 +40,7 @@ from defocus_core.batch.lenses.parameters import (
     alternatives,
 )
 from defocus_core.batch.lenses.quantities import read_at, text_of
-from defocus_core.errors import InputError, Place, UsageProblem
+from defocus_core.errors import CALLER, InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
@@ -207,7 +207,9 @@ class ShotLenses:
     metres: float = 1.0  # the unit of the scene, for metadata in it
 
     def __post_init__(self) -> None:
-        """Refuse an option that the command line and the keys both set."""
+        """Refuse an option that the command line and the keys both set, and metadata of no lens."""
+        if self.metadata:
+            _refuse_beside_blur(self.flags, CALLER.at(METADATA))
         for name in self.animation.keys:
             for same in _with_alternatives(name):
                 if same in self.flags:
@@ -286,6 +288,13 @@ class ShotLenses:
         return f"{height / 2 / math.tan(math.radians(field_of_view(text) / 2)):.9g}mm"
 
 
+def _refuse_beside_blur(names: Collection[str], where: Place) -> None:
+    """Refuse a lens of metadata beside a blur in pixels, which takes none."""
+    if "blur" in names:
+        problem = "changes nothing beside blur, which is no lens"
+        raise UsageProblem("contradiction", problem, "leave one of them out", path=where)
+
+
 def _require_sensor(
     picture: Picture, taken: Mapping[str, OptionFromMetadata], known: Collection[str]
 ) -> None:
@@ -308,6 +317,8 @@ def animated(
     metadata = lens.flag(METADATA) or False
     if not animation.keys and not metadata:
         return entries
+    if metadata:
+        _refuse_beside_blur({*plan.options, *plan.taken}, lens.place(METADATA))
     for name in animation.keys:
         for same in _with_alternatives(name):
             if same in lens.values or same in plan.taken:
