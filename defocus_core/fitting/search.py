@@ -1,14 +1,14 @@
-"""The search for the point that explains a pair: a grid, then Gauss-Newton steps.
+"""The search for the point that explains a pair: all blurs at once, then Gauss-Newton steps.
 
 Apart from depth edges a pixel shows its own radius alone. So at first the sharp picture is blurred
-as a whole by each of some radii, and the error of a point of the grid is that of each pixel in the
-picture of its radius. Steps descend from the best points, over larger and larger pictures.
+as a whole by each of some radii, and each level of disparity keeps how far each radius is from what
+is seen. The error of any focus and strength is then a sum over the levels, without a rendering.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -27,9 +27,9 @@ from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate, Unknown, moved, 
 
 MIDDLE = 480  # px, width of pictures of middle size
 _COARSE = 200  # px, width of small pictures
-_GRID = 128  # px, of those of the grid
 _STEPS = {_COARSE: 6, MIDDLE: 6, None: 4}  # most Gauss-Newton steps at a width
-_KEPT = {_GRID: 6, _COARSE: 3, MIDDLE: 2}  # points that are followed at a width
+_STARTS = 6  # blurs that are rendered
+_KEPT = {_COARSE: 3, MIDDLE: 2}  # of these are followed at a width
 _SAME_PX = 0.25  # px of small pictures, by which radii of one point differ
 _DROP_RATIO = 4.0  # times the error of the best: nothing changes that
 _CHEAP = ("across", "down", "separation")  # unknowns that take no rendering
@@ -47,10 +47,12 @@ _PIVOT_PX, _PIVOT_RATIO, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4)
 _OTHER_SIDE_RATIO = 2.0  # times the error, that the other side of the focus may have before steps
 _TAIL = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
 _ROUNDING_RATIO = 1.002  # an error as small, by the rounding of the renderer
-_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.25  # px; of the width; of one to the next
+_MAP_WIDTH = 320  # px, of pictures that are blurred as a whole
+_MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.15  # px; of the width; of one to the next
+_LEVELS = 256  # of disparity
 _MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
-_APART = 0.2  # of their radii: points of the grid that differ by less are one
-_PLACES = 40  # of the focus in a range of disparity, that are tried for a given strength
+_APART = 0.15  # of their radii: points that differ by less are one
+_BEYOND = 2.0  # ranges of disparity beyond it, where the focus is sought for a given strength
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,78 @@ class FittedLens:
     error: float
     point: Candidate
     optics: Optics
+
+
+class BlurMap:
+    """The error of each radius at each level of disparity."""
+
+    def __init__(self, residual: Residual, optics: Optics, shift: dict[str, float]) -> None:
+        """Blur the picture as a whole by each radius."""
+        scale = residual.scale(_MAP_WIDTH)
+        self._factor, disparity = scale.factor, scale.disparity.double()
+        self.low, self.high = float(disparity.min()), float(disparity.max())
+        span = self.high - self.low
+        level = ((disparity - self.low) / (span or 1.0) * (_LEVELS - 1)).round().long().flatten()
+        self.levels = self.low + span * torch.arange(_LEVELS, dtype=torch.float64) / (_LEVELS - 1)
+        maximum = _MAX_RADIUS * scale.sharp.shape[2]
+        count = math.ceil(math.log(maximum / _MIN_RADIUS) / math.log(_RATIO))
+        sizes = [_MIN_RADIUS * _RATIO**i for i in range(count + 1)]
+        turns = bool(optics.aperture.blades or optics.aperture.image)
+        signed = [*(-r for r in reversed(sizes)), 0.0, *sizes] if turns else [0.0, *sizes]
+        flat = scale.flat()
+        points = (Candidate(r / scale.factor, 1.0, **shift) for r in signed)
+        rows = [_errors(residual, optics, flat, point, level) for point in points]
+        self._radii = torch.tensor(signed, dtype=torch.float64)
+        self._turns = turns
+        self._errors, self._weights = (torch.stack(each) for each in zip(*rows, strict=True))
+        self._pixels = level.numel()
+
+    def points(
+        self, focus: float | None, strength: Callable[[float], float] | None
+    ) -> list[tuple[float, float]]:
+        """Strengths and focuses that are tried, either of which may be given."""
+        sizes = self._radii[self._radii > 0] / self._factor
+        span = self.high - self.low
+        if focus is not None:
+            if strength is not None:
+                return [(strength(focus), focus)]
+            reach = max(abs(focus - self.low), abs(focus - self.high))
+            return [(float(r) / reach, focus) for r in sizes] if reach else []
+        if strength is not None:
+            positions = torch.linspace(self.low - _BEYOND * span, self.high + _BEYOND * span, 801)
+            return [(strength(float(d)), float(d)) for d in positions]
+        signed = [*(-sizes).tolist(), 0.0, *sizes.tolist()]
+        pairs = [(far, near) for far in signed for near in signed if near < far]
+        return [((far - near) / span, self.low + far * span / (far - near)) for far, near in pairs]
+
+    def best(self, points: Iterable[tuple[float, float]], count: int) -> list[tuple[float, float]]:
+        """The strengths and focuses of least error that are not nearly the same."""
+        tried = torch.tensor(list(points), dtype=torch.float64).reshape(-1, 2)
+        radii = tried[:, :1] * self._factor * (tried[:, 1:] - self.levels)  # [P, L]
+        errors = self._error(radii)
+        chosen: list[int] = []
+        weights = self._weights.amax(0)
+        for index in errors.argsort().tolist():
+            if len(chosen) == count or not math.isfinite(float(errors[index])):
+                break
+            away = ((radii[chosen] - radii[index]).abs() * weights).sum(1)
+            size = (radii[index].abs() * weights).sum()
+            if not chosen or float(away.min()) > _APART * float(size):
+                chosen.append(index)
+        return [(float(k), float(d)) for k, d in tried[chosen]]
+
+    def _error(self, radii: Tensor) -> Tensor:
+        """The mean error [P] of points of radii [P, L]; infinite where hardly anything counts."""
+        known, wanted = self._radii, radii if self._turns else radii.abs()
+        index = torch.searchsorted(known, wanted.contiguous()).clamp(1, len(known) - 1)
+        fraction = (wanted - known[index - 1]) / (known[index] - known[index - 1])
+        level = torch.arange(radii.shape[1]).expand_as(index)
+        inside = (fraction >= -1e-9) & (fraction <= 1 + 1e-9)
+        sums = [
+            (torch.lerp(table[index - 1, level], table[index, level], fraction) * inside).sum(1)
+            for table in (self._errors, self._weights)
+        ]
+        return torch.where(sums[1] > _MIN_WEIGHT * self._pixels, sums[0] / sums[1], math.inf)
 
 
 class Search:
@@ -87,7 +161,7 @@ class Search:
     def best(self, choices: Sequence[Optics]) -> FittedLens:
         """The point of least error, and the pupil and photodiodes that make it."""
         first, small = choices[0], self.residual.scale(_COARSE)
-        starts = self._starts(first)
+        starts = [self._at(point, first, small) for point in self._starts(first)]
         if not starts:
             return FittedLens(math.inf, Candidate(1.0, 0.0), first)
         starts = self._all(starts, _COARSE, self._cheap)
@@ -109,48 +183,14 @@ class Search:
         ended = (self._descend(start, width, free) for start in starts)
         return sorted(ended, key=lambda fitted: fitted.error)
 
-    def _starts(self, optics: Optics) -> list[FittedLens]:
-        """The points from which steps descend: the best of a grid."""
-        scale, shift = self.residual.scale(_GRID), self._shift()
-        maximum = _MAX_RADIUS * scale.sharp.shape[2]
-        count = math.ceil(math.log(maximum / _MIN_RADIUS, _RATIO))
-        radii = torch.tensor([0.0, *(_MIN_RADIUS * _RATIO**k for k in range(count + 1))]).double()
-        flat, rows = scale.flat(), []
-        for radius in (radii / scale.factor).tolist():
-            plane = Candidate(radius, 1.0, **shift)
-            away, weight = self.residual.of(plane, optics, flat, "draft")
-            rows.append(torch.stack([measure_of(away).mean(1) * weight[:, 0], weight[:, 0]]))
-        errors, seen = torch.cat(rows, 1).flatten(2), []  # [2, R, H W]
-        for strength, focus in self._grid(scale, (radii[1:] / scale.factor).tolist()):
-            own = (strength * scale.factor * (focus - scale.disparity)).abs().flatten().double()
-            k = torch.searchsorted(radii, own).clamp(1, len(radii) - 1)[None]
-            share = ((own - radii[k - 1]) / (radii[k] - radii[k - 1]))[0]
-            low, high = (errors.gather(1, at.expand(2, 1, -1))[:, 0] for at in (k - 1, k))
-            there = torch.lerp(low, high, share.to(low)) * (share <= 1 + 1e-6)
-            error, weight = there.sum(1)
-            if weight > _MIN_WEIGHT * len(own):
-                point = Candidate(strength, focus, **shift)
-                seen.append(FittedLens(float(error / weight), point, optics))
-        best = _best(sorted(seen, key=lambda each: each.error), _GRID, scale)
-        free = {unknown.name for unknown in self._free}
-        apart = _SEPARATION if "separation" in free else 1.0
-        small = self.residual.scale(_COARSE)
-        return [self._at(replace(each.point, separation=apart), optics, small) for each in best]
-
-    def _grid(self, scale: Scale, sizes: list[float]) -> list[tuple[float, float]]:
-        """Strengths and focuses that are tried, either of which may be given."""
-        low, high = map(float, scale.disparity.aminmax())
-        span, strength = high - low, self._strength
-        if self._focus is not None:
-            focus, reach = self._focus, max(abs(self._focus - low), abs(self._focus - high))
-            known = [(strength(focus), focus)] if strength is not None else []
-            return known or [(size / reach, focus) for size in sizes if reach]
-        if strength is not None:
-            places = (low + span * step / _PLACES for step in range(-2 * _PLACES, 3 * _PLACES + 1))
-            return [(strength(place), place) for place in places]
-        signed = [*(-size for size in sizes), 0.0, *sizes]
-        pairs = [(far, near) for far in signed for near in signed if near < far]
-        return [((far - near) / span, low + far * span / (far - near)) for far, near in pairs]
+    def _starts(self, optics: Optics) -> list[Candidate]:
+        """The points from which steps descend."""
+        shift = self._shift()
+        blurs = BlurMap(self.residual, optics, shift)
+        best = blurs.best(blurs.points(self._focus, self._strength), _STARTS)
+        if any(unknown.name == "separation" for unknown in self._free):
+            shift["separation"] = _SEPARATION
+        return [Candidate(strength, focus, **shift) for strength, focus in best]
 
     def _shift(self) -> dict[str, float]:
         """The shift in whole px, if it is free."""
@@ -291,22 +331,28 @@ class Search:
         return there if there.error <= fitted.error * _ROUNDING_RATIO else fitted
 
 
-def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens]:
-    """The first of some points, but those clearly worse than the best, and where another ended.
+def _errors(
+    residual: Residual, optics: Optics, flat: Scale, point: Candidate, level: Tensor
+) -> tuple[Tensor, Tensor]:
+    """The error and the weight [L] of each level of disparity, blurred as a whole."""
+    away, weight = residual.of(point, optics, flat, "draft")
+    weight = weight.double().flatten()
+    error = measure_of(away).mean(1).double().flatten()
+    zero = torch.zeros(_LEVELS, dtype=torch.float64)
+    return zero.index_add(0, level, error * weight), zero.index_add(0, level, weight)
 
-    Those of the grid are only said not to be nearly the same: they have not ended.
-    """
+
+def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens]:
+    """The first of some points, but those clearly worse than the best, and where another ended."""
     ends, kept = torch.stack(scale.disparity.aminmax()), []
     radii: list[Tensor] = []
-    of_grid = width == _GRID
-    for each in fitted if of_grid else fitted[: _KEPT[width]]:
+    for each in fitted[: _KEPT[width]]:
         radius = each.point.strength * scale.factor * (each.point.focus - ends)
-        size = _SAME_PX + of_grid * _APART * float(radius.abs().max())
-        apart = all(float((radius - other).abs().max()) > size for other in radii)
-        if apart and (of_grid or each.error <= _DROP_RATIO * fitted[0].error):
+        apart = all(float((radius - other).abs().max()) > _SAME_PX for other in radii)
+        if apart and each.error <= _DROP_RATIO * fitted[0].error:
             kept.append(each)
             radii.append(radius)
-    return kept[: _KEPT[width]]
+    return kept
 
 
 def _probes(free: list[Unknown]) -> Tensor:
