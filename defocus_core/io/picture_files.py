@@ -81,7 +81,7 @@ def read_depth(
     """Read depth of any format as planar metres.
 
     Args:
-        path: The file: EXR, PNG, TIFF, NPY, NPZ, PFM, HDF5, MATLAB, ….
+        path: The file: EXR, PNG, TIFF, NPY, NPZ, PFM, HDF5, ….
         format: The name of its format, like ``kitti``; ``defocus help depth`` lists all.
         unit: Of the numbers: mm, cm, m or ft.
         scale: Multiplies the numbers; negative for depth that is negative in front of the camera.

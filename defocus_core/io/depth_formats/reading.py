@@ -17,7 +17,7 @@ from defocus_core.io.depth_formats.rules import (
     DepthNumbers,
     linear,
 )
-from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS, usual_unit
+from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS
 from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 
 KINDS = ("depth", "disparity")
@@ -360,8 +360,10 @@ def _depth_row(declared: Declared) -> DepthFormat:
         ask(declared, "depth-scale", "METRES")
     unit = reading.depth_unit
     if reading.depth_format is None and unit is None:
-        unit = usual_unit(samples) if reading.depth_scale is None else "m"
-        if unit is None:
+        unit = "mm" if samples.type == "16-bit PNG" else "m"  # the custom
+        if reading.depth_scale is not None:
+            unit = "m"
+        elif samples.is_integer and unit == "m":
             numbers = f"has {samples.channel} in whole numbers"
             if not samples.channel:
                 numbers = f"holds {samples.values.dtype} numbers"

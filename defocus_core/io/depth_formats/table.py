@@ -4,8 +4,8 @@ Nothing is read off the range of the values. A file without a named format follo
 type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
 have no custom, so that their unit must be set (``depth_unit``).
 
-A new format is a row, and a line of ``help/depth.md``, which the test of that topic prints; its
-fields are in `rules`. The rows are of stereo data sets, networks, renderers, data sets of depth.
+A new format is a row, and a line of ``help/depth.md``, which a test compares; its fields are in
+`rules`. The rows are of stereo data sets, networks, renderers, data sets of depth.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ from defocus_core.io.depth_formats.rules import (
     FLOATS,
     UNREAL_DEPTH,
     DepthFormat,
-    DepthNumbers,
     Mask,
 )
 
@@ -362,10 +361,3 @@ FORMATS = {row.name: row for row in ROWS}
 NAMES = {name: row for row in ROWS for name in (row.name, *row.aliases)}
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "ft": 0.3048}  # metres of 1 in the file
 UNIT_WORDS = {"mm": "millimetres", "cm": "centimetres", "m": "metres", "ft": "feet"}
-
-
-def usual_unit(samples: DepthNumbers) -> str | None:
-    """The unit that numbers of a type have unless one is set; None if the type has no custom."""
-    if samples.type == "16-bit PNG":
-        return "mm"
-    return None if samples.is_integer else "m"

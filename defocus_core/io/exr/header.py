@@ -57,11 +57,7 @@ class Channel:
 
     name: str
     type: str  # uint, half or float
-    plain: str = ""  # its name without that of a view
-
-    def __post_init__(self) -> None:
-        """Its plain name is its name unless it is of a view."""
-        object.__setattr__(self, "plain", self.plain or self.name)
+    plain: str  # its name without that of a view
 
 
 @dataclass(frozen=True)
@@ -251,7 +247,7 @@ def channels_of(value: bytes) -> list[Channel]:
         if (xs, ys) != (1, 1):  # as of luminance and chroma
             problem = f"has fewer samples than pixels in channel {name}"
             raise _Refused("subsampled", problem, "save it with all, colour as R, G and B")
-        channels.append(Channel(name, PIXEL_TYPES[kind]))
+        channels.append(Channel(name, PIXEL_TYPES[kind], name))
         _limit(channels=len(channels))
         at = end + 17
     return channels

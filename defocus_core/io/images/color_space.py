@@ -196,9 +196,9 @@ def color_space(spec: Any) -> ColorSpace:
 def profiled_space(data: bytes) -> ColorSpace:
     """How 8 bits with a profile are understood, as sRGB where it has no curve or is missing."""
     profile = read_profile(data) if data else None
-    name = (
-        "sRGB" if profile is None else f"its profile, primaries {primaries_name(profile.primaries)}"
-    )
+    name = "sRGB"
+    if profile is not None:
+        name = f"its profile, primaries {primaries_name(profile.primaries)}"
     return ColorSpace(None, f"8-bit, decoded by {name}", "", profile, data)
 
 

@@ -51,11 +51,7 @@ class FileInfo:
     height: int  # in px
     parts: tuple[PartInfo, ...]  # one, except in some EXR and TIFF files
     at_once: bool  # whether its decoder may hold all of it; else it is read in pieces
-    pixels: int = 0  # as many as are read at most, with those beyond the picture shown
-
-    def __post_init__(self) -> None:
-        """Without overscan the pixels are those shown."""
-        object.__setattr__(self, "pixels", self.pixels or self.width * self.height)
+    pixels: int  # as many as are read at most, with those beyond the picture shown
 
     @property
     def deep(self) -> bool:
@@ -117,7 +113,7 @@ def _of_no_exr(path: Path, head: bytes) -> FileInfo:
     )
     first = next((page for page in pages if page.whole), pages[0])
     at_once = any(page.at_once for page in pages)
-    return FileInfo(path, first.width, first.height, parts, at_once)
+    return FileInfo(path, first.width, first.height, parts, at_once, first.width * first.height)
 
 
 def _arrays(path: Path, entries: Mapping[str, ArrayEntry], *, at_once: bool) -> FileInfo:

@@ -71,10 +71,8 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
             if len(pages) == _MOST_PAGES:
-                problem, remedy = (
-                    f"has more than {_MOST_PAGES} pages",
-                    "split it into several files",
-                )
+                problem = f"has more than {_MOST_PAGES} pages"
+                remedy = "split it into several files"
                 raise InputError("too-large", problem, remedy, path=path)
             pages.append(_raster(path, file, len(pages)))
         return pages

@@ -114,8 +114,7 @@ def _numbers(path: Path) -> dict[str, float]:
     """The metadata of a file that are numbers, by name."""
     if not is_exr(read_head(path)):
         page = read_pages(path)[0]
-        tags = {name: tag.value for name, tag in page.tags.items()}
-        said = {name: value for name, value in tags.items() if isinstance(value, int | float)}
+        said = {n: tag.value for n, tag in page.tags.items() if isinstance(tag.value, int | float)}
         return {**said, "width": page.width, "height": page.height}
     numbers: dict[str, float] = {}
     for header in read_headers(path):
