@@ -192,11 +192,8 @@ class Aperture:
         if not radius.is_floating_point():
             problem = f"radius must be a floating-point tensor in px, got {radius.dtype}"
             raise ValueError(f"{problem}; use radius.float()")
-        area: Scalar = area_of(self.fixed.outline, part)
-        if area <= 0.0:
+        if (area := self._of_outline(area_of, part)) <= 0.0:
             raise ValueError(f"part must overlap the pupil, got {part}; see Aperture.parts")
-        if self.requires_grad:
-            area = self._live_area(part)
         r = radius.double()
         r = torch.where(r.abs() < _MIN_RADIUS, _MIN_RADIUS, r)
         fine = 1 if view is None else fineness(float(r.detach().abs().min()))
@@ -240,10 +237,11 @@ class Aperture:
             return light
         return light * view.left_open(areas, x, y, self.narrowing)
 
-    def _live_area(self, part: Part) -> Scalar:
-        """The area of a part, through which gradients flow to the attributes."""
-        area: Scalar = area_of.__wrapped__(self.outline, part)
-        return area
+    def _of_outline(self, weigh: Any, part: Part) -> Scalar:
+        """The area of a part, or its weight; anew if gradients flow through it to attributes."""
+        outline = self.outline if self.requires_grad else self.fixed.outline
+        weight: Scalar = (weigh.__wrapped__ if self.requires_grad else weigh)(outline, part)
+        return weight
 
     def _aberration(self, u: Tensor, r: Tensor) -> Tensor:
         """The light of spherical aberration in the middle of each pixel: [..., n - 1, n - 1].
@@ -269,15 +267,11 @@ class Aperture:
         if part.lean:
             return (1 + part.lean * self.narrowing[0] * self.centroid(FULL)[0]) / 2
         weigh = weight_of if self.psf_type == "gaussian" else area_of
-        of, outline = weigh.__call__, self.fixed.outline
-        if self.requires_grad:
-            of, outline = weigh.__wrapped__, self.outline
-        fraction: Scalar = of(outline, part) / of(outline, FULL)
-        return fraction
+        return self._of_outline(weigh, part) / self._of_outline(weigh, FULL)
 
     def fraction_between(self, part: Part, x: Tensor, y: Tensor) -> Tensor:
         """The share [...] of a part's area between x [..., 2] and y [..., 2], both ascending."""
-        area = self._live_area(part) if self.requires_grad else area_of(self.fixed.outline, part)
+        area = self._of_outline(area_of, part)
         return self.outline.areas(*part.clamp(x, y))[..., 0, 0] / area
 
     def parts(self, count: int) -> list[Part]:

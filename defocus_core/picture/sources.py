@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,36 +19,26 @@ if TYPE_CHECKING:
 def windows(planes: Sequence[Any], device: str) -> LazyArray:
     """NumPy's arrays [H, W] as a picture [C, H, W] on a device."""
     planes = tuple(planes)
-
-    def read(window: Any) -> Tensor:
-        cuts = _cuts(window)
-        return to_device(np.stack([plane[cuts] for plane in planes]), source.device)
-
-    source = _source((len(planes), *planes[0].shape), planes[0].dtype, device, read)
-    return source
+    shape = len(planes), *planes[0].shape
+    return _source(shape, planes[0].dtype, device, lambda at: np.stack([p[at] for p in planes]))
 
 
 def map_windows(plane: Any, device: str) -> LazyArray:
     """An array [H, W] of NumPy as tensors on a device."""
-
-    def read(window: Any) -> Tensor:
-        return to_device(plane[_cuts(window)], source.device)
-
-    source = _source(plane.shape, plane.dtype, device, read)
-    return source
+    return _source(plane.shape, plane.dtype, device, lambda at: plane[at])
 
 
-def _source(shape: Sequence[int], dtype: Any, device: str, read: Any) -> LazyArray:
-    """Tensors of a type of NumPy's."""
+def _source(shape: Sequence[int], dtype: Any, device: str, read: Callable[..., Any]) -> LazyArray:
+    """Tensors of a type of NumPy's, of what is read in slices of rows and columns."""
     import torch
 
-    return LazyArray(shape, torch.from_numpy(np.empty(0, dtype)).dtype, read, torch.device(device))
+    on = torch.device(device)
 
+    def tensor(window: Any) -> Tensor:
+        cuts = window if isinstance(window, tuple) else (window,)
+        return to_device(read(tuple(cut for cut in cuts if cut is not Ellipsis)), on)
 
-def _cuts(window: Any) -> tuple[slice, ...]:
-    """The slices of rows and columns."""
-    cuts = window if isinstance(window, tuple) else (window,)
-    return tuple(cut for cut in cuts if cut is not Ellipsis)
+    return LazyArray(shape, torch.from_numpy(np.empty(0, dtype)).dtype, tensor, on)
 
 
 def layer_windows(pictures: Sequence[Pixels]) -> LazyArray:
