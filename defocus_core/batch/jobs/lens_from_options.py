@@ -29,6 +29,7 @@ from defocus_core.batch.lenses.parameters import (
     ALTERNATIVES,
     BESIDE_BLUR,
     LENS_OPTIONS,
+    METADATA,
     OPENING,
     SHAPES,
     LensParam,
@@ -88,7 +89,7 @@ def make_lens(
     stored = {} if file is None else read_lens_file(file)
     in_pixels = "blur" in options or "blur" in stored
     if in_pixels:
-        refuse_optics(options, CALLER, in_pixels=True)
+        refuse_optics([*options, *([METADATA] if lacking else [])], CALLER, in_pixels=True)
         refuse_lens_file(stored, file, CALLER.at("lens"))
     elif radii:
         refuse_optics(options, CALLER)

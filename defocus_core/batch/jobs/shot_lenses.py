@@ -27,6 +27,7 @@ from defocus_core.batch.jobs.lens_from_options import (
     parsed,
     read_lens_file,
     refuse_contradiction,
+    refuse_optics,
 )
 from defocus_core.batch.jobs.reading_options import field_of_view
 from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown
@@ -40,7 +41,7 @@ from defocus_core.batch.lenses.parameters import (
     alternatives,
 )
 from defocus_core.batch.lenses.quantities import read_at, text_of
-from defocus_core.errors import CALLER, InputError, Place, UsageProblem
+from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
@@ -207,9 +208,7 @@ class ShotLenses:
     metres: float = 1.0  # the unit of the scene, for metadata in it
 
     def __post_init__(self) -> None:
-        """Refuse an option that the command line and the keys both set, and metadata of no lens."""
-        if self.metadata:
-            _refuse_beside_blur(self.flags, CALLER.at(METADATA))
+        """Refuse an option that the command line and the keys both set."""
         for name in self.animation.keys:
             for same in _with_alternatives(name):
                 if same in self.flags:
@@ -288,13 +287,6 @@ class ShotLenses:
         return f"{height / 2 / math.tan(math.radians(field_of_view(text) / 2)):.9g}mm"
 
 
-def _refuse_beside_blur(names: Collection[str], where: Place) -> None:
-    """Refuse a lens of metadata beside a blur in pixels, which takes none."""
-    if "blur" in names:
-        problem = "changes nothing beside blur, which is no lens"
-        raise UsageProblem("contradiction", problem, "leave one of them out", path=where)
-
-
 def _require_sensor(
     picture: Picture, taken: Mapping[str, OptionFromMetadata], known: Collection[str]
 ) -> None:
@@ -317,8 +309,8 @@ def animated(
     metadata = lens.flag(METADATA) or False
     if not animation.keys and not metadata:
         return entries
-    if metadata:
-        _refuse_beside_blur({*plan.options, *plan.taken}, lens.place(METADATA))
+    if metadata and "blur" in {*plan.options, *plan.taken}:
+        refuse_optics([METADATA], lens.place(), in_pixels=True)
     for name in animation.keys:
         for same in _with_alternatives(name):
             if same in lens.values or same in plan.taken:
