@@ -62,9 +62,8 @@ def test_gradients_to_depth_and_lens_are_exact():
         return lens.render_rgbd(image, z)
 
     lens = [torch.tensor(x, dtype=torch.float64).requires_grad_() for x in (50.0, 2.0, 2000.0)]
-    assert gradcheck(
-        defocused, (*lens, depth.requires_grad_()), eps=1e-5, atol=1e-5, fast_mode=True
-    )
+    given = (*lens, depth.requires_grad_())
+    assert gradcheck(defocused, given, eps=1e-5, atol=1e-5, fast_mode=True)
 
 
 @pytest.mark.parametrize("door", ["render", "lens", "random"])
