@@ -29,7 +29,7 @@ class Lens:
     """A thin lens, lengths in mm.
 
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
-    the depth; `picture.steps.focusing` finds the distance. Where a file holds radii
+    the depth; `picture.focus` finds the distance. Where a file holds radii
     instead of depth, only the shape of the opening is known: focal length and f-number are NaN.
     With ``blur`` there is no lens but that shape, either: its radii are linear in the numbers of
     the depth file.

@@ -15,12 +15,11 @@ from defocus_core.io.exr.views import views_of
 from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.images.primaries import refuse_other_primaries
 from defocus_core.io.safe_files import read_head
+from defocus_core.picture.element import element_depth
 from defocus_core.picture.layers import Layers, coverage
-from defocus_core.picture.pair import InputPair
+from defocus_core.picture.pair import InputPair, overscan_of
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.steps.alpha import element_depth
-from defocus_core.picture.steps.overscan import overscan_of
 from defocus_core.picture.take import Plate, Take
 from defocus_core.system.text import counted
 

@@ -26,7 +26,7 @@ from defocus_core.io.depth_formats.table import ROWS
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import FileInfo
 from defocus_core.io.safe_files import is_heic, read_head
-from defocus_core.picture.steps.alpha import element_depth
+from defocus_core.picture.element import element_depth
 from defocus_core.system.text import percent
 
 if TYPE_CHECKING:

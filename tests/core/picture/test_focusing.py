@@ -18,8 +18,8 @@ from defocus_core.errors import Rejected
 from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.optics.distributions import ATTEMPTS
+from defocus_core.picture.focus import with_focus
 from defocus_core.picture.radii import radii_of, signed_radius
-from defocus_core.picture.steps.focusing import with_focus
 
 LENS = Lens(50.0, 2.0, 2000.0)
 

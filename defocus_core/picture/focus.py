@@ -1,0 +1,138 @@
+"""The focus of a lens that its picture decides.
+
+A random lens whose blur exceeds ``max_coc``, or which cannot focus on the picture, is drawn again,
+`ATTEMPTS` times in all.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from defocus_core.batch.jobs.lens_from_options import refuse_near_focus
+from defocus_core.batch.jobs.lens_plan import drawn_lens
+from defocus_core.batch.lenses.lens import Lens
+from defocus_core.batch.lenses.quantities import Percentile, length_text
+from defocus_core.errors import InputError, Rejected, UsageProblem
+from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.picture.radii import MM_PER_M, signed_radius
+
+
+def with_focus(lens: Lens, depth: Depth) -> Lens:
+    """The lens with its focus distance, drawn again if it does not suit the picture."""
+    from defocus_core.optics.distributions import ATTEMPTS
+
+    for attempt in range(ATTEMPTS):
+        if attempt and lens.draw is not None:
+            draw = replace(lens.draw, attempt=attempt)
+            lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
+        try:
+            return _within_max_coc(_focus(lens, depth), depth)
+        except Rejected as error:
+            if lens.draw is None:
+                raise
+            rejected = error
+    problem = f"{rejected.problem}, with the last of {ATTEMPTS} lenses drawn for it"
+    raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.place)
+
+
+def _focus(lens: Lens, depth: Depth) -> Lens:
+    """The lens with the focus distance that the depth decides."""
+    if lens.blur is not None:
+        if lens.focus_at is None:
+            return lens
+        place = _place_of(lens, lens.focus_at, depth)  # of relative disparity
+        return replace(lens, focus_value=float(depth.metres[place][0, 0]))
+    if lens.focus_at is not None:
+        return replace(lens, foc_dist=_at_pixel(lens, lens.focus_at, depth))
+    if lens.focus_percentile is not None:
+        return replace(lens, foc_dist=_at_percentile(lens, depth))
+    return lens
+
+
+def with_blur_reach(lens: Lens, depths: Sequence[Depth]) -> Lens:
+    """The lens by which the most blurred pixel gets the blur, if that is given in pixels."""
+    if lens.blur is None or lens.focus_value is None:
+        return lens
+    low, high = lens.sharp_range or (math.inf, -math.inf)
+    ends = (end for depth in depths for end in depth.ends or ())
+    numbers = [end for end in ends if not low <= end <= high]
+    reach = max((abs(lens.focus_value - end) for end in numbers), default=0.0)
+    if not reach and any(depth.ends for depth in depths):
+        problem = f"has the number {lens.focus_value:g} everywhere, which is in focus"
+        remedy = "give the depth of the picture, or another ‹focus-value›"
+        raise InputError("no-valid-depth", problem, remedy, path=depths[0].path)
+    return replace(lens, blur_reach=reach or 1.0)
+
+
+def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
+    """The depth in mm of a pixel."""
+    foc_dist = float(depth.metres[_place_of(lens, pixel, depth)][0, 0]) * MM_PER_M
+    at = f"{depth.path} at {pixel[0]},{pixel[1]}: "
+    refuse_near_focus(foc_dist, lens.foclen, lens.focus_source.at("focus-at"), at)
+    return foc_dist
+
+
+def _place_of(lens: Lens, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:
+    """Row and column of a pixel of the picture, which must show something."""
+    (x, y), (width, height) = pixel, depth.size
+    option = lens.focus_source.at("focus-at")
+    if not (0 <= x < width and 0 <= y < height):
+        raise UsageProblem(
+            "out-of-range",
+            f"{x},{y} lies outside {depth.path} of {width}x{height} px",
+            f"give X from 0 to {width - 1} and Y from 0 to {height - 1}",
+            path=option,
+        )
+    row, column = y + depth.overscan.top, x + depth.overscan.left
+    place = slice(row, row + 1), slice(column, column + 1)
+    if depth.empty is not None and depth.empty[place].any():
+        problem = f"{x},{y} has an alpha of 0 in {depth.path}, and nothing to focus on"
+        raise UsageProblem("no-valid-depth", problem, "give a pixel of the element", path=option)
+    return place
+
+
+def _at_percentile(lens: Lens, depth: Depth) -> float:
+    import torch
+
+    from defocus_core.tensors.order_statistics import depth_percentile
+
+    assert lens.focus_percentile is not None
+    metres = depth_percentile(
+        lambda: (torch.from_numpy(depth.metres[rows]) for rows in bands(depth.metres.shape)),
+        lens.focus_percentile,
+        torch.float32,
+    )
+    if metres is None:
+        remedy = "give the focus as a distance"
+        what = "is all sky" if depth.empty is None else "is sky or has an alpha of 0 everywhere"
+        problem = f"{what}, with nothing to focus on"
+        raise Rejected("no-valid-depth", problem, remedy, path=depth.path)
+    foc_dist = metres * MM_PER_M
+    if foc_dist <= lens.foclen:
+        where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
+        problem = f"has {length_text(foc_dist)} at {where}, not beyond the focal length {far}"
+        raise Rejected("focus-too-near", problem, "focus farther away", path=depth.path)
+    return foc_dist
+
+
+def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
+    """The lens, unless its blur exceeds ``max_coc`` in this picture."""
+    if lens.max_coc is None:
+        return lens
+    if depth.ends is None:
+        return lens
+    limits = np.array(depth.ends)
+    if lens.blur is not None:
+        limits = np.array([lens.blur])
+    elif not depth.is_radius:
+        limits = signed_radius(lens, limits, depth.size)
+    radius = float(np.abs(limits).max())
+    if radius > lens.max_coc:
+        problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
+        raise Rejected("coc-too-large", problem, "allow a larger max-coc", path=depth.path)
+    return lens
