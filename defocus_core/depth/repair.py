@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import avg_pool2d, max_pool2d
 
 from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed, diagnosed_each
@@ -17,8 +19,7 @@ from defocus_core.depth.edge_shifts import (
     measured_shifts_of_each,
     with_shifted_edges,
 )
-from defocus_core.depth.matte import AROUND as AROUND_MATTE
-from defocus_core.depth.matte import with_matte
+from defocus_core.depth.matting import EDGE, SUBJECT
 from defocus_core.depth.noise import AROUND as AROUND_NOISE
 from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
@@ -90,7 +91,7 @@ def repair_depth(
             radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
         shifts = repair.edge_shifts
         if matte is not None:
-            radii = hold_all(Repaired(radii, with_matte, AROUND_MATTE, matte), radii, matte)
+            radii = hold_all(Repaired(radii, with_matte, _AROUND_MATTE, matte), radii, matte)
             shifts = None
         elif decided is None:
             shifts = measured_shifts(radii, image, threads, soft=repair.soft_edges, scale=scale)
@@ -220,3 +221,56 @@ def _muted(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bo
         return signed_radius
     quiet = Repaired(signed_radius, partial(without_noise, noise=noise), AROUND_NOISE)
     return held(quiet, signed_radius, threads=threads, hold=hold)
+
+
+# Half width in px of the square in which the silhouette, and the radii of its sides, are found.
+_AROUND_MATTE = 8
+
+
+class _Range(NamedTuple):
+    """The radii [H, W] px of one side in the square around each pixel."""
+
+    nearest: Tensor  # the least; 0 where the side has no pixel
+    farthest: Tensor  # the greatest; 0 where it has none
+    mean: Tensor  # their mean; 0 where it has none
+    known: Tensor  # bool, whether it has a pixel
+
+
+def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
+    """Radii [H, W] px whose edges are those of a matte [H, W], where its sides differ in depth.
+
+    A pixel beside the silhouette has the extreme radius of its own side, for what is soft lies
+    between both.
+    """
+    subject = matte >= SUBJECT
+    of_subject, of_rest = (_range_of(signed_radius, mask) for mask in (subject, ~subject))
+    own, other = (
+        _Range(*(torch.where(subject, a, b) for a, b in zip(one, two, strict=True)))
+        for one, two in ((of_subject, of_rest), (of_rest, of_subject))
+    )
+    is_near = own.mean < other.mean
+    radius = torch.where(is_near, own.nearest, own.farthest)
+    apart = radius - torch.where(is_near, other.farthest, other.nearest)
+    return torch.where(own.known & other.known & (apart.abs() > EDGE), radius, signed_radius)
+
+
+def _range_of(signed_radius: Tensor, mask: Tensor) -> _Range:
+    """The radii of the pixels [H, W] of a mask in the square around each pixel."""
+
+    def greatest(values: Tensor) -> Tensor:
+        return _pooled(torch.where(mask, values, -torch.inf), max_pool2d)
+
+    farthest, nearest = greatest(signed_radius), -greatest(-signed_radius)
+    known = farthest > -torch.inf
+    count = _pooled(mask.to(signed_radius), avg_pool2d)
+    total = _pooled(torch.where(mask, signed_radius, 0.0), avg_pool2d)
+    mean = total / torch.where(known, count, 1.0)
+    nearest, farthest = (torch.where(known, each, 0.0) for each in (nearest, farthest))
+    return _Range(nearest, farthest, mean, known)
+
+
+def _pooled(values: Tensor, pool: Callable[..., Tensor]) -> Tensor:
+    """What a pool makes of the square around each pixel [H, W]: of its columns, then its rows."""
+    side, values = 2 * _AROUND_MATTE + 1, values[None, None]
+    values = pool(values, (side, 1), 1, (_AROUND_MATTE, 0))
+    return pool(values, (1, side), 1, (0, _AROUND_MATTE))[0, 0]

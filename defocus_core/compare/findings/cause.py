@@ -14,8 +14,7 @@ from typing import Any
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
-from defocus_core.compare.findings.geometry import GEOMETRY
-from defocus_core.compare.findings.places import LocatedPair, place_of
+from defocus_core.compare.findings.geometry import GEOMETRY, LocatedPair, place_of
 from defocus_core.compare.findings.softness import SOFTNESS, SPREAD
 from defocus_core.compare.findings.tone import TONE
 from defocus_core.compare.findings.traces import TRACES
