@@ -56,7 +56,7 @@ def wing(name):
 TORCH_MODULES = [path for path in CORE if wing(module(path)) in TORCH]
 # Its class is one of torch's; it is imported when its name is touched.
 OF_TORCH = {"defocus_core/batch/datasets/torch_dataset.py"}
-OF_ANY_ARRAYS = ("defocus_core.evaluation.metrics",)  # without torch until it is given some
+OF_ANY_ARRAYS = ("defocus_core.evaluation.similarity",)  # without torch until it is given some
 LIGHT = [p for p in (*CORE, *CLI) if p not in TORCH_MODULES and name_of(p) not in OF_TORCH]
 KNOWN = {module(path) for path in (*CORE, *CLI)}
 
@@ -141,6 +141,13 @@ def test_no_modules_import_each_other_in_a_circle():
     paths = [*CORE, *CLI]
     graph = {module(path): (everywhere(path) & KNOWN) - {module(path)} for path in paths}
     TopologicalSorter(graph).prepare()  # raises CycleError
+
+
+def test_no_step_knows_another():
+    steps = "defocus_core.picture.steps."
+    for path in (ROOT / "defocus_core" / "picture" / "steps").glob("*.py"):
+        others = {name for name in everywhere(path) if name.startswith(steps)}
+        assert others - {module(path)} == set(), path.name
 
 
 def test_no_two_classes_have_one_name():

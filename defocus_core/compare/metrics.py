@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from defocus_core.compare.pixels import Pixels, halves
 from defocus_core.errors import UsageProblem
-from defocus_core.evaluation.metrics import EQUAL, REACH, psnr, similarity
+from defocus_core.evaluation.similarity import EQUAL, REACH, psnr, similarity
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.safe_files import quiet
 

@@ -1,18 +1,18 @@
 """Error metrics of a picture against its truth, at depth edges and elsewhere.
 
 PSNR and SSIM look at what a screen shows: sRGB-encoded values, clipped to [0, 1]. RMSE and the
-percentile are of linear light. All is computed in float64. SSIM is that of Z. Wang et al.: Image
-quality assessment: from error visibility to structural similarity, 2004.
+percentile are of linear light. All is computed in float64.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor
+
+from defocus_core.evaluation.similarity import REACH, psnr, similarity
 
 # Neighbours whose CoC radii differ by more px lie on two sides of a depth edge.
 _EDGE = 1.0
@@ -132,42 +132,3 @@ def near_edges(signed_radius: Tensor, distance: float) -> Tensor:
     spectrum = torch.fft.rfft2(edge.double(), s=size) * torch.fft.rfft2(disc, s=size)
     count: Tensor = torch.fft.irfft2(spectrum, s=size)
     return count[reach : reach + H, reach : reach + W] > 0.5
-
-
-# A window is 11 x 11 px, weighted by a gaussian of sigma 1.5 px.
-REACH, _SIGMA = 5, 1.5
-# PSNR in dB of equal pictures, whose mean squared error is below 1e-10.
-EQUAL = 99.0
-
-
-def psnr(mean: float) -> float:
-    """In dB, of a mean squared error, for a peak of 1."""
-    return EQUAL if mean < 1e-10 else -10 * math.log10(mean)
-
-
-def similarity(a: Any, b: Any) -> Any:
-    """The similarity of each window that lies within two pictures, with C1 = 0.01², C2 = 0.03².
-
-    `a`: [H, W] in 0…1, float64. Returns [H - 10, W - 10], of the pixel in the middle of each
-    window.
-    """
-    mean_a, mean_b, square, product = (_smooth(v) for v in (a, b, a * a + b * b, a * b))
-    both, squares = mean_a * mean_b, mean_a * mean_a + mean_b * mean_b
-    light = (2 * both + 1e-4) / (squares + 1e-4)
-    structure = (2 * (product - both) + 9e-4) / (square - squares + 9e-4)
-    return light * structure
-
-
-def _smooth(values: Any) -> Any:
-    """The gaussian mean of each window within an array [h, w]."""
-    weights = [math.exp(-(k**2) / (2 * _SIGMA * _SIGMA)) for k in range(REACH + 1)]
-    total = weights[0] + 2 * sum(weights[1:])
-    for _ in range(2):  # down, then across
-        last = len(values) - REACH
-        mean = weights[0] / total * values[REACH:last]
-        for offset in range(1, REACH + 1):
-            pair = values[REACH - offset : last - offset] + values[REACH + offset :][: len(mean)]
-            pair *= weights[offset] / total
-            mean += pair
-        values = mean.T
-    return values
