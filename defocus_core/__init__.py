@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.compare.comparison import compare_images as compare_images
     from defocus_core.compare.findings.finding import Finding as Finding
     from defocus_core.compare.record import Comparison as Comparison
-    from defocus_core.depth.conversion import (
+    from defocus_core.depth.distance_scale import (
         radius_from_relative_disparity as radius_from_relative_disparity,
     )
     from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
@@ -89,7 +89,7 @@ _GROUPS = {
         "tensors.clipped_lights": "with_lights",
     },
     "depth": {
-        "depth.conversion": "radius_from_relative_disparity",
+        "depth.distance_scale": "radius_from_relative_disparity",
         "depth.diagnosis": "DepthRepair",
         "depth.guided_resize": "GuidedDepth",
         "depth.repair": "diagnose_depth repair_depth",

@@ -143,13 +143,6 @@ def test_no_modules_import_each_other_in_a_circle():
     TopologicalSorter(graph).prepare()  # raises CycleError
 
 
-def test_no_step_knows_another():
-    steps = "defocus_core.picture.steps."
-    for path in (ROOT / "defocus_core" / "picture" / "steps").glob("*.py"):
-        others = {name for name in everywhere(path) if name.startswith(steps)}
-        assert others - {module(path)} == set(), path.name
-
-
 def test_no_two_classes_have_one_name():
     places: dict[str, list[str]] = {}
     for path in (*CORE, *CLI):
