@@ -74,7 +74,7 @@ def test_a_known_layer_in_cells_has_the_known_pixels_of_each_cell():
 
 
 def test_windows_are_cuts_of_the_whole(monkeypatch):
-    monkeypatch.setattr(derived, "_HELD", 0)
+    monkeypatch.setattr(derived, "HELD", 0)
     image = noise(2, 21, 34)
     whole = half_size(means, image, threads=2, hold=False)
     assert isinstance(whole, Tensor)

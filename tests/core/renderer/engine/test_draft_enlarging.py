@@ -103,7 +103,7 @@ def test_a_renderer_of_a_draft_is_its_rendering(kind, held, monkeypatch):
     behind = hidden if kind == "cards" else None
     whole = render(image, radius, quality="draft", left_right=True, hidden=behind)
     if not held:
-        monkeypatch.setattr(derived, "_HELD", 0)
+        monkeypatch.setattr(derived, "HELD", 0)
     renderer = Renderer(
         Scene(
             Windows(image),

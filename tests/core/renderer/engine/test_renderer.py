@@ -54,7 +54,7 @@ def test_no_window_is_as_high_as_a_high_frame():
 
 
 def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch):
-    monkeypatch.setattr(derived, "_HELD", 0)
+    monkeypatch.setattr(derived, "HELD", 0)
     image, radius = scenery("cards", 512, 512, 12.0)
     whole, looked_at = render(image, radius, quality="draft"), {}
     for hold in (False, True):
