@@ -23,10 +23,10 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.compare.comparison import compare_images as compare_images
     from defocus_core.compare.findings.finding import Finding as Finding
     from defocus_core.compare.record import Comparison as Comparison
+    from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
     from defocus_core.depth.distance_scale import (
         radius_from_relative_disparity as radius_from_relative_disparity,
     )
-    from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
     from defocus_core.depth.guided_resize import GuidedDepth as GuidedDepth
     from defocus_core.depth.repair import diagnose_depth as diagnose_depth
     from defocus_core.depth.repair import repair_depth as repair_depth
