@@ -92,9 +92,9 @@ TILE = 192
 # Width in px of the blocks in which the presence of slices is recorded.
 BLOCK = MIN_TILE
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
-_REGION = 960
+REGION = 960
 # Greatest margin of a region, in which light from outside is read, as a share of its width.
-_MARGIN = 0.15
+MARGIN = 0.15
 
 
 class Grid(NamedTuple):
@@ -103,7 +103,7 @@ class Grid(NamedTuple):
     tiles: list[Box]  # the tiles; the first and the last of a row or column may be smaller
     sides: tuple[int, int]  # (height, width) in px of the others
     columns: int  # tiles in a row
-    region: int = _REGION  # least px on a side of a region, unless the frame is smaller
+    region: int = REGION  # least px on a side of a region, unless the frame is smaller
 
     @property
     def box(self) -> Box:
@@ -152,7 +152,7 @@ def regions(grid: Grid, margin: int) -> list[list[Grid]]:
     `margin`: distance in px around a region from which its tiles take light.
     """
     rows, columns = len(grid.tiles) // grid.columns, grid.columns
-    minimum = max(grid.region, round(margin / _MARGIN))
+    minimum = max(grid.region, round(margin / MARGIN))
     counts = zip((rows, columns), grid.sides, strict=True)
     down, across = (_shared_out(n, -(-n * side // minimum)) for n, side in counts)
     return [

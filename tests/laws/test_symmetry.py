@@ -117,7 +117,7 @@ def test_regions_leave_no_seam(kind, size, monkeypatch):
     whole = render(image, radius, left_right=True)
     small = tiling.grid_over(*size, side=32)._replace(region=64)
     monkeypatch.setattr(preparation, "grid_over", lambda *size: small)
-    monkeypatch.setattr(tiling, "_MARGIN", 1e9)
+    monkeypatch.setattr(tiling, "MARGIN", 1e9)
     assert sum(map(len, tiling.regions(small, 0))) > 4
     cut = render(image, radius, left_right=True)
     assert worst(cut.render, whole.render) < EXACT * float(image.max())

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from defocus_core.io.array_files import ArrayEntry
 
 # A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
-_MOST_NUMBERS, _NUMBERS_OF_A_BYTE = 2**26, 32
+MOST_NUMBERS, NUMBERS_OF_A_BYTE = 2**26, 32
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class FileInfo:
     def nearly_empty(self) -> str:
         """How many numbers a small file claims that can hardly tell a picture; empty of others."""
         size = self.path.stat().st_size
-        if self.numbers <= max(_MOST_NUMBERS, _NUMBERS_OF_A_BYTE * size):
+        if self.numbers <= max(MOST_NUMBERS, NUMBERS_OF_A_BYTE * size):
             return ""
         return f"{self.numbers / 10**6:.0f} million numbers in a file of {size / 10**6:.1f} MB"
 

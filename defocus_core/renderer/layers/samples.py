@@ -74,7 +74,7 @@ class SurfaceSamples(NamedTuple):
             at, extra, radius = (each.index_select(0, number) for each in (at, extra, radius))
         further = [(box.of(layer), slice_position(box.of(r), radii)) for layer, r in others]
         if len(further) > len(radii):
-            further = _of_slices(further)
+            further = of_slices(further)
         return cls(
             box.of(pixels.color),
             None if coverage is None else box.of(coverage),
@@ -88,7 +88,7 @@ class SurfaceSamples(NamedTuple):
         )
 
 
-def _of_slices(sheets: list[Sheet]) -> list[Sheet]:
+def of_slices(sheets: list[Sheet]) -> list[Sheet]:
     """Samples of many sheets, at positions, summed to one sheet for each slice that holds any."""
     sums: dict[int, Tensor] = {}
     for layer, positions in sheets:
@@ -114,7 +114,7 @@ _PIXELS_AT_ONCE = 1 << 20
 _CLEAR = 0.01
 # Samples of a pixel up to which each is compared with all others: a sort of few strides, and is
 # slow.
-_FEW_SAMPLES = 8
+FEW_SAMPLES = 8
 # Samples that fewer than one in so many pixels have are listed.
 _LISTED = 10
 
@@ -289,7 +289,7 @@ class SampleStack(NamedTuple):
         weights, first = [], 0
         at_once = max(1, _PIXELS_AT_ONCE // radii[0].numel())
         for k, radius in enumerate(radii):
-            while k - first > _FEW_SAMPLES and bool((_apart(radius, radii[first]) > 1).all()):
+            while k - first > FEW_SAMPLES and bool((_apart(radius, radii[first]) > 1).all()):
                 first += 1  # another surface, and so it is for all samples farther than this one
             not_hidden = torch.ones_like(radius)
             for start in range(first, k, at_once):
@@ -345,7 +345,7 @@ def _fringe(layer: Tensor, coverage: Tensor, signed_radius: Tensor) -> Fringe:
 
 def ascending(values: Tensor) -> Tensor:
     """The stable order of values [L, h, w] along L."""
-    if len(values) > _FEW_SAMPLES:
+    if len(values) > FEW_SAMPLES:
         return values.movedim(0, -1).sort(dim=-1, stable=True)[1].movedim(-1, 0)
     rank = torch.zeros(values.shape, dtype=torch.long, device=values.device)
     for k in range(1, len(values)):

@@ -41,7 +41,7 @@ Box = tuple[int, int, int, int]  # x, y, width, height
 _LARGEST = 65504.0  # of half
 _LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
 VIEWS = ("left", "right")
-_MAX_DRAWN = 2**27  # numbers of a file: 8192 x 4096 px of four channels
+MAX_DRAWN = 2**27  # numbers of a file: 8192 x 4096 px of four channels
 _VIEW_SIDE = 960  # px of the thumbnails of views beside values
 
 
@@ -234,7 +234,7 @@ def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[
     for title, path in files:
         with suppress(InputError):
             header = describe(path)
-            if header.pixels * max(len(part.channels) for part in header.parts) > _MAX_DRAWN:
+            if header.pixels * max(len(part.channels) for part in header.parts) > MAX_DRAWN:
                 continue
             picture = read_picture(path)
             for key, names in _views(title, picture):

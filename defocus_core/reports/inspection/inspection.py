@@ -44,9 +44,9 @@ if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
 
 # A file with more numbers, 256 MB as floats, is read into scratch files.
-_NUMBERS_IN_MEMORY = 2**26
+NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
-_MAX_AT_ONCE = 512
+MAX_AT_ONCE = 512
 _BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
 # Codes of files that have no colour, or no depth, but may have the other.
 _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no-such-view"})
@@ -238,7 +238,7 @@ def _depth_of(
 
 
 def _keeping(info: FileInfo) -> Keeping:
-    return Keeping(scratch=info.numbers > _NUMBERS_IN_MEMORY)
+    return Keeping(scratch=info.numbers > NUMBERS_IN_MEMORY)
 
 
 def _too_large(info: FileInfo) -> str:
@@ -247,7 +247,7 @@ def _too_large(info: FileInfo) -> str:
         return f"not decoded: {info.nearly_empty}"
     samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
     decoded = info.at_once * info.pixels * samples / MB
-    if decoded <= _MAX_AT_ONCE:
+    if decoded <= MAX_AT_ONCE:
         return ""
     return f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
 
@@ -297,7 +297,7 @@ def inspect_pairs(
     if not pairs:
         return []
     color, depth = (Path(record["file"]) for record in pairs[0])
-    keeping = Keeping(scratch=4 * math.prod(pairs[0][0]["size"]) > _NUMBERS_IN_MEMORY)
+    keeping = Keeping(scratch=4 * math.prod(pairs[0][0]["size"]) > NUMBERS_IN_MEMORY)
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     try:
         evidence = evidence_of_pair(color, depth, reading, keeping=keeping, lens_focal=lens_focal)

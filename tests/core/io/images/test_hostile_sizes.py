@@ -66,7 +66,7 @@ def test_info_reads_a_large_file_into_scratch(tmp_path, monkeypatch):
         new(scratch, shape, dtype)
 
     monkeypatch.setattr(arrays.Scratch, "__init__", counted)
-    monkeypatch.setattr(inspection, "_NUMBERS_IN_MEMORY", 100)
+    monkeypatch.setattr(inspection, "NUMBERS_IN_MEMORY", 100)
     assert run("info", *files) == in_memory
     assert len(made) >= len(files)
     assert read_color(png).pixels.shape == texture().shape
@@ -75,7 +75,7 @@ def test_info_reads_a_large_file_into_scratch(tmp_path, monkeypatch):
 def test_info_decodes_no_more_at_once_than_it_may(tmp_path, monkeypatch):
     """The decoder holds all of an interlaced PNG: 8 GB of a file of 1 MB."""
     path = save(tmp_path / "a.jpg", (255 * texture()).astype(np.uint8))
-    monkeypatch.setattr(inspection, "_MAX_AT_ONCE", 0.001)
+    monkeypatch.setattr(inspection, "MAX_AT_ONCE", 0.001)
     ran = run("info", path)
     assert ran.code == 0
     assert "no colour: takes 0 MB to decode; save it as EXR, or not interlaced" in ran.out
@@ -95,21 +95,21 @@ def test_info_decodes_no_more_numbers_than_a_small_file_can_have(kind, tmp_path,
             np.savez_compressed(path, depth=large, small=small)
     decoded = run("info", path)
     assert "not decoded" not in decoded.out
-    monkeypatch.setattr(describing, "_MOST_NUMBERS", 10_000)
+    monkeypatch.setattr(describing, "MOST_NUMBERS", 10_000)
     ran = run("info", path, "--json")
     assert ran.code == 0
     assert ran.json["files"][0]["depth_note"].startswith("not decoded: 0 million numbers in a file")
     ran = run("depth", path, "-o", tmp_path / "z.exr")
     assert (ran.code, (tmp_path / "z.exr").exists()) == (3, False)
     assert "has 0 million numbers" in ran.err
-    monkeypatch.setattr(describing, "_NUMBERS_OF_A_BYTE", 10_000)
+    monkeypatch.setattr(describing, "NUMBERS_OF_A_BYTE", 10_000)
     assert run("info", path) == decoded
 
 
 def test_info_decodes_no_array_larger_than_it_may(tmp_path, monkeypatch):
     """Nor to look for evidence of its format: 3 GB of a file of 3 MB."""
     np.savez_compressed(tmp_path / "a.npz", depth=np.zeros((40, 50)))
-    monkeypatch.setattr(inspection, "_MAX_AT_ONCE", 0.001)
+    monkeypatch.setattr(inspection, "MAX_AT_ONCE", 0.001)
     monkeypatch.setattr(np.lib.format, "read_array", None)
     ran = run("info", tmp_path / "a.npz")
     assert ran.code == 0
@@ -168,6 +168,6 @@ def test_a_report_draws_nothing_that_takes_all_memory(tmp_path, monkeypatch):
     """A PNG of 400 kB in the place of a picture of the batch took 14 GB."""
     files = [("render", color_exr(tmp_path / "a.exr"))]
     assert len(list(layers.drawn_files(files, values=False))) == 1
-    monkeypatch.setattr(layers, "_MAX_DRAWN", texture().size - 1)
+    monkeypatch.setattr(layers, "MAX_DRAWN", texture().size - 1)
     monkeypatch.setattr(layers, "read_picture", None)
     assert not list(layers.drawn_files(files, values=False))

@@ -100,7 +100,7 @@ def test_white_stays_white(size):
 def test_regions_leave_no_seam(monkeypatch):
     image, radius = scene((300, 420), 9.0)
     whole = render(image, radius, left_right=True)
-    monkeypatch.setattr(tiling, "_REGION", 128)
+    monkeypatch.setattr(tiling, "REGION", 128)
     parts = render(image, radius, left_right=True)
     assert worst(parts.render, whole.render) < EXACT
     assert parts.left is not None
@@ -133,5 +133,5 @@ def test_what_lies_beyond_the_reach_of_a_region_does_not_wrap_around(monkeypatch
     if not upright:
         image, radius = image.mT.contiguous(), radius.mT.contiguous()
     in_regions = render(image, radius).render
-    monkeypatch.setattr(tiling, "_REGION", 4096)
+    monkeypatch.setattr(tiling, "REGION", 4096)
     assert worst(in_regions, render(image, radius).render) < EXACT
