@@ -10,7 +10,7 @@ import pytest
 from command_line import read_exr, run
 from image_files import save
 
-REAL = Path(__file__).parents[5] / "shared" / "real"
+REAL = Path(__file__).parents[4] / "shared" / "real"
 # Files, their meaning, a lens, the share of pixels beyond the reach of lights, and of those that
 # may change by more than 1 / 255: in a street hidden surfaces are continued from such pixels.
 PHOTOGRAPHS = {
