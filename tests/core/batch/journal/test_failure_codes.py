@@ -50,7 +50,7 @@ def test_an_exception_has_a_status_and_a_reason(error, step, status, reason):
 
 
 def test_codes_of_rejections_are_all_listed():
-    text = "".join(path.read_text() for path in SOURCES if path.stem == "focusing")
+    text = "".join(path.read_text() for path in SOURCES if path.stem == "focus")
     codes = set(re.findall(r'Rejected\(\s*"([a-z-]+)"', text))
     assert codes == set(REJECTIONS)
     assert not codes & set(FAILURES)
