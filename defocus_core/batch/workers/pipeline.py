@@ -2,11 +2,13 @@
 
 Each picture is computed while the next one is decoded and the one before is encoded, as far as
 memory allows. At most one picture waits to be computed and one to be written, whatever the number
-of jobs.
+of jobs. Small pictures are read, rendered and written in turn: threads would only wait for each
+other.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -23,6 +25,9 @@ from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.process import settings_kept
+
+# Pixels up to which a picture is small.
+_SMALL = 1 << 16
 
 if TYPE_CHECKING:
     _Read = tuple[int, Job, Inputs | Record]
@@ -100,19 +105,25 @@ def run(
 
     ahead, behind = ThreadPoolExecutor(1, "reader"), ThreadPoolExecutor(1, "writer")
     behind.submit(int).result()  # a pool loses a thread that a signal interrupts in its start
-    following: Future[_Read | None] = ahead.submit(read)
+    following: Callable[[], _Read | None] = ahead.submit(read).result
     last: Future[None] | None = None
     try:
-        while (item := following.result()) is not None:
-            following = ahead.submit(read)
+        while (item := following()) is not None:
             number, job, inputs = item
+            is_small = isinstance(inputs, Inputs) and math.prod(inputs.color.shape[:2]) <= _SMALL
+            following = read if is_small else ahead.submit(read).result
             if stopped():
                 break
             take = job_result.compute(job, inputs)
             del item, inputs
             if last is not None:
                 last.result()
-            last = behind.submit(write, number, take)
+            if is_small:
+                with delayed_signals():
+                    write(number, take)
+                last = None
+            else:
+                last = behind.submit(write, number, take)
             del take
     finally:
         ended.set()
