@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from defocus_core.batch.lenses.quantities import QuantityError
-from defocus_core.compare.findings.cause import diagnose
+from defocus_core.compare.findings.choice import diagnose
 from defocus_core.compare.findings.finding import Finding, is_place
 from defocus_core.compare.findings.tone import clipped_light, may_be_cut_below
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges, measure_flip

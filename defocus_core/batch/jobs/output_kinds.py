@@ -4,7 +4,8 @@ A kind is written to ``OUT/<name>/<stem>.<ext>``. An image has the channels of t
 the type that ``--format`` names. A map is a float32 EXR, or TIFF, of one channel, which in an EXR
 has the kind's name.
 
-A new kind is a new row, and a line of ``help/conventions.md``; the other modules read this table.
+A new kind is a new row, and a line of ``help/conventions.md``; the other modules read this table. A
+map that is no depth is also named in `NO_DEPTH` of `io.depth_formats.exr_depth_channel`.
 """
 
 from __future__ import annotations

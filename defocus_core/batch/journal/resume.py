@@ -1,4 +1,8 @@
-"""What resume does again: jobs that the journals of OUT settle, the last record of each file."""
+"""What resume does again: jobs that the journals of OUT settle, the last record of each file.
+
+A job is done again if its recipe or its inputs have changed, which `identity` says; those that are
+done again whatever the journal says, `workers.plan` takes by itself.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """The table of lens options: a row is all that is known of an option wherever it stands.
 
 Options of commands, keys of TOML files, columns of lists, sweeps, keys of frames, records, headers
-and the command lines of reports are made of these rows; `Lens` has their values.
+and the command lines of reports are made of these rows; `Lens` has their values. They take effect
+in `picture.opening` (the pupil, then `optics`), `picture.radii`, or a step of `picture`.
 """
 
 from __future__ import annotations

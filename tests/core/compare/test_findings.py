@@ -23,7 +23,7 @@ from planted_faults import (
     write_planes,
 )
 
-from defocus_core.compare.findings.cause import among_rivals
+from defocus_core.compare.findings.choice import among_rivals
 from defocus_core.compare.findings.evidence import Explanation
 from defocus_core.compare.thresholds import rule
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
