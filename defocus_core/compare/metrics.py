@@ -27,7 +27,7 @@ from defocus_core.evaluation.similarity import EQUAL, REACH, psnr, similarity
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.safe_files import quiet
 
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
+LUMINANCE = (0.2126, 0.7152, 0.0722)
 _BLACK = 1e-6  # a luminance that is as good as 0
 
 
@@ -82,7 +82,7 @@ _ROWS = (
 )
 METRICS = {metric.name: metric for metric in _ROWS}
 # A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px (Wang et al. 2004).
-_LUMA = {"R": 0.2126, "G": 0.7152, "B": 0.0722, "Y": 1.0}
+_LUMA = {**dict(zip("RGB", LUMINANCE, strict=True)), "Y": 1.0}
 COSTLY = 2**21  # pixels beyond which metrics of a screen and of hdr are measured if rules ask
 _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the cache
 _APART = 101  # pixels from one to the next of a sample
@@ -304,7 +304,7 @@ def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]
         raise UsageProblem(
             "needs-extra", "needs OpenImageIO 3.2", "leave it out, or install that", field="flip"
         )
-    luminance = (a * np.asarray(_LUMINANCE, np.float32)).sum(axis=2)
+    luminance = (a * np.asarray(LUMINANCE, np.float32)).sum(axis=2)
     hdr = int(max(float(a.max()), float(b.max())) > 1.0)
     maximum = max(float(luminance.max()), _BLACK)
     # The median of what is not black: exposures are chosen for what can be seen.

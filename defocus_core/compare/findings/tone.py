@@ -18,6 +18,7 @@ from defocus_core.compare.findings.evidence import (
     has_light,
 )
 from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.metrics import LUMINANCE
 from defocus_core.compare.picture import color_layers, layers
 from defocus_core.compare.pixels import Pixels
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
@@ -27,7 +28,6 @@ _Curve = Callable[[Any], Any]
 _MAX_SWAPPED = 4  # channels of a layer whose permutations are tried
 _BITS = range(4, 13)
 _KNOTS = 40  # of a tone curve
-_LUMA = (0.2126, 0.7152, 0.0722)  # of Rec. 709
 _MIXED = 0.02  # least share of other channels that makes a change of primaries
 _NEAR = 0.02  # greatest difference of a matrix from that of known primaries
 _GREY = 2e-3  # greatest relative difference of the channels of a grey
@@ -377,7 +377,7 @@ def _matrices(
         values = {"weights": dict(zip(layer, map(float, shares), strict=True))}
         how += f" as {of} it" * bool(of)
         yield np.tile(shares, (3, 1)), "monochrome", how, values, -0.02
-    luma = np.tile(_LUMA, (3, 1))
+    luma = np.tile(LUMINANCE, (3, 1))
     factor = float(_solved([old - luma @ old], new - luma @ old, weight)[0])
     changed, how = luma + factor * (np.eye(3) - luma), f"x {factor:.4g}{shown}"
     yield changed, "another saturation", how, {"factor": factor}, 0.01
