@@ -145,7 +145,7 @@ class Folder:
                 if make:
                     with suppress(FileExistsError):
                         os.mkdir(folder, dir_fd=number)
-                        _sync(number)
+                        sync_names(number)
                 inner = _inner(folder, number)
                 os.close(number)
                 number = inner
@@ -188,9 +188,9 @@ class Replacement:
         self.folder = -1
 
 
-def _sync(folder: int) -> None:
-    """Make the names in a folder durable, where the system can."""
-    with suppress(PermissionError, NotImplementedError):
+def sync_names(folder: int) -> None:
+    """Make the names in an open folder durable, where its file system syncs folders."""
+    with suppress(PermissionError):
         os.fsync(folder)
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.below import Folder, Replacement, open_plain
+from defocus_core.io.below import Folder, Replacement, open_plain, sync_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -252,7 +252,7 @@ def written_together(root: Path | None = None) -> Iterator[None]:
         for replacement, path in together.files:
             try:
                 replacement.put()
-                sync_folder(path.parent)
+                sync_names(replacement.folder)
             except OSError as error:
                 raise unwritable(path, error) from error
     finally:
@@ -263,10 +263,10 @@ def written_together(root: Path | None = None) -> Iterator[None]:
 
 def sync_folder(folder: Path) -> None:
     """Make the names in a folder durable, where the system can."""
-    with suppress(PermissionError, NotImplementedError):
+    with suppress(PermissionError):  # one that may be written may not be readable
         number = os.open(folder, os.O_RDONLY)
         try:
-            os.fsync(number)
+            sync_names(number)
         finally:
             os.close(number)
 
