@@ -169,7 +169,7 @@ def error_line(error: click.ClickException) -> str:
 
 def _in_jobs_file(name: str) -> str:
     """The remedy for an option of a batch that is a key of its jobs file; empty if it is none."""
-    from defocus_core.batch.jobs.jobs_file import KEYS
+    from defocus_core.request.jobs_file import KEYS
 
     table = next((table for table, keys in KEYS.items() if name in keys), "")
     return table and f"write {name} below [{table}] of the jobs file"

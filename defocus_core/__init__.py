@@ -16,7 +16,6 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.batch.datasets.finished import Sample as Sample
     from defocus_core.batch.datasets.finished import samples as samples
     from defocus_core.batch.datasets.torch_dataset import BatchDataset as BatchDataset
-    from defocus_core.batch.jobs.job import Job as Job
     from defocus_core.batch.run_batch import batch_jobs as batch_jobs
     from defocus_core.batch.run_batch import run_batch as run_batch
     from defocus_core.batch.workers.run import Summary as Summary
@@ -64,6 +63,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.renderer.random_defocus import RandomDefocus as RandomDefocus
     from defocus_core.renderer.render import render as render
     from defocus_core.renderer.render import render_layers as render_layers
+    from defocus_core.request.job import Job as Job
     from defocus_core.sequences.neighbours import Frame as Frame
     from defocus_core.sequences.neighbours import chained as chained
     from defocus_core.sequences.neighbours import seen_behind as seen_behind
@@ -114,7 +114,7 @@ _GROUPS = {
     },
     "batches": {
         "batch.run_batch": "batch_jobs run_batch",
-        "batch.jobs.job": "Job",
+        "request.job": "Job",
         "batch.workers.run": "Summary",
         "batch.datasets.finished": "Sample samples",
     },

@@ -225,7 +225,6 @@ def _rules(
     thresholds: str | os.PathLike[str] | None,
 ) -> Rules:
     """The rules of a check, which add to those it is to be like."""
-    from defocus_core.batch.lenses.quantities import QuantityError
     from defocus_core.compare.metrics import METRICS
     from defocus_core.compare.thresholds import (
         PRESETS,
@@ -235,6 +234,7 @@ def _rules(
         read_thresholds,
         rule,
     )
+    from defocus_core.request.quantities import QuantityError
 
     __tracebackhide__ = True
     if like is not None and like not in PRESETS:

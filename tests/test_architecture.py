@@ -15,9 +15,7 @@ CLI = sorted((ROOT / "defocus_cli").rglob("*.py"))
 # From the outside to the inside: each imports only from those below it.
 TORCH = ("fitting", "sequences", "evaluation", "renderer", "depth", "optics", "tensors")
 FILES = ("io", "system", "errors", "renderer_version")  # torch and files do not know each other
-# What is asked for lies below the picture that it becomes, and what does it above.
-ASKED = ("batch.jobs", "batch.lenses")
-ABOVE = ("pytest_plugin", "reports", "bench", "compare", "batch", "picture", *ASKED)
+ABOVE = ("pytest_plugin", "reports", "bench", "compare", "batch", "picture", "request")
 ORDER = (*ABOVE, *TORCH, *FILES, "allowed_values")
 CLI_ORDER = ("__main__", "main", "commands", "options", "words", "__init__")
 HEAVY = {"torch", "numpy", "OpenEXR", "OpenImageIO", "scipy", "matplotlib"}
@@ -49,8 +47,7 @@ def name_of(path):
 
 def wing(name):
     """The folder of a module, by its full name; the module itself if it lies beside folders."""
-    within = ".".join(name.split(".")[1:3])
-    return within if within in ASKED else ".".join(name.split(".")[1:2]) or "__init__"
+    return ".".join(name.split(".")[1:2]) or "__init__"
 
 
 TORCH_MODULES = [path for path in CORE if wing(module(path)) in TORCH]

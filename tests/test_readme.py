@@ -16,9 +16,9 @@ from elements import disc, element, write
 
 from defocus_cli.commands.help import TOPICS
 from defocus_core import read_color
-from defocus_core.batch.jobs.job import Machine, Outputs
-from defocus_core.batch.jobs.jobs_file import read_jobs
 from defocus_core.io.images.encode import write_samples
+from defocus_core.request.job import Machine, Outputs
+from defocus_core.request.jobs_file import read_jobs
 
 ROOT = Path(__file__).parents[1]
 HELP = ROOT / "defocus_cli" / "help"

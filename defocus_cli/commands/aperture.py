@@ -10,9 +10,9 @@ from defocus_cli.options import shared
 from defocus_cli.options.lens import opening_options
 from defocus_cli.options.types import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.quantities import pixel_count
 from defocus_core.picture.opening import write_aperture
+from defocus_core.request.lens import Lens
+from defocus_core.request.quantities import pixel_count
 
 
 @click.command("aperture", cls=GroupedCommand)

@@ -13,14 +13,14 @@ from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
-from defocus_core.batch.jobs import origin
-from defocus_core.batch.jobs.job import Job, Outputs
-from defocus_core.batch.jobs.jobs_file import read_batch
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers import run
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.errors import UsageProblem
+from defocus_core.request import origin
+from defocus_core.request.job import Job, Outputs
+from defocus_core.request.jobs_file import read_batch
 from defocus_core.system.process import cores
 
 

@@ -13,13 +13,13 @@ from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, Listed, names_of, option
 from defocus_cli.words import console
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.batch.jobs.job import DEVICES
-from defocus_core.batch.lenses.quantities import pixel_count
 from defocus_core.bench import tables
 from defocus_core.bench.error import BASELINES, Row, measure_shot
 from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
+from defocus_core.request.job import DEVICES
+from defocus_core.request.quantities import pixel_count
 from defocus_core.system.process import cores
 
 _time_option = partial(option, heading="Time")

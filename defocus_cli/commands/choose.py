@@ -12,12 +12,12 @@ from defocus_cli.options.shot import shot_lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand, ReportPath, output_option
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
-from defocus_core.batch.jobs.job import Machine, Reading
-from defocus_core.batch.jobs.pairing import find_pictures
-from defocus_core.batch.jobs.shot_lenses import ShotLenses
 from defocus_core.errors import UsageProblem
 from defocus_core.picture.subject import completed
 from defocus_core.reports.html.focus_choice import write_choice
+from defocus_core.request.job import Machine, Reading
+from defocus_core.request.pairing import find_pictures
+from defocus_core.request.shot_lenses import ShotLenses
 
 
 @click.command("choose", cls=GroupedCommand)

@@ -13,7 +13,7 @@ from defocus_cli.options.types import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
 from defocus_cli.words.endings import Failures
 from defocus_core.batch.depth_conversion import Converted, convert, places, refuse_existing
-from defocus_core.batch.jobs.job import Reading
+from defocus_core.request.job import Reading
 from defocus_core.system.text import counted
 
 

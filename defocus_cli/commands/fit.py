@@ -24,12 +24,12 @@ from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_cli.words.endings import Failures
 from defocus_core.batch import lens_fit
-from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.pairing import find_pictures
-from defocus_core.batch.lenses import quantities
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS
-from defocus_core.batch.lenses.quantities import QuantityError, length_text
 from defocus_core.errors import NotExplained, UsageProblem
+from defocus_core.request import quantities
+from defocus_core.request.job import Reading
+from defocus_core.request.pairing import find_pictures
+from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.quantities import QuantityError, length_text
 
 _sensor_option = partial(option, heading="Sensor")
 

@@ -14,10 +14,6 @@ from defocus_cli.options.shot import shot_lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_cli.words.endings import Failures
-from defocus_core.batch.jobs.job import Picture, Reading, reading_through
-from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.jobs.shot_lenses import ShotLenses
-from defocus_core.batch.lenses.lens import lens_record_words
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection.inspection import (
@@ -28,6 +24,10 @@ from defocus_core.reports.inspection.inspection import (
     shot_lines,
     summarise_shots,
 )
+from defocus_core.request.job import Picture, Reading, reading_through
+from defocus_core.request.lens import lens_record_words
+from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.shot_lenses import ShotLenses
 from defocus_core.system.text import counted
 
 

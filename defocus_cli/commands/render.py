@@ -15,16 +15,16 @@ from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading, of_views
-from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.jobs.pairing import find
-from defocus_core.batch.jobs.shot_lenses import ShotLenses
-from defocus_core.batch.jobs.shots import with_shot
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, make_plan
 from defocus_core.errors import UsageProblem
 from defocus_core.picture.subject import completed
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading, of_views
+from defocus_core.request.lens import Lens
+from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.pairing import find
+from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.shots import with_shot
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.

@@ -13,8 +13,8 @@ import click
 from defocus_cli.options import shared
 from defocus_cli.options.types import GroupedCommand
 from defocus_cli.words import console
-from defocus_core.batch.jobs.job import Machine
 from defocus_core.picture import plain_path
+from defocus_core.request.job import Machine
 from defocus_core.system.process import set_to_render
 from defocus_core.system.text import counted
 

@@ -9,8 +9,8 @@ import click
 from defocus_cli.options.shared import device_option, memory_options
 from defocus_cli.options.types import Command, bundle, machine_option, option
 from defocus_core.batch.journal.journal import Shard
-from defocus_core.batch.lenses.quantities import QuantityError, byte_count
 from defocus_core.batch.workers.pool import WorkerConfig
+from defocus_core.request.quantities import QuantityError, byte_count
 
 
 def crew_options(command: Command) -> Command:

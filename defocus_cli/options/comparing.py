@@ -23,7 +23,6 @@ from defocus_cli.options.types import (
     output_option,
 )
 from defocus_cli.words.endings import Failures
-from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.run import CAUSES, FIRST, Task
 from defocus_core.compare.selection import region
@@ -40,6 +39,7 @@ from defocus_core.compare.thresholds import (
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.reports.comparison_words import write_junit
 from defocus_core.reports.html import comparisons
+from defocus_core.request.quantities import QuantityError
 
 _NO_RULES = Rules()
 _REPORTS = ("diff", "junit", "html", "causes")  # attributes of ComparisonOptions

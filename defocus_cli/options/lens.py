@@ -16,9 +16,9 @@ from defocus_cli.options.types import (
     param_option,
     position_of,
 )
-from defocus_core.batch.jobs.lens_from_options import lens_path, make_lens
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS, OPENING
+from defocus_core.request.lens import Lens
+from defocus_core.request.lens_from_options import lens_path, make_lens
+from defocus_core.request.parameters import LENS_OPTIONS, OPENING
 
 
 class LensFile(FilePath):

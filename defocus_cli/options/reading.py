@@ -11,9 +11,9 @@ from typing import Any
 import click
 
 from defocus_cli.options.types import Command, Decorator, bundle, param_option
-from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.reading_options import READING_OPTIONS, lens_file_reading, make_reading
-from defocus_core.batch.lenses.parameters import Param
+from defocus_core.request.job import Reading
+from defocus_core.request.parameters import Param
+from defocus_core.request.reading_options import READING_OPTIONS, lens_file_reading, make_reading
 
 
 def reading_options(command: Command) -> Command:

@@ -27,8 +27,9 @@ from defocus_cli.options.types import (
 )
 from defocus_cli.words.console import Due
 from defocus_core.allowed_values import MIN_TILE, QUALITIES
-from defocus_core.batch.jobs.job import DEVICES, FIELDS, Machine, Outputs, refuse_idle_outputs
-from defocus_core.batch.jobs.output_kinds import (
+from defocus_core.errors import CALLER, InputError, UsageProblem
+from defocus_core.request.job import DEVICES, FIELDS, Machine, Outputs, refuse_idle_outputs
+from defocus_core.request.output_kinds import (
     COLOR_SPACES,
     COMPRESSIONS,
     KINDS,
@@ -39,9 +40,8 @@ from defocus_core.batch.jobs.output_kinds import (
     format_of_file,
     is_picture_name,
 )
-from defocus_core.batch.jobs.pairing import COLOR_SUFFIXES
-from defocus_core.batch.lenses.quantities import byte_count
-from defocus_core.errors import CALLER, InputError, UsageProblem
+from defocus_core.request.pairing import COLOR_SUFFIXES
+from defocus_core.request.quantities import byte_count
 from defocus_core.system.process import cores
 
 _MAX_TILE = 1 << 14  # px

@@ -14,19 +14,19 @@ import click
 
 from defocus_cli.options.lens import lens_decorators
 from defocus_cli.options.types import Command, Decorator, bundle, lens_option, option
-from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.lens_from_options import refuse_contradiction
-from defocus_core.batch.jobs.reading_options import lens_file_reading
-from defocus_core.batch.jobs.shot_lenses import (
+from defocus_core.errors import CALLER, UsageProblem
+from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.io.shots.frame_patterns import MISSING, FrameChoice, frame_choice
+from defocus_core.request.job import Reading
+from defocus_core.request.lens_from_options import refuse_contradiction
+from defocus_core.request.reading_options import lens_file_reading
+from defocus_core.request.shot_lenses import (
     INTERPOLATIONS,
     Animation,
     ShotLenses,
     read_animation,
 )
-from defocus_core.batch.jobs.shots import LONGEST_SMOOTH, SharedDecisions
-from defocus_core.errors import CALLER, UsageProblem
-from defocus_core.io.depth_formats.table import UNITS
-from defocus_core.io.shots.frame_patterns import MISSING, FrameChoice, frame_choice
+from defocus_core.request.shots import LONGEST_SMOOTH, SharedDecisions
 
 _shot_option = partial(option, heading="Shot")
 

@@ -9,11 +9,11 @@ from typing import Any
 
 import click
 
-from defocus_core.batch.jobs.output_kinds import FORMAT_ALIASES, SUFFIXES
-from defocus_core.batch.lenses.parameters import Param
-from defocus_core.batch.lenses.quantities import read_at
 from defocus_core.errors import Place, UsageProblem, did_you_mean, with_dashes
 from defocus_core.reports.replaceable import refuse_other
+from defocus_core.request.output_kinds import FORMAT_ALIASES, SUFFIXES
+from defocus_core.request.parameters import Param
+from defocus_core.request.quantities import read_at
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]

@@ -11,13 +11,13 @@ from typing import Any
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import Interrupted, SomeFailed
-from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.progress import Progress
 from defocus_core.batch.workers.plan import Plan
 from defocus_core.batch.workers.run import Summary
 from defocus_core.errors import kind_of
 from defocus_core.io.safe_files import spoken
+from defocus_core.request.job import Job
 from defocus_core.system.text import counted, duration
 
 _WARNINGS = 3  # kinds of which an example is shown

@@ -9,12 +9,12 @@ from typing import Any
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import SomeFailed
-from defocus_core.batch.jobs.job import Job, Outputs
-from defocus_core.batch.jobs.jobs_file import Batch
 from defocus_core.batch.workers.plan import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
 from defocus_core.picture.forecast import Forecast
+from defocus_core.request.job import Job, Outputs
+from defocus_core.request.jobs_file import Batch
 from defocus_core.system.text import counted, duration
 
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.job import FRAME_ROLE, Job
-from defocus_core.batch.lenses.lens import lens_record, lens_record_words, lens_words
 from defocus_core.io.arrays import scratch_folder
+from defocus_core.request.job import FRAME_ROLE, Job
+from defocus_core.request.lens import lens_record, lens_record_words, lens_words
 from defocus_core.system.text import counted
 
 # What JSON tells of a job as its record has it.

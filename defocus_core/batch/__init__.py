@@ -1,1 +1,1 @@
-"""A batch: jobs, lenses, journal, workers, one job from files to files, data sets."""
+"""A batch: many jobs carried out, what was done, data sets."""

@@ -7,7 +7,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from defocus_core.batch.jobs.job import Reading
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
@@ -16,6 +15,7 @@ from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import written_together
 from defocus_core.picture.preview import write_depth_preview
 from defocus_core.picture.steps.implausible import of_file
+from defocus_core.request.job import Reading
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.text import version
 

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS
-from defocus_core.batch.jobs.job import Picture, Reading
-from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import sample_plane
 from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.measures import radius_measures
 from defocus_core.picture.pair import InputPair, read
+from defocus_core.request.job import Picture, Reading
+from defocus_core.request.quantities import length_text
 from defocus_core.system.process import cores, set_to_render
 
 if TYPE_CHECKING:

@@ -9,15 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.datasets import update
-from defocus_core.batch.jobs import origin
-from defocus_core.batch.jobs.job import DEVICES, Job, Machine, Outputs
-from defocus_core.batch.jobs.jobs_file import batch_of, read_jobs
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, Plan
 from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 from defocus_core.batch.workers.run import Summary
 from defocus_core.errors import UsageProblem
+from defocus_core.request import origin
+from defocus_core.request.job import DEVICES, Job, Machine, Outputs
+from defocus_core.request.jobs_file import batch_of, read_jobs
 
 Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
 

@@ -12,13 +12,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, cannot_read, reason
 from defocus_core.io.below import read_plain
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.images.color import read_color, require_finite
 from defocus_core.io.safe_files import MALFORMED
 from defocus_core.picture.radii import radii_of
+from defocus_core.request.lens import Lens
 
 if TYPE_CHECKING:
     from torch import Tensor

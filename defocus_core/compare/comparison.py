@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.findings.choice import diagnose
 from defocus_core.compare.findings.finding import Finding, is_place
 from defocus_core.compare.findings.tone import clipped_light, may_be_cut_below
@@ -53,6 +52,7 @@ from defocus_core.compare.selection import (
 from defocus_core.compare.thresholds import OVER, PRESETS, ROUNDING, Rule, Rules, rule
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.images.primaries import primaries_name, same_primaries
+from defocus_core.request.quantities import QuantityError
 from defocus_core.system.text import counted
 
 _NEVER_SILENT = (

@@ -13,8 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs
-from defocus_core.batch.jobs.jobs_file import read_jobs
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.records import output_fault
 from defocus_core.batch.workers import run
@@ -26,6 +24,8 @@ from defocus_core.errors import InputError, UsageProblem, did_you_mean, reason
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import MALFORMED, missing, unwritable, written_whole
+from defocus_core.request.job import Job, Machine, Outputs
+from defocus_core.request.jobs_file import read_jobs
 
 MANIFEST = "golden.json"
 _ASIDE = ".accepting"  # folder of what is being accepted; complete once it has golden.json

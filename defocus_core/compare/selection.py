@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare.picture import DecodedPicture, read_picture
 from defocus_core.errors import InputError, UsageProblem
+from defocus_core.request.quantities import QuantityError
 
 _EDGE = 1.0  # px
 _REGION = re.compile(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*")

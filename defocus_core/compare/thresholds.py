@@ -14,11 +14,11 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown
-from defocus_core.batch.lenses.quantities import QuantityError, read_at
 from defocus_core.compare.findings.finding import FINDINGS
 from defocus_core.compare.metrics import METRICS
 from defocus_core.errors import Place, UsageProblem, did_you_mean
+from defocus_core.request.quantities import QuantityError, read_at
+from defocus_core.request.toml_file import Table, read_toml, refuse_unknown
 
 OVER = 0.01  # the difference that ``share`` counts pixels beyond, unless --over says another
 _RULE = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|<|>)\s*([+-]?[\d.]+(?:e[+-]?\d+)?)\s*(%|dB)?\s*", re.I)

@@ -12,14 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from defocus_core.batch.jobs.lens_from_options import refuse_near_focus
-from defocus_core.batch.jobs.lens_plan import drawn_lens
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.quantities import Percentile, length_text
 from defocus_core.errors import InputError, Rejected, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import MM_PER_M, signed_radius
+from defocus_core.request.lens import Lens
+from defocus_core.request.lens_from_options import refuse_near_focus
+from defocus_core.request.lens_plan import drawn_lens
+from defocus_core.request.quantities import Percentile, length_text
 
 
 def with_focus(lens: Lens, depth: Depth) -> Lens:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.jobs.job import Job
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.picture import plain_path
@@ -16,6 +15,7 @@ from defocus_core.picture.memory_budget import base_mb, regions_at_once
 from defocus_core.picture.render import renderers
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.scene import passes_of, surfaces_of
+from defocus_core.request.job import Job
 from defocus_core.system.process import set_to_render
 from defocus_core.system.text import duration
 

@@ -24,12 +24,12 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.jobs.job import Job, Machine, Picture
 from defocus_core.errors import InputError, TooLarge
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
+from defocus_core.request.job import Job, Machine, Picture
 from defocus_core.system import memory
 
 if TYPE_CHECKING:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.output_kinds import DISPARITY_PER_RADIUS
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.safe_files import once, read_head
+from defocus_core.request.lens import Lens
+from defocus_core.request.output_kinds import DISPARITY_PER_RADIUS
 from defocus_core.system.text import times
 
 if TYPE_CHECKING:

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.batch.jobs.job import Job, Picture, Reading
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
@@ -20,6 +19,7 @@ from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, requir
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.steps.table import through
+from defocus_core.request.job import Job, Picture, Reading
 from defocus_core.system.text import note
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from defocus_core.batch.jobs.job import Job
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.picture.memory_budget import base_mb, capacity_mb, holding
 from defocus_core.picture.pair import InputPair
@@ -18,6 +17,7 @@ from defocus_core.picture.render import render
 from defocus_core.picture.steps.table import through
 from defocus_core.picture.take import Inputs, Take
 from defocus_core.picture.write import write
+from defocus_core.request.job import Job
 from defocus_core.system import memory
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.process import imports

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color import Color
 from defocus_core.picture.sources import map_windows, windows
+from defocus_core.request.job import Reading
+from defocus_core.request.lens import Lens
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:

@@ -15,16 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from defocus_core.batch.jobs.job import Picture, Reading, reading_through
-from defocus_core.batch.jobs.lens_from_options import (
-    lens_of,
-    missing_options,
-    missing_words,
-    read_lens_file,
-)
-from defocus_core.batch.jobs.shot_lenses import ShotLenses
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import BESIDE_BLUR, LENS_OPTIONS
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.reading import (
@@ -36,6 +26,16 @@ from defocus_core.io.depth_formats.reading import (
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import is_heic, read_head
+from defocus_core.request.job import Picture, Reading, reading_through
+from defocus_core.request.lens import Lens
+from defocus_core.request.lens_from_options import (
+    lens_of,
+    missing_options,
+    missing_words,
+    read_lens_file,
+)
+from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS
+from defocus_core.request.shot_lenses import ShotLenses
 from defocus_core.system.text import command_line, note
 
 SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, of the longer side

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.jobs.job import Job, Picture, Reading
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color import Color
 from defocus_core.picture.memory_budget import Holding, holds_cells, room_on
 from defocus_core.picture.radii import Radii
 from defocus_core.picture.repair_words import repair_words
+from defocus_core.request.job import Job, Picture, Reading
+from defocus_core.request.lens import Lens
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:

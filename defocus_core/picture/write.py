@@ -10,9 +10,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from defocus_core.batch.jobs.output_kinds import Kind
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, computed, stacked
 from defocus_core.io.exr.header import codec_of
@@ -25,6 +22,9 @@ from defocus_core.picture.opening import disparity_of
 from defocus_core.picture.repair_words import repair_attribute
 from defocus_core.picture.steps.table import through
 from defocus_core.picture.take import Take
+from defocus_core.request.lens import Lens
+from defocus_core.request.output_kinds import Kind
+from defocus_core.request.parameters import RECORDED
 from defocus_core.system.text import version
 
 

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.job import Job
-from defocus_core.batch.jobs.lens_from_options import ShippedLens, make_lens
 from defocus_core.errors import UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
 from defocus_core.io.images.encode import write_samples
 from defocus_core.picture.opening import aperture_of, cat_eye_of
 from defocus_core.reports.html.thumbnails import resized
+from defocus_core.request.job import Job
+from defocus_core.request.lens_from_options import ShippedLens, make_lens
 from defocus_core.system.process import set_to_render
 
 NAME = "contact.png"

@@ -16,8 +16,6 @@ from records import record
 from refusals import refuses
 
 from defocus_core.batch.datasets import finished, sample_index, tar_shards
-from defocus_core.batch.jobs import origin
-from defocus_core.batch.jobs.inputs import read_rows
 from defocus_core.batch.journal.journal import Shard, journal_path, read_all, shards
 from defocus_core.batch.journal.run_file import sweep_up
 from defocus_core.compare.goldens import read_store, store_to_update
@@ -26,6 +24,8 @@ from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.picture_files import read_depth
 from defocus_core.io.safe_files import written_together, written_whole
 from defocus_core.io.wildcards import matching
+from defocus_core.request import origin
+from defocus_core.request.inputs import read_rows
 
 __all__ = ["folders"]
 FOREIGN = (

@@ -21,8 +21,8 @@ from command_line import (
 from depth_files import npy, pfm, png
 
 from defocus_core.batch.datasets.finished import samples
-from defocus_core.batch.jobs.job import Machine, Outputs, Reading
-from defocus_core.batch.jobs.jobs_file import read_jobs
+from defocus_core.request.job import Machine, Outputs, Reading
+from defocus_core.request.jobs_file import read_jobs
 
 
 def depth(*args):

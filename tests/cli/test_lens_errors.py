@@ -3,7 +3,7 @@
 import pytest
 from command_line import depth_exr, ramp, refused, refused_input, run
 
-from defocus_core.batch.jobs import toml_file
+from defocus_core.request import toml_file
 
 
 @pytest.mark.parametrize(

@@ -5,8 +5,8 @@ import pytest
 from command_line import header, pair, refused, run, succeed
 
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
-from defocus_core.batch.jobs.lens_from_options import make_lens, shipped_lenses
 from defocus_core.io.images.raster import read_samples
+from defocus_core.request.lens_from_options import make_lens, shipped_lenses
 
 LENSES = shipped_lenses()
 

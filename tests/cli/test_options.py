@@ -9,8 +9,8 @@ from defocus_cli.commands.depth import command as depth_command
 from defocus_cli.commands.help import TOPICS, text
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
-from defocus_core.batch.jobs.reading_options import READING_OPTIONS
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS
+from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.system.process import cores
 
 

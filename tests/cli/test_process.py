@@ -92,7 +92,7 @@ def test_ctrl_c_while_the_command_line_is_imported_is_no_traceback():
     assert (ran.returncode, ran.stdout, ran.stderr) == (130, "", "defocus: interrupted\n")
 
 
-@pytest.mark.parametrize("module", ["defocus_core.batch.jobs.job", "numpy._core.getlimits"])
+@pytest.mark.parametrize("module", ["defocus_core.request.job", "numpy._core.getlimits"])
 def test_ctrl_c_within_an_import_of_a_command_ends_it_alike(module, tmp_path):
     ran = ended(pressing(module) + RUN, "info", depth_exr(tmp_path / "a.exr"))
     assert ran.returncode == 130, ran.stderr

@@ -29,8 +29,8 @@ from command_line import (
 )
 from image_files import box, multi_part, write_window
 
-from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.io.exr.header import read_headers
+from defocus_core.request.output_kinds import KINDS
 
 EVERYTHING = ",".join(KINDS)
 

@@ -29,7 +29,7 @@ from command_line import (
 from image_files import save
 
 from defocus_cli.words.batch import tile_bar
-from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.request.output_kinds import KINDS
 from defocus_core.tensors.box import TILE
 
 EVERYTHING = ",".join(KINDS)

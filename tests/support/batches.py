@@ -7,7 +7,7 @@ import pytest
 from command_line import pair, render
 
 from defocus_core.batch.journal import identity
-from defocus_core.batch.lenses.lens import lens_record
+from defocus_core.request.lens import lens_record
 
 JOBS = """
 [inputs]

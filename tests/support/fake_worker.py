@@ -8,11 +8,11 @@ import time
 from pathlib import Path
 from types import SimpleNamespace
 
-from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.identity import typed, versions
 from defocus_core.batch.workers import job_result, pool
 from defocus_core.batch.workers.pool import READY
 from defocus_core.picture import plain_path
+from defocus_core.request.job import Job
 
 
 def result_of(job):

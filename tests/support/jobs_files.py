@@ -3,9 +3,9 @@
 import numpy as np
 from command_line import color_exr, depth_exr, ramp
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.jobs.jobs_file import read_jobs
-from defocus_core.batch.lenses.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.jobs_file import read_jobs
+from defocus_core.request.lens import Lens
 
 LENS = '[lens]\nfocal-length = "50mm"\n'
 FIXED = LENS + 'fnumber = 2\nfocus = "2m"\n'

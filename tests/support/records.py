@@ -6,7 +6,7 @@ import numpy as np
 from image_files import save
 
 from defocus_core.batch.datasets import sample_index
-from defocus_core.batch.jobs.output_kinds import KINDS
+from defocus_core.request.output_kinds import KINDS
 
 
 def png(path, level=0):

@@ -17,12 +17,12 @@ from pathlib import Path
 from statistics import quantiles
 from typing import Any, NamedTuple
 
-from defocus_core.batch.jobs.origin import Origin
-from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.jobs.splits import NAME
 from defocus_core.errors import NoteKinds, one_line
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
+from defocus_core.request.origin import Origin
+from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.splits import NAME
 from defocus_core.system.text import note
 
 _JSON, _README = "card.json", "README.md"

@@ -19,11 +19,11 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.datasets.sample_index import NAME
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES
 from defocus_core.errors import InputError, Place, cannot_read, reason
 from defocus_core.io.below import Folder, path_fault
 from defocus_core.io.safe_files import MALFORMED
+from defocus_core.request.lens import Lens
+from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES
 
 
 @dataclass(frozen=True)

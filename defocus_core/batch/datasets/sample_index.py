@@ -22,13 +22,13 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.job import FRAME_ROLE
-from defocus_core.batch.jobs.origin import Origin
-from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.lenses.lens import EFFECTS
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.measures import MEASURES
+from defocus_core.request.job import FRAME_ROLE
+from defocus_core.request.lens import EFFECTS
+from defocus_core.request.origin import Origin
+from defocus_core.request.output_kinds import KINDS
 
 NAME = "metadata.jsonl"
 _SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)*")')

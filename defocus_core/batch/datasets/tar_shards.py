@@ -24,11 +24,11 @@ from stat import S_ISREG
 
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.sample_index import Record
-from defocus_core.batch.jobs.origin import origin_of
 from defocus_core.batch.journal.run_file import SHARDS_FOLDER
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
+from defocus_core.request.origin import origin_of
 
 FOLDER = SHARDS_FOLDER
 LIST = "shards.json"

@@ -14,12 +14,12 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from defocus_core.batch.datasets.finished import Sample, samples
-from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.errors import InputError, UsageProblem, did_you_mean
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.raster import read_samples
+from defocus_core.request.output_kinds import KINDS
 
 MM_PER_M = 1000.0
 Item = dict[str, Any]

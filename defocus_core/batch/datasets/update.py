@@ -15,10 +15,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
-from defocus_core.batch.jobs.origin import origin_of
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.io.below import Folder
+from defocus_core.request.origin import origin_of
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note
 

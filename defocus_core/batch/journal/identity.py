@@ -25,11 +25,11 @@ from hashlib import blake2b
 from pathlib import Path
 from typing import Any, TypeVar
 
-from defocus_core.batch.jobs.job import FrameLens, Job, Outputs, Reading, Shot
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.io.below import Folder, open_plain
 from defocus_core.renderer_version import RENDERER_VERSION
+from defocus_core.request.job import FrameLens, Job, Outputs, Reading, Shot
+from defocus_core.request.lens import Lens
+from defocus_core.request.parameters import LENS_FILES
 from defocus_core.system.text import version
 
 DIGEST = 16  # bytes of a hash

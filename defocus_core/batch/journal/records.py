@@ -12,9 +12,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.jobs.splits import NAME
-from defocus_core.batch.lenses.parameters import RECORDED
 from defocus_core.errors import (
     DefocusError,
     InputError,
@@ -25,6 +22,9 @@ from defocus_core.errors import (
     reason,
 )
 from defocus_core.io.below import path_fault
+from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.parameters import RECORDED
+from defocus_core.request.splits import NAME
 
 REJECTIONS = {
     "coc-too-large": "the blur would be larger than max-coc allows",

@@ -13,7 +13,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.job import (
+from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.identity import typed
+from defocus_core.batch.journal.journal import Record, files_of, input_path
+from defocus_core.errors import InputError, Place
+from defocus_core.request.job import (
     FRAME_ROLE,
     OTHERS,
     FrameLens,
@@ -25,13 +29,9 @@ from defocus_core.batch.jobs.job import (
     Shot,
     Split,
 )
-from defocus_core.batch.jobs.output_kinds import PREVIEW
-from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.identity import typed
-from defocus_core.batch.journal.journal import Record, files_of, input_path
-from defocus_core.batch.lenses.lens import Lens, lens_record_words
-from defocus_core.batch.lenses.parameters import LENS_FILES
-from defocus_core.errors import InputError, Place
+from defocus_core.request.lens import Lens, lens_record_words
+from defocus_core.request.output_kinds import PREVIEW
+from defocus_core.request.parameters import LENS_FILES
 from defocus_core.system.memory import without_collections
 
 

@@ -12,7 +12,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.journal.journal import (
     Record,
     Shard,
@@ -28,6 +27,7 @@ from defocus_core.batch.journal.resume import Ledger
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import LEFTOVER, left_in, sync_folder, written_whole
+from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.text import note
 
 SHARDS_FOLDER = "shards"  # of tars

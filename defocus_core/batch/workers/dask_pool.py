@@ -13,13 +13,13 @@ from dataclasses import replace
 from importlib.util import find_spec
 from typing import Any
 
-from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.identity import plain, typed
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError, UsageProblem, reason
+from defocus_core.request.job import Job
 from defocus_core.system.text import note
 
 AT_ONCE = 2  # chunks for each worker: one is computed, one waits where it is

@@ -17,16 +17,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.records import Step, verdict
-from defocus_core.batch.lenses.lens import lens_record
-from defocus_core.batch.lenses.parameters import LENS_FILES
 from defocus_core.picture import plain_path
 from defocus_core.picture.measures import measures
 from defocus_core.picture.repair_words import repair_record
 from defocus_core.picture.take import Inputs, Take
+from defocus_core.request.job import Job
+from defocus_core.request.lens import lens_record
+from defocus_core.request.parameters import LENS_FILES
 
 TileCount = Callable[[int, int], None]
 TRANSIENT = ("stats", "trace", "error")  # keys of what the journal does not keep

@@ -15,7 +15,6 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from itertools import chain, islice
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.jobs.job import Job
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import TileCount
@@ -23,6 +22,7 @@ from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take
+from defocus_core.request.job import Job
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.process import settings_kept
 

@@ -8,13 +8,13 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from defocus_core.batch.jobs.job import Job, Outputs
-from defocus_core.batch.jobs.splits import with_recorded
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Record, Shard, read_all
 from defocus_core.batch.journal.resume import Ledger
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
+from defocus_core.request.job import Job, Outputs
+from defocus_core.request.splits import with_recorded
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note
 

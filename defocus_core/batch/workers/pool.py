@@ -23,7 +23,6 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.jobs.job import Job, Machine
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.dask_pool import execute_at
@@ -31,6 +30,7 @@ from defocus_core.batch.workers.job_result import failed
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError
 from defocus_core.picture import memory_budget, plain_path
+from defocus_core.request.job import Job, Machine
 from defocus_core.system import memory
 from defocus_core.system.process import cores
 

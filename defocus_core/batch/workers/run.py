@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Protocol
 
 from defocus_core.batch.datasets import update
-from defocus_core.batch.jobs.job import Job, Outputs
 from defocus_core.batch.journal import identity, run_file
 from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
 from defocus_core.batch.journal.lock import Check, locked
@@ -34,6 +33,7 @@ from defocus_core.batch.workers.plan import (
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
+from defocus_core.request.job import Job, Outputs
 from defocus_core.system.interrupts import Interrupts
 
 MAX_IN_A_CHUNK = 8

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.batch.jobs.job import Picture, Reading
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import bands, count_of
 from defocus_core.io.depth_formats.depth import Depth
@@ -26,6 +25,7 @@ from defocus_core.io.safe_files import read_head
 from defocus_core.picture.layers import Layers, flat_layer
 from defocus_core.picture.pair import InputPair, parts_of
 from defocus_core.picture.take import Take
+from defocus_core.request.job import Picture, Reading
 from defocus_core.system.text import counted
 
 

@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import MM_PER_M
 from defocus_core.picture.take import Take
+from defocus_core.request.lens import Lens
+from defocus_core.request.quantities import length_text
 from defocus_core.system.text import counted
 
 # Where the sharpest pixel is blurred by more than both, nothing in the picture is in focus.

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.shots import AVERAGED
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
@@ -32,6 +31,7 @@ from defocus_core.picture.memory_budget import capacity_mb
 from defocus_core.picture.pair import InputPair, read, reframe
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.take import Take
+from defocus_core.request.shots import AVERAGED
 from defocus_core.system import memory
 
 if TYPE_CHECKING:

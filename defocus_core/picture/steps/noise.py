@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.io.arrays import LazyArray
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.picture.write import Contents
+from defocus_core.request.output_kinds import KINDS
 
 _SEED_BYTES = 5  # of a seed, of which rows of pictures make others
 

@@ -12,8 +12,6 @@ from functools import lru_cache
 from statistics import median
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.jobs.job import FrameLens, Job, Reading, Shot
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.depth import Depth
@@ -23,6 +21,8 @@ from defocus_core.picture.memory_budget import holding
 from defocus_core.picture.pair import InputPair, read
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.take import Take
+from defocus_core.request.job import FrameLens, Job, Reading, Shot
+from defocus_core.request.lens import Lens
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair

@@ -13,15 +13,15 @@ from typing import Any
 
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card import card_of, tables_of
-from defocus_core.batch.jobs.job import FRAME_ROLE
-from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.batch.journal.journal import Record, read_all, require_journal
 from defocus_core.batch.journal.resume import Ledger
-from defocus_core.batch.lenses.lens import lens_record_words
 from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import drawn_files, valued_layers, wiggle_of
 from defocus_core.reports.html.page import ValuesRoom, write_report
 from defocus_core.reports.html.render_command import render_command
+from defocus_core.request.job import FRAME_ROLE
+from defocus_core.request.lens import lens_record_words
+from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.process import spread
 
 _COLUMNS = (

@@ -16,10 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.journal.identity import settings
-from defocus_core.batch.lenses.lens import Lens, lens_record
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.errors import InputError, printable
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN
@@ -33,6 +30,9 @@ from defocus_core.picture.take import Inputs
 from defocus_core.reports.html.page import Payloads, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Lens, lens_record
+from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.system.text import command_line
 
 Progress = Callable[[int, int], None]

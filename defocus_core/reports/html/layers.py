@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.compare.picture import (
     DecodedPicture,
     color_layers,
@@ -32,6 +31,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.images.describe import describe
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import HEAT, LIGHT, PLAIN, SHARE, SIGNED, Layer, StoredHalves
+from defocus_core.request.output_kinds import KINDS
 
 WHOLE = 1 << 21  # px up to which all values are kept: 1920 x 1080
 _WINDOW = (1920, 1080)  # px of a window of a larger picture

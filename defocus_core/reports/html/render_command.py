@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.job import Machine, Picture
-from defocus_core.batch.jobs.reading_options import READING_OPTIONS
 from defocus_core.batch.journal.journal import Record
 from defocus_core.batch.journal.resume import input_place, job_of
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.errors import InputError
+from defocus_core.request.job import Machine, Picture
+from defocus_core.request.lens import Lens
+from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
+from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.system.text import command_line
 
 OUT = "again"  # where the command writes

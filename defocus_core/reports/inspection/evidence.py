@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.job import Reading
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
 from defocus_core.io.depth_formats.depth import read_depth, read_numbers
@@ -27,6 +26,7 @@ from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import FileInfo
 from defocus_core.io.safe_files import is_heic, read_head
 from defocus_core.picture.element import element_depth
+from defocus_core.request.job import Reading
 from defocus_core.system.text import percent
 
 if TYPE_CHECKING:

@@ -11,11 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.jobs.job import Picture, Reading
-from defocus_core.batch.jobs.output_kinds import KINDS
-from defocus_core.batch.jobs.shot_lenses import ShotLenses
-from defocus_core.batch.lenses.lens import Lens, lens_record
-from defocus_core.batch.lenses.quantities import length_text
 from defocus_core.errors import DefocusError, InputError
 from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import Keeping, bands
@@ -37,6 +32,11 @@ from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.steps.implausible import of_radii
 from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
+from defocus_core.request.job import Picture, Reading
+from defocus_core.request.lens import Lens, lens_record
+from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.quantities import length_text
+from defocus_core.request.shot_lenses import ShotLenses
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.memory import MB
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from command_line import write_exr
 
-from defocus_core.batch.lenses.quantities import QuantityError
 from defocus_core.compare import comparison
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.thresholds import Rules, matches, read_thresholds, rule
 from defocus_core.errors import UsageProblem
+from defocus_core.request.quantities import QuantityError
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,14 @@ import pytest
 from command_line import color_exr, depth_exr, header, ramp, refused, run
 from refusals import refuses
 
-from defocus_core.batch.jobs.lens_plan import drawn_lens
-from defocus_core.batch.lenses.lens import Draw, Lens
 from defocus_core.errors import Rejected
 from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.optics.distributions import ATTEMPTS
 from defocus_core.picture.focus import with_focus
 from defocus_core.picture.radii import radii_of, signed_radius
+from defocus_core.request.lens import Draw, Lens
+from defocus_core.request.lens_plan import drawn_lens
 
 LENS = Lens(50.0, 2.0, 2000.0)
 

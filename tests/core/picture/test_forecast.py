@@ -11,10 +11,10 @@ import pytest
 from command_line import depth_exr
 
 from defocus_core import read_color, read_depth, write_image
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.picture import forecast, plain_path
 from defocus_core.picture.forecast import work_per_second  # before tests replace it
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Lens
 
 SCENE = Path(__file__).parents[3] / "sample_scenes" / "spheres"
 LENS = Lens(75.0, 1.4, 1600.0, sensor_width=54.0)

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.focus import with_blur_reach
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.steps.implausible import of_file, of_radii
+from defocus_core.request.lens import Lens
 
 LENS = Lens(50.0, 2.0, 2000.0)
 SCENE = np.geomspace(1.0, 40.0, 320 * 240).reshape(240, 320)  # m

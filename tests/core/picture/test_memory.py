@@ -16,16 +16,16 @@ from command_line import color_exr, depth_exr, files_under, pair, ramp, refused,
 from image_files import save
 from refusals import refuses
 
-from defocus_core.batch.jobs import output_kinds as kinds
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.quantities import byte_count
 from defocus_core.batch.workers import pool
 from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
 from defocus_core.picture import memory_budget, plain_path
 from defocus_core.renderer.engine import renderer
+from defocus_core.request import output_kinds as kinds
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Lens
+from defocus_core.request.quantities import byte_count
 from defocus_core.system import memory
 
 KINDS = ",".join(kinds.KINDS)

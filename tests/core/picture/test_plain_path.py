@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 from command_line import color_exr, depth_exr
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.io.exr import header
 from defocus_core.picture import plain_path, steps
 from defocus_core.picture.steps.table import STEPS
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Lens
 
 # Of any picture that is rendered: its depth is doubted, and repaired.
 ALWAYS = {"implausible", "repair"}

@@ -6,12 +6,12 @@ from typing import Any
 import pytest
 from command_line import LENS, files_under, pair, refused, run
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import TooLarge
 from defocus_core.evaluation import cost
 from defocus_core.picture import memory_budget
 from defocus_core.picture.memory_budget import Holding
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Lens
 from defocus_core.system import memory
 
 

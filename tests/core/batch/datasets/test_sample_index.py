@@ -10,7 +10,7 @@ from refusals import refuses
 from defocus_core.batch.datasets import sample_index, update
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.journal import Journal, journal_path
-from defocus_core.batch.lenses.lens import Lens
+from defocus_core.request.lens import Lens
 
 
 def written(out, *records):

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.identity import plain, typed
-from defocus_core.batch.lenses.lens import Draw, Lens
 from defocus_core.errors import Place
 from defocus_core.renderer_version import RENDERER_VERSION
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Draw, Lens
 
 PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
 JOB = Job(PICTURE, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())

@@ -6,10 +6,10 @@ from pathlib import Path
 from jobs_files import touch
 from refusals import refuses
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers.plan import refuse_misplaced, refuse_unknown
 from defocus_core.io.safe_files import written_together, written_whole
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Lens
 
 LENS = Lens(50.0, 2.0, 2000.0)
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers import job_result, pipeline
 from defocus_core.picture import plain_path
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Lens
 
 STEP = 0.03  # seconds
 LENS = Lens(50.0, 2.0, 2000.0)

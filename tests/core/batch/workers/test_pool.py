@@ -11,9 +11,9 @@ import fake_worker
 import pytest
 from jobs_files import chunks_of
 
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.batch.workers.pool import STRIKES, Pool
 from defocus_core.errors import InputError
+from defocus_core.request.lens import Lens
 
 LENS = Lens(50.0, 2.0, 2000.0)
 

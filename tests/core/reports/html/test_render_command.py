@@ -5,12 +5,12 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.jobs.lens_from_options import lens_of
 from defocus_core.batch.journal.identity import settings
-from defocus_core.batch.lenses.lens import lens_record
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.reports.html.render_command import render_command
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import lens_record
+from defocus_core.request.lens_from_options import lens_of
+from defocus_core.request.parameters import LENS_OPTIONS
 
 LENS = {
     "focal-length": "51.2345678901mm",

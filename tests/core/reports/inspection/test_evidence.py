@@ -9,9 +9,9 @@ from depth_files import gdepth, npy, pfm, png
 from image_files import save
 from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
 
-from defocus_core.batch.jobs.job import Reading
 from defocus_core.io.depth_formats.table import FORMATS
 from defocus_core.reports.inspection.evidence import evidence_of_pair
+from defocus_core.request.job import Reading
 
 FEW, MANY = (14, 40, 0.4), (60, 24, 0.1)  # squares, their side in px, contrast of their checks
 ROWS, COLUMNS = np.mgrid[:240, :320]

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
-from defocus_core.batch.jobs.job import OTHERS, Picture
-from defocus_core.batch.jobs.output_kinds import PREVIEW
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.reading import holds_depth
 from defocus_core.io.safe_files import missing
 from defocus_core.io.shots.frame_patterns import ALL, FrameChoice, chosen, frames_of, is_pattern
 from defocus_core.io.wildcards import has_wildcard, matching, texts_before
+from defocus_core.request.job import OTHERS, Picture
+from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.system.text import note
 
 COLOR_SUFFIXES = frozenset(

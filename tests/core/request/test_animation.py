@@ -4,9 +4,9 @@ from pathlib import Path
 import pytest
 from refusals import refuses, refuses_as
 
-from defocus_core.batch.jobs.job import Picture
-from defocus_core.batch.jobs.lens_from_options import parsed
-from defocus_core.batch.jobs.shot_lenses import ShotLenses, read_animation
+from defocus_core.request.job import Picture
+from defocus_core.request.lens_from_options import parsed
+from defocus_core.request.shot_lenses import ShotLenses, read_animation
 
 
 def animation(folder, text, name="pull.csv", **how):

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from defocus_core.batch.lenses import quantities
-from defocus_core.batch.lenses.quantities import QuantityError
+from defocus_core.request import quantities
+from defocus_core.request.quantities import QuantityError
 
 READ = (
     (quantities.length, {"50mm": 50, "2.5cm": 25, "2m": 2000, "2.3m": 2300, "1in": 25.4}),

@@ -8,10 +8,10 @@ import pytest
 from jobs_files import FIXED, LENS, jobs, names, touch
 from refusals import refuses, refuses_as
 
-from defocus_core.batch.jobs.lens_from_options import parsed
-from defocus_core.batch.jobs.lens_plan import drawn_lens
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.picture.opening import dual_pixel_of
+from defocus_core.request.lens_from_options import parsed
+from defocus_core.request.lens_plan import drawn_lens
+from defocus_core.request.parameters import LENS_OPTIONS
 
 
 def swept(folder, text, lens=""):

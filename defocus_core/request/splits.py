@@ -23,9 +23,9 @@ from dataclasses import dataclass, replace
 from hashlib import blake2b
 from itertools import accumulate
 
-from defocus_core.batch.jobs.job import NO_SPLIT, Job, Picture, Split
-from defocus_core.batch.jobs.toml_file import Table
 from defocus_core.errors import CALLER, Place, UsageProblem
+from defocus_core.request.job import NO_SPLIT, Job, Picture, Split
+from defocus_core.request.toml_file import Table
 from defocus_core.system.text import counted, note
 
 NAME = re.compile(r"[A-Za-z0-9_]{1,40}")

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.lenses.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
-from defocus_core.batch.lenses.quantities import FileNumbers, Percentile, length_text
 from defocus_core.errors import CALLER, Place
+from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
+from defocus_core.request.quantities import FileNumbers, Percentile, length_text
 
 
 @dataclass(frozen=True)

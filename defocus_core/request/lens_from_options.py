@@ -22,10 +22,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs.reading_options import READING_OPTIONS
-from defocus_core.batch.jobs.toml_file import read_toml, refuse_unknown
-from defocus_core.batch.lenses.lens import EFFECTS, Lens
-from defocus_core.batch.lenses.parameters import (
+from defocus_core.errors import CALLER, Place, UsageProblem, did_you_mean
+from defocus_core.request.lens import EFFECTS, Lens
+from defocus_core.request.parameters import (
     ALTERNATIVES,
     BESIDE_BLUR,
     LENS_OPTIONS,
@@ -34,14 +33,15 @@ from defocus_core.batch.lenses.parameters import (
     SHAPES,
     LensParam,
 )
-from defocus_core.batch.lenses.quantities import (
+from defocus_core.request.quantities import (
     FileNumbers,
     Percentile,
     length_text,
     read_at,
     text_of,
 )
-from defocus_core.errors import CALLER, Place, UsageProblem, did_you_mean
+from defocus_core.request.reading_options import READING_OPTIONS
+from defocus_core.request.toml_file import read_toml, refuse_unknown
 
 
 @lru_cache(maxsize=65536)
@@ -285,7 +285,7 @@ class ShippedLens:
 @cache
 def shipped_lenses() -> tuple[ShippedLens, ...]:
     """The lens files that ship, sorted by name."""
-    folder = Path(str(files("defocus_core.batch.lenses")))
+    folder = Path(str(files("defocus_core.request"))) / "lenses"
     return tuple(
         ShippedLens(f"{MARK}{path.stem}", path, _subject(path))
         for path in sorted(folder.glob("*.toml"))

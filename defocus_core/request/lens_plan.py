@@ -24,8 +24,10 @@ from itertools import groupby, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.jobs.inputs import Entry
-from defocus_core.batch.jobs.lens_from_options import (
+from defocus_core.errors import Place, UsageProblem, reason
+from defocus_core.request.inputs import Entry
+from defocus_core.request.lens import Draw, Lens
+from defocus_core.request.lens_from_options import (
     based,
     checked,
     lens_of,
@@ -39,10 +41,8 @@ from defocus_core.batch.jobs.lens_from_options import (
     refuse_unusable,
     shape_of,
 )
-from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
-from defocus_core.batch.lenses.lens import Draw, Lens
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS, METADATA, SCALES, alternatives
-from defocus_core.batch.lenses.quantities import (
+from defocus_core.request.parameters import LENS_OPTIONS, METADATA, SCALES, alternatives
+from defocus_core.request.quantities import (
     Percentile,
     QuantityError,
     percentage,
@@ -50,7 +50,7 @@ from defocus_core.batch.lenses.quantities import (
     read_at,
     text_of,
 )
-from defocus_core.errors import Place, UsageProblem, reason
+from defocus_core.request.toml_file import Table, refuse_unknown
 
 if TYPE_CHECKING:
     from defocus_core.optics.distributions import Distribution

@@ -8,8 +8,8 @@ import pytest
 from jobs_files import FIXED, jobs, names, touch
 from refusals import refuses, refuses_as
 
-from defocus_core.batch.jobs.job import Picture
 from defocus_core.io.wildcards import matching
+from defocus_core.request.job import Picture
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.jobs.job import Picture, Reading
-from defocus_core.batch.jobs.lens_from_options import (
+from defocus_core.errors import InputError, Place, UsageProblem
+from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.io.images.describe import describe
+from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
+from defocus_core.request.job import Picture, Reading
+from defocus_core.request.lens import Lens
+from defocus_core.request.lens_from_options import (
     checked,
     make_lens,
     merged,
@@ -29,27 +34,22 @@ from defocus_core.batch.jobs.lens_from_options import (
     refuse_contradiction,
     refuse_optics,
 )
-from defocus_core.batch.jobs.reading_options import field_of_view
-from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown
-from defocus_core.batch.jobs.toml_file import table as table_of
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import (
+from defocus_core.request.parameters import (
     LENS_OPTIONS,
     METADATA,
     SCALES,
     LensParam,
     alternatives,
 )
-from defocus_core.batch.lenses.quantities import read_at, text_of
-from defocus_core.errors import InputError, Place, UsageProblem
-from defocus_core.io.depth_formats.table import UNITS
-from defocus_core.io.images.describe import describe
-from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
+from defocus_core.request.quantities import read_at, text_of
+from defocus_core.request.reading_options import field_of_view
+from defocus_core.request.toml_file import Table, read_toml, refuse_unknown
+from defocus_core.request.toml_file import table as table_of
 
 if TYPE_CHECKING:
-    from defocus_core.batch.jobs.inputs import Entry
-    from defocus_core.batch.jobs.lens_plan import LensPlan
     from defocus_core.io.shots.lens_metadata import OptionFromMetadata
+    from defocus_core.request.inputs import Entry
+    from defocus_core.request.lens_plan import LensPlan
 
 
 INTERPOLATIONS = ("linear", "ease")

@@ -31,12 +31,14 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.batch.jobs.inputs import Entry, read_inputs
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Reading, refuse_idle_outputs
-from defocus_core.batch.jobs.lens_plan import KEYS as LENS_KEYS
-from defocus_core.batch.jobs.lens_plan import LensPlan, lens_file_of, read_plan
-from defocus_core.batch.jobs.origin import read_origin
-from defocus_core.batch.jobs.output_kinds import (
+from defocus_core.errors import UsageProblem
+from defocus_core.request.inputs import Entry, read_inputs
+from defocus_core.request.job import Job, Machine, Outputs, Reading, refuse_idle_outputs
+from defocus_core.request.lens import Lens
+from defocus_core.request.lens_plan import KEYS as LENS_KEYS
+from defocus_core.request.lens_plan import LensPlan, lens_file_of, read_plan
+from defocus_core.request.origin import read_origin
+from defocus_core.request.output_kinds import (
     COLOR_SPACES,
     FORMAT_ALIASES,
     INPUTS,
@@ -45,18 +47,16 @@ from defocus_core.batch.jobs.output_kinds import (
     SUFFIXES,
     compression,
 )
-from defocus_core.batch.jobs.reading_options import (
+from defocus_core.request.reading_options import (
     READING_OPTIONS,
     lens_file_reading,
     make_reading,
     reading_values,
 )
-from defocus_core.batch.jobs.shot_lenses import Animation, animated, read_animation_table
-from defocus_core.batch.jobs.shots import read_decisions, with_shot
-from defocus_core.batch.jobs.splits import read_splits
-from defocus_core.batch.jobs.toml_file import Table, read_toml, refuse_unknown, table
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.errors import UsageProblem
+from defocus_core.request.shot_lenses import Animation, animated, read_animation_table
+from defocus_core.request.shots import read_decisions, with_shot
+from defocus_core.request.splits import read_splits
+from defocus_core.request.toml_file import Table, read_toml, refuse_unknown, table
 
 TABLES = (
     *("inputs", "split", "lens", "animate", "shot", "sweep", "sample"),

@@ -13,11 +13,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.jobs import toml_file
-from defocus_core.batch.jobs.toml_file import LARGEST_FILE, Table
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder, open_plain
 from defocus_core.io.safe_files import written_whole
+from defocus_core.request import toml_file
+from defocus_core.request.toml_file import LARGEST_FILE, Table
 from defocus_core.system.text import note
 
 KEPT = "jobs.toml"

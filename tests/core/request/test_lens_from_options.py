@@ -5,8 +5,8 @@ import math
 import pytest
 from refusals import refuses, refuses_as
 
-from defocus_core.batch.jobs.lens_from_options import make_lens
-from defocus_core.batch.lenses.lens import Lens
+from defocus_core.request.lens import Lens
+from defocus_core.request.lens_from_options import make_lens
 
 FLAGS = {"focal-length": 50.0, "fnumber": 2.0, "focus": 2000.0}
 OTHER_WAYS = 'focal-length = "50mm"\naperture-diameter = "25mm"\nfocus-at = [3, 4]\n'

@@ -7,7 +7,7 @@ from command_line import pair, run
 from refusals import refuses
 
 from defocus_core import run_batch, samples
-from defocus_core.batch.jobs.origin import Origin, keep, origin_of
+from defocus_core.request.origin import Origin, keep, origin_of
 
 ABOUT = {
     "title": "Blurred | *cups* <img src=x onerror=alert(1)>\n# [x](//y)",

@@ -10,8 +10,8 @@ from command_line import header, pair, read_exr, render, run
 
 from defocus_cli.commands.help import text
 from defocus_core import render as rendered
-from defocus_core.batch.jobs.output_kinds import KINDS
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
+from defocus_core.request.output_kinds import KINDS
 
 MAPS = [kind for kind in KINDS.values() if not kind.image]
 

@@ -4,9 +4,9 @@ import pytest
 from jobs_files import touch
 from refusals import refuses, refuses_as
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.jobs.pairing import find_pictures
-from defocus_core.batch.lenses.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Lens
+from defocus_core.request.pairing import find_pictures
 
 
 def test_two_files_are_one_picture_named_by_its_colour(tmp_path):

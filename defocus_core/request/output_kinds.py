@@ -15,8 +15,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.lenses.quantities import QuantityError, within
 from defocus_core.errors import did_you_mean
+from defocus_core.request.quantities import QuantityError, within
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,11 +11,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-from defocus_core.batch.jobs.job import FrameLens, Job, Picture, Shot
-from defocus_core.batch.jobs.toml_file import Table
-from defocus_core.batch.lenses.lens import Lens
 from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.io.shots.frame_patterns import window_of
+from defocus_core.request.job import FrameLens, Job, Picture, Shot
+from defocus_core.request.lens import Lens
+from defocus_core.request.toml_file import Table
 
 KEYS = ("steady", "focus-smooth", "motion")
 _SAMPLE = 5  # frames that decide for the shot

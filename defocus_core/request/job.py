@@ -12,12 +12,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.batch.jobs.output_kinds import KINDS, LOSSY, PREVIEW, Kind
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS
-from defocus_core.batch.lenses.quantities import Percentile
 from defocus_core.errors import Place, UsageProblem, did_you_mean
 from defocus_core.io.depth_formats.reading import DepthReading
+from defocus_core.request.lens import Lens
+from defocus_core.request.output_kinds import KINDS, LOSSY, PREVIEW, Kind
+from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.quantities import Percentile
 
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses_as
 
-from defocus_core.batch.jobs.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.batch.jobs.splits import read_splits, with_recorded
-from defocus_core.batch.jobs.toml_file import Table
-from defocus_core.batch.lenses.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.lens import Lens
+from defocus_core.request.splits import read_splits, with_recorded
+from defocus_core.request.toml_file import Table
 
 
 def splits(**values):

@@ -6,9 +6,9 @@ import pytest
 from jobs_files import FIXED, LENS, jobs, jobs_file, names, touch
 from refusals import refuses, refuses_as
 
-from defocus_core.batch.jobs.job import Machine, Outputs, Reading
-from defocus_core.batch.jobs.jobs_file import read_jobs
-from defocus_core.batch.lenses.lens import Lens
+from defocus_core.request.job import Machine, Outputs, Reading
+from defocus_core.request.jobs_file import read_jobs
+from defocus_core.request.lens import Lens
 
 
 def test_every_table_reaches_the_job(tmp_path):

@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
-from defocus_core.batch.jobs.job import Reading
-from defocus_core.batch.jobs.toml_file import read_toml
-from defocus_core.batch.lenses.parameters import Param
-from defocus_core.batch.lenses.quantities import (
+from defocus_core.errors import CALLER, Place, UsageProblem
+from defocus_core.io.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
+from defocus_core.io.depth_formats.table import NAMES, UNITS
+from defocus_core.request.job import Reading
+from defocus_core.request.parameters import Param
+from defocus_core.request.quantities import (
     QuantityError,
     angle,
     length,
@@ -28,9 +30,7 @@ from defocus_core.batch.lenses.quantities import (
     text_of,
     whole,
 )
-from defocus_core.errors import CALLER, Place, UsageProblem
-from defocus_core.io.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
-from defocus_core.io.depth_formats.table import NAMES, UNITS
+from defocus_core.request.toml_file import read_toml
 
 _FRACTION = re.compile(r"\s*([\d.e+-]+)\s*/\s*([\d.e+-]+)\s*", re.I)
 

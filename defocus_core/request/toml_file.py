@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
-from defocus_core.batch.lenses.quantities import read_at, text_of
 from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, did_you_mean, reason
 from defocus_core.io.below import open_plain
+from defocus_core.request.quantities import read_at, text_of
 
 T = TypeVar("T")
 LARGEST_FILE = 2**26  # bytes

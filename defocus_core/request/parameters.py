@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
-from defocus_core.batch.lenses import quantities
-from defocus_core.batch.lenses.quantities import FileNumbers, Percentile, length_text
+from defocus_core.request import quantities
+from defocus_core.request.quantities import FileNumbers, Percentile, length_text
 
 METADATA = "lens-from-metadata"  # the option, and the key, by which a picture says its lens
 # Scales of sweeps, and between keys of frames: to each, and back.

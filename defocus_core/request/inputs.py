@@ -27,14 +27,14 @@ from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
-from defocus_core.batch.jobs.job import OTHERS, Picture
-from defocus_core.batch.jobs.lens_from_options import checked, refuse_contradiction
-from defocus_core.batch.jobs.pairing import SCENE_SUFFIXES, find
-from defocus_core.batch.jobs.toml_file import Table, refuse_unknown
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS
 from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, reason
 from defocus_core.io.below import open_plain
 from defocus_core.io.shots.frame_patterns import MISSING, frame_choice
+from defocus_core.request.job import OTHERS, Picture
+from defocus_core.request.lens_from_options import checked, refuse_contradiction
+from defocus_core.request.pairing import SCENE_SUFFIXES, find
+from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.toml_file import Table, refuse_unknown
 from defocus_core.system.memory import without_collections
 
 SUFFIXES = (".csv", ".jsonl")

@@ -4,8 +4,8 @@ from dataclasses import fields
 
 import pytest
 
-from defocus_core.batch.lenses.lens import Lens
-from defocus_core.batch.lenses.parameters import LENS_OPTIONS, RECORDED
+from defocus_core.request.lens import Lens
+from defocus_core.request.parameters import LENS_OPTIONS, RECORDED
 
 ROWS = LENS_OPTIONS.values()
 name_of = {"ids": lambda row: row.name}
