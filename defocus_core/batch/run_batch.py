@@ -46,8 +46,9 @@ def _asked(jobs: Jobs, outputs: Outputs) -> tuple[list[Job], JobsSource | None]:
     elif isinstance(jobs, str | PathLike):
         batch = read_batch(Path(fspath(jobs)), outputs, Machine())
     else:
-        place = {"root": outputs.root, "overwrite": outputs.overwrite}
-        return [replace(job, outputs=replace(job.outputs, **place)) for job in jobs], None
+        root, overwrite = outputs.root, outputs.overwrite
+        here = [replace(job.outputs, root=root, overwrite=overwrite) for job in jobs]
+        return [replace(job, outputs=to) for job, to in zip(jobs, here, strict=True)], None
     return batch.jobs(), batch.source
 
 
