@@ -10,7 +10,7 @@ tells the surfaces apart and is a mixture of them at all.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import torch
@@ -54,23 +54,37 @@ AROUND_BY_COLOR = _BESIDE * AROUND + _BESIDE
 _BYTES_EACH = 1 << 13
 
 
-class Fringe(NamedTuple):
-    """Parts of nearer surfaces in pixels whose depth is that of a farther one."""
+class MixedPixels(NamedTuple):
+    """Pixels that hold parts of two surfaces, taken apart.
+
+    Where the nearer one of two is the pixel's own, by its depth, its other surface shows through
+    the share that it leaves. Where the farther one is, it is whole behind a part of the nearer one.
+    """
 
     # [n, 2] rows and columns; rows are counted on from one picture of a batch to the next
     at: Tensor
-    layer: Tensor  # [n, C + 1], colour premultiplied by coverage, then coverage
-    signed_radius: Tensor  # [n] px
+    # [2 C + 3, n]: the colour of the own surface and its coverage; the colour of a nearer surface,
+    # its coverage and its radius in px
+    values: Tensor
 
+    @property
+    def own(self) -> Tensor:
+        """[C + 1, n], colour of the own surfaces, not premultiplied, then coverage."""
+        return self.values[: (len(self.values) - 1) // 2]
 
-class Unmixed(NamedTuple):
-    """A picture in which every pixel has the colour of its own surface."""
+    @property
+    def nearer(self) -> Tensor:
+        """[C + 2, n], the same of nearer surfaces, then radius; coverage 0 where there is none."""
+        return self.values[(len(self.values) - 1) // 2 :]
 
-    color: Tensor  # [C, H, W], not premultiplied by coverage
-    # [1, H, W], the share of each pixel that its own surface covers, if it is the nearer one of
-    # two; the surface behind shows through the rest. None if all are whole
-    coverage: Tensor | None
-    fringe: Fringe  # the parts of nearer surfaces in pixels of farther ones
+    def select(self, index: Tensor) -> MixedPixels:
+        """The pixels of these indices."""
+        return MixedPixels(self.at.index_select(0, index), self.values.index_select(1, index))
+
+    @classmethod
+    def joined(cls, parts: Sequence[MixedPixels]) -> MixedPixels:
+        """The pixels of all parts."""
+        return cls(torch.cat([part.at for part in parts]), torch.cat([p.values for p in parts], 1))
 
 
 class _Side(NamedTuple):
@@ -143,27 +157,26 @@ class _Pixels(NamedTuple):
     known: Tensor  # [n] bool, whether both surfaces are
 
 
-def unmixed(
+def mixed_pixels(
     image: Tensor, signed_radius: Tensor, limit: float = math.inf, matte: Tensor | None = None
-) -> Unmixed:
+) -> MixedPixels:
     """Take mixed pixels apart; a pixel stays as it is where one of its surfaces is not seen.
 
     `image`: [C, ..., H, W] linear; `signed_radius`: [..., H, W] px; `matte`: [..., H, W], the
     coverage of a subject, which is not guessed at its silhouette.
     """
     edge = _edges(signed_radius, matte)
-    chunks = [
-        _taken_apart(at, squares, limit)
-        for at, squares in _squares_on(edge, image, signed_radius, matte)
-    ]
-    if not chunks:
-        return whole(image, signed_radius)
-    at, own, fraction, fringe_at, fringe, fringe_radius = map(torch.cat, zip(*chunks, strict=True))
-    index = _numbers(at, signed_radius)
-    color = image.flatten(1).index_copy(1, index, own.T).reshape(image.shape)
-    coverage = torch.ones_like(image[:1]).flatten().index_copy(0, index, fraction)
-    coverage = coverage.reshape(image[:1].shape)
-    return Unmixed(color, coverage, Fringe(fringe_at, fringe, fringe_radius))
+    squares = _squares_on(edge, image, signed_radius, matte)
+    parts = [_taken_apart(at, square, limit) for at, square in squares]
+    if not parts:
+        return no_pixels(image)
+    return parts[0] if len(parts) == 1 else MixedPixels.joined(parts)
+
+
+def no_pixels(image: Tensor) -> MixedPixels:
+    """No mixed pixels of an image [C, ..., H, W]."""
+    nowhere = torch.zeros((0, 2), dtype=torch.long, device=image.device)
+    return MixedPixels(nowhere, image.new_zeros(2 * len(image) + 3, 0))
 
 
 def radii_by_color(signed_radius: Tensor, image: Tensor) -> Tensor:
@@ -184,13 +197,6 @@ def radii_by_color(signed_radius: Tensor, image: Tensor) -> Tensor:
         flat = signed_radius.flatten().index_copy(0, torch.cat(indices), torch.cat(radii))
         signed_radius = flat.view_as(signed_radius)
     return signed_radius
-
-
-def whole(image: Tensor, signed_radius: Tensor) -> Unmixed:
-    """A picture [C, ..., H, W] of radii [..., H, W] without mixed pixels."""
-    nothing = image.new_zeros(0, len(image) + 1)
-    nowhere = torch.zeros((0, 2), dtype=torch.long, device=image.device)
-    return Unmixed(image, None, Fringe(nowhere, nothing, signed_radius.flatten()[:0]))
 
 
 def _edges(signed_radius: Tensor, matte: Tensor | None = None) -> Tensor:
@@ -245,7 +251,7 @@ def _by_matte(squares: _Squares, matte: Tensor) -> _Squares:
     return squares._replace(is_near=is_near, known=known)
 
 
-def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> tuple[Tensor, ...]:
+def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> MixedPixels:
     """Take apart the pixels at [n, 2]."""
     pixels = _pixels_on_edge(squares, limit)
     color, own, other, _, known = pixels
@@ -255,12 +261,10 @@ def _taken_apart(at: Tensor, squares: _Squares, limit: float) -> tuple[Tensor, .
         by_matte = torch.where(is_near, squares.known, 1 - squares.known)
         alpha = torch.where(by_matte.isnan(), alpha, by_matte)
     own_color, other_color = _colors(color, own, other, alpha)
-    coverage = torch.where(is_near, alpha, 1.0)
-    behind = known & ~is_near & (alpha.detach() < 1)
-    fringe = (torch.cat([other_color, torch.ones_like(alpha)[None]]) * (1 - alpha)).T
-    both = (at, own_color.T, coverage), (at, fringe, other.signed_radius)
-    masks = torch.nonzero(known)[:, 0], torch.nonzero(behind)[:, 0]
-    return tuple(x.index_select(0, i) for of, i in zip(both, masks, strict=True) for x in of)
+    rest = torch.stack([torch.where(is_near, 0.0, 1 - alpha), other.signed_radius])
+    coverage = torch.where(is_near, alpha, 1.0)[None]
+    apart = MixedPixels(at, torch.cat([own_color, coverage, other_color, rest]))
+    return apart.select(torch.nonzero(known)[:, 0])
 
 
 def _pixels_on_edge(squares: _Squares, limit: float = math.inf) -> _Pixels:

@@ -15,8 +15,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.blur.kernel_bank import TransformWindow, crop_inverse, sum_of_products
-from defocus_core.renderer.layers.samples import SurfaceSamples
-from defocus_core.renderer.layers.sliced_surface import Patch, Surface, patch_of
+from defocus_core.renderer.layers.sliced_surface import Patch, Surface, SurfaceSamples, patch_of
 from defocus_core.renderer.layers.slopes import NEAR
 from defocus_core.tensors.box import Box, Grid, Span
 from defocus_core.tensors.pyramid import Axis, position_of
@@ -194,6 +193,7 @@ class Blur:
 
     def __init__(
         self,
+        radii: tuple[float, ...],  # signed radius of each slice in px of the frame
         windows: list[TransformWindow],
         reaches: list[int],  # reach of each slice in px
         grid: Grid,
@@ -204,7 +204,7 @@ class Blur:
     ) -> None:
         """Keep the settings that all surfaces share."""
         self._by_corners = by_corners
-        self._windows = windows
+        self._radii, self._windows = radii, windows
         self._reaches = reaches
         self._grid = grid
         self._groups = corner_groups(groups) if by_corners else groups
@@ -216,9 +216,8 @@ class Blur:
         before = max((w.margin for w in whole), default=0)
         beyond = max((n - w.margin for w in whole for n in w.size), default=0)
         layer_indices = layer_of[::stride]
-        surface = Surface(
-            samples, self._reaches[::stride], layer_indices, self._grid, before, beyond
-        )
+        radii, reaches = self._radii[::stride], self._reaches[::stride]
+        surface = Surface(samples, radii, reaches, layer_indices, self._grid, before, beyond)
         tilted = {slice_index for tile_list in surface.tilted_plan for slice_index in tile_list}
         indices_of: dict[int, list[int]] = {}
         for slice_index in sorted(

@@ -26,11 +26,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.depth.matting import Unmixed
 from defocus_core.optics.aperture import Aperture, View
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.kernel_bank import reach
-from defocus_core.renderer.layers.samples import Sampled
+from defocus_core.renderer.layers.layer import Layer
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import blocks_of
 from defocus_core.tensors.box import BLOCK, Box
@@ -82,61 +81,26 @@ def reached_by(farthest: int) -> int:
 
 
 def split(
-    unmixed: Unmixed, signed_radius: Tensor, limit: float
-) -> tuple[Unmixed, Highlights | None]:
-    """Separate highlights from pixels taken apart; in the rest they are black.
+    layers: Sequence[Layer], channels: int, limit: float
+) -> tuple[tuple[Layer, ...], Highlights | None]:
+    """Separate highlights from layers, in whose light they are black; None if there are none.
 
-    `unmixed`: of colours [C, H, W]; `signed_radius`: [H, W] px.
+    `channels`: how many are colours, which alone the highlights have; alpha stays as it is.
     """
-    samples, highlights = split_samples(
-        Sampled(unmixed, []), len(unmixed.color), signed_radius, limit
-    )
-    if highlights is not None:
-        highlights = highlights._replace(light=highlights.light[:, :-1])
-    return samples.nearest, highlights
-
-
-def split_samples(
-    samples: Sampled, channels: int, signed_radius: Tensor, limit: float
-) -> tuple[Sampled, Highlights | None]:
-    """Separate highlights from samples; their alpha stays, and the light has none.
-
-    `samples`: of colours [C, H, W], or of colours and alpha; `signed_radius`: [H, W] px of the
-    nearest samples.
-    """
-    nearest, others = samples
-    shown = nearest.color[:channels]
-    shown = shown if nearest.coverage is None else shown * nearest.coverage
-    layer = nearest.fringe.layer
-    bright = [shown.detach().amax(0) > limit]
-    bright += [each.detach()[:channels].amax(0) > limit for each, _ in others]
-    listed = layer.detach()[:, :channels].amax(1) > limit
-    if not bool(listed.any()) and not any(bool(each.any()) for each in bright):
-        return samples, None
-    dark = _darkened(nearest.color, channels, bright[0], 0)
-    rest = _darkened(layer, channels, listed[:, None], 1)
-    farther = [
-        (_darkened(each, channels, where, 0), radius)
-        for where, (each, radius) in zip(bright[1:], others, strict=True)
-    ]
-    drawn = [
-        (nearest.fringe.at[listed], layer[listed, :channels], nearest.fringe.signed_radius[listed])
-    ]
-    colors = [(shown, signed_radius), *((each[:channels], radius) for each, radius in others)]
-    for where, (color, radius) in zip(bright, colors, strict=True):
+    lights = [layer.light for layer in layers]
+    bright = [light.detach()[:channels].amax(0) > limit for light in lights]
+    if not any(bool(each.any()) for each in bright):
+        return tuple(layers), None
+    rest, drawn = [], []
+    for layer, light, where in zip(layers, lights, bright, strict=True):
+        colors, others = layer.color.tensor_split([channels])
+        dark = torch.cat([torch.where(where, 0.0, colors), others])
+        rest.append(layer._replace(color=dark))
         at = positions_of(where)
         row, column = at.unbind(1)
-        drawn.append((at, color[:, row, column].T, radius[row, column]))
-    at, light, radius = (torch.cat(each) for each in zip(*drawn, strict=True))
-    light = torch.cat([light, torch.zeros_like(light[:, :1])], 1)
-    nearest = nearest._replace(color=dark, fringe=nearest.fringe._replace(layer=rest))
-    return Sampled(nearest, farther), Highlights(at, light, radius)
-
-
-def _darkened(colors: Tensor, channels: int, where: Tensor, dim: int) -> Tensor:
-    """Colours whose first channels along a dimension are 0 where a mask holds."""
-    light, rest = colors.tensor_split([channels], dim)
-    return torch.cat([torch.where(where, 0.0, light), rest], dim)
+        drawn.append((at, light[:channels, row, column].T, layer.signed_radius[row, column]))
+    at, colors, radius = (torch.cat(each) for each in zip(*drawn, strict=True))
+    return tuple(rest), Highlights(at, colors, radius)
 
 
 # A pixel is beside a depth edge if its radius and those of its neighbours span more px than this.
@@ -151,22 +115,12 @@ class Occluder(NamedTuple):
     coverage: Tensor  # [H, W], the fraction of each pixel that the surface covers
 
 
-def occluders_of(
-    unmixed: Unmixed, signed_radius: Tensor, positions: Tensor, radii: tuple[float, ...]
-) -> list[Occluder]:
-    """The surfaces of pixels [H, W] that may stand before lights, with parts of mixed pixels."""
-    coverage = torch.ones_like(positions) if unmixed.coverage is None else unmixed.coverage[0]
-    occluders, fringe = [Occluder(signed_radius, positions, coverage)], unmixed.fringe
-    if len(fringe.at):
-        values = (
-            fringe.signed_radius,
-            slice_position(fringe.signed_radius, radii),
-            fringe.layer[:, -1],
-        )
-        at = fringe.at.unbind(1)
-        blank = torch.zeros_like(positions)
-        occluders.append(Occluder(*(blank.index_put(at, each) for each in values)))
-    return occluders
+def occluders_of(layers: Sequence[Layer], radii: tuple[float, ...]) -> list[Occluder]:
+    """Layers that may stand before lights; `radii`: signed radius of each slice in px."""
+    return [
+        Occluder(layer.signed_radius, slice_position(layer.signed_radius, radii), layer.covered)
+        for layer in layers
+    ]
 
 
 class Occluders:

@@ -88,8 +88,8 @@ class SightLimits(NamedTuple):
 def _greatest_within(values: Tensor, radius: Tensor) -> Tensor:
     """The greatest of values [..., h, w] within a distance [..., h, w] px of each pixel."""
     px = radius.add(_AROUND).mul_(_APOTHEM).round_().clamp_(min=1).to(torch.int32)
-    sizes = [1]
-    while sizes[-1] < int(px.amax()):
+    sizes, greatest_px = [1], int(px.amax())
+    while sizes[-1] < greatest_px:
         sizes.append(max(sizes[-1] + 1, round(_RATIO * sizes[-1])))
     nearest = [
         min(range(len(sizes)), key=lambda i: abs(sizes[i] - n)) for n in range(sizes[-1] + 1)

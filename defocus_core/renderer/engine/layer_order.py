@@ -28,12 +28,12 @@ from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
 from defocus_core.renderer.compositing.sight import SightLimits
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.renderer.layers.samples import SurfaceSamples
+from defocus_core.renderer.layers.layer import Layer
 from defocus_core.renderer.layers.slice_radii import CompositeOrder, slice_position
+from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import Box, Grid
 from defocus_core.tensors.pyramid import axes, halves, position_of
 from defocus_core.tensors.resampling import AxisWeights, coarse_read, linear_weights, resampled
-from defocus_core.tensors.sparse_masks import flat_nonzero
 
 
 class Hidden:
@@ -123,6 +123,7 @@ class Filling:
             coarse = coarse._replace(tiles=read)
         self._coarse_of = coarse.tiles
         self._blur = Blur(
+            frame.slices.radii,
             slicing.windows,
             slicing.coarse,
             coarse,
@@ -175,17 +176,8 @@ class Filling:
 def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
     """The pixels of a hidden surface, with their positions between its slices."""
     color, radius, mask = hidden
-    index = flat_nonzero(mask)
-    positions = torch.zeros_like(radius).flatten()
-    positions = positions.index_copy(
-        0, index, slice_position(radius.flatten().index_select(0, index), radii)
-    )
-    positions = positions.reshape(radius.shape)
-    nowhere = torch.zeros((0, 2), dtype=torch.long, device=positions.device)
-    no_fringe, coverage = color.new_zeros(0, len(color) + 1), mask[None].to(color.dtype)
-    return SurfaceSamples(
-        color, coverage, positions, nowhere, no_fringe, positions.flatten()[:0], None, None
-    )
+    positions = slice_position(torch.where(mask, radius, radii[0]), radii)
+    return SurfaceSamples([Layer(color, mask[None].to(color), radius, sparse=True)], positions)
 
 
 def _occluding(layers: list[Tensor]) -> Tensor:

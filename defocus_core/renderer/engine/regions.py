@@ -11,23 +11,19 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
 from itertools import count, islice
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.depth.matting import Unmixed, whole
 from defocus_core.renderer.blur.layer_blur import Blur, Sliced, blended
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.highlights import (
     Highlights,
-    Occluder,
     draw,
     occluders_of,
     split,
-    split_samples,
 )
 from defocus_core.renderer.compositing.saturating_sum import (
     ColorRange,
@@ -51,11 +47,13 @@ from defocus_core.renderer.engine.frame import (
     views_of,
 )
 from defocus_core.renderer.engine.layer_order import Filling, add_in_order
-from defocus_core.renderer.engine.scene import Scene, SurfacesOfColors, continued, taken_apart
+from defocus_core.renderer.engine.scene import Scene, SurfacesOfColors, continued, layers_within
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, known_within, separated
-from defocus_core.renderer.layers.samples import Layered, Sampled, Sheet, SurfaceSamples
+from defocus_core.renderer.layers.layer import Layer, of_slices
+from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import SHARP, slice_position
+from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.renderer.layers.slopes import AROUND, Shifts, slopes
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, regions
 from defocus_core.tensors.pyramid import axes
@@ -113,19 +111,15 @@ class _Place(NamedTuple):
 class _Seen(NamedTuple):
     """What is seen in the rectangle `outer` of a region."""
 
-    shown: Unmixed  # the visible surface, or the nearest samples
-    signed_radius: Tensor  # [H, W] px
-    positions: Tensor  # [H, W], between slice radii
+    layers: tuple[Layer, ...]  # visible samples, those of the surface that the depth names first
+    positions: Tensor  # [H, W] of the first layer, between slice radii
     highlights: Highlights | None
     hidden: list[Filling]
-    others: Sequence[Sheet] = ()  # further visible samples
-    behind: SurfaceSamples | None = None  # samples that nearer ones hide
-    uncovered: SurfaceSamples | None = None  # what no sample covers, as a surface without colours
+    behind: tuple[Layer, ...] = ()  # samples that nearer ones hide
+    uncovered: tuple[Layer, ...] = ()  # what no sample covers, as a surface without colours
     sight: SightLimits | None = None  # how far the lens sees in the tiles
     openings: Openings | None = None  # of layers: where the lens sees past opaque samples
-    solid: Tensor | None = None  # of layers: [H, W] px, the radius of the nearest opaque sample
-    # Of layers: radii and shares [L, h, w] of the further visible samples in the tiles
-    further: tuple[Tensor, Tensor] | None = None
+    solid: tuple[Layer, ...] = ()  # of layers: the nearest opaque sample of each pixel
 
 
 def region_of(
@@ -133,12 +127,11 @@ def region_of(
     grid: Grid,
     scene: Scene,
     backdrop: Backdrop | SurfacesOfColors | None,
-    shown: Unmixed | None = None,
 ) -> Region:
     """A rectangle of tiles of a scene.
 
     `backdrop`: the frame at low resolution, or hidden surfaces that are continued for all colours;
-    None if nothing is continued; `shown`: the visible surfaces of the frame; None to find them.
+    None if nothing is continued.
     """
     frame = frame_at(frame, grid.box)
     place = _Place.of(frame, grid)
@@ -146,8 +139,8 @@ def region_of(
     if frame.content.edges:  # pixels beside them are looked up by their numbers
         image, radius = image.contiguous(), radius.contiguous()
     if scene.layered is None:
-        seen = _of_picture(place, scene, image, radius, backdrop, shown)
-        plain = seen.shown.color
+        seen = _of_picture(place, scene, image, radius, backdrop)
+        plain = seen.layers[0].color
     else:
         seen = _of_layers(place, scene.layered, image, backdrop)
         plain = image.clamp(max=frame.content.limit)  # with alpha, without the light of highlights
@@ -161,19 +154,18 @@ def _of_picture(
     image: Tensor,
     signed_radius: Tensor,
     backdrop: Backdrop | SurfacesOfColors | None,
-    shown: Unmixed | None,
 ) -> _Seen:
     """What a picture [C, H, W] and its radii show and hide."""
     frame, content, slices = place.frame, place.frame.content, place.frame.slices
-    of_all = None
+    of_all, layers = None, (Layer.whole(image, signed_radius),)
     if isinstance(backdrop, SurfacesOfColors):
         of_all = backdrop.at(place.outer, place.inside)
-        shown = of_all.shown
-    elif shown is None or place.outer != frame.box:
-        shown = taken_apart(image, signed_radius, scene.matte, place.outer, frame)
+        layers = of_all.layers
+    elif backdrop is not None:
+        layers = layers_within(image, signed_radius, backdrop, place.outer)
     highlights = None
     if content.highlights:
-        shown, highlights = split(shown, signed_radius, content.limit)
+        layers, highlights = split(layers, len(image), content.limit)
     positions, sight = slice_position(signed_radius, slices.radii), None
     if content.edges:
         sight = SightLimits.of(signed_radius, positions, slices.visible.layers, slices.octaves)
@@ -181,7 +173,7 @@ def _of_picture(
     invented = of_all.hidden if of_all else None
     if isinstance(backdrop, Backdrop):
         around = place.outer, place.inside
-        invented = continued(shown.color, signed_radius, backdrop, *around, frame)
+        invented = continued(layers[0], backdrop, *around, frame)
     fills = list[Filling]()
     if invented is not None and scene.hidden is not None:
         visible = place.inside.of(signed_radius)
@@ -190,7 +182,7 @@ def _of_picture(
         known, invented = separated(known, invented, middle)
         fills = place.fills(known, known=True)
     fills += place.fills(invented, known=False)
-    return _Seen(shown, signed_radius, positions, highlights, fills, sight=sight)
+    return _Seen(layers, positions, highlights, fills, sight=sight)
 
 
 def _of_layers(
@@ -199,79 +191,77 @@ def _of_layers(
     """What layers show and hide; `image`: [C + 1, H, W], the picture of them in focus."""
     frame, slices = place.frame, place.frame.slices
     stack = layered.stack(place.outer, frame.dtype)
-    radius, further = stack.signed_radius[0], stack.color[1:, -1] * stack.through[1:-1]
-    positions = slice_position(radius, slices.radii)
-    within = partial(_samples_within, place)
-    samples, highlights = split_samples(
-        stack.visible(), len(image) - 1, radius, frame.content.limit
-    )
-    hidden, uncovered, fills = stack.hidden(), None, list[Filling]()
+    radius = stack.signed_radius[0]
+    layers, highlights = split(stack.visible(), len(image) - 1, frame.content.limit)
+    if highlights is not None:  # with an alpha of 0
+        light = torch.cat([highlights.light, torch.zeros_like(highlights.light[:, :1])], 1)
+        highlights = highlights._replace(light=light)
+    uncovered, fills, farthest = (), list[Filling](), torch.full_like(radius, layered.limits[1])
     if layered.open and layered.is_continued:
         rest = stack.through[-1:]
-        blank = whole(rest[:0], rest[0])._replace(coverage=rest)
-        farthest = torch.full_like(rest[0], layered.limits[1])
-        uncovered = within(Sampled(blank, []), slice_position(farthest, slices.radii))
+        uncovered = (Layer(rest[:0], rest, farthest, sparse=True),)
     if backdrop is not None:
         assert isinstance(backdrop, Backdrop), "layers of all colours"
-        color, around = samples.nearest.color, (place.outer, place.inside)
-        invented, known = continued(color, radius, backdrop, *around, frame), stack.knows_behind()
+        around = place.outer, place.inside
+        invented, known = continued(layers[0], backdrop, *around, frame), stack.knows_behind()
         if invented is not None and known is not None:
             everywhere = torch.full_like(radius, torch.inf)
+            color = layers[0].color
             behind = HiddenLayer(*map(place.inside.of, (color, everywhere, known)))
             middle = axes(frame.size, place.held.top, place.held.left)
             _, invented = separated(behind, invented, middle)
         fills = place.fills(invented, known=False)
     openings = Openings.of(stack.opaque(), slices.radii, slices.visible.layers)
     return _Seen(
-        samples.nearest,
-        radius,
-        positions,
+        layers,
+        slice_position(radius, slices.radii),
         highlights,
         fills,
-        others=samples.others,
-        behind=None if hidden is None else within(hidden, positions),
+        behind=stack.hidden(),
         uncovered=uncovered,
         openings=openings.over(place.core),
-        solid=stack.solid(layered.limits[1]),
-        further=(place.core.of(stack.signed_radius[1:]), place.core.of(further)),
+        solid=(Layer.whole(image[:0], stack.solid(layered.limits[1])),),
     )
 
 
-def _samples_within(place: _Place, samples: Sampled, positions: Tensor) -> SurfaceSamples:
+def _samples_within(place: _Place, layers: Sequence[Layer]) -> SurfaceSamples:
     """The samples whose light reaches the tiles."""
-    inside, radii = place.inside, place.frame.slices.radii
-    positions, others = inside.of(positions), samples.others
-    return SurfaceSamples.within(inside, samples.nearest, positions, radii, others=others)
+    radii = place.frame.slices.radii
+    layers = [layer.within(place.inside) for layer in layers]
+    if len(layers) > len(radii) + 1:
+        layers = [layers[0], *of_slices(layers[1:], radii)]
+    return SurfaceSamples(layers, slice_position(layers[0].signed_radius, radii))
 
 
 def _visible(place: _Place, seen: _Seen) -> SurfaceSamples:
     """The visible samples whose light reaches the tiles, with their slopes and shifts."""
-    frame, inside, shown = place.frame, place.inside, seen.shown
+    frame, inside, first = place.frame, place.inside, seen.layers[0]
     radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
-    around = inside.grown(AROUND, Box(0, 0, *seen.signed_radius.shape[-2:]))
-    inner, radius = inside.seen_from(around), around.of(seen.signed_radius)
+    around = inside.grown(AROUND, Box(0, 0, *first.signed_radius.shape[-2:]))
+    inner, radius = inside.seen_from(around), around.of(first.signed_radius)
     positions = around.of(seen.positions)
     lean = shifts = None
     if frame.content.tilted:
         lean = slopes(radius, frame.quality.min_slope)
     if frame.settings.left_right and frame.copies_in_focus:
-        color = around.of(shown.color)
+        color = around.of(first.color)
         shifts = Shifts(color, radius, positions, inner, radii, aperture, parts[groups[-1]])
     lean = None if lean is None else inner.of(lean)
-    return SurfaceSamples.within(
-        inside, shown, inner.of(positions), radii, lean, shifts, seen.others
-    )
+    samples = _samples_within(place, seen.layers)
+    return samples._replace(positions=inner.of(positions), slopes=lean, shifts=shifts)
 
 
 def _fractions_seen(
     place: _Place, seen: _Seen, bounds: Box, groups: list[slice]
 ) -> list[Tensor] | None:
     """As `_Place.fractions`, in the mean over the visible samples of each pixel."""
-    radius = place.core.of(seen.signed_radius)
+    first, *others = (layer.within(place.core) for layer in seen.layers)
+    radius = first.signed_radius
     total = place.fractions(bounds, radius, groups)
-    if total is None or seen.further is None:
+    if total is None or not first.sparse or not others:  # of a picture, its own surface alone
         return total
-    radii, weights = seen.further
+    radii = torch.stack([layer.signed_radius for layer in others])
+    weights = torch.stack([layer.covered for layer in others])
     total = [fraction * (1 - weights.sum(0)) for fraction in total]
     layers = max(1, _SAMPLES_AT_ONCE // radius.numel())
     for first in range(0, len(radii), layers):
@@ -290,11 +280,7 @@ def _discs(place: _Place, seen: _Seen, highlights: Highlights) -> Tensor:
     Of layers, what hides a part of a light is in its coverage already.
     """
     radii, (aperture, parts, *_) = place.frame.slices.radii, place.frame.division
-    if seen.solid is None:
-        occluders = occluders_of(seen.shown, seen.signed_radius, seen.positions, radii)
-    else:
-        positions = slice_position(seen.solid, radii)
-        occluders = [Occluder(seen.solid, positions, torch.ones_like(positions))]
+    occluders = occluders_of(seen.solid or seen.layers, radii)
     barrel = views_of(place.frame, highlights.at, place.core, place.grid.box)
     return draw(highlights, occluders, radii, aperture, parts, place.core, barrel)
 
@@ -313,9 +299,10 @@ class Region:
         frame = self._frame = place.frame
         slicing, groups = frame.slices.visible, frame.division.groups
         self._tiles = place.grid.tiles
-        self._layered, self._fallback, self._like = layered, fallback, seen.shown.color
+        self._layered, self._fallback, self._like = layered, fallback, seen.layers[0].color
         self._sight, self._openings, self._hidden = seen.sight, seen.openings, seen.hidden
         self._blur = Blur(
+            frame.slices.radii,
             slicing.windows,
             slicing.coarse,
             place.grid.seen_from(place.inner),
@@ -329,8 +316,11 @@ class Region:
             return self._blur.sliced(samples._replace(around=around), 1, slicing.layers)
 
         self._visible = sliced(_visible(place, seen))
-        self._behind = None if seen.behind is None else sliced(seen.behind)
-        self._uncovered = None if seen.uncovered is None else sliced(seen.uncovered)
+        behind, uncovered = (
+            sliced(_samples_within(place, layers)) if layers else None
+            for layers in (seen.behind, seen.uncovered)
+        )
+        self._behind, self._uncovered = behind, uncovered
         self._in_frame = _fractions_seen(place, seen, frame.box, groups[:1])
         self._in_scene = _fractions_seen(place, seen, frame.scene, groups) if frame.cut else None
         self._range = ColorRange.of(frame.content.channels, self._like, frame.content.minimum)
@@ -498,8 +488,7 @@ def rendered_regions(
     pixels, signed_radius = scene.image, scene.signed_radius
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     with unrecorded(signed_radius.device):
-        shown = _shown_at_once(frame, scene) if len(grids) == 1 else None
-        backdrop = _backdrop(frame, scene, shown)
+        backdrop = _backdrop(frame, scene)
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
     may_copy = not (isinstance(signed_radius, Tensor) and signed_radius.requires_grad)
@@ -518,7 +507,7 @@ def rendered_regions(
             return _copied(frame, grid, pixels)
         tiles: list[Views] = []
         with unrecorded(signed_radius.device):
-            region = region_of(frame, part, scene, backdrop, shown)
+            region = region_of(frame, part, scene, backdrop)
             work = recomputed(region.tile), range(len(part.tiles)), threads // at_once
             for tile in threaded(*work):
                 tiles.append(tile)
@@ -535,20 +524,7 @@ def rendered_regions(
     return in_order()
 
 
-def _shown_at_once(frame: SharedFrame, scene: Scene) -> Unmixed | None:
-    """The surfaces of a small frame, for its region and its backdrop; None to find them by part."""
-    taken_elsewhere = scene.layered or scene.surfaces or scene.matte is not None
-    if taken_elsewhere or not (frame.content.edges and frame.quality.unmixes):
-        return None
-    pixels, radius = (
-        frame.box.of(x).to(frame.dtype).contiguous() for x in (scene.image, scene.signed_radius)
-    )
-    return taken_apart(pixels, radius, None, frame.box, frame)
-
-
-def _backdrop(
-    frame: SharedFrame, scene: Scene, shown: Unmixed | None
-) -> Backdrop | SurfacesOfColors | None:
+def _backdrop(frame: SharedFrame, scene: Scene) -> Backdrop | SurfacesOfColors | None:
     """What hidden surfaces are continued from; None if none is."""
     content, layered = frame.content, scene.layered
     if not content.edges or scene.surfaces is not None:
@@ -569,7 +545,7 @@ def _backdrop(
         frame.settings.threads,
         content.limits,
         unmixes=frame.quality.unmixes and layered is None,
-        shown=shown,
+        matte=scene.matte,
     )
 
 

@@ -17,11 +17,11 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.depth.matting import Unmixed, unmixed, whole
 from defocus_core.renderer.compositing.highlights import split
 from defocus_core.renderer.engine.frame import Content, SharedFrame
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, KnownLayer, hidden_layer
+from defocus_core.renderer.layers.layer import Layer, layers_of, mixed_within
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import chosen, plus
@@ -33,7 +33,7 @@ from defocus_core.tensors.validation import backward_only, described
 class RegionSurfaces(NamedTuple):
     """The surfaces of a rectangle."""
 
-    shown: Unmixed
+    layers: tuple[Layer, ...]
     hidden: HiddenLayer | None  # those that are continued behind them; None where nothing is hidden
 
 
@@ -77,20 +77,20 @@ class SharedSurfaces:
         pixels, radius = (
             outer.of(x).to(frame.dtype).contiguous() for x in (self._pixels, self._radius)
         )
-        shown = taken_apart(pixels, radius, self._matte, outer, frame)
+        layers = layers_within(pixels, radius, self._backdrop, outer)
         if position in self._hidden:
             hidden = self._hidden[position]
         else:
-            ordinary = shown
+            ordinary = layers
             if frame.content.highlights:
-                ordinary, _ = split(shown, radius, frame.content.limit)
-            hidden = continued(ordinary.color, radius, self._backdrop, outer, inside, frame)
+                ordinary, _ = split(layers, self.colors, frame.content.limit)
+            hidden = continued(ordinary[0], self._backdrop, outer, inside, frame)
         if self.keeps:
             self._hidden[position] = hidden
             self._taken[position] += 1
             if self._taken[position] == self._groups:
                 del self._hidden[position]
-        return RegionSurfaces(shown, hidden)
+        return RegionSurfaces(layers, hidden)
 
     def prepare(self) -> None:
         """Find now what is found once for the whole frame."""
@@ -113,6 +113,7 @@ class SharedSurfaces:
             frame.settings.threads,
             frame.content.limits,
             unmixes=frame.quality.unmixes,
+            matte=self._matte,
         )
 
 
@@ -125,35 +126,31 @@ class SurfacesOfColors(NamedTuple):
 
     def at(self, outer: Box, inside: Box) -> RegionSurfaces:
         """As those of all colours."""
-        shown, hidden = self.shared.at(outer, inside)
-        _, layer, radius = shown.fringe
-        fringe = shown.fringe._replace(
-            layer=layer[:, [*self.channels, layer.shape[1] - 1]], signed_radius=radius + self.px
+        every, hidden = self.shared.at(outer, inside)
+        layers = tuple(
+            layer._replace(
+                color=layer.color[self.channels], signed_radius=layer.signed_radius + self.px
+            )
+            for layer in every
         )
-        shown = shown._replace(color=shown.color[self.channels], fringe=fringe)
         if hidden is None:
-            return RegionSurfaces(shown, None)
+            return RegionSurfaces(layers, None)
         color, radius, mask = hidden
-        return RegionSurfaces(shown, HiddenLayer(color[self.channels], radius + self.px, mask))
+        return RegionSurfaces(layers, HiddenLayer(color[self.channels], radius + self.px, mask))
 
 
-def taken_apart(
-    pixels: Tensor,  # [C, h, w] in the rectangle `outer`
-    signed_radius: Tensor,  # [h, w] px
-    matte: Pixels | None,  # [H, W], the coverage of a subject; None if it is not known
-    outer: Box,
-    frame: SharedFrame,
-) -> Unmixed:
-    """The visible surfaces of a region, mixed pixels taken apart where surfaces hide others."""
-    if not (frame.content.edges and frame.quality.unmixes):
-        return whole(pixels, signed_radius)
-    coverage = None if matte is None else outer.of(matte).to(signed_radius)
-    return unmixed(pixels, signed_radius, frame.content.limit, coverage)
+def layers_within(
+    pixels: Tensor, signed_radius: Tensor, backdrop: Backdrop, outer: Box
+) -> tuple[Layer, ...]:
+    """The layers of a part of a picture: [C, h, w] and [h, w] px in the rectangle `outer`."""
+    mixed = backdrop.mixed
+    if outer[2:] != backdrop.size:
+        mixed = mixed_within(mixed, outer, backdrop.size[0])
+    return layers_of(pixels, signed_radius, mixed)
 
 
 def continued(
-    color: Tensor,  # [C, h, w] of the visible surface in the rectangle `outer`
-    signed_radius: Tensor,  # [h, w] px
+    layer: Layer,  # the visible surface in the rectangle `outer`
     backdrop: Backdrop,
     outer: Box,
     inside: Box,
@@ -161,7 +158,7 @@ def continued(
 ) -> HiddenLayer | None:
     """The hidden layer of a region; None without any."""
     level = frame.slices.invented.level
-    return hidden_layer(color, signed_radius, backdrop, outer, inside, level=level)
+    return hidden_layer(layer.color, layer.signed_radius, backdrop, outer, inside, level=level)
 
 
 _DECODE = "decode integers to linear light first"

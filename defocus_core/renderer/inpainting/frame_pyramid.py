@@ -7,14 +7,13 @@ These pictures, and the map of the reach of each edge, are computed once for the
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.depth.matting import Unmixed, unmixed
+from defocus_core.depth.matting import MixedPixels, mixed_pixels, no_pixels
 from defocus_core.renderer.inpainting.coherence_transport import structure
 from defocus_core.renderer.inpainting.disocclusion import Reach, coarse_edges, grain_of, reach_of
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
@@ -23,8 +22,9 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
     pixels_of,
     stacked,
 )
+from defocus_core.renderer.layers.layer import layers_of, mixed_within
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import pieces
+from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.pyramid import Axis, axes, halves
 from defocus_core.tensors.source import Pixels, banded
@@ -51,6 +51,8 @@ class Backdrop(NamedTuple):
     levels: list[PyramidLevel]
     reach: Reach  # the reach of its depth edges
     fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
+    size: tuple[int, int]  # (height, width) in px
+    mixed: MixedPixels  # those of the frame, taken apart
     # [B] px, the range of the radii of each picture of a batch; None if there is one
     spans: Tensor | None = None
 
@@ -70,12 +72,9 @@ def backdrop_of(
     limits: tuple[float, float] | None = None,  # least and greatest radius in px; None to find them
     *,
     unmixes: bool = True,
-    shown: Unmixed | None = None,
+    matte: Pixels | None = None,  # [H, W], the coverage of a subject; None if it is not known
 ) -> Backdrop:
-    """The pyramid of a frame, and the reach of its edges.
-
-    `shown`: the frame with mixed pixels taken apart, where that is done at once; None to do it.
-    """
+    """The pyramid of a frame, the reach of its edges, and its mixed pixels taken apart."""
     H, W = signed_radius.shape[-2:]
     device = signed_radius.device
     dtype = dtype or pixels.dtype
@@ -88,52 +87,53 @@ def backdrop_of(
     half = halves(H, fine[0])
     quarter = halves(half.length, half.axis)
 
-    def band_of(rows: tuple[int, int]) -> tuple[PyramidLevel, Tensor, int, int]:
-        """The level and the edges of a band of rows [first, end), and these rows in the level."""
+    def band_of(rows: tuple[int, int]) -> _Band:
+        """The rows [first, end) of the level."""
         first, last = (row - quarter.axis.middle for row in rows)
         top = max(0, fine[0].middle + 4 * (first - _AROUND))
         below = min(H, fine[0].middle + 4 * (last + _AROUND) + fine[0].odd)
-        band = Box(top, 0, below - top, W)
-        level, edges, halved_rows = _coarsely(
-            band.of(pixels).to(dtype),
-            band.of(signed_radius).to(dtype),
-            limit,
-            grain,
-            axes((H, W), top),
-            unmixes=unmixes,
-            shown=shown,
-        )
-        start = 0 if rows[0] == 0 else 2 * first + halved_rows
-        end = edges.shape[-2] if rows[1] == quarter.length else 2 * last + halved_rows
+        box = Box(top, 0, below - top, W)
+        color, radius = (box.of(x).to(dtype) for x in (pixels, signed_radius))
+        coverage = None if matte is None else box.of(matte).to(radius)
+        mixed = mixed_pixels(color, radius, limit, coverage) if unmixes else no_pixels(color)
+        level, edges, halved_rows = _coarsely(color, radius, limit, grain, axes((H, W), top), mixed)
+        is_first, is_last = rows[0] == 0, rows[1] == quarter.length
+        start = 0 if is_first else 2 * first + halved_rows
+        end = edges.shape[-2] if is_last else 2 * last + halved_rows
+        if not (is_first and is_last):
+            own = Box(0, 0, H, W) if is_first else Box(fine[0].middle + 4 * first, 0, H, W)
+            own = own if is_last else own._replace(height=fine[0].middle + 4 * last - own.top)
+            mixed = mixed_within(mixed, own.seen_from(box), below - top)
+            mixed = mixed._replace(at=mixed.at + sent([own.top, 0], mixed.at))
         middle = level.middle[0].middle
-        return level, edges[..., start:end, :], first + middle, last + middle
+        return _Band(level, edges[..., start:end, :], first + middle, last + middle, mixed)
 
     batch, rows = len(signed_radius.shape) > 2, max(1, pieces(device, _BYTES_EACH) // (W << 2))
-    if batch or shown is not None or rows >= quarter.length:
-        level, edges, _, _ = band_of((0, quarter.length))
-    else:
-        edges = torch.empty(
-            half.length, halves(W, fine[1]).length, dtype=torch.int32, device=device
-        )
-        cuts = [*range(0, quarter.length, rows), quarter.length]
-        bands = threaded(band_of, list(pairwise(cuts)), threads)
-        level = stacked(_with_edges(bands, edges), quarter.length, quarter.axis)
+    rows = quarter.length if batch else rows
+    cuts = [*range(0, quarter.length, rows), quarter.length]
+    bands = list(threaded(band_of, list(pairwise(cuts)), threads))
+    level, edges, mixed = bands[0].level, bands[0].edges, bands[0].mixed
+    if len(bands) > 1:
+        level = stacked(bands, quarter.length, quarter.axis)
+        edges = torch.cat([band.edges for band in bands])
+        mixed = MixedPixels.joined([band.mixed for band in bands])
+    del bands
     levels = [level]
     while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
     spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0] if batch else None
-    return Backdrop(levels, reach_of(edges, grain, maximum - minimum, fine), fine, spans)
+    reach = reach_of(edges, grain, maximum - minimum, fine)
+    return Backdrop(levels, reach, fine, (H, W), mixed, spans)
 
 
-def _with_edges(
-    bands: Iterable[tuple[PyramidLevel, Tensor, int, int]], edges: Tensor
-) -> Iterator[tuple[PyramidLevel, int, int]]:
-    """The levels of bands, and their rows; edges of all [h, w] are filled with those of each."""
-    done = 0
-    for level, band_edges, first, end in bands:
-        edges[done : done + len(band_edges)] = band_edges
-        done += len(band_edges)
-        yield level, first, end
+class _Band(NamedTuple):
+    """A band of rows of a frame."""
+
+    level: PyramidLevel  # of quarter resolution, with rows around
+    edges: Tensor  # [..., h, w], from `coarse_edges`, of the rows alone
+    first: int  # the first of its rows in the level
+    end: int  # the one after the last
+    mixed: MixedPixels  # those of its rows
 
 
 def _coarsely(
@@ -142,22 +142,17 @@ def _coarsely(
     limit: float,
     grain: float,
     middle: tuple[Axis, Axis],
-    *,
-    unmixes: bool,
-    shown: Unmixed | None = None,
+    mixed: MixedPixels,
 ) -> tuple[PyramidLevel, Tensor, int]:
     """The level of quarter resolution; edges at half resolution, and the middle row in these."""
     r = signed_radius.detach()
     farther = _beside_edges(r)
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
     weight.flatten()[farther] *= _MIXED
-    if unmixes:
-        pixels, _, fringe = shown or unmixed(pixels, signed_radius, limit)
-        index = fringe.at[:, 0] * r.shape[-1] + fringe.at[:, 1]
-        weights = weight.flatten()
-        of_farther = weights.index_select(0, index) * (1 - fringe.layer[:, -1])
-        weight = weights.index_copy(0, index, of_farther).view_as(weight)
-    half = coarser(pixels_of([pixels, signed_radius[None]], signed_radius, middle, weight))
+    own, *nearer = layers_of(pixels, signed_radius, mixed)
+    for layer in nearer:
+        weight = weight * (1 - layer.covered)
+    half = coarser(pixels_of([own.color, signed_radius[None]], signed_radius, middle, weight))
     edges = coarse_edges(r, farther, grain, middle)
     return coarser(structure(half)), edges, half.middle[0].middle
 

@@ -13,8 +13,8 @@ have there, and the rest from the next coarser level, until its weight is enough
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import Tensor
@@ -287,46 +287,48 @@ def _joined(sheets: list[CellSurface]) -> CellSurface:
     return CellSurface(torch.cat([sheet.data for sheet in sheets], 1))
 
 
-def stacked(
-    bands: Iterable[tuple[PyramidLevel, int, int]], height: int, axis: Axis
-) -> PyramidLevel:
+class RowsOfLevel(Protocol):
+    """Some rows of a level."""
+
+    @property
+    def level(self) -> PyramidLevel:
+        """The rows, with others around."""
+
+    @property
+    def first(self) -> int:
+        """The first of them in the level."""
+
+    @property
+    def end(self) -> int:
+        """The one after the last."""
+
+
+def stacked(bands: Sequence[RowsOfLevel], height: int, axis: Axis) -> PyramidLevel:
     """A level joined from bands of rows."""
-    whole: PyramidLevel | None = None
-    seconds: list[CellSurface] = []
-    done = held = 0
-    for band, first, end in bands:
-        width = band.size[1]
-        if whole is None:
-            blank = band.first.data.new_empty(len(band.first.data), height * width)
-            second_index = torch.full_like(band.first.minimum[:1], -1, dtype=torch.int32)
-            second_index = second_index.repeat(height * width)
-            middle = (axis, band.middle[1])
-            whole = PyramidLevel(
-                (height, width),
-                CellSurface(blank),
-                None,
-                second_index,
-                middle,
-                band.level,
-                band.edges[:0],
+    width, firsts, seconds, numbers, count = bands[0].level.size[1], [], [], [], 0
+    for band in bands:
+        level, rows = band.level, slice(band.first * width, band.end * width)
+        firsts.append(level.first.data[:, rows])
+        number = torch.full_like(level.edges[rows], -1, dtype=torch.int32)
+        if level.second is not None and level.second_index is not None:
+            index = level.second_index[rows]
+            kept = flat_nonzero(index >= 0)
+            seconds.append(level.second.select(index.index_select(0, kept)))
+            number[kept] = torch.arange(
+                count, count + len(kept), dtype=torch.int32, device=kept.device
             )
-        rows, coarse = slice(first * width, end * width), (end - first) * width
-        whole.first.data[:, done : done + coarse].copy_(band.first.data[:, rows])
-        if (
-            band.second is not None
-            and band.second_index is not None
-            and whole.second_index is not None
-        ):
-            second_index = band.second_index[rows]
-            kept = flat_nonzero(second_index >= 0)
-            seconds.append(band.second.select(second_index.index_select(0, kept)))
-            whole.second_index[kept + done] = torch.arange(
-                held, held + len(kept), dtype=torch.int32, device=kept.device
-            )
-            held += len(kept)
-        done += coarse
-    assert whole is not None
-    return whole._replace(second=_joined(seconds)) if held else whole._replace(second_index=None)
+            count += len(kept)
+        numbers.append(number)
+    first = bands[0].level
+    return PyramidLevel(
+        (height, width),
+        CellSurface(torch.cat(firsts, 1)),
+        _joined(seconds) if seconds else None,
+        torch.cat(numbers) if seconds else None,
+        (axis, first.middle[1]),
+        first.level,
+        first.edges[:0],
+    )
 
 
 # Weight from which on a pixel takes nothing from coarser levels.

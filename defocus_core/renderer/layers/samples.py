@@ -9,97 +9,16 @@ covers is nothing.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.depth.matting import Fringe, Unmixed
-from defocus_core.renderer.layers.slice_radii import membership, slice_position
-from defocus_core.renderer.layers.slopes import Shifts
+from defocus_core.renderer.layers.layer import Layer
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.derived import Mapped, held
-from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.source import Pixels, banded
-from defocus_core.tensors.sparse_masks import flat_nonzero, positions_of
-
-# Samples of pixels: [C + 1, H, W], colour premultiplied by coverage, then coverage; and [H, W],
-# their radii in px, or their positions between slice radii.
-Sheet = tuple[Tensor, Tensor]
-
-
-class SurfaceSamples(NamedTuple):
-    """A layer of the scene as samples with positions between slice radii."""
-
-    color: Tensor  # [C, H, W]
-    # [1, H, W], the share of each pixel that the layer covers; None if all are whole
-    coverage: Tensor | None
-    positions: Tensor  # [H, W] positions
-    # [n, 2] rows and columns of fringe samples; rows are counted on from one picture of a batch
-    # to the next
-    at: Tensor
-    extra: Tensor  # [n, C + 1] fringe samples: parts of nearer surfaces in the same pixels
-    extra_positions: Tensor  # [n] positions of fringe samples
-    slopes: Tensor | None  # [2, H, W] of the radius, px per px; None where no surface is tilted
-    # Sub-pixel shifts of the colours near focus; None if they are not rendered
-    shifts: Shifts | None
-    others: Sequence[Sheet] = ()  # further samples of the same pixels, at their positions
-    # The rectangle, counted from the first pixel, in which the pixels on the edge are repeated,
-    # as the frame continues them; None to repeat none
-    around: Box | None = None
-
-    @classmethod
-    def within(
-        cls,
-        box: Box,
-        pixels: Unmixed,  # [C, H, W]
-        positions: Tensor,  # [h, w] positions of the pixels in the box
-        radii: tuple[float, ...],
-        slopes: Tensor | None = None,  # [2, h, w] of the radius in the box
-        shifts: Shifts | None = None,
-        others: Sequence[Sheet] = (),  # further samples [C + 1, H, W] and their radii [H, W] px
-    ) -> SurfaceSamples:
-        """The samples of pixels in a box."""
-        coverage, fringe = pixels.coverage, pixels.fringe
-        at, extra, radius = fringe
-        if len(at):
-            height = pixels.color.shape[-2]
-            above = at[:, 0].div(height, rounding_mode="floor")
-            y, x = at[:, 0] - above * height - box.top, at[:, 1] - box.left
-            inside = (y >= 0) & (x >= 0) & (y < box.height) & (x < box.width)
-            at = torch.stack([y + above * box.height, x], 1)
-            number = flat_nonzero(inside)
-            at, extra, radius = (each.index_select(0, number) for each in (at, extra, radius))
-        further = [(box.of(layer), slice_position(box.of(r), radii)) for layer, r in others]
-        if len(further) > len(radii):
-            further = of_slices(further)
-        return cls(
-            box.of(pixels.color),
-            None if coverage is None else box.of(coverage),
-            positions,
-            at,
-            extra,
-            slice_position(radius, radii),
-            slopes,
-            shifts,
-            further,
-        )
-
-
-def of_slices(sheets: list[Sheet]) -> list[Sheet]:
-    """Samples of many sheets, at positions, summed to one sheet for each slice that holds any."""
-    sums: dict[int, Tensor] = {}
-    for layer, positions in sheets:
-        present = positions.detach()[layer[-1] != 0]
-        if not len(present):
-            continue
-        for k in range(math.floor(present.min()), math.ceil(present.max()) + 1):
-            part = layer * membership(positions, sent([k], positions))
-            sums[k] = sums[k] + part if k in sums else part
-    return [(layer, torch.full_like(layer[0], k)) for k, layer in sums.items()]
-
 
 # Greatest radius in px: any picture is a point beside it.
 _MAX_PX = 1e8
@@ -115,8 +34,6 @@ _CLEAR = 0.01
 # Samples of a pixel up to which each is compared with all others: a sort of few strides, and is
 # slow.
 FEW_SAMPLES = 8
-# Samples that fewer than one in so many pixels have are listed.
-_LISTED = 10
 
 
 class Layered(NamedTuple):
@@ -270,17 +187,17 @@ class SampleStack(NamedTuple):
             return None
         return torch.prod(1 - self.color[1:, -1].detach(), 0) <= _CLEAR
 
-    def visible(self) -> Sampled:
+    def visible(self) -> tuple[Layer, ...]:
         """What shows: the nearest sample, and what shows of those behind it."""
         return self._weighted(self.through[:-1])
 
-    def hidden(self) -> Sampled | None:
-        """What samples of nearer surfaces in the same pixel hide; None if nothing is hidden."""
+    def hidden(self) -> tuple[Layer, ...]:
+        """What samples of nearer surfaces in the same pixel hide, if anything is hidden."""
         if len(self.color) == 1:
-            return None
+            return ()
         weights = self._hidden_weights()
         if not bool((weights * self.color[:, -1] > _MINIMUM).any()):
-            return None
+            return ()
         return self._weighted(weights)
 
     def _hidden_weights(self) -> Tensor:
@@ -299,48 +216,21 @@ class SampleStack(NamedTuple):
             weights.append((not_hidden - self.through[k]).clamp(min=0))
         return torch.stack(weights)
 
-    def _weighted(self, weights: Tensor) -> Sampled:
+    def _weighted(self, weights: Tensor) -> tuple[Layer, ...]:
         """The samples times weights [L, h, w]."""
-        coverage = self.color[:, -1] * weights
-        first = self.color[0, -1:]
-        color = self.color[0] if self.with_alpha else self.color[0, :-1]
-        color = color / torch.where(first > 0, first, 1.0)
-        nothing = torch.zeros_like(coverage[0])
-        parts, others = [_fringe(self._layer(0, weights), nothing, self.signed_radius[0])], []
-        for k in range(1, len(weights)):
-            layer = self._layer(k, weights)
-            if int((coverage[k] > _MINIMUM).sum()) * _LISTED > coverage[k].numel():
-                others.append((layer, self.signed_radius[k]))
-            else:
-                parts.append(_fringe(layer, coverage[k], self.signed_radius[k]))
-        fringe = Fringe(*(torch.cat(part) for part in zip(*parts, strict=True)))
-        whole = bool((coverage[0] == 1).all())
-        return Sampled(Unmixed(color, None if whole else coverage[:1], fringe), others)
-
-    def _layer(self, k: int, weights: Tensor) -> Tensor:
-        """Sample k times its weight: its color, and last its coverage."""
-        layer = self.color[k] * weights[k]
-        return torch.cat([layer, layer[-1:]]) if self.with_alpha else layer
-
-
-class Sampled(NamedTuple):
-    """Samples of pixels."""
-
-    nearest: Unmixed  # the nearest ones, and as fringe further ones that few pixels have
-    others: list[Sheet]  # further ones that many pixels have
+        layers = []
+        for color, radius, weight in zip(self.color, self.signed_radius, weights, strict=True):
+            cover = color[-1:]
+            color = color if self.with_alpha else color[:-1]
+            color = color / torch.where(cover > 0, cover, 1.0)
+            layers.append(Layer(color, cover * weight, radius, sparse=True))
+        return tuple(layers)
 
 
 def _apart(radius: Tensor, nearer: Tensor) -> Tensor:
     """Up to 0 where radii [..., h, w] px are of one surface, from 1 on of two."""
     step = _NEAR + _FAR * torch.maximum(nearer.abs(), radius.abs())
     return 2 * (radius - nearer) / step - 1
-
-
-def _fringe(layer: Tensor, coverage: Tensor, signed_radius: Tensor) -> Fringe:
-    """The samples [C, h, w] of pixels that have coverage [h, w]."""
-    at = positions_of(coverage.detach() > _MINIMUM)
-    y, x = at.unbind(1)
-    return Fringe(at, layer[:, y, x].T, signed_radius[y, x])
 
 
 def ascending(values: Tensor) -> Tensor:

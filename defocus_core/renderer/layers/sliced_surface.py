@@ -7,7 +7,6 @@ even if its own pixels do. Beyond the frame, what is on its edge goes on.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from functools import cached_property, reduce
 from typing import NamedTuple
@@ -16,8 +15,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.renderer.layers.samples import SurfaceSamples
-from defocus_core.renderer.layers.slice_radii import membership, slice_before
+from defocus_core.renderer.layers.layer import Layer
+from defocus_core.renderer.layers.slice_radii import membership, slice_before, slice_position
+from defocus_core.renderer.layers.slopes import Shifts
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, min_transform
 from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.pyramid import Axis, averaged
@@ -31,32 +31,6 @@ def continue_edges(values: Tensor, given: Box) -> None:
         for edge, start, count in edges:
             if count:
                 values.narrow(dim, start, count).copy_(values.narrow(dim, edge, 1))
-
-
-def positions_continued(at: Tensor, size: tuple[int, int], box: Box) -> tuple[Tensor, Tensor]:
-    """Rows and columns of samples of which those on an edge are repeated all around.
-
-    `at`: [n, 2] rows and columns of samples; rows are counted on from one picture of a batch to the
-    next, here and in the result; `size`: (height, width) of the values that they are of. Returns
-    [m, 2] rows and columns in the rectangle, and the numbers [m] of the samples that are there.
-    """
-    number = torch.arange(len(at), device=at.device)
-    above = at[:, 0].div(size[0], rounding_mode="floor")
-    at = torch.stack([at[:, 0] - above * size[0], at[:, 1]], 1)
-    for dim, (side, length) in enumerate(zip(box.sides, size, strict=True)):
-        positions, numbers = [at], [number]
-        steps = (0, range(side.first, 0)), (length - 1, range(1, side.end - length + 1))
-        for edge, away in steps:
-            on_edge = torch.nonzero(at[:, dim] == edge)[:, 0]
-            if not len(away) or not len(on_edge):
-                continue
-            moved = at[on_edge].repeat(len(away), 1)
-            moved[:, dim] += torch.tensor(away, device=at.device).repeat_interleave(len(on_edge))
-            positions.append(moved)
-            numbers.append(number[on_edge].repeat(len(away)))
-        at, number = torch.cat(positions), torch.cat(numbers)
-    row = at[:, 0] - box.top + above.index_select(0, number) * box.height
-    return torch.stack([row, at[:, 1] - box.left], 1), number
 
 
 def level_beyond(slopes: Tensor, box: Box) -> Tensor:
@@ -302,105 +276,6 @@ def _extents(occupied: Tensor, along: Tensor, beside: Tensor) -> list[list[list[
     return torch.stack([start, torch.where(held.any(1), stop, start)], 2).tolist()
 
 
-class FringeSamples:
-    """The fringe samples of a surface, each with its share in one slice, sorted by layer."""
-
-    def __init__(
-        self, at: Tensor, samples: Tensor, positions: Tensor, layers: list[int], height: int
-    ) -> None:
-        """Sort samples by layer and by rows of blocks.
-
-        `at`: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next;
-        `samples`: [n, C + 1], colour premultiplied by coverage, then coverage; `positions`: [n]
-        positions between slice radii.
-        """
-        lower = positions.detach().floor()
-        slice_index = torch.cat([lower, lower + 1])
-        fraction = 1 - (torch.cat([positions, positions]) - slice_index).abs()
-        self._rows = -(-height // BLOCK)
-        layer_index = torch.tensor([*layers, layers[-1]], device=at.device)[slice_index.long()]
-        above = at[:, 0].div(height, rounding_mode="floor")
-        at = torch.stack([at[:, 0] - above * height, at[:, 1]], 1)
-        band = layer_index * self._rows + at[:, 0].div(BLOCK, rounding_mode="floor").repeat(2)
-        order = band.argsort(stable=True)
-        self._slice_index = slice_index.long().index_select(0, order)
-        sample = order % max(len(at), 1)
-        self._y, self._x = at.index_select(0, sample).unbind(1)
-        self._of = above.index_select(0, sample)  # the picture of the batch
-        self._samples = samples.index_select(0, sample).T * fraction.index_select(0, order)
-        counts = torch.bincount(band, minlength=(max(layers) + 1) * self._rows)
-        self._starts = [0, *counts.cumsum(0).tolist()]
-
-    def _range(self, layer_index: int, first: int, end: int) -> slice:
-        """Range of the sorted samples of a layer in rows of blocks from `first` to before `end`."""
-        offset = layer_index * self._rows
-        return slice(self._starts[offset + first], self._starts[offset + end])
-
-    def add(self, slices: Tensor, layer_index: int, first: int, window: Box, lit: Box) -> None:
-        """Add the samples in a rectangle to slices of a layer.
-
-        `slices`: [C + 1, k, ..., height, width]; changed in place.
-        """
-        chosen = self._range(layer_index, lit.top // BLOCK, -(-(lit.top + lit.height) // BLOCK))
-        if chosen.start == chosen.stop:
-            return
-        k, (height, width) = slices.shape[1], slices.shape[-2:]
-        slot, y, x = (
-            self._slice_index[chosen] - first,
-            self._y[chosen] - lit.top,
-            self._x[chosen] - lit.left,
-        )
-        inside = (slot >= 0) & (slot < k) & (y >= 0) & (y < lit.height)
-        inside &= (x >= 0) & (x < lit.width)
-        origin = (lit.top - window.top) * width + lit.left - window.left
-        pictures = math.prod(slices.shape[2:-2])
-        number = slot if pictures == 1 else slot * pictures + self._of[chosen]
-        spot = ((number * height + y) * width + x + origin) * inside
-        slices.view(len(slices), -1).index_add_(1, spot, self._samples[:, chosen] * inside)
-
-    def averaged(
-        self,
-        pixels: Tensor,
-        layer_index: int,
-        slice_index: int,
-        step: int,
-        coarse: Box,
-        middle: tuple[Axis, Axis],
-    ) -> None:
-        """Add the samples of a slice to this slice at reduced resolution.
-
-        `pixels`: [C + 1, ..., height, width], the slice without the samples; changed in place.
-        """
-        layer_range = self._range(layer_index, 0, self._rows)
-        index_of_slice = (
-            torch.nonzero(self._slice_index[layer_range] == slice_index)[:, 0] + layer_range.start
-        )
-        if not len(index_of_slice):
-            return
-        samples = self._samples.index_select(1, index_of_slice) / step**2
-        # for each axis: the coarse pixels that have a share of a sample, and their shares
-        sides = []
-        for position, axis, start in zip((self._y, self._x), middle, coarse[:2], strict=True):
-            offset = position[index_of_slice] - axis.middle
-            lower = offset.div(step, rounding_mode="floor")
-            upper = (offset - lower * step).to(samples.dtype) / step
-            sides.append(
-                [(lower - start, 1 - upper), (lower + 1 - start, upper)]
-                if axis.odd
-                else [(lower - start, torch.ones_like(upper))]
-            )
-        flat = pixels.view(len(pixels), -1)
-        first = self._of[index_of_slice] * (coarse.height * coarse.width)
-        channel = torch.arange(len(pixels), device=pixels.device)[:, None]
-        for y, row_weight in sides[0]:
-            for x, column_weight in sides[1]:
-                inside = (y >= 0) & (y < coarse.height) & (x >= 0) & (x < coarse.width)
-                spot = torch.where(inside, first + y * coarse.width + x, 0)
-                fractions = row_weight * column_weight * inside
-                # in a fixed order on a GPU, too, where index_add_ has none
-                flat.index_put_((channel, spot), samples * fractions, accumulate=True)
-
-
 # Slopes in px per px that differ by less are equal: pictures change by less than 2e-6.
 _SAME_SLOPE = 1.5e-5
 
@@ -458,11 +333,24 @@ class Planes:
 _BAND, _AREA, _BYTES_EACH = 64, 1 << 16, 120
 
 
-class _SampleTensors(NamedTuple):
-    """Samples of which no two are of one pixel."""
+class SurfaceSamples(NamedTuple):
+    """The layers of a surface that are blurred together, with what part of the lens sees of it."""
 
-    layer: Tensor  # [C + 1, ..., H, W] in a frame of zeros, continued around the samples
-    positions: Tensor  # [..., H, W] positions between slice radii, in the same frame
+    layers: Sequence[Layer]
+    positions: Tensor  # [..., H, W] positions of the first layer between slice radii
+    slopes: Tensor | None = None  # [2, H, W] of the radius, px per px; None if nothing is tilted
+    # Sub-pixel shifts of the colours near focus; None if they are not rendered
+    shifts: Shifts | None = None
+    # The rectangle, counted from the first pixel, in which the pixels on the edge are repeated,
+    # as the frame continues them; None to repeat none
+    around: Box | None = None
+
+
+class _FramedLayer(NamedTuple):
+    """A layer in a frame of zeros, continued around its samples."""
+
+    light: Tensor  # [C + 1, ..., H, W], premultiplied by coverage, then coverage
+    positions: Tensor  # [..., H, W] positions between slice radii
     # [K, rows, columns] bool, the blocks that hold samples of a slice, in any picture
     blocks: Tensor
 
@@ -478,6 +366,7 @@ class Surface:
     def __init__(
         self,
         samples: SurfaceSamples,
+        radii: tuple[float, ...],  # signed radius of each slice, in px
         reaches: list[int],  # blur radius of each slice, in px
         layers: list[int],
         grid: Grid,
@@ -496,25 +385,16 @@ class Surface:
         below, beside = max(last.top + beyond, H), max(last.left + beyond, W)
         self._framed_box = Box(top, left, below - top, beside - left)
         count = len(reaches)
-        whole = samples.coverage is None
-        self._sharp = reaches.index(0) if 0 in reaches else None
-        visible = self._sample_tensors(self._layer(samples), samples.positions, count, whole=whole)
-        others = [
-            self._sample_tensors(self._framed([x]), positions, count)
-            for x, positions in samples.others
+        sharp = reaches.index(0) if 0 in reaches else None
+        others = [slice_position(layer.signed_radius, radii) for layer in samples.layers[1:]]
+        self._samples = [
+            self._with_frame(layer, positions, count, sharp)
+            for layer, positions in zip(samples.layers, [samples.positions, *others], strict=True)
         ]
-        self._samples = [visible, *others]
         self._positions, self._shifts = self._samples[0].positions, samples.shifts
-        self._coverage = samples.coverage
-        blocks = reduce(torch.logical_or, [each.blocks for each in self._samples])
-        self._fringe = None
-        if len(samples.at):
-            at, layer_index = positions_continued(samples.at, size, around)
-            extra, positions = (x[layer_index] for x in (samples.extra, samples.extra_positions))
-            blocks = blocks | blocks_at(positions, at, count, (H, W), self._sharp).cpu()
-            self._fringe = FringeSamples(at, extra, positions, layers, H)
+        self._first = samples.layers[0]
+        self._blocks = blocks = reduce(torch.logical_or, [each.blocks for each in self._samples])
         self.plan = visible_slices(blocks, reaches, grid.tiles)
-        self._blocks = blocks
         self.tilted_plan: list[list[int]] = [[] for _ in grid.tiles]
         self._lean, self._planes = samples.slopes, None
         if samples.slopes is not None:
@@ -536,24 +416,15 @@ class Surface:
         self._unframed(self._own, framed).copy_(self._lean)
         return framed
 
-    def _sample_tensors(
-        self, layer: Tensor, positions: Tensor, count: int, *, whole: bool = False
-    ) -> _SampleTensors:
-        """Samples, from a framed layer and their places [H, W]; without coverage none exists."""
+    def _with_frame(
+        self, layer: Layer, positions: Tensor, count: int, sharp: int | None
+    ) -> _FramedLayer:
+        """A layer and its positions [..., H, W] in the frame."""
+        light = self._framed([layer.light, layer.covered[None]])
         framed = self._framed([positions[None]])[0]
-        inner, exists = self._unframed(self._own, framed), None
-        if not whole:
-            covered = self._unframed(self._own, layer.detach()[-1].bool())
-            exists = None if bool(covered.all()) else covered
-        return _SampleTensors(layer, framed, blocks_of(inner, count, exists, self._sharp).cpu())
-
-    def _layer(self, samples: SurfaceSamples) -> Tensor:
-        """The pixels themselves, colour times coverage and coverage, framed."""
-        color, coverage = samples.color, samples.coverage
-        if coverage is not None:
-            return self._framed([color * coverage, coverage])
-        one = torch.ones_like(color[:1, ..., :1, :1]).expand(1, *color.shape[1:])
-        return self._framed([color, one])
+        inner = self._unframed(self._own, framed)
+        exists = self._unframed(self._own, light.detach()[-1] > 0) if layer.sparse else None
+        return _FramedLayer(light, framed, blocks_of(inner, count, exists, sharp).cpu())
 
     def _framed(self, channels: list[Tensor]) -> Tensor:
         """Channels [n, ..., H, W], one after another, continued in a frame of zeros."""
@@ -591,30 +462,28 @@ class Surface:
 
     def members(self, slice_indices: range, window: Box, lit: Box) -> Tensor:
         """Slices of one layer within a window, [C + 1, k, ..., height, width]."""
-        slices = None
-        for each in self._samples_of(slice_indices, lit):
-            layer = self._unframed(window, each.layer)[:, None]
-            fractions = self._lit_fractions(each.positions, slice_indices, window, lit)
-            slices = layer * fractions if slices is None else slices.addcmul_(layer, fractions)
-        if slices is None:
-            first = self._samples[0].layer
-            pictures = first.shape[1:-2]
-            slices = first.new_zeros(len(first), len(slice_indices), *pictures, *window[2:])
-        if self._fringe:
-            self._fringe.add(
-                slices, self._layers[slice_indices.start], slice_indices.start, window, lit
-            )
+        first, *others = self._samples
+        layer = self._unframed(window, first.light)[:, None]
+        slices = layer * self._lit_fractions(first.positions, slice_indices, window, lit)
+        self._add_others(slices, others, slice_indices, window, lit)
         return slices
 
-    def _samples_of(self, slice_indices: range, box: Box) -> list[_SampleTensors]:
-        """The samples of slices that have pixels in the blocks of a box, the nearest first."""
-        if len(self._samples) == 1:
-            return self._samples
-        rows, columns = (
-            slice(max(span.first, 0) // BLOCK, -(-span.end // BLOCK)) for span in box.sides
-        )
-        within = slice(slice_indices.start, slice_indices.stop), rows, columns
-        return [each for each in self._samples if bool(each.blocks[within].any())]
+    def _add_others(
+        self,
+        slices: Tensor,
+        others: Sequence[_FramedLayer],
+        slice_indices: range,
+        window: Box,
+        lit: Box,
+    ) -> None:
+        """Add further layers within `lit` to slices [C + 1, k, ..., h, w] of a window, in place."""
+        numbers = self._slice_numbers[slice_indices.start : slice_indices.stop]
+        for each in others:
+            box = _bounds(each.blocks[slice_indices.start : slice_indices.stop], lit)
+            if box is not None:
+                fractions = membership(self._unframed(box, each.positions), numbers)
+                light = self._unframed(box, each.light)[:, None]
+                box.seen_from(window).of(slices).addcmul_(light, fractions)
 
     def _lit_fractions(
         self, positions: Tensor, slice_indices: range, window: Box, lit: Box
@@ -643,9 +512,9 @@ class Surface:
         """Sub-pixel shifts of a tile for each aperture part, [M, C, h, w]; None if it has none."""
         tile = self._tiles[index].seen_from(self._given)
         shifts = self._shifts.over(tile) if self._shifts else None
-        if shifts is None or self._coverage is None:
+        if shifts is None or self._first.is_whole:
             return shifts
-        return shifts * tile.of(self._coverage)
+        return shifts * tile.of(self._first.coverage)
 
     def slopes(self, window: Box) -> Tensor:
         """Slopes [2, height, width] within a window around a tile that has tilted slices."""
@@ -662,19 +531,9 @@ class Surface:
         )
 
     def bounds(self, slice_indices: list[int], within: Box | None = None) -> Box:
-        """The rectangle of blocks that hold samples of the given slices.
-
-        `within`: a rectangle whose rows alone are looked at; None for all rows.
-        """
-        rows = (within or self._own).sides[0]
-        first = rows.first // BLOCK
-        occupied = self._blocks[slice_indices, first : -(-rows.end // BLOCK)].any(0)
-        down, across = (torch.nonzero(occupied.any(dim))[:, 0].tolist() for dim in (1, 0))
-        if not down:
-            return Box(0, 0, 0, 0)
-        spans = Span(first + down[0], first + down[-1] + 1), Span(across[0], across[-1] + 1)
-        held = (Span(BLOCK * span.first, BLOCK * span.end) for span in spans)
-        return Box.over(*held).grown(0, self._own)
+        """The rectangle within another one of blocks that hold samples of the given slices."""
+        box = _bounds(self._blocks[slice_indices], self._own.grown(0, within or self._own))
+        return box or Box(0, 0, 0, 0)
 
     def averaged(
         self,
@@ -687,7 +546,7 @@ class Surface:
     ) -> Tensor:
         """A slice at reduced resolution; if tilted also times its slopes: [1 or 3, C + 1, h, w]."""
         kinds = 3 if tilted and self._slopes is not None else 1
-        first = self._samples[0].layer
+        first = self._samples[0].light
         result = first.new_zeros(kinds, *first.shape[:-2], *coarse[2:])
         for band in self._bands(slice_index, 1 << level, middle):
             pixels = self._slice(slice_index, band)[None]
@@ -703,22 +562,11 @@ class Surface:
             overlap = mean_box.grown(0, coarse)
             if overlap.height > 0 and overlap.width > 0:
                 overlap.seen_from(coarse).of(result).add_(overlap.seen_from(mean_box).of(pixels))
-        if self._fringe:
-            layer_index = self._layers[slice_index]
-            self._fringe.averaged(result[0], layer_index, slice_index, 1 << level, coarse, middle)
         return result
 
     def _slice(self, slice_index: int, box: Box) -> Tensor:
-        """The pixels [C + 1, h, w] of a slice in a box, without fringe."""
-        layer, *others = (
-            self._unframed(box, each.layer)
-            * membership(
-                self._unframed(box, each.positions),
-                self._slice_numbers[slice_index : slice_index + 1],
-            )
-            for each in self._samples
-        )
-        return sum(others, layer)
+        """The pixels [C + 1, h, w] of a slice in a box."""
+        return self.members(range(slice_index, slice_index + 1), box, box)[:, 0]
 
     def _bands(self, slice_index: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""
@@ -732,6 +580,23 @@ class Surface:
             if extent.width:
                 aligned = _aligned(extent._replace(top=band.top, height=0), step, middle)
                 yield band._replace(left=aligned.left, width=aligned.width).grown(0, self._own)
+
+
+def _bounds(blocks: Tensor, box: Box) -> Box | None:
+    """The rectangle within a box of the blocks [k, rows, columns] that hold any of k slices."""
+    rows, columns = (slice(max(s.first, 0) // BLOCK, -(-s.end // BLOCK)) for s in box.sides)
+    held = blocks[:, rows, columns].any(0)
+    down, across = held.any(1).tolist(), held.any(0).tolist()
+    if not any(down):
+        return None
+    spans = (
+        Span(
+            BLOCK * (start.start + which.index(True)),
+            BLOCK * (start.start + len(which) - which[::-1].index(True)),
+        )
+        for start, which in ((rows, down), (columns, across))
+    )
+    return Box.over(*spans).grown(0, box)
 
 
 def _aligned(box: Box, step: int, middle: tuple[Axis, Axis]) -> Box:

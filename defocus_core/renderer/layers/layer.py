@@ -1,0 +1,109 @@
+"""A layer: what is seen of one surface at each pixel, whichever way it was found.
+
+Layers of a picture are the surface that its depth names and the parts of nearer surfaces in the
+same pixels. Those of a layered scene are its samples, from near to far.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from defocus_core.depth.matting import MixedPixels
+from defocus_core.renderer.layers.slice_radii import membership, slice_position
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.sparse_masks import flat_nonzero
+
+
+class Layer(NamedTuple):
+    """Samples of pixels, no two of one pixel."""
+
+    color: Tensor  # [C, ..., H, W], not premultiplied by coverage; 0 where that is 0
+    # [1, ..., H, W], the share of each pixel that the layer covers; [1, 1, 1] where all are whole
+    coverage: Tensor
+    signed_radius: Tensor  # [..., H, W] px
+    sparse: bool = False  # whether pixels are without a sample
+
+    @classmethod
+    def whole(cls, color: Tensor, signed_radius: Tensor) -> Layer:
+        """A layer that covers all pixels."""
+        return cls(color, color.new_ones([1] * color.dim()), signed_radius)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether all pixels are known to be whole."""
+        return self.coverage.numel() == 1 < self.signed_radius.numel()
+
+    @property
+    def light(self) -> Tensor:
+        """[C, ..., H, W], premultiplied by coverage."""
+        return self.color if self.is_whole else self.color * self.coverage
+
+    @property
+    def covered(self) -> Tensor:
+        """[..., H, W], coverage of all pixels."""
+        return self.coverage.expand(1, *self.signed_radius.shape)[0]
+
+    def within(self, box: Box) -> Layer:
+        """The layer in a box."""
+        coverage = self.coverage if self.is_whole else box.of(self.coverage)
+        radius = box.of(self.signed_radius)
+        return Layer(box.of(self.color), coverage, radius, self.sparse)
+
+
+def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple[Layer, ...]:
+    """The layers of a picture: the surface that its depth names, then parts of nearer ones.
+
+    `image`: [C, ..., H, W]; `signed_radius`: [..., H, W] px.
+    """
+    if not len(mixed.at):
+        return (Layer.whole(image, signed_radius),)
+    index = mixed.at[:, 0] * signed_radius.shape[-1] + mixed.at[:, 1]
+    own, nearer = mixed.own, mixed.nearer
+
+    def with_mixed(values: Tensor, of_mixed: Tensor) -> Tensor:
+        return values.flatten(1).index_copy(1, index, of_mixed).view(values.shape)
+
+    shape = len(nearer), *signed_radius.shape
+    color, coverage, radius = with_mixed(image.new_zeros(shape), nearer).tensor_split([-2, -1])
+    ones = image.new_ones(1, *signed_radius.shape)
+    return (
+        Layer(with_mixed(image, own[:-1]), with_mixed(ones, own[-1:]), signed_radius),
+        Layer(color, coverage, radius[0], sparse=True),
+    )
+
+
+def mixed_within(mixed: MixedPixels, box: Box, height: int) -> MixedPixels:
+    """The mixed pixels in a box of a frame of a height, or of each picture of a batch."""
+    above = mixed.at[:, 0].div(height, rounding_mode="floor")
+    y, x = mixed.at[:, 0] - above * height - box.top, mixed.at[:, 1] - box.left
+    number = flat_nonzero((y >= 0) & (x >= 0) & (y < box.height) & (x < box.width))
+    at = torch.stack([y + above * box.height, x], 1)
+    return mixed._replace(at=at).select(number)
+
+
+def of_slices(layers: Sequence[Layer], radii: tuple[float, ...]) -> list[Layer]:
+    """Many layers as one for each slice that holds any of their samples."""
+    sums: dict[int, Tensor] = {}
+    for layer in layers:
+        positions = slice_position(layer.signed_radius, radii)
+        held = positions.detach()[layer.covered.detach() > 0]
+        if not len(held):
+            continue
+        light = torch.cat([layer.light, layer.covered[None]])
+        for k in range(int(held.min().floor()), int(held.max().ceil()) + 1):
+            part = light * membership(positions, sent([k], positions))
+            sums[k] = sums[k] + part if k in sums else part
+    return [
+        Layer(
+            light[:-1] / torch.where(light[-1:] > 0, light[-1:], 1.0),
+            light[-1:],
+            torch.full_like(light[0], radii[k]),
+            sparse=True,
+        )
+        for k, light in sums.items()
+    ]
