@@ -47,7 +47,13 @@ from defocus_core.renderer.engine.frame import (
     views_of,
 )
 from defocus_core.renderer.engine.layer_order import Filling, add_in_order
-from defocus_core.renderer.engine.scene import Scene, SurfacesOfColors, continued, layers_within
+from defocus_core.renderer.engine.scene import (
+    RegionSurfaces,
+    Scene,
+    SurfacesOfColors,
+    continued,
+    layers_within,
+)
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, known_within, separated
 from defocus_core.renderer.layers.layer import Layer, of_slices
@@ -157,7 +163,8 @@ def _of_picture(
 ) -> _Seen:
     """What a picture [C, H, W] and its radii show and hide."""
     frame, content, slices = place.frame, place.frame.content, place.frame.slices
-    of_all, layers = None, (Layer.whole(image, signed_radius),)
+    of_all: RegionSurfaces | None = None
+    layers: tuple[Layer, ...] = (Layer.whole(image, signed_radius),)
     if isinstance(backdrop, SurfacesOfColors):
         of_all = backdrop.at(place.outer, place.inside)
         layers = of_all.layers
@@ -196,7 +203,8 @@ def _of_layers(
     if highlights is not None:  # with an alpha of 0
         light = torch.cat([highlights.light, torch.zeros_like(highlights.light[:, :1])], 1)
         highlights = highlights._replace(light=light)
-    uncovered, fills, farthest = (), list[Filling](), torch.full_like(radius, layered.limits[1])
+    fills, farthest = list[Filling](), torch.full_like(radius, layered.limits[1])
+    uncovered: tuple[Layer, ...] = ()
     if layered.open and layered.is_continued:
         rest = stack.through[-1:]
         uncovered = (Layer(rest[:0], rest, farthest, sparse=True),)
@@ -263,9 +271,9 @@ def _fractions_seen(
     radii = torch.stack([layer.signed_radius for layer in others])
     weights = torch.stack([layer.covered for layer in others])
     total = [fraction * (1 - weights.sum(0)) for fraction in total]
-    layers = max(1, _SAMPLES_AT_ONCE // radius.numel())
-    for first in range(0, len(radii), layers):
-        radius, weight = (x[first : first + layers] for x in (radii, weights))
+    at_once = max(1, _SAMPLES_AT_ONCE // radius.numel())
+    for start in range(0, len(radii), at_once):
+        radius, weight = (x[start : start + at_once] for x in (radii, weights))
         fractions = place.fractions(bounds, radius, groups) or []
         total = [
             so_far + (fraction * weight).sum(2)
