@@ -114,7 +114,7 @@ def backdrop_of(
     bands = list(threaded(band_of, list(pairwise(cuts)), threads))
     level, edges, mixed = bands[0].level, bands[0].edges, bands[0].mixed
     if len(bands) > 1:
-        level = stacked(bands, quarter.length, quarter.axis)
+        level = stacked(((b.level, b.first, b.end) for b in bands), quarter.length, quarter.axis)
         edges = torch.cat([band.edges for band in bands])
         mixed = MixedPixels.joined([band.mixed for band in bands])
     del bands

@@ -13,11 +13,12 @@ have there, and the rest from the next coarser level, until its weight is enough
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from defocus_core.tensors.device_plan import launches_cost, pieces, sent
 from defocus_core.tensors.pyramid import (
@@ -38,7 +39,7 @@ _ALIKE, _GROWTH = 1.013, 1.5
 _BYTES_EACH = 1 << 13
 # Coarse pixels of a level all of which are split: on a CPU, and where an operation takes long to
 # begin.
-_FEW, _FEW_THERE = 1 << 9, 1 << 14
+_FEW, _FEW_THERE = 1 << 9, 1 << 17
 
 
 class CellSurface(NamedTuple):
@@ -143,10 +144,10 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     device, each = pyramid_level.first.data.device, size[0] * size[1]
     count = math.prod(pyramid_level.shape[:-2]) * each
     if count <= (_FEW_THERE if launches_cost(device) else _FEW):
-        every = torch.arange(count, device=device)
-        dense, near = _split(pyramid_level, every, (down, across), overlapping, alike)
+        held = _every(pyramid_level, (down, across), overlapping)
+        dense, near = _apart(*held, alike)
         is_edge = near.maximum > -torch.inf
-        second_index = torch.where(is_edge, every, -1)
+        second_index = torch.where(is_edge, torch.arange(count, device=device), -1)
         return PyramidLevel(
             size, dense, near, second_index, middle, pyramid_level.level + 1, is_edge
         )
@@ -264,13 +265,46 @@ def _split(
             torch.cat([data, nearer], 1),
             torch.cat([fraction, fraction * (second_index >= 0)]),
         )
-    values, weight, minimum, maximum = CellSurface(data.view(len(data), -1, count)).parts
-    weight = weight * fraction.view(-1, count)
+    return _apart(data.view(len(data), -1, count), fraction.view(-1, count), alike)
+
+
+def _every(
+    pyramid_level: PyramidLevel, axes: tuple[AxisHalving, AxisHalving], overlapping: bool
+) -> tuple[Tensor, Tensor]:
+    """What all n coarse pixels of half resolution hold: [K + 3, k, n], and their shares [k, 1]."""
+    data, shape = pyramid_level.first.data, pyramid_level.shape
+    sheets = [data]
+    if pyramid_level.second is not None and pyramid_level.second_index is not None:
+        index = pyramid_level.second_index
+        nearer = pyramid_level.second.data.index_select(1, index.clamp(min=0))
+        sheets.append(torch.cat([nearer[:-3], nearer[-3:-2] * (index >= 0), nearer[-2:]]))
+    pixels = torch.stack(sheets, 1).view(len(data), len(sheets), *shape)
+    missing, fractions = list[int](), list[Tensor]()
+    for axis, length in zip(axes, pyramid_level.size, strict=True):
+        offsets, by = zip(*_taps(axis, overlapping), strict=True)
+        before = axis.before - offsets[0]
+        missing = [before, 2 * axis.length - 2 + len(by) - before - length, *missing]
+        fractions.append(sent(by, data))
+    held = pad(pixels, missing).unfold(-2, len(fractions[0]), 2).unfold(-2, len(fractions[1]), 2)
+    held = held.movedim((-2, -1), (2, 3))
+    count = held.shape[1] * held.shape[2] * held.shape[3]
+    fraction = (fractions[0][:, None] * fractions[1]).flatten().repeat(len(sheets))
+    return held.reshape(len(data), count, -1), fraction[:, None]
+
+
+def _apart(data: Tensor, fraction: Tensor, alike: float) -> tuple[CellSurface, CellSurface]:
+    """The farthest surface and the next one in coarse pixels [n].
+
+    `data`: [K + 3, k, n], the surfaces that each holds; `fraction`: [k, n] or [k, 1], their shares.
+    """
+    values, weight, minimum, maximum = CellSurface(data).parts
+    weight = weight * fraction
     remaining, sheets = weight > 0, []
-    for _ in range(2):
+    for number in range(2):
         top = torch.where(remaining, maximum, -torch.inf).amax(0)
         chosen = remaining & (minimum > top - alike)
-        remaining = remaining & ~chosen
+        if not number:
+            remaining = remaining > chosen
         part = weight * chosen
         total = part.sum(0)
         mean = (values * part).sum(1) / torch.where(total > 0, total, 1.0)
@@ -287,27 +321,14 @@ def _joined(sheets: list[CellSurface]) -> CellSurface:
     return CellSurface(torch.cat([sheet.data for sheet in sheets], 1))
 
 
-class RowsOfLevel(Protocol):
-    """Some rows of a level."""
-
-    @property
-    def level(self) -> PyramidLevel:
-        """The rows, with others around."""
-
-    @property
-    def first(self) -> int:
-        """The first of them in the level."""
-
-    @property
-    def end(self) -> int:
-        """The one after the last."""
-
-
-def stacked(bands: Sequence[RowsOfLevel], height: int, axis: Axis) -> PyramidLevel:
-    """A level joined from bands of rows."""
-    width, firsts, seconds, numbers, count = bands[0].level.size[1], [], [], [], 0
-    for band in bands:
-        level, rows = band.level, slice(band.first * width, band.end * width)
+def stacked(
+    bands: Iterable[tuple[PyramidLevel, int, int]], height: int, axis: Axis
+) -> PyramidLevel:
+    """A level joined from bands: each a level, its first row that counts and the one after."""
+    firsts, seconds, numbers, count = [], [], [], 0
+    for level, start, end in bands:
+        width = level.size[1]
+        rows = slice(start * width, end * width)
         firsts.append(level.first.data[:, rows])
         number = torch.full_like(level.edges[rows], -1, dtype=torch.int32)
         if level.second is not None and level.second_index is not None:
@@ -319,15 +340,14 @@ def stacked(bands: Sequence[RowsOfLevel], height: int, axis: Axis) -> PyramidLev
             )
             count += len(kept)
         numbers.append(number)
-    first = bands[0].level
     return PyramidLevel(
         (height, width),
         CellSurface(torch.cat(firsts, 1)),
         _joined(seconds) if seconds else None,
         torch.cat(numbers) if seconds else None,
-        (axis, first.middle[1]),
-        first.level,
-        first.edges[:0],
+        (axis, level.middle[1]),
+        level.level,
+        level.edges[:0],
     )
 
 
