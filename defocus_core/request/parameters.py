@@ -389,7 +389,7 @@ _ROWS = (
         parse=quantities.highlights,
         metavar="auto|T:GAIN",
         help="Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like "
-        "16, from a threshold in linear light, like 0.93, up to white. Pictures with light above "
+        "8, from a threshold in linear light, like 0.93, up to white. Pictures with light above "
         "1 stay as they are.  [default: off]",
         tag="lights",
         example="auto",

@@ -207,7 +207,7 @@ def pair(
     return parse
 
 
-_LIGHTS = "like 0.93:16"
+_LIGHTS = "like 0.93:8"
 _clipped = pair(
     within(0, 0.999, "a threshold in linear light", _LIGHTS),
     within(1, 1000, "a gain", _LIGHTS),
@@ -217,7 +217,7 @@ _clipped = pair(
 
 
 def highlights(text: str) -> tuple[float, float] | None:
-    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
+    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:8``; None from ``off``."""
     word = text.strip().lower()
     return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
 
