@@ -188,8 +188,12 @@ def _clause(error: click.ClickException) -> str:
 def _fail(line: str, exit_code: int, code: str | None = None) -> int:
     """Say why a command failed, on stderr and, if ``--json`` asks for a document, on stdout."""
     line = with_dashes(line)
-    with suppress(OSError):
+    try:
         click.echo(f"defocus: {line}", err=True)
+    except OSError:  # a full disk, or a limit of the size of files
+        if not Due.json:
+            with suppress(OSError):
+                click.echo(f"defocus: {line}")
     if Due.json:
         with suppress(OSError, DefocusError):  # nobody reads stdout, or it cannot be written
             print_json(error={"message": line, "exit_code": exit_code, "code": code})
