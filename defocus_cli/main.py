@@ -28,7 +28,7 @@ from defocus_core.errors import (
     with_dashes,
 )
 from defocus_core.system.interrupts import Terminated, delayed_signals, terminations
-from defocus_core.system.text import version
+from defocus_core.system.text import versions
 
 # Each command, in the order help shows them, and what it does, so that help imports none of them.
 COMMANDS = {
@@ -92,7 +92,7 @@ class LazyGroup(click.Group):
 
 def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
     if wanted:
-        click.echo(f"defocus {version()}")
+        click.echo(f"defocus {versions()}")
         ctx.exit()
 
 
@@ -102,7 +102,11 @@ def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 @option(
-    "--version", "Print the version.", is_eager=True, expose_value=False, callback=_print_version
+    "--version",
+    "Print the versions of defocus and of its renderer.",
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
 )
 @click.pass_context
 def cli(ctx: click.Context) -> None:

@@ -188,6 +188,14 @@ def test_every_topic_is_linked_and_described_in_the_readme():
     assert {path.stem for path in HELP.iterdir()} == set(TOPICS)
 
 
+def test_all_who_tell_the_version_tell_the_same():
+    told = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
+    cited = (ROOT / ".github" / "CITATION.cff").read_text()
+    assert f"\nversion: {told}\n" in cited
+    assert f"version = {{{told}}}" in DOCUMENTS["cite"].read_text()
+    assert f"\n## {told}\n" in (ROOT / ".github" / "CHANGELOG.md").read_text()
+
+
 @pytest.mark.parametrize("name", TOPICS)
 def test_a_topic_is_printed_as_it_is(name):
     assert run("help", name).out == DOCUMENTS[name].read_text()

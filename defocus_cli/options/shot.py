@@ -98,8 +98,8 @@ def shot_lens_options(*, required: bool) -> Decorator:
         *lens_decorators(),
         lens_option(
             "--animate FILE",
-            "Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, "
-            "Nuke's .chan; or OPTION=FILE of lines like '1001 1.2m'.  ('defocus help shots')",
+            "Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, or "
+            "Nuke's .chan.  ('defocus help shots')",
             multiple=True,
         ),
         lens_option(

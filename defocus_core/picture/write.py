@@ -25,7 +25,7 @@ from defocus_core.picture.take import Take
 from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import Kind
 from defocus_core.request.parameters import RECORDED
-from defocus_core.system.text import version
+from defocus_core.system.text import versions
 
 
 class Contents(NamedTuple):
@@ -226,7 +226,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
         role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
     }
     values = {
-        "version": version(),
+        "version": versions(),
         "kind": kind.name,
         "color": job.picture.color.name,
         "depth": job.picture.depth.name,

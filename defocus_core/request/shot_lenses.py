@@ -19,7 +19,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.errors import InputError, Place, UsageProblem
+from defocus_core.errors import CALLER, InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
@@ -120,7 +120,7 @@ def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
 def read_animation(
     files: Iterable[str], interpolation: str | None, table: Table | None = None
 ) -> Animation:
-    """The animation of files, or ``option=FILE`` for a curve, and of ``[animate]``.
+    """The animation of files and of ``[animate]``.
 
     `interpolation`: linear or ease; None for that of TOML, or linear.
     """
@@ -130,13 +130,16 @@ def read_animation(
         every, interpolation = _keys_of(table)
     keys: Keys
     for text in files:
-        option, _, name = text.rpartition("=") if not (root / text).exists() else ("", "", text)
-        file = root / name
-        if file.suffix.lower() == ".toml" and not option:
+        file, (option, is_curve, _) = root / text, text.partition("=")
+        if is_curve and not file.exists():
+            remedy = f"give CSV, with the header frame,{option} above its lines"
+            where = CALLER.at("animate") if table is None else table.place("file")
+            raise UsageProblem("malformed", f"'{text}' is no file of keys", remedy, path=where)
+        if file.suffix.lower() == ".toml":
             keys, said = _keys_of(_animate_of(file))
             interpolation = interpolation or said
         else:
-            keys = read_keys(file, option or None)
+            keys = read_keys(file)
         for twice in keys.keys() & every.keys():
             problem = f"animates {twice}, as does {_first(every[twice]).where}"
             raise UsageProblem("contradiction", problem, "remove one of them", path=file)

@@ -12,8 +12,7 @@ from defocus_core.request.shot_lenses import ShotLenses, read_animation
 def animation(folder, text, name="pull.csv", **how):
     file = folder / name
     file.write_text(text)
-    option = f"{how['option']}={file}" if "option" in how else str(file)
-    return read_animation([option], how.get("interpolation"))
+    return read_animation([str(file)], how.get("interpolation"))
 
 
 def values(shot, frame):
@@ -74,8 +73,6 @@ def test_pairs_go_evenly_and_words_and_seeds_hold(tmp_path, option, first, last,
 def test_bare_numbers_are_metres_of_focus_and_millimetres_of_lenses(tmp_path):
     shot = animation(tmp_path, "frame,focus,focal-length\n1,2,35\n")
     assert values(shot, 1) == {"focus": 2000, "focal-length": 35}
-    curve = animation(tmp_path, "1001 1.5\n", "a.curve", option="focus")
-    assert values(curve, 1001) == {"focus": 1500}
 
 
 def test_keys_in_toml_say_how_they_are_joined(tmp_path):
@@ -112,9 +109,11 @@ def test_between_percentiles_there_is_nothing(tmp_path):
 
 def test_one_option_is_animated_once(tmp_path):
     (tmp_path / "a.csv").write_text("frame,focus\n1,1m\n")
-    (tmp_path / "b.txt").write_text("1 1m\n")
+    (tmp_path / "b.csv").write_text("frame,focus\n1,1m\n")
     with refuses("contradiction"):
-        read_animation([str(tmp_path / "a.csv"), f"focus={tmp_path / 'b.txt'}"], None)
+        read_animation([str(tmp_path / "a.csv"), str(tmp_path / "b.csv")], None)
+    with refuses("malformed", field="animate"):
+        read_animation([f"focus={tmp_path / 'pull.txt'}"], None)
 
 
 def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
