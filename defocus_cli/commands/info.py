@@ -95,12 +95,13 @@ def command(
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
     failures = Failures()
-    records = []
+    records: list[dict[str, Any]] = []
     for file in files:  # each is reported before the next is read
+        count = len(records)
         with failures.kept():
             records.append(inspect(file, reading, lens, lone=len(files) == 1))
-            if not as_json:
-                console.stdout(*file_lines(records[-1]))
+        if not as_json and len(records) > count:  # a stdout that is full ends all of it
+            console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)
     for pair in () if as_json else pairs:
         console.stdout(*_pair_lines(pair))

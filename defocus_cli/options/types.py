@@ -13,7 +13,7 @@ from defocus_core.errors import Place, UsageProblem, did_you_mean, with_dashes
 from defocus_core.reports.replaceable import refuse_other
 from defocus_core.request.output_kinds import FORMAT_ALIASES, SUFFIXES
 from defocus_core.request.parameters import Param
-from defocus_core.request.quantities import read_at
+from defocus_core.request.quantities import read_at, require_length
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -87,7 +87,7 @@ class Listed(click.ParamType[tuple[Any, ...]]):
         if not isinstance(value, str):
             return tuple(value)
         values = []
-        for word in value.split(","):
+        for word in read_at(position_of(param), require_length, value).split(","):
             try:
                 values.append(self.parse(word.strip()))
             except ValueError:

@@ -280,7 +280,7 @@ def is_at(path: Path, number: int) -> bool:
 
 
 def size_limit() -> float:
-    """The most bytes that the system lets this process write to a file, as ``ulimit -f`` sets it."""
+    """The most bytes that this process may write to a file, as ``ulimit -f`` sets it."""
     try:
         import resource
     except ImportError:

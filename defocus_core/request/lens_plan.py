@@ -48,6 +48,7 @@ from defocus_core.request.quantities import (
     percentage,
     pixel_count,
     read_at,
+    short,
     text_of,
 )
 from defocus_core.request.toml_file import Table, refuse_unknown
@@ -281,7 +282,7 @@ def _sets(table: Table) -> list[dict[str, str]]:
 
 def _range(name: str, text: str, where: Place) -> list[str]:
     """Texts of the values of a range; its ends are as they are written, values between rounded."""
-    match = _RANGE.fullmatch(text.strip())
+    match = _RANGE.fullmatch(read_at(where, short, text).strip())
     if not match:
         raise UsageProblem("malformed", f"'{text}' is no range", _RANGE_EXAMPLE, path=where)
     low, high = (_end(name, match[side].strip(), where) for side in (1, 2))

@@ -27,6 +27,7 @@ from defocus_core.request.quantities import (
     one_of,
     pixel_count,
     read_at,
+    short,
     text_of,
     whole,
 )
@@ -51,7 +52,7 @@ def format_name(text: str) -> str:
 
 def scale(text: str) -> float:
     """A factor, from ``0.001``, ``1/256`` or ``-1``."""
-    fraction = _FRACTION.fullmatch(text)
+    fraction = _FRACTION.fullmatch(short(text))
     if fraction:
         above, below = scale(fraction[1]), scale(fraction[2])
         return above / below
@@ -94,7 +95,7 @@ def field_of_view(text: str) -> float:
 
 def edge_width(text: str) -> float:
     """A width in the picture, from ``8px`` or ``8``; 0 for hard edges."""
-    px = 0.0 if re.fullmatch(r"\s*0+(\.0*)?\s*(px)?\s*", text, re.I) else pixel_count(text)
+    px = 0.0 if re.fullmatch(r"\s*0+(\.0*)?\s*(px)?\s*", short(text), re.I) else pixel_count(text)
     if px > WIDEST_EDGE:
         raise QuantityError(f"{px:g} px is a surface, and no edge", f"give {WIDEST_EDGE}px or less")
     return px
