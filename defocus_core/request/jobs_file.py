@@ -44,7 +44,7 @@ from defocus_core.request.job import (
 )
 from defocus_core.request.lens import Lens
 from defocus_core.request.lens_files import reading_in
-from defocus_core.request.origin import read_origin
+from defocus_core.request.origin import JobsSource, read_origin, source_of_tables
 from defocus_core.request.output_kinds import (
     COLOR_SPACES,
     FORMAT_ALIASES,
@@ -60,7 +60,7 @@ from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.request.resolver import layer_of, reading_of
 from defocus_core.request.shots import read_decisions, with_shot
 from defocus_core.request.splits import read_splits
-from defocus_core.request.toml_file import Table, read_toml, refuse_unknown, table
+from defocus_core.request.toml_file import Table, parsed_toml, read_bytes, refuse_unknown, table
 
 TABLES = (
     *("inputs", "split", "lens", "animate", "shot", "sweep", "sample"),
@@ -91,6 +91,7 @@ class Batch:
     reading: Reading  # how to read the files
     outputs: Outputs
     machine: Machine  # how it is computed
+    source: JobsSource  # what of all this was made, to be kept
 
     @property
     def count(self) -> int:
@@ -129,8 +130,10 @@ def read_batch(path: Path, outputs: Outputs, machine: Machine) -> Batch:
     `outputs`: directory to write to, and defaults for ``[outputs]``; `machine`: device, threads and
     memory, and defaults for ``[machine]``.
     """
-    remedy = "give a jobs file, with tables [inputs] and [lens]"
-    return batch_of(read_toml(path, what="jobs file", remedy=remedy), path, outputs, machine)
+    what, remedy = "jobs file", "give a jobs file, with tables [inputs] and [lens]"
+    data = read_bytes(path, what, remedy)
+    tables = parsed_toml(data, path, what=what, remedy=remedy)
+    return batch_of(tables, path, outputs, machine, JobsSource(path, data))
 
 
 def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
@@ -141,8 +144,17 @@ def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
     return read_batch(path, outputs, machine).jobs()
 
 
-def batch_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: Machine) -> Batch:
-    """What the tables of a jobs file ask for; all else is as of `read_batch`."""
+def batch_of(
+    stored: Mapping[str, Any],
+    path: Path,
+    outputs: Outputs,
+    machine: Machine,
+    source: JobsSource | None = None,
+) -> Batch:
+    """What the tables of a jobs file ask for; all else is as of `read_batch`.
+
+    `source`: what they were read from; None for tables from Python.
+    """
     refuse_unknown(stored, TABLES, path, "a jobs file", "table")
     named = {name: table(path, stored, name) for name in TABLES}
     read_origin(named["dataset"])
@@ -153,7 +165,8 @@ def batch_of(stored: Mapping[str, Any], path: Path, outputs: Outputs, machine: M
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
     entries, shot = read_inputs(named["inputs"], animation.frames)
-    batch = Batch(path, named, entries, shot, lenses, reading, outputs, machine)
+    source = source or source_of_tables(stored)
+    batch = Batch(path, named, entries, shot, lenses, reading, outputs, machine, source)
     if batch.count > MAX_JOBS:
         problem = f"asks for {batch.count} pictures"
         raise UsageProblem(

@@ -267,7 +267,7 @@ def test_an_index_that_was_tampered_with_is_refused(attack, tmp_path, mine):
             index.write_bytes(text[attack] + b"\n")
     with refuses("unreadable" if attack in ("pipe", "link") else "malformed"):
         list(finished.samples(tmp_path))
-    assert sample_index.listed(tmp_path) == ({"a"} if attack == "foreign" else None)
+    assert sample_index.listed(tmp_path) is None
     assert sample_index.withdraw(tmp_path, {"b"}, alone=True) == set()
 
 

@@ -17,6 +17,7 @@ from pathlib import Path
 from defocus_core.batch.datasets import card, sample_index, tar_shards
 from defocus_core.batch.journal.journal import Record, read_all
 from defocus_core.batch.journal.resume import Ledger
+from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
 from defocus_core.request.origin import origin_of
 from defocus_core.system.memory import without_collections
@@ -47,6 +48,22 @@ def index(
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
+
+
+def refuse_foreign(out: Path, splits: Collection[str], *, packs: bool) -> None:
+    """Refuse an OUT in which the index, the card or shards are not of a batch.
+
+    `splits`: of the samples; `packs`: whether shards are asked for.
+    """
+    lists = [sample_index.NAME, *(sample_index.list_name(split) for split in splits if split)]
+    names = [name for name in lists if not sample_index.is_own(out, name)]
+    names += [] if card.is_own(out) else [card.JSON]
+    if packs or tar_shards.listed(out) is not None:
+        names += filter(None, [tar_shards.foreign(out)])
+    if names:
+        problem = "exists already, and no batch has written it"
+        remedy = "move it away, or choose another -o"
+        raise InputError("exists", problem, remedy, path=out / names[0])
 
 
 def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
