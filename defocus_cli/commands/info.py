@@ -27,7 +27,7 @@ from defocus_core.reports.inspection.inspection import (
 from defocus_core.request.job import Picture, Reading, reading_through
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
-from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.system.text import counted
 
 
@@ -38,7 +38,7 @@ from defocus_core.system.text import counted
 @shared.json_option
 def command(
     files: tuple[Path, ...],
-    lenses: ShotLenses | None,
+    lenses: PictureLenses | None,
     reading: Reading,
     as_json: bool,
 ) -> None:

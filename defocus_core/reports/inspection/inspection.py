@@ -35,8 +35,8 @@ from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pa
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
 from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import length_text
-from defocus_core.request.shot_lenses import ShotLenses
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.memory import MB
 
@@ -341,7 +341,7 @@ def _clause(error: InputError) -> str:
 
 
 def summarise_shots(
-    patterns: Sequence[Path], reading: Reading, lenses: ShotLenses | None
+    patterns: Sequence[Path], reading: Reading, lenses: PictureLenses | None
 ) -> list[dict[str, Any]]:
     """What ``defocus info --json`` prints of each pattern.
 
