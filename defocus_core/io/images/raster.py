@@ -162,7 +162,9 @@ def open_heic(path: Path) -> Any:
 def _heic_page(path: Path) -> Raster:
     """The picture of a HEIC photograph, which libheif has turned upright."""
     file = open_heic(path)
-    space = profiled_space(bytes(file.info.get("icc_profile") or b""))
+    space = profiled_space(
+        bytes(file.info.get("icc_profile") or b""), 1 if file.mode[0] == "L" else 3
+    )
     width, height = file.size
     return Raster(
         width=width,
