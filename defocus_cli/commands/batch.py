@@ -21,6 +21,7 @@ from defocus_core.errors import UsageProblem
 from defocus_core.request import origin
 from defocus_core.request.job import Job, Outputs
 from defocus_core.request.jobs_file import read_batch
+from defocus_core.request.origin import JobsSource
 from defocus_core.system.process import cores
 
 
@@ -91,20 +92,22 @@ def command(
         read_inputs=check_inputs == "hash",
         spread=crew.spread,
     )
+    jobs = batch.jobs()
+    asked = {job.sample_id for job in jobs}
+    splits = {job.split.name for job in jobs}
+    update.refuse_foreign(out, splits, packs=shards_size is not None)
     if dry_run:
         from defocus_cli.words import dry_run as dry_runs
 
-        dry_runs.report_batch(batch, execution, crew.count, as_json=as_json, verbose=verbose)
+        dry_runs.report_batch(jobs, out, execution, crew.count, as_json=as_json, verbose=verbose)
         return
-    jobs = batch.jobs()
-    asked = {job.sample_id for job in jobs}
     carry_out(
         jobs,
         out,
         execution,
         shards_size,
         asked,
-        jobs_file=jobs_file,
+        source=batch.source,
         html=html,
         as_json=as_json,
         verbose=verbose,
@@ -118,20 +121,20 @@ def carry_out(
     shards_size: int | None,
     asked: Collection[str] | None,
     *,
-    jobs_file: Path | None = None,
+    source: JobsSource | None = None,
     html: Path | None = None,
     as_json: bool,
     verbose: bool,
 ) -> None:
     """Do jobs, index and show the samples that are ``asked`` for, all if None, and tell.
 
-    The jobs file is kept in OUT, if they are of one.
+    `source`: the jobs file that they are of, which is kept in OUT.
     """
     report = batch_report.BatchReport(each=verbose, verbose=verbose)
     with report.bar("job"):
         summary = run.carry_out(jobs, out, execution, report)
-    if jobs_file is not None:
-        origin.keep(out, jobs_file)
+    if source is not None:
+        origin.keep(out, source)
     written = []
     if execution.shard is None and not summary.interrupted:
         written = update.index(out, shards_size, asked, summary.unchanged)

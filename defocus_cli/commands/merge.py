@@ -12,6 +12,7 @@ from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
 from defocus_core.batch.journal import run_file
+from defocus_core.batch.journal.journal import read_all
 from defocus_core.system.text import counted
 
 
@@ -31,6 +32,8 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
       defocus merge out
       defocus merge out --shards-size 1GB
     """  # noqa: D301  click reads the backspace
+    splits = {record.get("split", "") for record in read_all(out)}
+    update.refuse_foreign(out, splits, packs=shards_size is not None)
     merged = run_file.merge(out)
     written = update.index(out, shards_size)
     journals = counted(merged.journals, "journal")

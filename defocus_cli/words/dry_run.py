@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from defocus_cli.words import console
@@ -14,7 +15,6 @@ from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
 from defocus_core.picture.forecast import Forecast
 from defocus_core.request.job import Job, Outputs
-from defocus_core.request.jobs_file import Batch
 from defocus_core.system.text import counted, duration
 
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
@@ -57,13 +57,19 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
 
 
 def report_batch(
-    batch: Batch, execution: Execution, processes: int, *, as_json: bool, verbose: bool
+    jobs: Sequence[Job],
+    out: Path,
+    execution: Execution,
+    processes: int,
+    *,
+    as_json: bool,
+    verbose: bool,
 ) -> None:
     """Report a batch in a few lines, and each job if ``verbose``.
 
     Jobs that would fail or be rejected are named on stderr.
     """
-    plan = make_plan(batch.jobs(), batch.outputs.root, execution)
+    plan = make_plan(jobs, out, execution)
     todo = [job for job, _ in plan.todo]
     by_number, unusable = _forecasts(todo)
     samples = list(by_number.values())

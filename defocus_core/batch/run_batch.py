@@ -17,7 +17,8 @@ from defocus_core.batch.workers.run import Summary
 from defocus_core.errors import UsageProblem
 from defocus_core.request import origin
 from defocus_core.request.job import DEVICES, Job, Machine, Outputs
-from defocus_core.request.jobs_file import batch_of, read_jobs
+from defocus_core.request.jobs_file import batch_of, read_batch
+from defocus_core.request.origin import JobsSource
 
 Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
 
@@ -35,15 +36,20 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
         InputError: A file cannot be read or is missing, or files do not pair up.
         UsageProblem: A key is unknown, a value makes no sense, or two contradict each other.
     """
-    outputs = Outputs(Path(out), overwrite=overwrite)
+    return _asked(jobs, Outputs(Path(out), overwrite=overwrite))[0]
+
+
+def _asked(jobs: Jobs, outputs: Outputs) -> tuple[list[Job], JobsSource | None]:
+    """The jobs of a batch, and what of they were made if it can be kept."""
     if isinstance(jobs, Mapping):
-        return batch_of(jobs, Path("jobs"), outputs, Machine()).jobs()
-    if isinstance(jobs, str | PathLike):
-        return read_jobs(Path(fspath(jobs)), outputs, Machine())
-    root = outputs.root
-    return [
-        replace(job, outputs=replace(job.outputs, root=root, overwrite=overwrite)) for job in jobs
-    ]
+        batch = batch_of(jobs, Path("jobs"), outputs, Machine())
+    elif isinstance(jobs, str | PathLike):
+        batch = read_batch(Path(fspath(jobs)), outputs, Machine())
+    else:
+        root, overwrite = outputs.root, outputs.overwrite
+        here = [replace(job.outputs, root=root, overwrite=overwrite) for job in jobs]
+        return [replace(job, outputs=to) for job, to in zip(jobs, here, strict=True)], None
+    return batch.jobs(), batch.source
 
 
 def run_batch(
@@ -95,7 +101,9 @@ def run_batch(
         remedy = f"choose from {', '.join(DEVICES)}"
         raise UsageProblem("unknown-name", f"'{device}' is not known", remedy, field="device")
     config = WorkerConfig("local", processes, threads, device, memory, None)
-    asked = computed_by(batch_jobs(jobs, out, overwrite=overwrite), config.machine)
+    asked, source = _asked(jobs, Outputs(Path(out), overwrite=overwrite))
+    asked = computed_by(asked, config.machine)
+    update.refuse_foreign(Path(out), {job.split.name for job in asked}, packs=False)
     execution = Execution(
         pipeline.execute if processes == 1 else config.execute(),
         limit=limit,
@@ -106,8 +114,8 @@ def run_batch(
     summary = run.carry_out(asked, Path(out), execution, _Callbacks(ended))
     if summary.interrupted and summary.left:
         raise KeyboardInterrupt
-    if isinstance(jobs, str | PathLike | Mapping):
-        origin.keep(Path(out), jobs if isinstance(jobs, Mapping) else Path(jobs))
+    if source is not None:
+        origin.keep(Path(out), source)
     update.index(Path(out), None, {job.sample_id for job in asked}, summary.unchanged)
     return summary
 

@@ -8,16 +8,16 @@ lens is asked for, in one error with a command that runs. Batches never guess.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.reading import (
     DepthReading,
@@ -30,15 +30,10 @@ from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import is_heic, read_head
 from defocus_core.request.job import Picture, Reading, reading_through
 from defocus_core.request.lens import Lens
-from defocus_core.request.lens_from_options import (
-    lens_of,
-    missing_options,
-    missing_words,
-    read_lens_file,
-)
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import FileNumbers
-from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.resolver import Given, Layer, missing_options, missing_words
 from defocus_core.system.text import command_line, note
 
 SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, of the longer side
@@ -173,46 +168,44 @@ def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bo
 
 
 def completed(
-    lenses: ShotLenses, pictures: Sequence[Picture], reading: Reading, typed: Sequence[str]
-) -> ShotLenses:
+    lenses: PictureLenses, pictures: Sequence[Picture], reading: Reading, typed: Sequence[str]
+) -> PictureLenses:
     """The lenses with blur and focus of a lone picture of relative depth, which a note says."""
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.varies or lenses.radii:
         return lenses
     picture = pictures[0]
-    stored = {} if lenses.file is None else read_lens_file(lenses.file)
-    given = {**stored, **lenses.flags}
+    given = lenses.options
     if given.keys() <= BESIDE_BLUR and ("blur" in given or is_relative(picture.depth, reading)):
         taken = _of_relative(picture, reading, given, alone=lenses.file is None)
         if not taken:
             return lenses
-        words = " ".join(f"‹{name}› {LENS_OPTIONS[name].text(v)}" for name, v in taken.items())
+        words = " ".join(f"‹{name}› {each.text}" for name, each in taken.items())
         says_near = reading.invert is not None or own_format(picture.depth)
         near = "" if says_near else "; if black is near, add ‹invert›"
         note(f"defocus: {picture.depth}: relative depth, taken with {words}{near}")
-        return replace(lenses, flags={**lenses.flags, **taken})
+        return replace(lenses, own={**lenses.own, **taken})
     if lacking := missing_options(given):
         raise _incomplete(picture, reading, lacking, typed, has_file=lenses.file is not None)
     return lenses
 
 
 def _of_relative(
-    picture: Picture, reading: Reading, given: Mapping[str, Any], *, alone: bool
-) -> dict[str, Any]:
+    picture: Picture, reading: Reading, given: Layer, *, alone: bool
+) -> dict[str, Given]:
     """Blur and focus, as far as they are not given; without a lens file the surface in focus."""
     size = size_of(picture)
-    taken: dict[str, Any] = {}
+    taken: dict[str, str] = {}
     if "blur" not in given:
-        taken["blur"] = float(max(1, round(SHARE_OF_SIDE * max(size))))
+        taken["blur"] = f"{max(1, round(SHARE_OF_SIDE * max(size)))}px"
     if not given.keys() & set(_UNFOCUSED):
-        lens = lens_of({"blur": taken.get("blur", 1.0)})
-        depth = _depth_alone(picture, reading_through(reading, lens))
+        depth = _depth_alone(picture, reading_through(reading, replace(_LENS, blur=1.0)))
         if picture.color != picture.depth:
             require_size(picture.depth, reading, depth.metres.shape, size)
         subject = subject_of(depth)
-        taken["focus-at"] = subject.within(size)
+        taken["focus-at"] = "{},{}".format(*subject.within(size))
         if alone and (numbers := surface_of(depth, subject)):
-            taken["sharp-range"] = numbers
-    return taken
+            taken["sharp-range"] = str(numbers)
+    return {name: Given(text, CALLER.at(name)) for name, text in taken.items()}
 
 
 def _incomplete(

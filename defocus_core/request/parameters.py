@@ -40,6 +40,7 @@ class Param:
     optional_unit: str = ""  # a unit that a text may leave out, and that is written for people
     # What stands between the numbers or words of its value, if these are several
     separator: str = ""
+    instead_of: str = ""  # the option that says the same in another way
     choices: Sequence[str] = ()  # the words that it may be, where it is one of them
     flag: bool = False  # it has no value: a field has its name, if it is given
     min_integer: int | None = None  # the least whole number that it may be, where it is one
@@ -86,7 +87,6 @@ class LensParam(Param):
     example: str  # a value as a text
     # A lens cannot do without it, or without the option that is instead of it
     required: bool = False
-    instead_of: str = ""  # the option that says the same in another way
     needs: str = ""  # the option without which it changes nothing
     idle: str = ""  # what it does in vain without that one
     is_optics: bool = False  # it decides radii, so that it is idle where a file holds them
@@ -442,7 +442,6 @@ _ROWS = (
     ),
 )
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
-ALTERNATIVES = tuple((row.instead_of, row.name) for row in _ROWS if row.instead_of)
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
 _POINT_OPTIONS = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
 # What the opening and the blur of a point show.
@@ -459,8 +458,3 @@ EFFECT_OPTIONS = {
     if field and not row.recorded_as
 }
 LENS_FILES = tuple(row.file_field for row in _ROWS if row.file_field)
-
-
-def alternatives(name: str) -> set[str]:
-    """An option, and the one that says the same in another way."""
-    return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))

@@ -1,22 +1,17 @@
 """Splits of a dataset, as train and test: the scene of a picture decides, so that none leaks.
 
 ``[split]`` of a jobs file has a share for each split, which add up to 1, and may have ``scene``, a
-regular expression whose first group, or else whole match, is the scene in the name of a picture.
-Without it the name of a picture is its scene, and the frames of a shot are one. A hash of its name
+pattern like ``*_##``: what its wildcards stand for in the name of a picture is the scene, and
+numbers of so many digits tell its pictures apart. Without it the name of a picture is its scene,
+and the frames of a shot are one. A hash of its name
 decides the split of a scene, so that it stays where it is whatever other scenes come and go; the
 counts are those of the shares in the long run. What the journal has of a scene stays, too.
-
-A jobs file may come from anywhere, and Python's matcher takes years for some expressions: it works
-in a process of its own, for so many seconds.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import subprocess
-import sys
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -24,6 +19,7 @@ from hashlib import blake2b
 from itertools import accumulate
 
 from defocus_core.errors import CALLER, Place, UsageProblem
+from defocus_core.io.wildcards import has_wildcard, wild_text
 from defocus_core.request.job import NO_SPLIT, Job, Picture, Split
 from defocus_core.request.toml_file import Table
 from defocus_core.system.text import counted, note
@@ -31,12 +27,13 @@ from defocus_core.system.text import counted, note
 NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
 _SCENE = "scene"
 _ROUNDING = 1e-6
-_SECONDS, _NAMES_A_SECOND = 3.0, 10_000
-# Reads an expression and names, and writes the scene of each, null where there is none.
-_MATCHER = """import json, re, sys
-expression, names = json.load(sys.stdin)
-found = [re.search(expression, name) for name in names]
-json.dump([one and one[1 if one.re.groups else 0] for one in found], sys.stdout)"""
+# Of an expression, which scenes were once: what tells it from a pattern, and pieces of patterns.
+_OF_EXPRESSIONS = re.compile(r"[\^$()|+{}\\]")
+_AS_PATTERN = (
+    (r"[\^$]", ""),
+    (r"\\d[+*]|\[0-9\][+*]", "#"),
+    (r"\(?(\.|\\w|\[\^.\])[+*]\??\)?", "*"),
+)
 
 
 @dataclass(frozen=True)
@@ -44,7 +41,7 @@ class Splits:
     """The shares of the splits by name, and where the scene is in the name of a picture."""
 
     fractions: Mapping[str, float]
-    scene: str = ""  # a regular expression; empty for the whole name, or the shot
+    scene: str = ""  # a pattern; empty for the whole name, or the shot
     where: Place = CALLER
 
     def of(self, pictures: Sequence[Picture]) -> list[Split]:
@@ -69,19 +66,12 @@ class Splits:
                 re.sub(r"\d+$", "", name) if of_shot else name
                 for name, of_shot in zip(names, shots, strict=True)
             ]
-        words, seconds = [sys.executable, "-Ic", _MATCHER], _SECONDS + len(names) / _NAMES_A_SECOND
-        try:
-            asked = json.dumps([self.scene, names])
-            found = subprocess.check_output(words, input=asked, text=True, timeout=seconds)
-        except subprocess.TimeoutExpired:
-            problem, remedy = f"takes more than {seconds:.0f} s", "repeat nothing that repeats"
-            raise UsageProblem("malformed", problem, remedy, path=self.where) from None
-        scenes: list[str] = json.loads(found)
-        if None in scenes:
-            problem = f"finds no scene in '{names[scenes.index(None)]}'"  # type: ignore[arg-type]
-            remedy = "make it match the name of each picture"
-            raise UsageProblem("no-scene", problem, remedy, path=self.where)
-        return scenes
+        scenes = [wild_text(name, self.scene) for name in names]
+        for name, scene in zip(names, scenes, strict=True):
+            if not scene:
+                problem, remedy = f"finds no scene in '{name}'", "make it match each name"
+                raise UsageProblem("no-scene", problem, remedy, path=self.where)
+        return [scene or "" for scene in scenes]
 
 
 def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) -> list[Job]:
@@ -144,11 +134,18 @@ def read_splits(section: Table) -> Splits:
         raise UsageProblem(
             "missing-option", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
         )
-    try:
-        re.compile(text)
-    except (re.error, RecursionError, OverflowError) as error:
-        problem = f"'{text}' is no regular expression that is read: {error}"
-        raise UsageProblem(
-            "malformed", problem, "write it like '^(.*)_[0-9]+$'", path=section.place(_SCENE)
-        ) from None
+    _refuse_expression(text, section.place(_SCENE))
     return Splits(fractions, text, section.place(_SCENE))
+
+
+def _refuse_expression(text: str, where: Place) -> None:
+    """Refuse a regular expression, with the pattern for it, and a pattern without a wildcard."""
+    pattern = text
+    for expression, piece in _AS_PATTERN:
+        pattern = re.sub(expression, piece, pattern)
+    if _OF_EXPRESSIONS.search(pattern) or not has_wildcard(pattern):
+        pattern = "*_##"
+    problem = "is a regular expression" if _OF_EXPRESSIONS.search(text) else "has no wildcard"
+    if _OF_EXPRESSIONS.search(text) or not has_wildcard(text):
+        remedy = f'write a pattern, like "{pattern}": * is the scene, # a digit'
+        raise UsageProblem("malformed", f"'{text}' {problem}", remedy, path=where)

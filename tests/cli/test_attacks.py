@@ -10,8 +10,7 @@ import pytest
 from batches import again, folders
 from command_line import LENS, color_exr, failed, files_under, refused, run, succeed, texture
 from counting import calls
-from jobs_files import FIXED, INPUTS, jobs_file, pictures, touch
-from jobs_files import jobs as read_jobs_file
+from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record
 from refusals import refuses
 
@@ -268,7 +267,7 @@ def test_an_index_that_was_tampered_with_is_refused(attack, tmp_path, mine):
             index.write_bytes(text[attack] + b"\n")
     with refuses("unreadable" if attack in ("pipe", "link") else "malformed"):
         list(finished.samples(tmp_path))
-    assert sample_index.listed(tmp_path) == ({"a"} if attack == "foreign" else None)
+    assert sample_index.listed(tmp_path) is None
     assert sample_index.withdraw(tmp_path, {"b"}, alone=True) == set()
 
 
@@ -382,14 +381,6 @@ def test_a_record_of_wrong_types_is_told(key, value, tmp_path):
     journal_path(tmp_path).write_text("".join(lines))
     for command in ("status", "report", "merge"):
         refused(run(command, tmp_path), 3, "damaged", "journal.jsonl")
-
-
-@pytest.mark.usefixtures("soon")
-def test_no_expression_of_a_jobs_file_hangs(tmp_path):
-    touch(tmp_path, f"{'a' * 200}!_rgb.exr", f"{'a' * 200}!_z.exr")
-    split = "[split]\ntrain = 1\nscene = '^((a+)+)$'\n"
-    with refuses("malformed", field="scene"):
-        read_jobs_file(tmp_path, FIXED + split, inputs=INPUTS)
 
 
 @pytest.mark.usefixtures("soon")

@@ -10,6 +10,8 @@ import pytest
 from batches import contents, jobs_file
 from command_line import pair, read_exr, refused, run, succeed
 
+from defocus_core.picture import plain_path
+
 JOBS = """
 [inputs]
 color = "*_rgb.exr"
@@ -161,3 +163,49 @@ def test_an_index_that_is_true_stays_and_any_other_is_written_again(tmp_path, ou
     (out / "README.md").unlink()
     run("batch", path, "-o", out)
     assert contents(out) == before
+
+
+FOREIGN = ("metadata.jsonl", "card.json", "trainset.jsonl", "shards/shards.json")
+FOREIGN_TAR = "shards/trainset-000007.tar"
+
+
+@pytest.mark.parametrize("name", [*FOREIGN, FOREIGN_TAR])
+def test_a_data_set_of_others_stays_as_it_is(name, folder):
+    theirs = folder / "out" / name
+    theirs.parent.mkdir(parents=True)
+    theirs.write_text('{"file_name": "1.png", "text": "a cat"}\n')
+    for words in ((), ("--overwrite",), ("--dry-run",)):
+        jobs = (folder / "jobs.toml", "-o", folder / "out", "--shards-size", "1GB", *words)
+        refused(run("batch", *jobs), 3, "exists", theirs)
+    assert list(contents(folder / "out")) == [name]
+    kept = theirs.rename(folder / "theirs")
+    batch(folder, "--shards-size", "1GB")
+    theirs.write_bytes(kept.read_bytes())
+    words = ("merge", folder / "out", "--shards-size", "1GB")
+    refused(run(*words), 3, "exists", theirs)
+    assert theirs.read_bytes() == kept.read_bytes()
+
+
+def test_shards_that_a_killed_run_left_without_their_list_are_packed_again(folder):
+    batch(folder, "--shards-size", "1GB")
+    before = contents(folder / "out")
+    (folder / "out" / "shards" / "shards.json").unlink()
+    batch(folder, "--shards-size", "1GB")
+    assert contents(folder / "out") == before
+
+
+@pytest.mark.parametrize("edit", [None, "[dataset]\ntitle = 'Other'\n"])
+def test_the_jobs_file_is_read_once(edit, folder, monkeypatch):
+    jobs, compute = folder / "jobs.toml", plain_path.compute
+    before = jobs.read_bytes()
+
+    def edited(*of):
+        jobs.unlink(missing_ok=True)
+        if edit is not None:
+            jobs.write_text(edit + JOBS)
+        return compute(*of)
+
+    monkeypatch.setattr(plain_path, "compute", edited)
+    batch(folder, "--processes", "1")
+    assert (folder / "out" / "jobs.toml").read_bytes().endswith(b"\n" + before)
+    assert card(folder)["origin"] == {}

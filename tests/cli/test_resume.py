@@ -1,7 +1,9 @@
 """What was done is not done again, and what is not as it was is."""
 
+import errno
 import json
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -347,3 +349,25 @@ def test_a_preview_goes_with_the_picture_that_it_shows(folders, out):
     previews[1].write_bytes(b"somebody's own")
     again(folders, out, "--quality", "draft")
     assert [path.exists() for path in previews] == [False, True, False]
+
+
+@pytest.mark.parametrize("format", ["exr", "png", "tiff", "jpg", "webp"])
+@pytest.mark.parametrize("step", ["write", "fdatasync"])
+def test_a_first_record_that_finds_no_space_goes_on(step, format, color, depth, out, monkeypatch):
+    words = ("-o", out, "--outputs", "render,coc", "--format", format, "--preview")
+    words += () if format == "exr" else ("--map-format", "tiff")
+    journal, do = out / "journal.jsonl", getattr(os, step)
+
+    def full(number, *data):
+        if journal.exists() and os.path.samestat(os.fstat(number), journal.stat()):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return do(number, *data)
+
+    monkeypatch.setattr(os, step, full)
+    refused(render(color, depth, *words), 3, "unwritable", journal)
+    monkeypatch.undo()
+    photograph(color, depth, *words)
+    assert [record["status"] for record in records(out)] == ["ok"]
+    copy = out.with_name("copy")
+    shutil.copytree(out, copy, ignore=shutil.ignore_patterns("journal*"))
+    refused(render(color, depth, "-o", copy, *words[2:]), 3, "exists")

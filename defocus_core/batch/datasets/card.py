@@ -25,8 +25,10 @@ from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.splits import NAME
 from defocus_core.system.text import note
 
-_JSON, _README = "card.json", "README.md"
+JSON, _README = "card.json", "README.md"
+_JSON_HEAD = b'{\n "origin": {'
 _HEAD = ("---", "# Written by defocus; without this line it stays as it is.")
+_README_HEAD = "".join(f"{line}\n" for line in _HEAD).encode()
 NO_ORIGIN = Origin()
 _TITLE = "Defocused pictures"
 Record = Mapping[str, Any]
@@ -41,8 +43,8 @@ def write(out: Path, card: Mapping[str, Any], configs: Iterable[str], index: str
         json.dumps({**card, "index_blake2b": index}, indent=1, ensure_ascii=False, allow_nan=False)
         + "\n"
     )
-    texts = {_JSON: as_json, _README: markdown(card, configs)}
-    if not _is_own(out):
+    texts = {JSON: as_json, _README: markdown(card, configs)}
+    if not _is_own(out, _README, _README_HEAD):
         del texts[_README]
         note(f"{out / _README}: is not of this batch, and stays; no card is written for people")
     for name, text in texts.items():
@@ -53,25 +55,29 @@ def write(out: Path, card: Mapping[str, Any], configs: Iterable[str], index: str
 
 def remove(out: Path) -> None:
     """Remove the card of OUT."""
-    Folder(out).remove(_JSON)
-    if _is_own(out):
+    Folder(out).remove(JSON)
+    if _is_own(out, _README, _README_HEAD):
         Folder(out).remove(_README)
 
 
 def read(out: Path) -> dict[str, Any]:
     """The card of OUT, with the files that it speaks of; an empty one if it cannot be read."""
     with suppress(OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
-        card: dict[str, Any] = json.loads(Folder(out).read(_JSON))
+        card: dict[str, Any] = json.loads(Folder(out).read(JSON))
         if all(NAME.fullmatch(name) for name in card["splits"]) and (out / _README).exists():
             return card
     return {}
 
 
-def _is_own(out: Path) -> bool:
-    """Whether README.md is ours, or missing."""
-    head = "".join(f"{line}\n" for line in _HEAD).encode()
+def is_own(out: Path) -> bool:
+    """Whether card.json is ours, or missing."""
+    return _is_own(out, JSON, _JSON_HEAD)
+
+
+def _is_own(out: Path, name: str, head: bytes) -> bool:
+    """Whether a file begins as ours do, or is missing."""
     try:
-        with Folder(out).open(_README) as file:
+        with Folder(out).open(name) as file:
             return file.read(len(head)) == head
     except OSError as error:
         return isinstance(error, FileNotFoundError)

@@ -31,7 +31,9 @@ from defocus_core.request.origin import Origin
 from defocus_core.request.output_kinds import KINDS
 
 NAME = "metadata.jsonl"
+_OWN = (b'"sample_id": ', b'"outputs_blake2b": ')  # what a line of ours has
 _SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)*")')
+_LONGEST_LINE = 2**24  # bytes
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 Record = Mapping[str, Any]
 MM_PER_M = 1000.0
@@ -71,6 +73,20 @@ def names(records: Iterable[Record]) -> set[str]:
     return {str(record["sample_id"]) for record in records if _is_sample(record)}
 
 
+def is_own(out: Path, name: str = NAME) -> bool:
+    """Whether a list of samples in OUT is of a batch, by its first line, or holds nothing."""
+    try:
+        with Folder(out).open(name) as file:
+            return is_own_line(file.readline(_LONGEST_LINE))
+    except OSError as error:
+        return isinstance(error, FileNotFoundError)
+
+
+def is_own_line(line: bytes) -> bool:
+    """Whether a line is one of an index, or none."""
+    return not line or all(key in line for key in _OWN)
+
+
 def listed(out: Path) -> set[str] | None:
     """The names of the samples in the index of OUT; None if it has none."""
     lines = _lines(out)
@@ -94,8 +110,10 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
 
 
 def _lines(out: Path) -> dict[str, bytes] | None:
-    """The lines of the index of OUT by sample; None if it has none, or a line without a name."""
+    """The lines of the index of OUT by sample; None if it has none of ours, or no names in it."""
     with suppress(OSError, ValueError, TypeError):
+        if not is_own(out):
+            return None
         lines = Folder(out).read(NAME).splitlines(keepends=True)
         return {json.loads(_SAMPLE.search(line)[1]): line for line in lines}  # type: ignore[index]
     return None
@@ -212,28 +230,28 @@ def write_splits(out: Path, entries: Sequence[Entry], lines: Sequence[bytes]) ->
     known = [_with_values(entries[n] for n in mine) for mine in splits.values()]
     left_out = set[Key]().union(*known).difference(set[Key].intersection(*known) if known else ())
     for split, mine in splits.items():
-        with written_whole(out / _list_name(split), out) as file:
+        with written_whole(out / list_name(split), out) as file:
             file.writelines(
                 line(_without(entries[n], left_out)) if left_out or has_pictures else lines[n]
                 for n in mine
             )
-    return [out / _list_name(split) for split in splits]
+    return [out / list_name(split) for split in splits]
 
 
 def has_splits(out: Path, splits: Iterable[str]) -> bool:
     """Whether the lists of some splits are there."""
-    return all((out / _list_name(split)).exists() for split in splits)
+    return all((out / list_name(split)).exists() for split in splits)
 
 
 def remove_splits(out: Path, splits: Iterable[str]) -> None:
     """Remove the lists of some splits."""
     for split in splits:
-        Folder(out).remove(_list_name(split))
+        Folder(out).remove(list_name(split))
 
 
 def split_configs(entries: Sequence[Entry]) -> Iterator[str]:
     """Lines of YAML that tell `datasets` of the lists; of all samples where there is no split."""
-    lists = {split: _list_name(split) for split in _by_split(entries)} or {"train": NAME}
+    lists = {split: list_name(split) for split in _by_split(entries)} or {"train": NAME}
     folders = _folders(entries)
     yield from ("configs:", "- config_name: default")
     if folders:  # else the lists are tables
@@ -244,7 +262,8 @@ def split_configs(entries: Sequence[Entry]) -> Iterator[str]:
         yield f"    path: {json.dumps([name, *folders])}"
 
 
-def _list_name(split: str) -> str:
+def list_name(split: str) -> str:
+    """The name of the list of a split."""
     # Of "train.jsonl" `datasets` would guess that it is all of a split, as of any such name.
     return f"{split}set.jsonl"
 

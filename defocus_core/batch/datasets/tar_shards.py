@@ -32,6 +32,7 @@ from defocus_core.request.origin import origin_of
 
 FOLDER = SHARDS_FOLDER
 LIST = "shards.json"
+_HEAD = b'{\n "limit": '  # of the list
 _NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 
@@ -104,6 +105,37 @@ def exist(out: Path) -> bool:
     """Whether shards exist in OUT."""
     with suppress(OSError):
         return any(map(_NAME.fullmatch, Folder(out).names(FOLDER)))
+    return False
+
+
+def foreign(out: Path) -> str | None:
+    """The name of a shard, or of their list, that no batch has written; None if all are ours."""
+    below, listing = Folder(out), listed(out)
+    known = set() if listing is None else {name for name, _ in listing.sizes}
+    for name in below.names(FOLDER):
+        if name != LIST and (name in known or not _NAME.fullmatch(name)):
+            continue
+        is_own = _is_list if name == LIST else _is_packed
+        if not is_own(below, f"{FOLDER}/{name}"):
+            return f"{FOLDER}/{name}"
+    return None
+
+
+def _is_list(below: Folder, name: str) -> bool:
+    with suppress(OSError), below.open(name) as file:
+        return file.read(len(_HEAD)) == _HEAD
+    return False
+
+
+def _is_packed(below: Folder, name: str) -> bool:
+    """Whether a tar holds the line of the index of a sample first."""
+    with (
+        suppress(OSError, tarfile.TarError),
+        below.open(name) as file,
+        tarfile.open(fileobj=file, mode="r:") as tar,
+    ):
+        line = next((tar.extractfile(one) for one in tar if one.name.endswith(".json")), None)
+        return line is not None and sample_index.is_own_line(line.readline() or b"none")
     return False
 
 

@@ -15,8 +15,9 @@ from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
-from defocus_core.batch.journal.journal import Record, read_all
+from defocus_core.batch.journal.journal import Record, files_of, read_all
 from defocus_core.batch.journal.resume import Ledger
+from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
 from defocus_core.request.origin import origin_of
 from defocus_core.system.memory import without_collections
@@ -43,10 +44,28 @@ def index(
         own = [record for record in records if record["sample_id"] in asked]
         _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
         records = own
+    else:
+        records = _there(out, records)
     written = _written(out, records)
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
+
+
+def refuse_foreign(out: Path, splits: Collection[str], *, packs: bool) -> None:
+    """Refuse an OUT in which the index, the card or shards are not of a batch.
+
+    `splits`: of the samples; `packs`: whether shards are asked for.
+    """
+    lists = [sample_index.NAME, *(sample_index.list_name(split) for split in splits if split)]
+    names = [name for name in lists if not sample_index.is_own(out, name)]
+    names += [] if card.is_own(out) else [card.JSON]
+    if packs or tar_shards.listed(out) is not None:
+        names += filter(None, [tar_shards.foreign(out)])
+    if names:
+        problem = "exists already, and no batch has written it"
+        remedy = "move it away, or choose another -o"
+        raise InputError("exists", problem, remedy, path=out / names[0])
 
 
 def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
@@ -69,6 +88,20 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
     path, *_ = _written(out, records)
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
+
+
+def _there(out: Path, records: list[Record]) -> list[Record]:
+    """The records whose files are all in OUT; how many are not is said."""
+    folder = Folder(out)
+    gone = {
+        record["sample_id"]
+        for record in records
+        if not all(folder.status(path) for path in files_of(record))
+    }
+    if gone:
+        problem = f"lacks files of {counted(len(gone), 'sample')}, like {min(gone)}"
+        note(f"{out}: warning: {problem}; they are not listed, and 'defocus batch' does them again")
+    return [record for record in records if record["sample_id"] not in gone]
 
 
 def _written(out: Path, records: list[Record]) -> list[Path]:

@@ -25,7 +25,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -177,8 +177,12 @@ def _input_folder(folder: str, out: Path, base: str) -> str:
 class Journal:
     """A journal that records are appended to. Its one writer holds the lock of OUT."""
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, began: Callable[[], bool] = lambda: False) -> None:
+        """Open it.
+
+        `began`: whether outputs are there, of which an empty journal says that they are its own.
+        """
+        self.path, self._began = path, began
         self._new = not path.exists()
         try:
             self._number = Folder(path.parent).append(path.name)
@@ -212,7 +216,7 @@ class Journal:
                 self._require_in_place()
         finally:
             os.close(self._number)
-        if self._new:  # without a record, no file is left
+        if self._new and not self._began():  # without a record, no file is left
             with suppress(OSError):
                 self.path.unlink()
 

@@ -55,6 +55,10 @@ class Plan:
     names: list[str]  # of the samples of all jobs to do, now or later
     previews: dict[str, identity.Stamp]  # those of before by path, relative to OUT
 
+    def began(self) -> bool:
+        """Whether an output of the jobs to do is there."""
+        return any(os.path.lexists(path) for job, _ in self.todo for path in job.written)
+
 
 @without_collections()
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:

@@ -154,7 +154,7 @@ def _carried_out(
         changing = {job.sample_id for job, _ in plan.todo}
         summary.withdrawn = update.withdraw(out, changing, alone=execution.shard is None)
         try:
-            with Journal(journal_path(out, execution.shard)) as journal:
+            with Journal(journal_path(out, execution.shard), plan.began) as journal:
                 _Batch(
                     plan, out, execution, listener, journal, summary, interrupts, require_lock
                 ).do()
