@@ -32,7 +32,7 @@ from defocus_core.request.job import Picture, Reading, reading_through
 from defocus_core.request.lens import Lens
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.quantities import FileNumbers
+from defocus_core.request.quantities import Unitless
 from defocus_core.request.resolver import Given, Layer, missing_options, missing_words
 from defocus_core.system.text import command_line, note
 
@@ -125,7 +125,7 @@ def _extreme(values: NDArray[Any], reach: int, end: np.ufunc) -> NDArray[Any]:
     return values
 
 
-def surface_of(depth: Depth, pixel: FoundPixel) -> FileNumbers | None:
+def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
     """The numbers of the surface that a pixel of a relative depth shows; None if it has but one.
 
     They are those of the pixels that hang together with it within 15 % of all numbers, where there
@@ -147,7 +147,7 @@ def surface_of(depth: Depth, pixel: FoundPixel) -> FileNumbers | None:
     whole = max((_connected(mask, place) for mask in within), key=np.count_nonzero)
     numbers = depth.metres[:][::step, ::step][whole]
     low, high = float(numbers.min()), float(numbers.max())
-    return FileNumbers((low, high)) if low < high else None
+    return Unitless((low, high)) if low < high else None
 
 
 def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bool_]:
@@ -204,7 +204,7 @@ def _of_relative(
         subject = subject_of(depth)
         taken["focus-at"] = "{},{}".format(*subject.within(size))
         if alone and (numbers := surface_of(depth, subject)):
-            taken["sharp-range"] = str(numbers)
+            taken["sharp-range"] = LENS_OPTIONS["sharp-range"].text(numbers)
     return {name: Given(text, CALLER.at(name)) for name, text in taken.items()}
 
 
