@@ -2,7 +2,7 @@
 
 A batch indexes what it asks for: a picture or lens that was taken out of the jobs file is no sample
 any more, though its files stay. Where several jobs files write to one OUT, the last one counts;
-`defocus merge` indexes all of them. A retry adds what it did to the index that is there; what
+`defocus merge` indexes all of them. What
 `defocus render` replaces stays in it as it is now. Before a run changes files of listed samples, it
 takes them out of the index, which is true at every moment. Shards that are there go with the index:
 they are packed again in their size if samples changed, and till then hold what they were packed of.
@@ -15,8 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
-from defocus_core.batch.journal.journal import Record, read_all
-from defocus_core.batch.journal.resume import Ledger
+from defocus_core.batch.journal.journal import Ledger
+from defocus_core.batch.journal.record import Record
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
 from defocus_core.request.origin import origin_of
@@ -39,11 +39,9 @@ def index(
     """
     if shards_size is None and unchanged is not None and _is_true(out, unchanged):
         return []
-    records = Ledger(out, read_all(out)).live
-    if asked is not None:
-        own = [record for record in records if record["sample_id"] in asked]
-        _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
-        records = own
+    every = list(Ledger(out).records())
+    records = every if asked is None else [one for one in every if one.sample_id in asked]
+    _tell_of_others(out, sample_index.names(every) - sample_index.names(records))
     written = _written(out, records)
     if shards_size is None:
         return written + _followed(out, records)
@@ -82,7 +80,7 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
         listed |= set(withdrawn)
     if listed is None or listed.isdisjoint(done):
         return
-    records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
+    records = list(Ledger(out).records(listed))
     path, *_ = _written(out, records)
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
