@@ -17,7 +17,7 @@ from defocus_core.picture.subject import completed
 from defocus_core.reports.html.focus_choice import write_choice
 from defocus_core.request.job import Machine, Reading
 from defocus_core.request.pairing import find_pictures
-from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.picture_lenses import PictureLenses
 
 
 @click.command("choose", cls=GroupedCommand)
@@ -37,7 +37,7 @@ def command(
     color: Path,
     depth: Path | None,
     out: Path,
-    lenses: ShotLenses,
+    lenses: PictureLenses,
     reading: Reading,
     machine: Machine,
     verbose: bool,

@@ -27,7 +27,7 @@ from defocus_core.reports.inspection.inspection import (
 from defocus_core.request.job import Picture, Reading, reading_through
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
-from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.system.text import counted
 
 
@@ -38,7 +38,7 @@ from defocus_core.system.text import counted
 @shared.json_option
 def command(
     files: tuple[Path, ...],
-    lenses: ShotLenses | None,
+    lenses: PictureLenses | None,
     reading: Reading,
     as_json: bool,
 ) -> None:
@@ -95,12 +95,13 @@ def command(
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
     failures = Failures()
-    records = []
+    records: list[dict[str, Any]] = []
     for file in files:  # each is reported before the next is read
+        count = len(records)
         with failures.kept():
             records.append(inspect(file, reading, lens, lone=len(files) == 1))
-            if not as_json:
-                console.stdout(*file_lines(records[-1]))
+        if not as_json and len(records) > count:  # a stdout that is full ends all of it
+            console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)
     for pair in () if as_json else pairs:
         console.stdout(*_pair_lines(pair))

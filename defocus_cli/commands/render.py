@@ -22,7 +22,7 @@ from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading, of
 from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.pairing import find
-from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.shots import with_shot
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
@@ -75,7 +75,7 @@ Examples:
 def command(
     color: Path,
     depth: Path | None,
-    lenses: ShotLenses,
+    lenses: PictureLenses,
     shot: ShotOptions,
     outputs: Outputs,
     name: str | None,
@@ -131,14 +131,14 @@ def command(
 
 
 def _with_lenses(
-    pictures: Sequence[Picture], lenses: ShotLenses, *, verbose: bool
+    pictures: Sequence[Picture], lenses: PictureLenses, *, verbose: bool
 ) -> Iterator[tuple[Picture, Lens]]:
     """Each picture and its lens; what metadata decided is said where it changes."""
     said: object = None
     for picture in pictures:
         lens, taken = lenses.of(picture)
         if verbose and taken and taken != said:
-            words = ", ".join(f"{n} {each.text} ({each.attribute})" for n, each in taken.items())
+            words = ", ".join(f"{n} {each.text} ({each.place.field})" for n, each in taken.items())
             console.stderr(f"{picture.color}: {words}")
             said = taken
         yield picture, lens

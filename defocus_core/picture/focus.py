@@ -17,9 +17,8 @@ from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import MM_PER_M, signed_radius
 from defocus_core.request.lens import Lens
-from defocus_core.request.lens_from_options import refuse_near_focus
-from defocus_core.request.lens_plan import drawn_lens
 from defocus_core.request.quantities import Percentile, length_text
+from defocus_core.request.resolver import drawn_lens, refuse_near_focus
 
 
 def with_focus(lens: Lens, depth: Depth) -> Lens:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from defocus_core.tensors.source import Pixels
 
 MM_PER_M = 1000.0
+_NEAREST = 1e-12  # m; nothing is as near
 _MAX_PX = 1e6  # wider than any frame
 _FARTHEST_PX = 1e8  # what the renderer takes
 
@@ -87,7 +89,7 @@ def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     whole = keeping.new(depth.metres.shape, "float32")
     extremes = []
     for rows in bands(depth.metres.shape):
-        radius = _through(thin_lens, depth.metres[rows])
+        radius = _through(thin_lens, depth.metres[rows], depth.path)
         whole[rows] = radius
         if depth.empty is not None:
             radius = radius[~depth.empty[rows]]
@@ -156,10 +158,16 @@ def signed_radius(
 
 
 def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
-    """Px by which the signed radii of red and of blue differ from those of green."""
+    """Px by which the signed radii of red and of blue differ from those of green.
+
+    Of a blur in px the shifts are shares of it.
+    """
     from defocus_core.optics.axial_color import color_offset
 
     assert lens.axial_color is not None
+    if lens.blur is not None:
+        red, blue = (-share * lens.blur for share in lens.axial_color)
+        return red, blue
     thin_lens = thin_lens_of(lens, size)
     red, blue = (float(color_offset(thin_lens, shift)) for shift in lens.axial_color)
     return red, blue
@@ -185,13 +193,18 @@ def thin_lens_of(lens: Lens, size: tuple[int, int]) -> ThinLens:
     return thin_lens
 
 
-def _through(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The law in float64, rounded once."""
+def _through(
+    thin_lens: ThinLens, metres: NDArray[np.float32], path: Path | None = None
+) -> NDArray[np.float32]:
+    """The law in float64, rounded once; `path`: the file of the depth, if it is of one."""
     import torch
 
     depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
     radius: NDArray[np.float32] = thin_lens.signed_radius(depth_mm).float().numpy()
-    if not np.isfinite(radius).all():
+    if not (finite := np.isfinite(radius)).all():
+        if path is not None and (nearest := float(metres[~finite].min())) < _NEAREST:
+            problem = f"has a depth of {nearest:.3g} m, which is blurred beyond all numbers"
+            raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=path)
         problem = f"f/{float(thin_lens.fnum):g} blurs beyond all numbers in this picture"
         raise UsageProblem(
             "out-of-range", problem, "check the lens options and the depth's unit", field="fnumber"

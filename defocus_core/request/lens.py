@@ -10,7 +10,7 @@ from typing import Any
 
 from defocus_core.errors import CALLER, Place
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
-from defocus_core.request.quantities import FileNumbers, Percentile, length_text
+from defocus_core.request.quantities import Percentile, Unitless, length_text
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Lens:
     def __post_init__(self) -> None:
         """Beside a blur in pixels the sharp range is of numbers of the file."""
         if self.blur is not None and self.sharp_range is not None:
-            object.__setattr__(self, "sharp_range", FileNumbers(self.sharp_range))
+            object.__setattr__(self, "sharp_range", Unitless(self.sharp_range))
 
     @property
     def effects(self) -> dict[str, Any]:

@@ -68,7 +68,7 @@ info z.exr --focal-length 50mm
 missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4 or --aperture-diameter, \
 --focus 2m or --focus-at, or a --lens FILE that has them
 R -o a.hdr
-wrong-type a.hdr: is of a type that is read alone; end its name in .exr, .png, .tif, .jpg, .webp
+wrong-type a.hdr: is of a type that is not written; end its name in .exr, .png, .tif, .jpg, .webp
 R --lens @portrait-58
 unknown-name --lens: no lens @portrait-58 ships with defocus; did you mean @portrait-85?
 R --lens underscored.toml
@@ -211,7 +211,7 @@ R --quality best
 - --quality: 'best' is not one of 'draft', 'standard', 'high', 'reference'; \
 see 'defocus render --help'
 R --threads 0
-- --threads: 0 is not in the range x>=1; see 'defocus render --help'
+- --threads: 0 is not in the range 1<=x<=1024; see 'defocus render --help'
 R --focal-lenght 50mm
 - --focal-lenght: no such option; did you mean --focal-length or …
 R more

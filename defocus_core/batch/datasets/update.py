@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
-from defocus_core.batch.journal.journal import Ledger
+from defocus_core.batch.journal.journal import Ledger, files_of
 from defocus_core.batch.journal.record import Record
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
@@ -40,8 +40,11 @@ def index(
     if shards_size is None and unchanged is not None and _is_true(out, unchanged):
         return []
     every = list(Ledger(out).records())
-    records = every if asked is None else [one for one in every if one.sample_id in asked]
-    _tell_of_others(out, sample_index.names(every) - sample_index.names(records))
+    if asked is None:
+        records = _there(out, every)
+    else:
+        records = [one for one in every if one.sample_id in asked]
+        _tell_of_others(out, sample_index.names(every) - sample_index.names(records))
     written = _written(out, records)
     if shards_size is None:
         return written + _followed(out, records)
@@ -84,6 +87,20 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
     path, *_ = _written(out, records)
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
+
+
+def _there(out: Path, records: list[Record]) -> list[Record]:
+    """The records whose files are all in OUT; how many are not is said."""
+    folder = Folder(out)
+    gone = {
+        record.sample_id
+        for record in records
+        if record.taken is not None and not all(map(folder.status, files_of(record)))
+    }
+    if gone:
+        problem = f"lacks files of {counted(len(gone), 'sample')}, like {min(gone)}"
+        note(f"{out}: warning: {problem}; they are not listed, and 'defocus batch' does them again")
+    return [record for record in records if record.sample_id not in gone]
 
 
 def _written(out: Path, records: list[Record]) -> list[Path]:

@@ -102,6 +102,7 @@ class Depth:
         replaced_words: the same for people; empty if none.
         data_window: its data window in words, if it does not cover the picture.
         overscan: pixels beyond the picture shown.
+        is_deep: whether it is that of the nearest samples of deep pixels.
         empty: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
         is_relative: whether the numbers are relative disparity, which gives radii as well.
@@ -120,6 +121,7 @@ class Depth:
     replaced_words: str = ""
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
+    is_deep: bool = False
     empty: Any = None
     is_relative: bool = False
     inverted: bool = False
@@ -235,6 +237,7 @@ def read_depth(
         is_integer=samples.is_integer,
         named=reading.depth_format is not None,
         data_window=samples.data_window,
+        is_deep=samples.is_deep,
         overscan=overscan,
         is_relative=reading.relative,
         inverted=reading.invert is not None,
@@ -291,6 +294,9 @@ def require_valid(depth: Depth) -> None:
     if not depth.is_radius and count == math.prod(depth.metres.shape) and _is_behind(depth.metres):
         problem = "has negative depth everywhere"
         remedy = "if it is negative in front of the camera, as Houdini's Pz, say ‹depth-scale› -1"
+    if depth.is_deep:  # where other samples may lie behind the first
+        problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
+        remedy = "write inf for sky, and leave samples without depth out"
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
         remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"

@@ -73,6 +73,7 @@ def exr_depth_numbers(
         channel=chosen.name,
         marks=tuple(marks),
         data_window="" if header.data.covers(window) else str(header.data),
+        is_deep=header.deep,
     )
 
 

@@ -49,6 +49,7 @@ class DepthNumbers:
     metadata: Mapping[str, Any] = field(default_factory=dict)  # of the file, by key
     marks: tuple[Mark, ...] = ()  # in order: a later one wins
     data_window: str = ""  # its data window in words, if it does not cover the picture
+    is_deep: bool = False  # whether they are those of the nearest samples of deep pixels
 
     @property
     def width(self) -> int:

@@ -6,11 +6,10 @@ to itself, OpenImageIO multiplies it into sRGB integers, which loses precision a
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from itertools import accumulate
+from itertools import accumulate, chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,8 +33,8 @@ from defocus_core.system.interrupts import delayed_signals
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
-_PNM = re.compile(rb"P[2356]\s+(?:#[^\n]*\s+)*\d+\s+(?:#[^\n]*\s+)*\d+\s+(?:#[^\n]*\s+)*(\d+)\s")
-_PNM_HEAD = 1024  # bytes
+_PNM = (b"P2", b"P3", b"P5", b"P6")  # of which the header has a greatest number
+_PNM_HEAD = 1 << 16  # bytes
 # Of orientations, those that swap rows and columns, and those that reverse them after that.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
@@ -86,9 +85,20 @@ def text_of(path: Path) -> dict[str, str]:
 
 
 def pnm_top(path: Path) -> int | None:
-    """The greatest number of a PGM or PPM by its header, if the decoder scales it to its type's."""
-    match = _PNM.match(read_head(path, _PNM_HEAD))
-    top = int(match[1]) if match else 255
+    """The greatest number of a PGM or PPM by its header, if the decoder scales it to its type's.
+
+    A comment, from # to the end of its line, may stand anywhere in the header, and is a blank
+    (netpbm, "PGM Format Specification").
+    """
+    if read_head(path, 2) not in _PNM:
+        return None
+    pieces = (line.partition(b"#")[0] for line in read_head(path, _PNM_HEAD)[2:].splitlines())
+    try:
+        top = int(next(islice(chain.from_iterable(map(bytes.split, pieces)), 2, None)))
+    except (StopIteration, ValueError):
+        top = 0
+    if not 0 < top < 1 << 16:
+        raise damaged(path, "no greatest number up to 65535", "has a damaged header")
     return None if top in (255, 65535) else top
 
 
@@ -152,7 +162,9 @@ def open_heic(path: Path) -> Any:
 def _heic_page(path: Path) -> Raster:
     """The picture of a HEIC photograph, which libheif has turned upright."""
     file = open_heic(path)
-    space = profiled_space(bytes(file.info.get("icc_profile") or b""))
+    space = profiled_space(
+        bytes(file.info.get("icc_profile") or b""), 1 if file.mode[0] == "L" else 3
+    )
     width, height = file.size
     return Raster(
         width=width,

@@ -49,6 +49,7 @@ _BESIDE = {
     "diode": ("NPY", "{stem}_mask.npy"),
     "moge": ("EXR", "fov.json"),
 }
+_LEAST_SIDE = 3  # px of a picture that has an edge
 _WINDOW = 2048  # px, side of the middle of the picture that is measured
 # Widths of edges are measured at two scales, standard deviations in px.
 _FINE, _COARSE = 1, 2
@@ -165,6 +166,8 @@ def evidence_of_pair(
     metres = element_depth(beside, image, keeping).metres
     rows, columns = _middle(height), _middle(width)
     near = metres[rows][:, columns]
+    if min(near.shape) < _LEAST_SIDE:
+        return ()
     planes = [plane[rows][:, columns] for plane in image.planes[:3]]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         disparity = np.where(near > 0, 1 / near, 0).astype(np.float32)  # holes count as far

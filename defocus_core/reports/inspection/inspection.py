@@ -22,7 +22,7 @@ from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
-from defocus_core.io.images.describe import FileInfo, PartInfo, describe
+from defocus_core.io.images.describe import SAMPLE_BYTES, FileInfo, PartInfo, describe
 from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.picture.element import element_depth
@@ -35,8 +35,8 @@ from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pa
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
 from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import length_text
-from defocus_core.request.shot_lenses import ShotLenses
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.memory import MB
 
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
 MAX_AT_ONCE = 512
-_BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
 # Codes of files that have no colour, or no depth, but may have the other.
 _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no-such-view"})
 MAX_READ = 25  # frames that are decoded, evenly spread over the shot
@@ -245,7 +244,8 @@ def _too_large(info: FileInfo) -> str:
     """Why a file takes too much time or memory to decode; empty if it does not."""
     if info.nearly_empty:
         return f"not decoded: {info.nearly_empty}"
-    samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
+    kinds = ([kind for _, kind in part.channels] for part in info.parts)
+    samples = max(sum(SAMPLE_BYTES.get(kind, 8) for kind in each) for each in kinds)
     decoded = info.at_once * info.pixels * samples / MB
     if decoded <= MAX_AT_ONCE:
         return ""
@@ -341,7 +341,7 @@ def _clause(error: InputError) -> str:
 
 
 def summarise_shots(
-    patterns: Sequence[Path], reading: Reading, lenses: ShotLenses | None
+    patterns: Sequence[Path], reading: Reading, lenses: PictureLenses | None
 ) -> list[dict[str, Any]]:
     """What ``defocus info --json`` prints of each pattern.
 
