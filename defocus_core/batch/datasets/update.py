@@ -15,11 +15,12 @@ from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
-from defocus_core.batch.journal.journal import Ledger, files_of
+from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.journal.record import Record
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
 from defocus_core.request.origin import origin_of
+from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note
 
@@ -95,7 +96,8 @@ def _there(out: Path, records: list[Record]) -> list[Record]:
     gone = {
         record.sample_id
         for record in records
-        if record.taken is not None and not all(map(folder.status, files_of(record)))
+        if record.taken is not None
+        and not all(folder.status(s.path) for kind, s in record.outputs.items() if kind in KINDS)
     }
     if gone:
         problem = f"lacks files of {counted(len(gone), 'sample')}, like {min(gone)}"
