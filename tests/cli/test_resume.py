@@ -21,7 +21,6 @@ from command_line import (
     refused,
     render,
     run,
-    succeed,
     texture,
 )
 
@@ -262,7 +261,7 @@ def test_what_failed_is_tried_again(folders, out, computed):
     assert computed == ["a", "c", "b"]
 
 
-def test_other_settings_supersede_what_failed_and_retry_tries_the_last(folders, out, computed):
+def test_other_settings_supersede_what_failed(folders, out, computed):
     good = (folders[1] / "b.exr").read_bytes()
     depth_exr(folders[1] / "b.exr", -ramp())
     again(folders, out, "--preview")
@@ -270,7 +269,7 @@ def test_other_settings_supersede_what_failed_and_retry_tries_the_last(folders, 
     told = run("status", out, "--json").json
     assert (told["ok"], told["failed"], told["jobs"]) == (2, 1, 3)
     (folders[1] / "b.exr").write_bytes(good)
-    succeed("retry", out)
+    assert again(folders, out, "--blades", "6").code == 0
     assert records(out)[-1]["lens"]["blades"] == 6
     assert not (out / "coc" / "b.preview.png").exists()
 
@@ -290,7 +289,7 @@ def test_a_lone_picture_that_cannot_be_done_again_says_why(tmp_path, out):
     failed(render(color, depth, "-o", out), 3, "invalid-depth", depth)
     assert (out / "render" / "a.exr").read_bytes() == before
     depth_exr(depth, ramp() + 1)
-    assert "done again, as inputs" in render(color, depth, "-o", out).err
+    assert "done again: inputs: 1" in render(color, depth, "-o", out).err
 
 
 def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(

@@ -23,8 +23,8 @@ from pathlib import Path
 from stat import S_ISREG
 
 from defocus_core.batch.datasets import sample_index
-from defocus_core.batch.datasets.sample_index import Record
-from defocus_core.batch.journal.run_file import SHARDS_FOLDER
+from defocus_core.batch.journal.left import SHARDS_FOLDER
+from defocus_core.batch.journal.record import Record
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
