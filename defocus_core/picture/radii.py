@@ -80,7 +80,7 @@ def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
 def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     import torch
 
-    if lens.blur is not None:
+    if isinstance(lens.blur, float):
         return _relative(lens.blur, lens, depth, keeping)
     if depth.is_radius:
         limits = _limits_of_file(depth)
@@ -116,7 +116,7 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
         raise InputError("too-blurred", problem, "give a smaller ‹blur›", path=depth.path)
     reach = lens.blur_reach
     largest = -blur if depth.inverted else blur
-    whole = keeping.new(depth.metres.shape, "float32")
+    whole, extremes = keeping.new(depth.metres.shape, "float32"), [math.inf, -math.inf]
     for rows in bands(depth.metres.shape):
         disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
         radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
@@ -124,9 +124,11 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
             low, high = lens.sharp_range
             radius[(disparity >= low) & (disparity <= high)] = 0.0
         whole[rows] = radius.float().numpy()
-    ends = depth.ends or (lens.focus_value, lens.focus_value)
-    limits = sorted(largest * (lens.focus_value - number) / reach for number in ends)
-    return Radii(_with_nothing(whole, limits[1], depth), (limits[0], limits[1]), None, 1.0)
+        shown = radius.numpy() if depth.empty is None else radius.numpy()[~depth.empty[rows]]
+        low, high = shown.min(initial=math.inf), shown.max(initial=-math.inf)
+        extremes = [min(extremes[0], float(low)), max(extremes[1], float(high))]
+    limits = (extremes[0], extremes[1]) if extremes[0] <= extremes[1] else (0.0, 0.0)
+    return Radii(_with_nothing(whole, limits[1], depth), limits, None, 1.0)
 
 
 def _clamp(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
@@ -165,7 +167,7 @@ def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
     from defocus_core.optics.axial_color import color_offset
 
     assert lens.axial_color is not None
-    if lens.blur is not None:
+    if isinstance(lens.blur, float):
         red, blue = (-share * lens.blur for share in lens.axial_color)
         return red, blue
     thin_lens = thin_lens_of(lens, size)
