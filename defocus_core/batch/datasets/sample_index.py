@@ -183,11 +183,20 @@ def _entry(record: Record) -> dict[str, Any]:
         "coc_max_px": float(far),
         **{name: taken.measures.get(name) for name in MEASURES},
         "quality": record.quality,
+        **_repair(taken.depth_repair or {}),
         "warnings": list(taken.warnings),
         "outputs_blake2b": {kind: stamp.blake2b for kind, stamp in outputs.items()},
         "inputs_blake2b": _hashes(record),
         "version": record.version,
         "renderer": record.renderer,
+    }
+
+
+def _repair(repair: Mapping[str, Any]) -> dict[str, Any]:
+    """What was repaired of the depth, and the share of the pixels that it changed."""
+    return {
+        "depth_repaired": list(repair.get("kinds", ())),
+        "depth_repaired_share": repair.get("share"),
     }
 
 

@@ -33,6 +33,14 @@ def test_a_sample_is_a_line_whose_file_name_comes_first(tmp_path):
     assert line["inputs"] == {"color": "color.exr", "depth": "depth.exr"}
 
 
+def test_a_line_says_what_was_repaired(tmp_path):
+    repair = {"kinds": ["soft-edges"], "noise_px": None, "share": 0.02}
+    one, other = record(tmp_path, "a", depth_repair=repair), record(tmp_path, "b")
+    lines = written(tmp_path, one, other)
+    assert [line["depth_repaired"] for line in lines] == [["soft-edges"], []]
+    assert [line["depth_repaired_share"] for line in lines] == [0.02, None]
+
+
 def test_samples_are_sorted_by_name_whatever_the_order_of_the_records(tmp_path):
     one, two = record(tmp_path, "a"), record(tmp_path, "b", ("coc",), seconds={"render": 9.0})
     failed = {**two, "status": "failed", "reason": "fault"}
