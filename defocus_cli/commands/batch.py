@@ -11,7 +11,6 @@ from defocus_cli.options.batch import crew_options, dataset_options, shard_of
 from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_core.batch.datasets import update
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers import run
 from defocus_core.batch.workers.plan import DataSet, Execution
@@ -94,8 +93,6 @@ def command(
         data_set=DataSet(batch.source, shards_size),
     )
     jobs = batch.jobs()
-    splits = {job.split.name for job in jobs}
-    update.refuse_foreign(out, splits, packs=shards_size is not None)
     if dry_run:
         from defocus_cli.words import dry_run as dry_runs
 

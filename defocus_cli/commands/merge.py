@@ -32,8 +32,8 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
       defocus merge out
       defocus merge out --shards-size 1GB
     """  # noqa: D301  click reads the backspace
-    splits = {split for names in Ledger(out).splits.values() for split in names}
-    update.refuse_foreign(out, splits, packs=shards_size is not None)
+    named = {record.sample_id: record.split for record in Ledger(out).records()}
+    update.refuse_foreign(out, named, packs=shards_size is not None)
     merged = left.merge(out)
     written = update.index(out, shards_size)
     journals = counted(merged.journals, "journal")

@@ -8,7 +8,6 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.datasets import update
 from defocus_core.batch.journal.record import Record
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import DataSet, Execution, Plan
@@ -104,7 +103,6 @@ def run_batch(
     config = WorkerConfig("local", processes, threads, device, memory, None)
     asked, source = _asked(jobs, Outputs(Path(out), overwrite=overwrite))
     asked = computed_by(asked, config.machine)
-    update.refuse_foreign(Path(out), {job.split.name for job in asked}, packs=False)
     execution = Execution(
         pipeline.execute if processes == 1 else config.execute(),
         limit=limit,

@@ -22,6 +22,7 @@ class Draw:
     index: int  # number of the draw for these
     options: tuple[tuple[str, str], ...]  # all options of the lens as texts, drawn or not
     attempt: int = 0  # number of draws before this one that did not suit the picture
+    refused_px: float = math.inf  # least radius of those that blurred more than max-coc
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,9 @@ def lens_record(lens: Lens) -> dict[str, Any]:
     if lens.max_coc is not None:
         record["max_coc_px"] = lens.max_coc
     if (draw := lens.draw) is not None:
-        record["draw"] = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
+        drawn = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
+        refused = draw.refused_px if math.isfinite(draw.refused_px) else None
+        record["draw"] = {**drawn, "refused_px": refused} if draw.attempt else drawn
     return record
 
 

@@ -204,3 +204,14 @@ def test_the_jobs_file_is_read_once(edit, folder, monkeypatch):
     batch(folder, "--processes", "1")
     assert (folder / "out" / "jobs.toml").read_bytes().endswith(b"\n" + before)
     assert card(folder)["origin"] == {}
+
+
+def test_samples_that_tars_cannot_tell_apart_are_refused_before_the_batch(folder):
+    for name in ("a.1", "a_1"):
+        for of in ("rgb", "z"):
+            (folder / f"{name}_{of}.exr").write_bytes((folder / f"a_{of}.exr").read_bytes())
+    words = ("batch", folder / "jobs.toml", "-o", folder / "out")
+    for more in ((), ("--dry-run",)):
+        refused(run(*words, "--shards-size", "1GB", *more), 3, "duplicate", folder / "out")
+    assert not (folder / "out").exists()
+    succeed(*words)

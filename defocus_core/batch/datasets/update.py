@@ -10,7 +10,7 @@ they are packed again in their size if samples changed, and till then hold what 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -52,15 +52,17 @@ def index(
     return written + tar_shards.write(out, records, shards_size)
 
 
-def refuse_foreign(out: Path, splits: Collection[str], *, packs: bool) -> None:
-    """Refuse an OUT in which the index, the card or shards are not of a batch.
+def refuse_foreign(out: Path, named: Mapping[str, str], *, packs: bool) -> None:
+    """Refuse an OUT in which the index, the card or shards are not of a batch, or cannot be.
 
-    `splits`: of the samples; `packs`: whether shards are asked for.
+    `named`: the split of each sample by its name; `packs`: whether shards are asked for.
     """
-    lists = [sample_index.NAME, *(sample_index.list_name(split) for split in splits if split)]
+    splits = sorted({*named.values()} - {""})
+    lists = [sample_index.NAME, *map(sample_index.list_name, splits)]
     names = [name for name in lists if not sample_index.is_own(out, name)]
     names += [] if card.is_own(out) else [card.JSON]
     if packs or tar_shards.listed(out) is not None:
+        tar_shards.keys_of(list(named), out)
         names += filter(None, [tar_shards.foreign(out)])
     if names:
         problem = "exists already, and no batch has written it"

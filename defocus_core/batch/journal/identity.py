@@ -168,14 +168,18 @@ def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
 
 def plain(value: Any) -> Any:
     """A value without classes: dataclasses become dictionaries, tuples lists, paths text."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        found = ((name, getattr(value, name), default) for name, default in _fields(type(value)))
-        return {name: plain(v) for name, v, default in found if v != default}
+        parts: dict[str, Any] = {}
+        for name, default in _fields(type(value)):  # a lens has many, and a batch many lenses
+            part = getattr(value, name)
+            if part is not default and part != default:
+                parts[name] = part if type(part) is str else plain(part)
+        return parts
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     return value
 

@@ -158,9 +158,9 @@ def _mark(shared: Values) -> str:
 def _sum(whole: Values, values: Values) -> dict[str, Any]:
     """Values, and what they leave out of those of a full line, in tables within them, too."""
     both = {**whole, **values}
-    for key in both.keys() & values.keys() & whole.keys():
-        if isinstance(whole[key], dict) and isinstance(values[key], dict):
-            both[key] = _sum(whole[key], values[key])
+    for key, value in values.items():
+        if type(value) is dict and type(whole.get(key)) is dict:
+            both[key] = _sum(whole[key], value)
     return both
 
 
@@ -252,16 +252,11 @@ class Ledger:
         self._last: dict[str, int] = {}  # by file, the number of the record that holds
         self._once: set[str] = set()  # files that an earlier record has as done, and the last not
         self._kinds: list[Outcome] = []
-        self._rows: list[Any] = [array(code) for code in "QLLfHHH"]
-        (
-            self._begins,
-            self._of,
-            self._kind,
-            self._seconds,
-            self._files,
-            self._own,
-            self._pictures,
-        ) = self._rows
+        # A row for each record: where its line begins, in which journal, how it ended, seconds; of
+        # its files how many there are, are its own by now, and are of these no previews
+        self._begins, self._of, self._kind = array("Q"), array("L"), array("L")
+        self._seconds = array("f")
+        self._files, self._own, self._pictures = array("H"), array("H"), array("H")
         runs = [None, *shards(out)]
         self._journals = [JournalFile(journal_path(out, run)) for run in runs]
         numbers: dict[Outcome, int] = {}
@@ -278,7 +273,7 @@ class Ledger:
 
     def _add(self, values: Values, begin: int, place: int, kind: int) -> None:
         number, is_ok = len(self._begins), values["status"] == "ok"
-        paths = {stamp["path"]: name for name, stamp in values["outputs"].items()}
+        paths = [stamp["path"] for stamp in values["outputs"].values()]
         for path in paths:
             before = self._last.get(path)
             if is_ok:
@@ -291,9 +286,13 @@ class Ledger:
             self._last[path] = number
         pictures = sum(not path.endswith(_PREVIEW) for path in paths)
         seconds = values["seconds"]["render"] if is_ok else 0.0
-        row = (begin, place, kind, seconds, len(paths), len(paths), pictures)
-        for column, value in zip(self._rows, row, strict=True):
-            column.append(value)
+        self._begins.append(begin)
+        self._of.append(place)
+        self._kind.append(kind)
+        self._seconds.append(seconds)
+        self._files.append(len(paths))
+        self._own.append(len(paths))
+        self._pictures.append(pictures)
         if split := values.get("split"):
             stem = values["settings"].get("stem", "")
             if split not in self.splits.setdefault(stem, ()):
@@ -301,11 +300,11 @@ class Ledger:
 
     def kind(self, number: int) -> Outcome:
         """How the job of a record ended."""
-        return self._kinds[int(self._kind[number])]
+        return self._kinds[self._kind[number]]
 
     def seconds(self, number: int) -> float:
         """Seconds that the job of a record took to render."""
-        return float(self._seconds[number])
+        return self._seconds[number]
 
     def is_known(self, path: str) -> bool:
         """Whether a record has a file, relative to OUT, as written."""
@@ -323,8 +322,8 @@ class Ledger:
 
     def record(self, number: int) -> Record:
         """The record of a number."""
-        reader = self._journals[int(self._of[number])]
-        return reader.record(int(self._begins[number]))
+        reader = self._journals[self._of[number]]
+        return reader.record(self._begins[number])
 
     def live(self) -> Iterator[int]:
         """The numbers of the records that are not superseded, oldest first."""

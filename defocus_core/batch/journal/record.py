@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -191,27 +192,66 @@ FIELDS: Mapping[str, Field] = {
     "renderer": Field((int, _NONE), "version of the renderer", "old"),
     "finished": Field(_TEXT, "when, UTC; the order of the lines decides"),
 }
-_BY_STATUS: Mapping[bool, Mapping[str, tuple[type, ...]]] = {
-    is_ok: {
-        name: row.types for name, row in FIELDS.items() if row.of in ("", "ok" if is_ok else "")
-    }
-    for is_ok in (True, False)
-}
-_OLD = {name: row.types for name, row in FIELDS.items() if row.of == "old"}
+
+
+class _Table:
+    """Keys of values, and the types that each may have."""
+
+    def __init__(self, types: Mapping[str, tuple[type, ...]], of: str = "") -> None:
+        self.types, self.of = types, of
+        self._get = itemgetter(*types)
+        self._known: set[tuple[type, ...]] = set()  # types of values that were right
+
+    def wrong(self, values: Mapping[str, Any]) -> str | None:
+        """What is missing or of a wrong type, as ``has no lens``; None if nothing is."""
+        with suppress(KeyError):
+            found = tuple(map(type, self._get(values)))
+            if found in self._known:
+                return None
+            if (fault := self.wrong_if_there(values)) is None:
+                self._known.add(found)
+            return fault
+        return next(f"has no {self.of}{key}" for key in self.types if key not in values)
+
+    def wrong_if_there(self, values: Mapping[str, Any]) -> str | None:
+        """What is of a wrong type among the keys that values have."""
+        for key, kinds in self.types.items():
+            if key in values and type(values[key]) not in kinds:
+                return f"has the {self.of}{key} {values[key]!r:.60}, which is of a wrong type"
+        return None
+
+
+def _fields(*of: str) -> dict[str, tuple[type, ...]]:
+    return {name: row.types for name, row in FIELDS.items() if row.of in of}
+
+
+_OF_ALL, _OF_PICTURE, _OLD = _Table(_fields("")), _Table(_fields("", "ok")), _Table(_fields("old"))
 _OPTICS = tuple(key for key, row in RECORDED.items() if row.is_optics)  # none beside radii
-_LENS: Mapping[str, tuple[type, ...]] = {
+_LENS_TYPES: Mapping[str, tuple[type, ...]] = {
     **dict.fromkeys(RECORDED, _NUMBER),
     **dict.fromkeys(_OPTICS, (*_NUMBER, _NONE)),
     "focus_mm": (*_NUMBER, str, _NONE),
     "blades": (int,),
 }
-_CHOSEN = {"focus_at_px": (list,), "focus_percentile": _NUMBER, "max_coc_px": _NUMBER}
-_NUMBERED = frozenset({*_LENS, *_CHOSEN, "draw"})  # keys of a lens but effects
+_LENS = _Table(_LENS_TYPES, "lens.")
+_CHOSEN = _Table(
+    {"focus_at_px": (list,), "focus_percentile": _NUMBER, "max_coc_px": _NUMBER}, "lens."
+)
+_NUMBERED = frozenset({*_LENS_TYPES, *_CHOSEN.types, "draw"})  # keys of a lens but effects
 _EFFECT = (*_NUMBER, str, bool, _NONE)
 _STAMP = {"path": (str,), "size": (int,), "mtime_ns": (int,), "blake2b": (str,)}
-_DRAW = dict.fromkeys(("seed", "index", "attempt"), (int,))
-_SETTINGS: dict[str, tuple[type, ...]] = dict.fromkeys(("stem", "suffix", "quality"), (str,))
-_SETTINGS |= dict.fromkeys(("lens", "reading", "outputs", "shot"), (dict,))
+_DRAW = _Table(dict.fromkeys(("seed", "index", "attempt"), (int,)), "lens.draw.")
+_REFUSED = _Table({"refused_px": (*_NUMBER, _NONE)}, "lens.draw.")
+_SECONDS = _Table(
+    {"render": _NUMBER, **dict.fromkeys(("read", "write", "cpu"), _NUMBER)}, "seconds."
+)
+_SETTINGS = _Table(
+    {
+        **dict.fromkeys(("stem", "suffix", "quality"), (str,)),
+        **dict.fromkeys(("lens", "reading", "outputs", "shot"), (dict,)),
+    },
+    "settings.",
+)
 _MEASURED = ("_px", "_share")  # ends of the names of measures that are numbers
 
 
@@ -234,7 +274,7 @@ def fault_of(values: object, linked: frozenset[str] = frozenset()) -> str | None
     if not isinstance(values, dict):
         return "is no record of a job"
     is_ok = values.get("status") == "ok"
-    fault = _wrong(values, _BY_STATUS[is_ok]) or _wrong_if_there(values, _OLD)
+    fault = (_OF_PICTURE if is_ok else _OF_ALL).wrong(values) or _OLD.wrong_if_there(values)
     if fault is not None:
         return fault
     if values["status"] not in STATUSES:
@@ -249,30 +289,9 @@ def fault_of(values: object, linked: frozenset[str] = frozenset()) -> str | None
         return f"has the split {split!r:.60}, which is no name"
     if not all(isinstance(warning, str) for warning in values["warnings"]):
         return "has a warning that is no text"
-    fault = _wrong_if_there(values["settings"], _SETTINGS, "settings.")
+    fault = _SETTINGS.wrong_if_there(values["settings"])
     fault = fault or _fault_of_files(values, linked)
     return fault or (_fault_of_picture(values) if is_ok else None)
-
-
-def _wrong(
-    values: Mapping[str, Any], types: Mapping[str, tuple[type, ...]], of: str = ""
-) -> str | None:
-    """What is missing or of a wrong type among values, as ``has no lens``; None if nothing is."""
-    for key, kinds in types.items():
-        if type(values.get(key, ...)) not in kinds:
-            if key not in values:
-                return f"has no {of}{key}"
-            return f"has the {of}{key} {values[key]!r:.60}, which is of a wrong type"
-    return None
-
-
-def _wrong_if_there(
-    values: Mapping[str, Any], types: Mapping[str, tuple[type, ...]], of: str = ""
-) -> str | None:
-    for key, kinds in types.items():
-        if key in values and type(values[key]) not in kinds:
-            return f"has the {of}{key} {values[key]!r:.60}, which is of a wrong type"
-    return None
 
 
 def is_moment(text: str) -> bool:
@@ -290,9 +309,9 @@ def _fault_of_files(values: Mapping[str, Any], linked: frozenset[str]) -> str | 
         for role, stamp in files.items():
             if type(stamp) is not dict or "path" not in stamp:
                 return f"has no path of {role}"
-            fault = _wrong_if_there(stamp, _STAMP, f"{role}.")
-            if fault is not None:
-                return fault
+            for key, part in stamp.items():
+                if type(part) not in _STAMP.get(key, ()):
+                    return f"has the {role}.{key} {part!r:.60}, which is of a wrong type"
     for kind, stamp in values["outputs"].items():
         path = stamp["path"]
         if output_fault(path):
@@ -304,9 +323,7 @@ def _fault_of_files(values: Mapping[str, Any], linked: frozenset[str]) -> str | 
 
 def _fault_of_picture(values: Mapping[str, Any]) -> str | None:
     lens = values["lens"]
-    fault = _wrong(lens, _LENS, "lens.") or _wrong(
-        values["seconds"], {"render": _NUMBER}, "seconds."
-    )
+    fault = _LENS.wrong(lens) or _seconds_fault(values["seconds"])
     if fault is not None:
         return fault
     if len({lens[key] is None for key in _OPTICS}) > 1:
@@ -315,9 +332,9 @@ def _fault_of_picture(values: Mapping[str, Any]) -> str | None:
         return f"has the lens.focus_mm {lens['focus_mm']!r:.60}, neither a number nor inf"
     if "draw" in lens:
         draw = lens["draw"]
-        if type(draw) is not dict or (fault := _wrong(draw, _DRAW, "lens.draw.")):
+        if type(draw) is not dict or (fault := _DRAW.wrong(draw) or _REFUSED.wrong_if_there(draw)):
             return fault or "has a lens.draw that names no seed"
-    if (fault := _wrong_if_there(lens, _CHOSEN, "lens.")) is not None:
+    if (fault := _CHOSEN.wrong_if_there(lens)) is not None:
         return fault
     if len(lens.get("focus_at_px", "xy")) != 2 or (lens.keys() - _NUMBERED and not _is_said(lens)):
         return "has a lens that no words can be made of"
@@ -334,6 +351,10 @@ def _fault_of_picture(values: Mapping[str, Any]) -> str | None:
         if name.endswith(_MEASURED) and type(value) not in (*_NUMBER, _NONE):
             return f"has the measures.{name} {value!r:.60}, which is no number"
     return None
+
+
+def _seconds_fault(seconds: Mapping[str, Any]) -> str | None:
+    return _SECONDS.wrong_if_there(seconds) if "render" in seconds else "has no seconds.render"
 
 
 def _is_said(lens: Mapping[str, Any]) -> bool:

@@ -91,13 +91,12 @@ def write(take: Take | Failed) -> Taken | Failed:
         "write": time.perf_counter() - start,
         "cpu": take.cpu_seconds,
     }
-    near, far = take.limits  # of float32
     return Taken(
         inputs=dict(inputs),
         outputs=outputs,
         lens=lens_record(take.lens),
         size=take.size,
-        coc_px=(float(f"{near:.9g}"), float(f"{far:.9g}")),
+        coc_px=take.limits,
         color_note=take.color_note,
         depth_note=take.depth_words(),
         depth_repair=repair_record(take.repair),

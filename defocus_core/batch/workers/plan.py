@@ -8,6 +8,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from defocus_core.batch.datasets import update
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Ledger, Shard
 from defocus_core.batch.journal.record import End, Failed, Record
@@ -80,6 +81,9 @@ class Plan:
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     """Sort the jobs of a batch into those that are done and those that are to do."""
     refuse_misplaced(jobs)
+    if (wanted := execution.data_set) is not None:
+        named = {job.sample_id: job.split.name for job in jobs}
+        update.refuse_foreign(out, named, packs=wanted.shards_size is not None)
     ledger, forced = Ledger(out), any(job.outputs.overwrite for job in jobs)
     todo: list[tuple[Job, str]] = []
     plan = Plan(ledger, [], [], [], 0, [])
