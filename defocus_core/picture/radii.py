@@ -124,9 +124,8 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
             low, high = lens.sharp_range
             radius[(disparity >= low) & (disparity <= high)] = 0.0
         whole[rows] = radius.float().numpy()
-    ends = depth.ends or (lens.focus_value, lens.focus_value)
-    limits = sorted(largest * (lens.focus_value - number) / reach for number in ends)
-    return Radii(_with_nothing(whole, limits[1], depth), (limits[0], limits[1]), None, 1.0)
+    limits = _limits_of(whole, depth)
+    return Radii(_with_nothing(whole, limits[1], depth), limits, None, 1.0)
 
 
 def _clamp(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
@@ -224,11 +223,18 @@ def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
     return radius
 
 
+def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
+    """The least and greatest radius, in px, of what is there."""
+    ends: list[float] = []
+    for rows in bands(px.shape):
+        radius = px[rows] if depth.empty is None else px[rows][~depth.empty[rows]]
+        ends += [float(radius.min()), float(radius.max())] if radius.size else []
+    return min(ends, default=0.0), max(ends, default=0.0)
+
+
 def _limits_of_file(depth: Depth) -> tuple[float, float]:
     """The least and greatest radius of a file of radii, in px."""
-    of_bands = [depth.present(rows) for rows in bands(depth.metres.shape)]
-    minimum = min((float(radius.min()) for radius in of_bands if radius.size), default=0.0)
-    maximum = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
+    minimum, maximum = _limits_of(depth.metres, depth)
     if max(-minimum, maximum) > _MAX_PX:
         problem = f"has a CoC radius of {max(-minimum, maximum):.2g} px"
         raise InputError("too-blurred", problem, "check ‹depth-format› coc", path=depth.path)
