@@ -157,10 +157,16 @@ def signed_radius(
 
 
 def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
-    """Px by which the signed radii of red and of blue differ from those of green."""
+    """Px by which the signed radii of red and of blue differ from those of green.
+
+    Of a blur in px the shifts are shares of it.
+    """
     from defocus_core.optics.axial_color import color_offset
 
     assert lens.axial_color is not None
+    if lens.blur is not None:
+        red, blue = (-share * lens.blur for share in lens.axial_color)
+        return red, blue
     thin_lens = thin_lens_of(lens, size)
     red, blue = (float(color_offset(thin_lens, shift)) for shift in lens.axial_color)
     return red, blue

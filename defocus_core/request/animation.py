@@ -91,7 +91,8 @@ class Animation:
 def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
     """The value between two numbers, or of each of several."""
     if isinstance(first, tuple):
-        return tuple(_between(row, *pair, fraction) for pair in zip(first, last, strict=True))
+        pairs = zip(first, last, strict=True)
+        return type(first)(_between(row, *pair, fraction) for pair in pairs)
     to, back = SCALES[row.even_in]
     value = back((1 - fraction) * to(first) + fraction * to(last))
     return round(value) if isinstance(first, int) else value

@@ -10,7 +10,7 @@ from typing import Any
 
 from defocus_core.errors import CALLER, Place
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
-from defocus_core.request.quantities import FileNumbers, Percentile, length_text
+from defocus_core.request.quantities import Percentile, Unitless, length_text
 
 
 @dataclass(frozen=True)
@@ -22,6 +22,7 @@ class Draw:
     index: int  # number of the draw for these
     options: tuple[tuple[str, str], ...]  # all options of the lens as texts, drawn or not
     attempt: int = 0  # number of draws before this one that did not suit the picture
+    refused_px: float = math.inf  # least radius of those that blurred more than max-coc
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class Lens:
     def __post_init__(self) -> None:
         """Beside a blur in pixels the sharp range is of numbers of the file."""
         if self.blur is not None and self.sharp_range is not None:
-            object.__setattr__(self, "sharp_range", FileNumbers(self.sharp_range))
+            object.__setattr__(self, "sharp_range", Unitless(self.sharp_range))
 
     @property
     def effects(self) -> dict[str, Any]:
@@ -115,7 +116,9 @@ def lens_record(lens: Lens) -> dict[str, Any]:
     if lens.max_coc is not None:
         record["max_coc_px"] = lens.max_coc
     if (draw := lens.draw) is not None:
-        record["draw"] = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
+        drawn = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
+        refused = draw.refused_px if math.isfinite(draw.refused_px) else None
+        record["draw"] = {**drawn, "refused_px": refused} if draw.attempt else drawn
     return record
 
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.request import quantities
-from defocus_core.request.quantities import FileNumbers, Percentile, length_text
+from defocus_core.request.quantities import Percentile, Unitless, length_text
 
 METADATA = "lens-from-metadata"  # the option, and the key, by which a picture says its lens
 # Scales of sweeps, and between keys of frames: to each, and back.
@@ -68,8 +68,8 @@ class Param:
         return self.text(value, digits)
 
     def _join(self, value: object, write: Callable[[float], str]) -> str:
-        if isinstance(value, FileNumbers):
-            return str(value)
+        if isinstance(value, Unitless):
+            return self.separator.join(f"{number:.9g}" for number in value)
         if isinstance(value, tuple | list):
             return self.separator.join(self._join(each, write) for each in value)
         if value is None or isinstance(value, bool):
@@ -292,7 +292,8 @@ _ROWS = (
         parse=quantities.shifts,
         metavar="RED:BLUE",
         help="Axial colour, like 0.1mm:0.1mm: how much farther behind the lens red and blue are "
-        "in focus than green. Above 0, rims are green beyond the focus and magenta nearer.",
+        "in focus than green. Above 0, rims are green beyond the focus and magenta nearer. Beside "
+        "‹blur›, shares of it, like 0.05:0.05.",
         tag="axial",
         example="0.1mm:0.1mm",
         unit="mm",
@@ -391,7 +392,7 @@ _ROWS = (
         parse=quantities.highlights,
         metavar="auto|T:GAIN",
         help="Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like "
-        "16, from a threshold in linear light, like 0.93, up to white. Pictures with light above "
+        "8, from a threshold in linear light, like 0.93, up to white. Pictures with light above "
         "1 stay as they are.  [default: off]",
         tag="lights",
         example="auto",
@@ -449,7 +450,7 @@ _POINT_OPTIONS = ("blade", "obstruction", "spherical", "squeeze", "aperture-imag
 # What the opening and the blur of a point show.
 OPENING = tuple(name for name in SHAPES if name.startswith(_POINT_OPTIONS))
 BESIDE_BLUR = frozenset(
-    {*SHAPES, "focus-at", "sharp-range"}
+    {*SHAPES, "focus-at", "sharp-range", "cat-eye", "vignetting", "axial-color"}
 )  # what has an effect where the blur is in pixels
 # The options by their keys in records: those of any lens, and those of effects that are on.
 RECORDED = {row.recorded_as: row for row in _ROWS if row.recorded_as and not row.instead_of}

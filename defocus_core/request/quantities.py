@@ -85,24 +85,21 @@ def length(text: str) -> float:
     return value
 
 
-class FileNumbers(tuple[float, float]):
-    """The ends of a range of the numbers of a depth file, which have no unit."""
-
-    def __str__(self) -> str:
-        return "{:.9g}..{:.9g}".format(*self)
+class Unitless(tuple[float, float]):
+    """Two numbers without a unit, instead of lengths: of a depth file, or shares of a blur."""
 
 
 def sharp_range(text: str) -> tuple[float, float]:
     """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
 
-    Without a unit, as ``100..200``, they are `FileNumbers`. The range holds both as written.
+    Without a unit, as ``100..200``, they are `Unitless`. The range holds both as written.
     """
     ends = [end.strip() for end in short(text).split("..")]
     if len(ends) != 2:
         raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")
     try:
         low, high = map(number, ends)
-        made: tuple[float, float] = FileNumbers((low, high))
+        made: tuple[float, float] = Unitless((low, high))
     except QuantityError:
         made = low, high = length(ends[0]), math.inf if ends[1] == "inf" else length(ends[1])
     if low > high:
@@ -224,7 +221,7 @@ def pair(
     return parse
 
 
-_LIGHTS = "like 0.93:16"
+_LIGHTS = "like 0.93:8"
 _clipped = pair(
     within(0, 0.999, "a threshold in linear light", _LIGHTS),
     within(1, 1000, "a gain", _LIGHTS),
@@ -234,7 +231,7 @@ _clipped = pair(
 
 
 def highlights(text: str) -> tuple[float, float] | None:
-    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
+    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:8``; None from ``off``."""
     word = text.strip().lower()
     return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
 
@@ -255,8 +252,15 @@ def _shift(text: str) -> float:
     return mm
 
 
-# Shifts of the focus of red and of blue in mm, of either sign.
-shifts = pair(_shift, _shift, "no RED:BLUE", "write it like 0.1mm:0.05mm")
+_SHARE = within(-1, 1, "a share of the blur", "like 0.1")
+_LIKE = "no RED:BLUE", "write it like 0.1mm:0.05mm"
+_shifts, _shares = pair(_shift, _shift, *_LIKE), pair(_SHARE, _SHARE, *_LIKE)
+
+
+def shifts(text: str) -> tuple[float, float]:
+    """Shifts of the focus of red and of blue in mm, of either sign; `Unitless` of a blur in px."""
+    has_unit = any(letter.isalpha() for letter in text.replace("e", ""))
+    return _shifts(text) if has_unit else Unitless(_shares(text))
 
 
 def _electrons(minimum: float) -> Callable[[str], float]:

@@ -22,9 +22,9 @@ from defocus_core.request.job import Reading
 from defocus_core.request.lens import EFFECTS, Draw, Lens
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, METADATA, OPENING, Param
 from defocus_core.request.quantities import (
-    FileNumbers,
     Percentile,
     QuantityError,
+    Unitless,
     length_text,
     percentage,
     read_at,
@@ -129,6 +129,19 @@ def refuse_taken(layer: Layer, taken: Mapping[str, str]) -> None:
         raise UsageProblem("contradiction", problem, "remove one", path=layer[name].place)
 
 
+# Lengths that have no unit beside a blur in pixels: what is wrong with others, and the remedy.
+_UNITLESS = {
+    "sharp-range": (
+        "is in numbers of the depth file beside ‹blur›, and in distances beside a lens",
+        "write it like 100..200, or like 1.8m..2.4m",
+    ),
+    "axial-color": (
+        "is in shares of ‹blur› beside it, and in lengths beside a lens",
+        "write it like 0.05:0.05, or like 0.1mm:0.1mm",
+    ),
+}
+
+
 def check_lens(
     options: Layer, where: Place, *, radii: bool = False, lacking: Path | None = None
 ) -> None:
@@ -151,13 +164,11 @@ def check_lens(
         if distances:
             longest = max(possible["focal-length"])
             refuse_near_focus(min(distances), longest, options["focus"].place)
-    for sharp in possible.get("sharp-range", ()):
-        if isinstance(sharp, FileNumbers) != in_pixels:
-            problem = (
-                "is in numbers of the depth file beside ‹blur›, and in distances beside a lens"
-            )
-            remedy = "write it like 100..200, or like 1.8m..2.4m"
-            raise UsageProblem("malformed", problem, remedy, path=options["sharp-range"].place)
+    for name, (problem, remedy) in _UNITLESS.items():
+        if any(
+            isinstance(value, Unitless) != in_pixels for value in possible.get(name, ()) if value
+        ):
+            raise UsageProblem("malformed", problem, remedy, path=options[name].place)
     for name, (_, place) in options.items():
         row = LENS_OPTIONS[name]
         if row.needs and any(possible[name]) and not any(possible.get(row.needs, ())):

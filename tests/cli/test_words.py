@@ -205,7 +205,7 @@ B jobs.toml --shards-size 1GB --shard 1/2
 whole-batch --shards-size: needs the whole batch; give it to 'defocus merge'
 B jobs.toml --scheduler head
 malformed --scheduler: 'head' is no scheduler; …
-retry held
+merge held
 in-use held/.journal.lock: held is being written by process …
 R --quality best
 - --quality: 'best' is not one of 'draft', 'standard', 'high', 'reference'; \
