@@ -6,7 +6,7 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -216,9 +216,7 @@ def read_depth(
         samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
     values, division = divided(path, samples.values, alpha, reading.unpremultiply_depth, keeping)
     completed = resolved(path, reading, samples, lens_focal=lens_focal)
-    told: tuple[str, ...] = ()
-    if reading.sky is not None and not _has_sky(values, completed):
-        told = (f"{path.name}: ‹sky› {reading.sky:g} marks no pixel",)
+    idle_sky = reading.sky is not None and not _has_sky(values, completed)
     metres, half_sky = _decode(replace(samples, values=values), completed, keeping, overscan)
     marks = _apply_marks(path, row, samples.marks, metres)
     if orientation != 1:
@@ -246,15 +244,11 @@ def read_depth(
         named=reading.depth_format is not None,
         data_window=samples.data_window,
         is_deep=samples.is_deep,
-        told=told,
         overscan=overscan,
         is_relative=reading.relative,
         inverted=reading.invert is not None,
     )
-    if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
-        problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
-        line = f"{path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres"
-        depth = replace(depth, told=(*told, line))
+    depth = replace(depth, told=tuple(_told(depth, reading, samples, idle_sky=idle_sky)))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
 
@@ -338,6 +332,17 @@ def _is_behind(depth: Depth) -> bool:
             return False
         has_negative |= bool((metres < 0).any())
     return has_negative
+
+
+def _told(
+    depth: Depth, reading: DepthReading, samples: DepthNumbers, *, idle_sky: bool
+) -> Iterator[str]:
+    """What is said of options without effect, and of what the program wrote that made the file."""
+    if idle_sky:
+        yield f"{depth.path.name}: ‹sky› {reading.sky:g} marks no pixel"
+    if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
+        problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
+        yield f"{depth.path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres"
 
 
 def _has_sky(values: Any, completed: DepthFormat) -> bool:
