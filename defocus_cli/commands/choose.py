@@ -46,7 +46,7 @@ def command(
 
     A click puts in focus what is there, a slider changes the blur, and below the picture stands
     the command that renders it. The pictures of the page are small drafts, of 8 distances in focus
-    and 4 strengths, and it shows the nearest. Without a lens, depth is relative, as for 'render'.
+    and 5 strengths, and it shows the nearest. Without a lens, depth is relative, as for 'render'.
 
     \b
     Examples:

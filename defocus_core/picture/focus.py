@@ -17,7 +17,7 @@ from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import MM_PER_M, signed_radius
 from defocus_core.request.lens import Lens
-from defocus_core.request.quantities import Percentile, length_text
+from defocus_core.request.quantities import Percentile, SideShare, length_text
 from defocus_core.request.resolver import drawn_lens, refuse_near_focus
 
 
@@ -31,7 +31,7 @@ def with_focus(lens: Lens, depth: Depth) -> Lens:
             draw = replace(lens.draw, attempt=attempt, refused_px=refused)
             lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
         try:
-            focused = _focus(lens, depth)
+            focused = _focus(in_pixels(lens, depth), depth)
             radius = _largest_radius(focused, depth)
             if lens.max_coc is None or radius <= lens.max_coc:
                 return focused
@@ -44,6 +44,13 @@ def with_focus(lens: Lens, depth: Depth) -> Lens:
             rejected = error
     problem = f"{rejected.problem}, with the last of {ATTEMPTS} lenses drawn for it"
     raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.place)
+
+
+def in_pixels(lens: Lens, depth: Depth) -> Lens:
+    """The lens with its blur in px, if that is a share of the longer side of the picture."""
+    if not isinstance(lens.blur, SideShare):
+        return lens
+    return replace(lens, blur=lens.blur.percent / 100 * max(depth.size))
 
 
 def _focus(lens: Lens, depth: Depth) -> Lens:
@@ -131,7 +138,7 @@ def _largest_radius(lens: Lens, depth: Depth) -> float:
     if depth.ends is None:
         return 0.0
     limits = np.array(depth.ends)
-    if lens.blur is not None:
+    if isinstance(lens.blur, float):
         limits = np.array([lens.blur])
     elif not depth.is_radius:
         limits = signed_radius(lens, limits, depth.size)

@@ -80,7 +80,7 @@ def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
 def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     import torch
 
-    if lens.blur is not None:
+    if isinstance(lens.blur, float):
         return _relative(lens.blur, lens, depth, keeping)
     if depth.is_radius:
         limits = _limits_of_file(depth)
@@ -164,7 +164,7 @@ def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
     from defocus_core.optics.axial_color import color_offset
 
     assert lens.axial_color is not None
-    if lens.blur is not None:
+    if isinstance(lens.blur, float):
         red, blue = (-share * lens.blur for share in lens.axial_color)
         return red, blue
     thin_lens = thin_lens_of(lens, size)

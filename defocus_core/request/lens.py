@@ -10,7 +10,7 @@ from typing import Any
 
 from defocus_core.errors import CALLER, Place
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
-from defocus_core.request.quantities import Percentile, Unitless, length_text
+from defocus_core.request.quantities import Percentile, SideShare, Unitless, length_text
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,8 @@ class Lens:
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
-    blur: float | None = None  # px, radius of the most blurred pixel, instead of optics
+    # Radius of the most blurred pixel in px, or a share of a picture, instead of optics
+    blur: float | SideShare | None = None
     focus_value: float | None = None  # number of the depth file in focus, with ``blur``
     blur_reach: float | None = None  # by how much numbers differ from it that get ``blur``
     clamp_blur: float | None = None  # px that no radius exceeds
@@ -136,7 +137,8 @@ def lens_record_words(lens: Mapping[str, Any]) -> str:
     if "blur" in lens:
         at = "{},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
         where = f"at {at}" if at else f"on the number {lens.get('focus_value', 0):g}"
-        return f"blur of {lens['blur']:g}px, focus {where}{shape}"
+        blur = EFFECT_OPTIONS["blur"].shown(lens["blur"])
+        return f"blur of {blur}, focus {where}{shape}"
     if lens["focal_length_mm"] is None:
         return f"radii of the file{shape}"
     focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""

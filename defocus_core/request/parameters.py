@@ -15,7 +15,7 @@ from typing import Any
 
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.request import quantities
-from defocus_core.request.quantities import Percentile, Unitless, length_text
+from defocus_core.request.quantities import Percentile, SideShare, Unitless, length_text
 
 METADATA = "lens-from-metadata"  # the option, and the key, by which a picture says its lens
 # Scales of sweeps, and between keys of frames: to each, and back.
@@ -112,7 +112,7 @@ class LensParam(Param):
         """A value as records have it: a number, a word, the text of several; None for NaN."""
         if isinstance(value, Path):
             return value.name
-        if isinstance(value, tuple):
+        if isinstance(value, tuple | SideShare):
             return self.shown(value)
         if isinstance(value, float) and not math.isfinite(value):
             return None if math.isnan(value) else "inf"
@@ -241,9 +241,10 @@ _ROWS = (
     LensParam(
         name="blur",
         never_off=True,
-        parse=quantities.pixel_count,
+        parse=quantities.blur,
         metavar="PX",
-        help="Radius of the most blurred pixel, like 40px, instead of a lens: the depth is "
+        help="Radius of the most blurred pixel, like 40px, or 2% of the longer side, instead of "
+        "a lens: the depth is "
         "relative disparity of any scale, white near; ‹focus-at› or ‹focus-value› says what is in "
         "focus.",
         tag="blur",

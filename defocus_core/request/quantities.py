@@ -128,6 +128,26 @@ def pixel_count(text: str) -> float:
     return _positive(text, "a length in px", "like 40px", {"": 1, "px": 1})
 
 
+@dataclass(frozen=True)
+class SideShare:
+    """A length in the picture as a share of its longer side, like ``2%``."""
+
+    percent: float
+
+    def __str__(self) -> str:
+        return f"{self.percent:.9g}%"
+
+
+def blur(text: str) -> float | SideShare:
+    """A positive length in the picture, from ``40px``, ``40`` or ``2%`` of its longer side."""
+    if not text.strip().endswith("%"):
+        return pixel_count(text)
+    percent = percentage(text)
+    if not percent:
+        raise QuantityError(f"'{text}' is not positive", "write it like 2%")
+    return SideShare(percent)
+
+
 def number(text: str) -> float:
     """A finite number of either sign."""
     try:

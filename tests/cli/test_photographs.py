@@ -59,6 +59,20 @@ def test_all_of_the_subject_is_in_focus_unless_something_says_the_focus(tmp_path
         assert (ran.code, "sharp" in ran.err + ran.out) == (0, False), given
 
 
+def test_a_share_of_the_longer_side_is_a_blur_and_the_line_says_the_radii_that_there_are(tmp_path):
+    files = photo(tmp_path), png(tmp_path / "z.png", disparity(), np.uint8)
+    focus = ("--focus-value", "10", "--outputs", "coc")
+    share = succeed("render", *files, "-o", tmp_path / "a", *focus, "--blur", "2.5%")
+    pixels = succeed("render", *files, "-o", tmp_path / "b", *focus, "--blur", "4px")
+    first, second = (read_exr(tmp_path / name / "coc/photo.exr")["coc"] for name in "ab")
+    np.testing.assert_array_equal(first, second)
+    assert all("blur of 4px" in ran.out + ran.err for ran in (share, pixels))
+    sharp = ("--sharp-range", "100..180", "--focus-value", "150", "--blur", "4px")
+    ran = succeed("render", *files, "-o", tmp_path / "c", *sharp, "--outputs", "coc")
+    assert "CoC 0.00 to 4.00 px" in ran.out + ran.err, "the card of 180 is sharp"
+    refused(run("render", *files, "-o", tmp_path / "d", "--blur", "0%"), 2, "malformed", "blur")
+
+
 def test_depth_of_another_size_is_refused_before_anything_is_taken(tmp_path):
     files = photo(tmp_path), png(tmp_path / "z.png", disparity()[::2, ::2], np.uint8)
     refused(run("render", *files, "-o", tmp_path / "a.png"), 3, "wrong-size", files[1])

@@ -232,13 +232,12 @@ def read_depth(
         _refuse_scaled(path, values)
     words = (samples.words, division, completed.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
-    is_radius = completed.rule == "radius"
     depth = Depth(
         metres,
         path,
         samples.channel,
         note,
-        is_radius=is_radius,
+        is_radius=completed.rule == "radius",
         is_assumed=is_assumed,
         is_integer=samples.is_integer,
         named=reading.depth_format is not None,
