@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _MAX_SIDE = 4096  # px; sums of areas lose digits beyond
 _MAX_KERNELS = 1024  # of a field
 _MAX_RADIUS = 2000  # px of a drawn blur
+_TANGENT = math.hypot(36, 24) / 2 / 50  # of the field angle in the corner, beside a blur in px
 _SHOWN = 256  # px of a side of a square of the picture to look at
 
 
@@ -56,7 +57,9 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
         remedy = f"give a rim larger than {lens.obstruction:g}, or a smaller ‹obstruction›"
         raise UsageProblem("contradiction", problem, remedy, field="cat-eye")
     width, height = size
-    tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
+    tangent = _TANGENT
+    if not lens.is_shape:
+        tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
     try:
         return CatEye(rim, distance * tangent, lens.vignetting)
     except ValueError as error:

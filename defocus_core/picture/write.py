@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from defocus_core.errors import InputError, with_dashes
-from defocus_core.io.arrays import LazyArray, computed, stacked
+from defocus_core.io.arrays import LazyArray, bands, computed, count_of, stacked
+from defocus_core.io.exr.channel_choice import in_words, is_depth
 from defocus_core.io.exr.header import codec_of
 from defocus_core.io.exr.views import name_in_view
 from defocus_core.io.exr.windows import Layout
@@ -25,7 +26,7 @@ from defocus_core.picture.take import Take
 from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import Kind
 from defocus_core.request.parameters import RECORDED
-from defocus_core.system.text import version
+from defocus_core.system.text import counted, versions
 
 
 class Contents(NamedTuple):
@@ -121,6 +122,12 @@ def window_of(plane: Any, rows: slice, columns: slice) -> LazyArray:
     return LazyArray(shape, plane.dtype, read)
 
 
+def changed_by(compression: str, channels: Mapping[str, Any]) -> list[str]:
+    """The names of channels that are to be exact, and that a codec would change."""
+    codec, _ = codec_of(compression)
+    return [name for name, plane in channels.items() if codec.changes(name, plane.dtype.name)]
+
+
 _OF_COLORS = {PRIMARIES, PROFILE}
 
 
@@ -133,8 +140,23 @@ def write(take: Take) -> Take:
     with written_together(outputs.root):
         warnings = [warning for kind in outputs.rows for warning in _write_kind(take, kind)]
     if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
-        warnings += take.inputs.color.left_out
+        warnings += [*take.inputs.color.left_out, *_not_finite(take.inputs.color.extras)]
     return replace(take, warnings=(*take.warnings, *warnings))
+
+
+def _not_finite(carried: Mapping[str, Any]) -> Iterator[str]:
+    """What is said of channels that are copied and hold NaN or inf, which in depth is sky."""
+    for name, plane in carried.items():
+        if plane.dtype.kind == "f":
+            wrong = np.isnan if is_depth(name) else _is_not_finite
+            count, _ = count_of((wrong(plane[rows]), rows.start) for rows in bands(plane.shape))
+            if count:
+                what = "NaN" if is_depth(name) else "NaN or infinite"
+                yield f"{name}, which is copied, is {what} in {counted(count, 'pixel')}"
+
+
+def _is_not_finite(values: Any) -> Any:
+    return ~np.isfinite(values)
 
 
 def _write_kind(take: Take, kind: Kind) -> list[str]:
@@ -153,7 +175,7 @@ def _write_kind(take: Take, kind: Kind) -> list[str]:
         write_map(path, contents.planes[0])
     else:
         channel, own = kind.channel or kind.name, _attributes(take, kind)
-        exact = "zip" if codec_of(compression)[0].lossy else compression
+        exact = compression if not changed_by(compression, {channel: contents.planes[0]}) else "zip"
         write_exr(path, {channel: contents.planes[0]}, own, contents.layout, exact)
     if preview is not None:
         _write_preview(preview, contents)
@@ -170,7 +192,11 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
     carried = {name: value for name, value in every.items() if name not in left_out}
     attributes = carried | _attributes(take, kind)
     if path.suffix.lower() == ".exr":
-        return write_exr_image(
+        warnings = []
+        if changed := changed_by(compression, take.inputs.color.extras):
+            warnings = [f"written with zip: {compression} would change {in_words(changed)}"]
+            compression = "zip"
+        return warnings + write_exr_image(
             path,
             dict(zip(contents.names, contents.planes, strict=True)),
             outputs.exr_type,
@@ -226,7 +252,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
         role: f"{other.color.name} {other.depth.name}" for role, other in job.picture.others.items()
     }
     values = {
-        "version": version(),
+        "version": versions(),
         "kind": kind.name,
         "color": job.picture.color.name,
         "depth": job.picture.depth.name,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from defocus_core.batch.datasets.finished import Sample, samples
+from defocus_core.batch.datasets.finished import Sample, SampleList
 from defocus_core.errors import InputError, UsageProblem, did_you_mean
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.exr.reading import read_parts
@@ -71,18 +71,23 @@ class BatchDataset(Dataset[Item]):
                 raise UsageProblem("unknown-name", f"{kind!r} is no kind", remedy, field="kinds")
         self.kinds, self.seed, self.transform = tuple(kinds), seed, transform
         self.crop = (crop, crop) if isinstance(crop, int) else crop
-        every = list(samples(out))
-        self.samples = [
-            sample
-            for sample in every
-            if set(self.kinds) <= sample.files.keys()
-            and split in (None, sample.record.get("split"))
-        ]
-        if not self.samples:
-            _refuse_empty(Path(out), every, self.kinds, split)
-        if self.crop is not None:
-            for sample in self.samples:
-                self._require_room(sample, self.crop)
+        kinds_there, splits = set[str](), set[str]()
+
+        def is_wanted(entry: Mapping[str, Any]) -> bool:
+            kinds_there.update(entry["outputs"])
+            splits.add(str(entry.get("split")))
+            found = entry["outputs"].keys() >= {*self.kinds} and split in (None, entry.get("split"))
+            if found and self.crop is not None:
+                _require_room(Path(out), entry, self.crop)
+            return found
+
+        self.samples = SampleList(Path(out), is_wanted)
+        if not len(self.samples):
+            problem = f"has no sample of {', '.join(kinds)}" + (f" in split {split}" * bool(split))
+            remedy = (
+                f"it has {', '.join(sorted(kinds_there))}, in splits {', '.join(sorted(splits))}"
+            )
+            raise InputError("empty", problem, remedy, path=Path(out))
         # How often each was taken: processes of a loader share it, also those that stay.
         self._times_read = torch.zeros(len(self.samples), dtype=torch.int64)
         self._times_read.share_memory_()  # type: ignore[no-untyped-call]
@@ -135,23 +140,13 @@ class BatchDataset(Dataset[Item]):
         rows, columns = (slice(s, s + side) for s, side in zip(starts, crop, strict=True))
         return rows, columns
 
-    @staticmethod
-    def _require_room(sample: Sample, crop: tuple[int, int]) -> None:
-        width, height = sample.size
-        if height < crop[0] or width < crop[1]:
-            problem = f"is {width}x{height} px, smaller than the crop {crop[1]}x{crop[0]}"
-            path = next(iter(sample.files.values()))
-            raise InputError("wrong-size", problem, "take smaller crops", path=path, field="crop")
 
-
-def _refuse_empty(
-    out: Path, every: Sequence[Sample], kinds: Sequence[str], split: str | None
-) -> None:
-    known = sorted({kind for sample in every for kind in sample.files})
-    splits = sorted({str(sample.record.get("split")) for sample in every})
-    problem = f"has no sample of {', '.join(kinds)}" + (f" in split {split}" if split else "")
-    remedy = f"it has {', '.join(known)}, in splits {', '.join(splits)}"
-    raise InputError("empty", problem, remedy, path=out)
+def _require_room(out: Path, entry: Mapping[str, Any], crop: tuple[int, int]) -> None:
+    width, height = entry["width"], entry["height"]
+    if height < crop[0] or width < crop[1]:
+        problem = f"is {width}x{height} px, smaller than the crop {crop[1]}x{crop[0]}"
+        path = out / next(iter(entry["outputs"].values()))
+        raise InputError("wrong-size", problem, "take smaller crops", path=path, field="crop")
 
 
 def _planes(path: Path, kind: str) -> Any:

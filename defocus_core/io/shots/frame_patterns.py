@@ -21,6 +21,7 @@ KEYS = "keys"  # the word for the frames that have keys
 _FIELD = re.compile(r"#+|%0?\d*d")
 _RANGE = re.compile(r"\d+-\d+(x\d+)?[#@]")  # as some programs write the frames of a pattern
 _DIGITS = 18  # of a frame
+_LONGEST_LIST = 2**16  # characters
 _MAX_FRAMES = 2**20  # from the first to the last, where files alone say which are wanted
 _EXAMPLE = "write them like 1001-1240, 1001-1240x2 or 1001,1005-1010"
 
@@ -68,6 +69,9 @@ def frame_numbers(text: str, where: Place) -> tuple[int, ...]:
     from fileseq.exceptions import MaxSizeException
     from fileseq.frameset import FrameSet
 
+    if len(text) > _LONGEST_LIST:
+        problem = f"has {len(text)} characters, of which {_LONGEST_LIST} are read"
+        raise UsageProblem("malformed", problem, _EXAMPLE, path=where)
     try:
         numbers = sorted({int(number) for number in FrameSet(text.replace(" ", ""))})
     except MaxSizeException:
