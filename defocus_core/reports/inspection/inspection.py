@@ -27,10 +27,11 @@ from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
-from defocus_core.picture.pair import InputPair, overscan_of
+from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.steps.implausible import of_radii
+from defocus_core.picture.take import InputPair
 from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
