@@ -116,7 +116,7 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
         raise InputError("too-blurred", problem, "give a smaller ‹blur›", path=depth.path)
     reach = lens.blur_reach
     largest = -blur if depth.inverted else blur
-    whole, extremes = keeping.new(depth.metres.shape, "float32"), [math.inf, -math.inf]
+    whole = keeping.new(depth.metres.shape, "float32")
     for rows in bands(depth.metres.shape):
         disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
         radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
@@ -124,10 +124,7 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
             low, high = lens.sharp_range
             radius[(disparity >= low) & (disparity <= high)] = 0.0
         whole[rows] = radius.float().numpy()
-        shown = radius.numpy() if depth.empty is None else radius.numpy()[~depth.empty[rows]]
-        low, high = shown.min(initial=math.inf), shown.max(initial=-math.inf)
-        extremes = [min(extremes[0], float(low)), max(extremes[1], float(high))]
-    limits = (extremes[0], extremes[1]) if extremes[0] <= extremes[1] else (0.0, 0.0)
+    limits = _limits_of(whole, depth)
     return Radii(_with_nothing(whole, limits[1], depth), limits, None, 1.0)
 
 
@@ -232,11 +229,18 @@ def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
     return radius
 
 
+def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
+    """The least and greatest radius, in px, of what is there."""
+    ends: list[float] = []
+    for rows in bands(px.shape):
+        radius = px[rows] if depth.empty is None else px[rows][~depth.empty[rows]]
+        ends += [float(radius.min()), float(radius.max())] if radius.size else []
+    return min(ends, default=0.0), max(ends, default=0.0)
+
+
 def _limits_of_file(depth: Depth) -> tuple[float, float]:
     """The least and greatest radius of a file of radii, in px."""
-    of_bands = [depth.present(rows) for rows in bands(depth.metres.shape)]
-    minimum = min((float(radius.min()) for radius in of_bands if radius.size), default=0.0)
-    maximum = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
+    minimum, maximum = _limits_of(depth.metres, depth)
     if max(-minimum, maximum) > _MAX_PX:
         problem = f"has a CoC radius of {max(-minimum, maximum):.2g} px"
         raise InputError("too-blurred", problem, "check ‹depth-format› coc", path=depth.path)

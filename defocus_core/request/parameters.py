@@ -133,6 +133,8 @@ class LensParam(Param):
             text = value.stem
         elif isinstance(value, Percentile):
             text = f"p{value.percent:.6g}"
+        elif isinstance(value, Unitless) and self.separator == "..":
+            text = "-".join(f"{end:.6g}" for end in value)
         elif isinstance(value, tuple) and self.separator == "..":
             text = "-".join(map(self.shown, value))
         elif isinstance(value, tuple):

@@ -212,7 +212,7 @@ def test_a_view_is_rendered_as_if_it_were_alone(make, tmp_path):
     np.testing.assert_array_equal(rgba(seen), rgba(alone))
     told = header(tmp_path / "left" / "render" / "a.exr")
     assert told["view"] == "left"
-    assert {name for name in seen if name not in "RGBAZ"} <= {"motion.u"}
+    assert {name for name in seen if name not in "RGBAZ"} <= {"motion.u", "depth.Z"}
     default = render(made, tmp_path / "default")
     assert "view right taken, the default of right, left; --view names another" in default.err
     right = picture(made, tmp_path / "right", "--view", "right")

@@ -168,7 +168,7 @@ wrong-size small.exr: is 12x8 px but its colour is 24x16 px; \
 give depth of the size of the colour, or say --resize-depth guided, or nearest
 render rgb.exr square.exr -o out LENS --resize-depth guided
 wrong-size square.exr: is 5x5 px, of another aspect than the colour, 24x16 px; \
-cut depth and colour to one aspect
+give depth of the view that the colour shows, all of it
 render rgb.exr holes.exr -o out LENS
 invalid-depth holes.exr: is NaN or ≤ 0 in 2 pixels, the first at 5,7; \
 fill the holes, and write inf for sky; or say --invalid far, or fill

@@ -207,7 +207,7 @@ def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
         problem = "has 8 bits, too few for depth and without a metric scale"
         remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"
         raise InputError("unknown-unit", problem, remedy, path=path)
-    if len(raster.channels) != 1 and not reading.says_scale:
+    if len(raster.channels) == 2 and not reading.says_scale:
         problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
         remedy = "save the depth as a single grey channel"
         raise InputError("not-one-channel", problem, remedy, path=path)

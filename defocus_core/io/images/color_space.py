@@ -25,6 +25,7 @@ from defocus_core.io.images.primaries import (
     adaptation,
     chromaticities_of,
     primaries_name,
+    same_primaries,
 )
 
 _D50 = (0.9642, 1.0, 0.8249)  # of all profiles
@@ -180,12 +181,13 @@ class ColorSpace:
     unheeded: str  # what the file declares that is not applied; empty if nothing
     # The ICC profile that decodes them instead; None if there is none
     profile: Profile | None = None
+    declared: Chromaticities = REC_709  # primaries that the file names, where it has no profile
     data: bytes = b""  # the bytes of the profile that the file has, whether it decodes them or not
 
     @property
     def primaries(self) -> Chromaticities:
         """Those of the decoded light."""
-        return REC_709 if self.profile is None else self.profile.primaries
+        return self.declared if self.profile is None else self.profile.primaries
 
     @property
     def attributes(self) -> dict[str, Embedded]:
@@ -193,21 +195,27 @@ class ColorSpace:
         return {PROFILE: Embedded(self.data, self.profile)} if self.data else {}
 
 
-def color_space(spec: Any) -> ColorSpace:
-    """How the samples of an OpenImageIO ``spec`` are understood."""
+def color_space(spec: Any, primaries: Chromaticities = REC_709) -> ColorSpace:
+    """How the samples of an OpenImageIO ``spec`` are understood.
+
+    `primaries`: those that the file names beside a profile.
+    """
     declared, gamma = _declaration(spec)
     kind = str(spec.format)
     named, profile, data = _profile(spec)
     if profile is not None:
-        primaries = primaries_name(profile.primaries)
+        shown = primaries_name(profile.primaries)
         curve = f"profile '{named}'" if named else "its profile"
-        note = f"{_SAMPLES.get(kind, kind)}, decoded by {curve}, primaries {primaries}"
-        return ColorSpace(None, note, "", profile, data)
+        note = f"{_SAMPLES.get(kind, kind)}, decoded by {curve}, primaries {shown}"
+        return ColorSpace(None, note, "", profile, data=data)
     if not declared:
         gamma = 1.0 if kind in _FLOATS else None
     curve = _CURVES.get(gamma) or f"the power {gamma:g}"
     note = f"{_SAMPLES.get(kind, kind)}, taken as {curve}"
-    return ColorSpace(gamma, note, _unheeded(spec, data, declared=declared), data=data)
+    if not same_primaries(primaries, REC_709):
+        note = f"{note}, primaries {primaries_name(primaries)}"
+    unheeded = _unheeded(spec, data, declared=declared)
+    return ColorSpace(gamma, note, unheeded, declared=primaries, data=data)
 
 
 def profiled_space(data: bytes, colors: int) -> ColorSpace:
@@ -218,7 +226,8 @@ def profiled_space(data: bytes, colors: int) -> ColorSpace:
     name = "sRGB"
     if profile is not None:
         name = f"its profile, primaries {primaries_name(profile.primaries)}"
-    return ColorSpace(None, f"8-bit, decoded by {name}", "" if data else unheeded, profile, data)
+    note = f"8-bit, decoded by {name}"
+    return ColorSpace(None, note, "" if data else unheeded, profile, data=data)
 
 
 def _declaration(spec: Any) -> tuple[bool, float | None]:

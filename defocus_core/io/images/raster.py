@@ -20,6 +20,7 @@ from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.color_space import ColorSpace, color_space, profiled_space
+from defocus_core.io.images.primaries import REC_709, Chromaticities
 from defocus_core.io.safe_files import (
     check_size,
     damaged,
@@ -37,6 +38,7 @@ _PNM = (b"P2", b"P3", b"P5", b"P6")  # of which the header has a greatest number
 _PNM_HEAD = 1 << 16  # bytes
 # Of orientations, those that swap rows and columns, and those that reverse them after that.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
+_PNG_CHUNKS = 1 << 16  # bytes in which the chunks before the pixels are looked for
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
@@ -269,7 +271,7 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         height=height,
         channels=tuple(_canonical(spec)),
         type=str(spec.format),
-        space=color_space(spec),
+        space=color_space(spec, _png_primaries(path)),
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
         at_once=_is_at_once(path, spec, file.format_name()),
@@ -278,6 +280,25 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
         tags=tags_of(spec),
     )
+
+
+def _png_primaries(path: Path) -> Chromaticities:
+    """The primaries of the chunk cHRM of a PNG; those of Rec. 709 where it has none.
+
+    A profile, or the word that it is sRGB, stands above it (W3C, "PNG", 11.3.2.1).
+    """
+    head, at, found = read_head(path, _PNG_CHUNKS), 8, REC_709
+    while head.startswith(b"\x89PNG") and at + 8 <= len(head):
+        size, kind = int.from_bytes(head[at : at + 4], "big"), head[at + 4 : at + 8]
+        if kind in (b"iCCP", b"sRGB", b"cICP"):
+            return REC_709
+        if kind in (b"PLTE", b"IDAT"):
+            break
+        if kind == b"cHRM" and size == 32 and at + 40 <= len(head):
+            white, *colors = (np.frombuffer(head, ">u4", 8, at + 8) / 1e5).reshape(4, 2).tolist()
+            found = tuple(float(each) for pair in (*colors, white) for each in pair)
+        at += size + 12
+    return found
 
 
 def _is_at_once(path: Path, spec: Any, kind: str) -> bool:

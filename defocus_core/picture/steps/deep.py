@@ -119,7 +119,6 @@ def _metres(numbers: Any, pair: InputPair) -> Any:
         like.path,
         replace(pair.reading, part=None),
         samples,
-        picture_width=pair.color.size[0],
         lens_focal=pair.lens_focal,
     )
     metres = pair.keeping.new(numbers.shape, "float32")

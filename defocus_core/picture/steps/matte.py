@@ -18,8 +18,10 @@ from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import unit
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
+from defocus_core.picture.pair import stretch_words, stretched
 from defocus_core.picture.sources import map_windows
 from defocus_core.picture.take import Surfaces, Take
+from defocus_core.system.text import note
 
 
 def read(take: Take) -> Take:
@@ -45,12 +47,14 @@ def read_matte(path: Path, size: tuple[int, int], overscan: Overscan) -> NDArray
     values = _values(path)
     (height, width), (columns, rows) = values.shape, size
     if (width, height) != size:
-        if abs(width * rows - height * columns) > max(width, height, rows, columns):
+        if (share := stretched((width, height), size)) is None:
             problem = (
                 f"is {width}x{height} px, of another aspect than its picture, {columns}x{rows}"
             )
             remedy = "give a matte of the picture"
             raise InputError("wrong-size", problem, remedy, path=path)
+        if share:
+            note(f"defocus: {path}: {width}x{height} px{stretch_words(share)}")
         values = _resized(values, size)
     pads = (overscan.top, overscan.bottom), (overscan.left, overscan.right)
     return np.pad(values, pads, mode="edge")

@@ -12,6 +12,7 @@ from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, require_valid
 from defocus_core.io.depth_formats.reading import wrong_size
 from defocus_core.io.images.color import Color
+from defocus_core.picture.pair import stretch_words, stretched
 from defocus_core.picture.sources import windows
 from defocus_core.picture.take import InputPair
 
@@ -25,24 +26,26 @@ def pair(given: InputPair) -> InputPair:
     if depth.is_radius and not depth.is_relative:
         problem = f"holds radii in px of a picture of {columns}x{rows} px"
         raise InputError("radii", problem, "give radii of the size of the colour", path=depth.path)
-    if abs(width * rows - height * columns) > max(width, height, rows, columns):
+    share = stretched((columns, rows), (width, height))
+    if share is None:
         problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
-        remedy = "cut depth and colour to one aspect"
-        if abs(width * columns - height * rows) <= max(width, height, rows, columns):
+        remedy = "give depth of the view that the colour shows, all of it"
+        if stretched((rows, columns), (width, height)) is not None:
             remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
         raise InputError("wrong-size", problem, remedy, path=depth.path)
+    resized = f"{columns}x{rows} px resized"
     metres = given.keeping.new((height, width), np.float32)
     if reading.resize_depth == "guided":
         require_valid(depth)
         _fill_guided(metres, depth, color)
-        note = f"{depth.note}, {columns}x{rows} px resized, guided by the colours"
+        note = f"{depth.note}, {resized}, guided by the colours{stretch_words(share)}"
         return given.with_depth(replace(depth, metres=metres, note=note))
     across = ((np.arange(width) + 0.5) * columns / width).astype(int)
     down = ((np.arange(height) + 0.5) * rows / height).astype(int)
     for band in bands((height, width)):
         first, last = int(down[band][0]), int(down[band][-1])
         metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
-    note = f"{depth.note}, {columns}x{rows} px resized by nearest"
+    note = f"{depth.note}, {resized} by nearest{stretch_words(share)}"
     return given.with_depth(replace(depth, metres=metres, note=note))
 
 
