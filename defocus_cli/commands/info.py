@@ -114,38 +114,38 @@ def command(
     failures.end()
 
 
-def file_lines(record: Mapping[str, Any]) -> Iterator[str]:
+def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
     """What is in a file, from the record that ``inspect`` makes of it."""
-    color, depth = record["color"], record["depth"]
-    yield "{}: {}x{}".format(record["file"], *record["size"])
-    for part in record["parts"]:
+    color, depth = told["color"], told["depth"]
+    yield "{}: {}x{}".format(told["file"], *told["size"])
+    for part in told["parts"]:
         name = f" ({part['name']})" if part["name"] else ""
         named = f"part {part['index']}{name}: "
         channels = ", ".join(f"{name} {kind}" for name, kind in part["channels"].items())
         deep = ", deep" if part["deep"] else ""
-        yield f"  {named if len(record['parts']) > 1 else ''}{channels}{deep}{_layout(part)}"
+        yield f"  {named if len(told['parts']) > 1 else ''}{channels}{deep}{_layout(part)}"
         if "samples" in part:
             yield f"    {_samples(part['samples'])}"
-    for shown in record["maps"]:
+    for shown in told["maps"]:
         kind, ends = KINDS[shown["kind"]], shown[range_key(shown["kind"])]
         reach = f"{ends[0]:.2f} to {ends[1]:.2f} {kind.unit}".rstrip() if ends else ""
         yield f"  {kind.title}: {reach or 'no finite pixel'}"
-    if record["maps"] and color is None and depth is None:
+    if told["maps"] and color is None and depth is None:
         return
     if color is None:
-        yield f"  no colour: {record['color_note']}"
+        yield f"  no colour: {told['color_note']}"
     else:
         bad = color["nonfinite_pixels"]
         holes = f", {counted(bad, 'pixel')} not finite" if bad else ""
         if color.get("nothing_pixels") or color.get("partial_pixels"):
             partial = f"below 1 in {counted(color['partial_pixels'], 'pixel')}"
             holes += f", alpha 0 in {counted(color['nothing_pixels'], 'pixel')} and {partial}"
-        yield f"  colour: {', '.join(color['channels'])}{holes} ({record['color_note']})"
+        yield f"  colour: {', '.join(color['channels'])}{holes} ({told['color_note']})"
     if depth is None:
-        yield f"  no depth: {record['depth_note']}"
+        yield f"  no depth: {told['depth_note']}"
     else:
-        yield from _depth_lines(depth, record["depth_note"], record["size"])
-    for sentence in record["evidence"]:
+        yield from _depth_lines(depth, told["depth_note"], told["size"])
+    for sentence in told["evidence"]:
         yield f"  {sentence}"
 
 

@@ -19,6 +19,7 @@ from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.soft_edges import AVERAGED, without_ramps
 from defocus_core.tensors.derived import Mapped
 from defocus_core.tensors.neighbourhoods import squares_around
+from defocus_core.tensors.resampling import linear
 from defocus_core.tensors.source import Pixels, bands
 from defocus_core.tensors.validation import described
 
@@ -80,7 +81,7 @@ class GuidedDepth(Mapped):
 
     def _computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         """The window [rows, columns], each a pair of first and end."""
-        disparity = _linear(self._disparity, rows, columns, self.shape)
+        disparity = linear(self._disparity, rows, columns, self.shape)
         down, across = self._row[slice(*rows)], self._column[slice(*columns)]
         at = torch.nonzero(self._at_edge[down][:, across])
         if len(at):
@@ -135,23 +136,6 @@ def _prepared(disparity: Tensor) -> tuple[Tensor, bool]:
 def _nearest(pixels: int, coarse: int) -> Tensor:
     """The nearest coarse pixel to each pixel along an axis."""
     return ((torch.arange(pixels) + 0.5) * coarse / pixels).long()
-
-
-def _linear(
-    disparity: Tensor, rows: tuple[int, int], columns: tuple[int, int], size: tuple[int, ...]
-) -> Tensor:
-    """Coarse pixels [h, w] read in a window of pixels by linear interpolation."""
-    values = disparity
-    for dim, (first, end) in enumerate((rows, columns)):
-        coarse = disparity.shape[dim]
-        position = (torch.arange(first, end, dtype=values.dtype) + 0.5) * coarse / size[dim] - 0.5
-        position = position.clamp(0, coarse - 1)
-        before = position.long().clamp(max=max(coarse - 2, 0))
-        fraction = (position - before).unsqueeze(1 - dim)
-        after = (before + 1).clamp(max=coarse - 1)
-        low, high = values.index_select(dim, before), values.index_select(dim, after)
-        values = low + fraction * (high - low)
-    return values
 
 
 def _slope(disparity: Tensor, dim: int) -> Tensor:

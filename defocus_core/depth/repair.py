@@ -15,8 +15,11 @@ from defocus_core.depth.diagnosis import DepthRepair, diagnosed, diagnosed_each
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
 from defocus_core.depth.edge_shifts import (
     EdgeShifts,
+    coarse_shifts,
+    least_step,
     measured_shifts,
     measured_shifts_of_each,
+    with_coarse_shifts,
     with_shifted_edges,
 )
 from defocus_core.depth.matting import EDGE, SUBJECT
@@ -89,19 +92,46 @@ def repair_depth(
         for steep, width in _ramps(repair, edge_width):
             repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=scale)
             radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
-        shifts = repair.edge_shifts
         if matte is not None:
             radii = hold_all(Repaired(radii, with_matte, _AROUND_MATTE, matte), radii, matte)
-            shifts = None
-        elif decided is None:
-            shifts = measured_shifts(radii, image, threads, soft=repair.soft_edges, scale=scale)
-        if shifts is not None:
+        else:
+            radii, shifts = _with_edges_of_colors(radii, image, repair, threads, hold_all, decided)
             repair = repair._replace(edge_shifts=shifts)
-            repair_window = partial(with_shifted_edges, shifts=shifts, scale=scale)
-            radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, image), radii, image)
         if repair.quantised:
             radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
         return radii, repair._replace(fraction=fraction_changed(signed_radius, radii))
+
+
+def _with_edges_of_colors(
+    radii: Pixels,
+    image: Pixels,
+    repair: DepthRepair,
+    threads: int,
+    hold_all: Callable[..., Pixels],
+    decided: DepthRepair | None,
+) -> tuple[Pixels, EdgeShifts | None]:
+    """Radii [H, W] px with edges moved to those of the colours, coarse to fine; and how far."""
+    scale, soft = repair.ramps_of, repair.soft_edges
+    shifts = repair.edge_shifts
+    measure = partial(measured_shifts, pixels=image, threads=threads, soft=soft, scale=scale)
+    if decided is None and soft is None:
+        shifts = measure(radii)
+    if shifts is None and (decided is not None or soft is None):
+        return radii, None
+    step = least_step(radii, soft) if shifts is None else shifts.step
+    found = coarse_shifts(radii, image, step=step, scale=scale)
+    if found:
+        radii = hold_all(with_coarse_shifts(radii, found, step, scale), radii)
+    if decided is None and soft is not None:
+        shifts = measure(radii)
+    if shifts is None:
+        return radii, None
+    repair_window = partial(with_shifted_edges, shifts=shifts, scale=scale)
+    radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, image), radii, image)
+    if decided is None:
+        median = shifts.median + sum(each.median for each in found)
+        shifts = shifts._replace(median=median)
+    return radii, shifts
 
 
 def check_repair(depth_repair: str, edge_width: float | None) -> None:

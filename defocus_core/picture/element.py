@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color import Color
+from defocus_core.picture.take import InputPair
 from defocus_core.system.text import counted
 
 # Pixels from an edge within which a pixel has the depth that it lacks; steps to the pixels around.
@@ -126,3 +127,8 @@ def _from_beside(
         given = missing & ~known & (maximum > 0)
         filled, known = np.where(given, best, filled), known | given
     return filled
+
+
+def empty_where_clear(given: InputPair) -> InputPair:
+    """The pair of an element, whose depth knows where it is empty."""
+    return given.with_depth(element_depth(given.depth, given.color, given.keeping))

@@ -105,22 +105,22 @@ def lens_record(lens: Lens) -> dict[str, Any]:
 
     Of a lens of which only the shape is known, the other numbers are None.
     """
-    record = {
+    values = {
         key: None if row.is_optics and lens.is_shape else row.recorded(getattr(lens, row.field))
         for key, row in RECORDED.items()
     }
-    record |= lens.effects
+    values |= lens.effects
     if lens.focus_at is not None:
-        record["focus_at_px"] = list(lens.focus_at)
+        values["focus_at_px"] = list(lens.focus_at)
     if lens.focus_percentile is not None:
-        record["focus_percentile"] = lens.focus_percentile
+        values["focus_percentile"] = lens.focus_percentile
     if lens.max_coc is not None:
-        record["max_coc_px"] = lens.max_coc
+        values["max_coc_px"] = lens.max_coc
     if (draw := lens.draw) is not None:
         drawn = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
         refused = draw.refused_px if math.isfinite(draw.refused_px) else None
-        record["draw"] = {**drawn, "refused_px": refused} if draw.attempt else drawn
-    return record
+        values["draw"] = {**drawn, "refused_px": refused} if draw.attempt else drawn
+    return values
 
 
 def lens_words(lens: Lens) -> str:

@@ -77,6 +77,23 @@ def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor
     return _products(rows.block, down).flatten(-3, -2)[..., : rows.pixels, :]
 
 
+def linear(
+    coarse: Tensor, rows: tuple[int, int], columns: tuple[int, int], size: tuple[int, ...]
+) -> Tensor:
+    """Coarse pixels [h, w] read in a window of pixels by linear interpolation."""
+    values = coarse
+    for dim, (first, end) in enumerate((rows, columns)):
+        length = coarse.shape[dim]
+        position = torch.arange(first, end, dtype=values.dtype, device=values.device) + 0.5
+        position = (position * length / size[dim] - 0.5).clamp(0, length - 1)
+        before = position.long().clamp(max=max(length - 2, 0))
+        fraction = (position - before).unsqueeze(1 - dim)
+        after = (before + 1).clamp(max=length - 1)
+        low, high = values.index_select(dim, before), values.index_select(dim, after)
+        values = low + fraction * (high - low)
+    return values
+
+
 def _products(block: Tensor, down: Tensor) -> Tensor:
     """The products [..., n, P, W] of shares [P, K] and coarse pixels [..., n, K, W]."""
     if torch.is_grad_enabled():

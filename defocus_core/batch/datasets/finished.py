@@ -147,19 +147,19 @@ def _no_sample(root: Path, error: Exception, where: str) -> InputError:
 
 
 def _sample(root: Path, line: bytes, where: str) -> Sample:
-    record = _entry(root, line, where)
+    entry = _entry(root, line, where)
     try:
-        if fault := next(filter(None, map(path_fault, record["outputs"].values())), None):
+        if fault := next(filter(None, map(path_fault, entry["outputs"].values())), None):
             raise ValueError(f"the path of an output {fault}")
         return Sample(
-            sample_id=record["sample_id"],
-            files={kind: root / path for kind, path in record["outputs"].items()},
-            inputs={role: root / path for role, path in record["inputs"].items()},
-            lens=_lens(record["lens"], record["inputs"]),
-            size=(record["width"], record["height"]),
-            coc_px=(record["coc_min_px"], record["coc_max_px"]),
-            quality=record["quality"],
-            record=record,
+            sample_id=entry["sample_id"],
+            files={kind: root / path for kind, path in entry["outputs"].items()},
+            inputs={role: root / path for role, path in entry["inputs"].items()},
+            lens=_lens(entry["lens"], entry["inputs"]),
+            size=(entry["width"], entry["height"]),
+            coc_px=(entry["coc_min_px"], entry["coc_max_px"]),
+            quality=entry["quality"],
+            record=entry,
         )
     except MALFORMED as error:
         raise _no_sample(root, error, where) from None

@@ -27,10 +27,11 @@ from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
-from defocus_core.picture.pair import InputPair, overscan_of
+from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.steps.implausible import of_radii
+from defocus_core.picture.take import InputPair
 from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
@@ -58,13 +59,13 @@ def color_figures(color: Color) -> dict[str, Any]:
     Pixels beyond the picture shown count.
     """
     nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
-    record = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
+    told = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
     if color.alpha is not None:
         strips = [np.asarray(color.alpha[rows]) for rows in bands(color.shape)]
-        record["nothing_pixels"] = sum(int(np.count_nonzero(strip == 0)) for strip in strips)
+        told["nothing_pixels"] = sum(int(np.count_nonzero(strip == 0)) for strip in strips)
         within = ((strip > 0) & (strip < 1) for strip in strips)
-        record["partial_pixels"] = sum(int(np.count_nonzero(strip)) for strip in within)
-    return record
+        told["partial_pixels"] = sum(int(np.count_nonzero(strip)) for strip in within)
+    return told
 
 
 def depth_figures(
@@ -297,7 +298,7 @@ def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:
 
 def _part_record(part: PartInfo) -> dict[str, Any]:
     """A part of a file in plain values; windows are those of an EXR."""
-    record = {
+    told = {
         "index": part.index,
         "name": part.name,
         "deep": part.deep,
@@ -305,10 +306,10 @@ def _part_record(part: PartInfo) -> dict[str, Any]:
         "views": list(part.views),
     }
     if part.data_window is not None and part.display_window is not None:
-        record["data_window"] = list(part.data_window)
-        record["display_window"] = list(part.display_window)
-        record["pixel_aspect"] = part.pixel_aspect
-    return record
+        told["data_window"] = list(part.data_window)
+        told["display_window"] = list(part.display_window)
+        told["pixel_aspect"] = part.pixel_aspect
+    return told
 
 
 def inspect_pairs(
@@ -324,7 +325,7 @@ def inspect_pairs(
     pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
     if not pairs:
         return []
-    color, depth = (Path(record["file"]) for record in pairs[0])
+    color, depth = (Path(each["file"]) for each in pairs[0])
     keeping = Keeping(scratch=4 * math.prod(pairs[0][0]["size"]) > NUMBERS_IN_MEMORY)
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     try:
@@ -427,24 +428,24 @@ def range_words(depth: Mapping[str, Any], digits: int = 6) -> str:
     return "no finite depth"
 
 
-def shot_lines(record: Mapping[str, Any]) -> Iterator[str]:
+def shot_lines(told: Mapping[str, Any]) -> Iterator[str]:
     """A summary in words."""
-    lost = f"; {in_words(record['gaps'])} missing" if record["gaps"] else "; no gaps"
-    yield f"{record['pattern']}: {in_words(record['frames'])}{lost}"
-    sizes = ["{}x{}".format(*each["size"]) for each in record["sizes"]]
+    lost = f"; {in_words(told['gaps'])} missing" if told["gaps"] else "; no gaps"
+    yield f"{told['pattern']}: {in_words(told['frames'])}{lost}"
+    sizes = ["{}x{}".format(*each["size"]) for each in told["sizes"]]
     if len(sizes) == 1:
         yield f"  size: {sizes[0]}"
     else:
         changes = (
             f"{size} in {in_words(each['frames'])}"
-            for size, each in zip(sizes, record["sizes"], strict=True)
+            for size, each in zip(sizes, told["sizes"], strict=True)
         )
         yield f"  size changes: {'; '.join(changes)}"
-    for each in record["depth"]:
+    for each in told["depth"]:
         reach = range_words(each, digits=4)
         focus = each["focus_mm"] and f"focus {length_text(float(each['focus_mm']))}"
         blur = "CoC {:.2f} to {:.2f} px".format(*each["coc_px"]) if each["coc_px"] else ""
         yield f"  {each['frame']}: {', '.join(filter(None, (reach, focus, blur, each['repair'])))}"
-    if record["largest_blur"]:
-        radius = max(map(abs, record["largest_blur"]["coc_px"]))
-        yield f"  blur is largest in {record['largest_blur']['frame']}: {radius:.2f} px"
+    if told["largest_blur"]:
+        radius = max(map(abs, told["largest_blur"]["coc_px"]))
+        yield f"  blur is largest in {told['largest_blur']['frame']}: {radius:.2f} px"

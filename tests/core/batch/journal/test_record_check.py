@@ -1,16 +1,18 @@
 """A journal may come from anywhere: each line is checked, and no file outside OUT is reached."""
 
 import json
+from pathlib import Path
 
 import pytest
 from records import record, taken
 from refusals import refuses
 
+import defocus_core
 from defocus_core.batch.datasets import tar_shards, update
 from defocus_core.batch.journal import left
 from defocus_core.batch.journal.journal import Ledger, journal_path
 from defocus_core.batch.journal.left import progress
-from defocus_core.batch.journal.record import fault_of
+from defocus_core.batch.journal.record import FIELDS, fault_of, record_of, values_of
 
 NEEDED = (
     *("sample_id", "recipe", "status", "reason", "message", "settings", "inputs", "outputs"),
@@ -156,3 +158,11 @@ def test_a_broken_plan_of_a_run_is_refused(plan, tmp_path):
     left.run_path(tmp_path).write_text(plan)
     with refuses("malformed"):
         left.plan_of(tmp_path)
+
+
+def test_the_help_has_the_table_of_fields_and_a_record_no_other(tmp_path):
+    text = (Path(defocus_core.__file__).parents[1] / "defocus_cli/help/batch.md").read_text()
+    assert all(f"| `{name}` | {row.help} |" in text for name, row in FIELDS.items())
+    whole = record_of(record(tmp_path, "a", split="train", measures={}, depth_repair=None))
+    assert values_of(whole).keys() == FIELDS.keys()
+    assert record_of(values_of(whole)) == whole
