@@ -19,6 +19,7 @@ from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection.inspection import (
     inspect,
     inspect_pairs,
+    picture_of,
     range_key,
     range_words,
     shot_lines,
@@ -64,9 +65,10 @@ def command(
                    how they would be read, or why there is none
       depth        range_m, or range of what is no distance, sky_pixels, invalid_pixels,
                    nothing_pixels, where the alpha of the colour is 0; with a lens, which lens,
-                   coc_px, repair in words, depth_repair in numbers (kinds, noise_px,
-                   edge_width_px, displaced_px, share of pixels), warnings of a depth that hardly
-                   suits it
+                   coc_px and coc_of, the size of the picture that they are px of, which is
+                   that of the colour beside it, repair in words, depth_repair in numbers
+                   (kinds, noise_px, edge_width_px, displaced_px, share of pixels), warnings of a
+                   depth that hardly suits it
       evidence     formats that the depth could be of
       maps         kind, and range_px or range, of what 'defocus render' wrote
     "shots" has of each pattern:
@@ -94,12 +96,13 @@ def command(
     if lenses is not None and files:
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
-    failures = Failures()
+    failures, picture = Failures(), picture_of(files)
     records: list[dict[str, Any]] = []
     for file in files:  # each is reported before the next is read
         count = len(records)
         with failures.kept():
-            records.append(inspect(file, reading, lens, lone=len(files) == 1))
+            size = None if picture is None or file == picture[0] else picture[1]
+            records.append(inspect(file, reading, lens, lone=len(files) == 1, size=size))
         if not as_json and len(records) > count:  # a stdout that is full ends all of it
             console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)
@@ -141,7 +144,7 @@ def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
     if depth is None:
         yield f"  no depth: {told['depth_note']}"
     else:
-        yield from _depth_lines(depth, told["depth_note"])
+        yield from _depth_lines(depth, told["depth_note"], told["size"])
     for sentence in told["evidence"]:
         yield f"  {sentence}"
 
@@ -179,7 +182,7 @@ def _pair_lines(pair: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {sentence}"
 
 
-def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
+def _depth_lines(depth: Mapping[str, Any], note: str, size: list[int]) -> Iterator[str]:
     """The depth of a file in words."""
     invalid = counted(depth["invalid_pixels"], "invalid pixel")
     nothing = f", nothing in {counted(depth['nothing_pixels'], 'pixel')}"
@@ -188,7 +191,8 @@ def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
     yield f"  depth: {reach}, {depth['sky_pixels']} sky and {invalid}{absent} ({note})"
     if depth["coc_px"] is not None:
         near, far = depth["coc_px"]
-        yield f"  CoC: {near:.2f} to {far:.2f} px ({lens_record_words(depth['lens'])})"
+        of = "" if depth["coc_of"] == size else " of {}x{}".format(*depth["coc_of"])
+        yield f"  CoC: {near:.2f} to {far:.2f} px{of} ({lens_record_words(depth['lens'])})"
         if depth["repair"]:
             yield f"  rendered: {depth['repair']}"
     for warning in depth["warnings"]:

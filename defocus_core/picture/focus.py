@@ -16,6 +16,7 @@ from defocus_core.errors import InputError, Rejected, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import MM_PER_M, signed_radius
+from defocus_core.picture.take import Take
 from defocus_core.request.lens import Lens
 from defocus_core.request.quantities import Percentile, SideShare, length_text
 from defocus_core.request.resolver import drawn_lens, refuse_near_focus
@@ -143,3 +144,13 @@ def _largest_radius(lens: Lens, depth: Depth) -> float:
     elif not depth.is_radius:
         limits = signed_radius(lens, limits, depth.size)
     return float(np.abs(limits).max())
+
+
+def find_focus(take: Take) -> Take:
+    """The take with the focus of its lens."""
+    inputs, found = take.inputs, take.lens
+    if found is take.job.lens:
+        found = with_focus(found, inputs.depth)
+    below = () if inputs.plate is None else (inputs.plate.depth,)
+    of_layers = () if inputs.layers is None else inputs.layers.depths
+    return replace(take, lens=with_blur_reach(found, (inputs.depth, *below, *of_layers)))

@@ -13,9 +13,9 @@ import numpy as np
 from defocus_core.errors import TooLarge
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.picture.memory_budget import image_type, regions_at_once
-from defocus_core.picture.scene import Pass, passes_of, surfaces_of
+from defocus_core.picture.scene import passes_of, surfaces_of
 from defocus_core.picture.sources import to_array
-from defocus_core.picture.take import Take
+from defocus_core.picture.take import Pass, Take
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render

@@ -2,54 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from hashlib import blake2b
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, bands, computed, count_of, stacked
 from defocus_core.io.exr.channel_choice import in_words, is_depth
 from defocus_core.io.exr.header import codec_of
 from defocus_core.io.exr.views import name_in_view
-from defocus_core.io.exr.windows import Layout
-from defocus_core.io.exr.writing import as_half, write_exr, write_exr_image
+from defocus_core.io.exr.windows import Layout, Overscan, Window
+from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_exr_image
+from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
 from defocus_core.io.safe_files import written_together
 from defocus_core.picture.opening import disparity_of
 from defocus_core.picture.repair_words import repair_attribute
-from defocus_core.picture.steps.table import through
-from defocus_core.picture.take import Take
+from defocus_core.picture.steps.table import WRITE, through
+from defocus_core.picture.take import Contents, Take
 from defocus_core.request.lens import Lens
-from defocus_core.request.output_kinds import Kind
+from defocus_core.request.output_kinds import KINDS, Kind
 from defocus_core.request.parameters import RECORDED
 from defocus_core.system.text import counted, versions
 
-
-class Contents(NamedTuple):
-    """The contents of a file."""
-
-    take: Take  # what it is of
-    kind: Kind  # the kind of output
-    names: tuple[str, ...]  # of its channels of colour; the kind of a map
-    planes: tuple[Any, ...]  # arrays [H, W] of these channels
-    extras: Mapping[str, Any]
-    layout: Layout  # where the first pixel is, the display window, the views
-
-    def mapped(self, change: Callable[[Any], Any]) -> Contents:
-        """The contents with each array [H, W] changed."""
-        extras = {name: change(plane) for name, plane in self.extras.items()}
-        return self._replace(planes=tuple(map(change, self.planes)), extras=extras)
+_SEED_BYTES = 5  # of a seed of noise, of which rows of pictures make others
 
 
 def contents_of(take: Take, kind: Kind) -> Contents:
     """The contents of the file of a kind."""
     layout = Layout(take.inputs.color.corner, None, kind.views)
     make = _SOURCES.get(kind.source) or (_image if kind.image else _map)
-    return through("write", Contents(take, kind, *make(take, kind), layout))
+    return through(WRITE, Contents(take, kind, *make(take, kind), layout))
 
 
 _Channels = tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]  # names, planes, extras
@@ -293,3 +282,69 @@ def _of_any_lens(lens: Lens) -> dict[str, str]:
         for row, value in values.items()
         if not (row.is_optics and lens.is_shape)
     }
+
+
+def add_noise(contents: Contents) -> Contents:
+    """The rendered planes with the lens' noise; alpha has none."""
+    lens, job, kind = contents.take.lens, contents.take.job, contents.kind
+    assert lens.noise is not None
+    electrons, read = lens.noise
+    channels = contents.take.inputs.color.channels
+    planes = []
+    for number, plane in enumerate(contents.planes):
+        view, name = kind.rendered_as[number // len(channels)], channels[number % len(channels)]
+        light = electrons / 2 if KINDS[view].halves else electrons
+        words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view} {name}"
+        planes.append(plane if name == "A" else _noisy(plane, light, read, words))
+    return contents._replace(planes=tuple(planes))
+
+
+def _noisy(plane: Any, electrons: float, read: float, words: str) -> LazyArray:
+    """An array [H, W] with noise."""
+    seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
+
+    def read_rows(rows: slice) -> NDArray[Any]:
+        import torch
+
+        from defocus_core.optics.sensor_noise import with_noise
+
+        values = np.asarray(plane[rows])
+        light = torch.from_numpy(values.astype("float32"))[None]
+        first = rows.indices(plane.shape[0])[0]
+        noise = with_noise(light, electrons=electrons, read=read, seed=seed, first_row=first)
+        noisy: NDArray[Any] = noise[0].numpy()
+        return clamped_half(noisy)[0] if values.dtype == np.float16 else noisy
+
+    return LazyArray(plane.shape, plane.dtype, read_rows)
+
+
+def cut_overscan(contents: Contents) -> Contents:
+    """The planes without overscan, or with the display window in it."""
+    color, outputs = contents.take.inputs.color, contents.take.job.outputs
+    if contents.kind.source == "focus":
+        return contents
+    if not outputs.keep_overscan:
+        return contents.mapped(partial(shown, color))
+    (x, y), (width, height), overscan = color.corner, color.size, color.overscan
+    display = Window(x, y, x + width - 1, y + height - 1)
+    corner = (x - overscan.left, y - overscan.top)
+    return contents._replace(layout=Layout(corner, display, contents.layout.views))
+
+
+def shown(color: Color, plane: Any) -> Any:
+    """An array [H, W] without the pixels beyond the picture shown."""
+    return window_of(plane, *color.overscan.shown(*color.shape[:2]))
+
+
+def cut_border(contents: Contents) -> Contents:
+    """The contents without the border that no light reaches."""
+    take, layout, data = contents.take, contents.layout, contents.take.inputs.color.data
+    assert data is not None
+    (height, width), (x, y) = contents.planes[0].shape, layout.corner
+    frame = Window(x, y, x + width - 1, y + height - 1)
+    drawn = data.grown(Overscan(*[take.reach] * 4)).within(frame)
+    if drawn == frame or drawn.width < 1 or drawn.height < 1:
+        return contents
+    rows, columns = frame.cut(drawn)
+    layout = layout._replace(corner=(drawn.x0, drawn.y0), display=layout.display or frame)
+    return contents.mapped(partial(window_of, rows=rows, columns=columns))._replace(layout=layout)

@@ -67,6 +67,9 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
             raise InputError(
                 "empty", "is empty", "begin it with a line like color,depth", path=file
             )
+        if len(keys) == 1 and ";" in keys[0]:
+            problem = "has semicolons between its cells"
+            raise InputError("malformed", problem, "write commas", path=file, field="line 1")
         if twice := [key for key, times in Counter(keys).items() if times > 1]:
             problem = f"names '{twice[0]}' twice"
             remedy = "remove one of the columns"

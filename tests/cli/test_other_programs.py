@@ -17,10 +17,11 @@ from command_line import (
     succeed,
     write_exr,
 )
-from image_files import SCANLINE, multi_part, png_chunk, random_planes
+from image_files import SCANLINE, multi_part, png_chunk, random_planes, save
 from refusals import refuses
 
 from defocus_core.io.picture_files import read_color, read_depth
+from defocus_core.request.inputs import read_rows
 
 RAMP = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
 BUFFER = {"kind": "disparity", "range_mm": (100_000.0, 100.0)}
@@ -177,3 +178,65 @@ def test_labels_of_a_relative_sharp_range_are_those_of_the_radii(color, out, tmp
     assert ran.code == 0, ran.err
     radii = read_exr(out / "coc" / "color.exr")["coc"]
     assert f"CoC {radii.min():.2f} to {radii.max():.2f} px" in ran.err
+
+
+def test_info_of_a_pair_tells_the_radii_of_the_picture(depth, tmp_path):
+    planes = random_planes("RGB", (32, 48))
+    OpenEXR.File({**SCANLINE}, planes).write(str(tmp_path / "big.exr"))
+    for files in ((tmp_path / "big.exr", depth), (depth, tmp_path / "big.exr")):
+        told = succeed("info", *files, "--json", *LENS).json["files"]
+        (of_pair,) = [each["depth"] for each in told if each["depth"]]
+        (alone,) = succeed("info", depth, "--json", *LENS).json["files"]
+        assert of_pair["coc_of"] == [48, 32]
+        np.testing.assert_allclose(of_pair["coc_px"], np.multiply(alone["depth"]["coc_px"], 2))
+        assert "px of 48x32" in succeed("info", *files, *LENS).out
+
+
+def test_names_with_brackets_that_are_there_are_no_patterns(tmp_path):
+    folder = tmp_path / "[2024] shoot"
+    write_exr(folder / "img[1].exr", R=RAMP, G=RAMP, B=RAMP, Z=RAMP + 1)
+    lens = '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\n'
+    for number, name in enumerate(
+        ("[2024] shoot/img[1].exr", "[2024] shoot", "[2024] shoot/*.exr")
+    ):
+        jobs = tmp_path / f"{number}.toml"
+        jobs.write_text(f'[inputs]\ncolor = "{name}"\ndepth = "{name}"\n{lens}')
+        succeed("batch", jobs, "-o", tmp_path / f"out{number}")
+    jobs.write_text(f'[inputs]\ncolor = "no*.exr"\ndepth = "no*.exr"\n{lens}')
+    refused(run("batch", jobs, "-o", tmp_path / "out"), 3, "empty", tmp_path / "no*.exr")
+
+
+def test_a_quoted_pattern_says_that_it_matches_nothing(depth, out, tmp_path):
+    ran = run("render", tmp_path / "no*.png", depth, "-o", out, *LENS)
+    refused(ran, 3, "not-found", tmp_path / "no*.png")
+    assert "matches nothing" in ran.err
+
+
+@pytest.mark.parametrize("field", ["####", "%04d", "$F4", "@@@@"])
+def test_frames_are_numbered_as_other_programs_do(field, tmp_path):
+    for number in (1001, 1002):
+        write_exr(tmp_path / f"a.{number}.exr", R=RAMP, G=RAMP, B=RAMP, Z=RAMP + 1)
+    told = succeed("info", tmp_path / f"a.{field}.exr", "--json").json["shots"]
+    assert told[0]["frames"] == [1001, 1002]
+
+
+def test_a_codec_that_is_missing_is_no_damage(tmp_path):
+    path = save(tmp_path / "a.tif", np.full((16, 24, 1), 2000, np.uint16), compression="none")
+    data = bytearray(path.read_bytes())
+    (at,) = struct.unpack_from("<I", data, 4)
+    tags = range(at + 2, at + 2 + 12 * struct.unpack_from("<H", data, at)[0], 12)
+    (place,) = [tag for tag in tags if struct.unpack_from("<H", data, tag) == (259,)]
+    struct.pack_into("<H", data, place + 8, 34661)  # JBIG
+    path.write_bytes(data)
+    with refuses("unsupported", "codec", path=path):
+        read_depth(path)
+
+
+def test_semicolons_are_told_to_be_commas(color, depth, out, tmp_path):
+    (tmp_path / "a.csv").write_text("frame;focus\n1;2m\n")
+    (tmp_path / "b.csv").write_text("color;depth\na.png;b.png\n")
+    with refuses("malformed", "write commas"):
+        list(read_rows(tmp_path / "b.csv", "list of pictures", ""))
+    ran = run("render", color, depth, "-o", out, *LENS, "--animate", tmp_path / "a.csv")
+    assert ran.error.code == "malformed"
+    assert "write commas" in ran.err

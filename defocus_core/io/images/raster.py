@@ -38,6 +38,7 @@ _PNM = (b"P2", b"P3", b"P5", b"P6")  # of which the header has a greatest number
 _PNM_HEAD = 1 << 16  # bytes
 # Of orientations, those that swap rows and columns, and those that reverse them after that.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
+_NO_CODEC = ("support is not configured", "decoding is not implemented")  # as libtiff says it
 _PNG_CHUNKS = 1 << 16  # bytes in which the chunks before the pixels are looked for
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
@@ -147,8 +148,16 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
                 samples = _decode(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
-                    raise damaged(path, first_line(path, file.geterror()))
+                    raise _undecoded(path, first_line(path, file.geterror()))
             yield _place(spec, rows), upright(samples, spec.get_int_attribute("Orientation", 1))
+
+
+def _undecoded(path: Path, why: str) -> InputError:
+    """The error for samples that are not decoded: for want of a codec, or as they are damaged."""
+    if not any(words in why for words in _NO_CODEC):
+        return damaged(path, why)
+    problem = f"is compressed by a codec that is not read here ({why.rpartition(': ')[2]})"
+    return InputError("unsupported", problem, "save it with ZIP or LZW", path=path)
 
 
 def open_heic(path: Path) -> Any:

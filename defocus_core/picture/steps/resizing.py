@@ -12,8 +12,9 @@ from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, require_valid
 from defocus_core.io.depth_formats.reading import wrong_size
 from defocus_core.io.images.color import Color
-from defocus_core.picture.pair import InputPair, stretch_words, stretched
+from defocus_core.picture.pair import stretch_words, stretched
 from defocus_core.picture.sources import windows
+from defocus_core.picture.take import InputPair
 
 
 def pair(given: InputPair) -> InputPair:

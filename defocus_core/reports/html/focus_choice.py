@@ -24,10 +24,10 @@ from defocus_core.io.images.color import Color
 from defocus_core.io.images.encode import display_encoded, srgb_matrix
 from defocus_core.picture.focus import in_pixels
 from defocus_core.picture.memory_budget import holding
-from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.pair import read
 from defocus_core.picture.plain_path import compute, load
 from defocus_core.picture.subject import on_ramp, subject_of
-from defocus_core.picture.take import Inputs
+from defocus_core.picture.take import InputPair, Inputs
 from defocus_core.reports.html.page import Payloads, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized

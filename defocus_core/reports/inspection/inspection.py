@@ -27,10 +27,11 @@ from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
-from defocus_core.picture.pair import InputPair, overscan_of
+from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.steps.implausible import of_radii
+from defocus_core.picture.take import InputPair
 from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
@@ -68,12 +69,17 @@ def color_figures(color: Color) -> dict[str, Any]:
 
 
 def depth_figures(
-    path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
+    path: Path,
+    reading: Reading,
+    keeping: Keeping,
+    lens: Lens | None,
+    color: Color | None,
+    size: tuple[int, int] | None = None,
 ) -> tuple[str, dict[str, Any]]:
     """How the depth would be read, and its figures; ranges are None without valid pixels.
 
     `lens`: what to say the blur of; None for none; `color`: the colour of the same file; None if it
-    has none.
+    has none; `size`: width and height of the picture that the depth is of; None for its own.
     """
     depth = _read(path, reading, keeping, lens, color)
     height, width = depth.metres.shape
@@ -100,9 +106,9 @@ def depth_figures(
         coc_px = (
             list(radii_of(lens, depth, keeping).limits)
             if depth.is_radius
-            else [float(r) for r in signed_radius(lens, extremes, depth.size)]
+            else [float(r) for r in signed_radius(lens, extremes, size or depth.size)]
         )
-        if not invalid:
+        if not invalid and size in (None, depth.size):
             repair, warnings = _repair(depth, lens, reading, keeping)
     reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
     return depth.note, {
@@ -113,6 +119,7 @@ def depth_figures(
         "nothing_pixels": nothing,
         "lens": lens_record(lens) if lens else None,
         "coc_px": coc_px,
+        "coc_of": list(size or depth.size) if coc_px else None,
         "repair": repair_words(repair),
         "depth_repair": repair_record(repair),
         "warnings": list(warnings),
@@ -152,10 +159,29 @@ def ends_of(values: NDArray[Any]) -> list[float]:
     return [float(values.min()), float(values.max())] if values.size else []
 
 
-def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> dict[str, Any]:
+def picture_of(files: Sequence[Path]) -> tuple[Path, tuple[int, int]] | None:
+    """The file of colour of two, and its width and height; None if there is no such pair."""
+    if len(files) != 2:
+        return None
+    with suppress(DefocusError):
+        for info in map(describe, files):
+            if {"R", "G", "B"} <= {name for part in info.parts for name, _ in part.channels}:
+                return info.path, (info.width, info.height)
+    return None
+
+
+def inspect(
+    path: Path,
+    reading: Reading,
+    lens: Lens | None,
+    *,
+    lone: bool,
+    size: tuple[int, int] | None = None,
+) -> dict[str, Any]:
     """Read a file as ``defocus render`` would, and say what is in it.
 
-    `lens`: what to say the blur of; None for none.
+    `lens`: what to say the blur of; None for none; `size`: width and height of the picture that
+    its depth is of; None for its own.
     """
     with delayed_signals():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
@@ -172,7 +198,9 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         keeping = _keeping(info)
         picture, color_note = _color_of(info, reading, keeping)
         color = picture and color_figures(picture)
-        depth_note, depth = _depth_of(path, reading, keeping, lens, picture, arrays=has_frames)
+        depth_note, depth = _depth_of(
+            path, reading, keeping, lens, picture, arrays=has_frames, size=size
+        )
         maps = _maps(info, keeping)
         evidence = () if maps else evidence_of(path, reading, info, keeping)
     return {
@@ -222,12 +250,13 @@ def _depth_of(
     picture: Color | None,
     *,
     arrays: bool,
+    size: tuple[int, int] | None,
 ) -> tuple[str, dict[str, Any] | None]:
     """How the depth of a file is read and its figures; why it has none, and None."""
     if reading.row.rule == "radius":
         return "holds signed radii in px, which 'defocus render' takes as they are", None
     try:
-        return depth_figures(path, reading, keeping, lens, picture)
+        return depth_figures(path, reading, keeping, lens, picture, size)
     except InputError as error:
         absent = picture is not None or arrays or error.code in _ABSENT
         if not absent or (reading.depth_channel and is_exr(read_head(path))):

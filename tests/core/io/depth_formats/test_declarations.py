@@ -18,8 +18,8 @@ from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.depth import read_depth
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
-from defocus_core.picture.pair import InputPair
 from defocus_core.picture.pair import read as read_both
+from defocus_core.picture.take import InputPair
 from defocus_core.request.job import Picture, Reading
 
 RAMP = np.array([[0, 51, 102], [153, 204, 255]])
