@@ -52,7 +52,7 @@ class GuidedDepth(Mapped):
         farthest, nearest = float(disparity.min()), float(disparity.max())
         span = nearest - farthest
         self._scale = -_RANGE_PX / span if 0 < span < math.inf else -1.0
-        coarse = (disparity * self._scale).to(depth.dtype)  # radii of a lens that is in focus at infinity
+        coarse = (disparity * self._scale).to(depth.dtype)  # in focus at infinity
         soft = diagnosed(coarse, 0.0, 1).soft_edges is not None
         step = least_step(coarse, None)
 
