@@ -131,6 +131,13 @@ class GroupedCommand(click.Command):
     # the first argument, ``--over A B`` is ``--over A --over-depth B``
     seconds: Mapping[str, str] = {"--over": "--over-depth"}
 
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        if not any("--verbose" in param.opts for param in self.params):
+            text = "Say where an unexpected error happened, on stderr."
+            flag = GroupedOption(["-v", "--verbose"], is_flag=True, expose_value=False, help=text)
+            self.params.append(flag)
+
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse; click forgets which command an option without its value belongs to."""
         ctx.meta["typed"] = ["defocus", *ctx.command_path.split()[1:], *args]

@@ -85,7 +85,8 @@ def _decode(wanted: InputPair) -> InputPair:
         raise InputError(
             "not-square", problem, "convert it to depth along the axis", path=picture.depth
         )
-    if shared and depth.channel in color.channels:
+    lone = len(color.channels) == 1 and not color.extras and depth.channel != ""
+    if shared and (lone or depth.channel in color.channels):
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(
             "no-depth", problem, "give the depth file as a second argument", path=picture.color

@@ -15,6 +15,7 @@ from deep_files import write_deep_samples
 from image_files import SCANLINE, save
 from refusals import refuses
 
+from defocus_cli import main as entry
 from defocus_core.io.picture_files import read_depth
 
 SECONDS = 5.0
@@ -187,6 +188,18 @@ def test_a_colour_profile_that_is_none_is_said_and_left_out(name, profile, depth
     ran = photograph(path, depth, "-o", out, "--format", "png")
     assert "colour profile, which is damaged and left out" in ran.err
     assert b"iCCP" not in (out / "render" / "a.png").read_bytes()
+
+
+@pytest.mark.parametrize("command", ["info", "depth", "status", "report", "merge"])
+def test_what_an_unexpected_error_asks_for_is_there(command, tmp_path, monkeypatch):
+    out = ("-o", tmp_path / "o.exr") * (command == "depth")
+    monkeypatch.setattr(entry.LazyGroup, "invoke", lambda self, ctx: 1 / 0)
+    for more in ((), ("-v",)):
+        ran = run(command, tmp_path, *out, *more)
+        assert "with what -v says" in ran.err
+        assert ("Traceback" in ran.err) == bool(more)
+    monkeypatch.undo()
+    assert "no such option" not in run(command, tmp_path, *out, "-v").err
 
 
 def test_a_full_stdout_is_said_once(depth, tmp_path):
