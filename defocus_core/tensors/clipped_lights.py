@@ -196,29 +196,36 @@ def _band(
     """
     own, bright = light[:, rows[0] - top : rows[1] - top], light.amax(0)
     dark = bright <= level
-    own_dark, own_bright = (each[rows[0] - top : rows[1] - top] for each in (dark, bright))
-    runs, width = Runs.of(~own_dark, rows[0]), light.shape[-1]
+    runs = Runs.of(~dark[rows[0] - top : rows[1] - top], rows[0])
     if not len(runs.row):
         return runs, light.new_zeros(6 + 2 * len(light), 0).double()
-    row, coarse_pixel = (runs.row - rows[0]) * width, max(1, around // _COARSE)
-    first, end = row + runs.first, row + runs.end
-    inside = _sums(torch.stack([_step(own.amin(0), *_HUE), blur]), first, end)
+    width, coarse_pixel = light.shape[-1], max(1, around // _COARSE)
+    start = (runs.row - rows[0]) * width
+    summed = torch.stack([_step(own.amin(0), *_HUE), blur]).flatten(1)
+    sums = pad(summed.cumsum(1, dtype=torch.float64), (1, 0))
+    inside = sums[:, start + runs.end] - sums[:, start + runs.first]
     beside = _beside(torch.cat([bright[None], light]), dark, level, around)
     at = (runs.row - top) // coarse_pixel
     ground = sum(beside[:, at, x // coarse_pixel] for x in (runs.first, runs.end - 1))
-    reach, weight = max(_MIN_RIM, round(_RIM * width)), own_bright**2 * own_dark
-    rim = torch.cat(
-        [torch.stack([own_dark.to(weight), own_bright * own_dark, weight]), weight * own]
-    )
-    around_it = _sums(rim, row + (runs.first - reach).clamp(min=0), first)
-    around_it += _sums(rim, end, row + (runs.end + reach).clamp(max=width))
-    return runs, torch.cat([inside, ground / 2 * runs.area, around_it])
+    rim = _rim(own, runs._replace(row=runs.row - rows[0]), level)
+    return runs, torch.cat([inside, ground / 2 * runs.area, rim])
 
 
-def _sums(values: Tensor, first: Tensor, end: Tensor) -> Tensor:
-    """Sums [K, n] of values [K, h, W] over pixels from a first to before an end."""
-    sums = pad(values.flatten(1).cumsum(1, dtype=torch.float64), (1, 0))
-    return sums[:, end] - sums[:, first]
+def _rim(light: Tensor, runs: Runs, level: float) -> Tensor:
+    """Of the pixels beside each run sums of their number, brightness, weight, and weighted light.
+
+    `light`: [C, h, W] of the rows of runs; returns [3 + C, n].
+    """
+    width = light.shape[-1]
+    total = light.new_zeros(3 + len(light), len(runs.row)).double()
+    for away in range(max(_MIN_RIM, round(_RIM * width))):
+        for column in (runs.first - 1 - away, runs.end + away):
+            there = light[:, runs.row, column.clamp(0, width - 1)]
+            bright = there.amax(0)
+            dark = ((column >= 0) & (column < width) & (bright <= level)).to(light)
+            weight = dark * bright**2
+            total += torch.cat([torch.stack([dark, dark * bright, weight]), weight * there])
+    return total
 
 
 def _beside(values: Tensor, dark: Tensor, level: float, around: int) -> Tensor:
