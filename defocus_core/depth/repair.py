@@ -55,6 +55,7 @@ def repair_depth(
     decided: DepthRepair | None = None,
     hold: bool = False,
     matte: Pixels | None = None,
+    reach: float = 0.0,
 ) -> tuple[Pixels, DepthRepair]:
     """The signed radii by which `render` renders a picture, and the repair that made them.
 
@@ -71,6 +72,8 @@ def repair_depth(
         hold: Whether there is room for the repaired radii if the given ones are no tensor; without
             room those of a large picture are computed anew for each window.
         matte: As for `render`.
+        reach: Px by which edges may be displaced at least; in any case a hundredth of the longer
+            side of the picture.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
@@ -95,7 +98,9 @@ def repair_depth(
         if matte is not None:
             radii = hold_all(Repaired(radii, with_matte, _AROUND_MATTE, matte), radii, matte)
         else:
-            radii, shifts = _with_edges_of_colors(radii, image, repair, threads, hold_all, decided)
+            radii, shifts = _with_edges_of_colors(
+                radii, image, repair, threads, hold_all, decided, reach
+            )
             repair = repair._replace(edge_shifts=shifts)
         if repair.quantised:
             radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
@@ -109,6 +114,7 @@ def _with_edges_of_colors(
     threads: int,
     hold_all: Callable[..., Pixels],
     decided: DepthRepair | None,
+    reach: float,
 ) -> tuple[Pixels, EdgeShifts | None]:
     """Radii [H, W] px with edges moved to those of the colours, coarse to fine; and how far."""
     scale, soft = repair.ramps_of, repair.soft_edges
@@ -119,7 +125,7 @@ def _with_edges_of_colors(
     if shifts is None and (decided is not None or soft is None):
         return radii, None
     step = least_step(radii, soft) if shifts is None else shifts.step
-    found = coarse_shifts(radii, image, step=step, scale=scale)
+    found = coarse_shifts(radii, image, step=step, scale=scale, reach=reach)
     if found:
         radii = hold_all(with_coarse_shifts(radii, found, step, scale), radii)
     if decided is None and soft is not None:

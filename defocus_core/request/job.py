@@ -204,7 +204,7 @@ class Split(NamedTuple):
 NO_SPLIT = Split()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Job:
     """One picture to render."""
 

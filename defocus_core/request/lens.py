@@ -13,7 +13,7 @@ from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.request.quantities import Percentile, SideShare, Unitless, length_text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Draw:
     """Which of the random lenses of a picture and a lens of the sweep this is."""
 
@@ -25,7 +25,7 @@ class Draw:
     refused_px: float = math.inf  # least radius of those that blurred more than max-coc
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)  # a batch has a million
 class Lens:
     """A thin lens, lengths in mm.
 
@@ -96,8 +96,10 @@ class Lens:
         return math.isnan(self.foclen)
 
 
+# Values of its fields where nothing is said.
+DEFAULTS: Mapping[str, Any] = {field.name: field.default for field in fields(Lens)}
 # Fields of effects that most lenses have not got, and their values if they are off.
-EFFECTS = {field.name: field.default for field in fields(Lens) if field.name in EFFECT_OPTIONS}
+EFFECTS = {name: value for name, value in DEFAULTS.items() if name in EFFECT_OPTIONS}
 
 
 def lens_record(lens: Lens) -> dict[str, Any]:

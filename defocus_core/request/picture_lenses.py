@@ -19,7 +19,7 @@ from defocus_core.io.images.describe import describe
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW
 from defocus_core.request.animation import Animation, focal_length
 from defocus_core.request.job import Picture, Reading
-from defocus_core.request.lens import Draw, Lens
+from defocus_core.request.lens import DEFAULTS, Draw, Lens
 from defocus_core.request.lens_files import lens_in, lens_path
 from defocus_core.request.parameters import LENS_OPTIONS, METADATA
 from defocus_core.request.quantities import pixel_count
@@ -211,7 +211,7 @@ class PictureLenses:
             )
         keyed = self.animation.at(picture.frame)
         if fov := keyed.pop(FIELD_OF_VIEW, None):
-            width, info = Lens.sensor_width, describe(picture.color)
+            width, info = DEFAULTS["sensor_width"], describe(picture.color)
             if "sensor-width" in others:
                 width = value_of("sensor-width", others["sensor-width"].text)
             text = focal_length(fov.text, width, (info.width, info.height))

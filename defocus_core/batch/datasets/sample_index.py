@@ -86,8 +86,9 @@ def is_own_line(line: bytes) -> bool:
 
 def listed(out: Path) -> set[str] | None:
     """The names of the samples in the index of OUT; None if it has none."""
-    lines = _lines(out)
-    return None if lines is None else {*lines}
+    with suppress(OSError, ValueError, TypeError):
+        return {name for name, _ in _lines(out)} if (out / NAME).exists() else None
+    return None
 
 
 def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
@@ -95,25 +96,32 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
 
     A process that is killed leaves an index of the samples that it did not touch, each as it is.
     """
-    lines = _lines(out) or {}
-    taken = lines.keys() & changing
+    taken = (listed(out) or set()) & {*changing}
     if taken and alone:
         with written_whole(out / NAME, out) as file:
-            file.writelines(text for name, text in lines.items() if name not in taken)
+            file.writelines(text for name, text in _lines(out) if name not in taken)
     elif taken:
         with suppress(FileNotFoundError):
             Folder(out).remove(NAME)
     return taken
 
 
-def _lines(out: Path) -> dict[str, bytes] | None:
-    """The lines of the index of OUT by sample; None if it has none of ours, or no names in it."""
-    with suppress(OSError, ValueError, TypeError):
-        if not is_own(out):
-            return None
-        with Folder(out).open(NAME) as file:
-            return {json.loads(_SAMPLE.search(line)[1]): line for line in file}  # type: ignore[index]
-    return None
+def _lines(out: Path) -> Iterator[tuple[str, bytes]]:
+    """Name and line of each sample of the index of OUT.
+
+    Raises OSError, ValueError or TypeError if it has no index of ours, or one without names.
+    """
+    if not is_own(out):
+        raise ValueError("is not of a batch")
+    with Folder(out).open(NAME) as file:
+        for line in file:
+            yield json.loads(_SAMPLE.search(line)[1]), line  # type: ignore[index]
+
+
+def digest_of(out: Path) -> str:
+    """The hash of the index of OUT."""
+    with Folder(out).open(NAME) as file:
+        return digest(file)
 
 
 def digest(lines: Iterable[bytes]) -> str:

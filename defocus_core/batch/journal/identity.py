@@ -37,6 +37,7 @@ _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=Fal
 # Where OUT is, and where a lens stands, not what it is.
 _PLACES = ("root", "overwrite", "focus_source", *LENS_FILES)
 _MAX_STAMPS = 256
+_PLAIN = frozenset({str, int, bool, type(None)})
 _STAMPS: dict[tuple[object, ...], Stamp] = {}
 
 
@@ -168,6 +169,8 @@ def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
 
 def plain(value: Any) -> Any:
     """A value without classes: dataclasses become dictionaries, tuples lists, paths text."""
+    if type(value) in _PLAIN:  # most are
+        return value
     if isinstance(value, float):
         return value if math.isfinite(value) else str(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -175,7 +178,7 @@ def plain(value: Any) -> Any:
         for name, default in _fields(type(value)):  # a lens has many, and a batch many lenses
             part = getattr(value, name)
             if part is not default and part != default:
-                parts[name] = part if type(part) is str else plain(part)
+                parts[name] = plain(part)
         return parts
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]

@@ -66,6 +66,6 @@ def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
     if depth.inverted:
         far, near = near, far
     scale = (near - far) or 1.0
-    guided = GuidedDepth(1 / (1 + (given.double() - far) / scale), windows(color.planes, "cpu"))
+    guided = GuidedDepth(1 / (1 + (given - far) / scale), windows(color.planes, "cpu"))
     for rows in bands(metres.shape):
         metres[rows] = (far + scale * (1 / guided[rows] - 1)).float().numpy()

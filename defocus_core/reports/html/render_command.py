@@ -9,7 +9,7 @@ from typing import Any
 from defocus_core.batch.journal.journal import input_place
 from defocus_core.batch.journal.record import Record, Stamps
 from defocus_core.request.job import OTHERS, Machine, Picture
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import DEFAULTS
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.system.text import command_line
@@ -73,7 +73,7 @@ def _lens_words(lens: Mapping[str, Any]) -> list[object]:
     """The options of a lens."""
     words: list[object] = []
     for key, value in lens.items():
-        if value is None or key in _CHOICE or value == getattr(Lens, _LENS[key].field, None):
+        if value is None or key in _CHOICE or value == DEFAULTS.get(_LENS[key].field):
             continue
         row = _LENS[key]
         text = value if isinstance(value, Path) else row.text(value) + row.optional_unit
