@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from defocus_core.compare.findings.choice import diagnose
 from defocus_core.compare.findings.finding import Finding, is_place
-from defocus_core.compare.findings.tone import clipped_light, may_be_cut_below
+from defocus_core.compare.findings.tone import clipped_light, lost_channels, may_be_cut_below
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges, measure_flip
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import DecodedPicture, color_layers, in_linear_light, read_picture
@@ -334,7 +334,9 @@ def _judged(
     metrics, near = _measured(record, pixels, corner, rules, settings, differing=differing)
     findings = [*record.findings, *nonfinite.findings()]
     if differing:
-        findings += clipped_light(pixels)
+        lost = lost_channels(pixels)
+        strict |= bool(lost)
+        findings += [*lost, *clipped_light(pixels)]
     names = [finding.name for finding in findings]
     wants = any(_is_open(each, names, pixels) for each in (*rules.fail, *rules.warn))
     decided = any(each.is_met(metrics, ()) is not None for each in rules.fail if each.metric)

@@ -147,11 +147,15 @@ def _chromatic(m, s, low=0.0004, high=0.012):
 
 
 _GLYPHS = {
-    "D": "1111010001100011000110001100011110", "E": "11111100001111010000100001000011111",
-    "R": "11110100011000111110101001001010001", "O": "01110100011000110001100011000101110",
-    "F": "11111100001111010000100001000010000", "A": "01110100011000111111100011000110001",
-    "T": "11111001000010000100001000010000100", "S": "01111100001000001110000010000111110",
-}  # fmt: skip
+    "D": "1111010001100011000110001100011110",
+    "E": "11111100001111010000100001000011111",
+    "R": "11110100011000111110101001001010001",
+    "O": "01110100011000110001100011000101110",
+    "F": "11111100001111010000100001000010000",
+    "A": "01110100011000111111100011000110001",
+    "T": "11111001000010000100001000010000100",
+    "S": "01111100001000001110000010000111110",
+}
 
 
 def _text(word, size, scale, y, x):
@@ -292,7 +296,9 @@ def _lights(m):
 def _environment(m, s):
     y, x = m.yx
     phase = m.rng.uniform(0, 6, 3)
-    shade = np.stack([np.sin(2.2 * x + 1.7 * y + p) * np.cos(1.3 * x - 2 * y + p) for p in phase], 2)
+    shade = np.stack(
+        [np.sin(2.2 * x + 1.7 * y + p) * np.cos(1.3 * x - 2 * y + p) for p in phase], 2
+    )
     return m.light * (1 + _between(0.03, 0.5)(s) * shade * (0.4 + m.near[..., None]))
 
 
@@ -320,8 +326,11 @@ def _no_specular(m, s):
     shine = np.maximum(m.light - np.quantile(m.light, 0.6 + 0.3 * (1 - s)), 0)
     diffuse = m.light - shine
     beauty = rgb(m.light)
-    more = {f"{name}.{c}": layer[..., k] for name, layer in (("diffuse", diffuse), ("specular", shine))
-            for k, c in enumerate("RGB")}  # fmt: skip
+    more = {
+        f"{name}.{c}": layer[..., k]
+        for name, layer in (("diffuse", diffuse), ("specular", shine))
+        for k, c in enumerate("RGB")
+    }
     return {**beauty, **more}, {**rgb(diffuse), **more}
 
 
@@ -338,7 +347,9 @@ def _barrel(m, s):
     row, col = ((v * (1 + k) + 1) / 2 * (n - 1) for v, n in ((y, height), (x, width)))
     from scipy.ndimage import map_coordinates
 
-    return np.stack([map_coordinates(m.light[..., c], [row, col], order=3, mode="nearest") for c in range(3)], 2)  # fmt: skip
+    return np.stack(
+        [map_coordinates(m.light[..., c], [row, col], order=3, mode="nearest") for c in range(3)], 2
+    )
 
 
 def _object_moved(m, s):
@@ -361,75 +372,269 @@ class Kind:
     dtype: str = "float16"
 
 
-_REGION = ("in one region", "in shadows", "in highlights", "at edges", "out of focus only",
-           "in focus only", "at silhouettes", "at the border")  # fmt: skip
+_REGION = (
+    "in one region",
+    "in shadows",
+    "in highlights",
+    "at edges",
+    "out of focus only",
+    "in focus only",
+    "at silhouettes",
+    "at the border",
+)
 _PNG = "uint8"
 _COC = ("another CoC", "softened", "spread otherwise")
 _NOISE = ("noise removed", "noise")
 
 KINDS: dict[str, Kind] = {
     # Of the issue.
-    "depth normalised": Kind(("normalised",), ("multiplied", "offset"), of_depth(lambda m, s: (m.depth - (1 - s) * m.depth.min()) / (m.depth.max() * (1 + 2 * s) - (1 - s) * m.depth.min())), "float32"),
-    "inverse depth": Kind(("normalised", "inverse"), ("another tone curve", "another gamma"), of_depth(lambda m, s: (1 / m.depth - 1 / m.depth.max() * (1 - s)) / (1 / m.depth.min())), "float32"),
+    "depth normalised": Kind(
+        ("normalised",),
+        ("multiplied", "offset"),
+        of_depth(
+            lambda m, s: (
+                (m.depth - (1 - s) * m.depth.min())
+                / (m.depth.max() * (1 + 2 * s) - (1 - s) * m.depth.min())
+            )
+        ),
+        "float32",
+    ),
+    "inverse depth": Kind(
+        ("normalised", "inverse"),
+        ("another tone curve", "another gamma"),
+        of_depth(lambda m, s: (1 / m.depth - 1 / m.depth.max() * (1 - s)) / (1 / m.depth.min())),
+        "float32",
+    ),
     "chromatic aberration": Kind(("chromatic aberration",), ("scaled",), of_light(_chromatic)),
-    "chromatic, PNG": Kind(("chromatic aberration",), ("scaled",), of_shown(lambda m, s: linear_to_srgb(_chromatic(m, s, 0.0015, 0.015).clip(0, 1))), _PNG),
+    "chromatic, PNG": Kind(
+        ("chromatic aberration",),
+        ("scaled",),
+        of_shown(lambda m, s: linear_to_srgb(_chromatic(m, s, 0.0015, 0.015).clip(0, 1))),
+        _PNG,
+    ),
     "text": Kind(("overlay",), _REGION, of_light(lambda m, s: _lettered(m, m.light, s))),
     "text, PNG": Kind(("overlay",), _REGION, of_shown(lambda m, s: _lettered(m, m.shown, s)), _PNG),
     "watermark": Kind(("overlay",), _REGION, of_light(lambda m, s: _watermarked(m, m.light, s))),
-    "watermark, PNG": Kind(("overlay",), _REGION, of_shown(lambda m, s: _watermarked(m, m.shown, s)), _PNG),
-    "6 bits in 8": Kind(("quantised to",), (), of_shown(lambda m, s: _rounded(m.shown, 2 ** (7 - int(3.99 * s)) - 1)), _PNG),
-    "6 bits": Kind(("quantised to",), (), of_light(lambda m, s: srgb_to_linear(_rounded(linear_to_srgb(m.light.clip(0, 1)), 2 ** (7 - int(3.99 * s)) - 1)))),
-    "line of garbage": Kind(("damaged lines",), _REGION, of_light(lambda m, s: _garbage_line(m, m.light, s))),
-    "line of garbage, PNG": Kind(("damaged lines",), _REGION, of_shown(lambda m, s: _garbage_line(m, m.shown, s)), _PNG),
+    "watermark, PNG": Kind(
+        ("overlay",), _REGION, of_shown(lambda m, s: _watermarked(m, m.shown, s)), _PNG
+    ),
+    "6 bits in 8": Kind(
+        ("quantised to",),
+        (),
+        of_shown(lambda m, s: _rounded(m.shown, 2 ** (7 - int(3.99 * s)) - 1)),
+        _PNG,
+    ),
+    "6 bits": Kind(
+        ("quantised to",),
+        (),
+        of_light(
+            lambda m, s: srgb_to_linear(
+                _rounded(linear_to_srgb(m.light.clip(0, 1)), 2 ** (7 - int(3.99 * s)) - 1)
+            )
+        ),
+    ),
+    "line of garbage": Kind(
+        ("damaged lines",), _REGION, of_light(lambda m, s: _garbage_line(m, m.light, s))
+    ),
+    "line of garbage, PNG": Kind(
+        ("damaged lines",), _REGION, of_shown(lambda m, s: _garbage_line(m, m.shown, s)), _PNG
+    ),
     "bloom": Kind(("bloom",), ("raised blacks", "spread otherwise"), of_light(_bloom)),
-    "bloom, PNG": Kind(("bloom",), ("raised blacks", "spread otherwise"), of_shown(lambda m, s: linear_to_srgb(_bloom(m, s).clip(0, 1))), _PNG),
+    "bloom, PNG": Kind(
+        ("bloom",),
+        ("raised blacks", "spread otherwise"),
+        of_shown(lambda m, s: linear_to_srgb(_bloom(m, s).clip(0, 1))),
+        _PNG,
+    ),
     "radial depth": Kind(("radial depth",), ("vignette",), of_depth(_radial), "float32"),
     "ids shuffled": Kind(("ids exchanged",), _REGION, _shuffled),
-    "lift, PNG": Kind(("raised blacks",), ("another tone curve",), of_shown(lambda m, s: m.shown + _between(1.5, 24)(s) / 255), _PNG),
-    "lift of light, PNG": Kind(("raised blacks",), ("another tone curve",), of_shown(lambda m, s: linear_to_srgb((srgb_to_linear(m.shown) + _between(0.003, 0.06)(s)).clip(0, 1))), _PNG),
-    "green offset, PNG": Kind(("raised blacks", "another white", "another exposure"), ("another tone curve",), of_shown(lambda m, s: m.shown + _between(1.5, 20)(s) / 255 * np.float32([0, 1, 0])), _PNG),
+    "lift, PNG": Kind(
+        ("raised blacks",),
+        ("another tone curve",),
+        of_shown(lambda m, s: m.shown + _between(1.5, 24)(s) / 255),
+        _PNG,
+    ),
+    "lift of light, PNG": Kind(
+        ("raised blacks",),
+        ("another tone curve",),
+        of_shown(
+            lambda m, s: linear_to_srgb(
+                (srgb_to_linear(m.shown) + _between(0.003, 0.06)(s)).clip(0, 1)
+            )
+        ),
+        _PNG,
+    ),
+    "green offset, PNG": Kind(
+        ("raised blacks", "another white", "another exposure"),
+        ("another tone curve",),
+        of_shown(lambda m, s: m.shown + _between(1.5, 20)(s) / 255 * np.float32([0, 1, 0])),
+        _PNG,
+    ),
     "noise removed": Kind(_NOISE, ("softened",), _denoised),
     "noise removed, PNG": Kind(_NOISE, ("softened",), _cleaned_png, _PNG),
-    "resized and back": Kind(("lower resolution",), _COC, of_light(lambda m, s: _smaller(m, m.light, s))),
-    "resized and back, PNG": Kind(("lower resolution",), _COC, of_shown(lambda m, s: _smaller(m, m.shown, s)), _PNG),
-    "JPEG": Kind(("compressed with losses",), ("too small to name",), of_shown(lambda m, s: _jpeg(m.shown, round(97 - 50 * s))), _PNG),
+    "resized and back": Kind(
+        ("lower resolution",), _COC, of_light(lambda m, s: _smaller(m, m.light, s))
+    ),
+    "resized and back, PNG": Kind(
+        ("lower resolution",), _COC, of_shown(lambda m, s: _smaller(m, m.shown, s)), _PNG
+    ),
+    "JPEG": Kind(
+        ("compressed with losses",),
+        ("too small to name",),
+        of_shown(lambda m, s: _jpeg(m.shown, round(97 - 50 * s))),
+        _PNG,
+    ),
     # Local faults and global ones that nothing explains.
-    "denoised tile": Kind(("in one region", "noise removed"), _REGION, of_light(within(lambda m, s: _bilateral(m.light, _between(0.02, 0.2)(s))))),
-    "blurred tile": Kind(("in one region",), _REGION, of_light(within(lambda m, s: blurred(m.light, _between(0.5, 3)(s))))),
-    "brighter tile": Kind(("in one region",), _REGION, of_light(within(lambda m, s: m.light * (1 + _between(0.01, 0.5)(s))))),
+    "denoised tile": Kind(
+        ("in one region", "noise removed"),
+        _REGION,
+        of_light(within(lambda m, s: _bilateral(m.light, _between(0.02, 0.2)(s)))),
+    ),
+    "blurred tile": Kind(
+        ("in one region",),
+        _REGION,
+        of_light(within(lambda m, s: blurred(m.light, _between(0.5, 3)(s)))),
+    ),
+    "brighter tile": Kind(
+        ("in one region",),
+        _REGION,
+        of_light(within(lambda m, s: m.light * (1 + _between(0.01, 0.5)(s)))),
+    ),
     "grey object": Kind(_REGION, (), of_light(_grey_object)),
-    "object brighter": Kind(_REGION, (), of_light(lambda m, s: m.light * (1 + _between(0.02, 1)(s) * m.near[..., None]))),
-    "right half moved": Kind(("in one region", "another view or frame"), (), of_light(_right_half_moved)),
-    "light missing": Kind(_REGION, (), of_light(lambda m, s: m.light * (1 - _between(0.05, 0.9)(s) * _lights(m)))),
+    "object brighter": Kind(
+        _REGION, (), of_light(lambda m, s: m.light * (1 + _between(0.02, 1)(s) * m.near[..., None]))
+    ),
+    "right half moved": Kind(
+        ("in one region", "another view or frame"), (), of_light(_right_half_moved)
+    ),
+    "light missing": Kind(
+        _REGION, (), of_light(lambda m, s: m.light * (1 - _between(0.05, 0.9)(s) * _lights(m)))
+    ),
     "environment rotated": Kind(_REGION, (), of_light(_environment)),
-    "overscan cropped": Kind(("scaled", "shifted"), (), of_light(lambda m, s: warped(m.light, scale=_between(1.005, 1.08)(s)))),
-    "cropped to black": Kind(("crop",), _REGION, of_light(lambda m, s: m.light * (np.abs(m.yx).max(axis=0) < 0.99 - 0.2 * s)[..., None])),
+    "overscan cropped": Kind(
+        ("scaled", "shifted"),
+        (),
+        of_light(lambda m, s: warped(m.light, scale=_between(1.005, 1.08)(s))),
+    ),
+    "cropped to black": Kind(
+        ("crop",),
+        _REGION,
+        of_light(lambda m, s: m.light * (np.abs(m.yx).max(axis=0) < 0.99 - 0.2 * s)[..., None]),
+    ),
     "alpha eroded": Kind(("eroded",), _REGION, _eroded),
     "specular missing": Kind(("missing layer",), _REGION, _no_specular),
-    "object moved": Kind(("another view or frame", "in one region"), _REGION, of_light(_object_moved)),
+    "object moved": Kind(
+        ("another view or frame", "in one region"), _REGION, of_light(_object_moved)
+    ),
     # That nobody named.
-    "exposure": Kind(("another exposure",), (), of_light(lambda m, s: m.light * (1 + _between(0.002, 0.5)(s)))),
-    "gamma, PNG": Kind(("another gamma",), ("another tone curve", "another contrast"), of_shown(lambda m, s: m.shown ** (1 + _between(0.02, 0.6)(s))), _PNG),
-    "white balance": Kind(("another exposure",), (), of_light(lambda m, s: m.light * np.float32([1 + _between(0.01, 0.3)(s), 1, 1 - _between(0.01, 0.3)(s)]))),
-    "gaussian blur": Kind(_COC, ("lower resolution",), of_light(lambda m, s: blurred(m.light, _between(0.35, 4)(s)))),
-    "sharpened, PNG": Kind(("sharpened",), ("another CoC",), of_shown(lambda m, s: m.shown + _between(0.15, 2)(s) * (m.shown - blurred(m.shown, 1.2))), _PNG),
-    "shift": Kind(("shifted",), (), of_light(lambda m, s: warped(m.light, dx=_between(0.05, 2.5)(s)))),
-    "turned, PNG": Kind(("rotated",), (), of_shown(lambda m, s: warped(m.shown, degrees=_between(0.1, 3)(s))), _PNG),
+    "exposure": Kind(
+        ("another exposure",), (), of_light(lambda m, s: m.light * (1 + _between(0.002, 0.5)(s)))
+    ),
+    "gamma, PNG": Kind(
+        ("another gamma",),
+        ("another tone curve", "another contrast"),
+        of_shown(lambda m, s: m.shown ** (1 + _between(0.02, 0.6)(s))),
+        _PNG,
+    ),
+    "white balance": Kind(
+        ("another exposure",),
+        (),
+        of_light(
+            lambda m, s: (
+                m.light * np.float32([1 + _between(0.01, 0.3)(s), 1, 1 - _between(0.01, 0.3)(s)])
+            )
+        ),
+    ),
+    "gaussian blur": Kind(
+        _COC, ("lower resolution",), of_light(lambda m, s: blurred(m.light, _between(0.35, 4)(s)))
+    ),
+    "sharpened, PNG": Kind(
+        ("sharpened",),
+        ("another CoC",),
+        of_shown(lambda m, s: m.shown + _between(0.15, 2)(s) * (m.shown - blurred(m.shown, 1.2))),
+        _PNG,
+    ),
+    "shift": Kind(
+        ("shifted",), (), of_light(lambda m, s: warped(m.light, dx=_between(0.05, 2.5)(s)))
+    ),
+    "turned, PNG": Kind(
+        ("rotated",), (), of_shown(lambda m, s: warped(m.shown, degrees=_between(0.1, 3)(s))), _PNG
+    ),
     "rolling shutter": Kind(("another view or frame", "sheared"), ("shifted",), of_light(_sheared)),
     "lens distortion": Kind(("scaled", "another view or frame"), ("shifted",), of_light(_barrel)),
     "noise": Kind(("noise",), (), of_light(lambda m, s: m.noisy(_between(0.003, 0.06)(s)))),
     "dithered": Kind(("noise", "too small to name"), (), of_shown(_dithered), _PNG),
-    "inverted, PNG": Kind(("another tone curve", "sign reversed", "another contrast", "inverted"), (), of_shown(lambda m, s: 1 - m.shown), _PNG),
-    "linear gradient": Kind(("vignette",), _REGION, of_light(lambda m, s: m.light * (1 - _between(0.02, 0.5)(s) * (m.yx[1][..., None] + 1) / 2))),
-    "vignette": Kind(("vignette",), (), of_light(lambda m, s: m.light * (1 - _between(0.02, 0.5)(s) * np.square(m.yx).sum(axis=0)[..., None]))),
-    "saturation": Kind(("another saturation",), (), of_light(lambda m, s: (lambda y: y + (1 - _between(0.03, 0.7)(s)) * (m.light - y))((m.light @ np.float32([0.2126, 0.7152, 0.0722]))[..., None]))),
-    "larger disc": Kind(_COC, ("lower resolution",), of_light(lambda m, s: through_disc(m.light, _between(0.7, 6)(s)))),
-    "half resolution": Kind(("lower resolution",), _COC, of_light(lambda m, s: doubled(halved(m.light)))),
-    "clipped": Kind(("clipped",), (), of_light(lambda m, s: np.minimum(m.light, np.quantile(m.light, 0.999 - 0.3 * s)))),
-    "ghost": Kind(("another view or frame", "doubled", "motion blur"), ("spread otherwise",), of_light(lambda m, s: (1 - _between(0.03, 0.5)(s)) * m.light + _between(0.03, 0.5)(s) * np.roll(m.light, 9, 1))),
-    "hot pixels": Kind(("fireflies",), (), of_light(lambda m, s: m.light + _between(0.2, 20)(s) * (m.rng.random((*m.depth.shape, 1)) < 2e-4))),
-    "red moved": Kind(("shifted", "chromatic aberration"), (), of_light(lambda m, s: np.concatenate([warped(m.light[..., :1], dx=_between(0.1, 2)(s)), m.light[..., 1:]], 2))),
-}  # fmt: skip
+    "inverted, PNG": Kind(
+        ("another tone curve", "sign reversed", "another contrast", "inverted"),
+        (),
+        of_shown(lambda m, s: 1 - m.shown),
+        _PNG,
+    ),
+    "linear gradient": Kind(
+        ("vignette",),
+        _REGION,
+        of_light(
+            lambda m, s: m.light * (1 - _between(0.02, 0.5)(s) * (m.yx[1][..., None] + 1) / 2)
+        ),
+    ),
+    "vignette": Kind(
+        ("vignette",),
+        (),
+        of_light(
+            lambda m, s: (
+                m.light * (1 - _between(0.02, 0.5)(s) * np.square(m.yx).sum(axis=0)[..., None])
+            )
+        ),
+    ),
+    "saturation": Kind(
+        ("another saturation",),
+        (),
+        of_light(
+            lambda m, s: (lambda y: y + (1 - _between(0.03, 0.7)(s)) * (m.light - y))(
+                (m.light @ np.float32([0.2126, 0.7152, 0.0722]))[..., None]
+            )
+        ),
+    ),
+    "larger disc": Kind(
+        _COC,
+        ("lower resolution",),
+        of_light(lambda m, s: through_disc(m.light, _between(0.7, 6)(s))),
+    ),
+    "half resolution": Kind(
+        ("lower resolution",), _COC, of_light(lambda m, s: doubled(halved(m.light)))
+    ),
+    "clipped": Kind(
+        ("clipped",),
+        (),
+        of_light(lambda m, s: np.minimum(m.light, np.quantile(m.light, 0.999 - 0.3 * s))),
+    ),
+    "ghost": Kind(
+        ("another view or frame", "doubled", "motion blur"),
+        ("spread otherwise",),
+        of_light(
+            lambda m, s: (
+                (1 - _between(0.03, 0.5)(s)) * m.light
+                + _between(0.03, 0.5)(s) * np.roll(m.light, 9, 1)
+            )
+        ),
+    ),
+    "hot pixels": Kind(
+        ("fireflies",),
+        (),
+        of_light(
+            lambda m, s: m.light + _between(0.2, 20)(s) * (m.rng.random((*m.depth.shape, 1)) < 2e-4)
+        ),
+    ),
+    "red moved": Kind(
+        ("shifted", "chromatic aberration"),
+        (),
+        of_light(
+            lambda m, s: np.concatenate(
+                [warped(m.light[..., :1], dx=_between(0.1, 2)(s)), m.light[..., 1:]], 2
+            )
+        ),
+    ),
+}
 
 
 def _decoded(planes, dtype, name):

@@ -34,7 +34,7 @@ LOSSY = (3.5 / 255) ** 2  # power of the strongest noise of a codec
 _SIGNAL = 1.3  # least power of a difference, by that of the noise in it
 _FORGIVEN = 0.15  # share of the power of a difference that may be noise, where no codec loses
 _PART_OF = 0.6  # greatest share of a picture that a rectangle of it has
-_LEVELS, _WHITE = 32, 0.05  # of a curve; greatest share that neighbours of white noise share
+_LEVELS = 32  # of a curve
 _STILL = 0.2  # greatest share of a predicted change that lies where the pictures are equal
 # Differences that a file may round away, on the scale of differences: absolute, and relative.
 _QUANTA = {"uint8": (0.75 / 255, 0.0), "uint16": (0.75 / 65535, 0.0), "half": (1e-4, 2e-3)}
@@ -219,22 +219,20 @@ class Evidence:
         """The greatest power of noise that a model of the samples may leave.
 
         A curve of each channel is the freest model of values in place: what it leaves, and
-        neighbours do not share, is noise to all of these; white noise of any power.
+        neighbours do not share, is noise to all of these.
         """
         aim, whole = self._aim
-        rest = np.zeros(whole.shape)
+        rest = np.zeros((len(whole), len(self.places[0])))
         for k, (level, change) in enumerate(zip(aim - whole, whole, strict=True)):
             ends = np.quantile(level, np.linspace(0, 1, _LEVELS + 1)[1:-1])
             place = np.searchsorted(ends, level)
             counts = np.bincount(place, minlength=_LEVELS)
             means = np.bincount(place, change, _LEVELS) / np.maximum(counts, 1)
             rest[k] = change - means[place]
-        half = rest.shape[1] // 2
+        half = len(self.places[0]) // 2
         pair = rest[:, :half], rest[:, half:]
         every = _power(whole[:, :half], whole[:, half:])
-        power, unshared = _power(*pair), _unshared(*pair)
-        if abs(float((pair[0] * pair[1]).mean())) < _WHITE * power:
-            return unshared
+        unshared = _unshared(*pair)
         return min(unshared, max(self.lossy, _FORGIVEN * every))
 
     @cached_property
@@ -245,7 +243,8 @@ class Evidence:
     @cached_property
     def _still(self) -> NDArray[np.bool_]:
         """Samples [N] that are equal in A and B, and not at a bound of the file."""
-        return (self.pixels.greatest == 0)[self.places] & self.steady.all(axis=0)
+        still: NDArray[np.bool_] = self.pixels.greatest[self.places] == 0
+        return still & self.steady.all(axis=0)
 
     @cached_property
     def window(self) -> tuple[int, int, int, int]:

@@ -30,6 +30,7 @@ _PEAKS = 3  # of each correlation that are tried
 _EXPLAINED = 0.05  # left of a difference, below which no further move is looked for
 _LEAST_PART = 0.02  # px of a move that is looked at
 _MOST_ERODED = 5  # px
+_SMALL_LEFT = 0.35  # of a difference, by a shift of less than a pixel
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
 _CHOSEN = 2500  # samples that choose a small move
@@ -193,7 +194,7 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
     for move, free in _moves(evidence, names):
         name, text, values = _moved_words(move, _far(evidence))
         left = _left_by_move(evidence, move)
-        if name != "shifted" or left <= EXACT:
+        if name != "shifted" or left <= (EXACT if np.abs(move).max() > 1 else _SMALL_LEFT):
             yield Explanation(left, name, values=values, cost=0.01 * free - 0.01, text=text)
 
 
@@ -211,10 +212,10 @@ def chromatic(evidence: Evidence) -> Iterator[Explanation]:
         predicted.append(evidence.unscaled(sums[0])[0])
         growths[name], within = 1 + growth / _far(evidence), within & inside
     factors = [*growths.values(), *([1.0] if len(names) < 3 else [])]
-    if np.ptp(factors) * _far(evidence) > _LEAST_PART:
+    if np.ptp(factors) * _far(evidence) > 5 * _LEAST_PART:
         said = ", ".join(f"{name} scaled by {scale:.5g}" for name, scale in growths.items())
         left = evidence.left(np.stack(predicted), within)
-        yield Explanation(left, "chromatic aberration", f": {said}", {"scales": growths}, 0.02)
+        yield Explanation(left, "chromatic aberration", f": {said}", {"scales": growths}, 0.05)
 
 
 def _far(evidence: Evidence) -> float:
@@ -241,6 +242,9 @@ def _moves(evidence: Evidence, names: tuple[str, ...]) -> Iterator[tuple[NDArray
     aim, was = (
         evidence.scaled(evidence.at(side, rows[fits], columns[fits], names)) for side in ("b", "a")
     )
+    # Light beyond white is interpolated as such, and not as a screen shows it: it misleads.
+    plain = (np.maximum(aim, was) < 1.0).all(axis=0)
+    plain |= not evidence.pixels.color or np.count_nonzero(plain) < len(fits) // 2
     _, dx, dy = _offsets_tried(evidence)[0]
     whole = np.array([dy, 0, 0, dx, 0, 0], "f8")
     of_parts = _parts(evidence)
@@ -251,6 +255,7 @@ def _moves(evidence: Evidence, names: tuple[str, ...]) -> Iterator[tuple[NDArray
         move = start.copy()
         for _ in range(8):
             inside, (there, down, right) = _moved(evidence, rows[fits], columns[fits], move, names)
+            inside &= plain
             ways = [-down, -down * y, -down * x, -right, -right * y, -right * x]
             if free is _SIMILAR:  # growth and turn
                 ways = [ways[0], ways[1] + ways[5], ways[4] - ways[2], ways[3]]
@@ -259,7 +264,7 @@ def _moves(evidence: Evidence, names: tuple[str, ...]) -> Iterator[tuple[NDArray
                     way[:, inside].ravel()
                     for way in (ways if free is _SIMILAR else [ways[k] for k in free])
                 ]
-            )  # noqa: E501
+            )
             rest = (aim - there)[:, inside].ravel()
             step = np.linalg.lstsq(design @ design.T, design @ rest, rcond=None)[0].clip(-2, 2)
             if free is _SIMILAR:
@@ -421,12 +426,7 @@ def eroded(evidence: Evidence) -> Iterator[Explanation]:
         predicted = a.copy()
         for reach in range(1, _MOST_ERODED + 1):
             for dy, dx in product(range(-reach, reach + 1), repeat=2):
-                if (
-                    of == "square"
-                    and max(abs(dy), abs(dx)) == reach
-                    or of == "disc"
-                    and dy * dy + dx * dx <= reach * reach
-                ):  # noqa: E501
+                if of == "square" or dy * dy + dx * dx <= reach * reach:
                     y, x = (rows + dy).clip(0, height - 1), (columns + dx).clip(0, width - 1)
                     predicted = choose(predicted, evidence.at("a", y, x))
             left = evidence.left(predicted, exact=True)

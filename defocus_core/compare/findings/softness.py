@@ -27,7 +27,6 @@ from defocus_core.compare.findings.evidence import (
 )
 from defocus_core.compare.findings.geometry import keys, linear
 
-
 _LEAST = 28  # px of a side of a picture whose softness is looked at
 _PIECE, _MARGIN = 192, 8  # px of the part that rivals are measured in, and of the border left out
 _BINS = 160  # of frequencies, up to 1/2 a pixel
@@ -44,7 +43,7 @@ _ON_GRID = {2: 0.1, 4: 0.4}
 _Kernel = Callable[[Any], Any]
 _SHARES = (0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 2 / 3, 0.6, 0.5, 0.4, 1 / 3, 0.25)  # of a size
 _TRIED, _RESIZED_LEFT = 2, 0.3  # sizes that all filters are tried at; what they may leave
-_GLOW, _GLOWS = 320, (2, 3, 4, 6, 9, 13, 19, 28, 40)  # px of the side that bloom is seen in; sigma
+_GLOW, _GLOWS = 320, (4, 6, 9, 13, 19, 28, 40)  # px of the side that bloom is seen in; sigma
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
@@ -322,7 +321,7 @@ def motion_blurred(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def resized(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A at another size, enlarged again; where its steps lie on a grid, however it was made."""
+    """B is A at another size, enlarged again; its steps lie on a grid, however it was made."""
     frame = _softened(evidence)
     shown = [evidence.scaled_light(side).astype("f8") for side in frame.sides]
     on_grid = {}
@@ -333,7 +332,10 @@ def resized(evidence: Evidence) -> Iterator[Explanation]:
         ]
         steps = max(new - old for old, new in zip(*uneven, strict=True))
         on_grid[1 / factor] = steps >= _ON_GRID[factor]
-    scales = [(frame.sides[0], np.asarray), (shown[0], evidence.unscaled_light)]
+    scales: list[tuple[NDArray[Any], Callable[[Any], Any]]] = [
+        (frame.sides[0], np.asarray),
+        (shown[0], evidence.unscaled_light),
+    ]
 
     def fitted(share: float, down: _Kernel, up: _Kernel) -> float:
         return min(
@@ -342,12 +344,12 @@ def resized(evidence: Evidence) -> Iterator[Explanation]:
         )
 
     costs = {share: fitted(share, linear, linear) for share in _SHARES}
-    for share in sorted(costs, key=lambda each: costs[each])[:_TRIED] + [*on_grid]:
+    for share in (*sorted(costs, key=lambda each: costs[each])[:_TRIED], *on_grid):
         for (down, up), how in _RESAMPLED.items():
             left = fitted(share, down, up)
-            if on_grid.get(share) or left < _RESIZED_LEFT:
+            if on_grid.get(share) or (left < _RESIZED_LEFT and up is not _bspline):
                 size = {0.5: "half", 0.25: "a quarter of the"}.get(share, f"{share:.0%} of the")
-                cost = 0.01 / share - 0.2 if on_grid.get(share) else -0.01
+                cost = 0.01 / share - 0.2 if on_grid.get(share) else 0.03
                 how, values = f": {size} resolution, {how}", {"factor": 1 / share}
                 yield Explanation(left, "lower resolution", how, values, cost)
 
@@ -358,7 +360,8 @@ def _through_size(
     """Values [h, w] of the frame at a share of the picture's size, and enlarged again."""
     for cut, full in zip(evidence.frame, evidence.size, strict=True):
         small = max(2, round(full * share))
-        ratio, at = full / small, np.arange(cut.start, cut.stop)
+        ratio = 1 / share if share in (0.5, 0.25) else full / small
+        at = np.arange(cut.start, cut.stop)
         coarse = np.arange(int(cut.start / ratio), min(small, math.ceil(cut.stop / ratio)))
         middle = (coarse + 0.5) * ratio - 0.5
         wide = down((at - middle[:, None]) / ratio)
@@ -428,7 +431,7 @@ def bloom(evidence: Evidence) -> Iterator[Explanation]:
             gain = float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
             cost = float(np.square(y - gain * x).sum())
             found = min(found, (cost, glow, gain, sigma), key=lambda each: each[0])
-    _, glow, gain, sigma = found
+    _, glow, gain, wide = found
     if glow is None or gain <= 0:
         return
     old, new, aim = (evidence.scaled_light(v) for v in (a, a + gain * glow, b))
@@ -436,11 +439,9 @@ def bloom(evidence: Evidence) -> Iterator[Explanation]:
     both = used[:, :-1] & used[:, 1:]
     whole, rest = (((v - aim)[:, :-1][both], (v - aim)[:, 1:][both]) for v in (old, new))
     left = unexplained(whole, rest, evidence.step, evidence.lossy)
-    sigma *= step.step
-    how, values = (
-        f": {gain:.2g} of the light spread by {sigma:.0f} px",
-        {"gain": gain, "sigma": sigma},
-    )  # noqa: E501
+    reach = wide * math.ceil(max(evidence.size) / _GLOW)
+    how = f": {gain:.2g} of the light spread by {reach:.0f} px"
+    values = {"gain": gain, "sigma": reach}
     yield Explanation(left, "bloom", how, values, 0.02)
 
 

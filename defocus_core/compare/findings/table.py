@@ -146,6 +146,7 @@ CAUSES = (
         "traces.overlay",
         {"overlay": "text or a watermark: one colour and opacity over a part"},
         1,
+        EXACT,
         needs="light",
         local=True,
     ),

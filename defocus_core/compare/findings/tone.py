@@ -79,7 +79,11 @@ def lost_channels(pixels: Pixels) -> list[Finding]:
     ]
     if not lost or pixels.selected is not None:
         return []
-    return [Finding("empty", f"empty: {', '.join(lost)} 0 everywhere", {"channels": lost})]
+    return [
+        Finding(
+            "empty", f"empty: {', '.join(f'{n} 0' for n in lost)} everywhere", {"channels": lost}
+        )
+    ]
 
 
 def empty(evidence: Evidence) -> Iterator[Explanation]:
@@ -142,7 +146,7 @@ def _is_clipped_at_white(evidence: Evidence) -> bool:
 
 
 def quantised(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A rounded to the levels of few bits, which A is not on, and then to those of its file."""
+    """B is A rounded to the levels of few bits, and then to those of its file."""
     a, b = evidence.sampled
     if len(np.unique(b[0, :4096])) >= min(4096, a.shape[1]) * 0.9:
         return
@@ -151,7 +155,7 @@ def quantised(evidence: Evidence) -> Iterator[Explanation]:
     curves: dict[str, tuple[_Curve, _Curve]] = {"": (np.asarray, np.asarray)}
     if evidence.gamma == 1.0 and float(aim.max()) <= _ONE:
         curves = {" (sRGB-encoded)": (linear_to_srgb, _decoded), **curves}
-    levels = {"uint8": 255, "uint16": 65535}.get(next(iter(evidence.types)), 0)
+    levels = {"uint8": 255, "uint16": 65535}.get(min(evidence.types), 0) * (evidence.gamma != 1.0)
     for how, (curve, back) in curves.items():
         for bits in _BITS:
             top = 2**bits - 1
@@ -250,7 +254,7 @@ def normalised(evidence: Evidence) -> Iterator[Explanation]:
         predicted = np.stack([c + f * o for (c, f), o in terms])
         said = ", ".join(
             f"{n} x {f:.4g}, {c:+.3g}" for n, ((c, f), _) in zip(evidence.names, terms, strict=True)
-        )  # noqa: E501
+        )
         left = evidence.left(predicted.clip(0, 1), exact=True)
         yield Explanation(left, "normalised", f"{how}: {said}", cost=cost)
 
@@ -306,7 +310,7 @@ class _Scale:
     def fitted(
         self, terms: Sequence[NDArray[Any]], base: Any = 0.0, *, each: bool = False
     ) -> tuple[NDArray[Any], float]:
-        """Multiples of terms that B is beside a base, for all channels or for each; what is left."""
+        """Multiples of terms that B is beside a base, of all channels or each; what is left."""
         aim = self.new - base
         terms = [np.broadcast_to(term, aim.shape) for term in terms]
         if each:
@@ -357,7 +361,7 @@ def _named(evidence: Evidence, numbers: NDArray[Any], sign: str) -> tuple[dict[s
     values = dict(zip(evidence.names, map(float, numbers), strict=True))
     return values, ", ".join(
         f"{name} {sign and sign + ' '}{v:{'.4g' if sign else '+.3g'}}" for name, v in values.items()
-    )  # noqa: E501
+    )
 
 
 def exposed(evidence: Evidence) -> Iterator[Explanation]:

@@ -36,10 +36,9 @@ _SPARK = 0.1  # least difference of a firefly
 _ON_GRID = 0.82  # greatest share left of what blocks in other places leave
 _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
-_MOST_LINES, _FILLED = 8, 0.3  # of damaged lines; least share of their pixels that differ
+_MOST_LINES, _FILLED = 3, 0.3  # of damaged lines; least share of their pixels that differ
 _MOST_COVERED, _COVERED = 0.4, 0.5  # of a frame by an overlay; of its difference by one opacity
 _OPACITY = 0.25  # relative difference of one opacity
-_STEEP = 0.85  # quantile of the gradient beyond which there is an edge
 _MOST_LOST = 12 / 255  # greatest RMS that a codec of the header may lose
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
 _MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
@@ -114,22 +113,31 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
         size = np.abs(b - a).sum(axis=0)
         chosen = size > np.quantile(size, 0.6)
         for _ in range(4):
+            if np.count_nonzero(chosen) < 12:
+                break
             # B = (1 - opacity) A + opacity color, the same opacity in all channels.
             x, y = (v[:, chosen] - v[:, chosen].mean(axis=1, keepdims=True) for v in (a, b))
             opacity = 1 - float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
-            if not 0.01 < opacity:
+            if not opacity > 0.01:
                 break
             color = (b - (1 - opacity) * a)[:, chosen].mean(axis=1, keepdims=True) / opacity
             toward = color - a
             each = ((b - a) * toward).sum(axis=0) / np.maximum(np.square(toward).sum(axis=0), 1e-9)
             chosen = np.abs(each - opacity) < _OPACITY * opacity
-            if np.count_nonzero(chosen) < 12:
-                break
         else:
             black = float(color.max()) < 0.02 and opacity < 0.5  # a gain would do it, too
             covered = float(np.square(b - a)[:, chosen].sum() / np.square(b - a).sum())
             measured = chosen & ~turn[changed]
-            if black or covered < _COVERED or color.min() < -0.05 or not measured.any():
+            lost = (
+                float(color.max()) < 0.002 and opacity > 0.98
+            )  # it is 0, and written over by none
+            if (
+                black
+                or lost
+                or covered < _COVERED
+                or not -0.05 < color.min() <= color.max() < 1.05
+                or not measured.any()
+            ):
                 continue
             rest = np.square((b - a - min(opacity, 1.0) * toward)[:, measured]).sum()
             left = math.sqrt(float(rest / np.square((b - a)[:, measured]).sum()))
@@ -167,7 +175,7 @@ def seams(evidence: Evidence) -> Iterator[Explanation]:
             near = lines[1][:, None] | lines[0]
             rest = np.where(near, np.float32(0), difference)[shown]
             pairs = [(v[:, :-1], v[:, 1:]) for v in (difference[shown], rest)]
-            left = unexplained(pairs[0], pairs[1], evidence.step)
+            left = unexplained(pairs[0], pairs[1], evidence.step, evidence.lossy)
             left = max(math.sqrt(outside), left if math.isfinite(left) else 0.0)
             starts = {(phase + wide // 2) % period for phase in phases}
             how = f" at multiples of {period} px"
@@ -264,10 +272,6 @@ def halo(evidence: Evidence) -> Iterator[Explanation]:
     if area < _LENGTH * wide * wide or thick.sum() > 0.1 * area or one_sign < 0.8 or alone > 0.3:
         return
     a, b = evidence.framed
-    steep = np.hypot(*np.gradient(evidence.scaled_light(a).astype("f8")))
-    beside = widened(steep > np.quantile(steep, _STEEP), 1 + round(wide))
-    if float(beside[band].mean()) < 0.75 * float(beside.mean()) + 0.25:
-        return  # it follows no edges
     chooses = blocks_in_turn(a.shape)
     fits = band & chooses
     design = np.stack([a[fits], np.ones(np.count_nonzero(fits))], axis=1)
