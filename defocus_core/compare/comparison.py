@@ -334,9 +334,8 @@ def _judged(
     metrics, near = _measured(record, pixels, corner, rules, settings, differing=differing)
     findings = [*record.findings, *nonfinite.findings()]
     if differing:
-        lost = lost_channels(pixels)
-        strict |= bool(lost)
-        findings += [*lost, *clipped_light(pixels)]
+        findings += [*lost_channels(pixels), *clipped_light(pixels)]
+        strict |= any(finding.name == "empty" for finding in findings)
     names = [finding.name for finding in findings]
     wants = any(_is_open(each, names, pixels) for each in (*rules.fail, *rules.warn))
     decided = any(each.is_met(metrics, ()) is not None for each in rules.fail if each.metric)
@@ -352,8 +351,7 @@ def _judged(
     if suspect and differing:
         metrics = {**measure(pixels, over=rules.over), **metrics}
     names = [finding.name for finding in findings]
-    failed = _met(rules.fail, metrics, names)
-    warned = _met(rules.warn, metrics, names)
+    failed, warned = (_met(each, metrics, names) for each in (rules.fail, rules.warn))
     warned += tuple(
         f"found:{n}" for n in names if n.startswith(_NEVER_SILENT) and not failed and not warned
     )
