@@ -29,7 +29,7 @@ SCENES = [path.parent.name for path in (ROOT / "sample_scenes").glob("*/rgb.exr"
 ELSEWHERE = {"make", "pip"}
 # Tests of their own run these; here only their options are parsed.
 PARSED = {"bench", "verify"}
-IN_THIS_PROCESS = {name: ["--processes", "1"] for name in ("batch", "retry", "golden")}
+IN_THIS_PROCESS = {name: ["--processes", "1"] for name in ("batch", "golden")}
 
 
 def commands(text):
@@ -186,6 +186,14 @@ def test_every_topic_is_linked_and_described_in_the_readme():
     for name, subject in TOPICS.items():
         assert f"- [{name}](defocus_cli/help/{name}.md): {subject}\n" in readme
     assert {path.stem for path in HELP.iterdir()} == set(TOPICS)
+
+
+def test_all_who_tell_the_version_tell_the_same():
+    told = re.search(r'^version = "(.+)"$', (ROOT / "pyproject.toml").read_text(), re.M)[1]
+    cited = (ROOT / ".github" / "CITATION.cff").read_text()
+    assert f"\nversion: {told}\n" in cited
+    assert f"version = {{{told}}}" in DOCUMENTS["cite"].read_text()
+    assert f"\n## {told}\n" in (ROOT / ".github" / "CHANGELOG.md").read_text()
 
 
 @pytest.mark.parametrize("name", TOPICS)

@@ -15,9 +15,11 @@ from defocus_cli.words import console
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.bench import tables
 from defocus_core.bench.error import BASELINES, Row, measure_shot
+from defocus_core.bench.launches import counted, names, table, with_table
 from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
+from defocus_core.io.safe_files import written_whole
 from defocus_core.request.job import DEVICES
 from defocus_core.request.quantities import pixel_count
 from defocus_core.system.process import cores
@@ -28,6 +30,11 @@ _QUALITIES = ("draft", "standard", "high")
 # By the name of the parameter; options in neither go with both.
 _ERRORS_ALONE = {"truth": "--truth"}
 _TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii"}
+_NOT_COUNTED = {
+    **{"timing": "--time", "qualities": "--quality", "threads": "--threads", "device": "--device"},
+    **_ERRORS_ALONE,
+    **_TIMES_ALONE,
+}
 _LONGEST = 1 << 15  # px on a side
 
 
@@ -55,11 +62,17 @@ def _size(word: str) -> Size:
 @option(
     "--threads N",
     "Threads to compute with.  [default: one for each core; 1 with --time]",
-    click.IntRange(min=1),
+    click.IntRange(1, shared.MAX_THREADS),
 )
 @option("--device", "", DEVICES, default="auto", show_default=True)
 @shared.json_option
 @_time_option("--time", "Time synthetic scenes instead.", into="timing")
+@_time_option(
+    "--launches FILE",
+    "Count what a GPU would be asked for instead, without one, and write the table into FILE, "
+    "in the place of the one it holds.",
+    FilePath(),
+)
 @_time_option(
     "--sizes WxH,…",
     "Sizes in px.  [default: 480x270,960x540]",
@@ -81,6 +94,7 @@ def command(
     device: str,
     as_json: bool,
     timing: bool,
+    launches: Path | None,
     sizes: tuple[Size, ...],
     radii: tuple[float, ...],
 ) -> None:
@@ -100,16 +114,21 @@ def command(
     transforms: at two sizes and radii in half a minute, or at those given. With --json the table
     is on stderr.
 
+    With --launches, what a GPU is asked for is counted on a pretended one of 8 GB.
+
     \b
     Examples:
       defocus bench
       defocus bench --truth ../truth --quality standard
       defocus bench --time --json > times.json
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
+      defocus bench --launches defocus_cli/help/quality.md
     """  # noqa: D301  click reads the backspace
-    _refuse_others(ctx, timing=timing)
+    _refuse_others(ctx, timing=timing, counting=launches is not None)
     echo = console.stderr if as_json else console.stdout
-    if timing:
+    if launches is not None:
+        document = _launches(launches, echo)
+    elif timing:
         document = _times(sizes, radii, qualities or ("standard",), device, threads or 1, echo)
     else:
         truth, threads = truth or sample_set(), threads or cores()
@@ -118,14 +137,35 @@ def command(
         console.print_json(**document)
 
 
-def _refuse_others(ctx: click.Context, *, timing: bool) -> None:
+def _refuse_others(ctx: click.Context, *, timing: bool, counting: bool) -> None:
     """Refuse options that would mean nothing."""
     problem, remedy = "means nothing without --time", "add --time"
-    if timing:
-        problem, remedy = "means nothing with --time", "leave one of them out"
-    for name, place in (_ERRORS_ALONE if timing else _TIMES_ALONE).items():
+    others = _TIMES_ALONE
+    if timing or counting:
+        mode, others = ("--launches", _NOT_COUNTED) if counting else ("--time", _ERRORS_ALONE)
+        problem, remedy = f"means nothing with {mode}", "leave one of them out"
+    for name, place in others.items():
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise UsageProblem("contradiction", problem, remedy, path=place)
+
+
+def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:
+    """Count what a device is asked for, and write the table: the document."""
+    text = path.read_bytes().decode(errors="replace") if path.exists() else None
+    with_table(text, [], path)  # what holds no table is refused first
+    warm_up("cpu")
+    cases = []
+    for name in names():
+        cases.append(counted(name))
+        echo(list(table(cases))[-1])
+    with written_whole(path) as file:
+        file.write(with_table(text, list(table(cases)), path).encode())
+    return {
+        "rows": [
+            {"case": name, "alone": alone._asdict(), "left_right": pair._asdict()}
+            for name, alone, pair in cases
+        ]
+    }
 
 
 def _errors(

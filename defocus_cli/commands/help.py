@@ -22,6 +22,7 @@ TOPICS = {
     "compare": "comparison of pictures, thresholds, goldens, CI",
     "python": "the library: files, lenses, training, batches, comparison",
     "exit-codes": "exit codes, error lines, output for scripts",
+    "cite": "how to cite defocus and what it is built on",
 }
 
 

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
+from defocus_cli.words.batch import reasons_lines
 from defocus_cli.words.endings import SomeFailed
 from defocus_core.batch.workers.plan import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
 from defocus_core.picture.forecast import Forecast
 from defocus_core.request.job import Job, Outputs
-from defocus_core.request.jobs_file import Batch
 from defocus_core.system.text import counted, duration
 
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
@@ -34,7 +35,7 @@ _MAP_BYTES = 2.4
 def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
     """Report each picture: what would be read and written, and the forecasts."""
     todo = [job for job, _ in plan.todo]
-    done = {job for job, _ in plan.settled}
+    done = set(plan.settled)
     samples, unusable = _forecasts(todo, alone=len(jobs) == 1)
     by_job = {todo[number]: each for number, each in samples.items()}
     sampled = list(samples.values())
@@ -53,17 +54,24 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
                 console.stdout(forecast.line(by_job[job]))
         if sampled and len(todo) > 1:
             console.stdout(forecast.total_line(sampled, len(todo)))
+        console.stdout(*reasons_lines(plan))
     _end(unusable, len(samples), "pictures")
 
 
 def report_batch(
-    batch: Batch, execution: Execution, processes: int, *, as_json: bool, verbose: bool
+    jobs: Sequence[Job],
+    out: Path,
+    execution: Execution,
+    processes: int,
+    *,
+    as_json: bool,
+    verbose: bool,
 ) -> None:
     """Report a batch in a few lines, and each job if ``verbose``.
 
     Jobs that would fail or be rejected are named on stderr.
     """
-    plan = make_plan(batch.jobs(), batch.outputs.root, execution)
+    plan = make_plan(jobs, out, execution)
     todo = [job for job, _ in plan.todo]
     by_number, unusable = _forecasts(todo)
     samples = list(by_number.values())
@@ -79,13 +87,15 @@ def report_batch(
         "seconds": whole["seconds"] / processes if whole else 0.0,
         "bytes": round(_bytes(todo[0].outputs, samples, len(todo))) if samples else 0,
         "unusable": len(unusable),
+        "again": dict(plan.again),
+        "kept": dict(plan.kept),
     }
     if as_json:
         plans = [job_report.plan_record(job) for job in todo]
         console.print_json(dry_run=True, **totals, samples=plans)
     else:
         console.stdout(*(job_report.plan_line(job) for job in todo if verbose))
-        console.stdout(*_batch_lines(totals, len(samples)))
+        console.stdout(*_batch_lines(totals, len(samples)), *reasons_lines(plan))
     _end(unusable, len(samples), "jobs")
 
 

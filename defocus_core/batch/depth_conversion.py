@@ -17,7 +17,7 @@ from defocus_core.picture.preview import write_depth_preview
 from defocus_core.picture.steps.implausible import of_file
 from defocus_core.request.job import Reading
 from defocus_core.system.interrupts import delayed_signals
-from defocus_core.system.text import version
+from defocus_core.system.text import versions
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def convert(place: DepthTarget, reading: Reading) -> Converted:
         sky += depth.metres[rows].size - finite.size
         extremes += [float(finite.min()), float(finite.max())] if finite.size else []
     attributes = {
-        "defocus:version": version(),
+        "defocus:version": versions(),
         "defocus:kind": "depth",
         "defocus:depth": place.file.name,
         "defocus:depth_read_as": depth.note,

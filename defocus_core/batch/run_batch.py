@@ -8,16 +8,15 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.datasets import update
-from defocus_core.batch.journal.journal import Record
+from defocus_core.batch.journal.record import Record
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.plan import Execution, Plan
+from defocus_core.batch.workers.plan import DataSet, Execution, Plan
 from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 from defocus_core.batch.workers.run import Summary
 from defocus_core.errors import UsageProblem
-from defocus_core.request import origin
 from defocus_core.request.job import DEVICES, Job, Machine, Outputs
-from defocus_core.request.jobs_file import batch_of, read_jobs
+from defocus_core.request.jobs_file import batch_of, read_batch
+from defocus_core.request.origin import JobsSource
 
 Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
 
@@ -35,15 +34,20 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
         InputError: A file cannot be read or is missing, or files do not pair up.
         UsageProblem: A key is unknown, a value makes no sense, or two contradict each other.
     """
-    outputs = Outputs(Path(out), overwrite=overwrite)
+    return _asked(jobs, Outputs(Path(out), overwrite=overwrite))[0]
+
+
+def _asked(jobs: Jobs, outputs: Outputs) -> tuple[list[Job], JobsSource | None]:
+    """The jobs of a batch, and what of they were made if it can be kept."""
     if isinstance(jobs, Mapping):
-        return batch_of(jobs, Path("jobs"), outputs, Machine()).jobs()
-    if isinstance(jobs, str | PathLike):
-        return read_jobs(Path(fspath(jobs)), outputs, Machine())
-    root = outputs.root
-    return [
-        replace(job, outputs=replace(job.outputs, root=root, overwrite=overwrite)) for job in jobs
-    ]
+        batch = batch_of(jobs, Path("jobs"), outputs, Machine())
+    elif isinstance(jobs, str | PathLike):
+        batch = read_batch(Path(fspath(jobs)), outputs, Machine())
+    else:
+        root, overwrite = outputs.root, outputs.overwrite
+        here = [replace(job.outputs, root=root, overwrite=overwrite) for job in jobs]
+        return [replace(job, outputs=to) for job, to in zip(jobs, here, strict=True)], None
+    return batch.jobs(), batch.source
 
 
 def run_batch(
@@ -57,6 +61,7 @@ def run_batch(
     limit: int | None = None,
     fail_fast: bool = False,
     overwrite: bool = False,
+    new_only: bool = False,
     hash_inputs: bool = False,
     ended: Callable[[Job, Record], None] | None = None,
 ) -> Summary:
@@ -76,10 +81,11 @@ def run_batch(
         limit: Do at most so many jobs, and leave the rest.
         fail_fast: Whether the rest is left if a job fails.
         overwrite: Whether all is done again, whatever was done before.
+        new_only: Whether what has outputs stays as it is, whatever changed.
         hash_inputs: Whether bytes of inputs are compared with those of before, not only their
             size and time.
         ended: Called with each job that came to its end, and its record of the journal: its
-            ``status`` is ok, rejected or failed, ``reason`` and ``message`` say why.
+            ``status`` is ok, rejected or failed, its ``end`` says why, or what was taken.
 
     Returns:
         How many ``jobs`` there are; how many were done before (``skipped``) and are ``left``; the
@@ -95,20 +101,20 @@ def run_batch(
         remedy = f"choose from {', '.join(DEVICES)}"
         raise UsageProblem("unknown-name", f"'{device}' is not known", remedy, field="device")
     config = WorkerConfig("local", processes, threads, device, memory, None)
-    asked = computed_by(batch_jobs(jobs, out, overwrite=overwrite), config.machine)
+    asked, source = _asked(jobs, Outputs(Path(out), overwrite=overwrite))
+    asked = computed_by(asked, config.machine)
     execution = Execution(
         pipeline.execute if processes == 1 else config.execute(),
         limit=limit,
         fail_fast=fail_fast,
         read_inputs=hash_inputs,
+        new_only=new_only,
         spread=config.spread,
+        data_set=DataSet(source),
     )
-    summary = run.carry_out(asked, Path(out), execution, _Callbacks(ended))
+    summary = run.run(asked, Path(out), execution, _Callbacks(ended))
     if summary.interrupted and summary.left:
         raise KeyboardInterrupt
-    if isinstance(jobs, str | PathLike | Mapping):
-        origin.keep(Path(out), jobs if isinstance(jobs, Mapping) else Path(jobs))
-    update.index(Path(out), None, {job.sample_id for job in asked}, summary.unchanged)
     return summary
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from defocus_core.errors import InputError
 
 _WILDCARD = re.compile(r"(\*+|\?|\[[^\]]+\])")
+_NUMBER = re.compile("#+")
 
 _Piece = tuple[str, str]  # what the wildcards of a part stand for; the same with the text before
 
@@ -23,6 +24,19 @@ def has_wildcard(pattern: str | Path) -> bool:
 def texts_before(pattern: str | Path) -> list[str]:
     """The text before each wildcard of a pattern, within its part of the path."""
     return [text for part in Path(pattern).parts for text in _WILDCARD.split(part)[:-1:2]]
+
+
+def wild_text(name: str, pattern: str) -> str | None:
+    """What the wildcards of a pattern stand for in a name; None if it does not match.
+
+    A run of ``#`` is a number of so many digits or more, and no part of that.
+    """
+    if not fnmatchcase(name, _NUMBER.sub("*", pattern)):
+        return None
+    expression = _reversed_expression(pattern).replace("\\#", "#")
+    digits = _NUMBER.sub(lambda run: f"[0-9]{{{len(run[0])},}}", expression)
+    match = re.fullmatch(digits, name[::-1], re.DOTALL)
+    return match and "_".join(text[::-1] for text in match.groups()[::-1] if text)
 
 
 def matching(
@@ -63,9 +77,10 @@ def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, lis
 
     Of a file's suffix, nothing is kept.
     """
+    if os.path.lexists(folder / part):  # a name with brackets is one, if it is there
+        yield folder / part, [], (folder / part).is_dir()
+        return
     if not has_wildcard(part):
-        if os.path.lexists(folder / part):
-            yield folder / part, [], (folder / part).is_dir()
         return
     expression = re.compile(_reversed_expression(part), re.DOTALL)
     with os.scandir(folder) as listed:

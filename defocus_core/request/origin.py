@@ -13,8 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from defocus_core.errors import InputError, reason
-from defocus_core.io.below import Folder, open_plain
+from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
 from defocus_core.request import toml_file
 from defocus_core.request.toml_file import LARGEST_FILE, Table
@@ -55,22 +54,45 @@ def read_origin(table: Table) -> Origin:
     return Origin(**texts, shuffle=table.integer("shuffle", 0))
 
 
-def keep(out: Path, jobs: Path | Mapping[str, Any]) -> None:
-    """Keep a jobs file, or the tables of one, in an OUT that exists."""
+@dataclass(frozen=True)
+class JobsSource:
+    """What a batch was asked for, as it was read: the bytes of a jobs file, or tables as JSON."""
+
+    path: Path | None  # the jobs file; None for tables from Python
+    data: bytes
+
+
+def source_of_tables(tables: Mapping[str, Any]) -> JobsSource:
+    """The tables of a batch from Python, as they are now."""
+    return JobsSource(None, json.dumps(tables, indent=1, default=str).encode() + b"\n")
+
+
+def keep(out: Path, source: JobsSource) -> None:
+    """Keep what a batch was asked for in its OUT, if that exists: what is not ours there stays."""
     if not out.is_dir():  # there was nothing to do
         return
-    if isinstance(jobs, Mapping):
-        name, data = _KEPT_TABLES, json.dumps(jobs, indent=1, default=str).encode() + b"\n"
+    if source.path is None:
+        name, data, is_own = _KEPT_TABLES, source.data, _is_of_tables
     else:
-        name, data = KEPT, _MARK + _bytes(jobs).removeprefix(_MARK)
-    before = _kept(out, KEPT)
-    if name == KEPT and before is not None and not before.startswith(_MARK):
-        if not (out / KEPT).samefile(jobs):  # type: ignore[arg-type]
-            note(f"{out / KEPT}: is not of this batch, and stays; the jobs file is not kept")
-        return
-    if _kept(out, name) != data:
+        name, data, is_own = KEPT, _MARK + source.data.removeprefix(_MARK), _is_marked
+    before = _kept(out, name)
+    if before is not None and not is_own(before):
+        if source.path is None or source.path.resolve() != (out / KEPT).resolve():
+            note(f"{out / name}: is not of this batch, and stays; what was asked for is not kept")
+    elif before != data:
         with written_whole(out / name, out) as file:
             file.write(data)
+
+
+def _is_marked(data: bytes) -> bool:
+    return data.startswith(_MARK)
+
+
+def _is_of_tables(data: bytes) -> bool:
+    with suppress(ValueError, RecursionError):
+        tables = json.loads(data)
+        return isinstance(tables, dict) and "inputs" in tables
+    return False
 
 
 def origin_of(out: Path) -> Origin:
@@ -88,12 +110,3 @@ def _kept(out: Path, name: str) -> bytes | None:
     with suppress(OSError), Folder(out).open(name) as file:
         return file.read(LARGEST_FILE)
     return None
-
-
-def _bytes(path: Path) -> bytes:
-    try:
-        with open_plain(path) as file:
-            return file.read(LARGEST_FILE)
-    except OSError as error:
-        problem = f"cannot be read: {reason(error)}"
-        raise InputError("unreadable", problem, "check the file", path=path) from None

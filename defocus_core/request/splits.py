@@ -1,29 +1,26 @@
 """Splits of a dataset, as train and test: the scene of a picture decides, so that none leaks.
 
-``[split]`` of a jobs file has a share for each split, which add up to 1, and may have ``scene``, a
-regular expression whose first group, or else whole match, is the scene in the name of a picture.
-Without it the name of a picture is its scene, and the frames of a shot are one. A hash of its name
+``[split]`` of a jobs file has a share for each split, which add up to 1; or of some the number of
+scenes, which are the first by their hashes, beside shares of the others. It may have ``scene``, a
+pattern like ``*_##``: what its wildcards stand for in the name of a picture is the scene, and
+numbers of so many digits tell its pictures apart. Without it the name of a picture is its scene,
+and the frames of a shot are one. A hash of its name
 decides the split of a scene, so that it stays where it is whatever other scenes come and go; the
 counts are those of the shares in the long run. What the journal has of a scene stays, too.
-
-A jobs file may come from anywhere, and Python's matcher takes years for some expressions: it works
-in a process of its own, for so many seconds.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
-import subprocess
-import sys
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from itertools import accumulate
 
 from defocus_core.errors import CALLER, Place, UsageProblem
+from defocus_core.io.wildcards import has_wildcard, wild_text
 from defocus_core.request.job import NO_SPLIT, Job, Picture, Split
 from defocus_core.request.toml_file import Table
 from defocus_core.system.text import counted, note
@@ -31,32 +28,41 @@ from defocus_core.system.text import counted, note
 NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
 _SCENE = "scene"
 _ROUNDING = 1e-6
-_SECONDS, _NAMES_A_SECOND = 3.0, 10_000
-# Reads an expression and names, and writes the scene of each, null where there is none.
-_MATCHER = """import json, re, sys
-expression, names = json.load(sys.stdin)
-found = [re.search(expression, name) for name in names]
-json.dump([one and one[1 if one.re.groups else 0] for one in found], sys.stdout)"""
+# Of an expression, which scenes were once: what tells it from a pattern, and pieces of patterns.
+_OF_EXPRESSIONS = re.compile(r"[\^$()|+{}\\]")
+_AS_PATTERN = (
+    (r"[\^$]", ""),
+    (r"\\d[+*]|\[0-9\][+*]", "#"),
+    (r"\(?(\.|\\w|\[\^.\])[+*]\??\)?", "*"),
+)
 
 
 @dataclass(frozen=True)
 class Splits:
-    """The shares of the splits by name, and where the scene is in the name of a picture."""
+    """The shares and numbers of the splits by name, and where the scene is in the name."""
 
     fractions: Mapping[str, float]
-    scene: str = ""  # a regular expression; empty for the whole name, or the shot
+    counts: Mapping[str, int] = field(default_factory=dict)  # of those of which it is exact
+    scene: str = ""  # a pattern; empty for the whole name, or the shot
     where: Place = CALLER
 
     def of(self, pictures: Sequence[Picture]) -> list[Split]:
         """The split of each picture."""
-        if not self.fractions:
+        if not (self.fractions or self.counts):
             return [NO_SPLIT] * len(pictures)
-        choices, scenes = tuple(self.fractions), self._scenes_of(pictures)
-        return [Split(self._split_of(scene), scene, choices) for scene in scenes]
+        choices, scenes = (*self.counts, *self.fractions), self._scenes_of(pictures)
+        first, exact = sorted({*scenes}, key=_place_of), dict[str, str]()
+        wanted = sum(self.counts.values())
+        if wanted > len(first) or (self.counts and not self.fractions and wanted < len(first)):
+            problem = f"asks for {counted(wanted, 'scene')}, and there are {len(first)}"
+            remedy = "let the numbers add up to them, or give one split a share, as train = 1.0"
+            raise UsageProblem("out-of-range", problem, remedy, path=self.where)
+        for name, count in self.counts.items():
+            exact |= dict.fromkeys(first[len(exact) : len(exact) + count], name)
+        return [Split(exact.get(s) or self._split_of(s), s, choices) for s in scenes]
 
     def _split_of(self, scene: str) -> str:
-        digest = blake2b(os.fsencode(scene), digest_size=8).digest()
-        place = int.from_bytes(digest, "big") / 2**64
+        place = _place_of(scene)
         names, ends = list(self.fractions), accumulate(self.fractions.values())
         passed = sum(end <= place for end in ends)
         return names[min(passed, len(names) - 1)]  # shares may add up to a little less than 1
@@ -69,19 +75,18 @@ class Splits:
                 re.sub(r"\d+$", "", name) if of_shot else name
                 for name, of_shot in zip(names, shots, strict=True)
             ]
-        words, seconds = [sys.executable, "-Ic", _MATCHER], _SECONDS + len(names) / _NAMES_A_SECOND
-        try:
-            asked = json.dumps([self.scene, names])
-            found = subprocess.check_output(words, input=asked, text=True, timeout=seconds)
-        except subprocess.TimeoutExpired:
-            problem, remedy = f"takes more than {seconds:.0f} s", "repeat nothing that repeats"
-            raise UsageProblem("malformed", problem, remedy, path=self.where) from None
-        scenes: list[str] = json.loads(found)
-        if None in scenes:
-            problem = f"finds no scene in '{names[scenes.index(None)]}'"  # type: ignore[arg-type]
-            remedy = "make it match the name of each picture"
-            raise UsageProblem("no-scene", problem, remedy, path=self.where)
-        return scenes
+        scenes = [wild_text(name, self.scene) for name in names]
+        for name, scene in zip(names, scenes, strict=True):
+            if not scene:
+                problem, remedy = f"finds no scene in '{name}'", "make it match each name"
+                raise UsageProblem("no-scene", problem, remedy, path=self.where)
+        return [scene or "" for scene in scenes]
+
+
+def _place_of(scene: str) -> float:
+    """The place of a scene among all that there may be, from 0 to 1, by the hash of its name."""
+    digest = blake2b(os.fsencode(scene), digest_size=8).digest()
+    return int.from_bytes(digest, "big") / 2**64
 
 
 def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) -> list[Job]:
@@ -119,7 +124,7 @@ def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) 
 
 def read_splits(section: Table) -> Splits:
     """The splits of ``[split]``; none without it."""
-    fractions = {}
+    fractions, counts = {}, {}
     for name, value in section.values.items():
         if name == _SCENE:
             continue
@@ -128,27 +133,40 @@ def read_splits(section: Table) -> Splits:
             raise UsageProblem(
                 "malformed", problem, "use letters, digits and _", path=section.place(name)
             )
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 1:
-            problem = f"{value!r} is no share above 0, up to 1"
-            raise UsageProblem("malformed", problem, "write train = 0.9", path=section.place(name))
-        fractions[name] = float(value)
+        is_count = type(value) is int and value >= 1
+        if not is_count and not (isinstance(value, float) and 0 < value <= 1):
+            problem = f"{value!r} is no share above 0, up to 1, nor a number of scenes"
+            remedy = "write train = 0.9, or train = 24"
+            raise UsageProblem("malformed", problem, remedy, path=section.place(name))
+        if is_count and {*section.values} - {_SCENE} != {name}:
+            counts[name] = value
+        else:  # one alone is all of them
+            fractions[name] = float(value)
     if fractions and abs(sum(fractions.values()) - 1) > _ROUNDING:
         problem = f"has shares that add up to {sum(fractions.values()):g}"
         raise UsageProblem(
             "malformed", problem, "let them add up to 1", path=section.file, field="[split]"
         )
     text = section.text(_SCENE)
+    where = section.place(next(iter(counts), _SCENE))
     if text is None:
-        return Splits(fractions)
-    if not fractions:
+        return Splits(fractions, counts, where=where)
+    if not fractions and not counts:
         raise UsageProblem(
             "missing-option", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
         )
-    try:
-        re.compile(text)
-    except (re.error, RecursionError, OverflowError) as error:
-        problem = f"'{text}' is no regular expression that is read: {error}"
-        raise UsageProblem(
-            "malformed", problem, "write it like '^(.*)_[0-9]+$'", path=section.place(_SCENE)
-        ) from None
-    return Splits(fractions, text, section.place(_SCENE))
+    _refuse_expression(text, section.place(_SCENE))
+    return Splits(fractions, counts, text, section.place(_SCENE))
+
+
+def _refuse_expression(text: str, where: Place) -> None:
+    """Refuse a regular expression, with the pattern for it, and a pattern without a wildcard."""
+    pattern = text
+    for expression, piece in _AS_PATTERN:
+        pattern = re.sub(expression, piece, pattern)
+    if _OF_EXPRESSIONS.search(pattern) or not has_wildcard(pattern):
+        pattern = "*_##"
+    problem = "is a regular expression" if _OF_EXPRESSIONS.search(text) else "has no wildcard"
+    if _OF_EXPRESSIONS.search(text) or not has_wildcard(text):
+        remedy = f'write a pattern, like "{pattern}": * is the scene, # a digit'
+        raise UsageProblem("malformed", f"'{text}' {problem}", remedy, path=where)

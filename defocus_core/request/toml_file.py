@@ -19,8 +19,13 @@ _MAX_DOTS = 10**8  # sum of the squares of those of each line
 
 def read_toml(file: Path, *, what: str, remedy: str) -> dict[str, Any]:
     """The tables and values of a TOML file."""
+    return parsed_toml(read_bytes(file, what, remedy), file, what=what, remedy=remedy)
+
+
+def parsed_toml(data: bytes, file: Path, *, what: str, remedy: str) -> dict[str, Any]:
+    """The tables and values of the bytes of a TOML file."""
     try:
-        return loads(_text(file, what, remedy))
+        return loads(_text(data, file, what, remedy))
     except (ValueError, RecursionError) as error:  # ValueError: a number of 5000 digits
         raise InputError(
             "malformed", f"is not TOML: {reason(error)}", "mend that line", path=file
@@ -139,13 +144,18 @@ def _refuse_huge(value: Any) -> None:
         _refuse_huge(each)
 
 
-def _text(file: Path, what: str, remedy: str) -> str:
+def read_bytes(file: Path, what: str, remedy: str) -> bytes:
+    """The bytes of a TOML file, and one more than are read of any."""
     try:
         with open_plain(file) as opened:
-            data = opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
-        text = data.decode("utf-8-sig")
+            return opened.read(LARGEST_FILE + 1)  # not all of /dev/zero
     except OSError as error:
         raise cannot_read(file, error, remedy) from None
+
+
+def _text(data: bytes, file: Path, what: str, remedy: str) -> str:
+    try:
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputError("malformed", "is not a text file", remedy, path=file) from None
     if "\0" in text or len(data) > LARGEST_FILE:

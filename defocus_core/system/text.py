@@ -10,6 +10,8 @@ from importlib import metadata
 from logging import getLogger
 from pathlib import Path
 
+from defocus_core.renderer_version import RENDERER_VERSION
+
 
 @cache
 def version() -> str:
@@ -18,6 +20,11 @@ def version() -> str:
         return metadata.version("defocus")
     except metadata.PackageNotFoundError:
         return "unknown"
+
+
+def versions() -> str:
+    """The versions that a picture depends on, like ``0.2.0, renderer 14``."""
+    return f"{version()}, renderer {RENDERER_VERSION}"
 
 
 def counted(count: int, one: str, several: str = "") -> str:

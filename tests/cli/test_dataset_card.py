@@ -10,6 +10,8 @@ import pytest
 from batches import contents, jobs_file
 from command_line import pair, read_exr, refused, run, succeed
 
+from defocus_core.picture import plain_path
+
 JOBS = """
 [inputs]
 color = "*_rgb.exr"
@@ -100,14 +102,9 @@ def test_the_card_sums_the_samples_up(folder):
     found = card(folder)
     assert (found["samples"], found["kinds"]["depth"]) == (8, 8)
     assert sum(found["splits"].values()) == 8
-    fnumbers = found["distributions"]["fnumber"]
-    assert (fnumbers["min"], fnumbers["max"], fnumbers["mean"]) == (2, 4, 3)
-    radii = [entry["coc_p99_px"] for entry in entries(folder)]
-    assert found["distributions"]["coc_p99_px"]["max"] == max(radii) > 0
     text = (folder / "out" / "README.md").read_text()
     head = pytest.importorskip("yaml").safe_load(text.split("---\n")[1])
     assert (head["size_categories"], head["tags"][0]) == (["n<1K"], "depth-of-field")
-    assert "| f-number | 1 | 2 |" in text
 
 
 def test_other_shares_move_no_scene_of_the_journal(folder):
@@ -161,3 +158,60 @@ def test_an_index_that_is_true_stays_and_any_other_is_written_again(tmp_path, ou
     (out / "README.md").unlink()
     run("batch", path, "-o", out)
     assert contents(out) == before
+
+
+FOREIGN = ("metadata.jsonl", "card.json", "trainset.jsonl", "shards/shards.json")
+FOREIGN_TAR = "shards/trainset-000007.tar"
+
+
+@pytest.mark.parametrize("name", [*FOREIGN, FOREIGN_TAR])
+def test_a_data_set_of_others_stays_as_it_is(name, folder):
+    theirs = folder / "out" / name
+    theirs.parent.mkdir(parents=True)
+    theirs.write_text('{"file_name": "1.png", "text": "a cat"}\n')
+    for words in ((), ("--overwrite",), ("--dry-run",)):
+        jobs = (folder / "jobs.toml", "-o", folder / "out", "--shards-size", "1GB", *words)
+        refused(run("batch", *jobs), 3, "exists", theirs)
+    assert list(contents(folder / "out")) == [name]
+    kept = theirs.rename(folder / "theirs")
+    batch(folder, "--shards-size", "1GB")
+    theirs.write_bytes(kept.read_bytes())
+    words = ("merge", folder / "out", "--shards-size", "1GB")
+    refused(run(*words), 3, "exists", theirs)
+    assert theirs.read_bytes() == kept.read_bytes()
+
+
+def test_shards_that_a_killed_run_left_without_their_list_are_packed_again(folder):
+    batch(folder, "--shards-size", "1GB")
+    before = contents(folder / "out")
+    (folder / "out" / "shards" / "shards.json").unlink()
+    batch(folder, "--shards-size", "1GB")
+    assert contents(folder / "out") == before
+
+
+@pytest.mark.parametrize("edit", [None, "[dataset]\ntitle = 'Other'\n"])
+def test_the_jobs_file_is_read_once(edit, folder, monkeypatch):
+    jobs, compute = folder / "jobs.toml", plain_path.compute
+    before = jobs.read_bytes()
+
+    def edited(*of):
+        jobs.unlink(missing_ok=True)
+        if edit is not None:
+            jobs.write_text(edit + JOBS)
+        return compute(*of)
+
+    monkeypatch.setattr(plain_path, "compute", edited)
+    batch(folder, "--processes", "1")
+    assert (folder / "out" / "jobs.toml").read_bytes().endswith(b"\n" + before)
+    assert card(folder)["origin"] == {}
+
+
+def test_samples_that_tars_cannot_tell_apart_are_refused_before_the_batch(folder):
+    for name in ("a.1", "a_1"):
+        for of in ("rgb", "z"):
+            (folder / f"{name}_{of}.exr").write_bytes((folder / f"a_{of}.exr").read_bytes())
+    words = ("batch", folder / "jobs.toml", "-o", folder / "out")
+    for more in ((), ("--dry-run",)):
+        refused(run(*words, "--shards-size", "1GB", *more), 3, "duplicate", folder / "out")
+    assert not (folder / "out").exists()
+    succeed(*words)

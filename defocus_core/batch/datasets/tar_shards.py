@@ -23,8 +23,8 @@ from pathlib import Path
 from stat import S_ISREG
 
 from defocus_core.batch.datasets import sample_index
-from defocus_core.batch.datasets.sample_index import Record
-from defocus_core.batch.journal.run_file import SHARDS_FOLDER
+from defocus_core.batch.journal.left import SHARDS_FOLDER
+from defocus_core.batch.journal.record import Record
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
@@ -32,6 +32,7 @@ from defocus_core.request.origin import origin_of
 
 FOLDER = SHARDS_FOLDER
 LIST = "shards.json"
+_HEAD = b'{\n "limit": '  # of the list
 _NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 
@@ -107,6 +108,37 @@ def exist(out: Path) -> bool:
     return False
 
 
+def foreign(out: Path) -> str | None:
+    """The name of a shard, or of their list, that no batch has written; None if all are ours."""
+    below, listing = Folder(out), listed(out)
+    known = set() if listing is None else {name for name, _ in listing.sizes}
+    for name in below.names(FOLDER):
+        if name != LIST and (name in known or not _NAME.fullmatch(name)):
+            continue
+        is_own = _is_list if name == LIST else _is_packed
+        if not is_own(below, f"{FOLDER}/{name}"):
+            return f"{FOLDER}/{name}"
+    return None
+
+
+def _is_list(below: Folder, name: str) -> bool:
+    with suppress(OSError), below.open(name) as file:
+        return file.read(len(_HEAD)) == _HEAD
+    return False
+
+
+def _is_packed(below: Folder, name: str) -> bool:
+    """Whether a tar holds the line of the index of a sample first."""
+    with (
+        suppress(OSError, tarfile.TarError),
+        below.open(name) as file,
+        tarfile.open(fileobj=file, mode="r:") as tar,
+    ):
+        line = next((tar.extractfile(one) for one in tar if one.name.endswith(".json")), None)
+        return line is not None and sample_index.is_own_line(line.readline() or b"none")
+    return False
+
+
 def listed(out: Path) -> Listing | None:
     """The list of shards in OUT; None where it is missing or broken."""
     with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
@@ -119,7 +151,7 @@ def listed(out: Path) -> Listing | None:
 def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
     origin = origin_of(out)
     entries = list(sample_index.entries(records, origin))
-    named = list(zip(entries, _keys([entry["sample_id"] for entry in entries], out), strict=True))
+    named = list(zip(entries, keys_of([entry["sample_id"] for entry in entries], out), strict=True))
     if origin.shuffle is not None:
         named.sort(key=lambda each: blake2b(f"{origin.shuffle} {each[1]}".encode()).digest())
     for entry, key in named:
@@ -128,7 +160,7 @@ def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
         yield ShardSample(key, entry["split"] or "", sample_index.line(entry), files)
 
 
-def _keys(names: Sequence[str], out: Path) -> list[str]:
+def keys_of(names: Sequence[str], out: Path) -> list[str]:
     """A key without dots for each sample."""
     keys = [name.replace(".", "_") for name in names]
     if len({*keys}) < len(keys):

@@ -3,8 +3,7 @@
 A ``.csv`` has a header that names frame and options, like ``frame,focus,fnumber``; ``x,y`` is
 focus-at, and an empty cell is no key. Nuke's ``.chan`` of a camera has in each line the frame,
 three numbers of place, three of rotation, and the vertical field of view in degrees, which alone is
-read. Any other file is a curve of one option: lines of a frame and a value, with blanks or a comma
-between them.
+read.
 """
 
 from __future__ import annotations
@@ -14,10 +13,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, reason
+from defocus_core.errors import InputError, Place, cannot_read, reason
 from defocus_core.io.below import read_plain
 
 FIELD_OF_VIEW = "vertical-fov"  # of a .chan file, which becomes a focal length
+_SUFFIXES = (".csv", ".chan")
 _CHAN_COLUMNS = 8
 _MAX_LINES = 2**17  # a shot of 90 minutes
 
@@ -53,26 +53,16 @@ class Key(NamedTuple):
 Keys = Mapping[str, Mapping[int, Key]]  # by option, by frame
 
 
-def read_keys(file: Path, option: str | None) -> Keys:
-    """The keys of a file that is no TOML.
-
-    `option`: the option that a curve is of; None for a file that names its options.
-    """
-    rows = _rows(file)
-    first = next(rows, None)
-    if first is None:
-        raise InputError("empty", "has no key", "write lines like 1001 1.2m", path=file)
-    suffix, is_curve = file.suffix.lower(), len(first.cells) == 2 and _is_frame(first.cells[0])
-    if option is None and is_curve:
-        remedy = f"name the option that it is of, like ‹animate› focus={file}"
-        raise UsageProblem("missing-option", "is a curve of one option", remedy, path=file)
-    if option is not None and not is_curve:
-        remedy = f"give it without the option, ‹animate› {file}"
-        raise UsageProblem("idle-option", "is no curve of lines like 1001 1.2m", remedy, path=file)
-    every = [first, *rows]
-    if option is not None:
-        return {option: _curve(every)}
-    return _chan(every) if suffix == ".chan" else _columns(every)
+def read_keys(file: Path) -> Keys:
+    """The keys of a file that is no TOML."""
+    if file.suffix.lower() not in _SUFFIXES:
+        remedy = "give CSV with a header like frame,focus,fnumber, TOML, or .chan"
+        raise InputError("wrong-type", "is no file of keys by its name", remedy, path=file)
+    every = [*_rows(file)]
+    if not every:
+        remedy = "begin it with a line like frame,focus,fnumber"
+        raise InputError("empty", "has no key", remedy, path=file)
+    return _chan(every) if file.suffix.lower() == ".chan" else _columns(every)
 
 
 def frame_of(text: str, where: Place) -> int:
@@ -99,7 +89,7 @@ def _rows(file: Path) -> Iterator[_Line]:
     except UnicodeDecodeError:
         raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
     if "\0" in text:
-        remedy = "give CSV, TOML, .chan or lines of a curve"
+        remedy = "give CSV, TOML or .chan"
         raise InputError("wrong-type", "is no file of keys", remedy, path=file)
     lines = text.splitlines()
     if len(lines) > _MAX_LINES:
@@ -119,15 +109,6 @@ def _rows(file: Path) -> Iterator[_Line]:
             yield _Line(file, number, stripped)
 
 
-def _curve(lines: Sequence[_Line]) -> dict[int, Key]:
-    keys: dict[int, Key] = {}
-    for line in lines:
-        if len(line.cells) != 2:
-            raise line.malformed("is not a frame and a value", "write it like 1001 1.2m")
-        _add(keys, line, line.frame(line.cells[0]), line.cells[1])
-    return keys
-
-
 def _chan(lines: Sequence[_Line]) -> Keys:
     keys: dict[int, Key] = {}
     for line in lines:
@@ -142,6 +123,8 @@ def _chan(lines: Sequence[_Line]) -> Keys:
 def _columns(lines: Sequence[_Line]) -> Keys:
     header, *below = lines
     names = [name.lower().replace("_", "-").replace(" ", "-") for name in header.cells]
+    if "frame" not in names and ";" in header.cells[0]:
+        raise header.malformed("has semicolons between its cells", "write commas")
     if "frame" not in names:
         remedy = "begin it with a line like frame,focus,fnumber"
         raise header.malformed("names no column frame", remedy)

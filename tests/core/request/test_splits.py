@@ -6,8 +6,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from refusals import refuses_as
+from refusals import refuses, refuses_as
 
+from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens
 from defocus_core.request.splits import read_splits, with_recorded
@@ -65,7 +66,7 @@ def test_a_scene_stays_where_it_is_recorded_and_splits_without_one_are_said(capl
 
 
 def test_a_picture_goes_with_the_recorded_ones_of_its_scene():
-    shares = {"train": 0.5, "test": 0.5, "scene": "^."}
+    shares = {"train": 0.5, "test": 0.5, "scene": "?#"}
     jobs = [job(name, **shares) for name in ("a1", "a2")]
     for split in ("train", "test"):
         assert {each.split.name for each in with_recorded(jobs, {"a1": {split}})} == {split}
@@ -83,13 +84,51 @@ def test_the_frames_of_a_shot_share_their_split():
     assert (len(set(found[:9])), len(set(found[9:]))) == (1, 1)
 
 
-def test_an_expression_says_what_a_scene_is():
-    both = splits(train=0.5, test=0.5, scene=r"^(\w+)_\d+$")
+def test_a_pattern_says_what_a_scene_is():
+    both = splits(train=0.5, test=0.5, scene="*_#")
     found = both.of([picture(f"{scene}_{n}") for n in range(9) for scene in "ab"])
     assert [split.name for split in found] == ["train", "test"] * 9
-    with refuses_as("no-scene scene"):
-        both.of([picture("x")])
+    for scene, name in (("*_#", "x"), ("*_##", "x_1"), ("*#", "12"), ("[ab]_#", "c_1")):
+        with refuses_as("no-scene scene"):
+            splits(train=1, scene=scene).of([picture(name)])
     assert assigned("a") == {"a": ""}, "without shares"
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "scene"),
+    [
+        ("*_##", "hall_lamp_012", "hall_lamp"),
+        ("*##", "hall123", "hall"),
+        ("?-*-##", "a-b-c-77", "a_b-c"),
+        ("take##_*", "take12_hall", "hall"),
+        ("*.####", "hall.1001", "hall"),
+    ],
+)
+def test_a_scene_is_what_wildcards_stand_for_without_the_numbers(pattern, name, scene):
+    (found,) = splits(train=1, scene=pattern).of([picture(name)])
+    assert found.scene == scene
+
+
+@pytest.mark.parametrize(
+    ("expression", "pattern"),
+    [
+        (r"^(.*)_\d+$", "*_#"),
+        (r"^(\w+)_[0-9]+$", "*_#"),
+        (r"(?P<a>.*)x|y", "*_##"),
+        ("a**(", "*_##"),
+        ("room", "*_##"),
+    ],
+)
+def test_an_expression_is_refused_with_its_pattern(expression, pattern):
+    with pytest.raises(UsageProblem) as refused:
+        splits(train=1, scene=expression)
+    assert (refused.value.code, refused.value.field) == ("malformed", "scene")
+    assert f'"{pattern}"' in refused.value.remedy
+
+
+def test_patterns_of_many_wildcards_end():
+    with refuses_as("no-scene scene"):
+        splits(train=1, scene="*a" * 40 + "#").of([picture("a" * 250)])
 
 
 @pytest.mark.parametrize(
@@ -100,9 +139,21 @@ def test_an_expression_says_what_a_scene_is():
         ({"train": True}, "malformed train"),
         ({"tr/ain": 1.0}, "malformed tr/ain"),
         ({"scene": "a"}, "missing-option scene"),
-        *(({"train": 1, "scene": text}, "malformed scene") for text in ("(", "[a", "(?P<a", "a**")),
     ],
 )
 def test_shares_that_make_no_sense_are_refused(values, refusal):
     with refuses_as(refusal):
         splits(**values)
+
+
+def test_whole_numbers_are_so_many_scenes_and_shares_are_of_the_others():
+    names = [f"s{n:02}" for n in range(30)]
+    found = assigned(names, train=24, test=6)
+    assert Counter(found.values()) == {"train": 24, "test": 6}
+    assert found == assigned(names[::-1], train=24, test=6)
+    assert Counter(assigned(names, test=6, train=1.0).values()) == {"train": 24, "test": 6}
+    assert set(assigned(names, all=1).values()) == {"all"}
+    with refuses("out-of-range", "30", path="jobs.toml"):
+        assigned(names, train=24, test=7)
+    with refuses("out-of-range", "29"):
+        assigned(names, train=24, test=5)

@@ -4,10 +4,10 @@ from refusals import refuses
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, read_keys
 
 
-def texts(folder, name, text, option=None):
+def texts(folder, name, text):
     file = folder / name
     file.write_text(text)
-    keys = read_keys(file, option)
+    keys = read_keys(file)
     return {n: {frame: key.text for frame, key in each.items()} for n, each in keys.items()}
 
 
@@ -18,13 +18,6 @@ def test_columns_of_csv_are_options_and_empty_cells_no_keys(tmp_path):
         "focal-length": {1001: "50mm", 1005: "55mm"},
         "focus-at": {1001: "3,4", 1005: "5,6"},
     }
-
-
-def test_a_curve_has_lines_of_a_frame_and_a_value(tmp_path):
-    for name, text in (("a.txt", "1001 1.5\n1005 2.5\n"), ("a.csv", "1001,1.5\n1005,2.5\n")):
-        assert texts(tmp_path, name, text, "focus") == {"focus": {1001: "1.5", 1005: "2.5"}}
-    with refuses("missing-option", "‹animate› focus=", path=tmp_path / "a.txt"):
-        texts(tmp_path, "a.txt", "1001 1.5\n")
 
 
 def test_a_camera_of_nuke_gives_its_field_of_view(tmp_path):
@@ -46,6 +39,7 @@ def test_a_camera_of_nuke_gives_its_field_of_view(tmp_path):
         ("frame,focus\n1,1m\n1,2m\n", "duplicate", "focus"),
         ('frame,focus\n1,"1m\n', "malformed", ""),
         ("\0", "wrong-type", ""),
+        ("1001,1.5\n1005,2.5\n", "malformed", "line 1"),
     ],
 )
 def test_what_makes_no_sense_is_refused(tmp_path, text, code, field):
@@ -53,14 +47,15 @@ def test_what_makes_no_sense_is_refused(tmp_path, text, code, field):
         texts(tmp_path, "pull.csv", text)
 
 
-def test_a_missing_file_is_refused(tmp_path):
+def test_a_file_of_another_kind_or_none_is_refused(tmp_path):
     with refuses("not-found", path=tmp_path / "none.csv"):
-        read_keys(tmp_path / "none.csv", None)
+        read_keys(tmp_path / "none.csv")
+    with refuses("wrong-type", path=tmp_path / "pull.txt"):
+        texts(tmp_path, "pull.txt", "1001 1.5\n")
 
 
 def test_more_lines_than_a_shot_has_are_refused(tmp_path):
     """A million took 17 s, with their lens at each frame."""
-    lines = "".join(f"{frame} 2m\n" for frame in range(2**17 + 1))
-    (tmp_path / "a.txt").write_text(lines)
-    with refuses("too-large", path=tmp_path / "a.txt"):
-        read_keys(tmp_path / "a.txt", "focus")
+    lines = "".join(f"{frame},2m\n" for frame in range(2**17))
+    with refuses("too-large", path=tmp_path / "a.csv"):
+        texts(tmp_path, "a.csv", f"frame,focus\n{lines}")
