@@ -151,7 +151,8 @@ def test_two_tests_of_one_name_are_refused_when_updating(project):
     assert "is the golden of test_it.py::test_a_picture, too" in said
 
 
-def test_a_picture_that_became_black_is_no_golden_whatever_its_scale(project):
+def test_small_values_are_judged_by_their_own_scale(project):
     assert passes(project, "--golden-update", expression="image * np.float32(8e-5)") is None
     assert passes(project, expression="image * np.float32(8e-5)") is None
     assert "empty" in str(passes(project, expression="image * 0"))
+    assert "fails max>8e-09" in str(passes(project, expression="image * np.float32(4e-5)"))
