@@ -58,7 +58,8 @@ def command(
         problem = f"holds {len(pictures)} pictures, and the page is of one"
         raise UsageProblem("contradiction", problem, "name one file", path=color)
     typed = click.get_current_context().meta["typed"]
-    lens, _ = completed(lenses, pictures, reading, typed).of(pictures[0])
+    one = completed(lenses, pictures, reading, typed, whole_subject=False)
+    lens, _ = one.of(pictures[0])
     with tile_bar("picture") as progress:
         write_choice(pictures[0], lens, reading, out, machine, progress)
     console.stdout(f"{out}: a page to choose on, for a browser")

@@ -55,6 +55,7 @@ def repair_depth(
     decided: DepthRepair | None = None,
     hold: bool = False,
     matte: Pixels | None = None,
+    reach: float = 0.0,
 ) -> tuple[Pixels, DepthRepair]:
     """The signed radii by which `render` renders a picture, and the repair that made them.
 
@@ -71,6 +72,8 @@ def repair_depth(
         hold: Whether there is room for the repaired radii if the given ones are no tensor; without
             room those of a large picture are computed anew for each window.
         matte: As for `render`.
+        reach: Px by which edges may be displaced at least; in any case a hundredth of the longer
+            side of the picture.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
@@ -95,7 +98,9 @@ def repair_depth(
         if matte is not None:
             radii = hold_all(Repaired(radii, with_matte, _AROUND_MATTE, matte), radii, matte)
         else:
-            radii, shifts = _with_edges_of_colors(radii, image, repair, threads, hold_all, decided)
+            radii, shifts = _with_edges_of_colors(
+                radii, image, repair, threads, hold_all, decided, reach
+            )
             repair = repair._replace(edge_shifts=shifts)
         if repair.quantised:
             radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
@@ -109,6 +114,7 @@ def _with_edges_of_colors(
     threads: int,
     hold_all: Callable[..., Pixels],
     decided: DepthRepair | None,
+    reach: float,
 ) -> tuple[Pixels, EdgeShifts | None]:
     """Radii [H, W] px with edges moved to those of the colours, coarse to fine; and how far."""
     scale, soft = repair.ramps_of, repair.soft_edges
@@ -119,7 +125,7 @@ def _with_edges_of_colors(
     if shifts is None and (decided is not None or soft is None):
         return radii, None
     step = least_step(radii, soft) if shifts is None else shifts.step
-    found = coarse_shifts(radii, image, step=step, scale=scale)
+    found = coarse_shifts(radii, image, step=step, scale=scale, reach=reach)
     if found:
         radii = hold_all(with_coarse_shifts(radii, found, step, scale), radii)
     if decided is None and soft is not None:
@@ -255,6 +261,9 @@ def _muted(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bo
 
 # Half width in px of the square in which the silhouette, and the radii of its sides, are found.
 _AROUND_MATTE = 8
+# Px by which a subject may be farther than the rest and is taken as nearer: on a slope both are as
+# near, and rounding would decide.
+_NEARER = 0.0313
 
 
 class _Range(NamedTuple):
@@ -278,7 +287,8 @@ def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
         _Range(*(torch.where(subject, a, b) for a, b in zip(one, two, strict=True)))
         for one, two in ((of_subject, of_rest), (of_rest, of_subject))
     )
-    is_near = own.mean < other.mean
+    subject_is_near = of_subject.mean < of_rest.mean + _NEARER
+    is_near = subject == subject_is_near
     radius = torch.where(is_near, own.nearest, own.farthest)
     apart = radius - torch.where(is_near, other.farthest, other.nearest)
     return torch.where(own.known & other.known & (apart.abs() > EDGE), radius, signed_radius)

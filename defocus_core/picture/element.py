@@ -72,7 +72,8 @@ def _fill_edges(depth: Depth, alpha: Any) -> int:
         above = metres[max(inner.stop - _REACH, 0) : inner.stop].copy()
         known = _has_depth(depth, metres)
         missing = (fraction > 0) & (fraction < 1) & ~known
-        if solid >= _WHOLE and not depth.is_radius:
+        is_edge = (fraction > 0) & (fraction < solid)
+        if solid >= _WHOLE and not depth.is_radius and is_edge.any():
             missing |= known & _is_mixed(metres, fraction, known, solid)
         if missing.any():
             filled = _from_beside(metres, fraction, missing, depth)

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.safe_files import once, read_head
 from defocus_core.request.lens import Lens
-from defocus_core.request.output_kinds import DISPARITY_PER_RADIUS
 from defocus_core.system.text import times
 
 if TYPE_CHECKING:
@@ -95,16 +94,6 @@ def dual_pixel_of(lens: Lens) -> DualPixel:
         remedy = "give kernels of one place, or leave out ‹cat-eye›"
         raise UsageProblem("contradiction", problem, remedy, field="dp-model")
     return sensor
-
-
-def disparity_of(lens: Lens) -> float:
-    """Px between left and right for a CoC radius of a px, signed alike.
-
-    Without effects it is that of half discs.
-    """
-    if not lens.effects:
-        return DISPARITY_PER_RADIUS
-    return dual_pixel_of(lens).disparity(aperture_of(lens))
 
 
 @once

@@ -127,21 +127,6 @@ def read_overscan(wanted: InputPair) -> InputPair:
     return replace(wanted, overscan=overscan.within(wanted.limit or overscan))
 
 
-MOST_STRETCHED = 0.02  # difference of the aspects of one view: networks round to 14, 32, 64 px
-
-
-def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
-    """How much wider, as a share, one view becomes in another size; None of another view.
-
-    0 where the sizes are rounded alone. `size`, `target`: width and height.
-    """
-    (columns, rows), (width, height) = size, target
-    if abs(width * rows - height * columns) <= max(*size, *target):
-        return 0.0
-    share = width * rows / (height * columns) - 1
-    return share if abs(share) <= MOST_STRETCHED else None
-
-
 def stretch_words(share: float) -> str:
     """The same in words; empty of none."""
     return f", stretched by {abs(share):.2%}" if share else ""

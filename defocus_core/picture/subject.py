@@ -168,15 +168,25 @@ def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bo
 
 
 def completed(
-    lenses: PictureLenses, pictures: Sequence[Picture], reading: Reading, typed: Sequence[str]
+    lenses: PictureLenses,
+    pictures: Sequence[Picture],
+    reading: Reading,
+    typed: Sequence[str],
+    *,
+    whole_subject: bool = True,
 ) -> PictureLenses:
-    """The lenses with blur and focus of a lone picture of relative depth, which a note says."""
+    """The lenses with blur and focus of a lone picture of relative depth, which a note says.
+
+    `whole_subject`: whether all of its surface is sharp, where no lens file is given.
+    """
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.varies or lenses.radii:
         return lenses
     picture = pictures[0]
     given = lenses.options
     if given.keys() <= BESIDE_BLUR and ("blur" in given or is_relative(picture.depth, reading)):
-        taken = _of_relative(picture, reading, given, alone=lenses.file is None)
+        taken = _of_relative(
+            picture, reading, given, whole_subject=whole_subject and lenses.file is None
+        )
         if not taken:
             return lenses
         words = " ".join(f"‹{name}› {each.text}" for name, each in taken.items())
@@ -190,9 +200,9 @@ def completed(
 
 
 def _of_relative(
-    picture: Picture, reading: Reading, given: Layer, *, alone: bool
+    picture: Picture, reading: Reading, given: Layer, *, whole_subject: bool
 ) -> dict[str, Given]:
-    """Blur and focus, as far as they are not given; without a lens file the surface in focus."""
+    """Blur and focus, as far as they are not given."""
     size = size_of(picture)
     taken: dict[str, str] = {}
     if "blur" not in given:
@@ -203,7 +213,7 @@ def _of_relative(
             require_size(picture.depth, reading, depth.metres.shape, size)
         subject = subject_of(depth)
         taken["focus-at"] = "{},{}".format(*subject.within(size))
-        if alone and (numbers := surface_of(depth, subject)):
+        if whole_subject and (numbers := surface_of(depth, subject)):
             taken["sharp-range"] = LENS_OPTIONS["sharp-range"].text(numbers)
     return {name: Given(text, CALLER.at(name)) for name, text in taken.items()}
 

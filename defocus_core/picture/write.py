@@ -22,7 +22,7 @@ from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
 from defocus_core.io.safe_files import written_together
-from defocus_core.picture.opening import disparity_of
+from defocus_core.picture.disparity import disparity_map
 from defocus_core.picture.repair_words import repair_attribute
 from defocus_core.picture.steps.table import WRITE, through
 from defocus_core.picture.take import Contents, Take
@@ -45,13 +45,16 @@ _Channels = tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]  # names, pl
 
 
 def _map(take: Take, kind: Kind) -> _Channels:
-    """A map: rendered, or computed from the signed radii [H, W], 0 where it is empty."""
-    if not kind.of_radius:
-        return (kind.name,), take.images[kind.name], {}
-    values, empty = partial(kind.of_radius, disparity=disparity_of(take.lens)), take.inputs.empty
-    if empty is None:
-        return (kind.name,), (computed(values, take.shown),), {}
-    return (kind.name,), (computed(lambda r, n: values(r) * ~n, take.shown, empty),), {}
+    """A map that was rendered."""
+    return (kind.name,), take.images[kind.name], {}
+
+
+def _of_radius(take: Take, kind: Kind) -> _Channels:
+    """A map of the signed radii [H, W], 0 where it is empty."""
+    values = disparity_map(take) if kind.source == "disparity" else take.shown
+    if (empty := take.inputs.empty) is not None:
+        values = computed(lambda v, n: v * ~n, values, empty)
+    return (kind.name,), (values,), {}
 
 
 def _image(take: Take, kind: Kind) -> _Channels:
@@ -61,8 +64,8 @@ def _image(take: Take, kind: Kind) -> _Channels:
     names: list[str] = []
     planes: list[Any] = []
     extras = dict(color.extras)
-    count = len(every) // len(kind.rendered_as)
-    for number, view in enumerate(kind.rendered_as):
+    count = len(every) // len(kind.rendered)
+    for number, view in enumerate(kind.rendered):
         own = every[number * count : (number + 1) * count]
         own_names = [
             name if number == 0 else name_in_view(name, view)
@@ -97,7 +100,13 @@ def _given_depth(take: Take, kind: Kind) -> _Channels:
     return ("Z",), (take.metres,), {}
 
 
-_SOURCES = {"focus": _focus, "color": _given_color, "depth": _given_depth}
+_SOURCES = {
+    "radius": _of_radius,
+    "disparity": _of_radius,
+    "focus": _focus,
+    "color": _given_color,
+    "depth": _given_depth,
+}
 
 
 def window_of(plane: Any, rows: slice, columns: slice) -> LazyArray:
@@ -151,6 +160,7 @@ def _is_not_finite(values: Any) -> Any:
 def _write_kind(take: Take, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
     job, contents, warnings = take.job, contents_of(take, kind), []
+    channel = kind.channel or kind.name
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
     compression = job.outputs.compression
     if compression == "input":
@@ -161,9 +171,9 @@ def _write_kind(take: Take, kind: Kind) -> list[str]:
     elif job.outputs.map_format == "tiff":
         from defocus_core.io.images.encode import write_map
 
-        write_map(path, contents.planes[0])
+        write_map(path, contents.planes[0], channel)
     else:
-        channel, own = kind.channel or kind.name, _attributes(take, kind)
+        own = _attributes(take, kind)
         exact = compression if not changed_by(compression, {channel: contents.planes[0]}) else "zip"
         write_exr(path, {channel: contents.planes[0]}, own, contents.layout, exact)
     if preview is not None:
@@ -213,12 +223,12 @@ def _write_preview(path: Path, contents: Contents) -> None:
     from defocus_core.picture import preview
 
     kind, planes = contents.kind, contents.planes
-    if kind.of_radius:
+    if kind.signed:
         preview.write_signed_preview(path, planes[0])
     elif kind.source == "depth":
         preview.write_depth_preview(path, planes[0])
     else:
-        pictures = _side_by_side(planes, len(kind.rendered_as))
+        pictures = _side_by_side(planes, max(1, len(kind.rendered)))
         preview.write_preview(path, pictures, contents.take.inputs.color.attributes)
 
 
@@ -248,7 +258,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
         "hidden": others.pop("hidden", ""),
         **others,
         "color_read_as": take.color_note,
-        "depth_read_as": take.depth_words(rendered=kind.rendered),
+        "depth_read_as": take.depth_words(rendered=bool(kind.rendered)),
         **_repair(take, kind),
         **_of_any_lens(lens),
         **{name: str(value) for name, value in lens.effects.items()},
@@ -292,7 +302,7 @@ def add_noise(contents: Contents) -> Contents:
     channels = contents.take.inputs.color.channels
     planes = []
     for number, plane in enumerate(contents.planes):
-        view, name = kind.rendered_as[number // len(channels)], channels[number % len(channels)]
+        view, name = kind.rendered[number // len(channels)], channels[number % len(channels)]
         light = electrons / 2 if KINDS[view].halves else electrons
         words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view} {name}"
         planes.append(plane if name == "A" else _noisy(plane, light, read, words))

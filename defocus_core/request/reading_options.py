@@ -205,7 +205,7 @@ _ROWS = (
         "resize-depth",
         RESIZES,
         "Take depth of another size than the colour: from the nearest pixel, or with edges where "
-        "the colours change.",
+        "the colours change.  [default: guided, of smaller depth of the same aspect]",
         of_pictures=True,
     ),
     ReadingParam(

@@ -73,11 +73,18 @@ def test_a_share_of_the_longer_side_is_a_blur_and_the_line_says_the_radii_that_t
     refused(run("render", *files, "-o", tmp_path / "d", "--blur", "0%"), 2, "malformed", "blur")
 
 
-def test_depth_of_another_size_is_refused_before_anything_is_taken(tmp_path):
-    files = photo(tmp_path), png(tmp_path / "z.png", disparity()[::2, ::2], np.uint8)
-    refused(run("render", *files, "-o", tmp_path / "a.png"), 3, "wrong-size", files[1])
-    guided = run("render", *files, "-o", tmp_path / "a.png", "--resize-depth", "guided")
-    assert taken(guided.err) == "--blur 3px --focus-at 89,65"
+def test_smaller_depth_is_guided_which_a_line_says_and_larger_refused_before_anything(tmp_path):
+    color, small = photo(tmp_path), png(tmp_path / "z.png", disparity()[::2, ::2], np.uint8)
+    ran = run("render", color, small, "-o", tmp_path / "a.png")
+    assert taken(ran.err) == "--blur 3px --focus-at 89,65"
+    assert "z.png: 80x60 px resized to 160x120 px, guided" in ran.err
+    guided = run("render", color, small, "-o", tmp_path / "b.png", "--resize-depth", "guided")
+    assert "resized to" not in guided.err, "who asks is told nothing"
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    large = png(tmp_path / "l.png", np.repeat(disparity(), 2, 1), np.uint8)
+    refused(run("render", color, large, "-o", tmp_path / "c.png"), 3, "wrong-size", large)
+    short = png(tmp_path / "s.png", disparity()[::4, ::2], np.uint8)
+    refused(run("render", color, short, "-o", tmp_path / "c.png"), 3, "wrong-size", short)
 
 
 def test_a_phones_photograph_is_one_file_and_one_line(tmp_path):

@@ -163,8 +163,8 @@ info z.exr --depth-channel W
 no-such-channel z.exr: has no channel W; it has Z; check --depth-channel
 R --view left
 no-such-view rgb.exr: has no views, and so no view left; leave --view out
-render rgb.exr small.exr -o out LENS
-wrong-size small.exr: is 12x8 px but its colour is 24x16 px; \
+render rgb.exr square.exr -o out LENS
+wrong-size square.exr: is 5x5 px but its colour is 24x16 px; \
 give depth of the size of the colour, or say --resize-depth guided, or nearest
 render rgb.exr square.exr -o out LENS --resize-depth guided
 wrong-size square.exr: is 5x5 px, of another aspect than the colour, 24x16 px; \

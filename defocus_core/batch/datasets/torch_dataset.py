@@ -30,8 +30,10 @@ class BatchDataset(Dataset[Item]):
 
     An item is a dictionary: of each kind a tensor float32 [C, H, W], scene-linear light of
     pictures, numbers of maps as they are, radii in px; ``lens``, of scalar tensors ``fnum``,
-    ``foclen`` in mm, ``sensor_width`` in mm and ``focus_dioptres`` in 1/m, 0 at infinity; and
-    ``sample_id``. Of a batch beside a file of radii the numbers of the lens are NaN.
+    ``foclen`` in mm, ``sensor_width`` in mm, that of the crop, and ``focus_dioptres`` in 1/m, 0 at
+    infinity; ``place``, int64 [4], the top row, the left column, the height and the width in px of
+    the crop in the sample; and ``sample_id``. Of a batch beside a file of radii the numbers of the
+    lens are NaN.
 
     Shuffling is the loader's, ``DataLoader(…, shuffle=True, generator=…)``. Crops are drawn by
     seed, index, and how often the sample was taken before: others in each epoch, whatever worker
@@ -125,7 +127,9 @@ class BatchDataset(Dataset[Item]):
                 remedy = "let the batch write it again"
                 raise InputError("wrong-size", problem, remedy, path=path)
             item[kind] = torch.from_numpy(np.ascontiguousarray(planes[:, rows, columns]))
-        item |= {"lens": _lens(sample), "sample_id": sample.sample_id}
+        place = rows.start, columns.start, rows.stop - rows.start, columns.stop - columns.start
+        item |= {"lens": _lens(sample, place[3] / width), "place": torch.tensor(place)}
+        item["sample_id"] = sample.sample_id
         return item if self.transform is None else self.transform(item)
 
     def _drawn(
@@ -164,13 +168,14 @@ def _planes(path: Path, kind: str) -> Any:
     return np.concatenate(strips).transpose(2, 0, 1)[:1].astype(np.float32)
 
 
-def _lens(sample: Sample) -> dict[str, Tensor]:
+def _lens(sample: Sample, fraction: float) -> dict[str, Tensor]:
+    """The numbers of the lens in front of a fraction of the width of its sensor."""
     lens = sample.lens
     focus = math.nan if lens.foc_dist is None else MM_PER_M / lens.foc_dist
     numbers = {
         "fnum": lens.fnum,
         "foclen": lens.foclen,
-        "sensor_width": math.nan if lens.is_shape else lens.sensor_width,
+        "sensor_width": math.nan if lens.is_shape else lens.sensor_width * fraction,
         "focus_dioptres": focus,
     }
     return {name: torch.tensor(float(value)) for name, value in numbers.items()}

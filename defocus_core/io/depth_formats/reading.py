@@ -140,15 +140,35 @@ _OF_METRES = (
 AS_IT_IS = DepthReading()
 
 
+MOST_STRETCHED = 0.02  # difference of the aspects of one view: networks round to 14, 32, 64 px
+
+
+def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
+    """How much wider, as a share, one view becomes in another size; None of another view.
+
+    0 where the sizes are rounded alone. `size`, `target`: width and height.
+    """
+    (columns, rows), (width, height) = size, target
+    if abs(width * rows - height * columns) <= max(*size, *target):
+        return 0.0
+    share = width * rows / (height * columns) - 1
+    return share if abs(share) <= MOST_STRETCHED else None
+
+
 def require_size(
     path: Path, reading: DepthReading, shape: tuple[int, ...], size: tuple[int, int] | None
 ) -> None:
     """Refuse depth of another size than its colour, before it is read, if it is not to be resized.
 
+    Smaller depth is enlarged where nothing is said of it.
+
     `size`: width and height of the colour, None if there is none.
     """
     rows, columns = (-(-length // reading.row.stride) for length in shape[:2])
-    if size is not None and reading.resize_depth is None and (columns, rows) != size:
+    if size is None or (columns, rows) == size or reading.resize_depth is not None:
+        return
+    smaller = columns < size[0] and rows < size[1]
+    if not smaller or stretched((columns, rows), size) is None:
         raise wrong_size(path, (rows, columns), size)
 
 

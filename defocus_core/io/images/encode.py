@@ -35,14 +35,13 @@ from defocus_core.io.images.primaries import (
     converted,
     declared_primaries,
 )
-from defocus_core.io.images.raster import Tag, set_tag
+from defocus_core.io.images.raster import OWN, OWN_CHANNEL, Tag, set_tag
 from defocus_core.io.safe_files import quiet, read_head, size_limit, unwritable, written_whole
 from defocus_core.system.text import counted
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
 FORMATS |= {".webp": "webp"}
 _SOFTWARE = "defocus"
-OWN = "defocus:"  # begins the names of attributes that say how a file was made
 _CLIPPED = ("shown as white", "shown as black")  # ends of warnings
 _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
 _UNGUARDED = ("jpeg", "webp")  # codecs whose encoders do not survive a write that fails
@@ -193,14 +192,16 @@ def display_encoded(
     return encoded, above, below
 
 
-def write_map(path: Path, plane: Any) -> None:
-    """Write an array [H, W] of numbers as a float32 TIFF, as they are.
+def write_map(path: Path, plane: Any, channel: str = "Z") -> None:
+    """Write an array [H, W] of numbers as a float32 TIFF, as they are, with a channel's name.
 
     Raises:
         InputError: the file cannot be written.
     """
     strips = (plane[rows][..., None].astype("float32") for rows in bands(plane.shape))
-    write_samples(path, plane.shape, strips, "tiff", {"tiff:predictor": 1})  # none: not all read it
+    # no predictor: not all read it
+    named: dict[str, str | int] = {"tiff:predictor": 1, OWN_CHANNEL: f"{OWN}{channel}"}
+    write_samples(path, plane.shape, strips, "tiff", named)
 
 
 def write_samples(

@@ -44,6 +44,8 @@ _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one an
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
 HEIC_DAMAGE = "is a damaged HEIC file"
+OWN = "defocus:"  # begins names and values by which a file says how it was made
+OWN_CHANNEL = "DocumentName"  # the tag of a TIFF that names the one channel of a map of ours
 _MOST_PAGES = 256  # that a TIFF may have: to look at one goes through those before it
 
 
@@ -321,7 +323,11 @@ def _is_at_once(path: Path, spec: Any, kind: str) -> bool:
 
 
 def _canonical(spec: Any) -> Iterator[str]:
-    """Channel names; a lone or first grey one is Y."""
+    """Channel names; a lone or first grey one is Y, and that of a map of ours its own."""
+    program, _, own = spec.get_string_attribute(OWN_CHANNEL).rpartition(":")
+    if spec.nchannels == 1 and f"{program}:" == OWN and own.isidentifier():
+        yield own
+        return
     for index, name in enumerate(spec.channelnames):
         if index == spec.alpha_channel:
             yield "A"

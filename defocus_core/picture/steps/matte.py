@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.depth_formats.reading import stretched
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import unit
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.pair import stretch_words, stretched
+from defocus_core.picture.pair import stretch_words
 from defocus_core.picture.sources import map_windows
 from defocus_core.picture.take import Surfaces, Take
 from defocus_core.system.text import note

@@ -89,7 +89,7 @@ def _has_matte(surfaces: Surfaces) -> bool:
 def _is_noisy(contents: Contents) -> bool:
     """Whether an image has the noise of a sensor."""
     kind = contents.kind
-    return kind.image and kind.rendered and contents.take.lens.noise is not None
+    return kind.image and bool(kind.rendered) and contents.take.lens.noise is not None
 
 
 def _has_overscan(contents: Contents) -> bool:
@@ -102,7 +102,7 @@ def _may_end(contents: Contents) -> bool:
     take, kind, lens = contents.take, contents.kind, contents.take.lens
     lit = take.inputs.plate or take.inputs.hidden or lens.noise
     is_cut = take.job.outputs.format == "exr" and take.inputs.color.is_cut
-    return kind.image and kind.rendered and is_cut and not lit
+    return kind.image and bool(kind.rendered) and is_cut and not lit
 
 
 # Files: an element and its plate, before and after they are decoded; then what belongs to them.

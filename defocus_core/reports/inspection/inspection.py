@@ -23,6 +23,7 @@ from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
 from defocus_core.io.images.describe import SAMPLE_BYTES, FileInfo, PartInfo, describe
+from defocus_core.io.images.raster import read_samples
 from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.picture.element import element_depth
@@ -347,16 +348,26 @@ def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: 
 
 def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
-    is_map = any(name in NO_DEPTH for part in info.parts for name, _ in part.channels)
-    if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too
+    kinds = [name for part in info.parts for name, _ in part.channels if name in NO_DEPTH]
+    if not kinds or container_type(read_head(info.path, 32)):  # an array may have such a name, too
         return []
     maps = []
-    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in NO_DEPTH):
-        for kind, plane in part.channels.items():
-            values = (plane[rows] for rows in bands(plane.shape))
-            ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]
-            maps.append({"kind": kind, range_key(kind): [min(ends), max(ends)] if ends else None})
+    for kind, values in _bands_of_maps(info.path, kinds, keeping):
+        ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]
+        maps.append({"kind": kind, range_key(kind): [min(ends), max(ends)] if ends else None})
     return maps
+
+
+def _bands_of_maps(
+    path: Path, kinds: Sequence[str], keeping: Keeping
+) -> Iterator[tuple[str, Iterator[NDArray[Any]]]]:
+    """The maps of an EXR, or the one of a TIFF, and their numbers."""
+    if not is_exr(read_head(path)):
+        yield kinds[0], (samples for _, samples in read_samples(path))
+        return
+    for part in read_parts(path, keeping=keeping, wanted=lambda _, name: name in NO_DEPTH):
+        for kind, plane in part.channels.items():
+            yield kind, (plane[rows] for rows in bands(plane.shape))
 
 
 def range_key(kind: str) -> str:

@@ -48,6 +48,16 @@ def test_an_item_is_what_the_files_hold(out):
         assert item["lens"]["focus_dioptres"] == pytest.approx(wanted)
 
 
+def test_a_crop_says_its_place_and_has_its_own_sensor(out):
+    data = BatchDataset(out, ["coc"], crop=(8, 12))
+    for item, whole in zip((data[n] for n in range(4)), BatchDataset(out, ["coc"]), strict=True):
+        top, left, height, width = item["place"].tolist()
+        assert whole["place"].tolist() == [0, 0, *whole["coc"].shape[1:]]
+        assert torch.equal(item["coc"], whole["coc"][:, top : top + height, left : left + width])
+        pixel, own = (i["lens"]["sensor_width"] / i["coc"].shape[2] for i in (whole, item))
+        assert own == pytest.approx(float(pixel))
+
+
 def test_maps_of_tiff_are_read_too(tmp_path):
     color, depth = pair(tmp_path)
     tables = {

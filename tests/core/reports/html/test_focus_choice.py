@@ -152,8 +152,9 @@ def test_focuses_are_numbers_of_the_file_on_surfaces_up_to_four_times_the_blur(t
     soft = np.round(23 + 177 * np.clip((x - 70) / 20, 0, 1)) + np.zeros((120, 1))
     files = [save(tmp_path / "a.png", seeds.integers(0, 255, (120, 160, 3)).astype(np.uint8))]
     files.append(png(tmp_path / "z.png", soft, np.uint8))
-    ran = run("choose", *files, "-o", tmp_path / "page.html", "--blur", "2.5%", "--focus-at", "5,5")
+    ran = run("choose", *files, "-o", tmp_path / "page.html", "--blur", "2.5%")
     assert ran.code == 0, ran.err
+    assert "--sharp-range" not in ran.err + (tmp_path / "page.html").read_text()
     text = (tmp_path / "page.html").read_text()
     data = json.loads(re.search(r'id="data"[^>]*>(.*?)</script>', text, re.S)[1])
     assert [each["words"] for each in data["strengths"]][::2] == [
