@@ -17,7 +17,7 @@ from errno import ENOSPC
 import click
 
 from defocus_cli.options.types import option, option_name
-from defocus_cli.words.console import Due, log_to_stderr, print_json
+from defocus_cli.words.console import Due, log_to_stderr, print_json, write_stderr
 from defocus_cli.words.endings import Interrupted, exit_code_of
 from defocus_core.errors import (
     DefocusError,
@@ -36,7 +36,6 @@ COMMANDS = {
     "batch": "Do the jobs of a file: many pictures, many lenses; go on where it was stopped.",
     "status": "Say how far the batch in a directory is.",
     "report": "Write a batch as a page to look at.",
-    "retry": "Do the failed jobs of a batch once more.",
     "merge": "Make one journal of those of all shards.",
     "choose": "Write a page on which to choose focus and blur.",
     "info": "Say what is in a file: size, channels, depth range, blur with a lens.",
@@ -192,8 +191,12 @@ def _clause(error: click.ClickException) -> str:
 def _fail(line: str, exit_code: int, code: str | None = None) -> int:
     """Say why a command failed, on stderr and, if ``--json`` asks for a document, on stdout."""
     line = with_dashes(line)
-    with suppress(OSError):
-        click.echo(f"defocus: {line}", err=True)
+    try:
+        write_stderr(f"defocus: {line}")
+    except OSError:  # a full disk, or a limit of the size of files
+        if not Due.json:
+            with suppress(OSError):
+                click.echo(f"defocus: {line}")
     if Due.json:
         with suppress(OSError, DefocusError):  # nobody reads stdout, or it cannot be written
             print_json(error={"message": line, "exit_code": exit_code, "code": code})

@@ -19,7 +19,7 @@ DUAL_PIXEL_SENSORS = {
     ),
 }
 # What automatic highlights stand for: threshold, in linear light, and gain.
-AUTO_LIGHTS = (0.93, 16.0)
+AUTO_LIGHTS = (0.93, 8.0)
 DEPTH_REPAIRS = ("auto", "off")
 MIN_TILE = 16  # px of the side of a tile: that of a block of the index of slices
 WIDEST_EDGE = 100  # px of a soft edge of depth; what is wider is a surface

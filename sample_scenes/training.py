@@ -30,8 +30,10 @@ JOBS = """
 color = "scenes/*.rgb.exr"
 depth = "scenes/*.depth.exr"
 [split]
-train = 0.75
-test = 0.25
+test = 3
+train = 1.0
+[reading]
+depth-repair = "off"
 [lens]
 focal-length = "50mm"
 sensor-width = "3mm"
@@ -72,7 +74,7 @@ def drawn(steps: int, size: int) -> Iterator[tuple[Tensor, Tensor]]:
         fnum=Distribution("loguniform", (2.0, 8.0)),
         max_radius=MAX_PX,
         left_right=True,
-        quality="draft",
+        depth_repair="off",
         depth_unit="m",
     )
     for step in range(steps):

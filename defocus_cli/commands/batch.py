@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from pathlib import Path
 
 import click
@@ -12,16 +11,13 @@ from defocus_cli.options.batch import crew_options, dataset_options, shard_of
 from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_core.batch.datasets import update
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers import run
-from defocus_core.batch.workers.plan import Execution
+from defocus_core.batch.workers.plan import DataSet, Execution
 from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.errors import UsageProblem
-from defocus_core.request import origin
-from defocus_core.request.job import Job, Outputs
+from defocus_core.request.job import Outputs
 from defocus_core.request.jobs_file import read_batch
-from defocus_core.request.origin import JobsSource
 from defocus_core.system.process import cores
 
 
@@ -37,6 +33,7 @@ from defocus_core.system.process import cores
     show_default=True,
 )
 @option("--overwrite", "Do all again, whatever was done before.")
+@option("--new-only", "Leave what has outputs, whatever changed: do what has none yet.")
 @dataset_options
 @shared.html_option("Write a report to look at in a browser, with the pictures in it.")
 @option("--dry-run", "Say what is to do, in what time and space; stop.")
@@ -51,6 +48,7 @@ def command(
     limit: int | None,
     keep_going: bool,
     overwrite: bool,
+    new_only: bool,
     shards_size: int | None,
     html: Path | None,
     dry_run: bool,
@@ -91,59 +89,25 @@ def command(
         fail_fast=not keep_going,
         read_inputs=check_inputs == "hash",
         spread=crew.spread,
+        new_only=new_only,
+        data_set=DataSet(batch.source, shards_size),
     )
     jobs = batch.jobs()
-    asked = {job.sample_id for job in jobs}
-    splits = {job.split.name for job in jobs}
-    update.refuse_foreign(out, splits, packs=shards_size is not None)
     if dry_run:
         from defocus_cli.words import dry_run as dry_runs
 
         dry_runs.report_batch(jobs, out, execution, crew.count, as_json=as_json, verbose=verbose)
         return
-    carry_out(
-        jobs,
-        out,
-        execution,
-        shards_size,
-        asked,
-        source=batch.source,
-        html=html,
-        as_json=as_json,
-        verbose=verbose,
-    )
-
-
-def carry_out(
-    jobs: list[Job],
-    out: Path,
-    execution: Execution,
-    shards_size: int | None,
-    asked: Collection[str] | None,
-    *,
-    source: JobsSource | None = None,
-    html: Path | None = None,
-    as_json: bool,
-    verbose: bool,
-) -> None:
-    """Do jobs, index and show the samples that are ``asked`` for, all if None, and tell.
-
-    `source`: the jobs file that they are of, which is kept in OUT.
-    """
     report = batch_report.BatchReport(each=verbose, verbose=verbose)
     with report.bar("job"):
-        summary = run.carry_out(jobs, out, execution, report)
-    if source is not None:
-        origin.keep(out, source)
-    written = []
-    if execution.shard is None and not summary.interrupted:
-        written = update.index(out, shards_size, asked, summary.unchanged)
+        summary = run.run(jobs, out, execution, report)
     for line in batch_report.summary_lines(summary):
         console.stderr(line)
+    written = list(summary.written)
     if html is not None:
         from defocus_core.reports.html import batches
 
-        batches.write(out, html, asked, cores())
+        batches.write(out, html, {job.sample_id for job in jobs}, cores())
         written.append(html)
     if as_json:
         record = batch_report.summary_record(summary)

@@ -62,7 +62,7 @@ def _size(word: str) -> Size:
 @option(
     "--threads N",
     "Threads to compute with.  [default: one for each core; 1 with --time]",
-    click.IntRange(min=1),
+    click.IntRange(1, shared.MAX_THREADS),
 )
 @option("--device", "", DEVICES, default="auto", show_default=True)
 @shared.json_option

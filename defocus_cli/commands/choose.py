@@ -17,7 +17,7 @@ from defocus_core.picture.subject import completed
 from defocus_core.reports.html.focus_choice import write_choice
 from defocus_core.request.job import Machine, Reading
 from defocus_core.request.pairing import find_pictures
-from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.picture_lenses import PictureLenses
 
 
 @click.command("choose", cls=GroupedCommand)
@@ -37,7 +37,7 @@ def command(
     color: Path,
     depth: Path | None,
     out: Path,
-    lenses: ShotLenses,
+    lenses: PictureLenses,
     reading: Reading,
     machine: Machine,
     verbose: bool,
@@ -46,7 +46,7 @@ def command(
 
     A click puts in focus what is there, a slider changes the blur, and below the picture stands
     the command that renders it. The pictures of the page are small drafts, of 8 distances in focus
-    and 4 strengths, and it shows the nearest. Without a lens, depth is relative, as for 'render'.
+    and 5 strengths, and it shows the nearest. Without a lens, depth is relative, as for 'render'.
 
     \b
     Examples:
@@ -58,7 +58,8 @@ def command(
         problem = f"holds {len(pictures)} pictures, and the page is of one"
         raise UsageProblem("contradiction", problem, "name one file", path=color)
     typed = click.get_current_context().meta["typed"]
-    lens, _ = completed(lenses, pictures, reading, typed).of(pictures[0])
+    one = completed(lenses, pictures, reading, typed, whole_subject=False)
+    lens, _ = one.of(pictures[0])
     with tile_bar("picture") as progress:
         write_choice(pictures[0], lens, reading, out, machine, progress)
     console.stdout(f"{out}: a page to choose on, for a browser")

@@ -199,13 +199,13 @@ def _fit_one(
     """The record of the lens of a picture, which is written unless it explains little."""
     with failures.kept():
         with tile_bar() as progress:
-            record = lens_fit.fit_pair(pair, reading, options, progress)
-        refusals = [] if accept else record["refusals"]
+            found = lens_fit.fit_pair(pair, reading, options, progress)
+        refusals = [] if accept else found["refusals"]
         if place is not None and not refusals:
-            lens_fit.write_lens(place, record)
+            lens_fit.write_lens(place, found)
         for refusal in refusals:
             failures.add(NotExplained(**refusal, path=pair.picture.color))
-        return {**record, "out": None if place is None or refusals else str(place)}
+        return {**found, "out": None if place is None or refusals else str(place)}
     return None
 
 

@@ -19,6 +19,7 @@ from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection.inspection import (
     inspect,
     inspect_pairs,
+    picture_of,
     range_key,
     range_words,
     shot_lines,
@@ -27,7 +28,7 @@ from defocus_core.reports.inspection.inspection import (
 from defocus_core.request.job import Picture, Reading, reading_through
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
-from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.system.text import counted
 
 
@@ -38,7 +39,7 @@ from defocus_core.system.text import counted
 @shared.json_option
 def command(
     files: tuple[Path, ...],
-    lenses: ShotLenses | None,
+    lenses: PictureLenses | None,
     reading: Reading,
     as_json: bool,
 ) -> None:
@@ -64,9 +65,10 @@ def command(
                    how they would be read, or why there is none
       depth        range_m, or range of what is no distance, sky_pixels, invalid_pixels,
                    nothing_pixels, where the alpha of the colour is 0; with a lens, which lens,
-                   coc_px, repair in words, depth_repair in numbers (kinds, noise_px,
-                   edge_width_px, displaced_px, share of pixels), warnings of a depth that hardly
-                   suits it
+                   coc_px and coc_of, the size of the picture that they are px of, which is
+                   that of the colour beside it, repair in words, depth_repair in numbers
+                   (kinds, noise_px, edge_width_px, displaced_px, share of pixels), warnings of a
+                   depth that hardly suits it
       evidence     formats that the depth could be of
       maps         kind, and range_px or range, of what 'defocus render' wrote
     "shots" has of each pattern:
@@ -94,13 +96,15 @@ def command(
     if lenses is not None and files:
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
-    failures = Failures()
-    records = []
+    failures, picture = Failures(), picture_of(files)
+    records: list[dict[str, Any]] = []
     for file in files:  # each is reported before the next is read
+        count = len(records)
         with failures.kept():
-            records.append(inspect(file, reading, lens, lone=len(files) == 1))
-            if not as_json:
-                console.stdout(*file_lines(records[-1]))
+            size = None if picture is None or file == picture[0] else picture[1]
+            records.append(inspect(file, reading, lens, lone=len(files) == 1, size=size))
+        if not as_json and len(records) > count:  # a stdout that is full ends all of it
+            console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)
     for pair in () if as_json else pairs:
         console.stdout(*_pair_lines(pair))
@@ -110,38 +114,38 @@ def command(
     failures.end()
 
 
-def file_lines(record: Mapping[str, Any]) -> Iterator[str]:
+def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
     """What is in a file, from the record that ``inspect`` makes of it."""
-    color, depth = record["color"], record["depth"]
-    yield "{}: {}x{}".format(record["file"], *record["size"])
-    for part in record["parts"]:
+    color, depth = told["color"], told["depth"]
+    yield "{}: {}x{}".format(told["file"], *told["size"])
+    for part in told["parts"]:
         name = f" ({part['name']})" if part["name"] else ""
         named = f"part {part['index']}{name}: "
         channels = ", ".join(f"{name} {kind}" for name, kind in part["channels"].items())
         deep = ", deep" if part["deep"] else ""
-        yield f"  {named if len(record['parts']) > 1 else ''}{channels}{deep}{_layout(part)}"
+        yield f"  {named if len(told['parts']) > 1 else ''}{channels}{deep}{_layout(part)}"
         if "samples" in part:
             yield f"    {_samples(part['samples'])}"
-    for shown in record["maps"]:
+    for shown in told["maps"]:
         kind, ends = KINDS[shown["kind"]], shown[range_key(shown["kind"])]
         reach = f"{ends[0]:.2f} to {ends[1]:.2f} {kind.unit}".rstrip() if ends else ""
         yield f"  {kind.title}: {reach or 'no finite pixel'}"
-    if record["maps"] and color is None and depth is None:
+    if told["maps"] and color is None and depth is None:
         return
     if color is None:
-        yield f"  no colour: {record['color_note']}"
+        yield f"  no colour: {told['color_note']}"
     else:
         bad = color["nonfinite_pixels"]
         holes = f", {counted(bad, 'pixel')} not finite" if bad else ""
         if color.get("nothing_pixels") or color.get("partial_pixels"):
             partial = f"below 1 in {counted(color['partial_pixels'], 'pixel')}"
             holes += f", alpha 0 in {counted(color['nothing_pixels'], 'pixel')} and {partial}"
-        yield f"  colour: {', '.join(color['channels'])}{holes} ({record['color_note']})"
+        yield f"  colour: {', '.join(color['channels'])}{holes} ({told['color_note']})"
     if depth is None:
-        yield f"  no depth: {record['depth_note']}"
+        yield f"  no depth: {told['depth_note']}"
     else:
-        yield from _depth_lines(depth, record["depth_note"])
-    for sentence in record["evidence"]:
+        yield from _depth_lines(depth, told["depth_note"], told["size"])
+    for sentence in told["evidence"]:
         yield f"  {sentence}"
 
 
@@ -178,7 +182,7 @@ def _pair_lines(pair: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {sentence}"
 
 
-def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
+def _depth_lines(depth: Mapping[str, Any], note: str, size: list[int]) -> Iterator[str]:
     """The depth of a file in words."""
     invalid = counted(depth["invalid_pixels"], "invalid pixel")
     nothing = f", nothing in {counted(depth['nothing_pixels'], 'pixel')}"
@@ -187,7 +191,8 @@ def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
     yield f"  depth: {reach}, {depth['sky_pixels']} sky and {invalid}{absent} ({note})"
     if depth["coc_px"] is not None:
         near, far = depth["coc_px"]
-        yield f"  CoC: {near:.2f} to {far:.2f} px ({lens_record_words(depth['lens'])})"
+        of = "" if depth["coc_of"] == size else " of {}x{}".format(*depth["coc_of"])
+        yield f"  CoC: {near:.2f} to {far:.2f} px{of} ({lens_record_words(depth['lens'])})"
         if depth["repair"]:
             yield f"  rendered: {depth['repair']}"
     for warning in depth["warnings"]:

@@ -11,7 +11,7 @@ from defocus_cli.options.types import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.errors import InputError
-from defocus_core.request.lens_from_options import shipped_lenses
+from defocus_core.request.lens_files import shipped_lenses
 
 
 @click.command("lenses", cls=GroupedCommand)

@@ -11,8 +11,8 @@ from defocus_cli.options.batch import dataset_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
-from defocus_core.batch.journal import run_file
-from defocus_core.batch.journal.journal import read_all
+from defocus_core.batch.journal import left
+from defocus_core.batch.journal.journal import Ledger
 from defocus_core.system.text import counted
 
 
@@ -32,9 +32,9 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
       defocus merge out
       defocus merge out --shards-size 1GB
     """  # noqa: D301  click reads the backspace
-    splits = {record.get("split", "") for record in read_all(out)}
-    update.refuse_foreign(out, splits, packs=shards_size is not None)
-    merged = run_file.merge(out)
+    named = {record.sample_id: record.split for record in Ledger(out).records()}
+    update.refuse_foreign(out, named, packs=shards_size is not None)
+    merged = left.merge(out)
     written = update.index(out, shards_size)
     journals = counted(merged.journals, "journal")
     console.stderr(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")

@@ -14,7 +14,6 @@ from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_option
 from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_core.batch.datasets import update
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, make_plan
 from defocus_core.errors import UsageProblem
@@ -23,7 +22,7 @@ from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading, of
 from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.pairing import find
-from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.shots import with_shot
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
@@ -76,7 +75,7 @@ Examples:
 def command(
     color: Path,
     depth: Path | None,
-    lenses: ShotLenses,
+    lenses: PictureLenses,
     shot: ShotOptions,
     outputs: Outputs,
     name: str | None,
@@ -113,36 +112,33 @@ def command(
         from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
 
         kind_of_sheet(jobs)
-    report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose)
-    if len(jobs) > 1:
-        with report.bar("picture"):
-            summary = run.carry_out(jobs, outputs.root, execution(pipeline.execute), report)
-    else:
-        with batch_report.tile_bar() as tile_count:
-            alone = pipeline.execute_alone(tile_count)
-            if outputs.file:
-                summary = run.write_alone(jobs[0], alone, report)
-            else:
-                summary = run.carry_out(jobs, outputs.root, execution(alone), report)
-    if summary.statuses["ok"] and not outputs.file:
-        update.refresh(outputs.root, {job.sample_id for job in jobs}, summary.withdrawn)
+    lone = len(jobs) == 1
+    report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, raises=lone)
+    with report.bar("picture") if not lone else batch_report.tile_bar() as count:
+        execute = pipeline.execute if count is None else pipeline.execute_counting(count)
+        summary = run.run(jobs, outputs.root, execution(execute, raises=lone), report)
     if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
         console.stderr(f"contact sheet -> {sheet}")
     if as_json:
         records = [report.records[job.sample_id] for job in jobs if job.sample_id in report.records]
-        console.print_json(dry_run=False, pictures=records)
+        console.print_json(
+            dry_run=False,
+            **batch_report.summary_record(summary),
+            pictures=records,
+            **batch_report.error_record(summary),
+        )
     batch_report.end(summary)
 
 
 def _with_lenses(
-    pictures: Sequence[Picture], lenses: ShotLenses, *, verbose: bool
+    pictures: Sequence[Picture], lenses: PictureLenses, *, verbose: bool
 ) -> Iterator[tuple[Picture, Lens]]:
     """Each picture and its lens; what metadata decided is said where it changes."""
     said: object = None
     for picture in pictures:
         lens, taken = lenses.of(picture)
         if verbose and taken and taken != said:
-            words = ", ".join(f"{n} {each.text} ({each.attribute})" for n, each in taken.items())
+            words = ", ".join(f"{n} {each.text} ({each.place.field})" for n, each in taken.items())
             console.stderr(f"{picture.color}: {words}")
             said = taken
         yield picture, lens

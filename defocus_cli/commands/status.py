@@ -10,7 +10,7 @@ from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_core.batch.journal.progress import progress
+from defocus_core.batch.journal.left import progress
 
 
 @click.command("status", cls=GroupedCommand)
@@ -34,8 +34,8 @@ def command(out: Path, failures: int, as_json: bool) -> None:
       defocus status out --json
       jq -r 'select(.status == "failed") | .message' out/journal.jsonl
     """  # noqa: D301  click reads the backspace
-    state = progress(out)
+    state = progress(out, failures)
     if as_json:
-        console.print_json(**batch_report.progress_record(state, failures))
+        console.print_json(**batch_report.progress_record(state))
         return
-    console.stdout(*batch_report.progress_lines(out, state, failures))
+    console.stdout(*batch_report.progress_lines(out, state))

@@ -6,7 +6,7 @@ import re
 
 import click
 
-from defocus_cli.options.shared import device_option, memory_options
+from defocus_cli.options.shared import MAX_THREADS, device_option, memory_options
 from defocus_cli.options.types import Command, bundle, machine_option, option
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers.pool import WorkerConfig
@@ -32,7 +32,7 @@ def crew_options(command: Command) -> Command:
         machine_option(
             "--threads N",
             "Threads of each process.  [default: cores / processes; 1 on Dask]",
-            click.IntRange(min=1),
+            click.IntRange(1, MAX_THREADS),
         ),
         device_option(),
         *memory_options(),

@@ -8,17 +8,19 @@ from typing import Any
 
 import click
 
+from defocus_cli.options.rows import given_options, param_option
 from defocus_cli.options.types import (
     Decorator,
     FilePath,
     bundle,
     lens_option,
-    param_option,
     position_of,
 )
+from defocus_core.errors import CALLER
 from defocus_core.request.lens import Lens
-from defocus_core.request.lens_from_options import lens_path, make_lens
-from defocus_core.request.parameters import LENS_OPTIONS, OPENING
+from defocus_core.request.lens_files import lens_path, read_lens_file
+from defocus_core.request.parameters import LENS_OPTIONS, OPENING, SHAPES
+from defocus_core.request.resolver import check_lens, laid_over, lens_of
 
 
 class LensFile(FilePath):
@@ -52,7 +54,10 @@ def opening_options() -> Decorator:
     """Hand a command ``lens``: its opening and its photodiodes, and no more of a lens."""
 
     def make(lens_file: Path | None, **values: Any) -> Lens:
-        flags = {name.replace("_", "-"): value for name, value in values.items()}
-        return make_lens(flags, lens_file, radii=True)
+        stored = read_lens_file(lens_file) if lens_file else {}
+        shape = {name: each for name, each in stored.items() if name in SHAPES}
+        options = laid_over(shape, given_options(values, LENS_OPTIONS))
+        check_lens(options, CALLER, radii=True)
+        return lens_of(options)
 
     return bundle("lens", make, [*_options_of(OPENING), _lens_file_option()])

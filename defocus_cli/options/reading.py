@@ -10,10 +10,13 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.types import Command, Decorator, bundle, param_option
+from defocus_cli.options.rows import given_options, param_option
+from defocus_cli.options.types import Command, Decorator, bundle
 from defocus_core.request.job import Reading
+from defocus_core.request.lens_files import reading_in
 from defocus_core.request.parameters import Param
-from defocus_core.request.reading_options import READING_OPTIONS, lens_file_reading, make_reading
+from defocus_core.request.reading_options import READING_OPTIONS
+from defocus_core.request.resolver import reading_of
 
 
 def reading_options(command: Command) -> Command:
@@ -26,10 +29,11 @@ def depth_reading_options(command: Command) -> Command:
     return _bundle(row for row in READING_OPTIONS.values() if not row.of_pictures)(command)
 
 
+def asked_reading(**_: Any) -> Reading:
+    """The reading that the options of the command, and of its lens file, ask for."""
+    params = click.get_current_context().params
+    return reading_of(reading_in(params.get("lens_file")), given_options(params, READING_OPTIONS))
+
+
 def _bundle(rows: Iterable[Param]) -> Decorator:
-    return bundle("reading", _make, [param_option("Files", row) for row in rows])
-
-
-def _make(**fields: Any) -> Reading:
-    file = click.get_current_context().params.get("lens_file")
-    return make_reading(fields, lens_file_reading(file))
+    return bundle("reading", asked_reading, [param_option("Files", row) for row in rows])

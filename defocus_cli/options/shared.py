@@ -36,14 +36,15 @@ from defocus_core.request.output_kinds import (
     MAP_FORMATS,
     MAPS,
     SUFFIXES,
+    UNWRITTEN,
     compression,
     format_of_file,
     is_picture_name,
 )
-from defocus_core.request.pairing import COLOR_SUFFIXES
 from defocus_core.request.quantities import byte_count
 from defocus_core.system.process import cores
 
+MAX_THREADS = 1024  # more than any machine has cores for one picture
 _MAX_TILE = 1 << 14  # px
 
 
@@ -188,10 +189,12 @@ def _outputs(**values: Any) -> Outputs:
 def _in_file(outputs: Outputs, given: Mapping[str, Any]) -> Outputs:
     """The outputs, of one file if -o names one."""
     path = outputs.root
-    if path.suffix.lower() in COLOR_SUFFIXES and not is_picture_name(path.suffix):
+    if path.is_dir():
+        return outputs
+    if path.suffix.lower() in UNWRITTEN:
         remedy = f"end its name in {', '.join(dict.fromkeys(SUFFIXES.values()))}"
-        raise UsageProblem("wrong-type", "is of a type that is read alone", remedy, path=path)
-    if not is_picture_name(path.suffix) or path.is_dir():
+        raise UsageProblem("wrong-type", "is of a type that is not written", remedy, path=path)
+    if not is_picture_name(path.suffix):
         return outputs
     if outputs.preview:
         remedy = "leave it out, or name a directory"
@@ -238,7 +241,7 @@ def _computing() -> list[Decorator]:
         machine_option(
             "--threads N",
             "Threads to compute with.  [default: one for each core]",
-            click.IntRange(min=1),
+            click.IntRange(1, MAX_THREADS),
             default=cores,
         ),
     ]

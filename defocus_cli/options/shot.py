@@ -13,19 +13,21 @@ from typing import Any
 import click
 
 from defocus_cli.options.lens import lens_decorators
-from defocus_cli.options.types import Command, Decorator, bundle, lens_option, option
+from defocus_cli.options.reading import asked_reading
+from defocus_cli.options.rows import given_options
+from defocus_cli.options.types import (
+    Command,
+    Decorator,
+    bundle,
+    lens_option,
+    option,
+)
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.frame_patterns import MISSING, FrameChoice, frame_choice
-from defocus_core.request.job import Reading
-from defocus_core.request.lens_from_options import refuse_contradiction
-from defocus_core.request.reading_options import lens_file_reading
-from defocus_core.request.shot_lenses import (
-    INTERPOLATIONS,
-    Animation,
-    ShotLenses,
-    read_animation,
-)
+from defocus_core.request.animation import INTERPOLATIONS, Animation, read_animation
+from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.shots import LONGEST_SMOOTH, SharedDecisions
 
 _shot_option = partial(option, heading="Shot")
@@ -93,7 +95,7 @@ def shot_options(command: Command) -> Command:
 
 
 def shot_lens_options(*, required: bool) -> Decorator:
-    """Hand a command ``lenses``: ShotLenses, or None if no lens was asked for nor is required."""
+    """Hand a command ``lenses``: PictureLenses, or None if none are asked for nor required."""
     options = [
         *lens_decorators(),
         lens_option(
@@ -121,24 +123,22 @@ def shot_lens_options(*, required: bool) -> Decorator:
         interpolate: str | None,
         metadata: bool,
         **values: Any,
-    ) -> ShotLenses | None:
-        flags = {n.replace("_", "-"): value for n, value in values.items() if value is not None}
+    ) -> PictureLenses | None:
         if interpolate is not None and not animate:
-            raise UsageProblem(
-                "idle-option",
-                "has no keys to go between",
-                "add --animate FILE",
-                field="interpolate",
-            )
-        if not (required or flags or animate or metadata or lens_file is not None):
+            problem, remedy = "has no keys to go between", "add --animate FILE"
+            raise UsageProblem("idle-option", problem, remedy, field="interpolate")
+        own = given_options(values, LENS_OPTIONS)
+        if not (required or own or animate or metadata or lens_file is not None):
             return None
-        refuse_contradiction(flags, CALLER)
-        given, stored = click.get_current_context().params, lens_file_reading(lens_file)
-        reading = {name: given.get(name) or stored.get(name) for name in _SCALE}
-        radii = Reading(depth_format=reading["depth_format"]).holds_radii
-        metres = UNITS[reading["depth_unit"] or "m"]
-        animation = read_animation(animate, interpolate)
-        lenses = ShotLenses(flags, lens_file, radii, animation, metadata, metres)
+        reading = asked_reading()
+        lenses = PictureLenses(
+            own,
+            file=lens_file,
+            radii=reading.holds_radii,
+            animation=read_animation(animate, interpolate),
+            metadata=metadata,
+            metres=UNITS[reading.depth_unit or "m"],
+        )
         try:
             _ = lenses.fixed  # raises what is wrong before any picture is looked for
         except UsageProblem as error:
@@ -147,6 +147,3 @@ def shot_lens_options(*, required: bool) -> Decorator:
         return lenses
 
     return bundle("lenses", make, options)
-
-
-_SCALE = ("depth_format", "depth_unit")

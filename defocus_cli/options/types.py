@@ -9,11 +9,10 @@ from typing import Any
 
 import click
 
-from defocus_core.errors import Place, UsageProblem, did_you_mean, with_dashes
+from defocus_core.errors import Place, UsageProblem, did_you_mean
 from defocus_core.reports.replaceable import refuse_other
 from defocus_core.request.output_kinds import FORMAT_ALIASES, SUFFIXES
-from defocus_core.request.parameters import Param
-from defocus_core.request.quantities import read_at
+from defocus_core.request.quantities import read_at, require_length
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -87,7 +86,7 @@ class Listed(click.ParamType[tuple[Any, ...]]):
         if not isinstance(value, str):
             return tuple(value)
         values = []
-        for word in value.split(","):
+        for word in read_at(position_of(param), require_length, value).split(","):
             try:
                 values.append(self.parse(word.strip()))
             except ValueError:
@@ -131,6 +130,13 @@ class GroupedCommand(click.Command):
     # Options whose value another may follow, and the option that this is the value of: behind
     # the first argument, ``--over A B`` is ``--over A --over-depth B``
     seconds: Mapping[str, str] = {"--over": "--over-depth"}
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        if not any("--verbose" in param.opts for param in self.params):
+            text = "Say where an unexpected error happened, on stderr."
+            flag = GroupedOption(["-v", "--verbose"], is_flag=True, expose_value=False, help=text)
+            self.params.append(flag)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse; click forgets which command an option without its value belongs to."""
@@ -194,23 +200,6 @@ files_option = functools.partial(option, heading="Files")
 lens_option = functools.partial(option, heading="Lens")
 machine_option = functools.partial(option, heading="Machine")
 output_option = functools.partial(option, heading="Output")
-
-
-def param_option(heading: str, param: Param) -> Decorator:
-    """The option of a row of a table of options."""
-    names = (f"--{param.name}", param.field) if param.flag else (f"--{param.name}",)
-    settings: dict[str, Any] = {"help": with_dashes(param.help), "metavar": param.metavar or None}
-    if param.flag:
-        settings |= {"flag_value": param.name, "default": None}
-    elif param.choices:
-        settings["type"] = click.Choice(param.choices)
-    elif param.min_integer is not None:
-        settings["type"] = click.IntRange(min=param.min_integer)
-    elif param.parse_word is not None:
-        settings |= {"type": Quantity(param.parse_word, "DISTANCE"), "nargs": 2, "default": None}
-    else:
-        settings["type"] = Quantity(param.parse, param.metavar)
-    return click.option(*names, cls=GroupedOption, heading=heading, **settings)
 
 
 def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:

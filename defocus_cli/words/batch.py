@@ -10,12 +10,13 @@ from typing import Any
 
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
-from defocus_cli.words.endings import Interrupted, SomeFailed
-from defocus_core.batch.journal.journal import Record
-from defocus_core.batch.journal.progress import Progress
+from defocus_cli.words.endings import Interrupted, SomeFailed, exit_code_of
+from defocus_core.batch.journal.left import Progress
+from defocus_core.batch.journal.record import Record, error_line
+from defocus_core.batch.journal.resume import counted_reasons
 from defocus_core.batch.workers.plan import Plan
 from defocus_core.batch.workers.run import Summary
-from defocus_core.errors import kind_of
+from defocus_core.errors import DefocusError, kind_of, with_dashes
 from defocus_core.io.safe_files import spoken
 from defocus_core.request.job import Job
 from defocus_core.system.text import counted, duration
@@ -28,17 +29,20 @@ _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 class BatchReport:
     """Reports each job of a batch while it runs."""
 
-    def __init__(self, *, each: bool, keep: bool = False, verbose: bool = False) -> None:
+    def __init__(
+        self, *, each: bool, keep: bool = False, verbose: bool = False, raises: bool = False
+    ) -> None:
         self.records: dict[str, dict[str, Any]] = {}
+        self._raises = raises
         self._each, self._keep, self._verbose = each, keep, verbose
         self._bar: Any = None
         self._kinds: Counter[str] = Counter()  # jobs without outputs, by the kind of their message
 
     def planned(self, plan: Plan) -> None:
         """Say what was done before."""
-        for job, record in plan.settled:
+        for job in plan.settled if self._keep or self._each else ():
             if self._keep:
-                done = job_report.outcome_record(job, record, done_before=True)
+                done = job_report.outcome_record(job, plan.record(job), done_before=True)
                 self.records[job.sample_id] = done
             if self._each:
                 console.stderr(job_report.done_before_line(job))
@@ -46,8 +50,8 @@ class BatchReport:
             console.stderr(
                 f"{counted(len(plan.settled), 'job')} done before, {len(plan.todo)} to do"
             )
-        if plan.changed:
-            console.stderr(f"done again, as inputs, settings or outputs changed: {plan.changed}")
+        for line in reasons_lines(plan):
+            console.stderr(line)
         if self._bar is not None and plan.todo:
             with spoken():
                 self._bar.reset(len(plan.todo))
@@ -56,14 +60,16 @@ class BatchReport:
         """Say what became of a job."""
         if self._keep:
             self.records[job.sample_id] = job_report.outcome_record(job, record)
+        if self._raises and record.taken is None:
+            return  # its error ends the command
         lines = list(job_report.outcome_lines(job, record, verbose=self._verbose))
-        if record["status"] != "ok" and not self._verbose:
-            kind = kind_of(record["message"])
+        if record.taken is None and not self._verbose:
+            kind = kind_of(record.end.message)
             self._kinds[kind] += 1
             if self._kinds[kind] > _ALIKE:
                 more = "others like it are counted at the end, and told by 'defocus status'"
                 lines = [more] if self._kinds[kind] == _ALIKE + 1 else []
-        for line in lines if self._each or record["status"] != "ok" else ():
+        for line in lines if self._each or record.taken is None else ():
             console.stderr(line)
         if self._bar is not None:
             with spoken():
@@ -117,6 +123,14 @@ def summary_lines(summary: Summary) -> Iterator[str]:
         yield f"  warning: {counted(len(kinds) - _WARNINGS, 'other kind')}"
 
 
+def reasons_lines(plan: Plan) -> Iterator[str]:
+    """Why jobs are done again, or would be and stay as they are."""
+    if plan.again:
+        yield f"done again: {counted_reasons(plan.again)}"
+    if plan.kept:
+        yield f"stay as they are: {counted_reasons(plan.kept)}"
+
+
 def reasons_words(reasons: Mapping[str, int]) -> str:
     """Reasons of failures with their counts, in words."""
     return ", ".join(f"{reason} {count}" for reason, count in sorted(reasons.items()))
@@ -130,6 +144,8 @@ def summary_record(summary: Summary) -> dict[str, Any]:
         "left": summary.left,
         **{status: summary.statuses[status] for status in _WORDS},
         "reasons": dict(summary.reasons),
+        "again": dict(summary.again),
+        "kept": dict(summary.kept),
         "warned": summary.warned,
         "warnings": summary.warnings.counts,
         "seconds": summary.seconds,
@@ -137,7 +153,21 @@ def summary_record(summary: Summary) -> dict[str, Any]:
     }
 
 
-def progress_lines(out: Path, state: Progress, failures: int) -> Iterator[str]:
+def error_record(summary: Summary) -> dict[str, Any]:
+    """The error that ended a lone picture, as of a command that has no result."""
+    error = summary.error
+    if error is None:
+        return {}
+    code, exit_code = getattr(error, "code", None), 1
+    if isinstance(error, DefocusError):
+        exit_code = exit_code_of(error)
+    elif isinstance(error, OSError):
+        exit_code = 3
+    line = with_dashes(error_line(error))
+    return {"error": {"message": line, "exit_code": exit_code, "code": code}}
+
+
+def progress_lines(out: Path, state: Progress) -> Iterator[str]:
     """Progress of a batch, in words."""
     counts = [f"{state.statuses[s]} {word}" for s, word in _WORDS.items() if state.statuses[s]]
     left = f", {state.left} left" if state.left else ""
@@ -157,14 +187,13 @@ def progress_lines(out: Path, state: Progress, failures: int) -> Iterator[str]:
         yield "  not running; run the same command again to go on"
     if state.reasons:
         yield f"  {reasons_words(state.reasons)}"
-    for record in state.failures[-failures:] if failures else ():
-        yield f"    {record['sample_id']}: {record['reason']}: {record['message']}"
+    for record in state.failures:
+        yield f"    {record.sample_id}: {record.end.reason}: {record.end.message}"
 
 
-def progress_record(state: Progress, failures: int) -> dict[str, Any]:
+def progress_record(state: Progress) -> dict[str, Any]:
     """Progress of a batch, for JSON."""
-    keys = ("sample_id", "status", "reason", "message")
-    shown = state.failures[-failures:] if failures else []
+    shown = [(record.sample_id, record.end) for record in state.failures]
     return {
         "jobs": state.jobs,
         "left": state.left,
@@ -176,12 +205,17 @@ def progress_record(state: Progress, failures: int) -> dict[str, Any]:
         "render_seconds": state.seconds,
         "eta_seconds": state.eta_seconds,
         "shards": state.shards and {"begun": state.shards[0], "of": state.shards[1]},
-        "failures": [{key: record[key] for key in keys} for record in shown],
+        "failures": [
+            {"sample_id": name, "status": e.status, "reason": e.reason, "message": e.message}
+            for name, e in shown
+        ],
     }
 
 
 def end(summary: Summary) -> None:
     """End a command as its batch ended."""
+    if summary.error is not None:
+        raise summary.error
     if summary.interrupted and summary.left:
         problem = f"interrupted, {summary.left} of {summary.jobs} jobs left"
         raise Interrupted(f"{problem}; run the same command again to go on")

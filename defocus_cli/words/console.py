@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from collections.abc import Iterable
 from contextlib import suppress
@@ -33,6 +34,22 @@ def stderr(line: str) -> None:
             sys.modules["tqdm"].tqdm.write(line, file=sys.stderr)
         else:
             click.echo(line, err=True)
+
+
+def write_stderr(line: str) -> None:
+    """A line on stderr, whole: Python's own stream says nothing of what a full disk cut off.
+
+    Raises:
+        OSError: not all of it was written.
+    """
+    try:
+        number = sys.stderr.fileno()
+    except (AttributeError, OSError, ValueError):  # closed, or no file
+        click.echo(line, err=True)
+        return
+    data = f"{line}\n".encode(sys.stderr.encoding, "backslashreplace")
+    while data:
+        data = data[os.write(number, data) :]
 
 
 def bar(unit: str, total: int | None = None, of: Iterable[T] | None = None) -> tqdm[T]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
+from defocus_cli.words.batch import reasons_lines
 from defocus_cli.words.endings import SomeFailed
 from defocus_core.batch.workers.plan import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
@@ -34,7 +35,7 @@ _MAP_BYTES = 2.4
 def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
     """Report each picture: what would be read and written, and the forecasts."""
     todo = [job for job, _ in plan.todo]
-    done = {job for job, _ in plan.settled}
+    done = set(plan.settled)
     samples, unusable = _forecasts(todo, alone=len(jobs) == 1)
     by_job = {todo[number]: each for number, each in samples.items()}
     sampled = list(samples.values())
@@ -53,6 +54,7 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
                 console.stdout(forecast.line(by_job[job]))
         if sampled and len(todo) > 1:
             console.stdout(forecast.total_line(sampled, len(todo)))
+        console.stdout(*reasons_lines(plan))
     _end(unusable, len(samples), "pictures")
 
 
@@ -85,13 +87,15 @@ def report_batch(
         "seconds": whole["seconds"] / processes if whole else 0.0,
         "bytes": round(_bytes(todo[0].outputs, samples, len(todo))) if samples else 0,
         "unusable": len(unusable),
+        "again": dict(plan.again),
+        "kept": dict(plan.kept),
     }
     if as_json:
         plans = [job_report.plan_record(job) for job in todo]
         console.print_json(dry_run=True, **totals, samples=plans)
     else:
         console.stdout(*(job_report.plan_line(job) for job in todo if verbose))
-        console.stdout(*_batch_lines(totals, len(samples)))
+        console.stdout(*_batch_lines(totals, len(samples)), *reasons_lines(plan))
     _end(unusable, len(samples), "jobs")
 
 

@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from defocus_core.batch.journal.record import Failed, Record
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.request.job import FRAME_ROLE, Job
 from defocus_core.request.lens import lens_record, lens_record_words, lens_words
 from defocus_core.system.text import counted
-
-# What JSON tells of a job as its record has it.
-_TOLD = (
-    *("status", "reason", "message", "size", "color_note", "depth_note", "depth_repair"),
-    *("coc_px", "device", "quality", "warnings"),
-)
 
 
 def plan_record(job: Job) -> dict[str, Any]:
@@ -45,48 +40,51 @@ def plan_line(job: Job) -> str:
     )
 
 
-def outcome_record(
-    job: Job, record: Mapping[str, Any], *, done_before: bool = False
-) -> dict[str, Any]:
-    """Inputs, lens, outputs, time and warnings of a job that ended, for JSON."""
-    seconds = record["seconds"]
+def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> dict[str, Any]:
+    """A job that ended, for JSON: its plan, and the fields of its record."""
+    end, taken = record.end, record.taken
+    told = {name: getattr(taken, name, None) for name in _OF_PICTURES}
     return {
         **plan_record(job),
-        **{key: record.get(key) for key in _TOLD},  # journals of earlier versions lack some
+        **{"status": end.status, "reason": end.reason, "message": end.message},
+        **{"warnings": list(end.warnings), "quality": record.quality},
+        **told,
+        "lens": lens_record(job.lens) if taken is None else taken.lens,
         "done_before": done_before,
-        "lens": record["lens"] or lens_record(job.lens),
-        "render_seconds": seconds.get("render"),
-        "render_cpu_seconds": seconds.get("cpu"),
-        "stats": record.get("stats", {}),
+        "render_seconds": None if taken is None else taken.seconds.get("render"),
+        "render_cpu_seconds": None if taken is None else taken.seconds.get("cpu"),
+        "stats": {} if taken is None else dict(taken.stats),
     }
 
 
-def outcome_lines(job: Job, record: Mapping[str, Any], *, verbose: bool) -> Iterator[str]:
+_OF_PICTURES = ("size", "color_note", "depth_note", "depth_repair", "coc_px", "device")
+
+
+def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
     """A job that ended, in words: one line, one for each warning, and more if ``verbose``."""
-    if record["status"] != "ok":
-        yield f"defocus: {record['message']}"
-        if verbose and "trace" in record:
-            yield from record["trace"].splitlines()
+    end = record.end
+    if isinstance(end, Failed):
+        yield f"defocus: {end.message}"
+        if verbose:
+            yield from end.trace.splitlines()
         return
-    (width, height), (near, far) = record["size"], record["coc_px"]
-    seconds = record["seconds"]
+    (width, height), (near, far) = end.size, end.coc_px
     yield (
-        f"{job.sample_id}: {width}x{height}, {lens_record_words(record['lens'])}, "
-        f"CoC {near:.2f} to {far:.2f} px, {seconds['render']:.2f} s -> {_written_words(job)}"
+        f"{job.sample_id}: {width}x{height}, {lens_record_words(end.lens)}, "
+        f"CoC {near:.2f} to {far:.2f} px, {end.seconds['render']:.2f} s -> {_written_words(job)}"
     )
-    for warning in record["warnings"]:
+    for warning in end.warnings:
         yield f"{job.sample_id}: warning: {warning}"
     if verbose:
-        yield f"  colour: {record['color_note']}"
-        yield f"  depth: {record['depth_note']}"
+        yield f"  colour: {end.color_note}"
+        yield f"  depth: {end.depth_note}"
         yield (
-            f"  {record['device']}, {counted(job.machine.threads, 'thread')}, {record['quality']}, "
-            f"{seconds['cpu']:.2f} CPU s"
+            f"  {end.device}, {counted(job.machine.threads, 'thread')}, {record.quality}, "
+            f"{end.seconds['cpu']:.2f} CPU s"
         )
-        if "scratch_mb" in record["stats"]:
-            scratch_mb = record["stats"]["scratch_mb"]
-            yield f"  {scratch_mb:.0f} MB of scratch in {scratch_folder()}"
-    counts = {name: count for name, count in record["stats"].items() if name != "scratch_mb"}
+        if "scratch_mb" in end.stats:
+            yield f"  {end.stats['scratch_mb']:.0f} MB of scratch in {scratch_folder()}"
+    counts = {name: count for name, count in end.stats.items() if name != "scratch_mb"}
     if verbose and counts:
         yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
 

@@ -18,7 +18,8 @@ from defocus_core.io.arrays import sample_plane
 from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.measures import radius_measures
-from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.pair import read
+from defocus_core.picture.take import InputPair
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.quantities import length_text
 from defocus_core.system.process import cores, set_to_render
@@ -222,23 +223,23 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def write_lens(path: Path, record: dict[str, Any]) -> None:
+def write_lens(path: Path, found: dict[str, Any]) -> None:
     """Write what was found as a lens file."""
-    focus = record["focus_m"]
+    focus = found["focus_m"]
     lines = [
         "# Found by 'defocus fit'.",
-        f'focal-length = "{length_text(record["focal_length_mm"], 9)}"',
-        f'sensor-width = "{length_text(record["sensor_width_mm"], 9)}"',
-        f"fnumber = {record['fnumber']:.6g}",
+        f'focal-length = "{length_text(found["focal_length_mm"], 9)}"',
+        f'sensor-width = "{length_text(found["sensor_width_mm"], 9)}"',
+        f"fnumber = {found['fnumber']:.6g}",
         f'focus = "{"inf" if focus is None else length_text(focus * _MM_PER_M, 7)}"',
     ]
-    if record["blades"]:
-        lines.append(f"blades = {record['blades']}")
-        lines.append(f"blade-rotation = {record['blade_rotation_deg']:.4g}")
-    if record.get("dp_model", "split") != "split":
-        lines.append(f"dp-model = {json.dumps(record['dp_model'])}")
-    if record.get("dp_crosstalk"):
-        lines.append(f"dp-crosstalk = {record['dp_crosstalk']:.4g}")
+    if found["blades"]:
+        lines.append(f"blades = {found['blades']}")
+        lines.append(f"blade-rotation = {found['blade_rotation_deg']:.4g}")
+    if found.get("dp_model", "split") != "split":
+        lines.append(f"dp-model = {json.dumps(found['dp_model'])}")
+    if found.get("dp_crosstalk"):
+        lines.append(f"dp-crosstalk = {found['dp_crosstalk']:.4g}")
     with written_whole(path) as file:
         file.write(("\n".join(lines) + "\n").encode())
 
@@ -250,43 +251,43 @@ def _error(value: float | None, times: float = 1, unit: str = "") -> str:
     return f" ± {'?' if value is None else f'{times * value:.2g}'}{unit}"
 
 
-def words(record: dict[str, Any]) -> list[str]:
+def words(found: dict[str, Any]) -> list[str]:
     """What was found, a line each."""
-    focus, error = record["focus_dioptres"], record["focus_error_dioptres"]
-    distance = "infinity" if record["focus_m"] is None else f"{record['focus_m']:.4g} m"
-    psnr = record["psnr"]
+    focus, error = found["focus_dioptres"], found["focus_error_dioptres"]
+    distance = "infinity" if found["focus_m"] is None else f"{found['focus_m']:.4g} m"
+    psnr = found["psnr"]
     shown = ", ".join(f"{name} {db:.1f} dB" for name, db in psnr.items() if db is not None)
     lines = [
         f"focus {distance} ({focus:.4g}{_error(error)} 1/m)",
-        f"f-number {record['fnumber']:.4g}{_error(record['fnumber_error'], 100, ' %')} for "
-        f"{record['focal_length_mm']:g}mm and a sensor of {record['sensor_width_mm']:g}mm: "
-        f"{record['px_per_dioptre']:.4g} px of radius for 1/m",
+        f"f-number {found['fnumber']:.4g}{_error(found['fnumber_error'], 100, ' %')} for "
+        f"{found['focal_length_mm']:g}mm and a sensor of {found['sensor_width_mm']:g}mm: "
+        f"{found['px_per_dioptre']:.4g} px of radius for 1/m",
         f"residual: {shown}",
     ]
-    if record["blades"]:
-        lines.append(f"{record['blades']} blades turned {record['blade_rotation_deg']:.3g} degrees")
-    if record["gamma"] != 1:
-        error = _error(record["gamma_error"], 100, " %")
-        lines.append(f"gamma {record['gamma']:.3f}{error}: light is what is read to it")
-    if any(record["shift_px"]):
-        across, down = record["shift_px"]
+    if found["blades"]:
+        lines.append(f"{found['blades']} blades turned {found['blade_rotation_deg']:.3g} degrees")
+    if found["gamma"] != 1:
+        error = _error(found["gamma_error"], 100, " %")
+        lines.append(f"gamma {found['gamma']:.3f}{error}: light is what is read to it")
+    if any(found["shift_px"]):
+        across, down = found["shift_px"]
         lines.append(f"blurred picture {across:.2f} px to the right, {down:.2f} px down")
-    if "dp_model" in record:
-        crosstalk, error = record["dp_crosstalk"], _error(record["dp_crosstalk_error"])
+    if "dp_model" in found:
+        crosstalk, error = found["dp_crosstalk"], _error(found["dp_crosstalk_error"])
         of_model = crosstalk == 0 and not error  # what the model is known to have
         lines.append(
-            f"photodiodes {record['dp_model']}"
+            f"photodiodes {found['dp_model']}"
             + ("" if of_model else f", crosstalk {crosstalk:.3f}{error}")
         )
     for side, (middle, across, down) in zip(
-        ("left", "right"), record.get("side_shading", ()), strict=False
+        ("left", "right"), found.get("side_shading", ()), strict=False
     ):
         lines.append(
             f"shading of {side}: {middle:.3f}, {across:+.3f} to the right, {down:+.3f} downwards"
         )
-    if any(gain != 1 for gain in record["gains"]):
-        lines.append("exposure: factors " + ", ".join(f"{gain:.4g}" for gain in record["gains"]))
-    return [*lines, *(f"not sure: {doubt}" for doubt in record["doubts"])]
+    if any(gain != 1 for gain in found["gains"]):
+        lines.append("exposure: factors " + ", ".join(f"{gain:.4g}" for gain in found["gains"]))
+    return [*lines, *(f"not sure: {doubt}" for doubt in found["doubts"])]
 
 
 def pairs_of(pictures: Sequence[Picture], blurred: Path, right: Path | None) -> list[Pair]:

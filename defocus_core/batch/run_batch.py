@@ -8,14 +8,12 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.datasets import update
-from defocus_core.batch.journal.journal import Record
+from defocus_core.batch.journal.record import Record
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.plan import Execution, Plan
+from defocus_core.batch.workers.plan import DataSet, Execution, Plan
 from defocus_core.batch.workers.pool import WorkerConfig, computed_by
 from defocus_core.batch.workers.run import Summary
 from defocus_core.errors import UsageProblem
-from defocus_core.request import origin
 from defocus_core.request.job import DEVICES, Job, Machine, Outputs
 from defocus_core.request.jobs_file import batch_of, read_batch
 from defocus_core.request.origin import JobsSource
@@ -63,6 +61,7 @@ def run_batch(
     limit: int | None = None,
     fail_fast: bool = False,
     overwrite: bool = False,
+    new_only: bool = False,
     hash_inputs: bool = False,
     ended: Callable[[Job, Record], None] | None = None,
 ) -> Summary:
@@ -82,10 +81,11 @@ def run_batch(
         limit: Do at most so many jobs, and leave the rest.
         fail_fast: Whether the rest is left if a job fails.
         overwrite: Whether all is done again, whatever was done before.
+        new_only: Whether what has outputs stays as it is, whatever changed.
         hash_inputs: Whether bytes of inputs are compared with those of before, not only their
             size and time.
         ended: Called with each job that came to its end, and its record of the journal: its
-            ``status`` is ok, rejected or failed, ``reason`` and ``message`` say why.
+            ``status`` is ok, rejected or failed, its ``end`` says why, or what was taken.
 
     Returns:
         How many ``jobs`` there are; how many were done before (``skipped``) and are ``left``; the
@@ -103,20 +103,18 @@ def run_batch(
     config = WorkerConfig("local", processes, threads, device, memory, None)
     asked, source = _asked(jobs, Outputs(Path(out), overwrite=overwrite))
     asked = computed_by(asked, config.machine)
-    update.refuse_foreign(Path(out), {job.split.name for job in asked}, packs=False)
     execution = Execution(
         pipeline.execute if processes == 1 else config.execute(),
         limit=limit,
         fail_fast=fail_fast,
         read_inputs=hash_inputs,
+        new_only=new_only,
         spread=config.spread,
+        data_set=DataSet(source),
     )
-    summary = run.carry_out(asked, Path(out), execution, _Callbacks(ended))
+    summary = run.run(asked, Path(out), execution, _Callbacks(ended))
     if summary.interrupted and summary.left:
         raise KeyboardInterrupt
-    if source is not None:
-        origin.keep(Path(out), source)
-    update.index(Path(out), None, {job.sample_id for job in asked}, summary.unchanged)
     return summary
 
 

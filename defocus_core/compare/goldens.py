@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.records import output_fault
+from defocus_core.batch.journal.record import output_fault
 from defocus_core.batch.workers import run
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.run import Listener, Summary
@@ -243,7 +243,7 @@ def rendered(
         raise unwritable(scratch_folder(), error) from error
     try:
         jobs = _chosen(read_jobs(jobs_file, Outputs(root), machine), only)
-        yield FreshPictures(jobs, root, run.carry_out(jobs, root, execution, listener))
+        yield FreshPictures(jobs, root, run.run(jobs, root, execution, listener))
     finally:
         shutil.rmtree(root, ignore_errors=True)
 

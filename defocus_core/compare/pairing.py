@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.journal import Record, read_all
-from defocus_core.batch.journal.resume import Ledger
+from defocus_core.batch.journal.journal import Ledger
+from defocus_core.batch.journal.record import Record, Stamp
 from defocus_core.compare.picture import SUFFIXES
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
@@ -179,16 +179,16 @@ def pair_batches(a: Path, b: Path) -> BatchPairs:
 
 def _samples(folder: Path) -> dict[str, Record]:
     """The records of the samples that were made, by name."""
-    live = Ledger(folder, read_all(folder)).live
-    return {record["sample_id"]: record for record in live if record["status"] == "ok"}
+    records = Ledger(folder).records()
+    return {record.sample_id: record for record in records if record.taken is not None}
 
 
 def _sample_files(folder: Path, records: Mapping[str, Record]) -> dict[tuple[str, str], Path]:
     """Files by sample and kind; a file that is gone is not there."""
     files = {
-        (name, kind): folder / stamp["path"]
+        (name, kind): folder / stamp.path
         for name, record in records.items()
-        for kind, stamp in record["outputs"].items()
+        for kind, stamp in record.outputs.items()
     }
     return {
         key: path
@@ -199,16 +199,17 @@ def _sample_files(folder: Path, records: Mapping[str, Record]) -> dict[tuple[str
 
 def _changes(a: Record, b: Record) -> Iterator[tuple[str, str, str]]:
     """What differs between the recipes of two records, and what it is in each."""
-    for key, was, now in identity.changed_settings(a["settings"], b["settings"]):
+    for key, was, now in identity.changed_settings(a.settings, b.settings):
         yield key, str(was), str(now)
     for key in _VERSIONS:
-        if a.get(key) != b.get(key):
-            yield key, str(a.get(key)), str(b.get(key))
-    for role in sorted({*a["inputs"], *b["inputs"]}):
+        was, now = getattr(a, key), getattr(b, key)
+        if was != now:
+            yield key, str(was), str(now)
+    for role in sorted({*a.inputs, *b.inputs}):
         was, now = (_digest(record, role) for record in (a, b))
         if was != now:
             yield f"input {role}", "", ""
 
 
 def _digest(record: Record, role: str) -> Any:
-    return record["inputs"].get(role, {}).get("blake2b")
+    return record.inputs.get(role, Stamp()).blake2b

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.tensors.device_plan import sent
-from defocus_core.tensors.neighbourhoods import halfway, squares_around
+from defocus_core.tensors.neighbourhoods import extreme_around, halfway, squares_around
 from defocus_core.tensors.sparse_masks import exceeding
 
 # Greatest displacement in px; greatest depth in px from which on the colours of a surface are
@@ -24,6 +24,9 @@ FARTHEST, _DEEPEST, _SPAN = 8, 6, 5
 REACH = 12
 # Half width in px of the square around a pixel in which the normal is found, and its deviation.
 NORMAL, _NORMAL_DEVIATION = 3, 1.5
+# Least step of an edge, as a share of the greatest one within FARTHEST px: less is the foot of a
+# ramp.
+_FOOT = 0.1251
 # Light beyond which sums of it would be infinite.
 _BRIGHTEST = 1e30
 # Least deviation of the colours of a surface, as a share of their mean; how many times wider they
@@ -50,11 +53,15 @@ def edges_of(radii: Tensor, step: float | Tensor, scale: DistanceScale | None) -
     Given a scale of distance, so is the distance: few levels of distance are many px of radius.
     Of a batch the step is a number for each picture, [B, 1, 1].
     """
-    edges = torch.zeros(radii.shape, dtype=torch.bool, device=radii.device)
+    height = torch.zeros_like(radii)
     for dim in (-2, -1):
         rise = _rise(radii, dim, scale)
-        edges.narrow(dim, 0, rise.shape[dim]).logical_or_(exceeding(rise, step))
-        edges.narrow(dim, 1, rise.shape[dim]).logical_or_(exceeding(-rise, step))
+        for first, sign in ((0, 1), (1, -1)):
+            part = height.narrow(dim, first, rise.shape[dim])
+            torch.maximum(part, sign * rise, out=part)
+    edges = exceeding(height, step)
+    if bool(edges.any()):
+        edges &= height > _FOOT * extreme_around(height, FARTHEST, torch.maximum)
     return edges
 
 

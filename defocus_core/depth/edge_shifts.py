@@ -10,13 +10,12 @@ needs more evidence.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import embedding_bag
+from torch.nn.functional import avg_pool2d, embedding_bag
 
 from defocus_core.depth.color_profiles import (
     FARTHEST,
@@ -32,6 +31,7 @@ from defocus_core.depth.color_profiles import (
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
 from defocus_core.depth.soft_edges import slope_of_soft_edges
+from defocus_core.tensors.derived import Mapped, Repaired
 from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import (
     extreme_around,
@@ -40,6 +40,7 @@ from defocus_core.tensors.neighbourhoods import (
     ranges_of,
     squares_around,
 )
+from defocus_core.tensors.resampling import linear
 from defocus_core.tensors.source import Pixels, banded, bands
 from defocus_core.tensors.sparse_masks import flat_nonzero, positions_of, sums_of_each, tally
 from defocus_core.tensors.threads import threaded
@@ -70,12 +71,12 @@ _MIN_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
 _VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
-# Displacement in px from which on a profile may have ended short of the place: the edges within so
-# many px are shifted once more.
-_FAR, _NEAR_FAR = 5.25, 12
-# Px around a pixel that decide what it becomes, once and twice.
-_AROUND_ONCE = REACH + NORMAL + 2 * (2 * _ROUNDS + _SMOOTHING) + FARTHEST + 2
-AROUND = 2 * _AROUND_ONCE + _NEAR_FAR + AROUND_BY_COLOR
+# Displacement that is looked for, as a share of the longer side of a picture; the one in px that a
+# profile shows for certain; shorter side in px of the smallest level.
+_FRACTION, _DEEPEST, _SMALLEST = 0.01, 6, 32
+# Px around a pixel that decide whether it is on a silhouette; and what it becomes.
+AROUND_EDGE = NORMAL + FARTHEST + 3
+AROUND = REACH + 2 * (2 * _ROUNDS + _SMOOTHING) + FARTHEST + AROUND_EDGE + AROUND_BY_COLOR
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
 # Bytes that a profile takes while it is examined.
@@ -110,9 +111,7 @@ def measured_shifts(
     `soft`: slope in px of soft edges, which no edge steps less than; None for hard ones, which are
     shifted only if most are displaced alike.
     """
-    limits = torch.stack([range_of(band) for band in banded(signed_radius)])
-    minimum, maximum = torch.stack([limits[:, 0].amin(), limits[:, 1].amax()]).tolist()
-    step = _step_of(minimum, maximum, signed_radius, soft)
+    step = least_step(signed_radius, soft)
     # edges that ran within objects were soft; hard ones may only be biased
     rims = soft is not None
     found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale, rims=rims)
@@ -148,6 +147,13 @@ def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeS
         None if float(own[-1]) <= _VOTES * chance else _shifts(own[:-1], step, None)
         for own, chance, step in zip(votes, chances, steps, strict=True)
     ]
+
+
+def least_step(signed_radius: Pixels, soft: float | None) -> float:
+    """The least step in px of an edge of radii [H, W] px; `soft` as for `measured_shifts`."""
+    limits = torch.stack([range_of(band) for band in banded(signed_radius)])
+    minimum, maximum = torch.stack([limits[:, 0].amin(), limits[:, 1].amax()]).tolist()
+    return _step_of(minimum, maximum, signed_radius, soft)
 
 
 def _step_of(minimum: float, maximum: float, signed_radius: Pixels, soft: float | None) -> float:
@@ -273,43 +279,160 @@ def with_shifted_edges(
     signed_radius: Tensor, pixels: Tensor, shifts: EdgeShifts, scale: DistanceScale | None = None
 ) -> Tensor:
     """Radii [H, W] px whose edges lie where the colours of [C, H, W] have theirs."""
-    edges = edges_of(signed_radius.detach(), shifts.step, scale)
-    radii, far = _shifted(signed_radius, pixels, edges, shifts.rarity)
-    if not len(far):
-        return radii_by_color(radii, pixels.detach())
-    moved = torch.zeros_like(edges).flatten().index_fill_(0, far, value=True).view_as(edges)
-    edges = edges_of(radii.detach(), shifts.step, scale)
-    edges &= extreme_around(moved, _NEAR_FAR, torch.maximum)
-    # what is neither surface's has been given away already
-    rarity = [_RARITY / _BEFORE * abs(px) for px in range(-FARTHEST, FARTHEST + 1)]
-    radii = _shifted(radii, pixels, edges, rarity, rims=False)[0]
-    return radii_by_color(radii, pixels.detach())
+    radii, colors = signed_radius.detach(), pixels.detach()
+    silhouette = _silhouette_of(radii, shifts.step, scale)
+    if silhouette is None:
+        return signed_radius
+    found = _evidence(silhouette, radii, colors)
+    shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(shifts.rarity))
+    return radii_by_color(_moved(signed_radius, silhouette, shift), colors)
 
 
-def _shifted(
-    signed_radius: Tensor,
-    pixels: Tensor,
-    edges: Tensor,
-    rarity: Sequence[float],
+class CoarseShifts(NamedTuple):
+    """The displacements that a level of half resolution, or of less, shows."""
+
+    level: int  # how many times resolution is halved
+    field: Tensor  # [h, w] in coarse px, around silhouettes; 0 elsewhere
+    median: float  # px of full resolution
+
+
+def coarse_shifts(
+    signed_radius: Pixels,  # [H, W] px, without ramps
+    pixels: Pixels,  # [C, H, W] linear
     *,
-    rims: bool = True,
+    step: float,  # least step in px of an edge
+    scale: DistanceScale | None = None,
+    reach: float = 0.0,  # px of displacement to look for at least
+) -> list[CoarseShifts]:
+    """The displacements that coarse levels show, coarsest first, each beside the one before it.
+
+    What is the same share of a picture is found alike, whatever its resolution.
+    """
+    size = (signed_radius.shape[-2], signed_radius.shape[-1])
+    reach = max(_FRACTION * max(size), reach)
+    levels = max(0, math.ceil(math.log2(reach / _DEEPEST)))
+    while levels and min(size) < _SMALLEST << levels:
+        levels -= 1
+    found: list[CoarseShifts] = []
+    for level, (radii, colors) in reversed(_levels_of(signed_radius, pixels, levels)):
+        for coarser in found:
+            field = _field_at(coarser, radii, level)[:]
+            radii = moved_coarsely(radii, field, step=step, scale=scale)
+        silhouette = _silhouette_of(radii, step, scale)
+        if silhouette is None:
+            continue
+        evidence = _evidence(silhouette, radii, colors)
+        votes = _votes(evidence)[0]
+        shift = _smooth_shifts(silhouette, radii, evidence, _rarity(votes))
+        field = _field_of(silhouette, shift, radii)
+        found.append(CoarseShifts(level, field, _median(votes)[0] * (1 << level)))
+    return found
+
+
+def moved_coarsely(
+    signed_radius: Tensor, *fields: Tensor, step: float, scale: DistanceScale | None
+) -> Tensor:
+    """Radii [H, W] px with edges moved by the px [H, W] of one field after another."""
+    silhouette = None
+    for field in fields:
+        if silhouette is None:
+            silhouette = _silhouette_of(signed_radius.detach(), step, scale)
+        if silhouette is None:
+            break
+        shift = field[silhouette.at[:, 0], silhouette.at[:, 1]]
+        moved = _moved(signed_radius, silhouette, shift.double())
+        if moved is not signed_radius:
+            signed_radius, silhouette = moved, None
+    return signed_radius
+
+
+def with_coarse_shifts(
+    signed_radius: Pixels, found: list[CoarseShifts], step: float, scale: DistanceScale | None
+) -> Repaired:
+    """Radii [H, W] px with their edges moved by all coarse displacements."""
+    fields = [_field_at(each, signed_radius, 0) for each in found]
+    around = sum((FARTHEST << each.level) + AROUND_EDGE for each in found)
+    repair_window = partial(moved_coarsely, step=step, scale=scale)
+    return Repaired(signed_radius, repair_window, around, *fields)
+
+
+def _levels_of(
+    signed_radius: Pixels, pixels: Pixels, levels: int
+) -> list[tuple[int, tuple[Tensor, Tensor]]]:
+    """Radii [h, w] px and colours [C, h, w] of each level of reduced resolution from 1 on."""
+    found, radii, colors = [], signed_radius, pixels
+    for level in range(1, levels + 1):
+        both = [halved_rows(radii, colors, rows) for rows in bands(radii)]
+        radii, colors = (torch.cat(part, -2) for part in zip(*both, strict=True))
+        found.append((level, (radii, colors)))
+    return found
+
+
+def halved_rows(
+    signed_radius: Pixels, pixels: Pixels, rows: tuple[int, int]
 ) -> tuple[Tensor, Tensor]:
-    """Radii [H, W] px with edges [H, W] shifted once, and the numbers of pixels shifted far."""
-    radii = signed_radius.detach()
-    at, (H, W) = positions_of(edges), radii.shape
-    if not len(at):
-        return signed_radius, at[:, 0]
-    silhouette = silhouette_at(at, radii)
-    found = _evidence(silhouette, radii, pixels.detach(), rims=rims)
-    shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(rarity))
+    """Radii and mean colours of the coarse pixels whose first rows are among some rows.
+
+    Of an even length two pixels make one, of an odd one every second does with its neighbours:
+    mirrored, it is the same. The radius is one of those there, neither the least nor the greatest.
+    """
+    H, W = signed_radius.shape
+    first = max(rows[0] - 1, 0)
+    window = slice(first, rows[1] + 1)
+    radii, colors = signed_radius[window].detach(), pixels[..., window, :].detach()
+    own = []
+    for dim, length in ((-2, H), (-1, W)):
+        start = length // 2 % 2 if length % 2 else 0
+        index = torch.arange(start, length - 1 + length % 2, 2, device=radii.device)
+        if dim == -2:
+            index = index[(index >= rows[0]) & (index < rows[1])]
+        top, end = (first, radii.shape[-2] - 1) if dim == -2 else (0, length - 1)
+        before, after = (index - 1, index + 1) if length % 2 else (index, index + 1)
+        places = [(i - top).clamp(0, end) for i in (before, index, after)]
+        left, middle, right = (colors.index_select(dim, place) for place in places)
+        colors = (left + 2 * middle + right) / 4 if length % 2 else (left + right) / 2
+        own.append((places[1], places[1] if length % 2 else places[2]))
+    four = [radii[y][:, x] for y in own[0] for x in own[1]]
+    return torch.stack(four, -1).sort(-1).values[..., 1].contiguous(), colors
+
+
+def _field_of(silhouette: Silhouette, shift: Tensor, radii: Tensor) -> Tensor:
+    """Displacements [n] of a silhouette as a field [h, w] px around it: means of 5×5 px."""
+    both = shift.new_zeros(2, radii.numel(), dtype=torch.float32)
+    number = silhouette.at[:, 0] * radii.shape[1] + silhouette.at[:, 1]
+    both[:, number] = torch.stack([shift, torch.ones_like(shift)]).float()
+    total, count = avg_pool2d(both.view(2, 1, *radii.shape), 5, 1, 2)[:, 0]
+    return torch.where(count > 0, total / count.clamp(min=1e-3), 0.0)
+
+
+def _field_at(found: CoarseShifts, like: Pixels, level: int) -> Mapped:
+    """A field of displacements [H, W] px at the resolution of a finer level."""
+    size, times = like.shape[-2:], 1 << (found.level - level)
+
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        return linear(found.field, rows, columns, size) * times
+
+    return Mapped(read, size, found.field)
+
+
+def _silhouette_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Silhouette | None:
+    """The silhouette in radii [H, W] px; None without edges."""
+    at = positions_of(edges_of(radii, step, scale))
+    return silhouette_at(at, radii) if len(at) else None
+
+
+def _moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tensor:
+    """Radii [H, W] px with a silhouette moved by px [n]."""
+    radii, at = signed_radius.detach(), silhouette.at
+    H, W = radii.shape
+    if not float(shift.abs().amax()) > _HALF:
+        return signed_radius
     flat, taken = radii.flatten(), signed_radius.flatten()
     near, far = at[:, 0] * W + at[:, 1], silhouette.far
     order = torch.arange(len(at), device=at.device)
     for key in (flat[far], flat[near], shift, shift.abs()):  # decides where two are as close
         order = order[key[order].argsort(stable=True)]
     at, near, far, shift = at[order], near[order], far[order], shift[order]
-    if not float(shift.abs().amax()) > _HALF:
-        return signed_radius, at[:0, 0]
     index, owner, distance = _owners(at, shift, (H, W))
     own = flat[index]
     is_near = own < halfway(flat[near][owner], flat[far][owner])
@@ -318,7 +441,7 @@ def _shifted(
     source = torch.where(wants_near, near[owner], far[owner])
     moves = (wants_near != is_near) & (distance <= shift[owner].abs() + 1 + _HALF)
     shifted = taken.index_copy(0, index, taken[torch.where(moves, source, index)])
-    return shifted.reshape(H, W), near[shift.abs() > _FAR]
+    return shifted.reshape(H, W)
 
 
 def _evidence(
@@ -402,10 +525,14 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
     number = at[:, 0] * W + at[:, 1]
     owner = torch.full((H * W,), n, device=at.device)
     owner[number] = torch.arange(n, device=at.device)
-    band = torch.zeros(H * W, dtype=torch.bool, device=at.device)
-    band[number[shift.abs() > _HALF]] = True
-    reach = math.ceil(float(shift.abs().amax())) + 1
-    index = flat_nonzero(extreme_around(band.view(H, W), reach, torch.maximum))
+    band = torch.zeros(H, W, dtype=torch.bool, device=at.device)
+    steps = [1 << k for k in range(int(shift.abs().amax()).bit_length() + 1)]
+    for reach in steps:  # each part by its own displacement
+        part = torch.zeros_like(band)
+        by = shift.abs()
+        part.view(-1)[number[(by > (reach // 2 or _HALF)) & (by <= reach)]] = True
+        band |= extreme_around(part, reach + 1, torch.maximum)
+    index = flat_nonzero(band)
     row = index.div(W, rounding_mode="floor")
     column = index - row * W
     positions = torch.cat([at, at.new_full((1, 2), 4 * (H + W))])  # of no pixel: far away
@@ -414,7 +541,7 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
         y, x = positions.index_select(0, positions_of_owner).unbind(1)
         return (y - row).square() + (x - column).square()
 
-    for step in (8, 4, 2, 1, 1):
+    for step in (*reversed(steps), 1):
         closest = owner.index_select(0, index)
         minimum = squared_distance(closest)
         for y, x in ((y, x) for y in (-step, 0, step) for x in (-step, 0, step)):

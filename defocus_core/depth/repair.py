@@ -15,8 +15,11 @@ from defocus_core.depth.diagnosis import DepthRepair, diagnosed, diagnosed_each
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
 from defocus_core.depth.edge_shifts import (
     EdgeShifts,
+    coarse_shifts,
+    least_step,
     measured_shifts,
     measured_shifts_of_each,
+    with_coarse_shifts,
     with_shifted_edges,
 )
 from defocus_core.depth.matting import EDGE, SUBJECT
@@ -52,6 +55,7 @@ def repair_depth(
     decided: DepthRepair | None = None,
     hold: bool = False,
     matte: Pixels | None = None,
+    reach: float = 0.0,
 ) -> tuple[Pixels, DepthRepair]:
     """The signed radii by which `render` renders a picture, and the repair that made them.
 
@@ -68,6 +72,8 @@ def repair_depth(
         hold: Whether there is room for the repaired radii if the given ones are no tensor; without
             room those of a large picture are computed anew for each window.
         matte: As for `render`.
+        reach: Px by which edges may be displaced at least; in any case a hundredth of the longer
+            side of the picture.
 
     Returns:
         [H, W] px, the given radii themselves if they need no repair; and the repair.
@@ -89,19 +95,49 @@ def repair_depth(
         for steep, width in _ramps(repair, edge_width):
             repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=scale)
             radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
-        shifts = repair.edge_shifts
         if matte is not None:
             radii = hold_all(Repaired(radii, with_matte, _AROUND_MATTE, matte), radii, matte)
-            shifts = None
-        elif decided is None:
-            shifts = measured_shifts(radii, image, threads, soft=repair.soft_edges, scale=scale)
-        if shifts is not None:
+        else:
+            radii, shifts = _with_edges_of_colors(
+                radii, image, repair, threads, hold_all, decided, reach
+            )
             repair = repair._replace(edge_shifts=shifts)
-            repair_window = partial(with_shifted_edges, shifts=shifts, scale=scale)
-            radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, image), radii, image)
         if repair.quantised:
             radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
         return radii, repair._replace(fraction=fraction_changed(signed_radius, radii))
+
+
+def _with_edges_of_colors(
+    radii: Pixels,
+    image: Pixels,
+    repair: DepthRepair,
+    threads: int,
+    hold_all: Callable[..., Pixels],
+    decided: DepthRepair | None,
+    reach: float,
+) -> tuple[Pixels, EdgeShifts | None]:
+    """Radii [H, W] px with edges moved to those of the colours, coarse to fine; and how far."""
+    scale, soft = repair.ramps_of, repair.soft_edges
+    shifts = repair.edge_shifts
+    measure = partial(measured_shifts, pixels=image, threads=threads, soft=soft, scale=scale)
+    if decided is None and soft is None:
+        shifts = measure(radii)
+    if shifts is None and (decided is not None or soft is None):
+        return radii, None
+    step = least_step(radii, soft) if shifts is None else shifts.step
+    found = coarse_shifts(radii, image, step=step, scale=scale, reach=reach)
+    if found:
+        radii = hold_all(with_coarse_shifts(radii, found, step, scale), radii)
+    if decided is None and soft is not None:
+        shifts = measure(radii)
+    if shifts is None:
+        return radii, None
+    repair_window = partial(with_shifted_edges, shifts=shifts, scale=scale)
+    radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, image), radii, image)
+    if decided is None:
+        median = shifts.median + sum(each.median for each in found)
+        shifts = shifts._replace(median=median)
+    return radii, shifts
 
 
 def check_repair(depth_repair: str, edge_width: float | None) -> None:
@@ -225,6 +261,9 @@ def _muted(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bo
 
 # Half width in px of the square in which the silhouette, and the radii of its sides, are found.
 _AROUND_MATTE = 8
+# Px by which a subject may be farther than the rest and is taken as nearer: on a slope both are as
+# near, and rounding would decide.
+_NEARER = 0.0313
 
 
 class _Range(NamedTuple):
@@ -248,7 +287,8 @@ def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
         _Range(*(torch.where(subject, a, b) for a, b in zip(one, two, strict=True)))
         for one, two in ((of_subject, of_rest), (of_rest, of_subject))
     )
-    is_near = own.mean < other.mean
+    subject_is_near = of_subject.mean < of_rest.mean + _NEARER
+    is_near = subject == subject_is_near
     radius = torch.where(is_near, own.nearest, own.farthest)
     apart = radius - torch.where(is_near, other.farthest, other.nearest)
     return torch.where(own.known & other.known & (apart.abs() > EDGE), radius, signed_radius)

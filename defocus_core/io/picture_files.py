@@ -198,7 +198,7 @@ def write_map(path: str | PathLike[str], plane: ArrayLike, *, channel: str = "Z"
     Args:
         path: An EXR or TIFF file; its folder is made, and a file that is there replaced.
         plane: [H, W].
-        channel: Name of the channel in an EXR; Z is depth.
+        channel: Name of the channel; Z is depth.
 
     Raises:
         InputError: The file cannot be written.
@@ -212,7 +212,7 @@ def write_map(path: str | PathLike[str], plane: ArrayLike, *, channel: str = "Z"
     if suffix == ".exr":
         write_exr(Path(path), {channel: values}, {})
     elif suffix in (".tif", ".tiff"):
-        encode.write_map(Path(path), values)
+        encode.write_map(Path(path), values, channel)
     else:
         problem = "has a suffix of no format of maps"
         raise UsageProblem("wrong-type", problem, "use .exr or .tif", path=Path(path))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import io
 import itertools
+import math
 import os
 import re
 import sys
@@ -278,11 +279,22 @@ def is_at(path: Path, number: int) -> bool:
     return False
 
 
+def size_limit() -> float:
+    """The most bytes that this process may write to a file, as ``ulimit -f`` sets it."""
+    try:
+        import resource
+    except ImportError:
+        return math.inf
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
+    return math.inf if limit == resource.RLIM_INFINITY else limit
+
+
 def unwritable(path: Path, error: OSError) -> InputError:
     """The InputError for an output that the system refused."""
     remedies = {
         errno.ENOSPC: "free some space or name another output directory",
         errno.EDQUOT: "free some space or name another output directory",
+        errno.EFBIG: "allow larger files, as 'ulimit -f unlimited' does",
         errno.EISDIR: "it is a directory; name another output",
         errno.ELOOP: "put a directory or a file there, or name another output directory",
     }

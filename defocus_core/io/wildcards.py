@@ -77,9 +77,10 @@ def _entries(folder: Path, part: str, *, last: bool) -> Iterator[tuple[Path, lis
 
     Of a file's suffix, nothing is kept.
     """
+    if os.path.lexists(folder / part):  # a name with brackets is one, if it is there
+        yield folder / part, [], (folder / part).is_dir()
+        return
     if not has_wildcard(part):
-        if os.path.lexists(folder / part):
-            yield folder / part, [], (folder / part).is_dir()
         return
     expression = re.compile(_reversed_expression(part), re.DOTALL)
     with os.scandir(folder) as listed:

@@ -68,9 +68,12 @@ class Apertures(_OfEach, Aperture):
         """The share of each pupil that lies in a part."""
         return _by_picture([one.fraction(part) for one in self.each])
 
-    def centroid(self, part: Part) -> tuple[Scalar, Scalar]:
+    def centroid(
+        self, part: Part, *, nearer: bool = False, view: View | None = None
+    ) -> tuple[Scalar, Scalar]:
         """The mean lens point of a part of each."""
-        return _pairs([one.centroid(part) for one in self.each])
+        each = self.seeing(view)
+        return _pairs([one.centroid(part, nearer=nearer, view=seen) for one, seen in each])
 
     def first_moments(self, radius: float, part: Part) -> tuple[Scalar, Scalar]:
         """Mean place of the kernel of a part of each, in px."""

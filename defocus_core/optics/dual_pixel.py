@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
-from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.aperture import Aperture, View
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.optics.sensitivity import Sensitivity, SensitivityField
 from defocus_core.tensors.device_plan import beside
@@ -90,7 +91,14 @@ class DualPixel:
         own = DUAL_PIXEL_SENSORS[self.model][1] if self.model in DUAL_PIXEL_SENSORS else 0.0
         return (1 - 2 * self.crosstalk) * (1 - 2 * (0.0 if self.measured else own))
 
-    def disparity(self, aperture: Aperture) -> float:
-        """Px between the centroids of left and right for a CoC radius of a px, signed alike."""
-        left, right = (aperture.fixed.centroid(part)[0] for part in self.halves)
-        return float(right - left) * float(self.apart)
+    def disparity(
+        self, aperture: Aperture, *, nearer: bool = False, view: View | None = None
+    ) -> Any:
+        """Px along x between the centroids of left and right for a CoC radius of a px.
+
+        It has the sign of the radius. A number, or [n] for the n points of a view; `nearer`: for
+        points nearer than focus, which spherical aberration shows otherwise.
+        """
+        pupil = aperture.fixed
+        left, right = (pupil.centroid(part, nearer=nearer, view=view)[0] for part in self.halves)
+        return (right - left) * float(self.apart)

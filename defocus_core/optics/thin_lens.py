@@ -131,6 +131,15 @@ class ThinLens:
         self.device = device_named(device)
         return self
 
+    def astype(self, dtype: torch.dtype) -> Self:
+        """Compute results for plain numbers in another floating-point type; as `to`, this lens.
+
+        Raises:
+            ValueError: If it is not floating point.
+        """
+        self.dtype = floating(dtype)
+        return self
+
     def set_sensor(self, sensor_size: tuple[float, float], sensor_res: tuple[int, int]) -> None:
         """Put another sensor behind the lens.
 
@@ -172,6 +181,11 @@ class ThinLens:
             ValueError: As `set_sensor`, if they make no sense any more.
         """
         return _pitch(self.sensor_size, self.sensor_res)
+
+    @property
+    def r_sensor(self) -> float:
+        """Half of the sensor's diagonal in mm."""
+        return math.hypot(*self.sensor_size) / 2
 
     @property
     def hfov(self) -> Scalar:

@@ -16,28 +16,42 @@ from defocus_core.errors import InputError, Rejected, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import MM_PER_M, signed_radius
+from defocus_core.picture.take import Take
 from defocus_core.request.lens import Lens
-from defocus_core.request.lens_from_options import refuse_near_focus
-from defocus_core.request.lens_plan import drawn_lens
-from defocus_core.request.quantities import Percentile, length_text
+from defocus_core.request.quantities import Percentile, SideShare, length_text
+from defocus_core.request.resolver import drawn_lens, refuse_near_focus
 
 
 def with_focus(lens: Lens, depth: Depth) -> Lens:
     """The lens with its focus distance, drawn again if it does not suit the picture."""
     from defocus_core.optics.distributions import ATTEMPTS
 
+    refused = math.inf
     for attempt in range(ATTEMPTS):
         if attempt and lens.draw is not None:
-            draw = replace(lens.draw, attempt=attempt)
+            draw = replace(lens.draw, attempt=attempt, refused_px=refused)
             lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
         try:
-            return _within_max_coc(_focus(lens, depth), depth)
+            focused = _focus(in_pixels(lens, depth), depth)
+            radius = _largest_radius(focused, depth)
+            if lens.max_coc is None or radius <= lens.max_coc:
+                return focused
+            refused = min(refused, radius)
+            problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
+            raise Rejected("coc-too-large", problem, "allow a larger max-coc", path=depth.path)
         except Rejected as error:
             if lens.draw is None:
                 raise
             rejected = error
     problem = f"{rejected.problem}, with the last of {ATTEMPTS} lenses drawn for it"
     raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.place)
+
+
+def in_pixels(lens: Lens, depth: Depth) -> Lens:
+    """The lens with its blur in px, if that is a share of the longer side of the picture."""
+    if not isinstance(lens.blur, SideShare):
+        return lens
+    return replace(lens, blur=lens.blur.percent / 100 * max(depth.size))
 
 
 def _focus(lens: Lens, depth: Depth) -> Lens:
@@ -120,19 +134,23 @@ def _at_percentile(lens: Lens, depth: Depth) -> float:
     return foc_dist
 
 
-def _within_max_coc(lens: Lens, depth: Depth) -> Lens:
-    """The lens, unless its blur exceeds ``max_coc`` in this picture."""
-    if lens.max_coc is None:
-        return lens
+def _largest_radius(lens: Lens, depth: Depth) -> float:
+    """The largest CoC radius in px of a picture; 0 of one that shows nothing."""
     if depth.ends is None:
-        return lens
+        return 0.0
     limits = np.array(depth.ends)
-    if lens.blur is not None:
+    if isinstance(lens.blur, float):
         limits = np.array([lens.blur])
     elif not depth.is_radius:
         limits = signed_radius(lens, limits, depth.size)
-    radius = float(np.abs(limits).max())
-    if radius > lens.max_coc:
-        problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
-        raise Rejected("coc-too-large", problem, "allow a larger max-coc", path=depth.path)
-    return lens
+    return float(np.abs(limits).max())
+
+
+def find_focus(take: Take) -> Take:
+    """The take with the focus of its lens."""
+    inputs, found = take.inputs, take.lens
+    if found is take.job.lens:
+        found = with_focus(found, inputs.depth)
+    below = () if inputs.plate is None else (inputs.plate.depth,)
+    of_layers = () if inputs.layers is None else inputs.layers.depths
+    return replace(take, lens=with_blur_reach(found, (inputs.depth, *below, *of_layers)))

@@ -2,30 +2,41 @@
 
 from __future__ import annotations
 
+import math
+import os
+import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from defocus_core.errors import DefocusError
-from defocus_core.io.arrays import scratch_folder
+from defocus_core.io.arrays import sample_plane, scratch_folder
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import base_mb, regions_at_once
 from defocus_core.picture.render import renderers
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.scene import passes_of, surfaces_of
+from defocus_core.picture.take import Take
 from defocus_core.request.job import Job
 from defocus_core.system.process import set_to_render
 from defocus_core.system.text import duration
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
+    from defocus_core.renderer.engine.renderer import Renderer
 
 # Most pictures of a batch to decode for a forecast; the others count as their average.
 MAX_READ = 16
 # Kind, height, width and largest CoC radius in px of a scene that needs every step of rendering.
 SCENE = ("thin", 540, 960, 16.0)
+_EXACT_PIXELS = 1 << 21  # of pictures whose pixels are looked at
+_OPENED_PIXELS = 1 << 24  # of pictures that are opened
+_LARGEST_MADE = 64  # px, radius of a made picture
+_MADE_MEAN = 0.54  # mean radius of a made picture, of its largest
 _REPEATS = 2  # the fastest counts: a machine is never faster than it is
 
 
@@ -71,51 +82,105 @@ def work_per_second(device: str, threads: int) -> float:
     return cost(renderer) / min(seconds[1:])
 
 
+@cache
+def _made_work(radius: int) -> float:
+    """Units of work for a px of a made picture whose largest radius is so many px."""
+    from defocus_core.evaluation.cost import cost
+
+    return cost(_made(radius, threads=1)) / (SCENE[1] * SCENE[2])
+
+
+@cache
+def _made(radius: int, threads: int) -> Renderer:
+    """The renderer of a made picture, whose size is that of `SCENE`."""
+    from defocus_core.evaluation.synthetic_scenes import scenery
+    from defocus_core.renderer.engine.renderer import Renderer
+    from defocus_core.renderer.engine.scene import Scene
+    from defocus_core.renderer.engine.settings import Settings
+
+    return Renderer(Scene(*scenery(*SCENE[:3], float(radius))[:2]), Settings(threads=threads))
+
+
+@cache
+def _durable_seconds() -> float:
+    """Seconds until a small file is on the disk of scratch files."""
+    seconds = []
+    for _ in range(_REPEATS + 1):
+        with tempfile.TemporaryFile(dir=scratch_folder()) as file:
+            start = time.perf_counter()
+            file.write(bytes(4096))
+            file.flush()
+            os.fsync(file.fileno())
+            seconds.append(time.perf_counter() - start)
+    return min(seconds)
+
+
 def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusError]]:
-    """Forecasts of jobs, or of `MAX_READ` spread evenly over more; their inputs are decoded."""
+    """Forecasts of jobs, or of a few spread evenly over more, whose inputs are opened."""
     plain_path.load()
     device = plain_path.choose_device(jobs[0].machine.device)
     rate = 0.0
     if any(job.outputs.need_rendering for job in jobs):
         rate = work_per_second(device, jobs[0].machine.threads)
     count = min(len(jobs), MAX_READ)
-    by_number, unusable = {}, []
+    by_number, unusable, looked_at = {}, [], 0
     for number in (k * (len(jobs) - 1) // max(count - 1, 1) for k in range(count)):
+        if looked_at > _OPENED_PIXELS:
+            break
         try:
-            by_number[number] = _forecast(jobs[number], device, rate)
+            found = _forecast(jobs[number], device, rate, left=_EXACT_PIXELS - looked_at)
+            looked_at += math.prod(found.size)
+            by_number[number] = found
         except DefocusError as error:
             unusable.append(error)
     return by_number, unusable
 
 
-def _forecast(job: Job, device: str, rate: float) -> Forecast:
-    """The forecast of a job; to write a file takes about as long as to read the inputs."""
-    from defocus_core.evaluation.cost import cost
+def _forecast(job: Job, device: str, rate: float, left: int) -> Forecast:
+    """The forecast of a job; to write a file takes about as long as to read the inputs.
 
+    `left`: pixels that may be looked at one by one; the work of a larger picture is that of a made
+    one for each of its pixels.
+    """
     start = time.perf_counter()
     inputs = plain_path.read(job)
+    files = len(job.names)
     write_seconds = len(job.outputs.kinds) * (time.perf_counter() - start)
+    write_seconds += (files + 1) * _durable_seconds()
     take, held = plain_path.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
-    render_seconds, maximum, renders = 0.0, 0.0, 0
-    if job.outputs.need_rendering:
-        passes = passes_of(take, surfaces_of(take).scene())
-        renders = len(passes)
-        for _, renderer in renderers(take, passes):
-            render_seconds += cost(renderer) / rate
-            maximum = max(maximum, regions_at_once(job, renderer, held, device)[1])
-        take = replace(take, repair=renderer.repair)
+    work, maximum, renders = 0.0, 0.0, 0
+    if job.outputs.need_rendering and math.prod(take.size) > left:
+        mean = float(np.nan_to_num(np.abs(sample_plane(take.shown))).mean())
+        radius = min(_LARGEST_MADE, max(1, round(mean / _MADE_MEAN)))
+        work, renders = math.prod(take.size) * _made_work(radius), 1
+        maximum = regions_at_once(job, _made(radius, 1), held, device)[1]
+    elif job.outputs.need_rendering:
+        take, work, maximum, renders = _exact(take, device)
     return Forecast(
         size=take.size,
         coc_px=take.limits,
         color_note=take.color_note,
         depth_note=take.depth_words(),
         repair=take.repair,
-        seconds=time.perf_counter() - start + render_seconds + write_seconds,
+        seconds=time.perf_counter() - start + (work and work / rate) + write_seconds,
         peak_mb=peak + maximum,
         scratch_mb=held.arrays_mb if held.scratch else 0.0,
         renderings=renders,
     )
+
+
+def _exact(take: Take, device: str) -> tuple[Take, float, float, int]:
+    """A take with its repair; its work, the memory of its regions in MB, and its renderings."""
+    from defocus_core.evaluation.cost import cost
+
+    passes = passes_of(take, surfaces_of(take).scene())
+    work, maximum = 0.0, 0.0
+    for _, renderer in renderers(take, passes):
+        work += cost(renderer)
+        memory_mb = regions_at_once(take.job, renderer, take.inputs.holding, device)[1]
+        maximum = max(maximum, memory_mb)
+    return replace(take, repair=renderer.repair), work, maximum, len(passes)
 
 
 def record(forecast: Forecast) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 from defocus_core.errors import InputError, TooLarge
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.header import is_exr, read_headers
-from defocus_core.io.images.describe import describe
+from defocus_core.io.images.describe import SAMPLE_BYTES, describe
 from defocus_core.io.safe_files import read_head
 from defocus_core.request.job import Job, Machine, Picture
 from defocus_core.system import memory
@@ -47,7 +47,6 @@ _STRIPS_MB = 168.0
 # Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
-_BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float16": 2, "uint": 4, "uint32": 4}
 
 
 @dataclass(frozen=True)
@@ -139,7 +138,7 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
         if not is_exr(read_head(path)):  # of several pages, one is read
             parts = (max(parts, key=lambda part: len(part.channels)),)
         kinds = [kind for part in parts for _, kind in part.channels]
-        native = sum(_BYTES.get(kind, _FLOAT) for kind in kinds)
+        native = sum(SAMPLE_BYTES.get(kind, 8) for kind in kinds)
         if any(part.deep for part in parts):
             # the picture in focus in floats; of each layer its channels, metres and radius; and
             # samples as they are held, their channels in floats, place and rank

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.safe_files import once, read_head
 from defocus_core.request.lens import Lens
-from defocus_core.request.output_kinds import DISPARITY_PER_RADIUS
 from defocus_core.system.text import times
 
 if TYPE_CHECKING:
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
 _MAX_SIDE = 4096  # px; sums of areas lose digits beyond
 _MAX_KERNELS = 1024  # of a field
 _MAX_RADIUS = 2000  # px of a drawn blur
+_TANGENT = math.hypot(36, 24) / 2 / 50  # of the field angle in the corner, beside a blur in px
 _SHOWN = 256  # px of a side of a square of the picture to look at
 
 
@@ -56,7 +56,9 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
         remedy = f"give a rim larger than {lens.obstruction:g}, or a smaller ‹obstruction›"
         raise UsageProblem("contradiction", problem, remedy, field="cat-eye")
     width, height = size
-    tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
+    tangent = _TANGENT
+    if not lens.is_shape:
+        tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
     try:
         return CatEye(rim, distance * tangent, lens.vignetting)
     except ValueError as error:
@@ -92,16 +94,6 @@ def dual_pixel_of(lens: Lens) -> DualPixel:
         remedy = "give kernels of one place, or leave out ‹cat-eye›"
         raise UsageProblem("contradiction", problem, remedy, field="dp-model")
     return sensor
-
-
-def disparity_of(lens: Lens) -> float:
-    """Px between left and right for a CoC radius of a px, signed alike.
-
-    Without effects it is that of half discs.
-    """
-    if not lens.effects:
-        return DISPARITY_PER_RADIUS
-    return dual_pixel_of(lens).disparity(aperture_of(lens))
 
 
 @once

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel, choose_depth_channel
 from defocus_core.io.exr.channel_choice import choose_color, require_part
@@ -18,57 +17,10 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.steps.table import through
-from defocus_core.request.job import Job, Picture, Reading
+from defocus_core.picture.steps.table import PAIR, WINDOW, through
+from defocus_core.picture.take import InputPair
+from defocus_core.request.job import Picture, Reading
 from defocus_core.system.text import note
-
-
-@dataclass(frozen=True)
-class InputPair:
-    """Colour and depth of a picture, and how they are read."""
-
-    picture: Picture
-    reading: Reading
-    keeping: Keeping = IN_MEMORY  # where the arrays are kept
-    # Focal length in widths of the sensor, where the depth needs it
-    lens_focal: float | None = None
-    # Whether all pixels beyond the picture shown are wanted, else those that blur reaches
-    whole: bool = False
-    limit: Overscan | None = None  # the most pixels beyond the picture shown; None for no limit
-    overscan: Overscan = NO_OVERSCAN  # the pixels beyond the picture shown that both have
-    planes: tuple[Color, Depth] | None = None  # colour and depth, once they are decoded
-
-    @classmethod
-    def of(cls, job: Job, keeping: Keeping) -> InputPair:
-        """The picture of a job."""
-        whole = job.outputs.keep_overscan
-        return cls(job.picture, job.reading, keeping, job.lens_focal, whole=whole)
-
-    @property
-    def has_overscan(self) -> bool:
-        """Whether the colour has pixels beyond the picture shown."""
-        return any(part.has_overscan for part in describe(self.picture.color).parts)
-
-    @property
-    def color(self) -> Color:
-        """The colour, decoded."""
-        assert self.planes is not None
-        return self.planes[0]
-
-    @property
-    def depth(self) -> Depth:
-        """The depth, decoded."""
-        assert self.planes is not None
-        return self.planes[1]
-
-    @property
-    def differs(self) -> bool:
-        """Whether colour and depth are of two sizes."""
-        return bool(self.color.shape[:2] != self.depth.metres.shape)
-
-    def with_depth(self, depth: Depth) -> InputPair:
-        """The pair with another depth."""
-        return replace(self, planes=(self.color, depth))
 
 
 def read(wanted: InputPair) -> tuple[Color, Depth]:
@@ -79,7 +31,7 @@ def read(wanted: InputPair) -> tuple[Color, Depth]:
         reading = replace(wanted.reading, resize_depth="guided")  # smaller in a photograph
         wanted = replace(wanted, reading=reading)
     require_view((picture.color, picture.depth), wanted.reading.view)
-    pair = through("pair", _decode(through("window", wanted)))
+    pair = through(PAIR, _decode(through(WINDOW, wanted)))
     require_valid(pair.depth)
     require_finite(pair.color)
     if pair.color.note.endswith(SHARP_INSIDE):
@@ -133,7 +85,8 @@ def _decode(wanted: InputPair) -> InputPair:
         raise InputError(
             "not-square", problem, "convert it to depth along the axis", path=picture.depth
         )
-    if shared and len(color.channels) == 1 and not color.extras and depth.channel:
+    lone = len(color.channels) == 1 and not color.extras and depth.channel != ""
+    if shared and (lone or depth.channel in color.channels):
         problem = f"has {depth.channel} alone, which is not both colour and depth"
         raise InputError(
             "no-depth", problem, "give the depth file as a second argument", path=picture.color
@@ -166,6 +119,17 @@ def overscan_of(wanted: InputPair) -> Overscan:
     except NoDepthChannel:  # a plate needs none; of others who reads it says it
         return overscan
     return overscan.within(depth.data.beyond(depth.display, whole=whole))
+
+
+def read_overscan(wanted: InputPair) -> InputPair:
+    """The picture with the pixels beyond the one shown that it is read with."""
+    overscan = overscan_of(wanted)
+    return replace(wanted, overscan=overscan.within(wanted.limit or overscan))
+
+
+def stretch_words(share: float) -> str:
+    """The same in words; empty of none."""
+    return f", stretched by {abs(share):.2%}" if share else ""
 
 
 def reframe(array: Any, held: Overscan, wanted: Overscan, nothing: float | None) -> Any:

@@ -10,12 +10,11 @@ from dataclasses import replace
 
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.picture.memory_budget import base_mb, capacity_mb, holding
-from defocus_core.picture.pair import InputPair
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.render import render
-from defocus_core.picture.steps.table import through
-from defocus_core.picture.take import Inputs, Take
+from defocus_core.picture.steps.table import BLUR, LENS, RADII, READ, through
+from defocus_core.picture.take import InputPair, Inputs, Take
 from defocus_core.picture.write import write
 from defocus_core.request.job import Job
 from defocus_core.system import memory
@@ -27,9 +26,6 @@ __all__ = ["choose_device", "compute", "load", "prepare", "read", "write"]
 
 def read(job: Job) -> Inputs:
     """Decode the picture of a job, and what lies behind or below it if that is wanted and there."""
-    if job.reading.blur_channels and job.outputs.format != "exr":
-        problem = f"has no effect in {job.outputs.format}, which holds the picture alone"
-        raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
     held, left = holding(job), capacity_mb(job.machine)
     if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
         problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
@@ -38,7 +34,7 @@ def read(job: Job) -> Inputs:
     color, depth = read_pair(InputPair.of(job, held.keeping))
     inputs = Inputs(held, color, depth, empty=depth.empty)
     inputs = replace(inputs, warnings=(*color.warnings, *depth.warnings))
-    return through("read", Take(job=job, inputs=inputs, lens=job.lens)).inputs
+    return through(READ, Take(job=job, inputs=inputs, lens=job.lens)).inputs
 
 
 def prepare(job: Job, inputs: Inputs) -> Take:
@@ -48,10 +44,10 @@ def prepare(job: Job, inputs: Inputs) -> Take:
         holds = "relative disparity" if depth.is_relative else "radii"
         problem = f"holds {holds}, of which no depth can be written"
         raise InputError("radii", problem, "leave depth out of the outputs", path=depth.path)
-    take = through("lens", Take(job=job, inputs=inputs, lens=job.lens))
+    take = through(LENS, Take(job=job, inputs=inputs, lens=job.lens))
     radii = radii_of(take.lens, depth, inputs.holding.keeping)
     take = through(
-        "radii",
+        RADII,
         replace(
             take,
             radii=radii,
@@ -66,7 +62,7 @@ def prepare(job: Job, inputs: Inputs) -> Take:
 def compute(job: Job, inputs: Inputs, progress: Callable[[int, int], None] | None = None) -> Take:
     """The images and maps that a job asks for."""
     take = prepare(job, inputs)
-    return render(through("blur", take), progress) if job.outputs.need_rendering else take
+    return render(through(BLUR, take), progress) if job.outputs.need_rendering else take
 
 
 def choose_device(name: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from defocus_core.tensors.source import Pixels
 
 MM_PER_M = 1000.0
+_NEAREST = 1e-12  # m; nothing is as near
 _MAX_PX = 1e6  # wider than any frame
 _FARTHEST_PX = 1e8  # what the renderer takes
 
@@ -78,7 +80,7 @@ def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
 def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     import torch
 
-    if lens.blur is not None:
+    if isinstance(lens.blur, float):
         return _relative(lens.blur, lens, depth, keeping)
     if depth.is_radius:
         limits = _limits_of_file(depth)
@@ -87,7 +89,7 @@ def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
     whole = keeping.new(depth.metres.shape, "float32")
     extremes = []
     for rows in bands(depth.metres.shape):
-        radius = _through(thin_lens, depth.metres[rows])
+        radius = _through(thin_lens, depth.metres[rows], depth.path)
         whole[rows] = radius
         if depth.empty is not None:
             radius = radius[~depth.empty[rows]]
@@ -122,9 +124,8 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
             low, high = lens.sharp_range
             radius[(disparity >= low) & (disparity <= high)] = 0.0
         whole[rows] = radius.float().numpy()
-    ends = depth.ends or (lens.focus_value, lens.focus_value)
-    limits = sorted(largest * (lens.focus_value - number) / reach for number in ends)
-    return Radii(_with_nothing(whole, limits[1], depth), (limits[0], limits[1]), None, 1.0)
+    limits = _limits_of(whole, depth)
+    return Radii(_with_nothing(whole, limits[1], depth), limits, None, 1.0)
 
 
 def _clamp(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
@@ -156,10 +157,16 @@ def signed_radius(
 
 
 def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
-    """Px by which the signed radii of red and of blue differ from those of green."""
+    """Px by which the signed radii of red and of blue differ from those of green.
+
+    Of a blur in px the shifts are shares of it.
+    """
     from defocus_core.optics.axial_color import color_offset
 
     assert lens.axial_color is not None
+    if isinstance(lens.blur, float):
+        red, blue = (-share * lens.blur for share in lens.axial_color)
+        return red, blue
     thin_lens = thin_lens_of(lens, size)
     red, blue = (float(color_offset(thin_lens, shift)) for shift in lens.axial_color)
     return red, blue
@@ -185,13 +192,18 @@ def thin_lens_of(lens: Lens, size: tuple[int, int]) -> ThinLens:
     return thin_lens
 
 
-def _through(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.float32]:
-    """The law in float64, rounded once."""
+def _through(
+    thin_lens: ThinLens, metres: NDArray[np.float32], path: Path | None = None
+) -> NDArray[np.float32]:
+    """The law in float64, rounded once; `path`: the file of the depth, if it is of one."""
     import torch
 
     depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
     radius: NDArray[np.float32] = thin_lens.signed_radius(depth_mm).float().numpy()
-    if not np.isfinite(radius).all():
+    if not (finite := np.isfinite(radius)).all():
+        if path is not None and (nearest := float(metres[~finite].min())) < _NEAREST:
+            problem = f"has a depth of {nearest:.3g} m, which is blurred beyond all numbers"
+            raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=path)
         problem = f"f/{float(thin_lens.fnum):g} blurs beyond all numbers in this picture"
         raise UsageProblem(
             "out-of-range", problem, "check the lens options and the depth's unit", field="fnumber"
@@ -217,11 +229,18 @@ def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
     return radius
 
 
+def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
+    """The least and greatest radius, in px, of what is there."""
+    ends: list[float] = []
+    for rows in bands(px.shape):
+        radius = px[rows] if depth.empty is None else px[rows][~depth.empty[rows]]
+        ends += [float(radius.min()), float(radius.max())] if radius.size else []
+    return min(ends, default=0.0), max(ends, default=0.0)
+
+
 def _limits_of_file(depth: Depth) -> tuple[float, float]:
     """The least and greatest radius of a file of radii, in px."""
-    of_bands = [depth.present(rows) for rows in bands(depth.metres.shape)]
-    minimum = min((float(radius.min()) for radius in of_bands if radius.size), default=0.0)
-    maximum = max((float(radius.max()) for radius in of_bands if radius.size), default=0.0)
+    minimum, maximum = _limits_of(depth.metres, depth)
     if max(-minimum, maximum) > _MAX_PX:
         problem = f"has a CoC radius of {max(-minimum, maximum):.2g} px"
         raise InputError("too-blurred", problem, "check ‹depth-format› coc", path=depth.path)

@@ -13,9 +13,9 @@ import numpy as np
 from defocus_core.errors import TooLarge
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.picture.memory_budget import image_type, regions_at_once
-from defocus_core.picture.scene import Pass, passes_of, surfaces_of
+from defocus_core.picture.scene import passes_of, surfaces_of
 from defocus_core.picture.sources import to_array
-from defocus_core.picture.take import Take
+from defocus_core.picture.take import Pass, Take
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
@@ -136,7 +136,7 @@ class _Images:
             if not kind.rendered:
                 continue
             count, dtype = (channels, image_type(job)) if kind.image else (1, "float32")
-            count *= len(kind.rendered_as)
+            count *= len(kind.rendered)
             self.planes[kind.name] = tuple(
                 keeping.new((height, width), dtype) for _ in range(count)
             )
@@ -153,7 +153,7 @@ class _Images:
         self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
         for kind, planes in self.planes.items():
             row = KINDS[kind]
-            views = [to_array(getattr(part, view)) for view in row.rendered_as]
+            views = [to_array(getattr(part, view)) for view in row.rendered]
             if row.image and len(of.channels) * len(views) < len(planes):
                 apart, some = len(planes) // len(views), of.channels
                 planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)

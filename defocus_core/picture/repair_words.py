@@ -72,11 +72,11 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
 
 def repair_attribute(repair: DepthRepair | None) -> str:
     """The record in one line, for an EXR header; empty if nothing was changed."""
-    record = repair_record(repair)
-    if record is None or not record["kinds"]:
+    values = repair_record(repair)
+    if values is None or not values["kinds"]:
         return ""
-    numbers = (f"{name}={value:g}" for name, value in record.items() if isinstance(value, float))
-    return " ".join((",".join(record["kinds"]), *numbers))
+    numbers = (f"{name}={value:g}" for name, value in values.items() if isinstance(value, float))
+    return " ".join((",".join(values["kinds"]), *numbers))
 
 
 def _round(value: float | None) -> float | None:

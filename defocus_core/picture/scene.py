@@ -2,102 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from defocus_core.io.arrays import times
-from defocus_core.io.images.color import Color
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
-from defocus_core.picture.radii import Radii
-from defocus_core.picture.sources import layer_windows, map_windows, windows
-from defocus_core.picture.steps.table import through
-from defocus_core.picture.take import Take
+from defocus_core.picture.radii import color_offsets, radii_of
+from defocus_core.picture.sources import map_windows, windows
+from defocus_core.picture.steps.table import PASSES, SCENE, through
+from defocus_core.picture.take import Pass, Surfaces, Take
 
 if TYPE_CHECKING:
-    from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
+    from defocus_core.renderer.engine.scene import Scene
     from defocus_core.renderer.engine.settings import Settings
-    from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
-    from defocus_core.tensors.source import Pixels
-
-
-@dataclass(frozen=True)
-class Surfaces:
-    """The surfaces of a scene: that of the picture, or one of each layer, nearest first."""
-
-    take: Take
-    # Of each surface that may be repaired the colour, whose edges are those of its depth
-    colors: tuple[Color, ...]
-    radii: tuple[Radii, ...]  # of each surface its radii, as the depth says
-    # Of each surface [C, H, W], linear, premultiplied: of a picture with its alpha
-    light: tuple[Pixels, ...]
-    px: tuple[Pixels, ...]  # of each surface the radii [H, W] that it is rendered by
-    coverage: Pixels | None = None  # [L, H, W] of layers; None of a picture
-    repair: DepthRepair | None = None  # of the depth; None where nothing was looked for
-    hidden: KnownLayer | None = None  # the known hidden layer
-    matte: Pixels | None = None  # [H, W], the coverage of the subject; None if it is not known
-    # Number of clipped lights that were made brighter; None if this is not asked for
-    lamps: int | None = None
-
-    @cached_property
-    def longer(self) -> float:
-        """The longer half axis of the blur in px, in radii of the CoC."""
-        return longer_axis(self.take)
-
-    @property
-    def is_repaired(self) -> bool:
-        """Whether its depth is to be repaired: that of deep pixels is what it is."""
-        return bool(self.colors) and self.take.job.reading.depth_repair != "off"
-
-    @property
-    def knows_hidden(self) -> bool:
-        """Whether files or other frames know what is hidden."""
-        return self.take.inputs.hidden is not None or self.take.seen is not None
-
-    @property
-    def holds(self) -> bool:
-        """Whether what is derived from the whole picture is kept."""
-        return self.coverage is None and self.take.has_room
-
-    def scene(self) -> Scene:
-        """The scene of them."""
-        from defocus_core.renderer.engine.scene import Scene
-        from defocus_core.renderer.layers.samples import Layered
-
-        if self.coverage is None:
-            return Scene(
-                self.light[0], self.px[0], self.hidden, repair=self.repair, matte=self.matte
-            )
-        stacked = layer_windows(self.light), layer_windows(self.px), self.coverage
-        return Scene.of_layered(Layered.of(*stacked), self.repair)
-
-
-class Pass(NamedTuple):
-    """A rendering of a scene, or of some of its colours."""
-
-    take: Take
-    scene: Scene
-    settings: Settings
-    channels: tuple[int, ...]  # of the planes of the picture
-    light: tuple[int, ...]  # the same of the scene, in its order
-    px: float = 0.0  # added to the radii
-    shared: SharedSurfaces | None = None  # the surfaces of all colours of the scene
-    order: tuple[int, ...] = ()  # of the rendered channels; empty: as they are
 
 
 def surfaces_of(take: Take) -> Surfaces:
     """The surfaces of a take, with all that happens to them."""
     color, device = take.inputs.color, take.device
-    px = map_windows(times(take.blur.px, longer_axis(take)), device)
+    px = map_windows(times(take.blur.px, take.longer_axis), device)
     light = windows(color.planes, device)
-    return through("scene", Surfaces(take, (color,), (take.blur,), (light,), (px,)))
+    return through(SCENE, Surfaces(take, (color,), (take.blur,), (light,), (px,)))
 
 
 def passes_of(take: Take, scene: Scene) -> tuple[Pass, ...]:
     """All that is rendered of a scene; what says most of the picture comes last."""
     channels = tuple(range(len(take.inputs.color.planes)))
-    return through("passes", (Pass(take, scene, settings_of(take), channels, channels),))
+    return through(PASSES, (Pass(take, scene, settings_of(take), channels, channels),))
 
 
 def settings_of(take: Take) -> Settings:
@@ -113,12 +44,132 @@ def settings_of(take: Take) -> Settings:
         left_right=any(kind.halves for kind in job.outputs.rows),
         threads=job.machine.threads,
         tile=job.machine.tile,
-        infinity=None if infinity is None else longer_axis(take) * infinity,
-        depth_repair=job.reading.depth_repair,
-        edge_width=job.reading.edge_width,
+        infinity=None if infinity is None else take.longer_axis * infinity,
     )
 
 
-def longer_axis(take: Take) -> float:
-    """The longer half axis of the blur in px, in radii of the CoC."""
-    return aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)[1]
+def stack_layers(surfaces: Surfaces) -> Surfaces:
+    """The surface of each layer."""
+    take = surfaces.take
+    layers, device, keeping = take.inputs.layers, take.device, take.inputs.holding.keeping
+    assert layers is not None
+    every = tuple(
+        take.radii if depth is take.inputs.depth else radii_of(take.lens, depth, keeping)
+        for depth in layers.depths
+    )
+    return replace(
+        surfaces,
+        colors=layers.pictures,
+        radii=every,
+        light=tuple(windows(light, device) for light in layers.light),
+        px=tuple(map_windows(times(each.px, surfaces.longer), device) for each in every),
+        coverage=windows(layers.alpha, device),
+    )
+
+
+def pass_coverage(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
+    """The passes, whose light has no alpha, or that of a holdout at its end."""
+    inputs = every[0].take.inputs
+    layers, alpha = inputs.layers, len(inputs.color.light)
+    assert layers is not None
+    held_out, last = layers.held_out, len(layers.light[0]) - 1
+
+    def of_layers(each: Pass) -> Pass:
+        light = [c - (c > alpha) for c in each.channels if c != alpha]
+        if held_out and alpha in each.channels:
+            light.append(last)
+        end = len(light) - held_out
+        order = (end if c == alpha else light.index(c - (c > alpha)) for c in each.channels)
+        return each._replace(light=tuple(light), order=tuple(order))
+
+    return tuple(map(of_layers, every))
+
+
+def repair_surfaces(surfaces: Surfaces) -> Surfaces:
+    """The surfaces with the radii by which they are rendered; the repair is that of the first."""
+    from defocus_core.depth.repair import repair_depth
+
+    take, longer = surfaces.take, surfaces.longer
+    decided, infinity = take.decided, take.blur.infinity
+    if decided is not None:
+        from defocus_core.sequences.shot_repair import repair_through
+
+        decided = repair_through(decided, longer, None if infinity is None else longer * infinity)
+    reading = take.job.reading
+    both = [
+        repair_depth(
+            px,
+            windows(color.planes, take.device),
+            None if radii.infinity is None else longer * radii.infinity,
+            take.job.machine.threads,
+            depth_repair=reading.depth_repair,
+            edge_width=reading.edge_width,
+            decided=decided,
+            hold=surfaces.holds,
+            matte=surfaces.matte,
+        )
+        for color, px, radii in zip(surfaces.colors, surfaces.px, surfaces.radii, strict=True)
+    ]
+    return replace(surfaces, px=tuple(px for px, _ in both), repair=both[0][1])
+
+
+def light_lamps(surfaces: Surfaces) -> Surfaces:
+    """The surfaces with the light of their lamps, as they are if one of them has light above 1.
+
+    What is in focus stays as it is.
+    """
+    from defocus_core.tensors.clipped_lights import ClippedLights
+
+    lens, colors = surfaces.take.lens, len(surfaces.take.inputs.color.light)
+    assert lens.highlights is not None
+    lamps = [
+        ClippedLights(light, *lens.highlights, colors=colors, signed_radius=radius)
+        for light, radius in zip(surfaces.light, surfaces.px, strict=True)
+    ]
+    if any(each.measured for each in lamps):
+        return replace(surfaces, lamps=0)
+    light, count = tuple(each.added for each in lamps), sum(each.count for each in lamps)
+    return replace(surfaces, light=light, lamps=count)
+
+
+def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
+    """Each group of colours; they share what is continued behind surfaces."""
+    from defocus_core.renderer.engine.renderer import shared_surfaces
+
+    (whole,) = every
+    take, infinity = whole.take, whole.settings.infinity
+    longer = take.longer_axis
+    apart = [
+        whole._replace(
+            settings=replace(
+                whole.settings, infinity=None if infinity is None else infinity + longer * px
+            ),
+            channels=channels,
+            light=channels,
+            px=longer * px,
+        )
+        for channels, px in _groups(take)
+    ]
+    if len(apart) > 1 and whole.scene.layered is None:
+        offsets = [each.px for each in apart]
+        settings = apart[0].settings
+        shared = shared_surfaces(whole.scene, settings, offsets, keep=take.has_room)
+        apart = [each._replace(shared=shared) for each in apart]
+    return tuple(apart)
+
+
+def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
+    """The channels that are rendered together: all, or red, blue, then all others.
+
+    Of each the px that its radii are apart from those of the lens.
+    """
+    lens, names = take.lens, take.inputs.color.channels
+    channels = tuple(range(len(take.inputs.color.planes)))
+    if "R" not in names:
+        return [(channels, 0.0)]
+    offsets = color_offsets(lens, take.size)
+    red, blue = names.index("R"), names.index("B")
+    others = tuple(c for c in channels if c not in (red, blue))
+    if offsets[0] == offsets[1]:
+        return [((red, blue), offsets[0]), (others, 0.0)]
+    return [((red,), offsets[0]), ((blue,), offsets[1]), (others, 0.0)]

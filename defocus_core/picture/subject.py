@@ -1,21 +1,23 @@
 """The subject of a picture: what is in focus, and how blurred the rest is, where nobody says it.
 
 A lone picture whose depth is relative needs no lens: its most blurred pixel gets `SHARE_OF_SIDE` of
-the longer side, and its subject is in focus. Where depth is in metres, a lens is asked for, in one
-error with a command that runs. Batches never guess.
+the longer side, and its subject is in focus, with all of its surface. Where depth is in metres, a
+lens is asked for, in one error with a command that runs. Batches never guess.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.reading import (
     DepthReading,
@@ -28,21 +30,22 @@ from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import is_heic, read_head
 from defocus_core.request.job import Picture, Reading, reading_through
 from defocus_core.request.lens import Lens
-from defocus_core.request.lens_from_options import (
-    lens_of,
-    missing_options,
-    missing_words,
-    read_lens_file,
-)
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS
-from defocus_core.request.shot_lenses import ShotLenses
+from defocus_core.request.picture_lenses import PictureLenses
+from defocus_core.request.quantities import Unitless
+from defocus_core.request.resolver import Given, Layer, missing_options, missing_words
 from defocus_core.system.text import command_line, note
 
 SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, of the longer side
 # A surface takes such a share of the middle half of the picture, and such a share of the disparity
 # there: of six such surfaces one takes a sixth, so that there always is one.
 _LEAST_SHARE, _THICKNESS = 0.08, 1 / 6
-_LOOKED_AT = 1 << 18  # pixels of the middle half
+_LOOKED_AT = 1 << 20  # pixels
+# Within such a share of the longer side a surface changes by such a share of all disparities at
+# most: a floor that goes through all of them in half of the picture by half of it, an edge by more.
+_NEAR_BY, _STEP = 0.01, 0.04
+_THICKEST = 0.15  # share of all numbers that the surface in focus takes at most
+_PLACES = 33  # of such a range about the number in focus that are tried
 _UNFOCUSED = ("focus-at", "focus-value", "sharp-range")
 _LENS = Lens(85.0, 1.4, None)  # @portrait-85
 
@@ -67,71 +70,152 @@ def subject_of(depth: Depth) -> FoundPixel:
     """The nearest surface that takes 8 % of the middle half of a picture.
 
     The middle half is that of the width and of the height. A surface is what lies within a sixth of
-    the disparities there; the pixel is one of its median disparity, next to its middle.
+    the disparities there; the pixel is one of its median disparity, next to its middle, and not on
+    the ramp of an edge.
     """
-    width, height = depth.size
-    rows, columns = (slice(length // 4, max(length - length // 4, 1)) for length in (height, width))
-    step = math.isqrt((width * height // 4) // _LOOKED_AT) + 1
-    numbers = np.asarray(depth.metres[rows][::step, columns][:, ::step], np.float64)
-    if depth.is_relative:
-        disparity = -numbers if depth.inverted else numbers
-    else:
-        with np.errstate(divide="ignore"):
-            disparity = np.where(numbers > 0, 1 / numbers, np.nan)
-    down, across = np.nonzero(np.isfinite(disparity))
-    if not len(down):
-        return FoundPixel(width // 2, height // 2, depth.size)
-    disparity = disparity[down, across]
-    nearest_first = -np.sort(-disparity)
+    every, step = _looked_at(depth)
+    middle = tuple(slice(n // 4, max(n - n // 4, 1)) for n in every.shape)
+    disparity, known = every[middle], np.isfinite(every)[middle]
+    ramp = on_ramp(every)[middle]
+    if not known.any():
+        return FoundPixel(depth.size[0] // 2, depth.size[1] // 2, depth.size)
+    nearest_first = -np.sort(-disparity[known])
     thickness = _THICKNESS * (nearest_first[0] - nearest_first[-1])
     ends = np.searchsorted(-nearest_first, thickness - nearest_first, side="right")
     first = int(np.argmax(ends - np.arange(len(ends)) >= _LEAST_SHARE * len(ends)))
     surface = nearest_first[first : ends[first]]
-    own = (disparity <= surface[0]) & (disparity >= surface[-1])
+    own = known & (disparity <= surface[0]) & (disparity >= surface[-1])
     off = np.where(own, np.abs(disparity - np.median(surface)), np.inf)
-    alike = np.nonzero(off == off.min())[0]
-    away = np.hypot(*(place[alike] - place[own].mean() for place in (down, across)))
-    best = alike[np.argmin(away)]
-    x, y = columns.start + int(across[best]) * step, rows.start + int(down[best]) * step
+    shown = own & ~ramp if (own & ~ramp).any() else own
+    alike = np.argwhere(off == off[shown].min())
+    best = alike[np.argmin(np.hypot(*(alike - np.argwhere(own).mean(axis=0)).T))]
+    y, x = (step * (cut.start + int(place)) for cut, place in zip(middle, best, strict=True))
     return FoundPixel(x, y, depth.size)
 
 
+def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:
+    """Disparities [h, w] of some pixels, greater is nearer, NaN if unknown; and their step."""
+    step = math.isqrt(math.prod(depth.metres.shape) // _LOOKED_AT) + 1
+    numbers = np.asarray(depth.metres[:][::step, ::step], np.float64)
+    if depth.is_relative:
+        return -numbers if depth.inverted else numbers, step
+    with np.errstate(divide="ignore"):
+        return np.where(numbers > 0, 1 / numbers, np.nan), step
+
+
+def on_ramp(disparity: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Where a disparity [H, W] is between those of two surfaces, as on the ramp of a soft edge."""
+    lowest, highest, step = _around(disparity)
+    return np.asarray(np.minimum(disparity - lowest, highest - disparity) > step / 2)
+
+
+def _around(disparity: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any], float]:
+    """The least and the greatest disparity around each pixel, and the most that a surface has."""
+    reach = max(1, round(_NEAR_BY * max(disparity.shape) / 2))
+    lowest, highest = (_extreme(disparity, reach, end) for end in (np.fmin, np.fmax))
+    return lowest, highest, _STEP * float(np.nanmax(highest) - np.nanmin(lowest))
+
+
+def _extreme(values: NDArray[Any], reach: int, end: np.ufunc) -> NDArray[Any]:
+    """The least or the greatest of the values [H, W] up to `reach` px around each."""
+    for axis in (0, 1):
+        pads = [(reach, reach) if axis == each else (0, 0) for each in (0, 1)]
+        padded = np.pad(values, pads, mode="edge")
+        values = end.reduce(sliding_window_view(padded, 2 * reach + 1, axis), axis=-1)
+    return values
+
+
+def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
+    """The numbers of the surface that a pixel of a relative depth shows; None if it has but one.
+
+    They are those of the pixels that hang together with it within 15 % of all numbers, where there
+    are most of them.
+    """
+    every, step = _looked_at(depth)
+    lowest, highest, limit = _around(every)
+    here = pixel.y // step, pixel.x // step
+    smooth = highest - lowest <= limit
+    alike = np.argwhere(smooth & (np.abs(every - every[here]) <= limit))
+    if not len(alike):
+        return None
+    place = tuple(alike[np.argmin(np.hypot(*(alike - here).T))])
+    thickness = _THICKEST * (every.max() - every.min())
+    within = (
+        smooth & (every >= low) & (every <= low + thickness)
+        for low in np.linspace(every[place] - thickness, every[place], _PLACES)
+    )
+    whole = max((_connected(mask, place) for mask in within), key=np.count_nonzero)
+    numbers = depth.metres[:][::step, ::step][whole]
+    low, high = float(numbers.min()), float(numbers.max())
+    return Unitless((low, high)) if low < high else None
+
+
+def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bool_]:
+    """The pixels of a mask that hang together with one of them."""
+    import torch
+
+    from defocus_core.tensors.clipped_lights import Runs
+
+    width = mask.shape[1]
+    runs = Runs.of(torch.from_numpy(mask), 0)
+    rows, columns = (torch.tensor([at]) for at in place)
+    blob = runs.blobs(width)
+    own = blob == blob[runs.holding(rows, columns, width)]
+    found = np.zeros(mask.shape, bool)
+    for row, first, end in zip(*(part[own].tolist() for part in runs), strict=True):
+        found[row, first:end] = True
+    return found
+
+
 def completed(
-    lenses: ShotLenses, pictures: Sequence[Picture], reading: Reading, typed: Sequence[str]
-) -> ShotLenses:
-    """The lenses with blur and focus of a lone picture of relative depth, which a note says."""
+    lenses: PictureLenses,
+    pictures: Sequence[Picture],
+    reading: Reading,
+    typed: Sequence[str],
+    *,
+    whole_subject: bool = True,
+) -> PictureLenses:
+    """The lenses with blur and focus of a lone picture of relative depth, which a note says.
+
+    `whole_subject`: whether all of its surface is sharp, where no lens file is given.
+    """
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.varies or lenses.radii:
         return lenses
     picture = pictures[0]
-    stored = {} if lenses.file is None else read_lens_file(lenses.file)
-    given = {**stored, **lenses.flags}
+    given = lenses.options
     if given.keys() <= BESIDE_BLUR and ("blur" in given or is_relative(picture.depth, reading)):
-        taken = _of_relative(picture, reading, given)
+        taken = _of_relative(
+            picture, reading, given, whole_subject=whole_subject and lenses.file is None
+        )
         if not taken:
             return lenses
-        words = " ".join(f"‹{name}› {LENS_OPTIONS[name].text(v)}" for name, v in taken.items())
+        words = " ".join(f"‹{name}› {each.text}" for name, each in taken.items())
         says_near = reading.invert is not None or own_format(picture.depth)
         near = "" if says_near else "; if black is near, add ‹invert›"
         note(f"defocus: {picture.depth}: relative depth, taken with {words}{near}")
-        return replace(lenses, flags={**lenses.flags, **taken})
+        return replace(lenses, own={**lenses.own, **taken})
     if lacking := missing_options(given):
         raise _incomplete(picture, reading, lacking, typed, has_file=lenses.file is not None)
     return lenses
 
 
-def _of_relative(picture: Picture, reading: Reading, given: Mapping[str, Any]) -> dict[str, Any]:
+def _of_relative(
+    picture: Picture, reading: Reading, given: Layer, *, whole_subject: bool
+) -> dict[str, Given]:
     """Blur and focus, as far as they are not given."""
     size = size_of(picture)
-    taken: dict[str, Any] = {}
+    taken: dict[str, str] = {}
     if "blur" not in given:
-        taken["blur"] = float(max(1, round(SHARE_OF_SIDE * max(size))))
+        taken["blur"] = f"{max(1, round(SHARE_OF_SIDE * max(size)))}px"
     if not given.keys() & set(_UNFOCUSED):
-        lens = lens_of({"blur": taken.get("blur", 1.0)})
-        depth = _depth_alone(picture, reading_through(reading, lens))
+        depth = _depth_alone(picture, reading_through(reading, replace(_LENS, blur=1.0)))
         if picture.color != picture.depth:
             require_size(picture.depth, reading, depth.metres.shape, size)
-        taken["focus-at"] = subject_of(depth).within(size)
-    return taken
+        subject = subject_of(depth)
+        taken["focus-at"] = "{},{}".format(*subject.within(size))
+        if whole_subject and (numbers := surface_of(depth, subject)):
+            taken["sharp-range"] = LENS_OPTIONS["sharp-range"].text(numbers)
+    return {name: Given(text, CALLER.at(name)) for name, text in taken.items()}
 
 
 def _incomplete(

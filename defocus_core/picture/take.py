@@ -1,27 +1,87 @@
-"""A take: a job on its way from its files to its outputs, and what is known of it so far."""
+"""What the stages of a picture hand on: a pair of inputs, a take, surfaces, passes, contents.
+
+A take is a job on its way from its files to its outputs, and what is known of it so far.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
+from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan
 from defocus_core.io.images.color import Color
+from defocus_core.io.images.describe import describe
 from defocus_core.picture.memory_budget import Holding, holds_cells, room_on
+from defocus_core.picture.opening import aperture_in_pixels
 from defocus_core.picture.radii import Radii
 from defocus_core.picture.repair_words import repair_words
+from defocus_core.picture.sources import layer_windows
 from defocus_core.request.job import Job, Picture, Reading
 from defocus_core.request.lens import Lens
+from defocus_core.request.output_kinds import Kind
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
     from defocus_core.picture.layers import Layers
-    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+    from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
+    from defocus_core.renderer.engine.settings import Settings
+    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, KnownLayer
+    from defocus_core.tensors.source import Pixels
 
 _UNKNOWN = Radii(None, (0.0, 0.0), None, 1.0)
+
+
+@dataclass(frozen=True)
+class InputPair:
+    """Colour and depth of a picture, and how they are read."""
+
+    picture: Picture
+    reading: Reading
+    keeping: Keeping = IN_MEMORY  # where the arrays are kept
+    # Focal length in widths of the sensor, where the depth needs it
+    lens_focal: float | None = None
+    # Whether all pixels beyond the picture shown are wanted, else those that blur reaches
+    whole: bool = False
+    limit: Overscan | None = None  # the most pixels beyond the picture shown; None for no limit
+    overscan: Overscan = NO_OVERSCAN  # the pixels beyond the picture shown that both have
+    planes: tuple[Color, Depth] | None = None  # colour and depth, once they are decoded
+
+    @classmethod
+    def of(cls, job: Job, keeping: Keeping) -> InputPair:
+        """The picture of a job."""
+        whole = job.outputs.keep_overscan
+        return cls(job.picture, job.reading, keeping, job.lens_focal, whole=whole)
+
+    @property
+    def has_overscan(self) -> bool:
+        """Whether the colour has pixels beyond the picture shown."""
+        return any(part.has_overscan for part in describe(self.picture.color).parts)
+
+    @property
+    def color(self) -> Color:
+        """The colour, decoded."""
+        assert self.planes is not None
+        return self.planes[0]
+
+    @property
+    def depth(self) -> Depth:
+        """The depth, decoded."""
+        assert self.planes is not None
+        return self.planes[1]
+
+    @property
+    def differs(self) -> bool:
+        """Whether colour and depth are of two sizes."""
+        return bool(self.color.shape[:2] != self.depth.metres.shape)
+
+    def with_depth(self, depth: Depth) -> InputPair:
+        """The pair with another depth."""
+        return replace(self, planes=(self.color, depth))
 
 
 @dataclass(frozen=True)
@@ -99,6 +159,11 @@ class Take:
         """Planar depth in metres [H, W]; None if the file holds radii."""
         return None if self.inputs.depth.is_radius else self.inputs.depth.metres
 
+    @cached_property
+    def longer_axis(self) -> float:
+        """The longer half axis of the blur in px, in radii of the CoC."""
+        return aperture_in_pixels(self.lens, self.inputs.color.pixel_aspect)[1]
+
     def reading(self, **changes: Any) -> Take:
         """The take with other inputs in some fields."""
         return replace(self, inputs=replace(self.inputs, **changes))
@@ -113,3 +178,84 @@ class Take:
         """How the depth was read and, for a rendered kind, repaired; maps show it unrepaired."""
         notes = (repair_words(self.repair), self.shot_note) if rendered else ()
         return "; ".join(filter(None, (self.inputs.depth.note, *notes)))
+
+
+@dataclass(frozen=True)
+class Surfaces:
+    """The surfaces of a scene: that of the picture, or one of each layer, nearest first."""
+
+    take: Take
+    # Of each surface that may be repaired the colour, whose edges are those of its depth
+    colors: tuple[Color, ...]
+    radii: tuple[Radii, ...]  # of each surface its radii, as the depth says
+    # Of each surface [C, H, W], linear, premultiplied: of a picture with its alpha
+    light: tuple[Pixels, ...]
+    px: tuple[Pixels, ...]  # of each surface the radii [H, W] that it is rendered by
+    coverage: Pixels | None = None  # [L, H, W] of layers; None of a picture
+    repair: DepthRepair | None = None  # of the depth; None where nothing was looked for
+    hidden: KnownLayer | None = None  # the known hidden layer
+    matte: Pixels | None = None  # [H, W], the coverage of the subject; None if it is not known
+    # Number of clipped lights that were made brighter; None if this is not asked for
+    lamps: int | None = None
+
+    @cached_property
+    def longer(self) -> float:
+        """The longer half axis of the blur in px, in radii of the CoC."""
+        return self.take.longer_axis
+
+    @property
+    def is_repaired(self) -> bool:
+        """Whether its depth is to be repaired: that of deep pixels is what it is."""
+        return bool(self.colors) and self.take.job.reading.depth_repair != "off"
+
+    @property
+    def knows_hidden(self) -> bool:
+        """Whether files or other frames know what is hidden."""
+        return self.take.inputs.hidden is not None or self.take.seen is not None
+
+    @property
+    def holds(self) -> bool:
+        """Whether what is derived from the whole picture is kept."""
+        return self.coverage is None and self.take.has_room
+
+    def scene(self) -> Scene:
+        """The scene of them."""
+        from defocus_core.depth.diagnosis import DepthRepair
+        from defocus_core.renderer.engine.scene import Scene
+        from defocus_core.renderer.layers.samples import Layered
+
+        repair = self.repair or DepthRepair()  # what a step has not repaired stays
+        if self.coverage is None:
+            light, px = self.light[0], self.px[0]
+            return Scene(light, px, self.hidden, repair=repair, matte=self.matte)
+        stacked = layer_windows(self.light), layer_windows(self.px), self.coverage
+        return Scene.of_layered(Layered.of(*stacked), repair)
+
+
+class Pass(NamedTuple):
+    """A rendering of a scene, or of some of its colours."""
+
+    take: Take
+    scene: Scene
+    settings: Settings
+    channels: tuple[int, ...]  # of the planes of the picture
+    light: tuple[int, ...]  # the same of the scene, in its order
+    px: float = 0.0  # added to the radii
+    shared: SharedSurfaces | None = None  # the surfaces of all colours of the scene
+    order: tuple[int, ...] = ()  # of the rendered channels; empty: as they are
+
+
+class Contents(NamedTuple):
+    """The contents of a file."""
+
+    take: Take  # what it is of
+    kind: Kind  # the kind of output
+    names: tuple[str, ...]  # of its channels of colour; the kind of a map
+    planes: tuple[Any, ...]  # arrays [H, W] of these channels
+    extras: Mapping[str, Any]
+    layout: Layout  # where the first pixel is, the display window, the views
+
+    def mapped(self, change: Callable[[Any], Any]) -> Contents:
+        """The contents with each array [H, W] changed."""
+        extras = {name: change(plane) for name, plane in self.extras.items()}
+        return self._replace(planes=tuple(map(change, self.planes)), extras=extras)

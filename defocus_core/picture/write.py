@@ -2,66 +2,59 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from hashlib import blake2b
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, with_dashes
-from defocus_core.io.arrays import LazyArray, computed, stacked
+from defocus_core.io.arrays import LazyArray, bands, computed, count_of, stacked
+from defocus_core.io.exr.channel_choice import in_words, is_depth
 from defocus_core.io.exr.header import codec_of
 from defocus_core.io.exr.views import name_in_view
-from defocus_core.io.exr.windows import Layout
-from defocus_core.io.exr.writing import as_half, write_exr, write_exr_image
+from defocus_core.io.exr.windows import Layout, Overscan, Window
+from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_exr_image
+from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
 from defocus_core.io.safe_files import written_together
-from defocus_core.picture.opening import disparity_of
+from defocus_core.picture.disparity import disparity_map
 from defocus_core.picture.repair_words import repair_attribute
-from defocus_core.picture.steps.table import through
-from defocus_core.picture.take import Take
+from defocus_core.picture.steps.table import WRITE, through
+from defocus_core.picture.take import Contents, Take
 from defocus_core.request.lens import Lens
-from defocus_core.request.output_kinds import Kind
+from defocus_core.request.output_kinds import KINDS, Kind
 from defocus_core.request.parameters import RECORDED
-from defocus_core.system.text import versions
+from defocus_core.system.text import counted, versions
 
-
-class Contents(NamedTuple):
-    """The contents of a file."""
-
-    take: Take  # what it is of
-    kind: Kind  # the kind of output
-    names: tuple[str, ...]  # of its channels of colour; the kind of a map
-    planes: tuple[Any, ...]  # arrays [H, W] of these channels
-    extras: Mapping[str, Any]
-    layout: Layout  # where the first pixel is, the display window, the views
-
-    def mapped(self, change: Callable[[Any], Any]) -> Contents:
-        """The contents with each array [H, W] changed."""
-        extras = {name: change(plane) for name, plane in self.extras.items()}
-        return self._replace(planes=tuple(map(change, self.planes)), extras=extras)
+_SEED_BYTES = 5  # of a seed of noise, of which rows of pictures make others
 
 
 def contents_of(take: Take, kind: Kind) -> Contents:
     """The contents of the file of a kind."""
     layout = Layout(take.inputs.color.corner, None, kind.views)
     make = _SOURCES.get(kind.source) or (_image if kind.image else _map)
-    return through("write", Contents(take, kind, *make(take, kind), layout))
+    return through(WRITE, Contents(take, kind, *make(take, kind), layout))
 
 
 _Channels = tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]  # names, planes, extras
 
 
 def _map(take: Take, kind: Kind) -> _Channels:
-    """A map: rendered, or computed from the signed radii [H, W], 0 where it is empty."""
-    if not kind.of_radius:
-        return (kind.name,), take.images[kind.name], {}
-    values, empty = partial(kind.of_radius, disparity=disparity_of(take.lens)), take.inputs.empty
-    if empty is None:
-        return (kind.name,), (computed(values, take.shown),), {}
-    return (kind.name,), (computed(lambda r, n: values(r) * ~n, take.shown, empty),), {}
+    """A map that was rendered."""
+    return (kind.name,), take.images[kind.name], {}
+
+
+def _of_radius(take: Take, kind: Kind) -> _Channels:
+    """A map of the signed radii [H, W], 0 where it is empty."""
+    values = disparity_map(take) if kind.source == "disparity" else take.shown
+    if (empty := take.inputs.empty) is not None:
+        values = computed(lambda v, n: v * ~n, values, empty)
+    return (kind.name,), (values,), {}
 
 
 def _image(take: Take, kind: Kind) -> _Channels:
@@ -71,8 +64,8 @@ def _image(take: Take, kind: Kind) -> _Channels:
     names: list[str] = []
     planes: list[Any] = []
     extras = dict(color.extras)
-    count = len(every) // len(kind.rendered_as)
-    for number, view in enumerate(kind.rendered_as):
+    count = len(every) // len(kind.rendered)
+    for number, view in enumerate(kind.rendered):
         own = every[number * count : (number + 1) * count]
         own_names = [
             name if number == 0 else name_in_view(name, view)
@@ -107,7 +100,13 @@ def _given_depth(take: Take, kind: Kind) -> _Channels:
     return ("Z",), (take.metres,), {}
 
 
-_SOURCES = {"focus": _focus, "color": _given_color, "depth": _given_depth}
+_SOURCES = {
+    "radius": _of_radius,
+    "disparity": _of_radius,
+    "focus": _focus,
+    "color": _given_color,
+    "depth": _given_depth,
+}
 
 
 def window_of(plane: Any, rows: slice, columns: slice) -> LazyArray:
@@ -119,6 +118,12 @@ def window_of(plane: Any, rows: slice, columns: slice) -> LazyArray:
         return plane[rows.start + first : rows.start + last][:, columns]
 
     return LazyArray(shape, plane.dtype, read)
+
+
+def changed_by(compression: str, channels: Mapping[str, Any]) -> list[str]:
+    """The names of channels that are to be exact, and that a codec would change."""
+    codec, _ = codec_of(compression)
+    return [name for name, plane in channels.items() if codec.changes(name, plane.dtype.name)]
 
 
 _OF_COLORS = {PRIMARIES, PROFILE}
@@ -133,13 +138,29 @@ def write(take: Take) -> Take:
     with written_together(outputs.root):
         warnings = [warning for kind in outputs.rows for warning in _write_kind(take, kind)]
     if outputs.format == "exr" and any(kind.image for kind in outputs.rows):
-        warnings += take.inputs.color.left_out
+        warnings += [*take.inputs.color.left_out, *_not_finite(take.inputs.color.extras)]
     return replace(take, warnings=(*take.warnings, *warnings))
+
+
+def _not_finite(carried: Mapping[str, Any]) -> Iterator[str]:
+    """What is said of channels that are copied and hold NaN or inf, which in depth is sky."""
+    for name, plane in carried.items():
+        if plane.dtype.kind == "f":
+            wrong = np.isnan if is_depth(name) else _is_not_finite
+            count, _ = count_of((wrong(plane[rows]), rows.start) for rows in bands(plane.shape))
+            if count:
+                what = "NaN" if is_depth(name) else "NaN or infinite"
+                yield f"{name}, which is copied, is {what} in {counted(count, 'pixel')}"
+
+
+def _is_not_finite(values: Any) -> Any:
+    return ~np.isfinite(values)
 
 
 def _write_kind(take: Take, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
     job, contents, warnings = take.job, contents_of(take, kind), []
+    channel = kind.channel or kind.name
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
     compression = job.outputs.compression
     if compression == "input":
@@ -150,10 +171,10 @@ def _write_kind(take: Take, kind: Kind) -> list[str]:
     elif job.outputs.map_format == "tiff":
         from defocus_core.io.images.encode import write_map
 
-        write_map(path, contents.planes[0])
+        write_map(path, contents.planes[0], channel)
     else:
-        channel, own = kind.channel or kind.name, _attributes(take, kind)
-        exact = "zip" if codec_of(compression)[0].lossy else compression
+        own = _attributes(take, kind)
+        exact = compression if not changed_by(compression, {channel: contents.planes[0]}) else "zip"
         write_exr(path, {channel: contents.planes[0]}, own, contents.layout, exact)
     if preview is not None:
         _write_preview(preview, contents)
@@ -170,7 +191,11 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
     carried = {name: value for name, value in every.items() if name not in left_out}
     attributes = carried | _attributes(take, kind)
     if path.suffix.lower() == ".exr":
-        return write_exr_image(
+        warnings = []
+        if changed := changed_by(compression, take.inputs.color.extras):
+            warnings = [f"written with zip: {compression} would change {in_words(changed)}"]
+            compression = "zip"
+        return warnings + write_exr_image(
             path,
             dict(zip(contents.names, contents.planes, strict=True)),
             outputs.exr_type,
@@ -198,12 +223,12 @@ def _write_preview(path: Path, contents: Contents) -> None:
     from defocus_core.picture import preview
 
     kind, planes = contents.kind, contents.planes
-    if kind.of_radius:
+    if kind.signed:
         preview.write_signed_preview(path, planes[0])
     elif kind.source == "depth":
         preview.write_depth_preview(path, planes[0])
     else:
-        pictures = _side_by_side(planes, len(kind.rendered_as))
+        pictures = _side_by_side(planes, max(1, len(kind.rendered)))
         preview.write_preview(path, pictures, contents.take.inputs.color.attributes)
 
 
@@ -233,7 +258,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
         "hidden": others.pop("hidden", ""),
         **others,
         "color_read_as": take.color_note,
-        "depth_read_as": take.depth_words(rendered=kind.rendered),
+        "depth_read_as": take.depth_words(rendered=bool(kind.rendered)),
         **_repair(take, kind),
         **_of_any_lens(lens),
         **{name: str(value) for name, value in lens.effects.items()},
@@ -267,3 +292,69 @@ def _of_any_lens(lens: Lens) -> dict[str, str]:
         for row, value in values.items()
         if not (row.is_optics and lens.is_shape)
     }
+
+
+def add_noise(contents: Contents) -> Contents:
+    """The rendered planes with the lens' noise; alpha has none."""
+    lens, job, kind = contents.take.lens, contents.take.job, contents.kind
+    assert lens.noise is not None
+    electrons, read = lens.noise
+    channels = contents.take.inputs.color.channels
+    planes = []
+    for number, plane in enumerate(contents.planes):
+        view, name = kind.rendered[number // len(channels)], channels[number % len(channels)]
+        light = electrons / 2 if KINDS[view].halves else electrons
+        words = f"{lens.noise_seed} {job.picture.stem}{job.suffix} {view} {name}"
+        planes.append(plane if name == "A" else _noisy(plane, light, read, words))
+    return contents._replace(planes=tuple(planes))
+
+
+def _noisy(plane: Any, electrons: float, read: float, words: str) -> LazyArray:
+    """An array [H, W] with noise."""
+    seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
+
+    def read_rows(rows: slice) -> NDArray[Any]:
+        import torch
+
+        from defocus_core.optics.sensor_noise import with_noise
+
+        values = np.asarray(plane[rows])
+        light = torch.from_numpy(values.astype("float32"))[None]
+        first = rows.indices(plane.shape[0])[0]
+        noise = with_noise(light, electrons=electrons, read=read, seed=seed, first_row=first)
+        noisy: NDArray[Any] = noise[0].numpy()
+        return clamped_half(noisy)[0] if values.dtype == np.float16 else noisy
+
+    return LazyArray(plane.shape, plane.dtype, read_rows)
+
+
+def cut_overscan(contents: Contents) -> Contents:
+    """The planes without overscan, or with the display window in it."""
+    color, outputs = contents.take.inputs.color, contents.take.job.outputs
+    if contents.kind.source == "focus":
+        return contents
+    if not outputs.keep_overscan:
+        return contents.mapped(partial(shown, color))
+    (x, y), (width, height), overscan = color.corner, color.size, color.overscan
+    display = Window(x, y, x + width - 1, y + height - 1)
+    corner = (x - overscan.left, y - overscan.top)
+    return contents._replace(layout=Layout(corner, display, contents.layout.views))
+
+
+def shown(color: Color, plane: Any) -> Any:
+    """An array [H, W] without the pixels beyond the picture shown."""
+    return window_of(plane, *color.overscan.shown(*color.shape[:2]))
+
+
+def cut_border(contents: Contents) -> Contents:
+    """The contents without the border that no light reaches."""
+    take, layout, data = contents.take, contents.layout, contents.take.inputs.color.data
+    assert data is not None
+    (height, width), (x, y) = contents.planes[0].shape, layout.corner
+    frame = Window(x, y, x + width - 1, y + height - 1)
+    drawn = data.grown(Overscan(*[take.reach] * 4)).within(frame)
+    if drawn == frame or drawn.width < 1 or drawn.height < 1:
+        return contents
+    rows, columns = frame.cut(drawn)
+    layout = layout._replace(corner=(drawn.x0, drawn.y0), display=layout.display or frame)
+    return contents.mapped(partial(window_of, rows=rows, columns=columns))._replace(layout=layout)

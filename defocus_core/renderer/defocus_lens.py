@@ -59,6 +59,7 @@ class DefocusLens(PsfLens):
             problem = f"aperture must be an Aperture, got {described(aperture)}"
             raise ValueError(f"{problem}; a picture of it is Aperture(image=…)")
         self.aperture = aperture
+        self._told_of_unit = False  # that its depths may be metres
         self.depth_unit = one_of("depth_unit", depth_unit, tuple(DEPTH_UNITS))
 
     def signed_radius(self, depth: Scalar) -> Tensor:
@@ -157,7 +158,8 @@ class DefocusLens(PsfLens):
             planes = -planes
         finite = planes.detach()[planes.isfinite()] * DEPTH_UNITS[self.depth_unit]
         shortest = min(torch.as_tensor(self.foclen, device="cpu").detach().flatten().tolist())
-        if len(finite) and float(finite.max()) <= shortest:
+        if len(finite) and float(finite.max()) <= shortest and not self._told_of_unit:
+            self._told_of_unit = True
             problem = f"depth of at most {float(finite.max()):g} mm is within the focal length"
             remedy = 'say DefocusLens(…, depth_unit="m") if these are metres'
             warnings.warn(f"{problem}; {remedy}", UserWarning, stacklevel=4)

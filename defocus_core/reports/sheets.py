@@ -10,21 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import UsageProblem
+from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
 from defocus_core.io.images.encode import write_samples
 from defocus_core.picture.opening import aperture_of, cat_eye_of
 from defocus_core.reports.html.thumbnails import resized
 from defocus_core.request.job import Job
-from defocus_core.request.lens_from_options import ShippedLens, make_lens
+from defocus_core.request.lens_files import ShippedLens, read_lens_file
+from defocus_core.request.resolver import Given, laid_over, lens_of
 from defocus_core.system.process import set_to_render
 
 NAME = "contact.png"
 _WIDTH = 320  # px of a picture
 _LENS_SIZE = (200, 300)  # height and width in px of a picture by a lens
 _LENS_RADIUS = 22.0  # px, its greatest CoC radius
-_LENS_FOCUS = 1e5  # mm, beyond every focal length; the radii are those of the lights
+_LENS_FOCUS = "100m"  # beyond every focal length; the radii are those of the lights
 _LENS_COLUMNS = 3
 # Px of a line of words, of its letters, and from the left and the lower border to them.
 _LABEL, _LENS_LABEL = (22, 14, 4, 6), (26, 16, 8, 8)
@@ -84,7 +85,8 @@ def _lights(shipped: ShippedLens) -> NDArray[Any]:
     from defocus_core.evaluation.synthetic_scenes import scenery
     from defocus_core.renderer.render import render
 
-    lens = make_lens({"focus": _LENS_FOCUS}, shipped.path)
+    focus = {"focus": Given(_LENS_FOCUS, CALLER)}
+    lens = lens_of(laid_over(read_lens_file(shipped.path), focus))
     image, radius = scenery("lights", *_LENS_SIZE, _LENS_RADIUS)[:2]
     cat_eye = cat_eye_of(lens, _LENS_SIZE[::-1])
     shown = render(image, radius, aperture=aperture_of(lens), cat_eye=cat_eye).render

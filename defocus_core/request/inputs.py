@@ -31,9 +31,9 @@ from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, re
 from defocus_core.io.below import open_plain
 from defocus_core.io.shots.frame_patterns import MISSING, frame_choice
 from defocus_core.request.job import OTHERS, Picture
-from defocus_core.request.lens_from_options import checked, refuse_contradiction
 from defocus_core.request.pairing import SCENE_SUFFIXES, find
 from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.resolver import Layer, layer_of
 from defocus_core.request.toml_file import Table, refuse_unknown
 from defocus_core.system.memory import without_collections
 
@@ -67,6 +67,9 @@ def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
             raise InputError(
                 "empty", "is empty", "begin it with a line like color,depth", path=file
             )
+        if len(keys) == 1 and ";" in keys[0]:
+            problem = "has semicolons between its cells"
+            raise InputError("malformed", problem, "write commas", path=file, field="line 1")
         if twice := [key for key, times in Counter(keys).items() if times > 1]:
             problem = f"names '{twice[0]}' twice"
             remedy = "remove one of the columns"
@@ -127,11 +130,11 @@ _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A picture, its place in a file for errors, and its own lens options as texts."""
+    """A picture, its place in a file for errors, and its own lens options."""
 
     picture: Picture
     where: Place
-    options: Mapping[str, str] = field(default_factory=dict)
+    options: Layer = field(default_factory=dict)
 
 
 def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> tuple[list[Entry], list[Entry]]:
@@ -233,9 +236,7 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
 def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
     if not row.keys() <= _KNOWN:
         refuse_unknown(row, (*LENS_OPTIONS, *ROW_KEYS), where, "a row")
-    options = {key: checked(key, row[key], where.at(key)) for key in row if key not in ROW_KEYS}
-    if options:
-        refuse_contradiction(options, where)
+    options = layer_of(row, LENS_OPTIONS, where.at)
     paths = {key: file.parent / _path(row[key], where, key) for key in FILES if key in row}
     if "color" not in paths:
         raise InputError("empty", "names no color", "give it the path of a colour file", path=where)

@@ -204,7 +204,7 @@ class Split(NamedTuple):
 NO_SPLIT = Split()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Job:
     """One picture to render."""
 
@@ -218,7 +218,14 @@ class Job:
     split: Split = NO_SPLIT
 
     def __post_init__(self) -> None:
-        """Read depth as the lens needs it."""
+        """Read depth as the lens needs it.
+
+        Raises:
+            UsageProblem: Channels of light are named that no output holds.
+        """
+        if self.reading.blur_channels and self.outputs.format != "exr":
+            problem = f"has no effect in {self.outputs.format}, which holds the picture alone"
+            raise UsageProblem("idle-option", problem, "use ‹format› exr", field="blur-channels")
         object.__setattr__(self, "reading", reading_through(self.reading, self.lens))
 
     @property

@@ -5,11 +5,11 @@ A TOML file with the tables
   [split]     shares of train, test, …, see `splits`
   [dataset]   title, licence, source and citation, see `batch.datasets.origin`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
-  [animate]   keys of lens options by frame, see `shot_lenses`; ``file``, files of
+  [animate]   keys of lens options by frame, see `animation`; ``file``, files of
               keys; ``interpolation``
   [shot]      steady, focus-smooth, motion: what frames have in common, see `shots`
-  [sweep]     lists, grids and ranges of lens options, see `lens_plan`
-  [sample]    random lenses, see `lens_plan`; ``max-coc``, like
+  [sweep]     lists, grids and ranges of lens options, see `sweeps`
+  [sample]    random lenses, see `sweeps`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
   [reading]   depth-format and the other options of reading, see `reading_options`
@@ -32,11 +32,18 @@ from typing import Any
 
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.errors import UsageProblem
+from defocus_core.request.animation import read_animation_table
 from defocus_core.request.inputs import Entry, read_inputs
-from defocus_core.request.job import Job, Machine, Outputs, Reading, refuse_idle_outputs
+from defocus_core.request.job import (
+    Job,
+    Machine,
+    Outputs,
+    Picture,
+    Reading,
+    refuse_idle_outputs,
+)
 from defocus_core.request.lens import Lens
-from defocus_core.request.lens_plan import KEYS as LENS_KEYS
-from defocus_core.request.lens_plan import LensPlan, lens_file_of, read_plan
+from defocus_core.request.lens_files import reading_in
 from defocus_core.request.origin import JobsSource, read_origin, source_of_tables
 from defocus_core.request.output_kinds import (
     COLOR_SPACES,
@@ -47,13 +54,10 @@ from defocus_core.request.output_kinds import (
     SUFFIXES,
     compression,
 )
-from defocus_core.request.reading_options import (
-    READING_OPTIONS,
-    lens_file_reading,
-    make_reading,
-    reading_values,
-)
-from defocus_core.request.shot_lenses import Animation, animated, read_animation_table
+from defocus_core.request.picture_lenses import KEYS as LENS_KEYS
+from defocus_core.request.picture_lenses import PictureLenses, lens_file_of, read_lenses
+from defocus_core.request.reading_options import READING_OPTIONS
+from defocus_core.request.resolver import layer_of, reading_of
 from defocus_core.request.shots import read_decisions, with_shot
 from defocus_core.request.splits import read_splits
 from defocus_core.request.toml_file import Table, parsed_toml, read_bytes, refuse_unknown, table
@@ -83,17 +87,16 @@ class Batch:
     tables: Mapping[str, Table]  # the tables by name
     entries: Sequence[Entry]
     shot: Sequence[Entry]  # all frames of a shot, whichever are wanted
-    plan: LensPlan  # the lenses of each
+    lenses: PictureLenses  # the lenses of each
     reading: Reading  # how to read the files
     outputs: Outputs
     machine: Machine  # how it is computed
-    animation: Animation  # the keys of frames
     source: JobsSource  # what of all this was made, to be kept
 
     @property
     def count(self) -> int:
         """How many jobs there are."""
-        return len(self.entries) * self.plan.count
+        return len(self.entries) * self.lenses.count
 
     def jobs(self) -> list[Job]:
         """The jobs; those of one picture follow one another."""
@@ -102,27 +105,22 @@ class Batch:
         jobs = [
             Job(entry.picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
             for entry, split in zip(self.entries, splits, strict=True)
-            for suffix, lens in self.plan.lenses(entry, range(self.plan.count))
+            for suffix, lens in self.lenses.lenses(
+                entry.picture, range(self.lenses.count), entry.options
+            )
         ]
-        by_frame = {each.picture.frame: each for each in self.shot}
-        suffixes = {suffix: number for number, suffix in enumerate(self.plan.suffixes)}
+        suffixes = {suffix: number for number, suffix in enumerate(self.lenses.suffixes)}
 
         @cache
-        def keyed(frame: int | None) -> Entry:
-            lens = self.tables["lens"]
-            one = [by_frame[frame]]
-            return animated(one, self.animation, self.plan, lens, self.reading)[0]
-
-        @cache
-        def lens_of(frame: int | None, suffix: str) -> Lens:
-            return next(self.plan.lenses(keyed(frame), [suffixes[suffix]]))[1]
+        def lens_of(picture: Picture, suffix: str) -> Lens:
+            return next(self.lenses.lenses(picture, [suffixes[suffix]]))[1]
 
         return with_shot(
             jobs,
             [each.picture for each in self.shot],
-            lambda picture, suffix: lens_of(picture.frame, suffix),
+            lens_of,
             read_decisions(self.tables["shot"]),
-            moving="focus-at" in self.animation.keys,
+            moving="focus-at" in self.lenses.animation.keys,
         )
 
 
@@ -161,14 +159,14 @@ def batch_of(
     named = {name: table(path, stored, name) for name in TABLES}
     read_origin(named["dataset"])
     reading = _reading(named["reading"], named["lens"], named["machine"])
-    plan = read_plan(named["lens"], named["sweep"], named["sample"], radii=reading.holds_radii)
+    animation = read_animation_table(named["animate"])
+    tables = (named["lens"], named["sweep"], named["sample"])
+    lenses = read_lenses(*tables, animation, reading)
     outputs = _outputs(named["outputs"], outputs)
     machine = _machine(named["machine"], machine)
-    animation = read_animation_table(named["animate"])
     entries, shot = read_inputs(named["inputs"], animation.frames)
-    entries = animated(entries, animation, plan, named["lens"], reading)
     source = source or source_of_tables(stored)
-    batch = Batch(path, named, entries, shot, plan, reading, outputs, machine, animation, source)
+    batch = Batch(path, named, entries, shot, lenses, reading, outputs, machine, source)
     if batch.count > MAX_JOBS:
         problem = f"asks for {batch.count} pictures"
         raise UsageProblem(
@@ -180,16 +178,15 @@ def batch_of(
 def _reading(section: Table, lens: Table, machine: Table) -> Reading:
     """The options of ``[reading]``, over those of the lens file."""
     section.refuse_unknown(tuple(READING_OPTIONS))
-    values = reading_values(section.values, section.place)
-    if "depth-repair" in machine.values:
-        if "depth-repair" in section.values:
-            problem = "stands in [reading], too"
-            raise UsageProblem(
-                "contradiction", problem, "keep one of them", path=machine.place("depth-repair")
-            )
-        repair = {"depth-repair": machine.values["depth-repair"]}
-        values |= reading_values(repair, machine.place)
-    return make_reading(values, lens_file_reading(lens_file_of(lens)), section.place())
+    repair = {n: value for n, value in machine.values.items() if n == "depth-repair"}
+    if repair and "depth-repair" in section.values:
+        problem, place = "stands in [reading], too", machine.place("depth-repair")
+        raise UsageProblem("contradiction", problem, "keep one of them", path=place)
+    return reading_of(
+        reading_in(lens_file_of(lens)),
+        layer_of(repair, READING_OPTIONS, machine.place),
+        layer_of(section.values, READING_OPTIONS, section.place),
+    )
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:

@@ -10,10 +10,10 @@ from typing import Any
 
 from defocus_core.errors import CALLER, Place
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
-from defocus_core.request.quantities import FileNumbers, Percentile, length_text
+from defocus_core.request.quantities import Percentile, SideShare, Unitless, length_text
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Draw:
     """Which of the random lenses of a picture and a lens of the sweep this is."""
 
@@ -22,9 +22,10 @@ class Draw:
     index: int  # number of the draw for these
     options: tuple[tuple[str, str], ...]  # all options of the lens as texts, drawn or not
     attempt: int = 0  # number of draws before this one that did not suit the picture
+    refused_px: float = math.inf  # least radius of those that blurred more than max-coc
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)  # a batch has a million
 class Lens:
     """A thin lens, lengths in mm.
 
@@ -44,7 +45,8 @@ class Lens:
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
     max_coc: float | None = None  # px, largest CoC radius that the picture may have
-    blur: float | None = None  # px, radius of the most blurred pixel, instead of optics
+    # Radius of the most blurred pixel in px, or a share of a picture, instead of optics
+    blur: float | SideShare | None = None
     focus_value: float | None = None  # number of the depth file in focus, with ``blur``
     blur_reach: float | None = None  # by how much numbers differ from it that get ``blur``
     clamp_blur: float | None = None  # px that no radius exceeds
@@ -70,7 +72,7 @@ class Lens:
     def __post_init__(self) -> None:
         """Beside a blur in pixels the sharp range is of numbers of the file."""
         if self.blur is not None and self.sharp_range is not None:
-            object.__setattr__(self, "sharp_range", FileNumbers(self.sharp_range))
+            object.__setattr__(self, "sharp_range", Unitless(self.sharp_range))
 
     @property
     def effects(self) -> dict[str, Any]:
@@ -94,8 +96,10 @@ class Lens:
         return math.isnan(self.foclen)
 
 
+# Values of its fields where nothing is said.
+DEFAULTS: Mapping[str, Any] = {field.name: field.default for field in fields(Lens)}
 # Fields of effects that most lenses have not got, and their values if they are off.
-EFFECTS = {field.name: field.default for field in fields(Lens) if field.name in EFFECT_OPTIONS}
+EFFECTS = {name: value for name, value in DEFAULTS.items() if name in EFFECT_OPTIONS}
 
 
 def lens_record(lens: Lens) -> dict[str, Any]:
@@ -103,20 +107,22 @@ def lens_record(lens: Lens) -> dict[str, Any]:
 
     Of a lens of which only the shape is known, the other numbers are None.
     """
-    record = {
+    values = {
         key: None if row.is_optics and lens.is_shape else row.recorded(getattr(lens, row.field))
         for key, row in RECORDED.items()
     }
-    record |= lens.effects
+    values |= lens.effects
     if lens.focus_at is not None:
-        record["focus_at_px"] = list(lens.focus_at)
+        values["focus_at_px"] = list(lens.focus_at)
     if lens.focus_percentile is not None:
-        record["focus_percentile"] = lens.focus_percentile
+        values["focus_percentile"] = lens.focus_percentile
     if lens.max_coc is not None:
-        record["max_coc_px"] = lens.max_coc
+        values["max_coc_px"] = lens.max_coc
     if (draw := lens.draw) is not None:
-        record["draw"] = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
-    return record
+        drawn = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
+        refused = draw.refused_px if math.isfinite(draw.refused_px) else None
+        values["draw"] = {**drawn, "refused_px": refused} if draw.attempt else drawn
+    return values
 
 
 def lens_words(lens: Lens) -> str:
@@ -133,7 +139,8 @@ def lens_record_words(lens: Mapping[str, Any]) -> str:
     if "blur" in lens:
         at = "{},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""
         where = f"at {at}" if at else f"on the number {lens.get('focus_value', 0):g}"
-        return f"blur of {lens['blur']:g}px, focus {where}{shape}"
+        blur = EFFECT_OPTIONS["blur"].shown(lens["blur"])
+        return f"blur of {blur}, focus {where}{shape}"
     if lens["focal_length_mm"] is None:
         return f"radii of the file{shape}"
     focus = "at {},{}".format(*lens["focus_at_px"]) if "focus_at_px" in lens else ""

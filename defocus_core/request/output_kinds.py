@@ -10,18 +10,10 @@ map that is no depth is also named in `NO_DEPTH` of `io.depth_formats.exr_depth_
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 from defocus_core.errors import did_you_mean
 from defocus_core.request.quantities import QuantityError, within
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-DISPARITY_PER_RADIUS = 8 / (3 * math.pi)  # distance of the centroids of two half discs
 
 
 @dataclass(frozen=True)
@@ -31,37 +23,34 @@ class Kind:
     name: str  # as ``--outputs`` has it
     help: str  # a line for ``defocus render --help``
     image: bool = False  # whether it is an image; else it is a map
-    # Whether it needs the views through the left and the right half of the lens
-    halves: bool = False
-    # Its values [h, w] from signed radii [h, w] in px, NumPy arrays, and from ``disparity``,
-    # between dual pixels for a radius of a px; its preview is orange below 0, white at 0 and
-    # blue above 0. None of a kind that is rendered: it is the attribute ``name`` of
-    # `defocus_core.Views`, and its preview shows linear light
-    of_radius: Callable[..., NDArray[Any]] | None = None
-    # Of an image of several, the kinds that are the views of its one EXR file
-    views: tuple[str, ...] = ()
-    # Input that it is made of without rendering, a row of `defocus_core.picture.write`;
-    # empty for other kinds
+    # Attributes of `defocus_core.Views` that it is made of; none where it is not rendered
+    rendered: tuple[str, ...] = ()
+    # How it is made, a row of `defocus_core.picture.write`; empty where it is what is rendered
     source: str = ""
     channel: str = ""  # the channel of a map in an EXR, if it is not the kind's name
     title: str = ""  # what a map shows, for ``defocus info``
     unit: str = ""  # the unit of a map's values, empty for a number without one
 
     @property
-    def rendered(self) -> bool:
-        """Whether it needs the rendered views; else the signed radii are enough."""
-        return self.of_radius is None and not self.source
+    def halves(self) -> bool:
+        """Whether it needs the views through the left and the right half of the lens."""
+        return not {"left", "right"}.isdisjoint(self.rendered)
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Of an image of several, the kinds that are the views of its one EXR file."""
+        return self.rendered if len(self.rendered) > 1 else ()
+
+    @property
+    def signed(self) -> bool:
+        """Whether its values have a sign; a preview is orange below 0, white at 0, blue above."""
+        return self.source in ("radius", "disparity")
 
     def memory_bytes(self, channels: int, sample_bytes: int) -> int:
         """Bytes that a pixel takes in memory before it is written."""
         if not self.rendered:  # computed from the radii while it is written
             return 0
-        return channels * len(self.rendered_as) * sample_bytes if self.image else 4
-
-    @property
-    def rendered_as(self) -> tuple[str, ...]:
-        """The attributes of `defocus_core.Views` that the file holds."""
-        return self.views or (self.name,)
+        return channels * len(self.rendered) * sample_bytes if self.image else 4
 
     def suffix(self, image_format: str, map_format: str = "exr") -> str:
         """The suffix of its files where images and maps are of two formats."""
@@ -69,34 +58,36 @@ class Kind:
 
 
 _ROWS = (
-    Kind("render", "the defocused picture", image=True),
-    Kind("left", "what the left half of the lens sees (dual pixel)", image=True, halves=True),
-    Kind("right", "what the right half of the lens sees", image=True, halves=True),
+    Kind("render", "the defocused picture", image=True, rendered=("render",)),
+    Kind(
+        "left", "what the left half of the lens sees (dual pixel)", image=True, rendered=("left",)
+    ),
+    Kind("right", "what the right half of the lens sees", image=True, rendered=("right",)),
     Kind(
         "coc",
         "signed radius of the circle of confusion in px, beyond the focus positive",
-        of_radius=lambda radius, disparity: radius,
+        source="radius",
         title="CoC map (signed radius, negative nearer than the focus)",
         unit="px",
     ),
     Kind(
         "disparity",
         "dual-pixel disparity in px, signed alike",
-        of_radius=lambda radius, disparity: radius * disparity,
+        source="disparity",
         title="disparity map (between left and right, signed like the CoC)",
         unit="px",
     ),
     Kind(
         "trust",
         "share of the lens that saw what the picture holds: 1 is nothing invented",
+        rendered=("trust",),
         title="trust map (share of the lens that saw what the picture holds)",
     ),
     Kind(
         "multiview",
         "left and right as the views of one EXR",
         image=True,
-        halves=True,
-        views=("left", "right"),
+        rendered=("left", "right"),
     ),
     Kind(
         "focus",
@@ -123,6 +114,27 @@ PREVIEW = ".preview"  # follows the name of a kind where a preview of it is mean
 # Types of image files, and the suffix of each.
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif"}
 SUFFIXES |= {"jpg": ".jpg", "webp": ".webp"}
+# Suffixes of pictures and films that are not written: no folder is meant by them.
+UNWRITTEN = frozenset(
+    {
+        *(".hdr", ".ppm", ".pgm", ".pbm", ".pnm", ".pfm", ".tga", ".bmp", ".gif", ".psd", ".psb"),
+        *(
+            ".heic",
+            ".heif",
+            ".avif",
+            ".jp2",
+            ".j2k",
+            ".jxl",
+            ".dds",
+            ".dpx",
+            ".cin",
+            ".sgi",
+            ".pic",
+        ),
+        *(".sxr", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".ico", ".svg", ".pdf", ".eps"),
+        *(".npy", ".npz", ".mp4", ".mov", ".avi", ".mkv", ".webm", ".mxf"),
+    }
+)
 LOSSY = ("jpg", "webp")  # which have a quality
 MAP_FORMATS = ("exr", "tiff")
 COLOR_SPACES = ("srgb",)

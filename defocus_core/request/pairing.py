@@ -191,11 +191,15 @@ def _pair(
 
 
 def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: bool) -> _Files:
-    if root is not None and has_wildcard(path):
+    if root is not None and has_wildcard(path) and not (root / path).exists():
         kind, named, path = "pattern", matching(root, path, with_text=with_text), root / path
     else:
         path = path if root is None else root / path
         if not path.is_dir():
+            if not path.exists() and has_wildcard(path):
+                problem = "matches nothing: patterns are of jobs files, and else of the shell"
+                remedy = "leave out the quotes, or write a jobs file"
+                raise InputError("not-found", problem, remedy, path=path)
             if not path.exists():
                 raise missing(path, "file or directory")
             return _Files(path, "file", {"": path})
@@ -207,6 +211,8 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
     if suffixes is DEPTH_SUFFIXES and kind == "directory" and held - PHOTO_SUFFIXES:
         suffixes = suffixes - PHOTO_SUFFIXES
         photos = {name: file for name, file, suffix in every if suffix in PHOTO_SUFFIXES}
+    if kind == "pattern" and not every:
+        raise InputError("empty", "matches no file", "check the pattern", path=path)
     for name, file, suffix in every:
         if suffix not in suffixes:
             continue

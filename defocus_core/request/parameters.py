@@ -15,7 +15,7 @@ from typing import Any
 
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.request import quantities
-from defocus_core.request.quantities import FileNumbers, Percentile, length_text
+from defocus_core.request.quantities import Percentile, SideShare, Unitless, length_text
 
 METADATA = "lens-from-metadata"  # the option, and the key, by which a picture says its lens
 # Scales of sweeps, and between keys of frames: to each, and back.
@@ -40,6 +40,7 @@ class Param:
     optional_unit: str = ""  # a unit that a text may leave out, and that is written for people
     # What stands between the numbers or words of its value, if these are several
     separator: str = ""
+    instead_of: str = ""  # the option that says the same in another way
     choices: Sequence[str] = ()  # the words that it may be, where it is one of them
     flag: bool = False  # it has no value: a field has its name, if it is given
     min_integer: int | None = None  # the least whole number that it may be, where it is one
@@ -67,8 +68,8 @@ class Param:
         return self.text(value, digits)
 
     def _join(self, value: object, write: Callable[[float], str]) -> str:
-        if isinstance(value, FileNumbers):
-            return str(value)
+        if isinstance(value, Unitless):
+            return self.separator.join(f"{number:.9g}" for number in value)
         if isinstance(value, tuple | list):
             return self.separator.join(self._join(each, write) for each in value)
         if value is None or isinstance(value, bool):
@@ -86,7 +87,6 @@ class LensParam(Param):
     example: str  # a value as a text
     # A lens cannot do without it, or without the option that is instead of it
     required: bool = False
-    instead_of: str = ""  # the option that says the same in another way
     needs: str = ""  # the option without which it changes nothing
     idle: str = ""  # what it does in vain without that one
     is_optics: bool = False  # it decides radii, so that it is idle where a file holds them
@@ -112,7 +112,7 @@ class LensParam(Param):
         """A value as records have it: a number, a word, the text of several; None for NaN."""
         if isinstance(value, Path):
             return value.name
-        if isinstance(value, tuple):
+        if isinstance(value, tuple | SideShare):
             return self.shown(value)
         if isinstance(value, float) and not math.isfinite(value):
             return None if math.isnan(value) else "inf"
@@ -133,6 +133,8 @@ class LensParam(Param):
             text = value.stem
         elif isinstance(value, Percentile):
             text = f"p{value.percent:.6g}"
+        elif isinstance(value, Unitless) and self.separator == "..":
+            text = "-".join(f"{end:.6g}" for end in value)
         elif isinstance(value, tuple) and self.separator == "..":
             text = "-".join(map(self.shown, value))
         elif isinstance(value, tuple):
@@ -239,9 +241,10 @@ _ROWS = (
     LensParam(
         name="blur",
         never_off=True,
-        parse=quantities.pixel_count,
+        parse=quantities.blur,
         metavar="PX",
-        help="Radius of the most blurred pixel, like 40px, instead of a lens: the depth is "
+        help="Radius of the most blurred pixel, like 40px, or 2% of the longer side, instead of "
+        "a lens: the depth is "
         "relative disparity of any scale, white near; ‹focus-at› or ‹focus-value› says what is in "
         "focus.",
         tag="blur",
@@ -290,7 +293,8 @@ _ROWS = (
         parse=quantities.shifts,
         metavar="RED:BLUE",
         help="Axial colour, like 0.1mm:0.1mm: how much farther behind the lens red and blue are "
-        "in focus than green. Above 0, rims are green beyond the focus and magenta nearer.",
+        "in focus than green. Above 0, rims are green beyond the focus and magenta nearer. Beside "
+        "‹blur›, shares of it, like 0.05:0.05.",
         tag="axial",
         example="0.1mm:0.1mm",
         unit="mm",
@@ -389,7 +393,7 @@ _ROWS = (
         parse=quantities.highlights,
         metavar="auto|T:GAIN",
         help="Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like "
-        "16, from a threshold in linear light, like 0.93, up to white. Pictures with light above "
+        "8, from a threshold in linear light, like 0.93, up to white. Pictures with light above "
         "1 stay as they are.  [default: off]",
         tag="lights",
         example="auto",
@@ -442,13 +446,12 @@ _ROWS = (
     ),
 )
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
-ALTERNATIVES = tuple((row.instead_of, row.name) for row in _ROWS if row.instead_of)
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
 _POINT_OPTIONS = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
 # What the opening and the blur of a point show.
 OPENING = tuple(name for name in SHAPES if name.startswith(_POINT_OPTIONS))
 BESIDE_BLUR = frozenset(
-    {*SHAPES, "focus-at", "sharp-range"}
+    {*SHAPES, "focus-at", "sharp-range", "cat-eye", "vignetting", "axial-color"}
 )  # what has an effect where the blur is in pixels
 # The options by their keys in records: those of any lens, and those of effects that are on.
 RECORDED = {row.recorded_as: row for row in _ROWS if row.recorded_as and not row.instead_of}
@@ -459,8 +462,3 @@ EFFECT_OPTIONS = {
     if field and not row.recorded_as
 }
 LENS_FILES = tuple(row.file_field for row in _ROWS if row.file_field)
-
-
-def alternatives(name: str) -> set[str]:
-    """An option, and the one that says the same in another way."""
-    return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))

@@ -28,6 +28,8 @@ _MAX_LENGTH = 1e30  # mm
 _MAX_ELECTRONS = 1e9
 _MAX_SHIFT = 10.0  # mm of the focus of a colour
 MAX_BLADES = 100  # a polygon that nobody tells from a circle
+# Characters of a number, and of any text: patterns take the square of them, or the cube.
+_LONGEST_NUMBER, _LONGEST_TEXT = 200, 2**16
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:e[+-]?\d{1,3})?)\s*([^\W\d_]*)\s*", re.I)
 _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
 
@@ -51,9 +53,24 @@ class Percentile:
         return f"percentile({self.percent:.9g})"
 
 
+def require_length(text: str, maximum: int = _LONGEST_TEXT) -> str:
+    """A text, which has no more characters than are read."""
+    if len(text) > maximum:
+        problem = f"'{text[:20]}…' has {len(text)} characters, of which {maximum} are read"
+        raise QuantityError(problem, "write a shorter one")
+    return text
+
+
+def short(text: str) -> str:
+    """A text, which is no longer than that of a number."""
+    return require_length(text, _LONGEST_NUMBER)
+
+
 def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
     """The value that a parser reads from a text."""
     try:
+        for text in texts:
+            require_length(text)
         return parse(*texts)
     except QuantityError as error:
         raise UsageProblem("malformed", error.problem, error.remedy, path=where) from None
@@ -68,24 +85,21 @@ def length(text: str) -> float:
     return value
 
 
-class FileNumbers(tuple[float, float]):
-    """The ends of a range of the numbers of a depth file, which have no unit."""
-
-    def __str__(self) -> str:
-        return "{:.9g}..{:.9g}".format(*self)
+class Unitless(tuple[float, float]):
+    """Two numbers without a unit, instead of lengths: of a depth file, or shares of a blur."""
 
 
 def sharp_range(text: str) -> tuple[float, float]:
     """The nearest and the farthest distance of a range in mm, from ``1.8m..2.4m``; inf may end it.
 
-    Without a unit, as ``100..200``, they are `FileNumbers`. The range holds both as written.
+    Without a unit, as ``100..200``, they are `Unitless`. The range holds both as written.
     """
-    ends = [end.strip() for end in text.split("..")]
+    ends = [end.strip() for end in short(text).split("..")]
     if len(ends) != 2:
         raise QuantityError(f"'{text}' is not a range of distances", "write it like 1.8m..2.4m")
     try:
         low, high = map(number, ends)
-        made: tuple[float, float] = FileNumbers((low, high))
+        made: tuple[float, float] = Unitless((low, high))
     except QuantityError:
         made = low, high = length(ends[0]), math.inf if ends[1] == "inf" else length(ends[1])
     if low > high:
@@ -97,7 +111,7 @@ def focus(text: str) -> float | Percentile:
     """The distance in focus in mm, ``inf`` for infinity; or ``percentile(50)`` of the depth."""
     if text.strip().lower() in ("inf", "infinity"):
         return math.inf
-    match = _PERCENTILE.fullmatch(text)
+    match = _PERCENTILE.fullmatch(short(text))
     return Percentile(percentage(match[1])) if match else length(text)
 
 
@@ -114,10 +128,30 @@ def pixel_count(text: str) -> float:
     return _positive(text, "a length in px", "like 40px", {"": 1, "px": 1})
 
 
+@dataclass(frozen=True)
+class SideShare:
+    """A length in the picture as a share of its longer side, like ``2%``."""
+
+    percent: float
+
+    def __str__(self) -> str:
+        return f"{self.percent:.9g}%"
+
+
+def blur(text: str) -> float | SideShare:
+    """A positive length in the picture, from ``40px``, ``40`` or ``2%`` of its longer side."""
+    if not text.strip().endswith("%"):
+        return pixel_count(text)
+    percent = percentage(text)
+    if not percent:
+        raise QuantityError(f"'{text}' is not positive", "write it like 2%")
+    return SideShare(percent)
+
+
 def number(text: str) -> float:
     """A finite number of either sign."""
     try:
-        value = float(text)
+        value = float(short(text))
     except ValueError:
         raise QuantityError(f"'{text}' is not a number", "write it like 1.5") from None
     if not math.isfinite(value):
@@ -142,7 +176,7 @@ def angle(text: str) -> float:
 def blades(text: str) -> int:
     """The number of aperture blades: 0 for a round opening, else 3 or more."""
     try:
-        count = int(text)
+        count = int(short(text))
     except ValueError:
         raise QuantityError(f"'{text}' is not a whole number", "write it like 6") from None
     if count < 0 or count in (1, 2):
@@ -207,7 +241,7 @@ def pair(
     return parse
 
 
-_LIGHTS = "like 0.93:16"
+_LIGHTS = "like 0.93:8"
 _clipped = pair(
     within(0, 0.999, "a threshold in linear light", _LIGHTS),
     within(1, 1000, "a gain", _LIGHTS),
@@ -217,7 +251,7 @@ _clipped = pair(
 
 
 def highlights(text: str) -> tuple[float, float] | None:
-    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:16``; None from ``off``."""
+    """Threshold and gain of clipped lights, from ``auto`` or ``0.93:8``; None from ``off``."""
     word = text.strip().lower()
     return {"auto": AUTO_LIGHTS, "off": None}[word] if word in ("auto", "off") else _clipped(text)
 
@@ -238,8 +272,15 @@ def _shift(text: str) -> float:
     return mm
 
 
-# Shifts of the focus of red and of blue in mm, of either sign.
-shifts = pair(_shift, _shift, "no RED:BLUE", "write it like 0.1mm:0.05mm")
+_SHARE = within(-1, 1, "a share of the blur", "like 0.1")
+_LIKE = "no RED:BLUE", "write it like 0.1mm:0.05mm"
+_shifts, _shares = pair(_shift, _shift, *_LIKE), pair(_SHARE, _SHARE, *_LIKE)
+
+
+def shifts(text: str) -> tuple[float, float]:
+    """Shifts of the focus of red and of blue in mm, of either sign; `Unitless` of a blur in px."""
+    has_unit = any(letter.isalpha() for letter in text.replace("e", ""))
+    return _shifts(text) if has_unit else Unitless(_shares(text))
 
 
 def _electrons(minimum: float) -> Callable[[str], float]:
@@ -263,7 +304,7 @@ def switch(text: str) -> bool:
 
 def whole(text: str) -> int:
     """A whole number, 0 or more."""
-    if not re.fullmatch(r"\s*\d{1,9}\s*", text):
+    if not re.fullmatch(r"\s*\d{1,9}\s*", short(text)):
         raise QuantityError(f"'{text}' is not a whole number", "write it like 7")
     return int(text)
 
@@ -277,7 +318,7 @@ def file(text: str) -> Path:
 
 def pixel(text: str) -> tuple[int, int]:
     """A pixel (x, y), counted from 0 at the upper left, from ``X,Y``."""
-    match = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", text)
+    match = re.fullmatch(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*", short(text))
     if not match:
         raise QuantityError(f"'{text}' is not a pixel", "write it as X,Y, like 240,135")
     return int(match[1]), int(match[2])
@@ -305,7 +346,7 @@ def length_text(mm: float, digits: int = 6) -> str:
 
 def _number(text: str, what: str, example: str, units: Mapping[str, str | int]) -> Decimal:
     """A number times the value of its unit; a unit of no letters is a plain number."""
-    match = _NUMBER.fullmatch(text)
+    match = _NUMBER.fullmatch(short(text))
     if not match:
         raise QuantityError(f"'{text}' is not {what}", f"write it {example}")
     unit = match[2].lower()

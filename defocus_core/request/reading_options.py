@@ -8,16 +8,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
-from defocus_core.errors import CALLER, Place, UsageProblem
-from defocus_core.io.depth_formats.reading import GEOMETRIES, INVALID, KINDS, RESIZES, UNPREMULTIPLY
+from defocus_core.io.depth_formats.reading import INVALID, KINDS, RESIZES, UNPREMULTIPLY
 from defocus_core.io.depth_formats.table import NAMES, UNITS
-from defocus_core.request.job import Reading
 from defocus_core.request.parameters import Param
 from defocus_core.request.quantities import (
     QuantityError,
@@ -26,11 +22,9 @@ from defocus_core.request.quantities import (
     number,
     one_of,
     pixel_count,
-    read_at,
-    text_of,
+    short,
     whole,
 )
-from defocus_core.request.toml_file import read_toml
 
 _FRACTION = re.compile(r"\s*([\d.e+-]+)\s*/\s*([\d.e+-]+)\s*", re.I)
 
@@ -51,7 +45,7 @@ def format_name(text: str) -> str:
 
 def scale(text: str) -> float:
     """A factor, from ``0.001``, ``1/256`` or ``-1``."""
-    fraction = _FRACTION.fullmatch(text)
+    fraction = _FRACTION.fullmatch(short(text))
     if fraction:
         above, below = scale(fraction[1]), scale(fraction[2])
         return above / below
@@ -94,7 +88,7 @@ def field_of_view(text: str) -> float:
 
 def edge_width(text: str) -> float:
     """A width in the picture, from ``8px`` or ``8``; 0 for hard edges."""
-    px = 0.0 if re.fullmatch(r"\s*0+(\.0*)?\s*(px)?\s*", text, re.I) else pixel_count(text)
+    px = 0.0 if re.fullmatch(r"\s*0+(\.0*)?\s*(px)?\s*", short(text), re.I) else pixel_count(text)
     if px > WIDEST_EDGE:
         raise QuantityError(f"{px:g} px is a surface, and no edge", f"give {WIDEST_EDGE}px or less")
     return px
@@ -167,13 +161,20 @@ _ROWS = (
         metavar="PX",
         help="Added to disparity: the difference of the two principal points.",
     ),
-    *(
-        ReadingParam(name=name, stored_as="geometry", flag=True, parse=str, help=text)
-        for name, text in zip(
-            GEOMETRIES,
-            ("The numbers are distances to the point.", "The numbers are depth along the axis."),
-            strict=True,
-        )
+    ReadingParam(
+        name="radial",
+        stored_as="geometry",
+        flag=True,
+        parse=str,
+        help="The numbers are distances to the point.",
+    ),
+    ReadingParam(
+        name="planar",
+        stored_as="geometry",
+        flag=True,
+        parse=str,
+        help="The numbers are depth along the axis.",
+        instead_of="radial",
     ),
     ReadingParam(
         name="invert",
@@ -204,7 +205,7 @@ _ROWS = (
         "resize-depth",
         RESIZES,
         "Take depth of another size than the colour: from the nearest pixel, or with edges where "
-        "the colours change.",
+        "the colours change.  [default: guided, of smaller depth of the same aspect]",
         of_pictures=True,
     ),
     ReadingParam(
@@ -275,65 +276,3 @@ _ROWS = (
     ),
 )
 READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _ROWS}
-
-
-def reading_values(values: Mapping[str, Any], where: Callable[[str], Place]) -> dict[str, Any]:
-    """Fields of `Reading` of the values of a table of a TOML file; other keys are passed over."""
-    fields: dict[str, Any] = {}
-    for name, value in values.items():
-        row = READING_OPTIONS.get(name)
-        if row is None:
-            continue
-        if row.flag:
-            if value is not True:
-                raise UsageProblem(
-                    "malformed", f"{value!r} is not true", f"write {name} = true", path=where(name)
-                )
-            if fields.setdefault(row.field, name) != name:
-                raise UsageProblem(
-                    "contradiction", "contradicts the other", "give one of them", path=where(name)
-                )
-        else:
-            fields[row.field] = _parse(row, value, where(name))
-    return fields
-
-
-def lens_file_reading(file: Path | None) -> dict[str, Any]:
-    """Fields of `Reading` that a lens file has beside the options of the lens."""
-    if file is None or file.is_dir():  # of a folder of lens files
-        return {}
-    remedy = 'give a TOML file, with lines like focal-length = "50mm"'
-    stored = read_toml(file, what="lens file", remedy=remedy)
-    return reading_values(stored, Place(file).at)
-
-
-def make_reading(
-    fields: Mapping[str, Any],
-    below: Mapping[str, Any],
-    source: Place = CALLER,
-) -> Reading:
-    """The reading of the fields that are set, over those of a lens file."""
-    options = {name: value for name, value in fields.items() if value is not None}
-    reading = Reading(**{**below, **options})
-    repair, width = reading.depth_repair, reading.edge_width
-    if width is not None and (repair == "off" or (repair != "auto" and width == 0)):
-        problem = f"of {width:g}px contradicts depth-repair {repair}"
-        raise UsageProblem(
-            "contradiction", problem, "leave one of them out", path=source.at("edge-width")
-        )
-    return reading
-
-
-def _parse(row: ReadingParam, value: object, where: Place) -> Any:
-    if row.parse is str and not (isinstance(value, str) and value and "\0" not in value):
-        raise UsageProblem(
-            "malformed", f"{value!r} is not a text", "write it in quotes", path=where
-        )
-    if isinstance(value, bool):
-        raise UsageProblem(
-            "malformed",
-            f"{str(value).lower()} is no value of it",
-            "see 'defocus help depth'",
-            path=where,
-        )
-    return read_at(where, row.parse, text_of(value))

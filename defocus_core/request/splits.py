@@ -1,6 +1,7 @@
 """Splits of a dataset, as train and test: the scene of a picture decides, so that none leaks.
 
-``[split]`` of a jobs file has a share for each split, which add up to 1, and may have ``scene``, a
+``[split]`` of a jobs file has a share for each split, which add up to 1; or of some the number of
+scenes, which are the first by their hashes, beside shares of the others. It may have ``scene``, a
 pattern like ``*_##``: what its wildcards stand for in the name of a picture is the scene, and
 numbers of so many digits tell its pictures apart. Without it the name of a picture is its scene,
 and the frames of a shot are one. A hash of its name
@@ -14,7 +15,7 @@ import os
 import re
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from hashlib import blake2b
 from itertools import accumulate
 
@@ -38,22 +39,30 @@ _AS_PATTERN = (
 
 @dataclass(frozen=True)
 class Splits:
-    """The shares of the splits by name, and where the scene is in the name of a picture."""
+    """The shares and numbers of the splits by name, and where the scene is in the name."""
 
     fractions: Mapping[str, float]
+    counts: Mapping[str, int] = field(default_factory=dict)  # of those of which it is exact
     scene: str = ""  # a pattern; empty for the whole name, or the shot
     where: Place = CALLER
 
     def of(self, pictures: Sequence[Picture]) -> list[Split]:
         """The split of each picture."""
-        if not self.fractions:
+        if not (self.fractions or self.counts):
             return [NO_SPLIT] * len(pictures)
-        choices, scenes = tuple(self.fractions), self._scenes_of(pictures)
-        return [Split(self._split_of(scene), scene, choices) for scene in scenes]
+        choices, scenes = (*self.counts, *self.fractions), self._scenes_of(pictures)
+        first, exact = sorted({*scenes}, key=_place_of), dict[str, str]()
+        wanted = sum(self.counts.values())
+        if wanted > len(first) or (self.counts and not self.fractions and wanted < len(first)):
+            problem = f"asks for {counted(wanted, 'scene')}, and there are {len(first)}"
+            remedy = "let the numbers add up to them, or give one split a share, as train = 1.0"
+            raise UsageProblem("out-of-range", problem, remedy, path=self.where)
+        for name, count in self.counts.items():
+            exact |= dict.fromkeys(first[len(exact) : len(exact) + count], name)
+        return [Split(exact.get(s) or self._split_of(s), s, choices) for s in scenes]
 
     def _split_of(self, scene: str) -> str:
-        digest = blake2b(os.fsencode(scene), digest_size=8).digest()
-        place = int.from_bytes(digest, "big") / 2**64
+        place = _place_of(scene)
         names, ends = list(self.fractions), accumulate(self.fractions.values())
         passed = sum(end <= place for end in ends)
         return names[min(passed, len(names) - 1)]  # shares may add up to a little less than 1
@@ -72,6 +81,12 @@ class Splits:
                 problem, remedy = f"finds no scene in '{name}'", "make it match each name"
                 raise UsageProblem("no-scene", problem, remedy, path=self.where)
         return [scene or "" for scene in scenes]
+
+
+def _place_of(scene: str) -> float:
+    """The place of a scene among all that there may be, from 0 to 1, by the hash of its name."""
+    digest = blake2b(os.fsencode(scene), digest_size=8).digest()
+    return int.from_bytes(digest, "big") / 2**64
 
 
 def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) -> list[Job]:
@@ -109,7 +124,7 @@ def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) 
 
 def read_splits(section: Table) -> Splits:
     """The splits of ``[split]``; none without it."""
-    fractions = {}
+    fractions, counts = {}, {}
     for name, value in section.values.items():
         if name == _SCENE:
             continue
@@ -118,24 +133,30 @@ def read_splits(section: Table) -> Splits:
             raise UsageProblem(
                 "malformed", problem, "use letters, digits and _", path=section.place(name)
             )
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= 1:
-            problem = f"{value!r} is no share above 0, up to 1"
-            raise UsageProblem("malformed", problem, "write train = 0.9", path=section.place(name))
-        fractions[name] = float(value)
+        is_count = type(value) is int and value >= 1
+        if not is_count and not (isinstance(value, float) and 0 < value <= 1):
+            problem = f"{value!r} is no share above 0, up to 1, nor a number of scenes"
+            remedy = "write train = 0.9, or train = 24"
+            raise UsageProblem("malformed", problem, remedy, path=section.place(name))
+        if is_count and {*section.values} - {_SCENE} != {name}:
+            counts[name] = value
+        else:  # one alone is all of them
+            fractions[name] = float(value)
     if fractions and abs(sum(fractions.values()) - 1) > _ROUNDING:
         problem = f"has shares that add up to {sum(fractions.values()):g}"
         raise UsageProblem(
             "malformed", problem, "let them add up to 1", path=section.file, field="[split]"
         )
     text = section.text(_SCENE)
+    where = section.place(next(iter(counts), _SCENE))
     if text is None:
-        return Splits(fractions)
-    if not fractions:
+        return Splits(fractions, counts, where=where)
+    if not fractions and not counts:
         raise UsageProblem(
             "missing-option", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
         )
     _refuse_expression(text, section.place(_SCENE))
-    return Splits(fractions, text, section.place(_SCENE))
+    return Splits(fractions, counts, text, section.place(_SCENE))
 
 
 def _refuse_expression(text: str, where: Place) -> None:

@@ -2,10 +2,14 @@
 
 White of 8 bits is the end of the scale, not a measure: a lamp a hundred times as bright as a wall
 is stored as hardly more, and its blur would be a grey disc. Blobs near the end of the scale are
-made brighter by a gain, all channels alike, so that their hue stays. What tells a lamp from a
-surface just beyond white: a lamp is small; its light is beyond white in all channels, so that it
-has no colour left, or it is very small; and its surroundings are darker. What is in focus makes no
-disc: it is left as it is.
+made brighter by a gain. What tells a lamp from a surface just beyond white: a lamp is small; its
+light is beyond white in all channels, so that it has no colour left, or it is very small; and its
+surroundings are darker. What is in focus makes no disc: it is left as it is.
+
+The hue that a blob has lost is that of its rim, where the light of the lamp is not clipped yet; a
+blob without one keeps its own. The larger the rim beside the blob, the less is clipped, and the
+less is the gain. It has a shoulder: the disc that a blob is blurred to stays below white, in which
+it would lose its hue again.
 
 A blob depends on the level from which on pixels count. Each level of brightness adds its own share
 of the gain, by the blobs of that level, so that the light is continuous in the threshold.
@@ -31,8 +35,9 @@ from defocus_core.tensors.validation import number, whole
 # surface, as shares of the side of a square of the area of the frame. Of blobs of a colour, and of
 # white ones; and the same in px that count in small frames.
 _COLORED, _WHITE, _MIN_PX = (0.004, 0.012), (0.025, 0.075), (3.0, 8.0)
-# The least channel, as a share of white, up to which a blob has a colour, and from which on none.
-_HUE = (0.6, 0.9)
+# The least channel, as a share of white, up to which a pixel has a colour, and from which on none;
+# and the share of a blob that has none, up to which it is one of a colour, and from which on white.
+_HUE, _BLEACHED = (0.6, 0.9), (0.05, 0.25)
 # Brightness of the surroundings, as a share of the blob's, up to which a blob is a light, and from
 # which on a part of a surface; of blobs of a colour, and of white ones. The surroundings reach this
 # share of the width to each side, so many px at least.
@@ -48,6 +53,14 @@ _COARSE = 6
 _MEASURED = 1.001
 # A blob is a light if it gets more than this share of the gain.
 _COUNTED = 0.05
+# The rim reaches this share of the width from a blob, so many px at least. Its light, as a share of
+# what white is above the surroundings, up to which it says nothing of a hue, and from which on all;
+# and the same of how far its least channel is below the brightest.
+_RIM, _MIN_RIM, _SAYS_HUE, _SATURATED = 0.003, 2, (0.2, 0.4), (0.15, 0.3)
+_TINY = 1e-6
+_WIDEST = 1e6  # px, of a blur that nobody says
+# Brightness of a disc, as a share of white, from which on its gain is less, and that of no disc.
+_KNEE, _BRIGHTEST = 0.6, 0.9
 
 
 def with_lights(
@@ -63,9 +76,10 @@ def with_lights(
     Args:
         image: [C, H, W], linear light of 0 to 1; brighter pictures are returned as they are.
         threshold: The brightness, of the brightest channel, at which the gain begins, below 1.
-        gain: The factor at the end of the scale, 1 or more.
+        gain: The factor at the end of the scale of a blob that is clipped to its rim, 1 or more.
         colors: How many channels are colours, the first ones; None for all.
-        signed_radius: [H, W] px; blobs that are in focus are left alone. None if all are blurred.
+        signed_radius: [H, W] px; blobs that are in focus are left alone, and discs of others stay
+            below white. None if all are blurred widely.
 
     Returns:
         [C, H, W], a tensor if the image is one. Gradients flow to a tensor, threshold and gain.
@@ -117,7 +131,28 @@ class _BlobLevel(NamedTuple):
     low: float
     high: float
     runs: Runs  # the runs of these pixels
-    fraction: Tensor  # [n] the share of the gain that each run gets
+    lamps: _Lamps  # of each run, its blob
+
+
+class _Lamps(NamedTuple):
+    """What is known of the lamps that blobs are."""
+
+    fraction: Tensor  # [n] how far it is one, 0 to 1
+    clipped: Tensor  # [n] share of it that is clipped
+    disc: Tensor  # [n] its area as a share of that of a disc of its blur
+    hue: Tensor  # [C, n] colour of its rim, of which the brightest channel is 1
+    says_hue: Tensor  # [n] how far there is a rim, 0 to 1
+
+    def of(self, which: Tensor) -> _Lamps:
+        """The lamps of some indices."""
+        return _Lamps(*(values[..., which] for values in self))
+
+    def gain(self, gain: Scalar) -> Tensor:
+        """The gain [n] of each, for that of one that is wholly clipped."""
+        own = 1 + (gain - 1) * self.clipped * (1.5 - 0.5 * self.clipped)
+        over = ((own * self.disc - _KNEE) / (_BRIGHTEST - _KNEE)).clamp(min=0)
+        shown = _KNEE + (_BRIGHTEST - _KNEE) * over.tanh()
+        return torch.where(over > 0, shown / self.disc.clamp(min=_TINY), own).clamp(min=1)
 
 
 def _found(
@@ -131,24 +166,23 @@ def _found(
     for first, end in bands(image):
         top = max(first - around, 0)
         light = image[..., top : min(end + around, size[0]), :].detach()[:colors]
-        bright, minimum = light.amax(0), light[:, first - top : end - top].amin(0)
-        blur = torch.full_like(minimum, _BLURRED[1])
+        blur = torch.full_like(light[0, first - top : end - top], _WIDEST)
         if signed_radius is not None:
-            blur = signed_radius[first:end].detach().abs().to(minimum)
+            blur = signed_radius[first:end].detach().abs().to(blur)
         for level, (low, _) in zip(runs_of_level, pairs, strict=True):
-            level.append(_band(bright, (minimum, blur), (first, end), top, low, around))
+            level.append(_band(light, blur, (first, end), top, low, around))
     levels = []
     for level, (low, high) in zip(runs_of_level, pairs, strict=True):
         runs, values = zip(*level, strict=True)
         joined = Runs.joined([*runs])
-        fractions = _fractions(joined, torch.cat(values, 1), max(low, _LEVELS[1]), size)
-        levels.append(_BlobLevel(low, high, joined, fractions))
+        lamps = _lamps(joined, torch.cat(values, 1), max(low, _LEVELS[1]), size)
+        levels.append(_BlobLevel(low, high, joined, lamps))
     return levels, _count(levels, threshold, size[1])
 
 
 def _band(
-    bright: Tensor,  # [h, W] the brightest channel of the band, and of rows around it
-    summed: tuple[Tensor, Tensor],
+    light: Tensor,  # [C, h, W] the colours of the band, and of rows around it
+    blur: Tensor,  # [h, W] px of the band
     rows: tuple[int, int],
     top: int,
     level: float,
@@ -156,59 +190,109 @@ def _band(
 ) -> tuple[Runs, Tensor]:
     """The runs of a band that are brighter than a level, and sums over each of them.
 
-    `summed`: [h, W] the least channel of the band, and the radius of its blur in px. Returns the
-    runs; of each [3, n] the sums, and its surroundings times its area.
+    Returns the runs; of each the sums [6 + 2 C, n] of what is white of it and of its blur; of the
+    brightness and the light of its surroundings; of its rim the number of pixels, their brightness,
+    their weight, its square, and their light by that.
     """
-    runs = Runs.of(bright[rows[0] - top : rows[1] - top] > level, rows[0])
+    own, bright = light[:, rows[0] - top : rows[1] - top], light.amax(0)
+    dark = bright <= level
+    runs = Runs.of(~dark[rows[0] - top : rows[1] - top], rows[0])
     if not len(runs.row):
-        return runs, bright.new_zeros(3, 0).double()
-    sums = pad(torch.stack(summed).flatten(1).cumsum(1, dtype=torch.float64), (1, 0))
-    start = (runs.row - rows[0]) * bright.shape[1]
-    minimum, blur = sums[:, start + runs.end] - sums[:, start + runs.first]
+        return runs, light.new_zeros(6 + 2 * len(light), 0).double()
+    width, coarse_pixel = light.shape[-1], max(1, around // _COARSE)
+    start = (runs.row - rows[0]) * width
+    summed = torch.stack([_step(own.amin(0), *_HUE), blur]).flatten(1)
+    sums = pad(summed.cumsum(1, dtype=torch.float64), (1, 0))
+    inside = sums[:, start + runs.end] - sums[:, start + runs.first]
+    beside = _beside(torch.cat([bright[None], light]), dark, level, around)
+    at = (runs.row - top) // coarse_pixel
+    ground = sum(beside[:, at, x // coarse_pixel] for x in (runs.first, runs.end - 1))
+    rim = _rim(own, runs._replace(row=runs.row - rows[0]), level)
+    return runs, torch.cat([inside, ground / 2 * runs.area, rim])
+
+
+def _rim(light: Tensor, runs: Runs, level: float) -> Tensor:
+    """Of the pixels beside each run sums of their number, brightness, weight, and weighted light.
+
+    `light`: [C, h, W] of the rows of runs; returns [3 + C, n].
+    """
+    width = light.shape[-1]
+    total = light.new_zeros(3 + len(light), len(runs.row)).double()
+    for away in range(max(_MIN_RIM, round(_RIM * width))):
+        for column in (runs.first - 1 - away, runs.end + away):
+            there = light[:, runs.row, column.clamp(0, width - 1)]
+            bright = there.amax(0)
+            dark = ((column >= 0) & (column < width) & (bright <= level)).to(light)
+            weight = dark * bright**2
+            total += torch.cat([torch.stack([dark, dark * bright, weight]), weight * there])
+    return total
+
+
+def _beside(values: Tensor, dark: Tensor, level: float, around: int) -> Tensor:
+    """Mean values [K] of the dark pixels around each coarse pixel; the level without any."""
     coarse_pixel = max(1, around // _COARSE)
-    beside = _beside(bright, level, coarse_pixel, around // coarse_pixel)
-    row = (runs.row - top) // coarse_pixel
-    limits = (beside[row, column // coarse_pixel] for column in (runs.first, runs.end - 1))
-    return runs, torch.stack([minimum, blur, sum(limits) / 2 * runs.area])
-
-
-def _beside(bright: Tensor, level: float, coarse_pixel: int, around: int) -> Tensor:
-    """Mean brightness of what is not above a level around each coarse px; the level without any."""
-    dark = (bright <= level).to(bright)
-    down, across = (-n % coarse_pixel for n in bright.shape)
-    coarse = pad(torch.stack([dark, dark * bright]), (0, across, 0, down))
+    down, across = (-n % coarse_pixel for n in dark.shape)
+    mask = dark.to(values)[None]
+    coarse = pad(torch.cat([mask, mask * values]), (0, across, 0, down))
     rows, columns = (n // coarse_pixel for n in coarse.shape[1:])
-    coarse = coarse.view(2, rows, coarse_pixel, columns, coarse_pixel).sum(4).sum(2)
+    coarse = coarse.view(len(coarse), rows, coarse_pixel, columns, coarse_pixel).sum(4).sum(2)
     both = coarse.double() / coarse_pixel**2
+    around //= coarse_pixel
     for dim in (-2, -1):
         length = both.shape[dim]
         sums = torch.cat([torch.zeros_like(both.narrow(dim, 0, 1)), both.cumsum(dim)], dim)
-        at = torch.arange(length, device=bright.device)
+        at = torch.arange(length, device=dark.device)
         after = sums.index_select(dim, (at + around + 1).clamp(max=length))
         both = after - sums.index_select(dim, (at - around).clamp(min=0))
-    fraction, light = both
+    fraction, light = both[:1], both[1:]
     return torch.where(fraction > 0.5, light / fraction.clamp(min=0.5), level)
 
 
-def _fractions(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> Tensor:
-    """The share of the gain that each run gets, by its blob.
+def _lamps(runs: Runs, sums: Tensor, level: float, size: tuple[int, int]) -> _Lamps:
+    """The lamp that each run is of, by its blob.
 
-    `sums`: [3, n] of its least channel, of its blur, and of its surroundings; `size`: (height,
-    width) of the frame.
+    `sums`: those of `_band`; `size`: (height, width) of the frame.
     """
-    blob = runs.blobs(size[1])
+    blob, colors = runs.blobs(size[1]), len(sums) // 2 - 3
     values = torch.cat([runs.area.double()[None], sums])
-    totals = values.new_zeros(4, int(blob.max()) + 1 if len(blob) else 0)
-    area, minimum, blur, beside = totals.index_add(1, blob, values)
-    white = _step(minimum / area, *_HUE)
+    totals = values.new_zeros(len(values), int(blob.max()) + 1 if len(blob) else 0)
+    totals = totals.index_add(1, blob, values)
+    area, bleached, blur, beside = totals[:4]
+    ground = (totals[4 : 4 + colors] / area).clamp(max=_LEVELS[-2])
+    count, brightness, weight = totals[4 + colors : 7 + colors]
+    white = _step(bleached / area, *_BLEACHED)
     across = math.sqrt(size[0] * size[1])
-    colored, bleached = (
+    of_color, of_white = (
         [max(fraction * across, px) for fraction, px in zip(fractions, _MIN_PX, strict=True)]
         for fractions in (_COLORED, _WHITE)
     )
-    small = 1 - _step(area.sqrt(), *_between(colored, bleached, white))
+    small = 1 - _step(area.sqrt(), *_between(of_color, of_white, white))
     apart = 1 - _step(beside / (area * level), *_between(_COLORED_BESIDE, _WHITE_BESIDE, white))
-    return (small * apart * _step(blur / area, *_BLURRED))[blob]
+    # by how much the rim is above its surroundings, as a share of what white is: of a blob without
+    # one, whose border mixes it with them, all colours are so alike
+    glow = ((totals[7 + colors :] / weight.clamp(min=_TINY) - ground) / (1 - ground)).clamp(min=0)
+    maximum = glow.amax(0)
+    rim = (brightness - count * beside / area) / (1 - beside / area).clamp(min=1 - _LEVELS[-2])
+    hue, radius = torch.where(maximum > _TINY, glow / maximum, 1.0), blur / area
+    within = area.minimum(2 * radius * area / _length(runs, blob))  # of a tube, a part
+    return _Lamps(
+        fraction=small * apart * _step(radius, *_BLURRED),
+        clipped=area / (area + rim.clamp(min=0)),
+        disc=(within / (math.pi * radius**2)).clamp(max=1),
+        hue=hue,
+        says_hue=_step(maximum, *_SAYS_HUE) * _step(1 - hue.amin(0), *_SATURATED),
+    ).of(blob)
+
+
+def _length(runs: Runs, blob: Tensor) -> Tensor:
+    """The longer side of each blob [m], in px."""
+
+    def ends(values: Tensor, which: str) -> Tensor:
+        start = values.new_zeros(int(blob.max()) + 1 if len(blob) else 0)
+        return start.scatter_reduce(0, blob, values, which, include_self=False)
+
+    down = ends(runs.row, "amax") - ends(runs.row, "amin") + 1
+    return down.maximum(ends(runs.end, "amax") - ends(runs.first, "amin"))
 
 
 def _between(colored: Sequence[float], white: Sequence[float], fraction: Tensor) -> list[Tensor]:
@@ -222,7 +306,7 @@ def _count(levels: list[_BlobLevel], threshold: float, width: int) -> int:
     base = above[0].runs
     lights = [level.runs for level in above]
     positions = [
-        (runs.row[level.fraction > _COUNTED], runs.first[level.fraction > _COUNTED])
+        (runs.row[level.lamps.fraction > _COUNTED], runs.first[level.lamps.fraction > _COUNTED])
         for level, runs in zip(above, lights, strict=True)
     ]
     at = [torch.cat(part) for part in zip(*positions, strict=True)]
@@ -249,18 +333,22 @@ def _lit(
         if not len(at):
             return window
         row, column = at.unbind(1)
-        shining = bright[row, column]
-        fraction = torch.zeros_like(shining)
-        for low, high, runs, fractions in levels:
+        colors_there, shining = light[:, row, column], bright[row, column]
+        change = torch.zeros_like(colors_there)
+        for low, high, runs, lamps in levels:
             above = (shining.detach() > low).nonzero()[:, 0]
             run = runs.holding(row[above] + rows[0], column[above] + columns[0], image.shape[-1])
             lower, upper = (
                 _step(shining[above].clamp(max=bound), threshold, 1) for bound in (low, high)
             )
             upper = upper if high < 1 else _step(shining[above], threshold, 1)
-            fraction = fraction.index_add(0, above, (upper - lower) * fractions[run].to(fraction))
-        factor = torch.ones_like(bright).index_put((row, column), 1 + (gain - 1) * fraction)
-        return torch.cat([light * factor, rest]).to(image.dtype)
+            lamp = _Lamps(*(values.to(change) for values in lamps.of(run)))
+            own = colors_there[:, above]
+            true = torch.lerp(own, shining[above] * lamp.hue, lamp.says_hue)
+            more = (upper - lower) * lamp.fraction * (lamp.gain(gain) * true - own)
+            change = change.index_add(1, above, more)
+        lit = light.flatten(1).index_add(1, row * light.shape[2] + column, change)
+        return torch.cat([lit.view_as(light), rest]).to(image.dtype)
 
     return Mapped(read, image.shape, image)
 

@@ -77,6 +77,29 @@ def resampled(values: Tensor, rows: AxisWeights, columns: AxisWeights) -> Tensor
     return _products(rows.block, down).flatten(-3, -2)[..., : rows.pixels, :]
 
 
+def linear(
+    coarse: Tensor, rows: tuple[int, int], columns: tuple[int, int], size: tuple[int, ...]
+) -> Tensor:
+    """Coarse pixels [h, w] read in a window of a picture of a size by linear interpolation."""
+    values = coarse
+    for dim, (first, end) in enumerate((rows, columns)):
+        before, after, fraction = beside(coarse, dim, first, end, size[dim])
+        low, high = values.index_select(dim, before), values.index_select(dim, after)
+        values = low + fraction.unsqueeze(1 - dim) * (high - low)
+    return values
+
+
+def beside(
+    coarse: Tensor, dim: int, first: int, end: int, length: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """The coarse pixels before and after each pixel of an axis, and where it lies between them."""
+    count = coarse.shape[dim]
+    position = torch.arange(first, end, dtype=coarse.dtype, device=coarse.device) + 0.5
+    position = (position * count / length - 0.5).clamp(0, count - 1)
+    before = position.long().clamp(max=max(count - 2, 0))
+    return before, (before + 1).clamp(max=count - 1), position - before
+
+
 def _products(block: Tensor, down: Tensor) -> Tensor:
     """The products [..., n, P, W] of shares [P, K] and coarse pixels [..., n, K, W]."""
     if torch.is_grad_enabled():

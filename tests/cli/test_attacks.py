@@ -11,12 +11,12 @@ from batches import again, folders
 from command_line import LENS, color_exr, failed, files_under, refused, run, succeed, texture
 from counting import calls
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
-from records import record
+from records import record, taken
 from refusals import refuses
 
 from defocus_core.batch.datasets import finished, sample_index, tar_shards
-from defocus_core.batch.journal.journal import Shard, journal_path, read_all, shards
-from defocus_core.batch.journal.run_file import sweep_up
+from defocus_core.batch.journal.journal import Ledger, Shard, journal_path, shards
+from defocus_core.batch.journal.left import sweep_up
 from defocus_core.compare.goldens import read_store, store_to_update
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
@@ -52,7 +52,7 @@ def journal_jsonl(folder, name):
     one = record(folder / "made", "a")
     one["outputs"]["render"]["path"] = name
     journal_path(folder).write_text(json.dumps(one) + "\n")
-    read_all(folder)
+    Ledger(folder)
 
 
 @pytest.mark.parametrize("name", FOREIGN)
@@ -117,7 +117,7 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
     journal = journal_path(tmp_path)
     os.mkfifo(journal)
     with refuses("unreadable", "not a regular file"):
-        read_all(tmp_path)
+        Ledger(tmp_path)
 
 
 def test_a_folder_that_is_swapped_for_a_link_gets_nothing(tmp_path, mine):
@@ -148,7 +148,7 @@ def test_shards_in_a_linked_folder_are_neither_written_nor_removed(tmp_path, min
     tar = mine.parent / "samples-000001.tar"
     tar.write_text("mine")
     out = tmp_path / "out"
-    records = [record(out, "a")]
+    records = [taken(out, "a")]
     (out / "shards").symlink_to(mine.parent)
     with refuses("unwritable", "symbolic link"):
         tar_shards.write(out, records, 1000)

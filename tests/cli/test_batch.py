@@ -155,7 +155,7 @@ def test_the_index_lists_what_the_batch_asks_for_and_after_a_merge_all(tmp_path,
     assert "metadata.jsonl: lists none of 2 samples that were not asked for now" in ran.err
     assert [one.sample_id for one in samples(out)] == ["a_focus1.5m", "a_focus3m"]
     depth_exr(tmp_path / "depth" / "b.exr")
-    succeed("retry", out)
+    succeed("batch", path, "-o", out)
     now = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "3m")]
     assert [one.sample_id for one in samples(out)] == now
     run("merge", out)
@@ -198,8 +198,10 @@ def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path, out):
     assert "4 rejected (coc-too-large 4)" in ran.err
     assert {record["status"] for record in records(out)} == {"rejected"}
     assert run("batch", path, "-o", out).err.endswith("4 jobs: 4 done before\n")
-    assert "nothing failed" in run("retry", out).err
-    assert run("retry", out, "--reason", "coc-too-large", "--json").json["rejected"] == 4
+    path.write_text(REJECTING.replace("0.12px", "0.1px"))
+    assert run("batch", path, "-o", out).err.endswith("4 jobs: 4 done before\n")
+    path.write_text(REJECTING.replace("0.12px", "9px"))
+    assert "done again: settings: 4" in succeed("batch", path, "-o", out).err
     assert len(records(out)) == 8
 
 

@@ -102,14 +102,9 @@ def test_the_card_sums_the_samples_up(folder):
     found = card(folder)
     assert (found["samples"], found["kinds"]["depth"]) == (8, 8)
     assert sum(found["splits"].values()) == 8
-    fnumbers = found["distributions"]["fnumber"]
-    assert (fnumbers["min"], fnumbers["max"], fnumbers["mean"]) == (2, 4, 3)
-    radii = [entry["coc_p99_px"] for entry in entries(folder)]
-    assert found["distributions"]["coc_p99_px"]["max"] == max(radii) > 0
     text = (folder / "out" / "README.md").read_text()
     head = pytest.importorskip("yaml").safe_load(text.split("---\n")[1])
     assert (head["size_categories"], head["tags"][0]) == (["n<1K"], "depth-of-field")
-    assert "| f-number | 1 | 2 |" in text
 
 
 def test_other_shares_move_no_scene_of_the_journal(folder):
@@ -209,3 +204,14 @@ def test_the_jobs_file_is_read_once(edit, folder, monkeypatch):
     batch(folder, "--processes", "1")
     assert (folder / "out" / "jobs.toml").read_bytes().endswith(b"\n" + before)
     assert card(folder)["origin"] == {}
+
+
+def test_samples_that_tars_cannot_tell_apart_are_refused_before_the_batch(folder):
+    for name in ("a.1", "a_1"):
+        for of in ("rgb", "z"):
+            (folder / f"{name}_{of}.exr").write_bytes((folder / f"a_{of}.exr").read_bytes())
+    words = ("batch", folder / "jobs.toml", "-o", folder / "out")
+    for more in ((), ("--dry-run",)):
+        refused(run(*words, "--shards-size", "1GB", *more), 3, "duplicate", folder / "out")
+    assert not (folder / "out").exists()
+    succeed(*words)

@@ -193,7 +193,7 @@ def test_radial_depth_takes_the_field_of_view_of_the_lens(tmp_path):
     np.testing.assert_array_equal(read_exr(swept)["coc"], radial)
     small = write_exr(tmp_path / "s.exr", Z=ramp(12, 8))
     args = (color, small, "--resize-depth", "nearest", "--radial")
-    of = [coc(tmp_path / f"s{len(w)}", *args, *w) for w in ((), ("--focal-px", repr(focal)))]
+    of = [coc(tmp_path / f"s{len(w)}", *args, *w) for w in ((), ("--focal-px", repr(focal / 2)))]
     np.testing.assert_allclose(*of, atol=1e-6)
 
 

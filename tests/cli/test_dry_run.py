@@ -102,3 +102,18 @@ def test_a_dry_run_needs_no_directory_that_can_be_written(color, depth, out, mon
     monkeypatch.setattr(os, "access", lambda _, mode: not mode & os.W_OK)
     photograph(color, depth, "-o", out, "--dry-run")
     refused(render(color, depth, "-o", out), 3, "unwritable", out.parent)
+
+
+def test_a_large_picture_is_told_by_a_made_one_and_writing_counts(color, depth, out, monkeypatch):
+    def told():
+        return render(color, depth, "-o", out, "--dry-run", "--json").json["forecast"]
+
+    exact = told()
+    monkeypatch.setattr(forecast, "_durable_seconds", lambda: 10.0)
+    assert told()["seconds"] > exact["seconds"] + 19, "a file, and its line of the journal"
+    monkeypatch.setattr(forecast, "_EXACT_PIXELS", 0)
+    monkeypatch.setattr(forecast, "renderers", None)
+    by_counts = told()
+    assert by_counts["pictures_read"] == 1
+    assert by_counts["seconds"] > 20
+    assert by_counts["peak_mb"] > 0

@@ -148,9 +148,29 @@ def test_edges_whose_depth_missed_the_object_have_that_beside_them(tmp_path):
     expected = picture(write(tmp_path / "a.exr", planes), tmp_path / "o")
     planes["Z"] = np.where(planes["A"] < 0.5, np.float32(0), planes["Z"])
     ran = render(write(tmp_path / "b" / "a.exr", planes), tmp_path / "p", "-v")
-    assert "edge pixels without depth given that beside them" in ran.err
+    assert "edge pixels given the depth beside them" in ran.err
     pixels = rgba(read_exr(tmp_path / "p" / "render" / "a.exr"))
     np.testing.assert_array_equal(pixels, rgba(expected))
+
+
+@pytest.mark.parametrize("nothing", [None, 0.0], ids=["far", "0"])
+@pytest.mark.parametrize("far", [30.0, 1e4, 1e10, None])
+@pytest.mark.parametrize("power", [1, -1], ids=["z", "1/z"])
+def test_edges_of_averaged_depth_are_those_of_the_object(power, far, nothing, tmp_path):
+    """In focus, so that the output is the input; far None is a background of 12 m."""
+    y, x = np.mgrid[:640, :640] / 8 + 1 / 16
+    inside = (x - 40) ** 2 + (y - 40) ** 2 < 30**2
+    alpha = inside.reshape(80, 8, 80, 8).mean((1, 3)).astype(np.float32)
+    averaged = np.where(alpha < 0.5, 12.0, 4.0)
+    if far is not None:
+        averaged = (alpha * 4.0**power + (1 - alpha) * far**power) ** (1 / power)
+    z = averaged if nothing is None else np.where(alpha > 0, averaged, nothing)
+    planes = {name: alpha * np.float32(0.5) for name in "RGB"}
+    planes |= {"A": alpha, "Z": z.astype(np.float32)}
+    made = write(tmp_path / "a.exr", dict(planes))
+    for how in ("auto", "off"):
+        seen = picture(made, tmp_path / how, "--depth-repair", how, focus="4m")
+        assert np.abs(rgba(seen) - rgba(planes)).max() < 0.02
 
 
 def test_a_whole_pixel_without_depth_is_still_an_error(tmp_path):
@@ -212,7 +232,7 @@ def test_a_view_is_rendered_as_if_it_were_alone(make, tmp_path):
     np.testing.assert_array_equal(rgba(seen), rgba(alone))
     told = header(tmp_path / "left" / "render" / "a.exr")
     assert told["view"] == "left"
-    assert {name for name in seen if name not in "RGBAZ"} <= {"motion.u"}
+    assert {name for name in seen if name not in "RGBAZ"} <= {"motion.u", "depth.Z"}
     default = render(made, tmp_path / "default")
     assert "view right taken, the default of right, left; --view names another" in default.err
     right = picture(made, tmp_path / "right", "--view", "right")

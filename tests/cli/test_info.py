@@ -12,7 +12,6 @@ from command_line import (
     depth_exr,
     pair,
     ramp,
-    read_exr,
     refused,
     render,
     run,
@@ -20,6 +19,8 @@ from command_line import (
     write_exr,
 )
 from image_files import multi_part
+
+from defocus_core.compare.picture import read_picture
 
 
 def holed_depth(path):
@@ -76,12 +77,16 @@ def test_people_are_told_on_stdout(tmp_path):
         assert words in ran.out
 
 
-def test_maps_that_render_wrote_are_told_with_their_range_and_are_no_depth(tmp_path):
+@pytest.mark.parametrize(("map_format", "suffix"), [("exr", ".exr"), ("tiff", ".tif")])
+def test_maps_that_render_wrote_are_told_with_their_range_and_are_no_depth(
+    map_format, suffix, tmp_path
+):
     out, (color, depth) = tmp_path / "out", pair(tmp_path)
-    render(color, depth, "-o", out, "--outputs", "coc,disparity,trust")
+    kinds = ("--outputs", "coc,disparity,trust", "--map-format", map_format)
+    render(color, depth, "-o", out, *kinds)
     for kind, title in (("coc", "CoC"), ("disparity", "disparity"), ("trust", "trust")):
-        path = out / kind / "a.exr"
-        written = read_exr(path)[kind]
+        path = out / kind / f"a{suffix}"
+        written = read_picture(path).planes[kind]
         (record,) = run("info", "--json", path, *LENS).json["files"]
         unit = "range" if kind == "trust" else "range_px"
         wanted = {"kind": kind, unit: [float(written.min()), float(written.max())]}

@@ -63,8 +63,7 @@ def test_a_focus_that_a_file_has_is_blamed_on_the_file(tmp_path, color, depth, o
     refused(run(*rendering), 2, "out-of-range", lens, "focus-at")
     refused(run("info", depth, "--lens", lens), 2, "out-of-range", lens, "focus-at")
     refused(run(*rendering, "--focus-at", "24,0"), 2, "out-of-range", "focus-at")
-    for words, blamed in (("batch", jobs, "-o", out), jobs), (("retry", out), out):
-        assert f"defocus: {blamed}: focus-at: " in run(*words).err
+    assert f"defocus: {jobs}: [lens] focus-at: " in run("batch", jobs, "-o", out).err
     depth_exr(depth, ramp() / 100)
     lens.write_text(options.replace("24", "0"))
     refused(run(*rendering), 2, "out-of-range", lens, "focus-at")

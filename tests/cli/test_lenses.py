@@ -5,15 +5,18 @@ import pytest
 from command_line import header, pair, refused, run, succeed
 
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
+from defocus_core.errors import CALLER
 from defocus_core.io.images.raster import read_samples
-from defocus_core.request.lens_from_options import make_lens, shipped_lenses
+from defocus_core.request.lens_files import shipped_lenses
+from defocus_core.request.picture_lenses import PictureLenses
+from defocus_core.request.resolver import Given
 
 LENSES = shipped_lenses()
 
 
 @pytest.mark.parametrize("lens", LENSES, ids=lambda lens: lens.name)
 def test_a_lens_that_ships_wants_a_focus_alone(lens):
-    made = make_lens({"focus": 20_000.0}, lens.path)
+    made = PictureLenses({"focus": Given("20m", CALLER)}, file=lens.path).fixed
     assert made.foclen > 0
     assert made.effects or made.blades
     assert 10 < len(lens.subject) < 80

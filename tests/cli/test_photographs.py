@@ -6,7 +6,7 @@ import shlex
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
-from command_line import color_exr, depth_exr, pair, ramp, refused, run, succeed, texture
+from command_line import color_exr, depth_exr, pair, ramp, read_exr, refused, run, succeed, texture
 from depth_files import gdepth, png
 from image_files import save
 
@@ -43,11 +43,48 @@ def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(dtype, tmp_p
     assert taken(black.err) == "--focus-at 59,51"
 
 
-def test_depth_of_another_size_is_refused_before_anything_is_taken(tmp_path):
-    files = photo(tmp_path), png(tmp_path / "z.png", disparity()[::2, ::2], np.uint8)
-    refused(run("render", *files, "-o", tmp_path / "a.png"), 3, "wrong-size", files[1])
-    guided = run("render", *files, "-o", tmp_path / "a.png", "--resize-depth", "guided")
-    assert taken(guided.err) == "--blur 3px --focus-at 89,65"
+def test_all_of_the_subject_is_in_focus_unless_something_says_the_focus(tmp_path):
+    leaning = disparity()
+    leaning[40:90, 60:120] += (np.arange(50) // 4).astype(np.uint8)[:, None]
+    files = photo(tmp_path), png(tmp_path / "z.png", leaning, np.uint8)
+    ran = succeed("render", *files, "-o", tmp_path / "o", "--outputs", "coc")
+    assert taken(ran.err).endswith("--sharp-range 180..192")
+    radius = read_exr(tmp_path / "o/coc/photo.exr")["coc"]
+    assert (radius[40:90, 60:120] == 0).all()
+    assert (radius[:40] > 2.9).all()
+    lens = tmp_path / "opening.toml"
+    lens.write_text("blades = 6")
+    for given in ("--focus-at 90,60", "--focus-value 185", f"--lens {lens}"):
+        ran = run("render", *files, "-o", tmp_path / "b.png", "--blur", "3px", *given.split())
+        assert (ran.code, "sharp" in ran.err + ran.out) == (0, False), given
+
+
+def test_a_share_of_the_longer_side_is_a_blur_and_the_line_says_the_radii_that_there_are(tmp_path):
+    files = photo(tmp_path), png(tmp_path / "z.png", disparity(), np.uint8)
+    focus = ("--focus-value", "10", "--outputs", "coc")
+    share = succeed("render", *files, "-o", tmp_path / "a", *focus, "--blur", "2.5%")
+    pixels = succeed("render", *files, "-o", tmp_path / "b", *focus, "--blur", "4px")
+    first, second = (read_exr(tmp_path / name / "coc/photo.exr")["coc"] for name in "ab")
+    np.testing.assert_array_equal(first, second)
+    assert all("blur of 4px" in ran.out + ran.err for ran in (share, pixels))
+    sharp = ("--sharp-range", "100..180", "--focus-value", "150", "--blur", "4px")
+    ran = succeed("render", *files, "-o", tmp_path / "c", *sharp, "--outputs", "coc")
+    assert "CoC 0.00 to 4.00 px" in ran.out + ran.err, "the card of 180 is sharp"
+    refused(run("render", *files, "-o", tmp_path / "d", "--blur", "0%"), 2, "malformed", "blur")
+
+
+def test_smaller_depth_is_guided_which_a_line_says_and_larger_refused_before_anything(tmp_path):
+    color, small = photo(tmp_path), png(tmp_path / "z.png", disparity()[::2, ::2], np.uint8)
+    ran = run("render", color, small, "-o", tmp_path / "a.png")
+    assert taken(ran.err) == "--blur 3px --focus-at 89,65"
+    assert "z.png: 80x60 px resized to 160x120 px, guided" in ran.err
+    guided = run("render", color, small, "-o", tmp_path / "b.png", "--resize-depth", "guided")
+    assert "resized to" not in guided.err, "who asks is told nothing"
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+    large = png(tmp_path / "l.png", np.repeat(disparity(), 2, 1), np.uint8)
+    refused(run("render", color, large, "-o", tmp_path / "c.png"), 3, "wrong-size", large)
+    short = png(tmp_path / "s.png", disparity()[::4, ::2], np.uint8)
+    refused(run("render", color, short, "-o", tmp_path / "c.png"), 3, "wrong-size", short)
 
 
 def test_a_phones_photograph_is_one_file_and_one_line(tmp_path):

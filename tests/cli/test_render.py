@@ -150,7 +150,7 @@ def test_the_codec_of_exr_is_zip_unless_another_is_asked_for(tmp_path):
     OpenEXR.File(header, read_exr(color)).write(str(color))
     for asked, image, exact in (
         *(((), "zip", "zip"), ("piz", "piz", "piz"), ("dwaa:100", "dwaa:100", "dwaa:100")),
-        *(("ZIPS", "zips", "zips"), ("none", "none", "none"), ("input", "b44", "zip")),
+        *(("ZIPS", "zips", "zips"), ("none", "none", "none"), ("input", "b44", "b44")),
     ):
         out = tmp_path / f"out{len(asked)}{image[:4]}"
         options = ("--compression", asked) * bool(asked)

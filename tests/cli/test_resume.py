@@ -3,13 +3,14 @@
 import errno
 import json
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
-from batches import again, folders, records
+from batches import JOBS, again, folders, jobs_file, records
 from command_line import (
     color_exr,
     depth_exr,
@@ -27,6 +28,7 @@ from command_line import (
 
 from defocus_core.batch.workers import pipeline
 from defocus_core.picture import plain_path
+from defocus_core.renderer_version import RENDERER_VERSION
 
 __all__ = ["folders"]
 Computed = list[str]
@@ -262,7 +264,7 @@ def test_what_failed_is_tried_again(folders, out, computed):
     assert computed == ["a", "c", "b"]
 
 
-def test_other_settings_supersede_what_failed_and_retry_tries_the_last(folders, out, computed):
+def test_other_settings_supersede_what_failed(folders, out, computed):
     good = (folders[1] / "b.exr").read_bytes()
     depth_exr(folders[1] / "b.exr", -ramp())
     again(folders, out, "--preview")
@@ -270,7 +272,7 @@ def test_other_settings_supersede_what_failed_and_retry_tries_the_last(folders, 
     told = run("status", out, "--json").json
     assert (told["ok"], told["failed"], told["jobs"]) == (2, 1, 3)
     (folders[1] / "b.exr").write_bytes(good)
-    succeed("retry", out)
+    assert again(folders, out, "--blades", "6").code == 0
     assert records(out)[-1]["lens"]["blades"] == 6
     assert not (out / "coc" / "b.preview.png").exists()
 
@@ -290,7 +292,7 @@ def test_a_lone_picture_that_cannot_be_done_again_says_why(tmp_path, out):
     failed(render(color, depth, "-o", out), 3, "invalid-depth", depth)
     assert (out / "render" / "a.exr").read_bytes() == before
     depth_exr(depth, ramp() + 1)
-    assert "done again, as inputs" in render(color, depth, "-o", out).err
+    assert "done again: inputs: 1" in render(color, depth, "-o", out).err
 
 
 def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(
@@ -371,3 +373,61 @@ def test_a_first_record_that_finds_no_space_goes_on(step, format, color, depth, 
     copy = out.with_name("copy")
     shutil.copytree(out, copy, ignore=shutil.ignore_patterns("journal*"))
     refused(render(color, depth, "-o", copy, *words[2:]), 3, "exists")
+
+
+def with_renderer(out, version):
+    """A journal whose records are of an earlier renderer."""
+    path = out / "journal.jsonl"
+    text = path.read_text()
+    path.write_text(re.sub(r'"renderer": \d+', f'"renderer": {version}', text))
+
+
+def test_why_a_job_is_done_again_is_counted_by_reason(tmp_path, out, computed):
+    path = jobs_file(tmp_path, *"abcde")
+    run("batch", path, "-o", out, "--processes", "1")
+    with_renderer(out, 7)
+    color_exr(tmp_path / "rgb" / "a.exr", texture(seed=9))
+    (out / "coc" / "b_focus2m.exr").unlink()
+    path.write_text(path.read_text().replace('"1.5m", "2m"', '"1.5m", "2m", "3m"'))
+    reasons = {f"renderer 7 → {RENDERER_VERSION}": 7, "inputs": 2, "outputs gone or changed": 1}
+    words = ("done again: ", *(f"{reason}: {count}" for reason, count in reasons.items()))
+    planned = run("batch", path, "-o", out, "--dry-run")
+    assert all(word in planned.out for word in words)
+    assert run("batch", path, "-o", out, "--dry-run", "--json").json["again"] == reasons
+    computed.clear()
+    ran = succeed("batch", path, "-o", out, "--processes", "1", "--new-only", "--json")
+    assert {*computed} == {"b_focus2m", *(f"{stem}_focus3m" for stem in "abcde")}
+    kept = {f"renderer 7 → {RENDERER_VERSION}": 7, "inputs": 2}
+    assert (ran.json["kept"], ran.json["again"]) == (kept, {"outputs gone or changed": 1})
+    mix = f"pictures of several renderers: 6 by {RENDERER_VERSION}, 9 by 7"
+    assert mix in ran.err
+    computed.clear()
+    ran = succeed("batch", path, "-o", out, "--processes", "1")
+    assert len(computed) == 9
+    assert "several renderers" not in ran.err
+    path.write_text(path.read_text().replace("fnumber = 2", "fnumber = 4"))
+    assert "done again: settings: 15" in succeed("batch", path, "-o", out).err
+
+
+DRAWN = JOBS.replace("fnumber = 2", 'focus = "1.3m"').replace(
+    '[sweep]\nfocus = ["1.5m", "2m"]', '[sample]\nn = 24\nseed = 3\nfnumber = "uniform(1, 8)"'
+)
+
+
+def test_another_largest_radius_redoes_what_is_drawn_otherwise_alone(tmp_path, out, computed):
+    def drawn(max_coc, folder=out):
+        path = jobs_file(
+            tmp_path, "a", text=DRAWN.replace("n = 24", f'max-coc = "{max_coc}px"\nn = 24')
+        )
+        computed.clear()
+        succeed("batch", path, "-o", folder, "--processes", "1")
+        return {each["sample_id"]: each["lens"]["fnumber"] for each in records(folder)}
+
+    before = drawn(0.16)
+    assert len({each["lens"]["draw"]["attempt"] for each in records(out)}) > 1
+    for max_coc in (0.12, 0.3, 0.14):
+        fresh = drawn(max_coc, tmp_path / f"fresh{max_coc}")
+        assert drawn(max_coc) == fresh
+        assert {*computed} == {name for name in fresh if fresh[name] != before[name]}
+        before = fresh
+    assert computed

@@ -35,6 +35,17 @@ def test_shards_merged_are_one_run(tmp_path, out):
     assert run("batch", path, "-o", out).err.endswith("10 jobs: 10 done before\n")
 
 
+def test_a_merge_lists_no_sample_whose_files_are_gone(tmp_path, out):
+    path = jobs_file(tmp_path, *"ab")
+    succeed("batch", path, "-o", out, "--shard", "1/1")
+    gone, *others = sorted(out.glob("*/*.exr"))
+    gone.unlink()
+    ran = succeed("merge", out)
+    listed = (out / "metadata.jsonl").read_text()
+    assert f"lacks files of 1 sample, like {gone.stem}" in ran.err
+    assert [path.name in listed for path in (gone, *others)] == [False] + [True] * len(others)
+
+
 def test_shards_are_parts_of_even_size_that_share_no_picture(tmp_path, out):
     path = jobs_file(tmp_path, *"abcde")
     done = []

@@ -4,11 +4,11 @@ import os
 
 import pytest
 from batches import JOBS, jobs_file
-from command_line import depth_exr, hidden_in, ramp, refused, run, succeed
+from command_line import depth_exr, ramp, refused, run
 
 from defocus_cli.words.batch import progress_lines, progress_record
 from defocus_core.batch.journal.journal import Journal
-from defocus_core.batch.journal.progress import progress
+from defocus_core.batch.journal.left import progress
 
 
 def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path, out):
@@ -19,25 +19,6 @@ def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path, out):
     told = run("status", out, "--json").json
     assert (told["ok"], told["left"], told["again"], told["jobs"]) == (4, 3, 3, 4)
     assert "4 done, 3 left, 3 of them to be done again, 4 jobs" in run("status", out).out
-
-
-def test_status_after_a_retry_knows_what_a_stopped_batch_has_left(tmp_path, out):
-    path = jobs_file(tmp_path, *"abc")
-    good = (tmp_path / "depth" / "a.exr").read_bytes()
-    depth_exr(tmp_path / "depth" / "a.exr", -ramp())
-    run("batch", path, "-o", out, "--limit", "3")
-    (tmp_path / "depth" / "a.exr").write_bytes(good)
-    succeed("retry", out)
-    told = run("status", out, "--json").json
-    assert (told["ok"], told["failed"], told["left"], told["jobs"]) == (3, 0, 3, 6)
-    assert run("batch", path, "-o", out).err.splitlines()[-1].startswith("6 jobs: 3 done, 3 done b")
-    assert not hidden_in(out)
-
-
-def test_a_retry_with_nothing_to_do_forgets_no_batch_that_was_stopped(tmp_path, out):
-    run("batch", jobs_file(tmp_path), "-o", out, "--limit", "1")
-    assert "nothing failed" in run("retry", out).err
-    assert run("status", out, "--json").json["left"] == 3
 
 
 def test_status_counts_and_names_what_failed(tmp_path, out):
@@ -60,8 +41,8 @@ def test_status_can_be_asked_while_a_batch_runs(tmp_path, out, monkeypatch):
 
     def asked(journal, record):
         append(journal, record)
-        found = progress(out)  # on a thread, where no stream can be redirected
-        seen.append((progress_record(found, 10), [*progress_lines(out, found, 10)]))
+        found = progress(out, 10)  # on a thread, where no stream can be redirected
+        seen.append((progress_record(found), [*progress_lines(out, found)]))
 
     path = jobs_file(tmp_path)
     monkeypatch.setattr(Journal, "append", asked)
@@ -75,5 +56,5 @@ def test_status_can_be_asked_while_a_batch_runs(tmp_path, out, monkeypatch):
 
 
 def test_there_is_no_status_without_a_journal(tmp_path):
-    for command in ("status", "merge", "retry"):
+    for command in ("status", "merge"):
         refused(run(command, tmp_path), 3, "empty", tmp_path)

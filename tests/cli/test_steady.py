@@ -1,11 +1,10 @@
 """Steadiness: what the frames of a shot decide together, and what they have seen of each other."""
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from batches import records
 from command_line import (
     color_exr,
     depth_exr,
@@ -24,11 +23,6 @@ FOCAL = ("--focal-length", "50mm", "--fnumber", "2")
 
 def pictures(out, frames):
     return np.stack([read_exr(out / "render" / f"rgb.{k:04}.exr")["G"] for k in range(frames)])
-
-
-def records(out):
-    lines = (out / "journal.jsonl").read_text().split("\n")
-    return [json.loads(line) for line in lines if line]
 
 
 def test_noise_of_depth_is_averaged_where_the_scene_is_still(tmp_path):
@@ -175,24 +169,6 @@ def test_vectors_that_are_not_there_are_asked_for(tmp_path):
     ran = render(*patterns, "-o", tmp_path / "out", "--motion", "Vector")
     assert ran.code == 1
     assert "has no motion vectors 'Vector'; its layers are backward, forward" in ran.err
-
-
-@pytest.mark.parametrize("hidden", [False, True])
-def test_retry_knows_the_shot_of_a_frame(tmp_path, hidden):
-    patterns: tuple[Any, ...] = still(tmp_path, 6)
-    if hidden:
-        patterns = (*patterns, "--hidden", *still(tmp_path / "hidden", 6))
-    good = (tmp_path / "z.0002.exr").read_bytes()
-    (tmp_path / "z.0002.exr").write_bytes(good[:400])
-    assert render(*patterns, "-o", tmp_path / "out").code == 1
-    (tmp_path / "z.0002.exr").write_bytes(good)
-    succeed("retry", tmp_path / "out", "--processes", "1")
-    photograph(*patterns, "-o", tmp_path / "same")
-    for k in range(6):
-        name = Path("render") / f"rgb.{k:04}.exr"
-        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "same" / name).read_bytes()
-    again = render(*patterns, "-o", tmp_path / "out")
-    assert again.err.count("done before") == 6
 
 
 def test_a_jobs_file_says_what_frames_have_in_common(tmp_path):

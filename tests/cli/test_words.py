@@ -68,7 +68,7 @@ info z.exr --focal-length 50mm
 missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4 or --aperture-diameter, \
 --focus 2m or --focus-at, or a --lens FILE that has them
 R -o a.hdr
-wrong-type a.hdr: is of a type that is read alone; end its name in .exr, .png, .tif, .jpg, .webp
+wrong-type a.hdr: is of a type that is not written; end its name in .exr, .png, .tif, .jpg, .webp
 R --lens @portrait-58
 unknown-name --lens: no lens @portrait-58 ships with defocus; did you mean @portrait-85?
 R --lens underscored.toml
@@ -163,12 +163,12 @@ info z.exr --depth-channel W
 no-such-channel z.exr: has no channel W; it has Z; check --depth-channel
 R --view left
 no-such-view rgb.exr: has no views, and so no view left; leave --view out
-render rgb.exr small.exr -o out LENS
-wrong-size small.exr: is 12x8 px but its colour is 24x16 px; \
+render rgb.exr square.exr -o out LENS
+wrong-size square.exr: is 5x5 px but its colour is 24x16 px; \
 give depth of the size of the colour, or say --resize-depth guided, or nearest
 render rgb.exr square.exr -o out LENS --resize-depth guided
 wrong-size square.exr: is 5x5 px, of another aspect than the colour, 24x16 px; \
-cut depth and colour to one aspect
+give depth of the view that the colour shows, all of it
 render rgb.exr holes.exr -o out LENS
 invalid-depth holes.exr: is NaN or ≤ 0 in 2 pixels, the first at 5,7; \
 fill the holes, and write inf for sky; or say --invalid far, or fill
@@ -205,13 +205,13 @@ B jobs.toml --shards-size 1GB --shard 1/2
 whole-batch --shards-size: needs the whole batch; give it to 'defocus merge'
 B jobs.toml --scheduler head
 malformed --scheduler: 'head' is no scheduler; …
-retry held
+merge held
 in-use held/.journal.lock: held is being written by process …
 R --quality best
 - --quality: 'best' is not one of 'draft', 'standard', 'high', 'reference'; \
 see 'defocus render --help'
 R --threads 0
-- --threads: 0 is not in the range x>=1; see 'defocus render --help'
+- --threads: 0 is not in the range 1<=x<=1024; see 'defocus render --help'
 R --focal-lenght 50mm
 - --focal-lenght: no such option; did you mean --focal-length or …
 R more

@@ -1,12 +1,13 @@
 """Small batches for the tests."""
 
-import json
 import os
 
 import pytest
 from command_line import pair, render
 
 from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.journal import JournalFile
+from defocus_core.batch.journal.record import Taken
 from defocus_core.request.lens import lens_record
 
 JOBS = """
@@ -47,8 +48,8 @@ def again(folders, out, *args):
 
 
 def records(out, name="journal.jsonl"):
-    lines = (out / name).read_text().splitlines()
-    return [json.loads(line) for line in lines if line]
+    """The values of the lines of a journal, with what they share."""
+    return [dict(line.values) for line in JournalFile(out / name).lines()]
 
 
 def contents(out):
@@ -63,7 +64,9 @@ def without_times(out):
     for record in records(out):
         for stamp in record["outputs"].values():
             stamp.pop("mtime_ns", None)
-        found.append({k: v for k, v in record.items() if k not in ("seconds", "finished")})
+        found.append(
+            {k: v for k, v in record.items() if k not in ("seconds", "finished", "shared")}
+        )
     return sorted(found, key=lambda record: str(record["sample_id"]))
 
 
@@ -83,23 +86,18 @@ def _pretended(job, out):
     for name, path in job.names.items():
         (out / path).parent.mkdir(exist_ok=True)
         (out / path).write_text(path)
-        outputs[name] = {"path": path, **identity.stamp(out / path)}
-    return {
-        "status": "ok",
-        "reason": None,
-        "message": "",
-        "inputs": {r: identity.stamp(p) for r, p in job.picture.files.items()},
-        "outputs": outputs,
-        "lens": lens_record(job.lens),
-        "size": [1, 1],
-        "coc_px": [0.0, 1.0],
-        "color_note": "",
-        "depth_note": "",
-        "depth_repair": None,
-        "measures": {},
-        "device": "cpu",
-        "quality": "standard",
-        "warnings": [],
-        "seconds": {"read": 0.0, "render": 0.0, "write": 0.0, "cpu": 0.0},
-        "stats": {},
-    }
+        outputs[name] = identity.stamp(out / path)._replace(path=path)
+    return Taken(
+        inputs={r: identity.stamp(p) for r, p in job.picture.files.items()},
+        outputs=outputs,
+        lens=lens_record(job.lens),
+        size=(1, 1),
+        coc_px=(0.0, 1.0),
+        color_note="",
+        depth_note="",
+        depth_repair=None,
+        device="cpu",
+        measures={},
+        warnings=(),
+        seconds={"read": 0.0, "render": 0.0, "write": 0.0, "cpu": 0.0},
+    )

@@ -6,6 +6,7 @@ import numpy as np
 from image_files import save
 
 from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.journal.record import record_of
 from defocus_core.request.output_kinds import KINDS
 
 
@@ -15,7 +16,13 @@ def png(path, level=0):
 
 
 def write_index(out, records):
+    records = [record_of(each) if isinstance(each, dict) else each for each in records]
     return sample_index.write(out, map(sample_index.line, sample_index.entries(records)))
+
+
+def taken(out, name, *of, **more):
+    """The `Record` of a sample that is done."""
+    return record_of(record(out, name, *of, **more))
 
 
 def record(out, name, kinds=("render", "coc"), level=0, **more):

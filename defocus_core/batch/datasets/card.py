@@ -8,15 +8,14 @@ whose it is stays as it is.
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from statistics import quantiles
 from typing import Any, NamedTuple
 
+from defocus_core.batch.journal.record import Record
 from defocus_core.errors import NoteKinds, one_line
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
@@ -31,8 +30,7 @@ _HEAD = ("---", "# Written by defocus; without this line it stays as it is.")
 _README_HEAD = "".join(f"{line}\n" for line in _HEAD).encode()
 NO_ORIGIN = Origin()
 _TITLE = "Defocused pictures"
-Record = Mapping[str, Any]
-_LENS_KEYS = ("focus_dioptres", "fnumber", "focal_length_mm")  # of the distributions
+Entry = Mapping[str, Any]
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
 _MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # what Markdown takes for its own
 
@@ -84,18 +82,19 @@ def _is_own(out: Path, name: str, head: bytes) -> bool:
 
 
 def card_of(
-    records: Sequence[Record], entries: Sequence[Record], origin: Origin = NO_ORIGIN
+    records: Sequence[Record], entries: Sequence[Entry], origin: Origin = NO_ORIGIN
 ) -> dict[str, Any]:
     """The card of a batch as plain values.
 
     `records`: of its journal, oldest first.
     """
     ids = {entry["sample_id"] for entry in entries}
-    done = [r for r in records if r["status"] == "ok" and r["sample_id"] in ids]
-    failed = [r for r in records if r["status"] != "ok"]
+    done = [r.taken for r in records if r.taken is not None and r.sample_id in ids]
+    asked = [r.settings for r in records if r.taken is not None and r.sample_id in ids]
+    failed = [r.end.reason or r.status for r in records if r.taken is None]
     kinds = (kind for entry in entries for kind in entry["outputs"])
     sizes = (f"{entry['width']}x{entry['height']}" for entry in entries)
-    repairs = [(r.get("depth_repair") or {}).get("kinds", []) for r in done]
+    repairs = [(taken.depth_repair or {}).get("kinds", []) for taken in done]
     return {
         "origin": origin.said,
         "samples": len(entries),
@@ -103,44 +102,24 @@ def card_of(
         "splits": _counts(entry["split"] for entry in entries if entry["split"]),
         "kinds": _counts(kinds),
         "sizes": _counts(sizes),
-        "distributions": {
-            key: distribution
-            for key in WORDS
-            if (distribution := _spread(_value(key, entry) for entry in entries))
-        },
         "depth": {
-            "read_as": NoteKinds(record["depth_note"].partition(";")[0] for record in done).counts,
+            "read_as": NoteKinds(taken.depth_note.partition(";")[0] for taken in done).counts,
             "repaired": _counts(kind for each in repairs for kind in each or ["nothing"]),
         },
-        "warnings": NoteKinds(w for record in done for w in record["warnings"]).counts,
-        "failures": _counts(record["reason"] or record["status"] for record in failed),
+        "warnings": NoteKinds(w for taken in done for w in taken.warnings).counts,
+        "failures": _counts(failed),
         "recipe": {
             "quality": _counts(entry["quality"] for entry in entries),
-            "reading": _common(record["settings"].get("reading") for record in done),
-            "outputs": _common(record["settings"].get("outputs") for record in done),
+            "reading": _common(each.get("reading") for each in asked),
+            "outputs": _common(each.get("outputs") for each in asked),
         },
         "versions": _counts(f"defocus {e['version']}, renderer {e['renderer']}" for e in entries),
     }
 
 
-def _value(key: str, entry: Record) -> Any:
-    """The value of a distribution of a line of the index."""
-    return entry["lens"][key] if key in _LENS_KEYS else entry[key]
-
-
 def _counts(words: Iterable[str]) -> dict[str, int]:
     """How often each occurs, the commonest first."""
     return dict(sorted(Counter(words).items(), key=lambda item: (-item[1], item[0])))
-
-
-def _spread(values: Iterable[Any]) -> dict[str, float] | None:
-    """Ends and percentiles of numbers; None without any."""
-    numbers = sorted(float(v) for v in values if v is not None and math.isfinite(v))
-    if not numbers:
-        return None
-    parts = quantiles(numbers, n=20, method="inclusive") if len(numbers) > 1 else numbers * 19
-    percentiles = (numbers[0], parts[0], parts[9], parts[18], numbers[-1])
-    return {**dict(zip(ENDS, percentiles, strict=True)), "mean": sum(numbers) / len(numbers)}
 
 
 def _common(settings: Iterable[Mapping[str, Any] | None]) -> dict[str, Any]:
@@ -198,20 +177,6 @@ def _safe(words: str) -> str:
     return _MARKUP.sub(r"\\\g<0>", one_line(words))
 
 
-# Words and unit of each distribution, by its key.
-WORDS: Mapping[str, tuple[str, str]] = {
-    "coc_mean_px": ("radius of the blur, mean of a picture", "px"),
-    "coc_p50_px": ("radius of the blur, median of a picture", "px"),
-    "coc_p99_px": ("radius of the blur, 99th percentile", "px"),
-    "focus_dioptres": ("focus", "1/m"),
-    "fnumber": ("f-number", "1"),
-    "focal_length_mm": ("focal length", "mm"),
-    "invented_share": ("pixels with invented content (trust below 0.99)", "1"),
-    "clipped_share": ("pixels whose light is clipped", "1"),
-}
-ENDS = ("min", "p5", "p50", "p95", "max")
-
-
 class CardTable(NamedTuple):
     """A table of a card."""
 
@@ -222,13 +187,8 @@ class CardTable(NamedTuple):
 
 def tables_of(card: Mapping[str, Any]) -> Iterator[CardTable]:
     """The tables of a card that have rows."""
-    spreads, recipe = card["distributions"], card["recipe"]
+    recipe = card["recipe"]
     kinds = [(f"{kind}/", KINDS[kind].help, str(n)) for kind, n in card["kinds"].items()]
-    distributions = [
-        (*words, *(f"{spreads[key][end]:.4g}" for end in ENDS))
-        for key, words in WORDS.items()
-        if key in spreads
-    ]
     counts = {
         "Splits, each scene in one": card["splits"],
         "Sizes in px": card["sizes"],
@@ -246,7 +206,6 @@ def tables_of(card: Mapping[str, Any]) -> Iterator[CardTable]:
     ]
     every = (
         CardTable("Folders", ("folder", "holds", "samples"), kinds),
-        CardTable("Distributions over samples", ("of", "unit", *ENDS), distributions),
         *(
             CardTable(title, ("", "samples"), [(words, str(n)) for words, n in of.items()])
             for title, of in counts.items()

@@ -13,10 +13,12 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterator, Mapping
+from array import array
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO, overload
 
 from defocus_core.batch.datasets.sample_index import NAME
 from defocus_core.errors import InputError, Place, cannot_read, reason
@@ -58,34 +60,109 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
     Raises:
         InputError: there is no index in ``out``, or a line of it is broken.
     """
-    root = Path(out)
-    path = root / NAME
+    with _opened(Path(out)) as lines:
+        for number, line in enumerate(lines, 1):
+            yield _sample(Path(out), line, f"line {number}")
+
+
+class SampleList(Sequence[Sample]):
+    """Samples of a finished batch, each read where it is asked for: a few bytes a sample.
+
+    It holds where the lines of an index begin, so that copies in other processes cost as little.
+    """
+
+    def __init__(self, out: Path, wanted: Callable[[Mapping[str, Any]], bool]) -> None:
+        """Find the samples.
+
+        Args:
+            out: The folder of the batch.
+            wanted: Whether a sample is listed, by its line of the index.
+
+        Raises:
+            InputError: As of `samples`.
+        """
+        self._out, offset, offsets = out, 0, array("q")
+        with _opened(out) as lines:
+            self._stamp = _stamp(lines)
+            for number, line in enumerate(lines, 1):
+                if wanted(_entry(out, line, f"line {number}")):
+                    offsets.append(offset)
+                offset += len(line)
+        self._offsets = offsets
+
+    def __len__(self) -> int:
+        return len(self._offsets)
+
+    @overload
+    def __getitem__(self, index: int) -> Sample: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Sample]: ...
+    def __getitem__(self, index: int | slice) -> Sample | list[Sample]:
+        """A sample, or several.
+
+        Raises:
+            InputError: The index was written again since, or a line of it is broken.
+            IndexError: There are not so many.
+        """
+        if isinstance(index, slice):
+            return [self[n] for n in range(*index.indices(len(self)))]
+        offset = self._offsets[index]
+        with _opened(self._out) as lines:
+            if _stamp(lines) != self._stamp:
+                problem = "was written again since its samples were listed"
+                raise InputError("changed", problem, "make it anew", path=self._out / NAME)
+            lines.seek(offset)
+            return _sample(self._out, lines.readline(), f"byte {offset}")
+
+
+@contextmanager
+def _opened(root: Path) -> Iterator[BinaryIO]:
     try:
         with Folder(root).open(NAME) as lines:
-            for number, line in enumerate(lines, 1):
-                yield _sample(root, line, Place(path, f"line {number}"))
+            yield lines
     except OSError as error:
-        raise cannot_read(path, error, "it is written when a batch ends") from None
+        raise cannot_read(root / NAME, error, "it is written when a batch ends") from None
 
 
-def _sample(root: Path, line: bytes, where: Place) -> Sample:
+def _stamp(file: BinaryIO) -> tuple[int, int, int]:
+    """What changes when the index is written again."""
+    status = os.fstat(file.fileno())
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def _entry(root: Path, line: bytes, where: str) -> dict[str, Any]:
+    """What a line of the index says."""
     try:
-        record = json.loads(line)
-        if fault := next(filter(None, map(path_fault, record["outputs"].values())), None):
+        entry: dict[str, Any] = json.loads(line)
+        entry["outputs"].keys(), entry["width"], entry["height"]
+    except MALFORMED as error:
+        raise _no_sample(root, error, where) from None
+    return entry
+
+
+def _no_sample(root: Path, error: Exception, where: str) -> InputError:
+    problem = f"is no sample: {type(error).__name__} {reason(error)}"
+    remedy = "let the batch write it again"
+    return InputError("malformed", problem, remedy, path=Place(root / NAME, where))
+
+
+def _sample(root: Path, line: bytes, where: str) -> Sample:
+    entry = _entry(root, line, where)
+    try:
+        if fault := next(filter(None, map(path_fault, entry["outputs"].values())), None):
             raise ValueError(f"the path of an output {fault}")
         return Sample(
-            sample_id=record["sample_id"],
-            files={kind: root / path for kind, path in record["outputs"].items()},
-            inputs={role: root / path for role, path in record["inputs"].items()},
-            lens=_lens(record["lens"], record["inputs"]),
-            size=(record["width"], record["height"]),
-            coc_px=(record["coc_min_px"], record["coc_max_px"]),
-            quality=record["quality"],
-            record=record,
+            sample_id=entry["sample_id"],
+            files={kind: root / path for kind, path in entry["outputs"].items()},
+            inputs={role: root / path for role, path in entry["inputs"].items()},
+            lens=_lens(entry["lens"], entry["inputs"]),
+            size=(entry["width"], entry["height"]),
+            coc_px=(entry["coc_min_px"], entry["coc_max_px"]),
+            quality=entry["quality"],
+            record=entry,
         )
     except MALFORMED as error:
-        problem = f"is no sample: {type(error).__name__} {reason(error)}"
-        raise InputError("malformed", problem, "let the batch write it again", path=where) from None
+        raise _no_sample(root, error, where) from None
 
 
 def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> Lens:

@@ -18,10 +18,12 @@ import re
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
+from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.measures import MEASURES
@@ -35,9 +37,7 @@ _OWN = (b'"sample_id": ', b'"outputs_blake2b": ')  # what a line of ours has
 _SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)*")')
 _LONGEST_LINE = 2**24  # bytes
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
-Record = Mapping[str, Any]
 MM_PER_M = 1000.0
-_TAKEN = ("lens", "size", "coc_px", "quality", "renderer")  # keys that say how it was taken
 _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR decode
 
 
@@ -52,17 +52,14 @@ def write(out: Path, lines: Iterable[bytes]) -> Path:
 def entries(records: Iterable[Record], origin: Origin | None = None) -> Iterator[dict[str, Any]]:
     """What the index says of each sample, sorted by sample_id.
 
-    `records`: of the journal, oldest first; those whose status is not ``ok`` are no samples. Of the
-    others are read: sample_id, size, coc_px, quality, warnings, version, renderer, lens (as
-    `lens_record` has it), and by role or kind inputs and outputs, each with its path and, where it
-    is known, its blake2b. Records of one sample are joined if they differ in their outputs alone;
-    else the last holds, as the earlier outputs were taken by another lens.
+    `records`: of the journal, oldest first; those that took nothing are no samples. Records of one
+    sample are joined if they differ in their outputs alone; else the last holds, as the earlier
+    outputs were taken by another lens.
     """
     done: dict[str, Record] = {}
-    for record in records:
-        if _is_sample(record):
-            name = str(record["sample_id"])
-            done[name] = _joined(done[name], record) if name in done else record
+    for record in filter(_is_sample, records):
+        name = record.sample_id
+        done[name] = _joined(done[name], record) if name in done else record
     said = {key: getattr(origin, key, "") or None for key in ("licence", "source")}
     for name in sorted(done):
         yield {**_entry(done[name]), **said}
@@ -70,7 +67,7 @@ def entries(records: Iterable[Record], origin: Origin | None = None) -> Iterator
 
 def names(records: Iterable[Record]) -> set[str]:
     """The names of the samples that the index of some records would list."""
-    return {str(record["sample_id"]) for record in records if _is_sample(record)}
+    return {record.sample_id for record in records if _is_sample(record)}
 
 
 def is_own(out: Path, name: str = NAME) -> bool:
@@ -89,8 +86,9 @@ def is_own_line(line: bytes) -> bool:
 
 def listed(out: Path) -> set[str] | None:
     """The names of the samples in the index of OUT; None if it has none."""
-    lines = _lines(out)
-    return None if lines is None else {*lines}
+    with suppress(OSError, ValueError, TypeError):
+        return {name for name, _ in _lines(out)} if (out / NAME).exists() else None
+    return None
 
 
 def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
@@ -98,25 +96,32 @@ def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
 
     A process that is killed leaves an index of the samples that it did not touch, each as it is.
     """
-    lines = _lines(out) or {}
-    taken = lines.keys() & changing
+    taken = (listed(out) or set()) & {*changing}
     if taken and alone:
         with written_whole(out / NAME, out) as file:
-            file.writelines(text for name, text in lines.items() if name not in taken)
+            file.writelines(text for name, text in _lines(out) if name not in taken)
     elif taken:
         with suppress(FileNotFoundError):
             Folder(out).remove(NAME)
     return taken
 
 
-def _lines(out: Path) -> dict[str, bytes] | None:
-    """The lines of the index of OUT by sample; None if it has none of ours, or no names in it."""
-    with suppress(OSError, ValueError, TypeError):
-        if not is_own(out):
-            return None
-        lines = Folder(out).read(NAME).splitlines(keepends=True)
-        return {json.loads(_SAMPLE.search(line)[1]): line for line in lines}  # type: ignore[index]
-    return None
+def _lines(out: Path) -> Iterator[tuple[str, bytes]]:
+    """Name and line of each sample of the index of OUT.
+
+    Raises OSError, ValueError or TypeError if it has no index of ours, or one without names.
+    """
+    if not is_own(out):
+        raise ValueError("is not of a batch")
+    with Folder(out).open(NAME) as file:
+        for line in file:
+            yield json.loads(_SAMPLE.search(line)[1]), line  # type: ignore[index]
+
+
+def digest_of(out: Path) -> str:
+    """The hash of the index of OUT."""
+    with Folder(out).open(NAME) as file:
+        return digest(file)
 
 
 def digest(lines: Iterable[bytes]) -> str:
@@ -128,26 +133,33 @@ def digest(lines: Iterable[bytes]) -> str:
 
 
 def _is_sample(record: Record) -> bool:
-    return record["status"] == "ok" and not record["outputs"].keys().isdisjoint(KINDS)
+    return record.taken is not None and not record.outputs.keys().isdisjoint(KINDS)
 
 
 def _joined(before: Record, record: Record) -> Record:
     """A record with the outputs of an earlier record of the sample, if both were taken alike."""
-    if not _same_take(before, record):
+    was, now = _pictures(before), _pictures(record)
+    if _how_taken(before) != _how_taken(record):
         return record
-    outputs = {**before["outputs"], **record["outputs"]}
-    warnings = list(dict.fromkeys([*before["warnings"], *record["warnings"]]))
-    return {**record, "outputs": outputs, "warnings": warnings}
+    outputs = {**was.outputs, **now.outputs}
+    warnings = tuple(dict.fromkeys([*was.warnings, *now.warnings]))
+    return replace(record, end=replace(now, outputs=outputs, warnings=warnings))
 
 
-def _same_take(before: Record, record: Record) -> bool:
-    """Whether two finished pictures have the same inputs, lens and renderer."""
-    alike = all(before[key] == record[key] for key in _TAKEN)
-    return alike and _hashes(before) == _hashes(record)
+def _pictures(record: Record) -> Taken:
+    assert record.taken is not None  # of a sample
+    return record.taken
+
+
+def _how_taken(record: Record) -> tuple[Any, ...]:
+    """What two records have in common whose pictures have the same inputs, lens and renderer."""
+    taken = _pictures(record)
+    how = (taken.lens, taken.size, taken.coc_px, record.quality, record.renderer)
+    return (*how, _hashes(record))
 
 
 def _hashes(record: Record) -> dict[str, Any]:
-    return {role: stamp.get("blake2b") for role, stamp in record["inputs"].items()}
+    return {role: stamp.blake2b for role, stamp in record.inputs.items()}
 
 
 def line(entry: Mapping[str, Any]) -> bytes:
@@ -156,34 +168,43 @@ def line(entry: Mapping[str, Any]) -> bytes:
 
 
 def _entry(record: Record) -> dict[str, Any]:
-    outputs = {kind: record["outputs"][kind] for kind in KINDS if kind in record["outputs"]}
-    paths = {kind: output["path"] for kind, output in outputs.items()}
+    taken = _pictures(record)
+    outputs = {kind: taken.outputs[kind] for kind in KINDS if kind in taken.outputs}
+    paths = {kind: stamp.path for kind, stamp in outputs.items()}
     first, *others = sorted(paths, key=lambda kind: not KINDS[kind].image)
-    near, far = record["coc_px"]
-    width, height = record["size"]
+    (near, far), (width, height) = taken.coc_px, taken.size
     return {
         f"{first}_file_name" if "image" in paths else "file_name": paths[first],
         **{f"{kind}_file_name": paths[kind] for kind in others if decoded(paths[kind])},
-        "sample_id": record["sample_id"],
-        "split": record.get("split") or None,
+        "sample_id": record.sample_id,
+        "split": record.split or None,
         "width": width,
         "height": height,
         "outputs": paths,
         "inputs": {
-            role: stamp["path"]
-            for role, stamp in record["inputs"].items()
+            role: stamp.path
+            for role, stamp in record.inputs.items()
             if not role.startswith(FRAME_ROLE)  # other frames of a shot
         },
-        "lens": _lens(record["lens"]),
+        "lens": _lens(taken.lens),
         "coc_min_px": float(near),
         "coc_max_px": float(far),
-        **{name: (record.get("measures") or {}).get(name) for name in MEASURES},
-        "quality": record["quality"],
-        "warnings": list(record["warnings"]),
-        "outputs_blake2b": {kind: output.get("blake2b") for kind, output in outputs.items()},
+        **{name: taken.measures.get(name) for name in MEASURES},
+        "quality": record.quality,
+        **_repair(taken.depth_repair or {}),
+        "warnings": list(taken.warnings),
+        "outputs_blake2b": {kind: stamp.blake2b for kind, stamp in outputs.items()},
         "inputs_blake2b": _hashes(record),
-        "version": record["version"],
-        "renderer": record["renderer"],
+        "version": record.version,
+        "renderer": record.renderer,
+    }
+
+
+def _repair(repair: Mapping[str, Any]) -> dict[str, Any]:
+    """What was repaired of the depth, and the share of the pixels that it changed."""
+    return {
+        "depth_repaired": list(repair.get("kinds", ())),
+        "depth_repaired_share": repair.get("share"),
     }
 
 
@@ -192,7 +213,7 @@ def decoded(path: str) -> bool:
     return path.endswith(_DECODED)
 
 
-def _lens(lens: Record) -> dict[str, Any]:
+def _lens(lens: Mapping[str, Any]) -> dict[str, Any]:
     """A lens as the journal has it, each number a float; infinity is 0 dioptres, and null mm.
 
     Beside a file of radii, whose lens is the shape of its opening alone, the others are null.

@@ -23,8 +23,8 @@ from pathlib import Path
 from stat import S_ISREG
 
 from defocus_core.batch.datasets import sample_index
-from defocus_core.batch.datasets.sample_index import Record
-from defocus_core.batch.journal.run_file import SHARDS_FOLDER
+from defocus_core.batch.journal.left import SHARDS_FOLDER
+from defocus_core.batch.journal.record import Record
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
@@ -151,7 +151,7 @@ def listed(out: Path) -> Listing | None:
 def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
     origin = origin_of(out)
     entries = list(sample_index.entries(records, origin))
-    named = list(zip(entries, _keys([entry["sample_id"] for entry in entries], out), strict=True))
+    named = list(zip(entries, keys_of([entry["sample_id"] for entry in entries], out), strict=True))
     if origin.shuffle is not None:
         named.sort(key=lambda each: blake2b(f"{origin.shuffle} {each[1]}".encode()).digest())
     for entry, key in named:
@@ -160,7 +160,7 @@ def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
         yield ShardSample(key, entry["split"] or "", sample_index.line(entry), files)
 
 
-def _keys(names: Sequence[str], out: Path) -> list[str]:
+def keys_of(names: Sequence[str], out: Path) -> list[str]:
     """A key without dots for each sample."""
     keys = [name.replace(".", "_") for name in names]
     if len({*keys}) < len(keys):

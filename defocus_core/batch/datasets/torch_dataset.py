@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from defocus_core.batch.datasets.finished import Sample, samples
+from defocus_core.batch.datasets.finished import Sample, SampleList
 from defocus_core.errors import InputError, UsageProblem, did_you_mean
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.exr.reading import read_parts
@@ -30,8 +30,10 @@ class BatchDataset(Dataset[Item]):
 
     An item is a dictionary: of each kind a tensor float32 [C, H, W], scene-linear light of
     pictures, numbers of maps as they are, radii in px; ``lens``, of scalar tensors ``fnum``,
-    ``foclen`` in mm, ``sensor_width`` in mm and ``focus_dioptres`` in 1/m, 0 at infinity; and
-    ``sample_id``. Of a batch beside a file of radii the numbers of the lens are NaN.
+    ``foclen`` in mm, ``sensor_width`` in mm, that of the crop, and ``focus_dioptres`` in 1/m, 0 at
+    infinity; ``place``, int64 [4], the top row, the left column, the height and the width in px of
+    the crop in the sample; and ``sample_id``. Of a batch beside a file of radii the numbers of the
+    lens are NaN.
 
     Shuffling is the loader's, ``DataLoader(…, shuffle=True, generator=…)``. Crops are drawn by
     seed, index, and how often the sample was taken before: others in each epoch, whatever worker
@@ -71,18 +73,23 @@ class BatchDataset(Dataset[Item]):
                 raise UsageProblem("unknown-name", f"{kind!r} is no kind", remedy, field="kinds")
         self.kinds, self.seed, self.transform = tuple(kinds), seed, transform
         self.crop = (crop, crop) if isinstance(crop, int) else crop
-        every = list(samples(out))
-        self.samples = [
-            sample
-            for sample in every
-            if set(self.kinds) <= sample.files.keys()
-            and split in (None, sample.record.get("split"))
-        ]
-        if not self.samples:
-            _refuse_empty(Path(out), every, self.kinds, split)
-        if self.crop is not None:
-            for sample in self.samples:
-                self._require_room(sample, self.crop)
+        kinds_there, splits = set[str](), set[str]()
+
+        def is_wanted(entry: Mapping[str, Any]) -> bool:
+            kinds_there.update(entry["outputs"])
+            splits.add(str(entry.get("split")))
+            found = entry["outputs"].keys() >= {*self.kinds} and split in (None, entry.get("split"))
+            if found and self.crop is not None:
+                _require_room(Path(out), entry, self.crop)
+            return found
+
+        self.samples = SampleList(Path(out), is_wanted)
+        if not len(self.samples):
+            problem = f"has no sample of {', '.join(kinds)}" + (f" in split {split}" * bool(split))
+            remedy = (
+                f"it has {', '.join(sorted(kinds_there))}, in splits {', '.join(sorted(splits))}"
+            )
+            raise InputError("empty", problem, remedy, path=Path(out))
         # How often each was taken: processes of a loader share it, also those that stay.
         self._times_read = torch.zeros(len(self.samples), dtype=torch.int64)
         self._times_read.share_memory_()  # type: ignore[no-untyped-call]
@@ -120,7 +127,9 @@ class BatchDataset(Dataset[Item]):
                 remedy = "let the batch write it again"
                 raise InputError("wrong-size", problem, remedy, path=path)
             item[kind] = torch.from_numpy(np.ascontiguousarray(planes[:, rows, columns]))
-        item |= {"lens": _lens(sample), "sample_id": sample.sample_id}
+        place = rows.start, columns.start, rows.stop - rows.start, columns.stop - columns.start
+        item |= {"lens": _lens(sample, place[3] / width), "place": torch.tensor(place)}
+        item["sample_id"] = sample.sample_id
         return item if self.transform is None else self.transform(item)
 
     def _drawn(
@@ -135,23 +144,13 @@ class BatchDataset(Dataset[Item]):
         rows, columns = (slice(s, s + side) for s, side in zip(starts, crop, strict=True))
         return rows, columns
 
-    @staticmethod
-    def _require_room(sample: Sample, crop: tuple[int, int]) -> None:
-        width, height = sample.size
-        if height < crop[0] or width < crop[1]:
-            problem = f"is {width}x{height} px, smaller than the crop {crop[1]}x{crop[0]}"
-            path = next(iter(sample.files.values()))
-            raise InputError("wrong-size", problem, "take smaller crops", path=path, field="crop")
 
-
-def _refuse_empty(
-    out: Path, every: Sequence[Sample], kinds: Sequence[str], split: str | None
-) -> None:
-    known = sorted({kind for sample in every for kind in sample.files})
-    splits = sorted({str(sample.record.get("split")) for sample in every})
-    problem = f"has no sample of {', '.join(kinds)}" + (f" in split {split}" if split else "")
-    remedy = f"it has {', '.join(known)}, in splits {', '.join(splits)}"
-    raise InputError("empty", problem, remedy, path=out)
+def _require_room(out: Path, entry: Mapping[str, Any], crop: tuple[int, int]) -> None:
+    width, height = entry["width"], entry["height"]
+    if height < crop[0] or width < crop[1]:
+        problem = f"is {width}x{height} px, smaller than the crop {crop[1]}x{crop[0]}"
+        path = out / next(iter(entry["outputs"].values()))
+        raise InputError("wrong-size", problem, "take smaller crops", path=path, field="crop")
 
 
 def _planes(path: Path, kind: str) -> Any:
@@ -169,13 +168,14 @@ def _planes(path: Path, kind: str) -> Any:
     return np.concatenate(strips).transpose(2, 0, 1)[:1].astype(np.float32)
 
 
-def _lens(sample: Sample) -> dict[str, Tensor]:
+def _lens(sample: Sample, fraction: float) -> dict[str, Tensor]:
+    """The numbers of the lens in front of a fraction of the width of its sensor."""
     lens = sample.lens
     focus = math.nan if lens.foc_dist is None else MM_PER_M / lens.foc_dist
     numbers = {
         "fnum": lens.fnum,
         "foclen": lens.foclen,
-        "sensor_width": math.nan if lens.is_shape else lens.sensor_width,
+        "sensor_width": math.nan if lens.is_shape else lens.sensor_width * fraction,
         "focus_dioptres": focus,
     }
     return {name: torch.tensor(float(value)) for name, value in numbers.items()}

@@ -2,7 +2,7 @@
 
 A batch indexes what it asks for: a picture or lens that was taken out of the jobs file is no sample
 any more, though its files stay. Where several jobs files write to one OUT, the last one counts;
-`defocus merge` indexes all of them. A retry adds what it did to the index that is there; what
+`defocus merge` indexes all of them. What
 `defocus render` replaces stays in it as it is now. Before a run changes files of listed samples, it
 takes them out of the index, which is true at every moment. Shards that are there go with the index:
 they are packed again in their size if samples changed, and till then hold what they were packed of.
@@ -10,16 +10,17 @@ they are packed again in their size if samples changed, and till then hold what 
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from contextlib import suppress
 from pathlib import Path
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
-from defocus_core.batch.journal.journal import Record, read_all
-from defocus_core.batch.journal.resume import Ledger
+from defocus_core.batch.journal.journal import Ledger
+from defocus_core.batch.journal.record import Record
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
 from defocus_core.request.origin import origin_of
+from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note
 
@@ -39,26 +40,29 @@ def index(
     """
     if shards_size is None and unchanged is not None and _is_true(out, unchanged):
         return []
-    records = Ledger(out, read_all(out)).live
-    if asked is not None:
-        own = [record for record in records if record["sample_id"] in asked]
-        _tell_of_others(out, sample_index.names(records) - sample_index.names(own))
-        records = own
+    every = list(Ledger(out).records())
+    if asked is None:
+        records = _there(out, every)
+    else:
+        records = [one for one in every if one.sample_id in asked]
+        _tell_of_others(out, sample_index.names(every) - sample_index.names(records))
     written = _written(out, records)
     if shards_size is None:
         return written + _followed(out, records)
     return written + tar_shards.write(out, records, shards_size)
 
 
-def refuse_foreign(out: Path, splits: Collection[str], *, packs: bool) -> None:
-    """Refuse an OUT in which the index, the card or shards are not of a batch.
+def refuse_foreign(out: Path, named: Mapping[str, str], *, packs: bool) -> None:
+    """Refuse an OUT in which the index, the card or shards are not of a batch, or cannot be.
 
-    `splits`: of the samples; `packs`: whether shards are asked for.
+    `named`: the split of each sample by its name; `packs`: whether shards are asked for.
     """
-    lists = [sample_index.NAME, *(sample_index.list_name(split) for split in splits if split)]
+    splits = sorted({*named.values()} - {""})
+    lists = [sample_index.NAME, *map(sample_index.list_name, splits)]
     names = [name for name in lists if not sample_index.is_own(out, name)]
     names += [] if card.is_own(out) else [card.JSON]
     if packs or tar_shards.listed(out) is not None:
+        tar_shards.keys_of(list(named), out)
         names += filter(None, [tar_shards.foreign(out)])
     if names:
         problem = "exists already, and no batch has written it"
@@ -82,10 +86,25 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
         listed |= set(withdrawn)
     if listed is None or listed.isdisjoint(done):
         return
-    records = [one for one in Ledger(out, read_all(out)).live if one["sample_id"] in listed]
+    records = list(Ledger(out).records(listed))
     path, *_ = _written(out, records)
     note(f"{path}: written again, as it lists samples that were done now")
     _followed(out, records)
+
+
+def _there(out: Path, records: list[Record]) -> list[Record]:
+    """The records whose files are all in OUT; how many are not is said."""
+    folder = Folder(out)
+    gone = {
+        record.sample_id
+        for record in records
+        if record.taken is not None
+        and not all(folder.status(s.path) for kind, s in record.outputs.items() if kind in KINDS)
+    }
+    if gone:
+        problem = f"lacks files of {counted(len(gone), 'sample')}, like {min(gone)}"
+        note(f"{out}: warning: {problem}; they are not listed, and 'defocus batch' does them again")
+    return [record for record in records if record.sample_id not in gone]
 
 
 def _written(out: Path, records: list[Record]) -> list[Path]:
@@ -107,7 +126,7 @@ def _is_true(out: Path, names: Collection[str]) -> bool:
     if not told or told.get("origin") != origin_of(out).said:
         return False
     with suppress(OSError):
-        index = sample_index.digest([Folder(out).read(sample_index.NAME)])
+        index = sample_index.digest_of(out)
         is_whole = index == told.get("index_blake2b") and sample_index.has_splits(
             out, told["splits"]
         )

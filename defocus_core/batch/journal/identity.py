@@ -1,9 +1,9 @@
-"""The identity of a job: the hash of its settings and of the bytes of its inputs.
+"""The identity of a job: its settings, their hash, and stamps of its files.
 
 The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
 kinds and types of outputs, quality, the names of its files, and the version of the renderer. Where
-it computes (device, threads), where OUT is and what time it is are no part of it. The job itself is
-the hash of its recipe and its inputs. What a run does again is decided in `resume`.
+it computes (device, threads), where OUT is and what time it is are no part of it. What a run does
+again is decided in `resume`.
 
 A file is taken for unchanged if its size and its time of modification are those recorded, and as
 well if only its time differs and its bytes hash to what was recorded: a copied data set is not
@@ -17,14 +17,13 @@ import json
 import math
 import os
 import time
-import types
-import typing
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, lru_cache
 from hashlib import blake2b
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
+from defocus_core.batch.journal.record import Stamp
 from defocus_core.io.below import Folder, open_plain
 from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.request.job import FrameLens, Job, Outputs, Reading, Shot
@@ -34,12 +33,12 @@ from defocus_core.system.text import version
 
 DIGEST = 16  # bytes of a hash
 CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
-Stamp = Mapping[str, Any]
 _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)
 # Where OUT is, and where a lens stands, not what it is.
 _PLACES = ("root", "overwrite", "focus_source", *LENS_FILES)
 _MAX_STAMPS = 256
-_STAMPS: dict[tuple[object, ...], dict[str, Any]] = {}
+_PLAIN = frozenset({str, int, bool, type(None)})
+_STAMPS: dict[tuple[object, ...], Stamp] = {}
 
 
 @lru_cache(maxsize=4096)  # jobs share their lenses, readings and outputs
@@ -98,15 +97,17 @@ def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     return flat
 
 
-def recipe(job: Job) -> str:
-    """The hash of everything that decides the outputs of a job but the bytes of its inputs."""
+def recipe(job: Job, renderer: int | None = RENDERER_VERSION) -> str:
+    """The hash of everything that decides the outputs of a job but the bytes of its inputs.
+
+    A ``max-coc`` decides which lens is drawn, and that alone: `resume` asks if it still does.
+    """
+    asked = settings(job)
+    if "max_coc" in asked["lens"]:
+        lens = {key: value for key, value in asked["lens"].items() if key != "max_coc"}
+        asked = {**asked, "lens": lens}
     names = {role: path.name for role, path in job.files.items()}
-    return digest({"settings": settings(job), "names": names, "renderer": RENDERER_VERSION})
-
-
-def name(recipe: str, inputs: Mapping[str, Stamp]) -> str:
-    """The name of a job: the hash of its recipe and the bytes of its inputs."""
-    return digest([recipe, {role: stamp.get("blake2b") for role, stamp in inputs.items()}])
+    return digest({"settings": asked, "names": names, "renderer": renderer})
 
 
 def digest(value: object) -> str:
@@ -119,8 +120,8 @@ def versions() -> dict[str, Any]:
     return {"version": version(), "renderer": RENDERER_VERSION}
 
 
-def stamp(path: Path, root: Path | None = None) -> dict[str, Any]:
-    """Size, time of modification and hash of a file.
+def stamp(path: Path, root: Path | None = None) -> Stamp:
+    """Size, time of modification and hash of a file, without its path.
 
     `root`: the folder that it lies below, no link of which is followed; None for a file that the
     user named.
@@ -131,23 +132,23 @@ def stamp(path: Path, root: Path | None = None) -> dict[str, Any]:
         while block := file.read(2**20):
             hashed.update(block)
         status = os.fstat(file.fileno())
-    return {"size": status.st_size, "mtime_ns": status.st_mtime_ns, "blake2b": hashed.hexdigest()}
+    return Stamp("", status.st_size, status.st_mtime_ns, hashed.hexdigest())
 
 
-def settled_stamp(path: Path) -> dict[str, Any]:
+def settled_stamp(path: Path) -> Stamp:
     """The `stamp` of a file, without a time so recent that a later change could have the same."""
     status = path.stat()
     key = (str(path), status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
     if key in _STAMPS:  # frames of a shot share files
-        return dict(_STAMPS[key])
-    settled = stamp(path)
-    if abs(time.time_ns() - settled["mtime_ns"]) < CLOCK_TICK:
-        del settled["mtime_ns"]
-    elif settled["mtime_ns"] == status.st_mtime_ns:
-        _STAMPS[key] = dict(settled)
+        return _STAMPS[key]
+    found = stamp(path)
+    if abs(time.time_ns() - (found.mtime_ns or 0)) < CLOCK_TICK:
+        return found._replace(mtime_ns=None)
+    if found.mtime_ns == status.st_mtime_ns:
+        _STAMPS[key] = found
         while len(_STAMPS) > _MAX_STAMPS:
             _STAMPS.pop(next(iter(_STAMPS)))
-    return settled
+    return found
 
 
 def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
@@ -157,57 +158,36 @@ def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:
     """
     try:
         status = os.stat(path)  # noqa: PTH116 - it is asked of each file of all jobs
-        if status.st_size != recorded.get("size"):
+        if status.st_size != recorded.size:
             return False
-        if status.st_mtime_ns == recorded.get("mtime_ns") and not read:
+        if status.st_mtime_ns == recorded.mtime_ns and not read:
             return True
-        return "blake2b" in recorded and stamp(Path(path))["blake2b"] == recorded["blake2b"]
+        return recorded.blake2b is not None and stamp(Path(path)).blake2b == recorded.blake2b
     except OSError:
         return False
 
 
-T = TypeVar("T")
-
-
-def plain(value: Any, *, absolute: bool = False) -> Any:
+def plain(value: Any) -> Any:
     """A value without classes: dataclasses become dictionaries, tuples lists, paths text."""
+    if type(value) in _PLAIN:  # most are
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        fields = ((field, getattr(value, field.name)) for field in dataclasses.fields(value))
-        return {f.name: plain(v, absolute=absolute) for f, v in fields if v != f.default}
+        parts: dict[str, Any] = {}
+        for name, default in _fields(type(value)):  # a lens has many, and a batch many lenses
+            part = getattr(value, name)
+            if part is not default and part != default:
+                parts[name] = plain(part)
+        return parts
     if isinstance(value, list | tuple):
-        return [plain(item, absolute=absolute) for item in value]
+        return [plain(item) for item in value]
     if isinstance(value, Path):
-        return str(value.absolute() if absolute else value)
-    if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     return value
 
 
-def typed(kind: type[T], value: Any) -> T:
-    """The dataclass of a kind that `plain` made a dictionary of."""
-    try:
-        result: T = _typed(kind, value)
-    except (TypeError, KeyError, AttributeError, IndexError) as error:
-        raise ValueError(f"is no {kind.__name__}: {error}") from None
-    return result
-
-
-def _typed(kind: Any, value: Any) -> Any:
-    origin = typing.get_origin(kind)
-    if origin in (typing.Union, types.UnionType):
-        options = [option for option in typing.get_args(kind) if option is not type(None)]
-        return None if value is None else _typed(options[0], value)
-    if origin is tuple:
-        kinds = typing.get_args(kind)
-        if kinds[-1] is Ellipsis:
-            return tuple(_typed(kinds[0], item) for item in value)
-        return tuple(_typed(*pair) for pair in zip(kinds, value, strict=True))
-    if dataclasses.is_dataclass(kind) and isinstance(kind, type):
-        hints = _hints(kind)
-        return kind(**{name: _typed(hints[name], item) for name, item in value.items()})
-    return kind(value)
-
-
 @cache
-def _hints(kind: Any) -> dict[str, Any]:
-    return typing.get_type_hints(kind)
+def _fields(kind: type) -> tuple[tuple[str, object], ...]:
+    """The fields of a dataclass, and their defaults."""
+    return tuple((each.name, each.default) for each in dataclasses.fields(kind))

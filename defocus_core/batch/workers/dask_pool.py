@@ -1,23 +1,23 @@
 """Jobs of a batch on the workers of a Dask scheduler.
 
-Jobs go as plain dictionaries and come back as small ones; pictures are read and written where they
-are computed, so every worker has to see the same files under the same names. Dask may do a job
-twice, which changes nothing: outputs are written whole, and only this process writes the journal.
+Jobs and what came of them are small; pictures are read and written where they are computed, so
+every worker has to see the same files under the same names. Dask may do a job twice, which
+changes nothing: outputs are written whole, and only this process writes the journal.
 """
 
 from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.identity import plain, typed
+from defocus_core.batch.journal.record import Failed
 from defocus_core.batch.workers import job_result
-from defocus_core.batch.workers.job_result import failed
-from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.batch.workers.plan import Chunk, Done, Execute, sent
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.request.job import Job
 from defocus_core.system.text import note
@@ -106,7 +106,7 @@ class _Submitted:
             number, job = chunk[0]
             alone = "-alone" if self.alone else ""  # what failed under a name keeps it
             key = f"{job.sample_id}-{identity.recipe(job)}-{number}-{len(chunk)}{alone}"
-            jobs = [plain(job, absolute=True) for _, job in chunk]
+            jobs = [_absolute(job) for _, job in chunk]
             future = self.client.submit(do, jobs, self.threads or 1, key=key, pure=False)
             self.flight[future] = chunk
             completed.add(future)
@@ -138,7 +138,7 @@ class _Submitted:
             number, job = chunk[0]
             problem = f"{job.picture.color}: several Dask workers that worked on it died"
             message = f"{problem}; see if it is damaged"
-            self.done(number, failed("failed", "worker-died", message, {}))
+            self.done(number, Failed("failed", "worker-died", message))
 
     def _require_same_version(self, theirs: Mapping[str, Any]) -> None:
         own = identity.versions()
@@ -153,12 +153,26 @@ class _Submitted:
             )
 
 
-def do(jobs: list[dict[str, Any]], threads: int) -> dict[str, Any]:
+def do(jobs: list[Job], threads: int) -> dict[str, Any]:
     """Do jobs of one picture on a worker; gives their results, and the versions there."""
     reader, results = job_result.Reader(), []
     for each in jobs:
-        job = typed(Job, each)
-        job = replace(job, machine=replace(job.machine, threads=threads))
-        record = job_result.write(job_result.compute(job, reader.read(job)))
-        results.append({key: value for key, value in record.items() if key != "error"})
+        job = replace(each, machine=replace(each.machine, threads=threads))
+        results.append(sent(job_result.write(job_result.compute(job, reader.read(job)))))
     return {"versions": identity.versions(), "results": results}
+
+
+def _absolute(value: Any) -> Any:
+    """A job, or a part of it, whose paths mean the same to a worker elsewhere."""
+    made = value
+    if isinstance(value, Path):
+        made = value.absolute()
+    elif isinstance(value, tuple) and not hasattr(value, "_fields"):
+        made = tuple(map(_absolute, value))
+    elif is_dataclass(value) and not isinstance(value, type):
+        parts = {each.name: getattr(value, each.name) for each in fields(value)}
+        changed = {
+            name: new for name, part in parts.items() if (new := _absolute(part)) is not part
+        }
+        made = replace(value, **changed) if changed else value
+    return made

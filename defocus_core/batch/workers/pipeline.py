@@ -15,7 +15,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from itertools import chain, islice
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.journal.journal import Record
+from defocus_core.batch.journal.record import Failed
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import TileCount
 from defocus_core.batch.workers.plan import Chunk, Done, Execute
@@ -30,7 +30,7 @@ from defocus_core.system.process import settings_kept
 _SMALL = 1 << 16
 
 if TYPE_CHECKING:
-    _Read = tuple[int, Job, Inputs | Record]
+    _Read = tuple[int, Job, Inputs | Failed]
 
 
 def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
@@ -42,27 +42,21 @@ def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) ->
         if len(first) > 1:
             run(chain(first, jobs), done, stopped=stopped)
         for number, job in first if len(first) == 1 else ():
-            _carry_out(number, job, done)
+            _do(number, job, done, None)
 
 
-def execute_alone(progress: TileCount | None) -> Execute:
-    """An executor of a lone job, which raises the error that ends the job."""
+def execute_counting(progress: TileCount) -> Execute:
+    """An executor of a lone job, whose tiles are counted."""
 
     def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-        def done_or_raised(number: int, record: Record) -> None:
-            if "error" in record:
-                raise record["error"]
-            done(number, record)
-
         plain_path.load()
         for number, job in _jobs(chunks, stopped):
-            _carry_out(number, job, done_or_raised, progress)
+            _do(number, job, done, progress)
 
     return execute
 
 
-def _carry_out(number: int, job: Job, done: Done, progress: TileCount | None = None) -> None:
-    """Do a job."""
+def _do(number: int, job: Job, done: Done, progress: TileCount | None) -> None:
     take = job_result.compute(job, job_result.Reader().read(job), progress)
     with delayed_signals():  # nothing stays half-written, or written and not told
         done(number, job_result.write(take))
@@ -84,7 +78,7 @@ def run(
     """Do jobs in their order.
 
     `jobs`: numbered; asked for the next one, on a thread of its own, before the last is done.
-    `done`: called with number and record of each as soon as it is durable, on another thread or on
+    `done`: called with number and end of each as soon as it is durable, on another thread or on
     this one, one at a time.
     """
     gate, reader, numbered = Gate(), job_result.Reader(), iter(jobs)
@@ -97,7 +91,7 @@ def run(
                 return None if ended.is_set() else (number, job, reader.read(job))
         return None
 
-    def write(number: int, take: Take | Record) -> None:
+    def write(number: int, take: Take | Failed) -> None:
         try:
             done(number, job_result.write(take))
         finally:

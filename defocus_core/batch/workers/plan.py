@@ -5,22 +5,33 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from defocus_core.batch.datasets import update
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.journal import Record, Shard, read_all
-from defocus_core.batch.journal.resume import Ledger
+from defocus_core.batch.journal.journal import Ledger, Shard
+from defocus_core.batch.journal.record import End, Failed, Record
+from defocus_core.batch.journal.resume import AGAIN, NEW, decided, refuse_others
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
 from defocus_core.request.job import Job, Outputs
+from defocus_core.request.origin import JobsSource
 from defocus_core.request.splits import with_recorded
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note
 
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
-Done = Callable[[int, Record], None]
+Done = Callable[[int, End], None]
 Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """The data set that a run is to leave: an index of what it asks for, tars, the jobs file."""
+
+    source: JobsSource | None = None  # what is kept of the jobs file; None if there is none
+    shards_size: int | None = None  # bytes of a tar; None to pack only where there are some
 
 
 @dataclass(frozen=True)
@@ -28,32 +39,38 @@ class Execution:
     """The way to carry out a batch."""
 
     # Does jobs; called with chunks of them, with the function to call with the number and
-    # record of each job, and with the function that tells that no further job is to be begun
+    # end of each job, and with the function that tells that no further job is to be begun
     execute: Execute
     shard: Shard | None = None  # which part of the batch; None for all of it
     limit: int | None = None  # at most so many jobs
     fail_fast: bool = False  # stop at the first job that fails
     read_inputs: bool = False  # compare the bytes of inputs, not only their size and time
-    again: bool = False  # do jobs even if the journal has them as done
+    new_only: bool = False  # leave what has outputs, whatever changed
     keep_lenses: bool = False  # refuse to replace pictures of another lens or view
+    raises: bool = False  # a lone job that fails leaves nothing, and its error ends the run
     spread: int = 1  # over how many workers the jobs of one picture are to be spread
+    data_set: DataSet | None = None  # None for none; an index that lists the samples stays true
 
 
 @dataclass(frozen=True)
 class Plan:
     """The jobs of a batch, sorted."""
 
+    ledger: Ledger
     todo: list[tuple[Job, str]]  # jobs to do, and the recipe of each
-    # Jobs that are done, or rejected, each with its record of the journal
-    settled: list[tuple[Job, Record]]
+    settled: list[Job]  # jobs that are done, or rejected
     # Records to append anew, since their inputs lie elsewhere now, or their split changed
     moved: list[Record]
     beyond: int  # how many jobs the limit puts off
-    # How many of ``todo`` were done, but with other inputs or settings, or have outputs that
-    # are no longer as they were
-    changed: int
     names: list[str]  # of the samples of all jobs to do, now or later
-    previews: dict[str, identity.Stamp]  # those of before by path, relative to OUT
+    again: Counter[str] = field(default_factory=Counter)  # why jobs are done again, in words
+    kept: Counter[str] = field(default_factory=Counter)  # why those would be that are left
+
+    def record(self, job: Job) -> Record:
+        """The record of a settled job."""
+        number = self.ledger.number_of(job.names.values())
+        assert number is not None
+        return self.ledger.record(number)
 
     def began(self) -> bool:
         """Whether an output of the jobs to do is there."""
@@ -64,30 +81,48 @@ class Plan:
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     """Sort the jobs of a batch into those that are done and those that are to do."""
     refuse_misplaced(jobs)
-    ledger = Ledger(out, read_all(out))
+    if (wanted := execution.data_set) is not None:
+        named = {job.sample_id: job.split.name for job in jobs}
+        update.refuse_foreign(out, named, packs=wanted.shards_size is not None)
+    ledger, forced = Ledger(out), any(job.outputs.overwrite for job in jobs)
     todo: list[tuple[Job, str]] = []
-    settled: list[tuple[Job, Record]] = []
-    changed = 0
-    forced = execution.again or any(job.outputs.overwrite for job in jobs)
-    jobs = with_recorded(jobs, {} if forced else ledger.splits())
+    plan = Plan(ledger, [], [], [], 0, [])
+    jobs = with_recorded(jobs, {} if forced else ledger.splits)
     for job in jobs if execution.shard is None else _part(jobs, execution.shard):
         recipe = identity.recipe(job)
-        record = None
+        found = NEW
         if not forced:
-            record = ledger.settled(job, recipe=recipe, read_inputs=execution.read_inputs)
-        if record is not None:
-            settled.append((job, record))
-            continue
-        todo.append((job, recipe))
-        changed += not forced and any(name in ledger.files for name in job.names.values())
-    moved = [record for _, record in settled if not ledger.has(record)]
-    now = todo if execution.limit is None else todo[: execution.limit]
-    jobs_to_do = [job for job, _ in todo]
-    ledger.refuse_others(jobs_to_do, keep_lenses=execution.keep_lenses)
-    own = own_without_record(jobs_to_do, out, ledger.files)
-    refuse_unknown(jobs_to_do, ledger.files | own)
-    names = [job.sample_id for job in jobs_to_do]
-    return Plan(now, settled, moved, len(todo) - len(now), changed, names, ledger.previews)
+            found = decided(job, ledger, recipe, read_inputs=execution.read_inputs)
+        is_kept = execution.new_only and found.again and _has_outputs(job, ledger)
+        if is_kept:
+            plan.kept[found.again] += 1
+        elif found.again and found.again != AGAIN["failed"]:
+            plan.again[found.again] += 1
+        if found.settled or is_kept:
+            plan.settled.append(job)
+            if found.moved and found.record is not None:
+                plan.moved.append(found.record)
+        else:
+            todo.append((job, recipe))
+    plan.todo.extend(todo if execution.limit is None else todo[: execution.limit])
+    left = [job for job, _ in todo]
+    refuse_others(left, ledger, keep_lenses=execution.keep_lenses)
+    own = own_without_record(left, out, ledger.is_known)
+    refuse_unknown(left, lambda name: name in own or ledger.is_known(name))
+    plan.names.extend(job.sample_id for job in left)
+    return replace(plan, beyond=len(todo) - len(plan.todo))
+
+
+def _has_outputs(job: Job, ledger: Ledger) -> bool:
+    """Whether a record has all files of a job as written, and they are there."""
+    number = ledger.number_of(job.names.values())
+    is_ok = number is not None and ledger.kind(number).status == "ok"
+    return is_ok and all(map(os.path.exists, job.written))
+
+
+def sent(end: End) -> End:
+    """What a worker sends of the end of a job."""
+    return replace(end, error=None) if isinstance(end, Failed) else end
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:
@@ -122,7 +157,7 @@ def _outputs_of(jobs: Sequence[Job]) -> Collection[Outputs]:
     return set({id(job.outputs): job.outputs for job in jobs}.values())
 
 
-def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
+def refuse_unknown(jobs: Sequence[Job], is_known: Callable[[str], bool]) -> None:
     """Refuse to replace files that no job is known to have written."""
     existing = []
     for job in jobs:
@@ -132,7 +167,7 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
             if path.is_dir():
                 problem = "is a directory where a file is to be written"
                 raise InputError("wrong-type", problem, "choose another -o", path=path)
-            if not overwrite and name not in known and os.path.lexists(path):
+            if not overwrite and os.path.lexists(path) and not is_known(name):
                 existing.append(path)
     if existing:
         is_lone = bool(jobs[0].outputs.file)
@@ -145,7 +180,7 @@ def refuse_unknown(jobs: Sequence[Job], known: Collection[str]) -> None:
         )
 
 
-def own_without_record(jobs: Sequence[Job], out: Path, known: Collection[str]) -> set[str]:
+def own_without_record(jobs: Sequence[Job], out: Path, is_known: Callable[[str], bool]) -> set[str]:
     """The files of jobs, relative to OUT, that this program wrote and no journal knows.
 
     Their jobs are done again, for nothing tells how they were done; a line says it.
@@ -154,7 +189,7 @@ def own_without_record(jobs: Sequence[Job], out: Path, known: Collection[str]) -
         return set()
     from defocus_core.io.images.encode import is_own
 
-    names = {name for job in jobs for name in job.names.values() if name not in known}
+    names = {name for job in jobs for name in job.names.values() if not is_known(name)}
     own = {name for name in names if os.path.lexists(out / name) and is_own(out / name)}
     if own:
         note(f"{out}: the journal no longer knows {counted(len(own), 'output')}, done again")

@@ -23,11 +23,10 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.journal.journal import Record
+from defocus_core.batch.journal.record import End, Failed
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.dask_pool import execute_at
-from defocus_core.batch.workers.job_result import failed
-from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.batch.workers.plan import Chunk, Done, Execute, sent
 from defocus_core.errors import InputError
 from defocus_core.picture import memory_budget, plain_path
 from defocus_core.request.job import Job, Machine
@@ -55,8 +54,8 @@ def serve(connection: Connection) -> None:
     jobs = _received(connection, stopped)
     plain_path.load()
 
-    def send(number: int, record: Record) -> None:
-        connection.send((number, {key: value for key, value in record.items() if key != "error"}))
+    def send(number: int, end: End) -> None:
+        connection.send((number, sent(end)))
 
     connection.send(READY)
     pipeline.run(jobs, send, stopped=stopped.is_set)
@@ -193,7 +192,7 @@ class Pool:
                 self.suspects.append((number, job))
                 continue
             message = f"{job.picture.color}: {_death(each.process.exitcode, self.strikes[number])}"
-            self.done(number, failed("failed", "worker-died", message, {}))
+            self.done(number, Failed("failed", "worker-died", message))
 
 
 class _Worker:

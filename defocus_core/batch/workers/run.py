@@ -1,6 +1,7 @@
-"""A batch run: skips finished jobs, does the others, and writes each result to the journal.
+"""A run: skips finished jobs, does the others, writes each result to the journal, then the index.
 
-This is the one path of `defocus render`, `batch` and `retry`. Only this process writes the journal.
+This is the one way of `defocus render` to a folder or a file, of `batch`, goldens and `run_batch`.
+Only this process writes the journal.
 """
 
 from __future__ import annotations
@@ -15,14 +16,13 @@ from pathlib import Path
 from typing import Protocol
 
 from defocus_core.batch.datasets import update
-from defocus_core.batch.journal import identity, run_file
-from defocus_core.batch.journal.journal import Journal, Record, input_path, journal_path, read_all
-from defocus_core.batch.journal.lock import Check, locked
-from defocus_core.batch.journal.run_file import RunPlan
-from defocus_core.batch.workers.job_result import TRANSIENT
+from defocus_core.batch.journal import identity, left
+from defocus_core.batch.journal.journal import Journal, Ledger, input_path, journal_path
+from defocus_core.batch.journal.left import RunPlan
+from defocus_core.batch.journal.lock import locked
+from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Taken
 from defocus_core.batch.workers.plan import (
     Chunk,
-    Execute,
     Execution,
     Plan,
     make_plan,
@@ -33,8 +33,11 @@ from defocus_core.batch.workers.plan import (
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
+from defocus_core.renderer_version import RENDERER_VERSION
+from defocus_core.request import origin
 from defocus_core.request.job import Job, Outputs
 from defocus_core.system.interrupts import Interrupts
+from defocus_core.system.text import note
 
 MAX_IN_A_CHUNK = 8
 
@@ -50,54 +53,157 @@ class Listener(Protocol):
         """Before the first job is done."""
 
     def ended(self, job: Job, record: Record) -> None:
-        """A job has come to its end, and the journal has it, but for what stands `TRANSIENT`."""
+        """A job has come to its end, and the journal has it."""
 
 
 @dataclass
 class Summary:
     """The result of a batch: jobs by status, without those that were done before."""
 
-    jobs: int
-    skipped: int
+    jobs: int = 0
+    skipped: int = 0
     left: int = 0
     statuses: Counter[str] = field(default_factory=Counter)
     reasons: Counter[str] = field(default_factory=Counter)
+    again: Counter[str] = field(default_factory=Counter)  # why jobs were done again, in words
+    kept: Counter[str] = field(default_factory=Counter)  # why those would be that stay as they are
     warned: int = 0
     warnings: NoteKinds = field(default_factory=NoteKinds)
     seconds: float = 0.0
     interrupted: bool = False
-    withdrawn: set[str] = field(default_factory=set)  # samples taken out of the index of OUT
-    unchanged: set[str] | None = None  # names of all samples, if they were done before
+    written: list[Path] = field(default_factory=list)  # the files of the data set
+    error: Exception | None = None  # that ended a lone job
 
 
-def carry_out(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
-    """Do jobs that write to OUT."""
+def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
+    """Do jobs that write to OUT, or a lone one of one file, beside which no journal stands."""
+    if any(job.outputs.file for job in jobs):
+        return _one_file(jobs[0], execution, listener)
     with (
         _output_folders({job.outputs for job in jobs}, out),
         locked(out, execution.shard) as require_lock,
     ):
-        return _carried_out(jobs, out, execution, listener, require_lock)
+        _clear(out, execution)
+        plan = make_plan(jobs, out, execution)
+        listener.planned(plan)
+        state = _State(plan, out, execution, listener, len(jobs) == 1)
+        _append(plan.moved, out, execution)
+        if plan.todo:
+            with (
+                _planned(state),
+                Journal(journal_path(out, execution.shard), plan.began) as journal,
+            ):
+                start = time.perf_counter()
+
+                def done(number: int, end: End) -> None:
+                    require_lock()
+                    if record := state.record(number, end):
+                        journal.append(record)
+                        state.count(number, record)
+
+                try:
+                    execution.execute(state.chunks(), done, state.stopped)
+                finally:
+                    state.summary.seconds = time.perf_counter() - start
+                require_lock()
+            if execution.shard is None:
+                left.sweep_up(out)
+        elif execution.shard is None:
+            left.run_path(out).unlink(missing_ok=True)
+    _index(jobs, state)
+    return state.summary
 
 
-def write_alone(job: Job, execute: Execute, listener: Listener) -> Summary:
-    """Do a job of one file, beside which no journal stands; it may replace one of the same kind."""
+def _clear(out: Path, execution: Execution) -> None:
+    """What runs that were killed left half-written goes; the journals of shards become one."""
+    if execution.shard is None:
+        left.sweep_up(out)
+        left.gather(out)
+    else:  # others of its division write to OUT, too
+        left.refuse_other_division(out, execution.shard)
+
+
+def _append(moved: Collection[Record], out: Path, execution: Execution) -> None:
+    """Append records that were changed without a job being done."""
+    if moved:
+        with Journal(journal_path(out, execution.shard)) as journal:
+            for record in moved:
+                journal.append(record)
+
+
+@contextmanager
+def _planned(state: _State) -> Iterator[None]:
+    """The plan is in OUT in the block, and stays if jobs are left; the index lists none of them."""
+    plan, out, shard = state.plan, state.out, state.execution.shard
+    path = left.run_path(out, shard)
+    with Interrupts(patient=len(plan.todo) > 1) as interrupts:
+        state.interrupts = interrupts
+        RunPlan(_now(), plan.names).write(path)
+        if shard is None:
+            left.forget_shards(out)
+        changing = {job.sample_id for job, _ in plan.todo}
+        state.withdrawn = update.withdraw(out, changing, alone=shard is None)
+        try:
+            yield
+        except BaseException:
+            if state.is_lone:
+                path.unlink(missing_ok=True)
+            raise
+        if not state.summary.left or state.summary.error is not None:
+            path.unlink(missing_ok=True)
+        state.summary.interrupted = interrupts.asked
+
+
+def _index(jobs: Sequence[Job], state: _State) -> None:
+    """Write the index of the samples that are asked for, or one that lists some of them."""
+    out, summary, wanted = state.out, state.summary, state.execution.data_set
+    if wanted is not None and wanted.source is not None:
+        origin.keep(out, wanted.source)
+    asked = {job.sample_id for job in jobs}
+    if wanted is None:
+        if summary.statuses["ok"]:
+            update.refresh(out, asked, state.withdrawn)
+    elif state.execution.shard is None and not summary.interrupted:
+        untouched = None if state.plan.todo or state.plan.moved else state.done_before()
+        summary.written = update.index(out, wanted.shards_size, asked, untouched)
+    if not summary.error:
+        _tell_mix(state.plan.ledger, state)
+
+
+def _tell_mix(ledger: Ledger, state: _State) -> None:
+    """Say that pictures of another renderer stay beside those of this one."""
+    counts = Counter(
+        ledger.kind(number).renderer
+        for number in ledger.live()
+        if number not in state.replaced
+        if ledger.kind(number).status == "ok"
+    )
+    counts[RENDERER_VERSION] += state.summary.statuses["ok"]
+    versions = {version: count for version, count in counts.items() if count}
+    if len(versions) > 1:
+        words = ", ".join(f"{count} by {v}" for v, count in sorted(versions.items(), key=str))
+        note(f"{state.out}: warning: pictures of several renderers: {words}")
+
+
+def _one_file(job: Job, execution: Execution, listener: Listener) -> Summary:
+    """Do a job of one file; it may replace one of the same kind."""
     refuse_misplaced([job])
     from defocus_core.io.images.encode import is_own
 
-    own = [name for name in job.names.values() if is_own(job.outputs.root / name)]
-    refuse_unknown([job], known=own)
-    out, summary = job.outputs.root, Summary(1, 0, 1)
+    out, own = job.outputs.root, [n for n in job.names.values() if is_own(job.outputs.root / n)]
+    refuse_unknown([job], own.__contains__)
+    plan = Plan(Ledger(out / "none"), [(job, identity.recipe(job))], [], [], 0, [])
+    state = _State(plan, out, execution, listener, is_lone=True)
 
-    def done(_: int, record: Record) -> None:
-        summary.left = 0
-        summary.statuses[record["status"]] += 1
-        transient = {key: record[key] for key in TRANSIENT if key in record}
-        listener.ended(job, {**completed(record, job, identity.recipe(job), out), **transient})
+    def done(number: int, end: End) -> None:
+        if record := state.record(number, end):
+            state.count(number, record)
 
     with _output_folders({job.outputs}, out), Interrupts(patient=False) as interrupts:
-        execute(iter([[(0, job)]]), done, lambda: interrupts.asked)
-    summary.interrupted = interrupts.asked
-    return summary
+        state.interrupts = interrupts
+        execution.execute(state.chunks(), done, state.stopped)
+    state.summary.interrupted = interrupts.asked
+    return state.summary
 
 
 @contextmanager
@@ -119,160 +225,112 @@ def _output_folders(every: Collection[Outputs], out: Path) -> Iterator[None]:
                 folder.rmdir()
 
 
-def _carried_out(
-    jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener, require_lock: Check
-) -> Summary:
-    if execution.shard is None:
-        run_file.sweep_up(out)
-        run_file.gather(out)
-    else:  # others of its division write to OUT, too
-        run_file.refuse_other_division(out, execution.shard)
-    plan = make_plan(jobs, out, execution)
-    listener.planned(plan)
-    settled = len(plan.settled)
-    done = {job.sample_id for job, record in plan.settled if record["status"] == "ok"}
-    plan.settled.clear()  # a night is long, and they are many
-    left = len(plan.todo) + plan.beyond
-    summary = Summary(settled + left, settled, left)
-    summary.unchanged = None if plan.todo or plan.moved else done
-    path = run_file.run_path(out, execution.shard)
-    if plan.moved:
-        with Journal(journal_path(out, execution.shard)) as journal:
-            for record in plan.moved:
-                journal.append(record)
-        plan.moved.clear()
-    if not plan.todo:
-        if not execution.again:
-            path.unlink(missing_ok=True)
-        return summary
-    others = _others_left(plan, out) if execution.again else []
-    with Interrupts(patient=len(plan.todo) > 1) as interrupts:
-        RunPlan(_now(), plan.names + others).write(path)
-        plan.names.clear()
-        if execution.shard is None and not execution.again:
-            run_file.forget_shards(out)
-        changing = {job.sample_id for job, _ in plan.todo}
-        summary.withdrawn = update.withdraw(out, changing, alone=execution.shard is None)
-        try:
-            with Journal(journal_path(out, execution.shard), plan.began) as journal:
-                _Batch(
-                    plan, out, execution, listener, journal, summary, interrupts, require_lock
-                ).do()
-            require_lock()
-        except BaseException:
-            if len(jobs) == 1 and not others:
-                path.unlink(missing_ok=True)
-            raise
-        if execution.shard is None:
-            run_file.sweep_up(out)
-        if not summary.left and not others:
-            path.unlink(missing_ok=True)
-    summary.interrupted = interrupts.asked
-    return summary
+class _State:
+    """Jobs being done, and what came of them."""
 
-
-def _others_left(plan: Plan, out: Path) -> list[str]:
-    """The jobs that a stopped batch has left, and that are not in the plan."""
-    stopped = run_file.plan_of(out)
-    left, own = stopped.left(read_all(out)) if stopped else [], {*plan.names}
-    return [name for name in left if name not in own]
-
-
-@dataclass
-class _Batch:
-    """Jobs being done."""
-
-    plan: Plan
-    out: Path
-    execution: Execution
-    listener: Listener
-    journal: Journal
-    summary: Summary
-    interrupts: Interrupts
-    require_lock: Check
-    stopping: bool = False
-
-    def do(self) -> None:
-        """Do all jobs, or those until the user or a full disk stops the batch."""
-        start = time.perf_counter()
-        try:
-            self.execution.execute(self.chunks(), self.done, self.stopped)
-        finally:
-            self.summary.seconds = time.perf_counter() - start
+    def __init__(
+        self, plan: Plan, out: Path, execution: Execution, listener: Listener, is_lone: bool
+    ) -> None:
+        self.plan, self.out, self.execution, self.listener = plan, out, execution, listener
+        self.is_lone = is_lone
+        settled, to_do = len(plan.settled), len(plan.todo) + plan.beyond
+        self.summary = Summary(settled + to_do, settled, to_do, again=plan.again, kept=plan.kept)
+        self.interrupts: Interrupts | None = None
+        self.withdrawn: set[str] = set()  # samples that were taken out of the index
+        self.replaced: set[int] = set()  # numbers of records whose pictures were made again
+        self.stopping = False
 
     def stopped(self) -> bool:
         """Whether no further job is to be begun."""
-        return self.stopping or self.interrupts.asked
+        return self.stopping or (self.interrupts is not None and self.interrupts.asked)
+
+    def done_before(self) -> set[str]:
+        """The samples that were done before."""
+        numbers = (
+            (job, self.plan.ledger.last(name))
+            for job in self.plan.settled
+            for name in job.names.values()
+        )
+        return {
+            j.sample_id
+            for j, n in numbers
+            if n is not None and self.plan.ledger.kind(n).status == "ok"
+        }
 
     def chunks(self) -> Iterator[Chunk]:
-        """Jobs of one picture at a time."""
-        for chunk in _chunks(self.plan.todo, self.execution.spread):
-            if self.stopped():
-                return
+        """Jobs of one picture that follow one another, in chunks that keep all workers busy."""
+        todo = self.plan.todo
+        maximum = max(1, min(MAX_IN_A_CHUNK, len(todo) // (4 * self.execution.spread)))
+        chunk: Chunk = []
+        for number, (job, _) in enumerate(todo):
+            if chunk and (len(chunk) == maximum or chunk[-1][1].picture != job.picture):
+                if self.stopped():
+                    return
+                yield chunk
+                chunk = []
+            chunk.append((number, job))
+        if chunk and not self.stopped():
             yield chunk
 
-    def done(self, number: int, record: Record) -> None:
-        """Complete the record of a job, and write it."""
-        self.require_lock()
+    def record(self, number: int, end: End) -> Record | None:
+        """The record of a job that ended; None of a lone one whose error ends the run."""
         job, recipe = self.plan.todo[number]
-        if record["reason"] == "no-space":  # no other job will find space
-            path, _, problem = record["message"].partition(": ")
-            raise NoSpace("no-space", problem, path=path)
-        transient = {key: record[key] for key in TRANSIENT if key in record}
-        record = completed(record, job, recipe, self.out)
-        self.journal.append(record)
-        if record["status"] == "ok" and not job.outputs.preview:
-            with_previews = replace(job.outputs, preview=True).names(job.sample_id)
-            for path in with_previews.values():  # of another lens
-                stamp = self.plan.previews.get(path)
-                if stamp and identity.unchanged(self.out / path, stamp):
-                    Folder(self.out).remove(path)
-        self.summary.left -= 1
-        self.summary.statuses[record["status"]] += 1
-        self.summary.warned += bool(record["warnings"])
-        self.summary.warnings.add(*record["warnings"])
-        if record["reason"]:
-            self.summary.reasons[record["reason"]] += 1
-        if record["status"] == "failed" and self.execution.fail_fast:
+        if isinstance(end, Failed):
+            if end.reason == "no-space" and not self.execution.raises:
+                path, _, problem = end.message.partition(": ")
+                raise NoSpace("no-space", problem, path=path)  # no other job will find space
+            if self.execution.raises:
+                self.summary.error = end.error
+                self.count(number, completed(end, job, recipe, self.out))
+                return None
+        return completed(end, job, recipe, self.out)
+
+    def count(self, number: int, record: Record) -> None:
+        """Count a job whose record is kept, and tell of it."""
+        job, summary, end = self.plan.todo[number][0], self.summary, record.end
+        if isinstance(end, Taken):
+            self._remove_previews(job)
+            names = job.names.values()
+            self.replaced |= {n for n in map(self.plan.ledger.last, names) if n is not None}
+        summary.left -= 1
+        summary.statuses[end.status] += 1
+        summary.warned += bool(end.warnings)
+        summary.warnings.add(*end.warnings)
+        if end.reason:
+            summary.reasons[end.reason] += 1
+        if end.status == "failed" and self.execution.fail_fast:
             self.stopping = True
-        self.listener.ended(job, {**record, **transient})
+        self.listener.ended(job, record)
+
+    def _remove_previews(self, job: Job) -> None:
+        """Remove the previews of a job that were made of another lens."""
+        if job.outputs.preview or job.outputs.file:
+            return
+        for path in replace(job.outputs, preview=True).names(job.sample_id).values():
+            number = None if path in job.names.values() else self.plan.ledger.last(path)
+            if number is None:
+                continue
+            stamps = self.plan.ledger.record(number).outputs.values()
+            stamp = next((s for s in stamps if s.path == path), Stamp())
+            if identity.unchanged(self.out / path, stamp):
+                Folder(self.out).remove(path)
 
 
-def completed(record: Record, job: Job, recipe: str, out: Path) -> Record:
+def completed(end: End, job: Job, recipe: str, out: Path) -> Record:
     """The record of a job for the journal, from what its worker knows of it."""
     places = {role: input_path(path, out) for role, path in job.files.items()}
-    inputs = {
-        role: {"path": place, **record["inputs"].get(role, {})} for role, place in places.items()
-    }
-    copied = ("lens", "size", "coc_px", "device", "warnings", "seconds")
-    notes = ("color_note", "depth_note", "depth_repair", "measures")
-    return {
-        "sample_id": job.sample_id,
-        **({"split": job.split.name} if job.split.name else {}),
-        "job": identity.name(recipe, inputs),
-        "recipe": recipe,
-        **{key: record[key] for key in ("status", "reason", "message")},
-        "settings": identity.settings(job),
-        "inputs": inputs,
-        "outputs": record["outputs"] or {name: {"path": path} for name, path in job.names.items()},
-        **{key: record[key] for key in (*copied, *notes)},
-        "quality": record["quality"] or job.machine.quality,
+    inputs = {r: end.inputs.get(r, Stamp())._replace(path=place) for r, place in places.items()}
+    outputs = end.outputs or {name: Stamp(path) for name, path in job.names.items()}
+    return Record(
+        sample_id=job.sample_id,
+        split=job.split.name,
+        recipe=recipe,
+        settings=identity.settings(job),
+        quality=job.machine.quality,
         **identity.versions(),
-        "finished": _now(),
-    }
-
-
-def _chunks(todo: Sequence[tuple[Job, str]], spread: int) -> Iterator[Chunk]:
-    """Jobs of one picture that follow one another, in chunks that keep all workers busy."""
-    maximum = max(1, min(MAX_IN_A_CHUNK, len(todo) // (4 * spread)))
-    chunk: Chunk = []
-    for number, (job, _) in enumerate(todo):
-        if chunk and (len(chunk) == maximum or chunk[-1][1].picture != job.picture):
-            yield chunk
-            chunk = []
-        chunk.append((number, job))
-    if chunk:
-        yield chunk
+        finished=_now(),
+        end=replace(end, inputs=inputs, outputs=outputs),
+    )
 
 
 def _now() -> str:

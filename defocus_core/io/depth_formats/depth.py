@@ -6,7 +6,7 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,10 @@ from defocus_core.io.depth_formats.rules import (
     Mark,
     decoded,
     divided,
+    is_sky,
     unpacked,
 )
+from defocus_core.io.depth_formats.table import NAMES
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.safe_files import read_head
@@ -102,6 +104,8 @@ class Depth:
         replaced_words: the same for people; empty if none.
         data_window: its data window in words, if it does not cover the picture.
         overscan: pixels beyond the picture shown.
+        is_deep: whether it is that of the nearest samples of deep pixels.
+        told: what else is to be said of how it was read.
         empty: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
         is_relative: whether the numbers are relative disparity, which gives radii as well.
@@ -120,6 +124,8 @@ class Depth:
     replaced_words: str = ""
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
+    is_deep: bool = False
+    told: tuple[str, ...] = ()
     empty: Any = None
     is_relative: bool = False
     inverted: bool = False
@@ -137,7 +143,8 @@ class Depth:
             f"{self.path.name}: 16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›"
         )
         replaced = f"{self.path.name}: {self.replaced_words}"
-        return *([granted] * self.is_assumed), *([replaced] * bool(self.replaced_words))
+        said = (*([granted] * self.is_assumed), *([replaced] * bool(self.replaced_words)))
+        return *said, *self.told
 
     @property
     def is_exact(self) -> bool:
@@ -193,7 +200,8 @@ def read_depth(
     widths of its sensor; `overscan`, `alpha` [H, W]: of the colour; `orientation`: of the colour as
     its file stores it, by which a depth stored alike is turned.
     """
-    if not reading.says_scale and (own := own_format(path)):
+    own = "" if reading.depth_format or reading.relative else own_format(path)
+    if own and (not reading.says_scale or NAMES[own].unitless):
         reading = replace(reading, depth_format=own)
     row, stored = reading.row, size
     orientation = orientation if reading.turn_depth is not None else 1
@@ -207,8 +215,8 @@ def read_depth(
     if row.stride != 1:
         samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
     values, division = divided(path, samples.values, alpha, reading.unpremultiply_depth, keeping)
-    width = samples.width if size is None else size[0]
-    completed = resolved(path, reading, samples, picture_width=width, lens_focal=lens_focal)
+    completed = resolved(path, reading, samples, lens_focal=lens_focal)
+    idle_sky = reading.sky is not None and not _has_sky(values, completed)
     metres, half_sky = _decode(replace(samples, values=values), completed, keeping, overscan)
     marks = _apply_marks(path, row, samples.marks, metres)
     if orientation != 1:
@@ -224,21 +232,22 @@ def read_depth(
         _refuse_scaled(path, values)
     words = (samples.words, division, completed.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
-    is_radius = completed.rule == "radius"
     depth = Depth(
         metres,
         path,
         samples.channel,
         note,
-        is_radius=is_radius,
+        is_radius=completed.rule == "radius",
         is_assumed=is_assumed,
         is_integer=samples.is_integer,
         named=reading.depth_format is not None,
         data_window=samples.data_window,
+        is_deep=samples.is_deep,
         overscan=overscan,
         is_relative=reading.relative,
         inverted=reading.invert is not None,
     )
+    depth = replace(depth, told=tuple(_told(depth, reading, samples, idle_sky=idle_sky)))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
 
@@ -258,9 +267,8 @@ def read_numbers(
 
         samples = numbers_of(path, reading, keeping, size)
     if reading.depth_format is not None and samples.type not in row.files:
-        article = "an" if samples.type[0] in "aeiouEHN8" else "a"
         files = ", ".join(row.files)
-        problem = f"is read as {article} {samples.type}, and {row.name} comes as {files}"
+        problem = f"is read as {samples.words}, and {row.name} comes as {files}"
         raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
     return samples
 
@@ -288,9 +296,11 @@ def require_valid(depth: Depth) -> None:
         remedy = "fill the holes; or say ‹invalid› far, or fill"
     elif depth.is_radius:
         remedy = "write a finite radius there"
-    if not depth.is_radius and count == math.prod(depth.metres.shape) and _is_behind(depth.metres):
-        problem = "has negative depth everywhere"
-        remedy = "if it is negative in front of the camera, as Houdini's Pz, say ‹depth-scale› -1"
+    if _is_behind(depth):
+        problem, remedy = _BEHIND
+    if depth.is_deep:  # where other samples may lie behind the first
+        problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
+        remedy = "write inf for sky, and leave samples without depth out"
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
         remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"
@@ -304,10 +314,40 @@ def require_valid(depth: Depth) -> None:
     raise InputError("invalid-depth", problem, remedy, path=depth.path)
 
 
-def _is_behind(metres: Any) -> bool:
-    """Whether most depths are negative."""
-    behind = sum(int(np.count_nonzero(metres[rows] < 0)) for rows in bands(metres.shape))
-    return bool(2 * behind > math.prod(metres.shape))
+_BEHIND = (
+    "has negative depth everywhere",
+    "if it is negative in front of the camera, say ‹depth-scale› -1, or ‹depth-format› houdini",
+)
+
+
+def _is_behind(depth: Depth) -> bool:
+    """Whether it has negative numbers, and none that is positive and finite."""
+    if depth.is_radius:
+        return False
+    has_negative = False
+    for rows in bands(depth.metres.shape):
+        metres = depth.metres[rows]
+        if ((metres > 0) & (metres < np.inf)).any():
+            return False
+        has_negative |= bool((metres < 0).any())
+    return has_negative
+
+
+def _told(
+    depth: Depth, reading: DepthReading, samples: DepthNumbers, *, idle_sky: bool
+) -> Iterator[str]:
+    """What is said of options without effect, and of what the program wrote that made the file."""
+    if idle_sky:
+        yield f"{depth.path.name}: ‹sky› {reading.sky:g} marks no pixel"
+    if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
+        problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
+        yield f"{depth.path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres"
+
+
+def _has_sky(values: Any, completed: DepthFormat) -> bool:
+    """Whether a number is sky."""
+    found = (is_sky(values[rows], completed) for rows in bands(values.shape))
+    return any(sky is not None and sky.any() for sky in found)
 
 
 def _decode(
@@ -361,7 +401,9 @@ def _replaced(depth: Depth, how: str) -> Depth:
         raise InputError("invalid-depth", problem, remedy, path=depth.path)
     is_falling = depth.is_relative and not depth.inverted
     farther = np.minimum if is_falling else np.maximum
-    if count == math.prod(shape) and (how == "fill" or depth.is_relative):
+    if _is_behind(depth):
+        raise InputError("invalid-depth", *_BEHIND, path=depth.path)
+    if count == math.prod(shape):
         remedy = "give depth" if depth.is_relative else "check ‹depth-format›"
         raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
     if how == "far":

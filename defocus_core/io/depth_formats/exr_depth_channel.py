@@ -6,11 +6,12 @@ import re
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import Keeping
+from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.reading import DepthReading, require_size
 from defocus_core.io.depth_formats.rules import DepthNumbers, Mark
 from defocus_core.io.exr.channel_choice import (
@@ -21,6 +22,7 @@ from defocus_core.io.exr.channel_choice import (
     labels,
     last_word,
     only,
+    quoted,
 )
 from defocus_core.io.exr.header import Header, read_headers
 from defocus_core.io.exr.reading import read_parts
@@ -45,16 +47,18 @@ def exr_depth_numbers(
 ) -> DepthNumbers:
     """Read the depth channel of an EXR file."""
     headers = in_view(path, read_headers(path), reading.view)
-    chosen = choose_depth_channel(path, headers, reading)
+    chosen, grey, lacks = _chosen(path, headers, reading)
     header = chosen.header
     require_size(path, reading, (header.display.height, header.display.width), size)
     alpha = _alpha(chosen) if reading.row.alpha else None
 
     def wanted(other: Header, name: str) -> bool:
-        return other.index == header.index and name in (chosen.source, alpha)
+        return other.index == header.index and name in (chosen.source, alpha, *grey)
 
     parts = read_parts(path, headers, keeping, wanted, overscan)
     pixels = parts[header.index].channels[chosen.source]
+    if lacks and not all(_equal(pixels, parts[header.index].channels[name]) for name in grey):
+        raise lacks
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
     view = f" in view {header.shown}" if header.shown else ""
@@ -73,7 +77,26 @@ def exr_depth_numbers(
         channel=chosen.name,
         marks=tuple(marks),
         data_window="" if header.data.covers(window) else str(header.data),
+        metadata={**header.attributes, "size": (header.display.width, header.display.height)},
+        is_deep=header.deep,
     )
+
+
+def _chosen(
+    path: Path, headers: Sequence[Header], reading: DepthReading
+) -> tuple[ChannelGroup, list[str], NoDepthChannel | None]:
+    """The depth channel; those that must equal it, of R, G and B alone, and what is said else."""
+    try:
+        return choose_depth_channel(path, headers, reading), [], None
+    except NoDepthChannel as error:
+        every = {each.name: each for each in channels_of(path, headers, reading.part)}
+        if not set("RGB") <= set(every) <= set("RGBA"):
+            raise
+        return every["R"], [every["G"].source, every["B"].source], error
+
+
+def _equal(one: Any, other: Any) -> bool:
+    return all(np.array_equal(one[rows], other[rows]) for rows in bands(one.shape))
 
 
 def choose_depth_channel(
@@ -101,6 +124,15 @@ def choose_depth(
     candidates = [c for c in every if _is_depth(c)]
     if not candidates and len(every) == 1 and every[0].name not in NO_DEPTH:
         candidates = every
+    if not candidates:
+        candidates = [c for c in every if last_word(c.name).lower() == "z" and not _is_of_vector(c)]
+    if len(candidates) > 1:  # "Denoising Depth" beside "Depth"
+        layers = {_own_layer(c) for c in candidates}
+        candidates = [
+            c
+            for c in candidates
+            if _own_layer(c).rpartition(" ")[2] not in layers or " " not in _own_layer(c)
+        ]
     if len(candidates) > 1:
         # Multi-part files may name only the part: "ViewLayer.Depth" beside "ViewLayer.Mist".
         in_depth_part = [c for c in candidates if last_word(c.header.name).lower() == "depth"]
@@ -112,9 +144,14 @@ def choose_depth(
             for name, c in zip(labels(every), every, strict=True)
             if re.search(r"depth|dist|mist|(^|[._])p?z", c.name.lower()) and not _is_of_vector(c)
         )
-        remedy = f"if one of them is the depth, say ‹depth-channel› {next(likely, 'NAME')}"
+        remedy = f"if one of them is the depth, say ‹depth-channel› {quoted(next(likely, 'NAME'))}"
         raise NoDepthChannel("no-depth", problem, remedy, path=path)
     return only(path, candidates, "depth channel", "‹depth-channel›")
+
+
+def _own_layer(candidate: ChannelGroup) -> str:
+    """The layer that a channel is in, without those above, in small letters."""
+    return last_word(candidate.name.rpartition(".")[0]).lower()
 
 
 def _is_depth(candidate: ChannelGroup) -> bool:

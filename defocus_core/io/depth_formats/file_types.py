@@ -23,6 +23,7 @@ from defocus_core.io.array_files import (
     wrong_shape,
 )
 from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, NoDepthChannel
 from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
 from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers, Mark
@@ -207,7 +208,11 @@ def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
         problem = "has 8 bits, too few for depth and without a metric scale"
         remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"
         raise InputError("unknown-unit", problem, remedy, path=path)
-    if len(raster.channels) != 1 and not reading.says_scale:
+    if raster.channels[0] in NO_DEPTH and not reading.says_scale:
+        problem = f"has no depth channel, only {raster.channels[0]}"
+        remedy = "give the depth; signed radii are ‹depth-format› coc"
+        raise NoDepthChannel("no-depth", problem, remedy, path=path)
+    if len(raster.channels) == 2 and not reading.says_scale:
         problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
         remedy = "save the depth as a single grey channel"
         raise InputError("not-one-channel", problem, remedy, path=path)

@@ -18,6 +18,7 @@ from defocus_core.io.depth_formats.rules import (
     linear,
 )
 from defocus_core.io.depth_formats.table import FORMATS, NAMES, UNIT_WORDS, UNITS
+from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 
 KINDS = ("depth", "disparity")
@@ -25,6 +26,7 @@ GEOMETRIES = ("radial", "planar")
 INVALID = ("error", "far", "fill")
 RESIZES = ("nearest", "guided")
 UNPREMULTIPLY = ("auto", "on", "off")
+ALICEVISION = "AliceVision:"  # begins the names of attributes
 _XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
 
 
@@ -40,9 +42,12 @@ def holds_depth(path: Path) -> bool:
 
 
 def own_format(path: Path) -> str:
-    """The format of the depth inside a photograph; empty if it has none."""
+    """The format that a file itself names: of a photograph, or in a header; else empty."""
     if holds_gdepth(path):
         return "android-gdepth"
+    if is_exr(read_head(path)):
+        names = (name for header in read_headers(path) for name in header.attributes)
+        return "alicevision" if any(name.startswith(ALICEVISION) for name in names) else ""
     return "apple-heic" if is_heic(read_head(path)) else ""
 
 
@@ -61,7 +66,7 @@ class DepthReading:
     # The distances in mm of the ends of the number's type, 0 and 255 or 65535, or 0 and 1: of
     # depth, the distance of 0, then of the top; of disparity, that of the top, then of 0
     depth_range: tuple[float, float] | None = None
-    focal_px: float | None = None  # focal length of the picture in px
+    focal_px: float | None = None  # focal length in px of the depth file
     baseline: float | None = None  # distance in mm between the two cameras
     doffs: float | None = None  # px added to the disparity; without focal length and baseline, 1/m
     geometry: str | None = None  # radial (distance to the point) or planar (depth along the axis)
@@ -135,15 +140,35 @@ _OF_METRES = (
 AS_IT_IS = DepthReading()
 
 
+MOST_STRETCHED = 0.02  # difference of the aspects of one view: networks round to 14, 32, 64 px
+
+
+def stretched(size: tuple[int, int], target: tuple[int, int]) -> float | None:
+    """How much wider, as a share, one view becomes in another size; None of another view.
+
+    0 where the sizes are rounded alone. `size`, `target`: width and height.
+    """
+    (columns, rows), (width, height) = size, target
+    if abs(width * rows - height * columns) <= max(*size, *target):
+        return 0.0
+    share = width * rows / (height * columns) - 1
+    return share if abs(share) <= MOST_STRETCHED else None
+
+
 def require_size(
     path: Path, reading: DepthReading, shape: tuple[int, ...], size: tuple[int, int] | None
 ) -> None:
     """Refuse depth of another size than its colour, before it is read, if it is not to be resized.
 
+    Smaller depth is enlarged where nothing is said of it.
+
     `size`: width and height of the colour, None if there is none.
     """
     rows, columns = (-(-length // reading.row.stride) for length in shape[:2])
-    if size is not None and reading.resize_depth is None and (columns, rows) != size:
+    if size is None or (columns, rows) == size or reading.resize_depth is not None:
+        return
+    smaller = columns < size[0] and rows < size[1]
+    if not smaller or stretched((columns, rows), size) is None:
         raise wrong_size(path, (rows, columns), size)
 
 
@@ -222,7 +247,7 @@ def geometry_of(declared: Declared) -> str:
     return "radial" if declared.samples.channel in row.radial_channels else row.geometry
 
 
-def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -> float | None:
+def focal_of(declared: Declared, lens_focal: float | None) -> float | None:
     """Focal length in px of the depth map where it holds distances to the point, else None."""
     reading, row, width = declared.reading, declared.row, declared.samples.width
     geometry = geometry_of(declared)
@@ -237,7 +262,7 @@ def focal_of(declared: Declared, picture_width: int, lens_focal: float | None) -
         remedy = "give one of them"
         raise UsageProblem("contradiction", "stands beside ‹focal-px›", remedy, field="fov")
     if reading.focal_px is not None:
-        return reading.focal_px * width / picture_width  # it is that of the colour
+        return reading.focal_px
     if reading.fov is not None:
         return width / 2 / math.tan(math.radians(reading.fov) / 2)
     if row.focal_px is not None:
@@ -258,7 +283,6 @@ def resolved(
     reading: DepthReading,
     samples: DepthNumbers,
     *,
-    picture_width: int,  # px of the colour, or of the depth if there is no colour
     lens_focal: float | None,
 ) -> DepthFormat:
     """The format of a file, completed by its sidecar and the user.
@@ -279,16 +303,29 @@ def resolved(
     if rule == "radius":
         return replace(row, words="signed CoC radius in px")
     row = (_disparity_row if rule == "inverse" else _depth_row)(declared)
-    sky = row.sky if reading.sky is None else reading.sky
-    if reading.sky is None and rule == "inverse":
-        sky = -math.inf
-    elif reading.sky is None and samples.values.dtype.newbyteorder("=") == "float16":
-        sky = min(sky, HALF_MAX)
-    focal = focal_of(declared, picture_width, lens_focal)
+    row = replace(row, rule=rule, sky=_sky(declared, row, rule))
+    focal = focal_of(declared, lens_focal)
     if focal is None:
-        return replace(row, rule=rule, sky=sky, geometry="planar")
-    words = f"{row.words}, radial with a focal length of {focal:.6g} px"
-    return replace(row, rule=rule, sky=sky, geometry="radial", focal_px=focal, words=words)
+        return replace(row, geometry="planar")
+    words = f"{row.words}, radial with {_focal_words(focal, samples.width)}"
+    return replace(row, geometry="radial", focal_px=focal, words=words)
+
+
+def _sky(declared: Declared, row: DepthFormat, rule: str) -> float:
+    """The number from which on, towards the far end, the numbers of a file are sky."""
+    if declared.reading.sky is not None:
+        return declared.reading.sky
+    if rule == "inverse":
+        return -math.inf if row.scale > 0 else math.inf
+    is_half = declared.samples.values.dtype.newbyteorder("=") == "float16"
+    sky = min(row.sky, HALF_MAX) if is_half else row.sky
+    return -sky if row.scale < 0 else sky
+
+
+def _focal_words(focal: float, width: int) -> str:
+    """A focal length in px, and the field of view that it is."""
+    degrees = 2 * math.degrees(math.atan(width / 2 / focal))
+    return f"a focal length of {focal:.6g} px, {degrees:.3g}° across"
 
 
 def _rule(declared: Declared) -> str:
@@ -327,36 +364,45 @@ def _ends(declared: Declared, *, disparity: bool) -> tuple[float, float] | None:
     if near == far:
         problem = "has the same distance twice"
         raise UsageProblem("out-of-range", problem, "give two distances", field="depth-range")
-    _within(declared)
     return near, far
 
 
-def _ends_in_words(samples: DepthNumbers, ends: tuple[float, float]) -> str:
-    return f"0 is {ends[0]:.6g} m and {samples.top:.6g} is {ends[1]:.6g} m"
+def _ends_in_words(top: float, of_network: bool, ends: tuple[float, float]) -> str:
+    which = ", the greatest of the file," if of_network else ""
+    return f"0 is {ends[0]:.6g} m and {top:.6g}{which} is {ends[1]:.6g} m"
 
 
-def _within(declared: Declared) -> None:
-    """Refuse floats beyond 0 and 1, whose ends no range can be of."""
-    values = declared.samples.values
+def _top(declared: Declared) -> tuple[float, bool]:
+    """The number at the other end of a range than 0, and whether it is that of the file.
+
+    That of the type; a network's floats have no other end than their greatest. Floats beyond 0 and
+    1 of which nothing is known are refused.
+    """
+    values, row = declared.samples.values, declared.row
     if declared.samples.is_integer:
-        return
+        return declared.samples.top, False
     minimum, maximum = math.inf, -math.inf
     for rows in bands(values.shape):
         band = values[rows]
         finite = band[np.isfinite(band)]
         if finite.size:
             minimum, maximum = min(minimum, float(finite.min())), max(maximum, float(finite.max()))
+    of_network = ("depth-range" in row.needs and row.rule == "inverse") or not row.rule
+    if of_network and minimum >= 0 and maximum > 1 + 1e-3:
+        return maximum, True
     if minimum < -1e-3 or maximum > 1 + 1e-3:
         problem = f"has floats from {minimum:.4g} to {maximum:.4g}, and ‹depth-range› is of 0 and 1"
         remedy = "give ‹depth-scale› and ‹doffs› instead"
         raise InputError("out-of-range", problem, remedy, path=declared.path)
+    return 1.0, False
 
 
 def _depth_row(declared: Declared) -> DepthFormat:
     reading, row, samples = declared.reading, declared.row, declared.samples
     if (ends := _ends(declared, disparity=False)) is not None:
-        scale, shift = linear(*ends, samples.top)
-        words = f"depth, {_ends_in_words(samples, ends)}"
+        top, of_network = _top(declared)
+        scale, shift = linear(*ends, top)
+        words = f"depth, {_ends_in_words(top, of_network, ends)}"
         return replace(row, scale=scale, shift=shift, words=words)
     if "depth-scale" in row.needs and reading.depth_scale is None:
         ask(declared, "depth-scale", "METRES")
@@ -388,8 +434,9 @@ def _disparity_row(declared: Declared) -> DepthFormat:
     """A format of 1 / (scale · v + shift), be it by focal length and baseline."""
     reading, row, samples = declared.reading, declared.row, declared.samples
     if (ends := _ends(declared, disparity=True)) is not None:
-        scale, shift = linear(1 / ends[1], 1 / ends[0], samples.top)  # 1 / inf is 0
-        words = f"disparity, {_ends_in_words(samples, ends[::-1])}"
+        top, of_network = _top(declared)
+        scale, shift = linear(1 / ends[1], 1 / ends[0], top)  # 1 / inf is 0
+        words = f"disparity, {_ends_in_words(top, of_network, ends[::-1])}"
         return replace(row, scale=scale, shift=shift, words=words)
     scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
     if row.per_metre:
@@ -400,7 +447,8 @@ def _disparity_row(declared: Declared) -> DepthFormat:
     doffs = row.shift if reading.doffs is None else reading.doffs
     source = f" by {row.words}" if row.words else ""
     if focal is not None and baseline is not None:
-        words = f"{row.name}, {focal:.6g} px × {baseline:.6g} m{source}"
+        across = _focal_words(focal, samples.width).partition("px, ")[2]
+        words = f"{row.name}, {focal:.6g} px ({across}) × {baseline:.6g} m{source}"
         scale, doffs = scale / (focal * baseline), doffs / (focal * baseline)
         return replace(row, scale=scale, shift=doffs, words=words)
     if focal is None and baseline is None and reading.depth_scale is not None:

@@ -49,6 +49,7 @@ class DepthNumbers:
     metadata: Mapping[str, Any] = field(default_factory=dict)  # of the file, by key
     marks: tuple[Mark, ...] = ()  # in order: a later one wins
     data_window: str = ""  # its data window in words, if it does not cover the picture
+    is_deep: bool = False  # whether they are those of the nearest samples of deep pixels
 
     @property
     def width(self) -> int:
@@ -60,6 +61,11 @@ class DepthNumbers:
         """The greatest number of the type: 255, 65535, …; 1 of floats."""
         dtype = np.dtype(self.values.dtype)
         return 1.0 if dtype.kind == "f" else float(np.iinfo(dtype).max)
+
+    @property
+    def is_of_nuke(self) -> bool:
+        """Whether the header says that Nuke wrote it."""
+        return any(name.startswith("nuke/") for name in self.metadata)
 
     @property
     def is_integer(self) -> bool:
@@ -166,7 +172,8 @@ class DepthFormat:
     # Numbers that mean no depth, beside NaN and what is not in front of the camera
     invalid: tuple[float, ...] = ()
     invalid_infinity: bool = False  # whether +inf means no depth rather than sky
-    sky: float = SKY  # numbers from this one on are sky
+    # Numbers from this one on are sky; of a completed row, towards the far end
+    sky: float = SKY
     sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
     # Focal length in px of its pictures, where it is fixed; of a completed row, of this one
     focal_px: float | None = None
@@ -231,13 +238,10 @@ def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_] | None:
     """Which numbers stand for sky; None if none can."""
     if row.rule == "radius":
         return None
-    if row.rule == "inverse":
-        sky: NDArray[np.bool_] = numbers <= np.float32(row.sky)
-    else:
-        with np.errstate(over="ignore"):  # a double beyond float32 is sky
-            depths = numbers.astype(np.float32, copy=False)
-            ahead = -depths if row.scale < 0 else depths
-            sky = ahead >= np.float32(row.sky)
+    falls = (row.scale < 0) != (row.rule == "inverse")  # the farther, the less
+    with np.errstate(over="ignore"):  # a double beyond float32 is sky
+        values, end = numbers.astype(np.float32, copy=False), np.float32(row.sky)
+    sky: NDArray[np.bool_] = values <= end if falls else values >= end
     for number in row.sky_numbers:
         sky |= numbers == number
     return sky

@@ -167,7 +167,29 @@ def _positive(value: float) -> float:
     return value
 
 
+def _alicevision(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
+    """AliceVision: the camera in px of the map, or its inverse; as it is if there is neither.
+
+    Either is stored by rows or by columns: that is meant whose principal point is in the middle.
+    """
+    width, height = metadata["size"]
+    for name, is_inverse in (("iCamArr", True), ("P", False)):
+        if (raw := metadata.get(f"AliceVision:{name}")) is None:
+            continue
+        numbers = np.frombuffer(raw.value, "<f8" if raw.kind.endswith("d") else "<f4")
+        matrix = numbers.astype(float).reshape((math.isqrt(len(numbers)),) * 2)[:3, :3]
+        for stored in (matrix, matrix.T):
+            camera = np.linalg.inv(stored) if is_inverse else stored
+            squares = camera @ camera.T
+            squares = squares / squares[2, 2]
+            x, y, focal = squares[0, 2], squares[1, 2], squares[0, 0] - squares[0, 2] ** 2
+            if abs(x - width / 2) < width / 4 and abs(y - height / 2) < height / 4 and focal > 0:
+                return replace(row, words=f"camera of {name}", focal_px=math.sqrt(focal))
+    return row
+
+
 _METADATA_READERS = {"text-chunks": _text_chunks, "heic": _heic, "gdepth": _gdepth}
+_METADATA_READERS["alicevision"] = _alicevision
 
 
 class _Sidecar(NamedTuple):

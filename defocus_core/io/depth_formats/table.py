@@ -143,9 +143,9 @@ NETWORKS = (
     DepthFormat(
         "video-depth-anything",
         "Video Depth Anything",
-        ("NPZ",),
+        ("NPZ", "EXR"),
         rule="",
-        channels=("depths", "depth", "*"),
+        channels=("depths", "depth", "Z", "*"),
         axes="NHW",
         note="the metric model writes depth, the others disparity; ‹part› N chooses the frame",
     ),
@@ -169,6 +169,14 @@ NETWORKS = (
         rule="inverse",
         per_metre=True,
         sidecar="heic",
+    ),
+    _exr(
+        "alicevision",
+        "AliceVision, Meshroom, depthMap.exr",
+        invalid=(-1,),
+        geometry="radial",
+        sidecar="alicevision",
+        note="known by its header, whose camera says the field of view",
     ),
     DepthFormat("android-gdepth", "Android, JPEG with GDepth", ("GDepth",), sidecar="gdepth"),
 )

@@ -8,6 +8,7 @@ candidates are an error that lists them in the very form the option takes.
 from __future__ import annotations
 
 import re
+import shlex
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -202,8 +203,13 @@ def only(path: Path, candidates: Sequence[ChannelGroup], kind: str, option: str)
         return candidates[0]
     names = labels(candidates)
     problem = f"has {len(candidates)} candidates for the {kind}: {in_words(names)}"
-    remedy = f"choose one, like {option} {names[0]}, or a part with ‹part›"
+    remedy = f"choose one, like {option} {quoted(names[0])}, or a part with ‹part›"
     raise InputError("ambiguous", problem, remedy, path=path)
+
+
+def quoted(name: str) -> str:
+    """A name as a shell takes it."""
+    return shlex.quote(name) if name.isprintable() else name
 
 
 def in_words(names: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ Layout: openexr.com, "OpenEXR File Layout".
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -212,7 +213,45 @@ def _parts(file: BinaryIO) -> list[Header]:
     return headers
 
 
+# Bytes of attributes by their type, and the types of those that every reader looks at: openexr.com,
+# "OpenEXR File Layout".
+_SIZES = {
+    **dict.fromkeys(("compression", "envmap", "lineOrder"), 1),
+    **dict.fromkeys(("int", "float"), 4),
+    **dict.fromkeys(("double", "rational", "timecode", "v2i", "v2f"), 8),
+    **dict.fromkeys(("v3i", "v3f"), 12),
+    **dict.fromkeys(("box2i", "box2f", "v2d"), 16),
+    **{"tiledesc": 9, "v3d": 24, "keycode": 28, "chromaticities": 32, "m33f": 36, "m44f": 64},
+    **{"m33d": 72, "m44d": 128},
+}
+_KINDS = {
+    **{"channels": "chlist", "compression": "compression", "lineOrder": "lineOrder"},
+    **dict.fromkeys(("dataWindow", "displayWindow"), "box2i"),
+    **dict.fromkeys(("pixelAspectRatio", "screenWindowWidth"), "float"),
+    **{"screenWindowCenter": "v2f", "chromaticities": "chromaticities", "view": "string"},
+    **{"multiView": "stringvector", "tiles": "tiledesc", "type": "string", "name": "string"},
+}
+
+
+def _check(name: str, raw: Raw) -> None:
+    """Refuse an attribute that no reader takes, in this file or in one that carries it."""
+    if _KINDS.get(name, raw.kind) != raw.kind:
+        raise ValueError(f"{name} is of type {raw.kind}")
+    if len(raw.value) != _SIZES.get(raw.kind, len(raw.value)):
+        raise ValueError(f"{name} has {len(raw.value)} bytes")
+    if raw.kind == "chlist":
+        channels_of(raw.value)
+    elif raw.kind == "stringvector":
+        _texts(raw.value)
+    elif name in ("pixelAspectRatio", "screenWindowWidth"):
+        (value,) = struct.unpack("<f", raw.value)
+        if not 0 <= value < math.inf:
+            raise ValueError(f"{name} is {value:g}")
+
+
 def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
+    for name, raw in attributes.items():
+        _check(name, raw)
     values = {name: raw.value for name, raw in attributes.items()}
     missing = {"channels", "dataWindow", "displayWindow"} - values.keys()
     if missing:
@@ -221,15 +260,21 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
     return Header(
         index=index,
         name=values.get("name", b"").decode("utf-8", "replace"),
-        channels=tuple(channels_of(values["channels"])),
+        channels=_some(channels_of(values["channels"])),
         data=Window(*struct.unpack("<4i", values["dataWindow"])),
         display=Window(*struct.unpack("<4i", values["displayWindow"])),
         deep=values["type"].startswith(b"deep") if "type" in values else deep,
         pixel_aspect=aspect,
         compression=codec_name(values),
-        multi_view=_texts(values.get("multiView", b"")),
+        multi_view=tuple(map(bytes.decode, _texts(values.get("multiView", b"")))),
         attributes={name: raw for name, raw in attributes.items() if name not in STRUCTURAL},
     )
+
+
+def _some(channels: list[Channel]) -> tuple[Channel, ...]:
+    if not channels:
+        raise ValueError("no channels")
+    return tuple(channels)
 
 
 def channels_of(value: bytes) -> list[Channel]:
@@ -253,16 +298,16 @@ def channels_of(value: bytes) -> list[Channel]:
     return channels
 
 
-def _texts(value: bytes) -> tuple[str, ...]:
+def _texts(value: bytes) -> tuple[bytes, ...]:
     """The texts of an attribute of several, each behind its length."""
-    texts: list[str] = []
+    texts: list[bytes] = []
     at = 0
     while at < len(value):
         (size,) = struct.unpack_from("<i", value, at)
         at += 4
         if not 0 <= size <= len(value) - at:
             raise ValueError("a list of texts ends early")
-        texts.append(value[at : at + size].decode())
+        texts.append(value[at : at + size])
         _limit(views=len(texts))
         at += size
     return tuple(texts)
@@ -273,7 +318,17 @@ class Codec(NamedTuple):
 
     number: int
     rows: int
-    lossy: bool = False  # whether numbers of channels that are no colour may change, too
+    loses: tuple[str, ...] = ()  # types of numbers of which it keeps some digits alone
+    # The last words of the names of channels that it changes; empty for any
+    names: frozenset[str] = frozenset()
+
+    def changes(self, name: str, kind: str) -> bool:
+        """Whether it may change the numbers of a channel, of a NumPy type."""
+        return kind in self.loses and (not self.names or name.rpartition(".")[2] in self.names)
+
+
+_FLOATS = ("float16", "float32")
+_DWA_NAMES = frozenset({"R", "G", "B", "Y", "RY", "BY"})  # openexr.com, DwaCompressor
 
 
 CODECS = {
@@ -282,11 +337,11 @@ CODECS = {
     "zips": Codec(2, 1),
     "zip": Codec(3, 16),
     "piz": Codec(4, 32),
-    "pxr24": Codec(5, 16, lossy=True),
-    "b44": Codec(6, 32, lossy=True),
-    "b44a": Codec(7, 32, lossy=True),
-    "dwaa": Codec(8, 32),
-    "dwab": Codec(9, 256),
+    "pxr24": Codec(5, 16, ("float32",)),
+    "b44": Codec(6, 32, ("float16",)),
+    "b44a": Codec(7, 32, ("float16",)),
+    "dwaa": Codec(8, 32, _FLOATS, _DWA_NAMES),
+    "dwab": Codec(9, 256, _FLOATS, _DWA_NAMES),
     "htj2k256": Codec(10, 256),
     "htj2k32": Codec(11, 32),
 }

@@ -314,6 +314,7 @@ def _aspect(header: Header) -> float:
 def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     header, names = chosen.header, chosen.channels.values()
     kinds = {channel.type for channel in header.channels if channel.name in names}
+    layer = "" if chosen.default else f"layer {chosen.name} as {''.join(chosen.channels)}"
     thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in header.attributes)
     view = f"view {header.shown}" if header.shown else ""
     kind = f"EXR {' and '.join(sorted(kinds))}, linear"
@@ -322,7 +323,7 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     aspect = _aspect(header)
     pixels = "" if aspect == 1 else f"pixels {aspect:g} times as wide as high"
     return ", ".join(
-        filter(None, (kind, primaries, view, pixels, header.cut_note(overscan), thumbnail))
+        filter(None, (kind, layer, primaries, view, pixels, header.cut_note(overscan), thumbnail))
     )
 
 
@@ -345,7 +346,7 @@ def _extras(
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """Channels beside the chosen layer, and in words the parts that the output cannot carry.
 
-    A channel is called PART.NAME where its plain name is taken.
+    A channel of another part is called PART.NAME, unless its own name begins so.
     """
     size = (chosen.header.display.width, chosen.header.display.height)
     extras: dict[str, NDArray[Any]] = {}
@@ -363,7 +364,9 @@ def _extras(
         for name, plane in part.channels.items():
             if is_of_color and name in chosen.channels.values():
                 continue
-            own = plain[name]
-            taken = own in extras or own in chosen.channels
-            extras[f"{part.header.label}.{own}" if taken else own] = plane
+            own, label = plain[name], part.header.label
+            label = label.removesuffix(part.header.view).rstrip("._-") or label
+            is_bare = not is_of_color and part.header.name and not own.startswith(f"{label}.")
+            taken = is_bare or own in extras or own in chosen.channels
+            extras[f"{label}.{own}" if taken else own] = plane
     return extras, tuple(left_out)

@@ -25,6 +25,7 @@ from defocus_core.io.images.primaries import (
     adaptation,
     chromaticities_of,
     primaries_name,
+    same_primaries,
 )
 
 _D50 = (0.9642, 1.0, 0.8249)  # of all profiles
@@ -80,9 +81,26 @@ def read_profile(data: bytes) -> Profile | None:
         return None
 
 
+def sound_profile(data: bytes, colors: int) -> bytes:
+    """The profile at the beginning of bytes; empty if it is none that encoders take.
+
+    ICC.1:2022, 7.2. libpng ends the process at one of another number of colours.
+    """
+    if len(data) < _HEAD + 4:
+        return b""
+    size, count = (struct.unpack_from(">I", data, place)[0] for place in (0, _HEAD))
+    data = data[:size]
+    table = data[_HEAD + 4 :][: 12 * count]
+    ends = [
+        start + of for _, start, of in struct.iter_unpack(">4sII", table[: len(table) // 12 * 12])
+    ]
+    space = b"GRAY" if colors == 1 else b"RGB "
+    fits = data[16:20] == space and data[20:24] in (b"XYZ ", b"Lab ") and data[36:40] == b"acsp"
+    is_whole = len(data) == size and len(ends) == count and max(ends, default=0) <= size
+    return data if is_whole and fits and data[12:16] not in (b"abst", b"link") else b""
+
+
 def _parsed(data: bytes) -> Profile | None:
-    if data[36:40] != b"acsp":
-        return None
     tags = _tags(data)
     if data[16:20] == b"GRAY":
         return _rising((_curve(tags["kTRC"]),), REC_709)
@@ -163,12 +181,13 @@ class ColorSpace:
     unheeded: str  # what the file declares that is not applied; empty if nothing
     # The ICC profile that decodes them instead; None if there is none
     profile: Profile | None = None
+    declared: Chromaticities = REC_709  # primaries that the file names, where it has no profile
     data: bytes = b""  # the bytes of the profile that the file has, whether it decodes them or not
 
     @property
     def primaries(self) -> Chromaticities:
         """Those of the decoded light."""
-        return REC_709 if self.profile is None else self.profile.primaries
+        return self.declared if self.profile is None else self.profile.primaries
 
     @property
     def attributes(self) -> dict[str, Embedded]:
@@ -176,30 +195,39 @@ class ColorSpace:
         return {PROFILE: Embedded(self.data, self.profile)} if self.data else {}
 
 
-def color_space(spec: Any) -> ColorSpace:
-    """How the samples of an OpenImageIO ``spec`` are understood."""
+def color_space(spec: Any, primaries: Chromaticities = REC_709) -> ColorSpace:
+    """How the samples of an OpenImageIO ``spec`` are understood.
+
+    `primaries`: those that the file names beside a profile.
+    """
     declared, gamma = _declaration(spec)
     kind = str(spec.format)
     named, profile, data = _profile(spec)
     if profile is not None:
-        primaries = primaries_name(profile.primaries)
+        shown = primaries_name(profile.primaries)
         curve = f"profile '{named}'" if named else "its profile"
-        note = f"{_SAMPLES.get(kind, kind)}, decoded by {curve}, primaries {primaries}"
-        return ColorSpace(None, note, "", profile, data)
+        note = f"{_SAMPLES.get(kind, kind)}, decoded by {curve}, primaries {shown}"
+        return ColorSpace(None, note, "", profile, data=data)
     if not declared:
         gamma = 1.0 if kind in _FLOATS else None
     curve = _CURVES.get(gamma) or f"the power {gamma:g}"
     note = f"{_SAMPLES.get(kind, kind)}, taken as {curve}"
-    return ColorSpace(gamma, note, _unheeded(spec, declared=declared), data=data)
+    if not same_primaries(primaries, REC_709):
+        note = f"{note}, primaries {primaries_name(primaries)}"
+    unheeded = _unheeded(spec, data, declared=declared)
+    return ColorSpace(gamma, note, unheeded, declared=primaries, data=data)
 
 
-def profiled_space(data: bytes) -> ColorSpace:
+def profiled_space(data: bytes, colors: int) -> ColorSpace:
     """How 8 bits with a profile are understood, as sRGB where it has no curve or is missing."""
+    unheeded = "colour profile, which is damaged and left out," if data else ""
+    data = sound_profile(data, colors)
     profile = read_profile(data) if data else None
     name = "sRGB"
     if profile is not None:
         name = f"its profile, primaries {primaries_name(profile.primaries)}"
-    return ColorSpace(None, f"8-bit, decoded by {name}", "", profile, data)
+    note = f"8-bit, decoded by {name}"
+    return ColorSpace(None, note, "" if data else unheeded, profile, data=data)
 
 
 def _declaration(spec: Any) -> tuple[bool, float | None]:
@@ -216,15 +244,16 @@ def _declaration(spec: Any) -> tuple[bool, float | None]:
 def _profile(spec: Any) -> tuple[str, Profile | None, bytes]:
     """The name of the embedded profile, what it says of light where it is not sRGB, its bytes."""
     name = str(spec.get_string_attribute("ICCProfile:profile_description"))
-    stored = spec.getattribute(PROFILE)
-    data = b"" if stored is None else bytes(stored)
+    stored, colors = spec.getattribute(PROFILE), spec.nchannels - (spec.alpha_channel >= 0)
+    data = b"" if stored is None else sound_profile(bytes(stored), colors)
     profile = None if not data or "srgb" in name.lower() else read_profile(data)
-    colors = spec.nchannels - (spec.alpha_channel >= 0)
     return name, profile if profile is None or len(profile.curves) == colors else None, data
 
 
-def _unheeded(spec: Any, *, declared: bool) -> str:
+def _unheeded(spec: Any, data: bytes, *, declared: bool) -> str:
     if spec.getattribute(PROFILE) is not None:
+        if not data:
+            return "colour profile, which is damaged and left out,"
         profile = spec.get_string_attribute("ICCProfile:profile_description")
         if "srgb" not in profile.lower():
             return f"colour profile '{profile}'" if profile else "colour profile without a name"

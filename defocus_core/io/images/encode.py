@@ -9,8 +9,9 @@ input. The same pixels and attributes make the same bytes: no date is added.
 
 from __future__ import annotations
 
+import errno
+import math
 import os
-import shutil
 import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,17 +35,16 @@ from defocus_core.io.images.primaries import (
     converted,
     declared_primaries,
 )
-from defocus_core.io.images.raster import Tag, set_tag
-from defocus_core.io.safe_files import quiet, read_head, unwritable, written_whole
+from defocus_core.io.images.raster import OWN, OWN_CHANNEL, Tag, set_tag
+from defocus_core.io.safe_files import quiet, read_head, size_limit, unwritable, written_whole
 from defocus_core.system.text import counted
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
 FORMATS |= {".webp": "webp"}
 _SOFTWARE = "defocus"
-OWN = "defocus:"  # begins the names of attributes that say how a file was made
-_BLOCK = 1 << 20  # bytes copied at once
 _CLIPPED = ("shown as white", "shown as black")  # ends of warnings
 _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
+_UNGUARDED = ("jpeg", "webp")  # codecs whose encoders do not survive a write that fails
 _OPTIONS: dict[str, dict[str, str | int]] = {
     "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
     "tiff": {"oiio:UnassociatedAlpha": 1, "Compression": "zip"},
@@ -192,14 +192,16 @@ def display_encoded(
     return encoded, above, below
 
 
-def write_map(path: Path, plane: Any) -> None:
-    """Write an array [H, W] of numbers as a float32 TIFF, as they are.
+def write_map(path: Path, plane: Any, channel: str = "Z") -> None:
+    """Write an array [H, W] of numbers as a float32 TIFF, as they are, with a channel's name.
 
     Raises:
         InputError: the file cannot be written.
     """
     strips = (plane[rows][..., None].astype("float32") for rows in bands(plane.shape))
-    write_samples(path, plane.shape, strips, "tiff", {"tiff:predictor": 1})  # none: not all read it
+    # no predictor: not all read it
+    named: dict[str, str | int] = {"tiff:predictor": 1, OWN_CHANNEL: f"{OWN}{channel}"}
+    write_samples(path, plane.shape, strips, "tiff", named)
 
 
 def write_samples(
@@ -213,31 +215,62 @@ def write_samples(
 
     `samples`: strips of rows [h, W, C], from the top; alpha, if any, unassociated.
     """
-    with (
-        encoded_samples(path, size, samples, codec, attributes) as memory,
-        written_whole(path) as file,
-        memory.open("rb") as encoded,
-    ):
-        shutil.copyfileobj(encoded, file, _BLOCK)
+    data = encoded_samples(path, size, samples, codec, attributes)
+    with written_whole(path) as file:
+        file.write(data)
 
 
-@contextmanager
 def encoded_samples(
     path: Path,
     size: tuple[int, int],
     samples: Iterable[NDArray[Any]],
     codec: str,
     attributes: Mapping[str, str | int | Tag | Embedded],
-) -> Iterator[Path]:
-    """A file in memory with what `write_samples` writes to ``path``."""
+) -> bytes:
+    """What `write_samples` writes to ``path``.
+
+    Encoders write files, which a limit of their size cuts: that of PNG says nothing of it, that of
+    JPEG ends the process, and that of WEBP never ends.
+    """
+    limit, strips = size_limit(), iter(samples)
+    if codec in _UNGUARDED and limit < math.inf:
+        every = list(strips)
+        if _trial_size(size, every, codec, attributes) >= limit:
+            raise unwritable(path, OSError(errno.EFBIG, os.strerror(errno.EFBIG)))
+        strips = iter(every)
     with _memory(path) as memory:
-        if error := _encoder_error(memory, size, iter(samples), codec, attributes):
-            problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
-            raise InputError("unwritable", problem, "write EXR instead", path=path)
-        if codec == "webp":
-            data = memory.read_bytes() + _OWN_CHUNK
-            memory.write_bytes(data[:4] + struct.pack("<I", len(data) - 8) + data[8:])
-        yield memory
+        error = _encoder_error(str(memory), size, strips, codec, attributes)
+        data = memory.read_bytes()
+    if len(data) >= limit:
+        raise unwritable(path, OSError(errno.EFBIG, os.strerror(errno.EFBIG)))
+    if error:
+        problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
+        raise InputError("unwritable", problem, "write EXR instead", path=path)
+    if codec == "webp":
+        data += _OWN_CHUNK
+        data = data[:4] + struct.pack("<I", len(data) - 8) + data[8:]
+    return data
+
+
+def _trial_size(
+    size: tuple[int, int],
+    strips: Sequence[NDArray[Any]],
+    codec: str,
+    attributes: Mapping[str, str | int | Tag | Embedded],
+) -> float:
+    """How many bytes samples are encoded to, at most; inf where the system does not count them."""
+    try:
+        before = _written()
+        _encoder_error(os.devnull, size, iter(strips), codec, attributes)
+        return _written() - before
+    except OSError:
+        return math.inf
+
+
+def _written() -> int:
+    """How many bytes this thread has written so far."""
+    lines = Path("/proc/thread-self/io").read_text().splitlines()
+    return int(dict(line.split(": ") for line in lines)["wchar"])
 
 
 def is_own(path: Path) -> bool:
@@ -261,20 +294,20 @@ def is_own(path: Path) -> bool:
 
 
 def _encoder_error(
-    memory: Path,
+    target: str,
     size: tuple[int, int],
     samples: Iterator[NDArray[Any]],
     codec: str,
     attributes: Mapping[str, str | int | Tag | Embedded],
 ) -> str:
-    """Encode samples to a file in memory; what the encoder complains about, empty if nothing."""
+    """Encode samples to a file; what the encoder complains about, empty if nothing."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
     first, row = next(samples), 0
     with quiet():
         output = oiio.ImageOutput.create(codec)
         assert output is not None, f"OpenImageIO without {codec}"
-        done = output.open(str(memory), _spec(size, first, codec, attributes))
+        done = output.open(target, _spec(size, first, codec, attributes))
     for strip in chain([first], samples):
         with quiet():
             rows = np.ascontiguousarray(strip)

@@ -6,11 +6,10 @@ to itself, OpenImageIO multiplies it into sRGB integers, which loses precision a
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from itertools import accumulate
+from itertools import accumulate, chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +20,7 @@ from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.color_space import ColorSpace, color_space, profiled_space
+from defocus_core.io.images.primaries import REC_709, Chromaticities
 from defocus_core.io.safe_files import (
     check_size,
     damaged,
@@ -34,14 +34,18 @@ from defocus_core.system.interrupts import delayed_signals
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
-_PNM = re.compile(rb"P[2356]\s+(?:#[^\n]*\s+)*\d+\s+(?:#[^\n]*\s+)*\d+\s+(?:#[^\n]*\s+)*(\d+)\s")
-_PNM_HEAD = 1024  # bytes
+_PNM = (b"P2", b"P3", b"P5", b"P6")  # of which the header has a greatest number
+_PNM_HEAD = 1 << 16  # bytes
 # Of orientations, those that swap rows and columns, and those that reverse them after that.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
+_NO_CODEC = ("support is not configured", "decoding is not implemented")  # as libtiff says it
+_PNG_CHUNKS = 1 << 16  # bytes in which the chunks before the pixels are looked for
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
 HEIC_DAMAGE = "is a damaged HEIC file"
+OWN = "defocus:"  # begins names and values by which a file says how it was made
+OWN_CHANNEL = "DocumentName"  # the tag of a TIFF that names the one channel of a map of ours
 _MOST_PAGES = 256  # that a TIFF may have: to look at one goes through those before it
 
 
@@ -86,9 +90,20 @@ def text_of(path: Path) -> dict[str, str]:
 
 
 def pnm_top(path: Path) -> int | None:
-    """The greatest number of a PGM or PPM by its header, if the decoder scales it to its type's."""
-    match = _PNM.match(read_head(path, _PNM_HEAD))
-    top = int(match[1]) if match else 255
+    """The greatest number of a PGM or PPM by its header, if the decoder scales it to its type's.
+
+    A comment, from # to the end of its line, may stand anywhere in the header, and is a blank
+    (netpbm, "PGM Format Specification").
+    """
+    if read_head(path, 2) not in _PNM:
+        return None
+    pieces = (line.partition(b"#")[0] for line in read_head(path, _PNM_HEAD)[2:].splitlines())
+    try:
+        top = int(next(islice(chain.from_iterable(map(bytes.split, pieces)), 2, None)))
+    except (StopIteration, ValueError):
+        top = 0
+    if not 0 < top < 1 << 16:
+        raise damaged(path, "no greatest number up to 65535", "has a damaged header")
     return None if top in (255, 65535) else top
 
 
@@ -135,8 +150,16 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
                 samples = _decode(file, page, spec, rows, kind)
                 # A truncated JPEG comes back filled with grey, and only the error flag says so.
                 if samples is None or file.has_error:
-                    raise damaged(path, first_line(path, file.geterror()))
+                    raise _undecoded(path, first_line(path, file.geterror()))
             yield _place(spec, rows), upright(samples, spec.get_int_attribute("Orientation", 1))
+
+
+def _undecoded(path: Path, why: str) -> InputError:
+    """The error for samples that are not decoded: for want of a codec, or as they are damaged."""
+    if not any(words in why for words in _NO_CODEC):
+        return damaged(path, why)
+    problem = f"is compressed by a codec that is not read here ({why.rpartition(': ')[2]})"
+    return InputError("unsupported", problem, "save it with ZIP or LZW", path=path)
 
 
 def open_heic(path: Path) -> Any:
@@ -152,7 +175,9 @@ def open_heic(path: Path) -> Any:
 def _heic_page(path: Path) -> Raster:
     """The picture of a HEIC photograph, which libheif has turned upright."""
     file = open_heic(path)
-    space = profiled_space(bytes(file.info.get("icc_profile") or b""))
+    space = profiled_space(
+        bytes(file.info.get("icc_profile") or b""), 1 if file.mode[0] == "L" else 3
+    )
     width, height = file.size
     return Raster(
         width=width,
@@ -257,7 +282,7 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         height=height,
         channels=tuple(_canonical(spec)),
         type=str(spec.format),
-        space=color_space(spec),
+        space=color_space(spec, _png_primaries(path)),
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
         at_once=_is_at_once(path, spec, file.format_name()),
@@ -266,6 +291,25 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
         tags=tags_of(spec),
     )
+
+
+def _png_primaries(path: Path) -> Chromaticities:
+    """The primaries of the chunk cHRM of a PNG; those of Rec. 709 where it has none.
+
+    A profile, or the word that it is sRGB, stands above it (W3C, "PNG", 11.3.2.1).
+    """
+    head, at, found = read_head(path, _PNG_CHUNKS), 8, REC_709
+    while head.startswith(b"\x89PNG") and at + 8 <= len(head):
+        size, kind = int.from_bytes(head[at : at + 4], "big"), head[at + 4 : at + 8]
+        if kind in (b"iCCP", b"sRGB", b"cICP"):
+            return REC_709
+        if kind in (b"PLTE", b"IDAT"):
+            break
+        if kind == b"cHRM" and size == 32 and at + 40 <= len(head):
+            white, *colors = (np.frombuffer(head, ">u4", 8, at + 8) / 1e5).reshape(4, 2).tolist()
+            found = tuple(float(each) for pair in (*colors, white) for each in pair)
+        at += size + 12
+    return found
 
 
 def _is_at_once(path: Path, spec: Any, kind: str) -> bool:
@@ -279,7 +323,11 @@ def _is_at_once(path: Path, spec: Any, kind: str) -> bool:
 
 
 def _canonical(spec: Any) -> Iterator[str]:
-    """Channel names; a lone or first grey one is Y."""
+    """Channel names; a lone or first grey one is Y, and that of a map of ours its own."""
+    program, _, own = spec.get_string_attribute(OWN_CHANNEL).rpartition(":")
+    if spec.nchannels == 1 and f"{program}:" == OWN and own.isidentifier():
+        yield own
+        return
     for index, name in enumerate(spec.channelnames):
         if index == spec.alpha_channel:
             yield "A"

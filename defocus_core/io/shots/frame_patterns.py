@@ -1,7 +1,7 @@
 """Frame patterns: paths that number the frames of a shot, and the frames wanted of it.
 
-``shot.####.exr`` and ``shot.%04d.exr`` stand for ``shot.1001.exr`` and so on: numbers of four
-digits at least.
+``shot.####.exr``, ``shot.%04d.exr``, Houdini's ``shot.$F4.exr`` and ``shot.@@@@.exr`` stand for
+``shot.1001.exr`` and so on: numbers of four digits at least.
 """
 
 from __future__ import annotations
@@ -19,8 +19,10 @@ from defocus_core.system.text import counted
 MISSING = ("error", "skip")
 KEYS = "keys"  # the word for the frames that have keys
 _FIELD = re.compile(r"#+|%0?\d*d")
+_OTHER_FIELD = re.compile(r"\$F(\d{0,2})|@{2,}")
 _RANGE = re.compile(r"\d+-\d+(x\d+)?[#@]")  # as some programs write the frames of a pattern
 _DIGITS = 18  # of a frame
+_LONGEST_LIST = 2**16  # characters
 _MAX_FRAMES = 2**20  # from the first to the last, where files alone say which are wanted
 _EXAMPLE = "write them like 1001-1240, 1001-1240x2 or 1001,1005-1010"
 
@@ -40,7 +42,16 @@ ALL = FrameChoice()
 
 def is_pattern(path: Path) -> bool:
     """Whether a path numbers frames; a file that has such a name is a file."""
-    return _FIELD.search(path.name) is not None and not path.exists()
+    return _FIELD.search(_with_hashes(path).name) is not None and not path.exists()
+
+
+def _with_hashes(path: Path) -> Path:
+    """A path whose frame is written with #, as all that read it know."""
+
+    def hashes(found: re.Match[str]) -> str:
+        return "#" * (int(found[1] or 1) if found[0][0] == "$" else len(found[0]))
+
+    return path.with_name(_OTHER_FIELD.sub(hashes, path.name)) if path.name else path
 
 
 def frame_choice(
@@ -68,6 +79,9 @@ def frame_numbers(text: str, where: Place) -> tuple[int, ...]:
     from fileseq.exceptions import MaxSizeException
     from fileseq.frameset import FrameSet
 
+    if len(text) > _LONGEST_LIST:
+        problem = f"has {len(text)} characters, of which {_LONGEST_LIST} are read"
+        raise UsageProblem("malformed", problem, _EXAMPLE, path=where)
     try:
         numbers = sorted({int(number) for number in FrameSet(text.replace(" ", ""))})
     except MaxSizeException:
@@ -85,6 +99,7 @@ def frames_of(pattern: Path) -> dict[int, Path]:
     from fileseq.constants import PAD_STYLE_HASH1
     from fileseq.filesequence import FileSequence
 
+    pattern = _with_hashes(pattern)
     fields = _FIELD.findall(pattern.name)
     if len(fields) > 1:
         problem = "has two numbers in its name"

@@ -123,6 +123,8 @@ def _chan(lines: Sequence[_Line]) -> Keys:
 def _columns(lines: Sequence[_Line]) -> Keys:
     header, *below = lines
     names = [name.lower().replace("_", "-").replace(" ", "-") for name in header.cells]
+    if "frame" not in names and ";" in header.cells[0]:
+        raise header.malformed("has semicolons between its cells", "write commas")
     if "frame" not in names:
         remedy = "begin it with a line like frame,focus,fnumber"
         raise header.malformed("names no column frame", remedy)

@@ -23,8 +23,8 @@ from defocus_core.io.exr.header import Header, is_exr, read_headers
 from defocus_core.io.exr.views import in_view
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.layers import Layers, flat_layer
-from defocus_core.picture.pair import InputPair, parts_of
-from defocus_core.picture.take import Take
+from defocus_core.picture.pair import parts_of
+from defocus_core.picture.take import InputPair, Take
 from defocus_core.request.job import Picture, Reading
 from defocus_core.system.text import counted
 
@@ -119,7 +119,6 @@ def _metres(numbers: Any, pair: InputPair) -> Any:
         like.path,
         replace(pair.reading, part=None),
         samples,
-        picture_width=pair.color.size[0],
         lens_focal=pair.lens_focal,
     )
     metres = pair.keeping.new(numbers.shape, "float32")

@@ -10,12 +10,10 @@ import numpy as np
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import bands, times
 from defocus_core.io.images.primaries import refuse_other_primaries
-from defocus_core.picture.pair import InputPair
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.scene import Surfaces
 from defocus_core.picture.sources import map_windows, windows
-from defocus_core.picture.take import Take
+from defocus_core.picture.take import InputPair, Surfaces, Take
 
 if TYPE_CHECKING:
     from defocus_core.renderer.inpainting.hidden_layers import KnownLayer

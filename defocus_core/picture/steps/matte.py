@@ -12,15 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.depth_formats.reading import stretched
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import unit
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.scene import Surfaces
+from defocus_core.picture.pair import stretch_words
 from defocus_core.picture.sources import map_windows
-from defocus_core.picture.take import Take
+from defocus_core.picture.take import Surfaces, Take
+from defocus_core.system.text import note
 
 
 def read(take: Take) -> Take:
@@ -46,12 +48,14 @@ def read_matte(path: Path, size: tuple[int, int], overscan: Overscan) -> NDArray
     values = _values(path)
     (height, width), (columns, rows) = values.shape, size
     if (width, height) != size:
-        if abs(width * rows - height * columns) > max(width, height, rows, columns):
+        if (share := stretched((width, height), size)) is None:
             problem = (
                 f"is {width}x{height} px, of another aspect than its picture, {columns}x{rows}"
             )
             remedy = "give a matte of the picture"
             raise InputError("wrong-size", problem, remedy, path=path)
+        if share:
+            note(f"defocus: {path}: {width}x{height} px{stretch_words(share)}")
         values = _resized(values, size)
     pads = (overscan.top, overscan.bottom), (overscan.left, overscan.right)
     return np.pad(values, pads, mode="edge")

@@ -28,9 +28,9 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import Color
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.memory_budget import capacity_mb
-from defocus_core.picture.pair import InputPair, read, reframe
+from defocus_core.picture.pair import read, reframe
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.take import Take
+from defocus_core.picture.take import InputPair, Take
 from defocus_core.request.shots import AVERAGED
 from defocus_core.system import memory
 

@@ -17,10 +17,10 @@ from defocus_core.io.images.primaries import refuse_other_primaries
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.element import element_depth
 from defocus_core.picture.layers import Layers, coverage
-from defocus_core.picture.pair import InputPair, overscan_of
+from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.take import Plate, Take
+from defocus_core.picture.take import InputPair, Plate, Take
 from defocus_core.system.text import counted
 
 

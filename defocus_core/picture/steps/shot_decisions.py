@@ -18,9 +18,9 @@ from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.shots.frame_patterns import in_words
 from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.memory_budget import holding
-from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.pair import read
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.take import Take
+from defocus_core.picture.take import InputPair, Take
 from defocus_core.request.job import FrameLens, Job, Reading, Shot
 from defocus_core.request.lens import Lens
 

@@ -9,12 +9,11 @@ import re
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card import card_of, tables_of
-from defocus_core.batch.journal.journal import Record, read_all, require_journal
-from defocus_core.batch.journal.resume import Ledger
+from defocus_core.batch.journal.journal import Ledger, require_journal
+from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import drawn_files, valued_layers, wiggle_of
 from defocus_core.reports.html.page import ValuesRoom, write_report
@@ -41,8 +40,7 @@ def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) 
     `asked`: names of the samples, None for all.
     """
     require_journal(out)
-    live = Ledger(out, read_all(out)).live
-    records = [one for one in live if asked is None or one["sample_id"] in asked]
+    records = list(Ledger(out).records(asked))
     records.sort(key=_place)
     drawings = spread(draw_sample, list(_samples(records, out)), processes, "the report")
     items = [_item(record, layers, out) for record, layers in zip(records, drawings, strict=True)]
@@ -55,23 +53,24 @@ def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) 
 
 def _place(record: Record) -> tuple[bool, list[tuple[int, str]]]:
     """Sorts records: those without pictures first, then by name, frame 2 before frame 10."""
-    parts = _DIGITS.split(record["sample_id"])
+    parts = _DIGITS.split(record.sample_id)
     natural = [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
-    return record["status"] == "ok", natural
+    return record.taken is not None, natural
 
 
 def _samples(records: Sequence[Record], out: Path) -> Iterator[Sample]:
     """What is to be drawn; values are wanted of the first, while there may be room for them."""
     room = ValuesRoom(len(records))
     for record in records:
-        if record["status"] != "ok":
+        taken = record.taken
+        if taken is None:
             yield (), False
             continue
-        written = ((kind, record["outputs"][kind]) for kind in KINDS if kind in record["outputs"])
-        stamps = [("input", record["inputs"]["color"]), *written]
-        files = [(kind, out / stamp["path"]) for kind, stamp in stamps]
+        written = ((kind, taken.outputs[kind]) for kind in KINDS if kind in taken.outputs)
+        stamps = [("input", taken.inputs["color"]), *written]
+        files = [(kind, out / stamp.path) for kind, stamp in stamps]
         planes = sum(1 if kind in KINDS and not KINDS[kind].image else 3 for kind, _ in files)
-        yield files, room.takes(record["size"], planes)
+        yield files, room.takes(taken.size, planes)
 
 
 def draw_sample(sample: Sample) -> list[Layer]:
@@ -82,45 +81,43 @@ def draw_sample(sample: Sample) -> list[Layer]:
 
 
 def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
-    is_done = record["status"] == "ok"
-    warnings = list(record.get("warnings") or ())
-    status = ("warning" if warnings else "done") if is_done else record["status"]
-    command = render_command(record, out) if is_done else ""
+    taken, end = record.taken, record.end
+    command = render_command(record, out)
     return Item(
-        name=record["sample_id"],
-        status=status,
-        passes=is_done,
-        words="; ".join(warnings) or record["message"] or "",
+        name=record.sample_id,
+        status=end.status if taken is None else "warning" if taken.warnings else "done",
+        passes=taken is not None,
+        words="; ".join(end.warnings) or end.message,
         facts=list(_facts(record)),
-        metrics=_metrics(record) if is_done else {},
-        facets={"lens": lens_record_words(record["lens"])}
-        if is_done
-        else {"reason": str(record["reason"])},
+        metrics={} if taken is None else _metrics(taken),
+        facets={"reason": str(end.reason)}
+        if taken is None
+        else {"lens": lens_record_words(taken.lens)},
         commands=[("Render again", command)] if command else [],
         layers=layers,
         wiggle=wiggle_of(layers),
     )
 
 
-def _metrics(record: Record) -> dict[str, float]:
-    near, far = record["coc_px"]
-    return {"coc": max(abs(near), abs(far)), "seconds": record["seconds"]["render"]}
+def _metrics(taken: Taken) -> dict[str, float]:
+    near, far = taken.coc_px
+    return {"coc": max(abs(near), abs(far)), "seconds": taken.seconds["render"]}
 
 
 def _facts(record: Record) -> Iterator[tuple[str, str]]:
     """Terms, and what is to be said of each."""
-    for warning in record.get("warnings") or ():
+    taken, end = record.taken, record.end
+    for warning in end.warnings:
         yield "Warning", warning
-    if record["message"]:
-        yield "Error", record["message"]
-    if record["status"] == "ok":
-        (width, height), (near, far) = record["size"], record["coc_px"]
+    if end.message:
+        yield "Error", end.message
+    if taken is not None:
+        (width, height), (near, far) = taken.size, taken.coc_px
         yield "Size", f"{width}x{height}"
         yield "CoC", f"{near:.2f} to {far:.2f} px"
-        yield "Colour read as", record["color_note"]
-        yield "Depth read as", record["depth_note"]
-        yield "Quality", f"{record['quality']}, {record['device']}"
-    entries: dict[str, Any] = {**record["inputs"], **record["outputs"]}
-    for name, stamp in entries.items():
+        yield "Colour read as", taken.color_note
+        yield "Depth read as", taken.depth_note
+        yield "Quality", f"{record.quality}, {taken.device}"
+    for name, stamp in {**record.inputs, **record.outputs}.items():
         if not name.startswith(FRAME_ROLE):  # other frames of a shot
-            yield name, stamp["path"]
+            yield name, stamp.path

@@ -22,11 +22,12 @@ from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.encode import display_encoded, srgb_matrix
+from defocus_core.picture.focus import in_pixels
 from defocus_core.picture.memory_budget import holding
-from defocus_core.picture.pair import InputPair, read
+from defocus_core.picture.pair import read
 from defocus_core.picture.plain_path import compute, load
-from defocus_core.picture.subject import subject_of
-from defocus_core.picture.take import Inputs
+from defocus_core.picture.subject import on_ramp, subject_of
+from defocus_core.picture.take import InputPair, Inputs
 from defocus_core.reports.html.page import Payloads, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
@@ -37,7 +38,7 @@ from defocus_core.system.text import command_line
 
 Progress = Callable[[int, int], None]
 _FOCUSES = 8
-_STRENGTHS = (0.25, 0.5, 1.0, 2.0)  # of the blur that is asked for
+_STRENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the blur that is asked for
 _ASKED = _STRENGTHS.index(1.0)
 _PIXELS, _WIDEST = 420_000, 1000  # of a picture, and px of its width
 _JPEG = "jpeg:85"  # of a photograph, a page of a few MB; of noise, of less than 30
@@ -76,8 +77,11 @@ def write_choice(
     if depth.is_radius and not depth.is_relative:
         problem, remedy = "holds radii, by which the focus is chosen already", "give depth"
         raise InputError("radii", problem, remedy, path=depth.path)
-    small = _reduced(job, color, depth)
-    focuses, strengths = focuses_of(small.disparity), _strengths(lens)
+    small, lens = _reduced(job, color, depth), in_pixels(lens, depth)
+    shows_surface = ~on_ramp(small.disparity)
+    if not shows_surface.any():
+        shows_surface[:] = True
+    focuses, strengths = focuses_of(small.disparity[shows_surface]), _strengths(lens)
     jobs = [
         [replace(job, lens=_at(strength, focus, small.scale)) for strength in strengths]
         for focus in focuses
@@ -91,6 +95,8 @@ def write_choice(
     payloads = Payloads()
     names = [payloads.add(encoded(each, "jpeg", {"Compression": _JPEG})) for each in shown]
     low, high = float(small.disparity.min()), float(small.disparity.max())
+    if high - low <= _TOP and (small.disparity == small.disparity.round()).all():
+        high = low + _TOP  # so that numbers are those of the file
     share = (small.disparity - low) / ((high - low) or 1.0)
     chosen = _first_place(lens, depth)
     data = {
@@ -98,7 +104,9 @@ def write_choice(
         "map": payloads.add(_map(np.round(share * _TOP).astype(np.uint16))),
         "ends": [low, high],
         "metric": not depth.is_relative,
-        "focuses": [{"value": value, "place": _place_of(small, value)} for value in focuses],
+        "focuses": [
+            {"value": value, "place": _place_of(small, value, shows_surface)} for value in focuses
+        ],
         "strengths": [_strength_words(each) for each in strengths],
         "names": [names[n : n + len(strengths)] for n in range(0, len(names), len(strengths))],
         "place": chosen,
@@ -111,7 +119,7 @@ def write_choice(
 
 
 def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
-    """The disparities of the pictures, ascending: at most `_FOCUSES`, each one that is there.
+    """The disparities of the pictures, ascending: at most `_FOCUSES`, each one of a surface.
 
     They lie as densely as the cube root of the pixels, which makes the mean square of the distance
     to the nearest one least (Panter and Dite 1951).
@@ -131,7 +139,7 @@ def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
 
 def _strengths(lens: Lens) -> list[Lens]:
     """The lens with each strength, of a number that a command says."""
-    if lens.blur is not None:
+    if isinstance(lens.blur, float):
         blurs = (float(f"{lens.blur * factor:.3g}") for factor in _STRENGTHS)
         return [replace(lens, blur=blur) for blur in blurs]
     numbers = (float(f"{lens.fnum / factor:.3g}") for factor in _STRENGTHS)
@@ -142,7 +150,7 @@ def _at(lens: Lens, disparity: float, scale: float) -> Lens:
     """The lens with a disparity in focus, in front of a picture of another size."""
     lens = replace(lens, focus_at=None, focus_percentile=None)
     clamp = None if lens.clamp_blur is None else lens.clamp_blur * scale
-    if lens.blur is not None:
+    if isinstance(lens.blur, float):
         return replace(lens, blur=lens.blur * scale, clamp_blur=clamp, focus_value=disparity)
     distance = _MM_PER_M / disparity if disparity else math.inf
     return replace(lens, clamp_blur=clamp, foc_dist=distance)
@@ -194,9 +202,9 @@ def _map(numbers: NDArray[np.uint16]) -> bytes:
     return encoded(np.stack(planes, axis=2).astype(np.uint8), "png")
 
 
-def _place_of(small: _Small, value: float) -> list[int]:
-    """A pixel of the picture that has a disparity, next to the middle of all of them."""
-    rows, columns = np.nonzero(small.disparity == value)
+def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> list[int]:
+    """A pixel of a surface of a disparity, next to the middle of all of them."""
+    rows, columns = np.nonzero((small.disparity == value) & shows_surface)
     best = np.argmin(np.hypot(rows - rows.mean(), columns - columns.mean()))
     return [int((each[best] + 0.5) / small.scale) for each in (columns, rows)]
 

@@ -166,7 +166,7 @@ def kind_of(names: Sequence[str]) -> str:
     row = KINDS.get(names[0])
     if row is None or row.image:
         return PLAIN
-    return SIGNED if row.of_radius else SHARE
+    return SIGNED if row.signed else SHARE
 
 
 def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:

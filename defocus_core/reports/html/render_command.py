@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.journal.journal import Record
-from defocus_core.batch.journal.resume import input_place, job_of
-from defocus_core.errors import InputError
-from defocus_core.request.job import Machine, Picture
-from defocus_core.request.lens import Lens
+from defocus_core.batch.journal.journal import input_place
+from defocus_core.batch.journal.record import Record, Stamps
+from defocus_core.request.job import OTHERS, Machine, Picture
+from defocus_core.request.lens import DEFAULTS
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
 from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.system.text import command_line
@@ -23,23 +22,34 @@ _PAIRS = frozenset(key for key, row in EFFECT_OPTIONS.items() if row.separator)
 _CHOICE = frozenset({"focus_at_px", "focus_percentile", "max_coc_px", "draw"})
 _MACHINE = ("quality", "depth_repair", "tile")
 # Settings that a command line says; a frame of a shot needs the shot.
+_NEEDED = frozenset({"stem", "suffix", "lens", "reading", "outputs", "quality"})
 _SETTINGS = frozenset({"stem", "suffix", "lens", "reading", "outputs", *_MACHINE})
 
 
 def render_command(record: Record, out: Path) -> str:
     """The command line that does a job again; empty where no command line says its settings."""
-    try:
-        picture = job_of(record, out).picture
-    except InputError:
+    settings, inputs = record.settings, record.inputs
+    if record.taken is None or not settings.keys() >= _NEEDED or "depth" not in inputs:
         return ""
-    settings, inputs = record["settings"], record["inputs"]
-    lens = {**record["lens"], **{k: v for k, v in settings["lens"].items() if k in _PAIRS}}
+    picture = _picture(settings["stem"], inputs, out)
+    lens = {**record.taken.lens, **{k: v for k, v in settings["lens"].items() if k in _PAIRS}}
     for name in LENS_FILES:
         if name in inputs:
-            lens[name] = input_place(inputs[name]["path"], out)
+            lens[name] = input_place(inputs[name].path, out)
     if settings.keys() - _SETTINGS or lens.keys() - _LENS.keys() - _CHOICE:
         return ""
     return command_line(render_words(picture, OUT, lens, settings))
+
+
+def _picture(stem: str, inputs: Stamps, out: Path, prefix: str = "") -> Picture:
+    """The picture whose files have roles with a prefix."""
+    color, depth = (input_place(inputs[prefix + role].path, out) for role in ("color", "depth"))
+    others: dict[str, Any] = {
+        role: _picture(stem, inputs, out, f"{role}_")
+        for role in OTHERS
+        if not prefix and f"{role}_color" in inputs and f"{role}_depth" in inputs
+    }
+    return Picture(stem, color, depth, **others)
 
 
 def render_words(
@@ -63,7 +73,7 @@ def _lens_words(lens: Mapping[str, Any]) -> list[object]:
     """The options of a lens."""
     words: list[object] = []
     for key, value in lens.items():
-        if value is None or key in _CHOICE or value == getattr(Lens, _LENS[key].field, None):
+        if value is None or key in _CHOICE or value == DEFAULTS.get(_LENS[key].field):
             continue
         row = _LENS[key]
         text = value if isinstance(value, Path) else row.text(value) + row.optional_unit

@@ -117,5 +117,4 @@ def encoded(samples: NDArray[Any], codec: str, settings: dict[str, Any] | None =
     """The file of samples [H, W, C]."""
     size = (samples.shape[0], samples.shape[1])
     path = Path(f"thumbnail.{codec}")
-    with encoded_samples(path, size, [samples], codec, settings or {}) as memory:
-        return memory.read_bytes()
+    return encoded_samples(path, size, [samples], codec, settings or {})

@@ -20,7 +20,7 @@ from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
 from defocus_core.io.depth_formats.depth import read_depth, read_numbers
 from defocus_core.io.depth_formats.reading import DepthReading, holds_gdepth
-from defocus_core.io.depth_formats.rules import DepthNumbers
+from defocus_core.io.depth_formats.rules import FLOATS, DepthNumbers
 from defocus_core.io.depth_formats.table import ROWS
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import FileInfo
@@ -33,11 +33,13 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float32]
 
 _TOP = 65535
+_GROWS = 2.0  # how many times greater numbers are below
 _SEVERAL = 0.001  # share of pixels
 # Names of channels and arrays that only one format has.
 _TELLING_NAMES = {
     "unreal-mrq": ("FinalImage*WorldDepth*", "ImageDepth*"),
     "coc": ("coc",),
+    "houdini": ("Pz", "*.Pz"),
     "hypersim": ("dataset",),
     "nyu-mat": ("rawDepths",),
     "spring": ("disparity",),
@@ -49,6 +51,7 @@ _BESIDE = {
     "diode": ("NPY", "{stem}_mask.npy"),
     "moge": ("EXR", "fov.json"),
 }
+_LEAST_SIDE = 3  # px of a picture that has an edge
 _WINDOW = 2048  # px, side of the middle of the picture that is measured
 # Widths of edges are measured at two scales, standard deviations in px.
 _FINE, _COARSE = 1, 2
@@ -94,6 +97,8 @@ def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
 
 def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) -> Iterator[str]:
     """Evidence of the numbers of a file without a named format."""
+    if samples.is_of_nuke:
+        yield f"Nuke wrote it, whose ScanlineRender writes 1/z: {_say('nuke-scanline')}"
     if samples.type == "16-bit PNG":
         top, zero = (_share(samples, number) for number in (_TOP, 0))
         if top >= _SEVERAL:
@@ -106,6 +111,11 @@ def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) 
                 f"0 in {percent(zero)} of the 16-bit pixels: holes of {shown} and others, or far "
                 "away by a network; say ‹depth-format›, and ‹invalid› far or fill for holes"
             )
+    if samples.type in FLOATS and not reading.says_scale and _grows_downwards(samples):
+        yield (
+            "greater numbers below than above, as disparity has: of a network say ‹depth-format› "
+            "depth-anything ‹depth-range› NEAR FAR, or ‹blur› 20px ‹focus-at› X,Y"
+        )
     if samples.type == "8-bit PNG" and not reading.says_scale:
         yield (
             "8 bits: relative depth of a network; say ‹blur› 20px ‹focus-at› X,Y if bright is near "
@@ -115,6 +125,19 @@ def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) 
     has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
     if samples.type == "PFM" and not has_sidecar and samples.values.min() < 0:
         yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
+
+
+def _grows_downwards(samples: DepthNumbers) -> bool:
+    """Whether the lower third has clearly greater numbers than the upper: the ground is near."""
+    values, height = samples.values, samples.values.shape[0]
+    if samples.marks or height < 3:
+        return False
+    above, below = (
+        np.asarray(values[rows], np.float64)
+        for rows in (slice(height // 3), slice(-(height // 3), None))
+    )
+    usable = all(np.isfinite(each).all() and each.min() >= 0 for each in (above, below))
+    return usable and float(np.median(below)) > _GROWS * float(np.median(above)) + 1e-9
 
 
 def _share(samples: DepthNumbers, number: int) -> float:
@@ -165,6 +188,8 @@ def evidence_of_pair(
     metres = element_depth(beside, image, keeping).metres
     rows, columns = _middle(height), _middle(width)
     near = metres[rows][:, columns]
+    if min(near.shape) < _LEAST_SIDE:
+        return ()
     planes = [plane[rows][:, columns] for plane in image.planes[:3]]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         disparity = np.where(near > 0, 1 / near, 0).astype(np.float32)  # holes count as far

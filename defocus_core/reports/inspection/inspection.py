@@ -22,21 +22,23 @@ from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
-from defocus_core.io.images.describe import FileInfo, PartInfo, describe
+from defocus_core.io.images.describe import SAMPLE_BYTES, FileInfo, PartInfo, describe
+from defocus_core.io.images.raster import read_samples
 from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
-from defocus_core.picture.pair import InputPair, overscan_of
+from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.steps.implausible import of_radii
+from defocus_core.picture.take import InputPair
 from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
 from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import length_text
-from defocus_core.request.shot_lenses import ShotLenses
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.memory import MB
 
@@ -47,7 +49,6 @@ if TYPE_CHECKING:
 NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
 MAX_AT_ONCE = 512
-_BYTES = {"uint8": 1, "uint16": 2, "half": 2, "float64": 8}
 # Codes of files that have no colour, or no depth, but may have the other.
 _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no-such-view"})
 MAX_READ = 25  # frames that are decoded, evenly spread over the shot
@@ -59,22 +60,27 @@ def color_figures(color: Color) -> dict[str, Any]:
     Pixels beyond the picture shown count.
     """
     nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
-    record = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
+    told = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
     if color.alpha is not None:
         strips = [np.asarray(color.alpha[rows]) for rows in bands(color.shape)]
-        record["nothing_pixels"] = sum(int(np.count_nonzero(strip == 0)) for strip in strips)
+        told["nothing_pixels"] = sum(int(np.count_nonzero(strip == 0)) for strip in strips)
         within = ((strip > 0) & (strip < 1) for strip in strips)
-        record["partial_pixels"] = sum(int(np.count_nonzero(strip)) for strip in within)
-    return record
+        told["partial_pixels"] = sum(int(np.count_nonzero(strip)) for strip in within)
+    return told
 
 
 def depth_figures(
-    path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
+    path: Path,
+    reading: Reading,
+    keeping: Keeping,
+    lens: Lens | None,
+    color: Color | None,
+    size: tuple[int, int] | None = None,
 ) -> tuple[str, dict[str, Any]]:
     """How the depth would be read, and its figures; ranges are None without valid pixels.
 
     `lens`: what to say the blur of; None for none; `color`: the colour of the same file; None if it
-    has none.
+    has none; `size`: width and height of the picture that the depth is of; None for its own.
     """
     depth = _read(path, reading, keeping, lens, color)
     height, width = depth.metres.shape
@@ -101,9 +107,9 @@ def depth_figures(
         coc_px = (
             list(radii_of(lens, depth, keeping).limits)
             if depth.is_radius
-            else [float(r) for r in signed_radius(lens, extremes, depth.size)]
+            else [float(r) for r in signed_radius(lens, extremes, size or depth.size)]
         )
-        if not invalid:
+        if not invalid and size in (None, depth.size):
             repair, warnings = _repair(depth, lens, reading, keeping)
     reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
     return depth.note, {
@@ -114,6 +120,7 @@ def depth_figures(
         "nothing_pixels": nothing,
         "lens": lens_record(lens) if lens else None,
         "coc_px": coc_px,
+        "coc_of": list(size or depth.size) if coc_px else None,
         "repair": repair_words(repair),
         "depth_repair": repair_record(repair),
         "warnings": list(warnings),
@@ -153,10 +160,29 @@ def ends_of(values: NDArray[Any]) -> list[float]:
     return [float(values.min()), float(values.max())] if values.size else []
 
 
-def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> dict[str, Any]:
+def picture_of(files: Sequence[Path]) -> tuple[Path, tuple[int, int]] | None:
+    """The file of colour of two, and its width and height; None if there is no such pair."""
+    if len(files) != 2:
+        return None
+    with suppress(DefocusError):
+        for info in map(describe, files):
+            if {"R", "G", "B"} <= {name for part in info.parts for name, _ in part.channels}:
+                return info.path, (info.width, info.height)
+    return None
+
+
+def inspect(
+    path: Path,
+    reading: Reading,
+    lens: Lens | None,
+    *,
+    lone: bool,
+    size: tuple[int, int] | None = None,
+) -> dict[str, Any]:
     """Read a file as ``defocus render`` would, and say what is in it.
 
-    `lens`: what to say the blur of; None for none.
+    `lens`: what to say the blur of; None for none; `size`: width and height of the picture that
+    its depth is of; None for its own.
     """
     with delayed_signals():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
@@ -173,7 +199,9 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         keeping = _keeping(info)
         picture, color_note = _color_of(info, reading, keeping)
         color = picture and color_figures(picture)
-        depth_note, depth = _depth_of(path, reading, keeping, lens, picture, arrays=has_frames)
+        depth_note, depth = _depth_of(
+            path, reading, keeping, lens, picture, arrays=has_frames, size=size
+        )
         maps = _maps(info, keeping)
         evidence = () if maps else evidence_of(path, reading, info, keeping)
     return {
@@ -223,12 +251,13 @@ def _depth_of(
     picture: Color | None,
     *,
     arrays: bool,
+    size: tuple[int, int] | None,
 ) -> tuple[str, dict[str, Any] | None]:
     """How the depth of a file is read and its figures; why it has none, and None."""
     if reading.row.rule == "radius":
         return "holds signed radii in px, which 'defocus render' takes as they are", None
     try:
-        return depth_figures(path, reading, keeping, lens, picture)
+        return depth_figures(path, reading, keeping, lens, picture, size)
     except InputError as error:
         absent = picture is not None or arrays or error.code in _ABSENT
         if not absent or (reading.depth_channel and is_exr(read_head(path))):
@@ -245,7 +274,8 @@ def _too_large(info: FileInfo) -> str:
     """Why a file takes too much time or memory to decode; empty if it does not."""
     if info.nearly_empty:
         return f"not decoded: {info.nearly_empty}"
-    samples = max(sum(_BYTES.get(kind, 4) for _, kind in part.channels) for part in info.parts)
+    kinds = ([kind for _, kind in part.channels] for part in info.parts)
+    samples = max(sum(SAMPLE_BYTES.get(kind, 8) for kind in each) for each in kinds)
     decoded = info.at_once * info.pixels * samples / MB
     if decoded <= MAX_AT_ONCE:
         return ""
@@ -269,7 +299,7 @@ def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:
 
 def _part_record(part: PartInfo) -> dict[str, Any]:
     """A part of a file in plain values; windows are those of an EXR."""
-    record = {
+    told = {
         "index": part.index,
         "name": part.name,
         "deep": part.deep,
@@ -277,10 +307,10 @@ def _part_record(part: PartInfo) -> dict[str, Any]:
         "views": list(part.views),
     }
     if part.data_window is not None and part.display_window is not None:
-        record["data_window"] = list(part.data_window)
-        record["display_window"] = list(part.display_window)
-        record["pixel_aspect"] = part.pixel_aspect
-    return record
+        told["data_window"] = list(part.data_window)
+        told["display_window"] = list(part.display_window)
+        told["pixel_aspect"] = part.pixel_aspect
+    return told
 
 
 def inspect_pairs(
@@ -296,7 +326,7 @@ def inspect_pairs(
     pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
     if not pairs:
         return []
-    color, depth = (Path(record["file"]) for record in pairs[0])
+    color, depth = (Path(each["file"]) for each in pairs[0])
     keeping = Keeping(scratch=4 * math.prod(pairs[0][0]["size"]) > NUMBERS_IN_MEMORY)
     lens_focal = None if lens is None else lens.foclen / lens.sensor_width
     try:
@@ -318,16 +348,26 @@ def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: 
 
 def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
-    is_map = any(name in NO_DEPTH for part in info.parts for name, _ in part.channels)
-    if not is_map or info.path.suffix.lower() != ".exr":  # an array may be called disparity, too
+    kinds = [name for part in info.parts for name, _ in part.channels if name in NO_DEPTH]
+    if not kinds or container_type(read_head(info.path, 32)):  # an array may have such a name, too
         return []
     maps = []
-    for part in read_parts(info.path, keeping=keeping, wanted=lambda _, name: name in NO_DEPTH):
-        for kind, plane in part.channels.items():
-            values = (plane[rows] for rows in bands(plane.shape))
-            ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]
-            maps.append({"kind": kind, range_key(kind): [min(ends), max(ends)] if ends else None})
+    for kind, values in _bands_of_maps(info.path, kinds, keeping):
+        ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]
+        maps.append({"kind": kind, range_key(kind): [min(ends), max(ends)] if ends else None})
     return maps
+
+
+def _bands_of_maps(
+    path: Path, kinds: Sequence[str], keeping: Keeping
+) -> Iterator[tuple[str, Iterator[NDArray[Any]]]]:
+    """The maps of an EXR, or the one of a TIFF, and their numbers."""
+    if not is_exr(read_head(path)):
+        yield kinds[0], (samples for _, samples in read_samples(path))
+        return
+    for part in read_parts(path, keeping=keeping, wanted=lambda _, name: name in NO_DEPTH):
+        for kind, plane in part.channels.items():
+            yield kind, (plane[rows] for rows in bands(plane.shape))
 
 
 def range_key(kind: str) -> str:
@@ -341,7 +381,7 @@ def _clause(error: InputError) -> str:
 
 
 def summarise_shots(
-    patterns: Sequence[Path], reading: Reading, lenses: ShotLenses | None
+    patterns: Sequence[Path], reading: Reading, lenses: PictureLenses | None
 ) -> list[dict[str, Any]]:
     """What ``defocus info --json`` prints of each pattern.
 
@@ -399,24 +439,24 @@ def range_words(depth: Mapping[str, Any], digits: int = 6) -> str:
     return "no finite depth"
 
 
-def shot_lines(record: Mapping[str, Any]) -> Iterator[str]:
+def shot_lines(told: Mapping[str, Any]) -> Iterator[str]:
     """A summary in words."""
-    lost = f"; {in_words(record['gaps'])} missing" if record["gaps"] else "; no gaps"
-    yield f"{record['pattern']}: {in_words(record['frames'])}{lost}"
-    sizes = ["{}x{}".format(*each["size"]) for each in record["sizes"]]
+    lost = f"; {in_words(told['gaps'])} missing" if told["gaps"] else "; no gaps"
+    yield f"{told['pattern']}: {in_words(told['frames'])}{lost}"
+    sizes = ["{}x{}".format(*each["size"]) for each in told["sizes"]]
     if len(sizes) == 1:
         yield f"  size: {sizes[0]}"
     else:
         changes = (
             f"{size} in {in_words(each['frames'])}"
-            for size, each in zip(sizes, record["sizes"], strict=True)
+            for size, each in zip(sizes, told["sizes"], strict=True)
         )
         yield f"  size changes: {'; '.join(changes)}"
-    for each in record["depth"]:
+    for each in told["depth"]:
         reach = range_words(each, digits=4)
         focus = each["focus_mm"] and f"focus {length_text(float(each['focus_mm']))}"
         blur = "CoC {:.2f} to {:.2f} px".format(*each["coc_px"]) if each["coc_px"] else ""
         yield f"  {each['frame']}: {', '.join(filter(None, (reach, focus, blur, each['repair'])))}"
-    if record["largest_blur"]:
-        radius = max(map(abs, record["largest_blur"]["coc_px"]))
-        yield f"  blur is largest in {record['largest_blur']['frame']}: {radius:.2f} px"
+    if told["largest_blur"]:
+        radius = max(map(abs, told["largest_blur"]["coc_px"]))
+        yield f"  blur is largest in {told['largest_blur']['frame']}: {radius:.2f} px"

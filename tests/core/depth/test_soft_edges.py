@@ -8,10 +8,11 @@ from measures import worst
 from scenes import RADII, pattern
 from torch.nn.functional import max_pool2d
 
-from defocus_core.depth.color_profiles import FARTHEST
+from defocus_core.depth.color_profiles import FARTHEST, edges_of
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
 from defocus_core.depth.edge_shifts import EdgeShifts, measured_shifts, with_shifted_edges
+from defocus_core.depth.repair import repair_depth
 from defocus_core.depth.soft_edges import (
     hard_steps,
     slope_of_soft_edges,
@@ -173,10 +174,30 @@ def test_mirrored_pictures_are_mirrored(dims):
     assert worst(turned.T, found) == 0
 
 
-@pytest.mark.parametrize("fatter", [-8, -5, 5, 8])
+@pytest.mark.parametrize("fatter", [-6, -4, 4, 6])
 def test_an_edge_that_is_far_off_is_found(fatter):
     found = with_hard_edges(soft_depth(shift=fatter), two_colors())
     assert worst(found, hard_depth()) == 0
+
+
+@pytest.mark.parametrize("fatter", [-14, 14])
+def test_in_a_large_picture_an_edge_is_found_from_farther(fatter):
+    """As far as a hundredth of the longer side, of odd and of even lengths."""
+    image, times = two_colors(), 15
+    larger = image.repeat_interleave(times, -1)[..., :401, :-1]
+    larger = torch.cat([larger, larger[..., :200, :]], -2)
+    radius = 20 * ((torch.arange(1439) + 0.5 - MIDDLE * times - fatter) / 8 + 0.5).clamp(0, 1)
+    found, repair = repair_depth(radius.double().expand(larger.shape[-2:]).clone(), larger)
+    is_near = found < 10
+    assert bool(is_near[:, : MIDDLE * times - 1].all())
+    assert not bool(is_near[:, MIDDLE * times + 1 :].any())
+    assert repair.edge_shifts.median == pytest.approx(fatter, abs=1)
+
+
+def test_the_foot_of_a_ramp_is_no_edge():
+    radius = hard_depth()
+    radius[:, MIDDLE - 4] = 0.5
+    assert torch.equal(edges_of(radius, 0.4, None), edges_of(hard_depth(), 0.4, None))
 
 
 @pytest.mark.parametrize("wide", [2, 3])

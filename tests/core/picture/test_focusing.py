@@ -19,7 +19,7 @@ from defocus_core.optics.distributions import ATTEMPTS
 from defocus_core.picture.focus import with_focus
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.request.lens import Draw, Lens
-from defocus_core.request.lens_plan import drawn_lens
+from defocus_core.request.resolver import drawn_lens
 
 LENS = Lens(50.0, 2.0, 2000.0)
 

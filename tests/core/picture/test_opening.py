@@ -1,6 +1,8 @@
-"""Pictures of the opening: what is none is refused by its header."""
+"""The opening: pictures of it that are none are refused, and a blur in px has its look."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 import pytest
@@ -8,6 +10,8 @@ from image_files import save
 from refusals import refuses
 
 from defocus_core.picture import opening
+from defocus_core.picture.radii import color_offsets
+from defocus_core.request.lens import Lens
 
 
 def test_a_picture_too_wide_for_a_pupil_is_not_decoded(tmp_path, monkeypatch):
@@ -28,3 +32,12 @@ def test_an_array_of_no_possible_size_is_refused(tmp_path, recwarn):
     with refuses("too-large", path=tmp_path / "a.npy"):
         opening.pupil_image(tmp_path / "a.npy")
     assert not recwarn
+
+
+@pytest.mark.parametrize("size", [(300, 200), (640, 480)])
+def test_a_blur_in_px_has_the_rim_of_a_lens_of_50_mm_and_axial_colour_as_a_share(size):
+    look = {"cat_eye": (1.05, 1.5), "axial_color": (0.05, -0.1)}
+    blur = Lens(math.nan, math.nan, None, blur=40.0, **look)
+    lens = opening.cat_eye_of(Lens(50.0, 1.4, 2000.0, cat_eye=(1.05, 1.5)), (300, 200))
+    assert opening.cat_eye_of(blur, size) == lens
+    assert color_offsets(blur, size) == (-2.0, 4.0)

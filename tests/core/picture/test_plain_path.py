@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from importlib import import_module
+from inspect import get_annotations
 from pathlib import Path
 
 import pytest
@@ -13,12 +13,12 @@ from command_line import color_exr, depth_exr
 
 from defocus_core.io.exr import header
 from defocus_core.picture import plain_path, steps
-from defocus_core.picture.steps.table import STEPS
+from defocus_core.picture.steps.table import STAGES
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens
 
-# Of any picture that is rendered: its depth is doubted, and repaired.
-ALWAYS = {"implausible", "repair"}
+# Of any picture that is rendered: its depth is doubted.
+ALWAYS = {"implausible"}
 # What reads and writes files of other types than a plain EXR.
 OTHER_FILES = {
     *(
@@ -32,6 +32,7 @@ OTHER_FILES = {
     ),
     *("lens_metadata", "photo_depth", "raster", "sidecars"),
 }
+STEPS = [step for stage in STAGES for step in stage]
 
 
 def job(folder, **lens):
@@ -40,15 +41,17 @@ def job(folder, **lens):
     return Job(picture, Lens(50.0, 2.0, 2000.0, **lens), Reading(), outputs, Machine())
 
 
-@pytest.mark.parametrize("step", STEPS, ids=lambda step: f"{step.stage}-{step.module}")
-def test_a_step_is_a_function_of_its_module(step):
-    function = getattr(import_module(f"{steps.__name__}.{step.module}"), step.stage)
-    assert function.__doc__
+@pytest.mark.parametrize("step", STEPS, ids=lambda step: step.name)
+def test_a_step_is_a_function_of_its_stage(step):
+    assert step.function.__doc__
+    takes, gives = get_annotations(step.function).values()
+    assert takes == gives, "what a stage hands on"
 
 
 def test_each_module_of_a_step_is_in_the_table():
     modules = {path.stem for path in Path(steps.__path__[0]).glob("*.py")}
-    assert modules - {"__init__", "table"} == {step.module for step in STEPS}
+    named = {step.name.partition(":")[0] for step in STEPS}
+    assert {f"steps.{name}" for name in modules - {"__init__", "table"}} <= named
 
 
 def test_the_plain_path_knows_no_step():

@@ -8,11 +8,17 @@ import numpy as np
 import pytest
 
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.picture.subject import subject_of
+from defocus_core.picture.subject import FoundPixel, subject_of, surface_of
+
+RELATIVE = {"is_radius": True, "is_relative": True}
+
+
+def depth_of(numbers, **kind):
+    return Depth(np.asarray(numbers, np.float32), Path("z.exr"), "Z", "", **kind)
 
 
 def found(numbers, **kind):
-    depth = Depth(np.asarray(numbers, np.float32), Path("z.exr"), "Z", "", **kind)
+    depth = depth_of(numbers, **kind)
     subject = subject_of(depth)
     return float(depth.metres[subject.y, subject.x])
 
@@ -28,9 +34,8 @@ def layers(share, *, near=200, nearest=255):
 
 @pytest.mark.parametrize(("share", "focus"), [(0.1, 200), (0.06, 10)])
 def test_it_is_the_nearest_surface_of_a_twelfth_of_the_middle(share, focus):
-    relative = {"is_radius": True, "is_relative": True}
-    assert found(layers(share), **relative) == focus
-    assert found(-layers(share), **relative, inverted=True) == -focus
+    assert found(layers(share), **RELATIVE) == focus
+    assert found(-layers(share), **RELATIVE, inverted=True) == -focus
     assert found(1 / layers(share)) == pytest.approx(1 / focus)
 
 
@@ -48,12 +53,43 @@ def test_a_thick_surface_is_one_and_noise_before_it_none(seed):
     rng = np.random.default_rng(seed)
     numbers = layers(0.3) + rng.uniform(-14, 14, (80, 100))
     numbers[rng.random((80, 100)) < 0.01] = 250
-    kind = {"is_radius": True, "is_relative": True}
-    assert found(numbers, **kind) == pytest.approx(200, abs=14)
+    assert found(numbers, **RELATIVE) == pytest.approx(200, abs=14)
 
 
 def test_any_depth_has_a_subject():
-    kind = {"is_radius": True, "is_relative": True}
-    assert found(np.full((1, 1), 7), **kind) == 7
-    assert found(np.linspace(0, 1, 64 * 64).reshape(64, 64), **kind) > 0.5
+    assert found(np.full((1, 1), 7), **RELATIVE) == 7
+    assert found(np.linspace(0, 1, 64 * 64).reshape(64, 64), **RELATIVE) > 0.5
     assert np.isinf(found(np.full((9, 9), np.inf)))
+
+
+def person(soft=0.0):
+    """A plane at 10; before it a head of 190 to 199 upon a body of 200 to 214, soft at its rim; and
+    beside them a wall at 170."""
+    y, x = np.mgrid[:200, :300]
+    inside = np.minimum.reduce([x - 100, 200 - x, y - 20, np.where(y < 80, 40 - abs(x - 150), 99)])
+    coverage = np.clip(inside / (soft or 1e-3) + 0.5, 0, 1)
+    numbers = 10 + coverage * (180 + np.minimum(y - 20, 80) * 0.3)
+    numbers[:, 240:] = 170
+    return np.round(numbers)
+
+
+@pytest.mark.parametrize("soft", [0.0, 6.0])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_surface_in_focus_ends_at_its_rim_and_at_other_surfaces(soft, sign):
+    depth = depth_of(sign * person(soft), **RELATIVE, inverted=sign < 0)
+    low, high = sorted(abs(end) for end in surface_of(depth, subject_of(depth)))
+    assert (low, high) == (pytest.approx(191, abs=5), 214)
+    assert surface_of(depth, FoundPixel(280, 100, depth.size)) is None, "the wall has one number"
+
+
+def test_of_a_floor_15_percent_of_the_numbers_are_in_focus():
+    floor = np.linspace(0, 255, 200)[:, None].repeat(300, 1)
+    low, high = surface_of(depth_of(floor, **RELATIVE), FoundPixel(150, 120, (300, 200)))
+    assert low <= floor[120, 0] <= high
+    assert high - low == pytest.approx(0.15 * 255, abs=2.6)
+
+
+def test_the_subject_is_not_on_the_ramp_of_an_edge():
+    numbers = np.full((200, 300), 10.0)
+    numbers[60:140, 110:150], numbers[60:140, 150], numbers[60:140, 151:191] = 190, 195, 200
+    assert found(numbers, **RELATIVE) in (190, 200), "195 is its median"

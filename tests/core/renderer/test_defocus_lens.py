@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import warnings
 
 import pytest
 import torch
@@ -403,3 +404,23 @@ def test_a_sharp_range_has_no_blur_and_leaves_the_law_outside():
         lens.sharp_range = wrong
         with pytest.raises(ValueError, match=r"sharp_range must be \(nearest, farthest\)"):
             lens.signed_coc(z)
+
+
+def test_metres_taken_as_mm_are_said_once():
+    lens = DefocusLens(50.0, 2.0, sensor_res=(16, 16))
+    image, metres = torch.rand(1, 3, 16, 16), torch.full((1, 1, 16, 16), 3.0)
+    with pytest.warns(UserWarning, match="within the focal length") as said:
+        first = lens.render_rgbd(image, metres)
+    assert len(said) == 1
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert torch.equal(lens.render_rgbd(image, metres), first)
+
+
+def test_deeplens_names_of_type_and_half_diagonal():
+    lens = DefocusLens(50.0, 2.0, sensor_size=(3.0, 4.0), sensor_res=(30, 40))
+    assert lens.r_sensor == 2.5
+    assert lens.astype(torch.float64) is lens
+    assert lens.coc(-3000.0).dtype == torch.float64
+    with pytest.raises(ValueError, match="dtype"):
+        lens.astype(torch.int32)

@@ -4,9 +4,11 @@ from pathlib import Path
 import pytest
 from refusals import refuses, refuses_as
 
+from defocus_core.errors import CALLER
+from defocus_core.request.animation import read_animation
 from defocus_core.request.job import Picture
-from defocus_core.request.lens_from_options import parsed
-from defocus_core.request.shot_lenses import ShotLenses, read_animation
+from defocus_core.request.picture_lenses import PictureLenses
+from defocus_core.request.resolver import Given, value_of
 
 
 def animation(folder, text, name="pull.csv", **how):
@@ -16,7 +18,11 @@ def animation(folder, text, name="pull.csv", **how):
 
 
 def values(shot, frame):
-    return {name: parsed(name, text) for name, text in shot.texts(frame).items()}
+    return {name: value_of(name, each.text) for name, each in shot.at(frame).items()}
+
+
+def key(shot, frame, name):
+    return shot.at(frame)[name].text
 
 
 def test_values_go_evenly_in_the_variable_in_which_blur_is_smooth(tmp_path):
@@ -34,7 +40,7 @@ def test_values_go_evenly_in_the_variable_in_which_blur_is_smooth(tmp_path):
 
 def test_a_key_is_taken_as_it_is_written_and_the_ends_hold(tmp_path):
     shot = animation(tmp_path, "frame,focus\n10,1.3m\n20,2.3m\n")
-    assert [shot.texts(frame)["focus"] for frame in (5, 10, 20, 99)] == [
+    assert [key(shot, frame, "focus") for frame in (5, 10, 20, 99)] == [
         *("1.3m", "1.3m", "2.3m", "2.3m"),
     ]
     assert shot.frames == (10, 20)
@@ -43,13 +49,13 @@ def test_a_key_is_taken_as_it_is_written_and_the_ends_hold(tmp_path):
 def test_ease_is_slow_at_keys_and_the_same_in_the_middle(tmp_path):
     text = "frame,blade-rotation\n0,0\n10,100\n"
     straight, eased = (animation(tmp_path, text, interpolation=how) for how in ("linear", "ease"))
-    turns = [[float(shot.texts(f)["blade-rotation"]) for f in (1, 5)] for shot in (straight, eased)]
+    turns = [[float(key(shot, f, "blade-rotation")) for f in (1, 5)] for shot in (straight, eased)]
     assert turns == [[10, 50], [pytest.approx(2.8), 50]]
 
 
 def test_a_tracked_point_is_a_focus_and_blades_hold(tmp_path):
     shot = animation(tmp_path, "frame,x,y,blades\n1,10,20,6\n3,21,20,8\n")
-    assert shot.texts(2) == {"focus-at": "16,20", "blades": "6"}
+    assert values(shot, 2) == {"focus-at": (16, 20), "blades": 6}
 
 
 @pytest.mark.parametrize(
@@ -79,7 +85,7 @@ def test_keys_in_toml_say_how_they_are_joined(tmp_path):
     text = '[animate]\ninterpolation = "ease"\nfocus = {1001 = "1.2m", 1060 = "4m"}\n'
     shot = animation(tmp_path, text, "pull.toml")
     assert shot.interpolation == "ease"
-    assert shot.texts(1060) == {"focus": "4m"}
+    assert key(shot, 1060, "focus") == "4m"
 
 
 @pytest.mark.parametrize(
@@ -102,9 +108,9 @@ def test_what_makes_no_sense_is_refused(tmp_path, name, text, refusal):
 
 def test_between_percentiles_there_is_nothing(tmp_path):
     shot = animation(tmp_path, "frame,focus\n1,percentile(5)\n3,percentile(50)\n")
-    assert shot.texts(1) == {"focus": "percentile(5)"}
+    assert key(shot, 1, "focus") == "percentile(5)"
     with refuses("idle-option", field="focus"):
-        shot.texts(2)
+        shot.at(2)
 
 
 def test_one_option_is_animated_once(tmp_path):
@@ -119,10 +125,11 @@ def test_one_option_is_animated_once(tmp_path):
 def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
     shot = animation(tmp_path, "frame,focus,fnumber\n1,1m,2\n2,2m,2\n")
     picture = Picture("a", Path("a.exr"), Path("b.exr"), frame=2)
-    lens, _ = ShotLenses({"focal-length": 50.0}, animation=shot).of(picture)
+    own = {"focal-length": Given("50mm", CALLER.at("focal-length"))}
+    lens, _ = PictureLenses(own, animation=shot).of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist) == (50, 2, 2000)
     for name in ("focus", "focus-at", "aperture-diameter"):
-        with refuses("contradiction", "is animated", field=name):
-            ShotLenses({"focal-length": 50.0, name: 1.0}, animation=shot)
+        with refuses("contradiction", "pull.csv", field=name):
+            PictureLenses({**own, name: Given("1", CALLER.at(name))}, animation=shot)
     with refuses("idle-option", field="animate"):
-        ShotLenses({"focal-length": 50.0}, animation=shot).of(Picture("a", *[Path("a.exr")] * 2))
+        PictureLenses(own, animation=shot).of(Picture("a", *[Path("a.exr")] * 2))

@@ -7,7 +7,7 @@ from command_line import pair, run
 from refusals import refuses
 
 from defocus_core import run_batch, samples
-from defocus_core.request.origin import Origin, keep, origin_of
+from defocus_core.request.origin import JobsSource, Origin, keep, origin_of
 
 ABOUT = {
     "title": "Blurred | *cups* <img src=x onerror=alert(1)>\n# [x](//y)",
@@ -71,7 +71,7 @@ def test_an_unknown_word_is_refused(tmp_path):
 def test_a_file_of_others_stays(tmp_path, caplog):
     (tmp_path / "a.toml").write_text("[dataset]\ntitle = 'a'\n")
     (tmp_path / "jobs.toml").write_text("mine")
-    keep(tmp_path, tmp_path / "a.toml")
+    keep(tmp_path, JobsSource(tmp_path / "a.toml", (tmp_path / "a.toml").read_bytes()))
     assert (tmp_path / "jobs.toml").read_text() == "mine"
     assert "not of this batch" in caplog.text
     assert origin_of(tmp_path) == Origin()

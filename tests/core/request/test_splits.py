@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from refusals import refuses_as
+from refusals import refuses, refuses_as
 
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
@@ -144,3 +144,16 @@ def test_patterns_of_many_wildcards_end():
 def test_shares_that_make_no_sense_are_refused(values, refusal):
     with refuses_as(refusal):
         splits(**values)
+
+
+def test_whole_numbers_are_so_many_scenes_and_shares_are_of_the_others():
+    names = [f"s{n:02}" for n in range(30)]
+    found = assigned(names, train=24, test=6)
+    assert Counter(found.values()) == {"train": 24, "test": 6}
+    assert found == assigned(names[::-1], train=24, test=6)
+    assert Counter(assigned(names, test=6, train=1.0).values()) == {"train": 24, "test": 6}
+    assert set(assigned(names, all=1).values()) == {"all"}
+    with refuses("out-of-range", "30", path="jobs.toml"):
+        assigned(names, train=24, test=7)
+    with refuses("out-of-range", "29"):
+        assigned(names, train=24, test=5)

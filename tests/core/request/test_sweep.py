@@ -9,9 +9,8 @@ from jobs_files import FIXED, LENS, jobs, names, touch
 from refusals import refuses, refuses_as
 
 from defocus_core.picture.opening import dual_pixel_of
-from defocus_core.request.lens_from_options import parsed
-from defocus_core.request.lens_plan import drawn_lens
 from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.resolver import drawn_lens, value_of
 
 
 def swept(folder, text, lens=""):
@@ -54,7 +53,7 @@ def test_every_option_of_a_lens_can_be_swept(tmp_path, row):
     named = {k: v for k, v in fixed.items() if k not in (row.name, row.instead_of)}
     lens = "".join(f'{name} = "{value}"\n' for name, value in named.items())
     found = jobs(tmp_path, f'[lens]\n{lens}[sweep]\n{row.name} = ["{row.example}"]\n')
-    assert names(found) == [f"a_{row.file_tag(parsed(row.name, row.example))}"]
+    assert names(found) == [f"a_{row.file_tag(value_of(row.name, row.example))}"]
     tags = {each.tag for each in LENS_OPTIONS.values()}
     assert len(tags) == len(LENS_OPTIONS)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import colorsys
+
 import pytest
 import torch
 
-from defocus_core import AUTO_LIGHTS, with_lights
+from defocus_core import AUTO_LIGHTS, render, with_lights
 from defocus_core.tensors.clipped_lights import ClippedLights
 
 
@@ -114,7 +116,7 @@ def test_lights_that_make_no_sense_are_refused():
 
 
 def test_what_is_in_focus_is_left_alone():
-    image, blurred = street(), torch.full((120, 400), -5.0)
+    image, blurred = street(), torch.full((120, 400), -9.0)
     every = ClippedLights(image, *AUTO_LIGHTS)
     assert torch.equal(ClippedLights(image, *AUTO_LIGHTS, signed_radius=blurred).added, every.added)
     blurred[:40] = 0.3
@@ -122,3 +124,55 @@ def test_what_is_in_focus_is_left_alone():
     assert torch.equal(partly.added[:, :40], image[:, :40])
     assert torch.equal(partly.added[:, 40:], every.added[:, 40:])
     assert partly.count == every.count - 1
+
+
+def lamp(light, sigma):
+    """A picture of 8 bits of a lamp, in its middle as bright as light [3]."""
+    y, x = torch.meshgrid(torch.arange(240.0), torch.arange(320.0), indexing="ij")
+    away = torch.hypot(y - 120, x - 160)
+    light = torch.tensor(light).view(3, 1, 1) * torch.exp(-((away / sigma) ** 2) / 2)
+    return ((0.05 + light).clamp(max=1).pow(1 / 2.2) * 255).round().div(255).pow(2.2)
+
+
+def hue(light):
+    """The hue in degrees of linear light [3, n], as a screen shows its mean."""
+    red, green, blue = light.mean(1).clamp(0, 1).pow(1 / 2.2).tolist()
+    return 360 * colorsys.rgb_to_hsv(red, green, blue)[0]
+
+
+@pytest.mark.parametrize("blur", [6.0, 12.0, 25.0])
+@pytest.mark.parametrize(
+    "light", [(8.0, 4.8, 1.6), (4.0, 2.8, 1.4), (20.0, 12.0, 4.0), (2.0, 3.0, 8.0)]
+)
+def test_the_disc_of_a_lamp_has_the_hue_of_its_unclipped_rim(light, blur):
+    image, radius = lamp(light, 2.0), torch.full((240, 320), blur)
+    rim = (image.amax(0) < 0.93) & (image.amax(0) > 0.3)
+    lit = with_lights(image, *AUTO_LIGHTS, signed_radius=radius)
+    shown = render(lit, radius, depth_repair="off").render[:, 118:123, 158:163].flatten(1)
+    apart = abs(hue(shown) - hue(image[:, rim] - 0.05))
+    assert min(apart, 360 - apart) < 10
+    assert shown.amin(0).max() < 0.7, "it is no paper-white cut-out"
+
+
+def test_the_gain_follows_how_much_of_a_lamp_is_clipped():
+    lit = [with_lights(lamp((light,) * 3, 1.0), *AUTO_LIGHTS) for light in (1.2, 2.0, 4.0, 16.0)]
+    gains = [float(each.amax()) for each in lit]
+    assert gains == sorted(gains)
+    assert gains[-1] > 1.5 * gains[0] > 1.5
+
+
+def test_the_disc_of_a_lamp_stays_below_white_and_a_lamp_is_never_dimmed():
+    image = torch.full((3, 240, 320), 0.05)
+    image[:, 118:123, 158:163] = 1.0
+    for blur in (4.0, 8.0, 16.0):
+        radius = torch.full((240, 320), blur)
+        lit = with_lights(image, 0.93, 100.0, signed_radius=radius)
+        assert lit[:, 118:123, 158:163].min() >= 1
+        assert render(lit, radius, depth_repair="off").render.max() < 1.01
+
+
+def test_a_white_lamp_stays_white_before_coloured_surroundings():
+    image = lamp((30.0, 30.0, 30.0), 0.7) * torch.tensor([1.0, 0.6, 0.3]).view(3, 1, 1)
+    image[:, 115:126, 155:166] = lamp((30.0, 30.0, 30.0), 0.7)[:, 115:126, 155:166]
+    lit = with_lights(image, *AUTO_LIGHTS)[:, 120, 160]
+    torch.testing.assert_close(lit / lit[0], torch.ones(3), atol=0.02, rtol=0)

@@ -17,8 +17,7 @@ from defocus_core import run_batch
 from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.journal import read_all
-from defocus_core.batch.journal.resume import Ledger
+from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.errors import InputError
 
@@ -28,8 +27,8 @@ DRAFT = '[machine]\nquality = "draft"\n'
 def carried_out(folder, text, name="out"):
     todo, out = jobs(folder, text + DRAFT, inputs=INPUTS, out=name), folder / name
     execution = run.Execution(pipeline.execute)
-    summary = run.carry_out(todo, out, execution, batch_report.BatchReport(each=False))
-    return summary, Ledger(out, read_all(out)).live
+    summary = run.run(todo, out, execution, batch_report.BatchReport(each=False))
+    return summary, list(Ledger(out).records())
 
 
 def test_a_drawn_lens_is_the_same_in_file_journal_index_and_shard(tmp_path):
@@ -164,6 +163,6 @@ def require_true(out):
     with suppress(InputError):
         for sample in samples(out):
             for kind, hashed in sample.record["outputs_blake2b"].items():
-                assert identity.stamp(sample.files[kind])["blake2b"] == hashed
+                assert identity.stamp(sample.files[kind]).blake2b == hashed
             told = header(sample.files["coc"])
             assert told["defocus:fnumber"] == f"{sample.lens.fnum:.9g}"

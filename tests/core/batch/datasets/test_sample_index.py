@@ -10,6 +10,7 @@ from refusals import refuses
 from defocus_core.batch.datasets import sample_index, update
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.journal import Journal, journal_path
+from defocus_core.batch.journal.record import record_of
 from defocus_core.request.lens import Lens
 
 
@@ -32,13 +33,21 @@ def test_a_sample_is_a_line_whose_file_name_comes_first(tmp_path):
     assert line["inputs"] == {"color": "color.exr", "depth": "depth.exr"}
 
 
+def test_a_line_says_what_was_repaired(tmp_path):
+    repair = {"kinds": ["soft-edges"], "noise_px": None, "share": 0.02}
+    one, other = record(tmp_path, "a", depth_repair=repair), record(tmp_path, "b")
+    lines = written(tmp_path, one, other)
+    assert [line["depth_repaired"] for line in lines] == [["soft-edges"], []]
+    assert [line["depth_repaired_share"] for line in lines] == [0.02, None]
+
+
 def test_samples_are_sorted_by_name_whatever_the_order_of_the_records(tmp_path):
-    one, two = record(tmp_path, "a"), record(tmp_path, "b", ("coc",), seconds=9.0)
-    failed = {"sample_id": "b", "status": "failed", "reason": "unreadable"}
+    one, two = record(tmp_path, "a"), record(tmp_path, "b", ("coc",), seconds={"render": 9.0})
+    failed = {**two, "status": "failed", "reason": "fault"}
     found = written(tmp_path, two, failed, one)
     assert [line["sample_id"] for line in found] == ["a", "b"]
     assert found[1]["file_name"] == "coc/b.exr", "a map is a file, too"
-    assert found == written(tmp_path, one, {**two, "seconds": 1.0})
+    assert found == written(tmp_path, one, {**two, "seconds": {"render": 1.0}})
 
 
 def test_neither_time_nor_place_is_in_it(tmp_path):
@@ -55,7 +64,7 @@ def test_pictures_of_two_releases_make_one_sample_if_they_have_one_renderer(
     change, kinds, tmp_path
 ):
     first, later = record(tmp_path, "a", ["render"]), record(tmp_path, "a", ["coc"], **change)
-    (entry,) = sample_index.entries([first, later])
+    (entry,) = sample_index.entries(map(record_of, [first, later]))
     assert set(entry["outputs"]) == kinds
 
 
@@ -119,7 +128,7 @@ def test_hugging_face_loads_a_set_without_splits(kinds, tmp_path, datasets):
 def write_all(out, records):
     with Journal(journal_path(out)) as journal:
         for each in records:
-            journal.append(each)
+            journal.append(record_of(each))
     update.index(out, None)
 
 

@@ -1,6 +1,7 @@
 """A finished batch as tensors: what the files hold, joined by torch's own loader."""
 
 import itertools
+import pickle
 
 import numpy as np
 import pytest
@@ -45,6 +46,16 @@ def test_an_item_is_what_the_files_hold(out):
         assert item["lens"]["fnum"] == 2
         wanted = 0 if sample.lens.foc_dist == float("inf") else 1000 / sample.lens.foc_dist
         assert item["lens"]["focus_dioptres"] == pytest.approx(wanted)
+
+
+def test_a_crop_says_its_place_and_has_its_own_sensor(out):
+    data = BatchDataset(out, ["coc"], crop=(8, 12))
+    for item, whole in zip((data[n] for n in range(4)), BatchDataset(out, ["coc"]), strict=True):
+        top, left, height, width = item["place"].tolist()
+        assert whole["place"].tolist() == [0, 0, *whole["coc"].shape[1:]]
+        assert torch.equal(item["coc"], whole["coc"][:, top : top + height, left : left + width])
+        pixel, own = (i["lens"]["sensor_width"] / i["coc"].shape[2] for i in (whole, item))
+        assert own == pytest.approx(float(pixel))
 
 
 def test_maps_of_tiff_are_read_too(tmp_path):
@@ -115,3 +126,17 @@ def test_a_split_and_a_transform(out):
 def test_what_is_not_there_is_said(out, options, code):
     with refuses(code):
         BatchDataset(out, **options)
+
+
+def test_an_index_is_read_where_it_is_asked_for_and_not_held(out, tmp_path):
+    line = (out / "metadata.jsonl").read_text().splitlines()[0]
+    index = tmp_path / "metadata.jsonl"
+    index.write_text("".join(line.replace("a_", f"a{n}_") + "\n" for n in range(5000)))
+    data = BatchDataset(tmp_path, ["left"], split=None)
+    assert len(pickle.dumps(data.samples)) < 10 * 5000, "as a worker holds them"
+    assert [data.samples[n].sample_id for n in (0, 4999, -1)] == [
+        sample.sample_id for sample in itertools.islice(samples(tmp_path), 0, None, 4999)
+    ] + [data.samples[4999].sample_id]
+    index.write_text(index.read_text() + line + "\n")
+    with refuses("changed", path=index):
+        data.samples[0]

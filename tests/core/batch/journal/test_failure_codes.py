@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.batch.journal.records import FAILURES, REJECTIONS, verdict
+from defocus_core.batch.journal.record import FAILURES, REJECTIONS, failure
 from defocus_core.errors import InputError, Rejected, TooLarge, UsageProblem
 from defocus_core.io.safe_files import unwritable
 
@@ -43,7 +43,7 @@ def full():
     ],
 )
 def test_an_exception_has_a_status_and_a_reason(error, step, status, reason):
-    found = verdict(error, step)
+    found = failure(error, step, {})
     assert (found.status, found.reason) == (status, reason)
     assert found.message
     assert "\n" not in found.message

@@ -11,15 +11,14 @@ from refusals import refuses
 
 from defocus_core.batch.journal.journal import (
     Journal,
+    JournalFile,
+    Ledger,
     Shard,
     input_path,
     journal_path,
-    merged,
-    read,
-    read_all,
 )
-from defocus_core.batch.journal.resume import Ledger
-from defocus_core.batch.journal.run_file import gather
+from defocus_core.batch.journal.left import gather
+from defocus_core.batch.journal.record import record_of, values_of
 
 WHOLE = {
     "recipe": "r",
@@ -47,15 +46,33 @@ WHOLE = {
 }
 
 
-def record(name, status="ok", *kinds, **more):
-    outputs = {kind: {"path": f"{kind}/{name}.exr"} for kind in kinds or ("render",)}
-    return {**WHOLE, "sample_id": name, "status": status, "outputs": outputs, **more}
+def record(name, status="ok", *kinds, **values):
+    names = {kind: kind.split(".") for kind in kinds or ("render",)}
+    outputs = {
+        kind: {"path": "/".join([folder, ".".join([name, *more, "png" if more else "exr"])])}
+        for kind, (folder, *more) in names.items()
+    }
+    reason = None if status == "ok" else "fault"
+    named = {"sample_id": name, "status": status, "outputs": outputs, "reason": reason}
+    return record_of({**WHOLE, **named, **values})
 
 
 def write(path, *records):
     with Journal(path) as journal:
         for each in records:
             journal.append(each)
+
+
+def read(path):
+    """The records of a journal."""
+    reader = JournalFile(path)
+    return [reader.record(begin) for begin in [line.begin for line in reader.lines()]]
+
+
+def live(out, *records):
+    """What a ledger has of records."""
+    write(journal_path(out), *records)
+    return list(Ledger(out).records())
 
 
 @pytest.fixture
@@ -69,9 +86,23 @@ def test_a_journal_is_a_line_of_json_for_each_record(path):
     assert read(path) == records[:2]
     write(path, records[2])
     assert read(path) == records
-    lines = path.read_text().splitlines(keepends=True)
-    assert [json.loads(line) for line in lines] == records
-    assert merged([*records, records[0]]) == path.read_bytes(), "each once"
+    first, *_, last = (json.loads(line) for line in path.read_text().splitlines())
+    assert first["lens"] == last["lens"], "each process writes it whole"
+
+
+def test_what_records_have_in_common_stands_once(path):
+    lenses = [{**WHOLE["lens"], "fnumber": 2.0 + k} for k in range(9)]
+    settings = {"lens": {"fnum": 2.0, "foclen": 50.0}, "reading": {"far": 100.0 * 10**90}}
+    asked = [{**settings, "lens": {**settings["lens"], "fnum": 2.0 + k}} for k in range(9)]
+    written = [record(f"{k}", settings=asked[k], lens=lenses[k]) for k in range(9)]
+    write(path, *written)
+    assert read(path) == written
+    text = path.read_text()
+    assert text.count("reading") == 1
+    rest = text.partition("\n")[2]
+    path.write_text(rest)
+    with refuses("damaged", "line 1"):
+        read(path)
 
 
 def test_a_record_that_lacks_its_newline_alone_is_whole(path):
@@ -94,7 +125,10 @@ TORN = [b"\n", b'{"sample_id": "b", "sta', bytes(4), b'\0\0"status": "ok"}\n', b
 @pytest.mark.parametrize("torn", TORN, ids=range(len(TORN)))
 def test_a_torn_tail_costs_itself_alone(torn, path):
     for before in ([], [record("a")]):
-        path.write_bytes(merged(before) + torn)
+        path.unlink(missing_ok=True)
+        write(path, *before)
+        before_it = path.read_bytes() if before else b""
+        path.write_bytes(before_it + torn)
         assert read(path) == before
         write(path, record("c"))
         assert read(path) == [*before, record("c")]
@@ -105,7 +139,7 @@ def test_a_torn_tail_costs_itself_alone(torn, path):
     [
         (b"\n", b"\n{broken}\n", "line 2"),
         (b'"recipe": "r"', b'"recipe": "\n"', "line 1"),
-        (b', "status"', b', "st', 'line 1, of ü "1"'),
+        (b',"status"', b',"st', 'line 1, of ü "1"'),
     ],
 )
 def test_a_broken_line_elsewhere_is_named_by_number_and_sample(old, new, place, path):
@@ -137,15 +171,15 @@ def test_the_last_line_holds_whatever_its_clock_said_and_shards_come_last(path):
     write(path, record("a", finished=late, quality="draft"))
     write(path, record("a", finished=early, quality="high"), record("b", quality="draft"))
     write(shard, record("b", finished=early, quality="high"))
-    before = Ledger(out, read_all(out)).live
-    assert {one["sample_id"]: one["quality"] for one in before} == {"a": "high", "b": "high"}
+    before = list(Ledger(out).records())
+    assert {one.sample_id: one.quality for one in before} == {"a": "high", "b": "high"}
     copy = shard.read_bytes()
     for _ in range(2):
         assert gather(out) == [Shard(1, 2)]
         assert not shard.exists()
-        assert Ledger(out, read_all(out)).live == before
+        assert list(Ledger(out).records()) == before
         shard.write_bytes(copy)  # as if it had been killed before that was removed
-    assert Ledger(out, read_all(out)).live == before
+    assert list(Ledger(out).records()) == before
 
 
 def test_paths_of_inputs_lead_to_them_through_linked_folders(tmp_path, monkeypatch):
@@ -162,18 +196,22 @@ def test_paths_of_inputs_lead_to_them_through_linked_folders(tmp_path, monkeypat
 
 def test_the_last_record_of_a_file_holds(tmp_path):
     records = [record("a", "failed"), record("b"), record("a"), record("b", "failed")]
-    live = Ledger(tmp_path, records).live
-    assert {each["sample_id"]: each["status"] for each in live} == {"a": "ok", "b": "failed"}
-    assert Ledger(tmp_path, records).files == {"render/a.exr", "render/b.exr"}, "known"
+    assert {one.sample_id: one.status for one in live(tmp_path, *records)} == {
+        "a": "ok",
+        "b": "failed",
+    }
+    ledger = Ledger(tmp_path)
+    assert ledger.is_known("render/a.exr")
+    assert ledger.is_known("render/b.exr"), "it was written once"
+    assert not ledger.is_known("render/c.exr")
 
 
 def test_a_record_holds_until_all_its_files_are_another_s(tmp_path):
-    records = [record("a", "ok", "render", "coc"), record("a", "ok", "coc")]
-    rest, last = Ledger(tmp_path, records).live
-    assert set(rest["outputs"]) == {"render"}
-    assert last is records[1]
-    assert len(Ledger(tmp_path, [*records, record("a", "ok", "render")]).live) == 2
-    assert len(Ledger(tmp_path, [*records, record("a", "ok", "render", "coc")]).live) == 1
+    rest, last = live(tmp_path, record("a", "ok", "render", "coc"), record("a", "ok", "coc"))
+    assert set(rest.outputs) == {"render"}
+    assert last == record("a", "ok", "coc")
+    assert len(live(tmp_path, record("a", "ok", "render"))) == 2
+    assert len(live(tmp_path, record("a", "ok", "render", "coc"))) == 1
 
 
 @pytest.mark.parametrize(
@@ -188,19 +226,17 @@ def test_a_preview_alone_is_no_record_nor_what_made_nothing_and_shares_a_file(
     before, after, tmp_path
 ):
     records = [record("a", *before), record("a", *after)]
-    assert Ledger(tmp_path, records).live == records[1:]
+    assert live(tmp_path, *records) == records[1:]
 
 
 def test_a_record_takes_as_much_work_among_many_as_among_few(tmp_path):
-    stamp = {"size": 12345, "mtime_ns": 1795253203760916575, "blake2b": "6e1e6abe453ed82f" * 2}
-    files = {kind: {"path": f"{kind}/%d.exr", **stamp} for kind in ("render", "coc")}
-    text = json.dumps(record("%d", inputs={"color": stamp | {"path": "%d.exr"}}, outputs=files))
+    text = json.dumps(values_of(record("%d", "ok", "render", "coc")))
     path = tmp_path / "journal.jsonl"
 
     def read_of(count):
         path.write_text("".join(text.replace("%d", str(i)) + "\n" for i in range(count)))
-        work = calls(lambda: ledgers.append(Ledger(tmp_path, read_all(tmp_path))))
-        assert len(ledgers[-1].live) == count
+        work = calls(lambda: ledgers.append(Ledger(tmp_path)))
+        assert sum(1 for _ in ledgers[-1].live()) == count
         return work
 
     ledgers = []

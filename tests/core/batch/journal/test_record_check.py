@@ -1,17 +1,18 @@
 """A journal may come from anywhere: each line is checked, and no file outside OUT is reached."""
 
 import json
+from pathlib import Path
 
 import pytest
-from records import record
+from records import record, taken
 from refusals import refuses
 
+import defocus_core
 from defocus_core.batch.datasets import tar_shards, update
-from defocus_core.batch.journal import run_file
-from defocus_core.batch.journal.journal import journal_path, read, read_all
-from defocus_core.batch.journal.progress import progress
-from defocus_core.batch.journal.records import fault_of
-from defocus_core.batch.journal.resume import Ledger, failed_jobs
+from defocus_core.batch.journal import left
+from defocus_core.batch.journal.journal import Ledger, journal_path
+from defocus_core.batch.journal.left import progress
+from defocus_core.batch.journal.record import FIELDS, fault_of, record_of, values_of
 
 NEEDED = (
     *("sample_id", "recipe", "status", "reason", "message", "settings", "inputs", "outputs"),
@@ -26,11 +27,16 @@ WRONG = [
     ({"inputs": {"depth": {"path": "z.exr"}}}, "has no colour among its inputs"),
     ({"size": [4]}, "has the size [4], not two numbers"),
     ({"coc_px": ["a", "b"]}, "not two numbers"),
-    ({"seconds": {}}, "has no render"),
-    ({"lens": {"fnumber": 2.0}}, "has no focal_length_mm"),
+    ({"seconds": {}}, "has no seconds.render"),
+    ({"lens": {"fnumber": 2.0}}, "has no lens.focal_length_mm"),
     ({"warnings": [[]]}, "has a warning that is no text"),
     ({"sample_id": "../a"}, "has a sample_id with a slash"),
     ({"coc_px": [float("nan"), 1]}, "is broken"),
+    ({"size": [0, 3]}, "has the size [0, 3]"),
+    ({"inputs": {"color": {"path": "c.exr", "size": "4"}}}, "has the color.size '4'"),
+    ({"measures": {"coc_mean_px": "1"}}, "has the measures.coc_mean_px '1'"),
+    ({"settings": {"lens": []}}, "has the settings.lens []"),
+    ({"message": "\ud800"}, "has a text that is none"),
 ]
 OUTSIDE = (
     *("../../etc/passwd", "/etc/passwd", "render/../../secret", "render/..", "render", "secret"),
@@ -42,6 +48,29 @@ def journal_of(out, *lines):
     path = journal_path(out)
     path.write_text("".join(json.dumps(line) + "\n" for line in lines))
     return path
+
+
+def drawn(whole, **draw):
+    return {**whole["lens"], "draw": {"seed": 7, "index": 0, "attempt": 0, **draw}}
+
+
+def test_a_number_that_no_float_holds_and_a_seed_that_is_a_table_are_told(tmp_path):
+    whole = record(tmp_path, "a")
+    path = journal_of(tmp_path, whole)
+    path.write_text(path.read_text().replace("2.5", "1e999"))
+    with refuses("damaged", "line 1", "1e999", path=path):
+        Ledger(tmp_path)
+    for lens, field in (
+        (drawn(whole, seed={}), "lens.draw.seed"),
+        ({**whole["lens"], "fnumber": "2"}, "lens.fnumber"),
+        ({**whole["lens"], "squeeze": {}}, "no words can be made of"),
+        ({**whole["lens"], "focus_at_px": [1]}, "no words can be made of"),
+    ):
+        path = journal_of(tmp_path, record(tmp_path, "a", lens=lens))
+        with refuses("damaged", "line 1", field, path=path):
+            Ledger(tmp_path)
+    journal_of(tmp_path, record(tmp_path, "a", lens=drawn(whole)))
+    assert len(list(Ledger(tmp_path).records())) == 1
 
 
 def output(path):
@@ -57,30 +86,30 @@ def test_a_line_that_lacks_a_key_is_named_by_its_number(key, tmp_path):
     whole = record(tmp_path, "a")
     lacking = {name: value for name, value in whole.items() if name != key}
     journal_of(tmp_path, whole, lacking)
-    for command in (read_all, progress):
+    for command in (Ledger, lambda out: progress(out, 10)):
         with refuses("damaged", "line 2", key):
             command(tmp_path)
 
 
 @pytest.mark.parametrize("line", [None, 3, "ok", [], [{}], {}])
 def test_json_that_is_no_record_is_refused_even_as_the_last_line(line, tmp_path):
-    path = journal_of(tmp_path, record(tmp_path, "a"), line)
+    journal_of(tmp_path, record(tmp_path, "a"), line)
     with refuses("damaged", "line 2"):
-        read(path)
+        Ledger(tmp_path)
 
 
 @pytest.mark.parametrize(("change", "message"), WRONG)
 def test_a_value_that_is_wrong_is_told(change, message, tmp_path):
-    path = journal_of(tmp_path, record(tmp_path, "a", **change), record(tmp_path, "b"))
+    journal_of(tmp_path, record(tmp_path, "a", **change), record(tmp_path, "b"))
     with refuses("damaged", "line 1", message):
-        read(path)
+        Ledger(tmp_path)
 
 
 @pytest.mark.parametrize("path", OUTSIDE)
 def test_an_output_that_is_no_file_of_out_is_refused(path, tmp_path):
-    journal = journal_of(tmp_path, record(tmp_path, "b"), record(tmp_path, "a", **output(path)))
+    journal_of(tmp_path, record(tmp_path, "b"), record(tmp_path, "a", **output(path)))
     with refuses("damaged", "line 2", "no file of a kind"):
-        read(journal)
+        Ledger(tmp_path)
 
 
 def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path):
@@ -95,37 +124,19 @@ def test_a_folder_of_outputs_that_is_a_link_is_refused(tmp_path):
     (out / "here").mkdir()
     (out / "render").symlink_to("here")
     with refuses("damaged", "render is a link"):
-        read_all(out)
+        Ledger(out)
     (out / "render").unlink()
-    assert len(read_all(out)) == 1
+    assert len(list(Ledger(out).records())) == 1
 
 
 def test_a_link_in_place_of_an_output_is_not_packed(tmp_path):
-    sample = record(tmp_path, "a", ["render"])
+    sample = taken(tmp_path, "a", ["render"])
     secret = tmp_path / "secret"
     (tmp_path / "render" / "a.png").replace(secret)
     (tmp_path / "render" / "a.png").symlink_to(secret)
     with refuses("link", path=tmp_path / "render" / "a.png"):
         tar_shards.write(tmp_path, [sample], 1000)
     assert not list(tmp_path.glob("shards/*.tar"))
-
-
-@pytest.mark.parametrize("stem", ["../a", "b"])
-def test_settings_that_name_other_files_than_the_outputs_are_not_tried_again(stem, tmp_path):
-    settings = {
-        "stem": "a",
-        "suffix": "",
-        "lens": {"foclen": 50, "fnum": 2, "foc_dist": 1000},
-        "reading": {},
-        "outputs": {},
-        "quality": "draft",
-    }
-    failed = record(tmp_path, "a", settings=settings, status="failed", **output("render/a.exr"))
-    (job,) = failed_jobs(Ledger(tmp_path, [failed]), ())
-    assert job.names == {"render": "render/a.exr"}
-    odd = {**failed, "settings": {**settings, "stem": stem}}
-    with refuses("unreadable"):
-        failed_jobs(Ledger(tmp_path, [odd]), ())
 
 
 PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": ["a"]}
@@ -144,6 +155,14 @@ PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": ["a"]}
     ],
 )
 def test_a_broken_plan_of_a_run_is_refused(plan, tmp_path):
-    run_file.run_path(tmp_path).write_text(plan)
+    left.run_path(tmp_path).write_text(plan)
     with refuses("malformed"):
-        run_file.plan_of(tmp_path)
+        left.plan_of(tmp_path)
+
+
+def test_the_help_has_the_table_of_fields_and_a_record_no_other(tmp_path):
+    text = (Path(defocus_core.__file__).parents[1] / "defocus_cli/help/batch.md").read_text()
+    assert all(f"| `{name}` | {row.help} |" in text for name, row in FIELDS.items())
+    whole = record_of(record(tmp_path, "a", split="train", measures={}, depth_repair=None))
+    assert values_of(whole).keys() == FIELDS.keys()
+    assert record_of(values_of(whole)) == whole

@@ -47,14 +47,14 @@ def test_jobs_of_a_worker_that_was_killed_are_done_by_another(cluster, tmp_path,
     monkeypatch.setattr(dask_pool, "do", fake_worker.do)
     names = [*"abcde", "once", *(f"slow{i}" for i in range(8))]
     results = results_of(cluster, tmp_path, *names)
-    assert [results[i]["name"] for i in range(len(names))] == names
+    assert [results[i].name for i in range(len(names))] == names
 
 
 def test_a_job_that_kills_its_workers_has_failed_and_no_other_has(cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(dask_pool, "do", fake_worker.do)
     results = results_of(cluster, tmp_path, "a", "deadly", "b", size=3)
-    assert [results[i]["status"] for i in range(3)] == ["ok", "failed", "ok"]
-    assert results[1]["reason"] == "worker-died"
+    assert [results[i].status for i in range(3)] == ["ok", "failed", "ok"]
+    assert results[1].reason == "worker-died"
 
 
 @pytest.mark.parametrize(

@@ -23,11 +23,13 @@ def test_what_exists_is_refused_unless_it_is_known_or_told(tmp_path):
     touch(tmp_path / "out" / "render", "b.exr", "c.exr")
     jobs = jobs_for(pictures, Outputs(tmp_path / "out"))
     with refuses("exists", path=tmp_path / "out/render/b.exr"):
-        refuse_unknown(jobs, set())
+        refuse_unknown(jobs, set().__contains__)
     with refuses("exists", path=tmp_path / "out/render/c.exr"):
-        refuse_unknown(jobs, {"render/b.exr"})
-    refuse_unknown(jobs, {"render/b.exr", "render/c.exr"})
-    refuse_unknown(jobs_for(pictures, Outputs(tmp_path / "out", overwrite=True)), set())
+        refuse_unknown(jobs, {"render/b.exr"}.__contains__)
+    refuse_unknown(jobs, {"render/b.exr", "render/c.exr"}.__contains__)
+    refuse_unknown(
+        jobs_for(pictures, Outputs(tmp_path / "out", overwrite=True)), set().__contains__
+    )
 
 
 def test_a_directory_is_never_replaced(tmp_path):
@@ -36,7 +38,7 @@ def test_a_directory_is_never_replaced(tmp_path):
     )
     (tmp_path / "render" / "a.exr").mkdir(parents=True)
     with refuses("wrong-type"):
-        refuse_unknown(jobs, {"render/a.exr"})
+        refuse_unknown(jobs, {"render/a.exr"}.__contains__)
 
 
 def test_an_input_is_never_overwritten_by_any_name_of_it(tmp_path):

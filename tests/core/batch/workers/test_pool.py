@@ -32,8 +32,8 @@ def results_of(chunks, processes=2, stopped=lambda done: False, serve=fake_worke
 def test_each_job_is_done_once_and_all_processes_help(tmp_path):
     names = [f"slow{i}" for i in range(24)]
     results = results_of(chunks_of(tmp_path, *names, size=3))
-    assert [results[i]["name"] for i in range(24)] == names
-    workers = {result["by"] for result in results.values()}
+    assert [results[i].name for i in range(24)] == names
+    workers = {result.by for result in results.values()}
     assert len(workers) == 2
     assert os.getpid() not in workers
     assert all(not Path(f"/proc/{pid}").exists() for pid in workers), "they are gone"
@@ -41,25 +41,25 @@ def test_each_job_is_done_once_and_all_processes_help(tmp_path):
 
 def test_no_more_processes_than_work(tmp_path):
     results = results_of(chunks_of(tmp_path, "slow1", "slow2", size=2), processes=8)
-    assert len({result["by"] for result in results.values()}) == 1
+    assert len({result.by for result in results.values()}) == 1
 
 
 def test_jobs_of_a_process_that_was_killed_are_done_by_another(tmp_path):
     names = ["a", "once", "b", "c", "d"]
     results = results_of(chunks_of(tmp_path, *names), processes=1)
-    assert [results[i]["status"] for i in range(5)] == ["ok"] * 5
-    assert len({result["by"] for result in results.values()}) > 1
+    assert [results[i].status for i in range(5)] == ["ok"] * 5
+    assert len({result.by for result in results.values()}) > 1
 
 
 def test_a_job_that_kills_its_processes_has_failed_and_no_other_has(tmp_path):
     names = [*"abc", "deadly1", *"def", "deadly2", *"ghi"]
     results = results_of(chunks_of(tmp_path, *names, size=2))
-    failed = {names[n] for n, result in results.items() if result["status"] == "failed"}
+    failed = {names[n] for n, result in results.items() if result.status == "failed"}
     assert failed == {"deadly1", "deadly2"}
     assert len(results) == len(names)
     deadly = results[names.index("deadly1")]
-    assert deadly["reason"] == "worker-died"
-    assert f"{STRIKES} processes that worked on it died, the last by SIGKILL" in deadly["message"]
+    assert deadly.reason == "worker-died"
+    assert f"{STRIKES} processes that worked on it died, the last by SIGKILL" in deadly.message
 
 
 def test_processes_end_with_their_coordinator(tmp_path):

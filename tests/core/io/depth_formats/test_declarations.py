@@ -18,8 +18,8 @@ from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.depth import read_depth
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
-from defocus_core.picture.pair import InputPair
 from defocus_core.picture.pair import read as read_both
+from defocus_core.picture.take import InputPair
 from defocus_core.request.job import Picture, Reading
 
 RAMP = np.array([[0, 51, 102], [153, 204, 255]])
@@ -137,7 +137,10 @@ def test_what_means_nothing_or_contradicts_is_refused(said, code, field, tmp_pat
 def test_floats_beyond_0_and_1_have_no_range(tmp_path):
     path = pfm(tmp_path / "a.pfm", np.array([[0.0, 4523.0]]))  # as MiDaS writes
     with refuses("out-of-range", "from 0 to 4523", "‹depth-range›", "‹depth-scale›"):
-        read(path, depth_format="midas", depth_range=(1000.0, 9000.0))
+        read(path, depth_kind="disparity", depth_range=(1000.0, 9000.0))
+    of_network = read(path, depth_format="midas", depth_range=(1000.0, 9000.0))
+    np.testing.assert_allclose(of_network.metres, [[9, 1]], rtol=1e-6)
+    assert "4523, the greatest of the file, is 1 m" in of_network.note
     metres = read(path, depth_format="midas", depth_scale=1e-4, doffs=0.05).metres
     np.testing.assert_allclose(metres, [[1 / 0.05, 1 / 0.5023]])
 
@@ -178,7 +181,7 @@ def test_older_matlab_files_are_refused(tmp_path):
 
 def test_another_type_of_file_than_the_format_comes_in(tmp_path):
     path = npy(tmp_path / "a.npy", [[1.0]])
-    with refuses("wrong-type", "an NPY", "16-bit PNG", path=path):
+    with refuses("wrong-type", "is read as NPY", "16-bit PNG", path=path):
         read(path, depth_format="kitti")
 
 

@@ -44,6 +44,8 @@ OTHERS = "R G B N.X N.Y N.Z P.X P.Y P.Z"
     [
         ("Z", "Z"),
         ("anything", "anything"),
+        ("R G B P.Z", "P.Z"),
+        ("L.Depth.Z L.Denoising_Depth.Z L.R L.G L.B", "L.Depth.Z"),
         ("R", "R"),
         ("ViewLayer.Combined.R ViewLayer.Depth.Z ViewLayer.Mist.Z", "ViewLayer.Depth.Z"),
         *(
@@ -57,7 +59,8 @@ OTHERS = "R G B N.X N.Y N.Z P.X P.Y P.Z"
     ],
 )
 def test_the_depth_channel_is_found_by_its_name(tmp_path, names, depth):
-    read = read_depth(exr(tmp_path / "a.exr", *names.split()))
+    every = [name.replace("Denoising_", "Denoising ") for name in names.split()]
+    read = read_depth(exr(tmp_path / "a.exr", *every))
     assert read.channel == depth
     np.testing.assert_array_equal(read.metres, plane(names.split().index(depth)))
     assert read.note == f"EXR float channel {depth}, metres"
@@ -111,7 +114,7 @@ def test_all_parts_are_searched(tmp_path):
     assert read.note == "EXR float channel Z of part depth, metres"
     color = read_color(path)
     assert color.channels == ("R", "G", "B", "A")
-    np.testing.assert_array_equal(color.extras["Z"], z)
+    np.testing.assert_array_equal(color.extras["depth.Z"], z)
 
 
 def test_depth_in_two_parts_is_listed_and_chosen(tmp_path):
@@ -277,7 +280,9 @@ def test_8_bit_depth_is_refused_with_the_reason(tmp_path, suffix):
 
 
 def test_depth_has_one_channel(tmp_path):
-    path = save(tmp_path / "a.png", np.ones((4, 5, 3), np.uint16))
+    path = save(tmp_path / "a.png", np.full((4, 5, 3), 1000, np.uint16))
+    assert (read_depth(path).metres == 1).all(), "equal channels are one"
+    path = save(tmp_path / "a.png", np.arange(60).reshape(4, 5, 3).astype(np.uint16))
     with refuses("not-one-channel", "R, G, B", path=path):
         read_depth(path)
     with refuses("idle-option", kind=UsageProblem, field="depth-channel"):

@@ -337,6 +337,17 @@ def _irs(folder):
     return Example(exr(folder, "G", marked(48 / DEPTH, hole=0)), metres(hole=True))
 
 
+def _alicevision(folder):
+    camera = np.array([[4.0, 0, 1.5], [0, 4.0, 1.0], [0, 0, 1]])
+    turned = camera @ np.linalg.qr(np.arange(9.0).reshape(3, 3) + np.eye(3))[0]
+    path = folder / "a.exr"
+    attributes = {"AliceVision:iCamArr": np.linalg.inv(turned)}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    z = marked(radial(4.0), hole=-1).astype("f4")
+    OpenEXR.File({**header, **attributes}, {"Z": np.ascontiguousarray(z)}).write(str(path))
+    return Example(path, metres(hole=True))
+
+
 EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "metres": partial(_exr_of, name="Z", sky=INF, hole=NAN),
     "disparity": lambda f: Example(
@@ -361,6 +372,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "moge-png": _moge_png,
     "vision-blender": lambda f: _npz(f, depth_map=marked(sky=1e10), normal_map=np.ones((3, 4, 3))),
     "kubric": lambda f: _npz(f, PLANAR, depth=marked(sky=INF)),
+    "alicevision": _alicevision,
     "mitsuba": lambda f: _radial_exr(f, "depth"),
     "unreal-mrq": lambda f: _unreal(f),
     "unity-perception": partial(_radial_exr, name="R", geometry="radial"),

@@ -65,8 +65,8 @@ def test_views_of_parts_are_their_attribute(tmp_path):
     color = read_color(path, view="right")
     expected = random_planes("RGBA", (4, 6), seed=2)
     np.testing.assert_array_equal(color.planes[0], expected["R"])
-    np.testing.assert_array_equal(color.extras["Z"], random_planes("Z", (4, 6), seed=3)["Z"])
-    assert set(color.extras) == {"Z"}
+    np.testing.assert_array_equal(color.extras["depth.Z"], random_planes("Z", (4, 6), seed=3)["Z"])
+    assert set(color.extras) == {"depth.Z"}
     assert color.attributes["view"].value == b"right"  # type: ignore[attr-defined]
     assert "view right" in color.note
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shlex
 from pathlib import Path
 
@@ -143,3 +145,23 @@ def test_focuses_lie_where_the_depth_has_mass_and_are_there():
     assert (found < 0.11).sum() >= 4
     assert (found > 0.89).sum() >= 2
     assert focuses_of(np.full((3, 3), 0.25)) == [0.25]
+
+
+def test_focuses_are_numbers_of_the_file_on_surfaces_up_to_four_times_the_blur(tmp_path):
+    x, seeds = np.arange(160), np.random.default_rng(0)
+    soft = np.round(23 + 177 * np.clip((x - 70) / 20, 0, 1)) + np.zeros((120, 1))
+    files = [save(tmp_path / "a.png", seeds.integers(0, 255, (120, 160, 3)).astype(np.uint8))]
+    files.append(png(tmp_path / "z.png", soft, np.uint8))
+    ran = run("choose", *files, "-o", tmp_path / "page.html", "--blur", "2.5%")
+    assert ran.code == 0, ran.err
+    assert "--sharp-range" not in ran.err + (tmp_path / "page.html").read_text()
+    text = (tmp_path / "page.html").read_text()
+    data = json.loads(re.search(r'id="data"[^>]*>(.*?)</script>', text, re.S)[1])
+    assert [each["words"] for each in data["strengths"]][::2] == [
+        "blur 1px",
+        "blur 4px",
+        "blur 16px",
+    ]
+    assert {each["value"] for each in data["focuses"]} <= {23, 24, 25, 26, 197, 198, 199, 200}
+    low, high = data["ends"]
+    assert (low, high - low) == (23, 65535), "a step of the map is one of the file"

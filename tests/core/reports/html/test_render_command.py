@@ -5,12 +5,15 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
+from records import taken
+
 from defocus_core.batch.journal.identity import settings
+from defocus_core.errors import CALLER
 from defocus_core.reports.html.render_command import render_command
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import lens_record
-from defocus_core.request.lens_from_options import lens_of
 from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.resolver import Given, lens_of
 
 LENS = {
     "focal-length": "51.2345678901mm",
@@ -30,33 +33,34 @@ LENS = {
 }
 
 
-def command(values, reading):
+def command(texts, reading, folder):
     """The words of the command of a picture taken by a lens of options."""
     picture = Picture("a", Path("a.exr"), Path("a.exr"))
-    job = Job(picture, lens_of(values), reading, Outputs(Path()), Machine())
-    record = {
-        "sample_id": "a",
-        "settings": settings(job),
-        "inputs": {role: {"path": "/a.exr"} for role in ("color", "depth")},
-        "outputs": {"render": {"path": "render/a.exr"}},
-        "lens": lens_record(job.lens),
-    }
+    lens = lens_of({name: Given(text, CALLER) for name, text in texts.items()})
+    job = Job(picture, lens, reading, Outputs(Path()), Machine())
+    record = taken(
+        folder,
+        "a",
+        settings=settings(job),
+        inputs={role: {"path": "/a.exr"} for role in ("color", "depth")},
+        lens=lens_record(job.lens),
+    )
     return shlex.split(render_command(record, Path()))
 
 
-def test_a_command_has_a_blur_in_pixels():
-    blur = {"blur": 7.123456789, "focus-value": 0.2, "clamp-blur": 6.0, "blades": 5}
-    words = command(blur, Reading(invert="invert"))
+def test_a_command_has_a_blur_in_pixels(tmp_path):
+    blur = {"blur": "7.123456789px", "focus-value": "0.2", "clamp-blur": "6px", "blades": "5"}
+    words = command(blur, Reading(invert="invert"), tmp_path)
     said = words[words.index("-o") + 2 :]
     assert sorted(said[:-1:2]) == ["--blades", "--blur", "--clamp-blur", "--focus-value"]
     assert said[said.index("--blur") + 1] == "7.123456789px"
     assert said[-1] == "--invert"
 
 
-def test_a_command_has_every_digit_of_a_lens():
+def test_a_command_has_every_digit_of_a_lens(tmp_path):
     values = {name: LENS_OPTIONS[name].parse(text) for name, text in LENS.items()}
     reading = Reading(depth_range=(1000.0, 20000.5), fov=40.0, geometry="radial")
-    words = command(values, reading)
+    words = command(LENS, reading, tmp_path)
     said = {name: words[words.index(f"--{name}") + 1] for name in LENS}
     assert {name: LENS_OPTIONS[name].parse(text) for name, text in said.items()} == values
     assert words[-6:] == ["--depth-range", "1000mm", "20000.5mm", "--radial", "--fov", "40"]

@@ -1,0 +1,253 @@
+"""What is left: the plan of a run in progress, the progress of a batch, the end of shards.
+
+A plan, ``OUT/.journal.run``, is kept until its run is done, and names all its jobs, so that others
+know what is left. The journals of shards become one by `merge`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from hashlib import blake2b
+from pathlib import Path
+from typing import NamedTuple
+
+from defocus_core.batch.journal.journal import (
+    JournalFile,
+    Ledger,
+    Shard,
+    journal_path,
+    require_journal,
+    shards,
+)
+from defocus_core.batch.journal.lock import holder, lock_path, locked
+from defocus_core.batch.journal.record import Record, is_moment
+from defocus_core.errors import InputError, cannot_read
+from defocus_core.io.below import Folder
+from defocus_core.io.safe_files import LEFTOVER, left_in, sync_folder, written_whole
+from defocus_core.request.output_kinds import KINDS
+from defocus_core.system.text import note
+
+SHARDS_FOLDER = "shards"  # of tars
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """The jobs of a run."""
+
+    begun: str  # when it began, UTC
+    jobs: Sequence[str]  # the names of their samples
+
+    def write(self, path: Path) -> None:
+        """Write the file of the run."""
+        with written_whole(path) as file:
+            file.write(json.dumps(asdict(self)).encode() + b"\n")
+
+
+def run_path(out: Path, shard: Shard | None = None) -> Path:
+    """The file of a run on OUT, or on a shard."""
+    return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
+
+
+def plan_of(out: Path, shard: Shard | None = None) -> RunPlan | None:
+    """The plan of the run on OUT, or on a shard; None if it got to its end."""
+    path = run_path(out, shard)
+    try:
+        text = Folder(path.parent).read(path.name)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise cannot_read(path, error, "remove it") from None
+    with suppress(ValueError, TypeError, KeyError, RecursionError):
+        stored = json.loads(text)
+        plan = RunPlan(stored["begun"], stored["jobs"])
+        if is_moment(plan.begun) and all(isinstance(name, str) for name in plan.jobs):
+            return plan
+    remedy = "remove the file, and what the run left half-written; the next run plans anew"
+    raise InputError("malformed", "is no plan of a run", remedy, path=path)
+
+
+def forget_shards(out: Path) -> None:
+    """Forget the runs on shards, now that one on all of OUT has noted what they left."""
+    for path in out.glob(".journal-*.run"):
+        path.unlink(missing_ok=True)
+
+
+def sweep_up(out: Path) -> None:
+    """Remove the half-written files of processes that were killed; the lock of OUT must be held.
+
+    The index and shards are written without the lock: those of a process that runs are left alone.
+    """
+    below = Folder(out)
+    for folder in ("", SHARDS_FOLDER):
+        for name in left_in(out / folder):
+            with suppress(OSError):
+                below.remove(f"{folder}/{name}" if folder else name)
+    for folder in KINDS:
+        with suppress(OSError):
+            for name in below.names(folder):
+                if LEFTOVER.fullmatch(name):
+                    below.remove(f"{folder}/{name}")
+
+
+@dataclass
+class Progress:
+    """Progress of a batch: jobs that ended, and jobs that are left."""
+
+    statuses: Counter[str]  # number of jobs by status
+    reasons: Counter[str]  # number of jobs without outputs, by reason
+    left: int = 0  # jobs that runs set out to do and did not do yet
+    # How many of these count among ``statuses``, too: inputs or settings changed, or they
+    # failed
+    again: int = 0
+    running: list[str] = field(default_factory=list)  # the processes that hold a lock, in words
+    # Jobs a second, of the runs that go on or were stopped; None if there are none
+    rate: float | None = None
+    seconds: float | None = None  # mean rendering time of a finished job
+    # Numbers of the parts that have begun, and of how many; None if not in parts
+    shards: tuple[list[int], int] | None = None
+    # The records that failed or were rejected, the last ones, oldest first
+    failures: list[Record] = field(default_factory=list)
+
+    @property
+    def jobs(self) -> int:
+        """The number of jobs."""
+        return sum(self.statuses.values()) + self.left - self.again
+
+    @property
+    def eta_seconds(self) -> float | None:
+        """Seconds until all is done at the present rate; None if nothing runs."""
+        if not (self.running and self.rate):
+            return None
+        return self.left / self.rate
+
+
+@dataclass
+class _Run:
+    """A run that did not get to its end: its plan, and what it did."""
+
+    plan: RunPlan
+    left: set[str]  # jobs of its plan that did not end since it began
+    again: set[str] = field(default_factory=set)  # those of them that ended before
+    ended: int = 0
+    last: str = ""  # when the last of them ended
+
+
+def progress(out: Path, failures: int) -> Progress:
+    """Read the journals of OUT as a stream, without a lock; it keeps so many failures."""
+    parts = shards(out)
+    runs = (None, *parts)
+    if not any(path(out, run).exists() for run in runs for path in (journal_path, run_path)):
+        raise InputError(
+            "empty", "has no journal", "name the directory that a batch writes to", path=out
+        )
+    plans = ((run, plan_of(out, run)) for run in runs)
+    open_runs = {run: _Run(plan, {*plan.jobs}) for run, plan in plans if plan is not None}
+
+    def seen(of: Shard | None, sample: str, finished: str) -> None:
+        for run, open_run in open_runs.items():
+            is_new = finished >= open_run.plan.begun
+            if is_new:
+                open_run.left.discard(sample)
+            elif sample in open_run.left:
+                open_run.again.add(sample)
+            if is_new and run == of:
+                open_run.ended, open_run.last = open_run.ended + 1, finished
+
+    ledger = Ledger(out, seen if open_runs else None)
+    state = Progress(Counter(), Counter())
+    seconds, without = 0.0, list[int]()
+    for number in ledger.live():
+        kind = ledger.kind(number)
+        state.statuses[kind.status] += 1
+        if kind.status == "ok":
+            seconds += ledger.seconds(number)
+        else:
+            state.reasons[str(kind.reason)] += 1
+            without.append(number)
+    if state.statuses["ok"]:
+        state.seconds = seconds / state.statuses["ok"]
+    state.failures = [ledger.record(number) for number in without[-failures:] if failures]
+    if parts:
+        division = max(part.of for part in parts)
+        state.shards = sorted(part.number for part in parts if part.of == division), division
+    for run in runs:
+        _add_run(state, holder(lock_path(out, run)), open_runs.get(run))
+    return state
+
+
+def _add_run(state: Progress, who: str | None, run: _Run | None) -> None:
+    """Add the process, the jobs left and the rate of a run."""
+    if who:
+        state.running.append(who)
+    if run is None:
+        return
+    state.left += len(run.left)
+    state.again += len(run.again & run.left)
+    if run.ended:
+        until = datetime.now(UTC) if who else datetime.fromisoformat(run.last)
+        since = (until - datetime.fromisoformat(run.plan.begun)).total_seconds()
+        state.rate = (state.rate or 0.0) + run.ended / max(since, 1e-3)
+
+
+class Merged(NamedTuple):
+    """A merge: its live jobs, its journals of shards, and the shards without one, like 2/8."""
+
+    jobs: int
+    journals: int
+    missing: list[str]
+
+
+def merge(out: Path) -> Merged:
+    """Put the records of all shards into the journal of OUT, and remove theirs."""
+    require_journal(out)
+    with locked(out):
+        parts = gather(out)
+        for shard in parts:
+            if run_path(out, shard).exists():
+                problem = f"shard {shard.number}/{shard.of} did not get to its end"
+                note(f"{out}: warning: {problem}")
+        sweep_up(out)
+    return Merged(sum(1 for _ in Ledger(out).live()), len(parts), _missing(parts))
+
+
+def refuse_other_division(out: Path, own: Shard) -> None:
+    """Refuse a shard beside records of another division, of which none comes last."""
+    for shard in shards(out):
+        if shard.of != own.of and journal_path(out, shard).exists():
+            problem = f"is of another division than {own.number}/{own.of}"
+            remedy = f"run 'defocus merge {out}' first"
+            raise InputError("contradiction", problem, remedy, path=journal_path(out, shard))
+
+
+def gather(out: Path) -> list[Shard]:
+    """Put the records of all shards into the journal of OUT, whose lock must be held."""
+    parts = [shard for shard in shards(out) if journal_path(out, shard).exists()]
+    if parts:
+        with written_whole(journal_path(out)) as file:
+            file.writelines(_joined([None, *parts], out))
+        sync_folder(out)  # before the journals of the shards are removed
+    for shard in parts:
+        journal_path(out, shard).unlink()
+    return parts
+
+
+def _joined(runs: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
+    """The lines of journals, each of them once."""
+    known = set[bytes]()
+    for run in runs:
+        for line in JournalFile(journal_path(out, run)).lines():
+            digest = blake2b(line.text.rstrip(b"\n"), digest_size=16).digest()
+            if digest not in known:
+                known.add(digest)
+                yield line.text.rstrip(b"\n") + b"\n"
+
+
+def _missing(shards: list[Shard]) -> list[str]:
+    division = max((shard.of for shard in shards), default=0)
+    present = {shard.number for shard in shards if shard.of == division}
+    return [f"{number}/{division}" for number in range(1, division + 1) if number not in present]

@@ -1,0 +1,186 @@
+"""Keys: options of a lens by frame, and what lies between two frames that have them.
+
+Between two keys a value goes evenly in the variable in which the blur is smooth: the focus in
+disparity, f-number, focal length and other sizes in their logarithm (an f-number in stops), angles
+and pixels as they are. ``ease`` begins and ends softly at each key. Before the first key and after
+the last one its value holds. Of numbers without a unit a focus is in metres, other lengths in mm.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from defocus_core.errors import CALLER, InputError, UsageProblem
+from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
+from defocus_core.request.parameters import LENS_OPTIONS, SCALES, LensParam
+from defocus_core.request.quantities import read_at, text_of
+from defocus_core.request.reading_options import field_of_view
+from defocus_core.request.resolver import Given, alternatives, refuse_contradiction
+from defocus_core.request.toml_file import Table, read_toml, refuse_unknown
+from defocus_core.request.toml_file import table as table_of
+
+INTERPOLATIONS = ("linear", "ease")
+_FIELD_OF_VIEW = LensParam(
+    name=FIELD_OF_VIEW,
+    parse=field_of_view,
+    help="Vertical field of view in degrees, of which a focal length is made.",
+    tag="fov",
+    example="40",
+    even_in="log",
+)
+_ANIMATED = {**LENS_OPTIONS, FIELD_OF_VIEW: _FIELD_OF_VIEW}
+_DIGITS = 9
+
+
+@dataclass(frozen=True)
+class Animation:
+    """Options of a lens with keys."""
+
+    # By option the frames that have a key, ascending, and the keys
+    keys: Keys = field(default_factory=dict)
+    interpolation: str = "linear"
+
+    @property
+    def frames(self) -> tuple[int, ...]:
+        """The frames that have a key, ascending."""
+        return tuple(sorted({frame for keys in self.keys.values() for frame in keys}))
+
+    @property
+    def taken(self) -> dict[str, str]:
+        """The options that are animated, those of the same meaning, too, and where."""
+        return {
+            same: str(_first(keys).where)
+            for name, keys in self.keys.items()
+            for same in alternatives("focal-length" if name == FIELD_OF_VIEW else name)
+        }
+
+    def at(self, frame: int) -> dict[str, Given]:
+        """The options of a frame; at a key, the text of the key."""
+        return {
+            name: Given(self._text(name, frame), _first(keys).where)
+            for name, keys in self.keys.items()
+        }
+
+    def _text(self, name: str, frame: int) -> str:
+        keys, row = self.keys[name], _ANIMATED[name]
+        frames = [*keys]
+        after = bisect_right(frames, frame)
+        is_between = 0 < after < len(frames) and frames[after - 1] != frame
+        if not (is_between and row.even_in):
+            return keys[frames[max(after - 1, 0)]].text
+        first, last = frames[after - 1], frames[after]
+        fraction = (frame - first) / (last - first)
+        if self.interpolation == "ease":
+            fraction = fraction * fraction * (3 - 2 * fraction)
+        start, end = (row.parse(keys[each].text) for each in (first, last))
+        if start == end:
+            return keys[first].text
+        if not all(isinstance(value, int | float | tuple) for value in (start, end)):
+            problem = f"is {keys[first].text}, which has nothing between it and another key"
+            raise UsageProblem(
+                "idle-option", problem, f"give it like {row.example}", path=keys[first].where
+            )
+        return row.text(_between(row, start, end, fraction), _DIGITS)
+
+
+def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
+    """The value between two numbers, or of each of several."""
+    if isinstance(first, tuple):
+        pairs = zip(first, last, strict=True)
+        return type(first)(_between(row, *pair, fraction) for pair in pairs)
+    to, back = SCALES[row.even_in]
+    value = back((1 - fraction) * to(first) + fraction * to(last))
+    return round(value) if isinstance(first, int) else value
+
+
+def read_animation(
+    files: Iterable[str], interpolation: str | None, table: Table | None = None
+) -> Animation:
+    """The animation of files and of ``[animate]``.
+
+    `interpolation`: linear or ease; None for that of TOML, or linear.
+    """
+    root, every = Path(), dict[str, Mapping[int, Key]]()
+    if table is not None:
+        root, files = table.file.parent, table.texts("file")
+        every, interpolation = _keys_of(table)
+    keys: Keys
+    for text in files:
+        file, (option, is_curve, _) = root / text, text.partition("=")
+        if is_curve and not file.exists():
+            remedy = f"give CSV, with the header frame,{option} above its lines"
+            where = CALLER.at("animate") if table is None else table.place("file")
+            raise UsageProblem("malformed", f"'{text}' is no file of keys", remedy, path=where)
+        if file.suffix.lower() == ".toml":
+            keys, said = _keys_of(_animate_of(file))
+            interpolation = interpolation or said
+        else:
+            keys = read_keys(file)
+        for twice in keys.keys() & every.keys():
+            problem = f"animates {twice}, as does {_first(every[twice]).where}"
+            raise UsageProblem("contradiction", problem, "remove one of them", path=file)
+        every |= keys
+    checked = {name: _checked(name, keys) for name, keys in every.items() if keys}
+    if checked:
+        where = _first(next(iter(checked.values()))).where
+        refuse_contradiction({name: Given("", where.at(name)) for name in checked})
+    return Animation(checked, interpolation or INTERPOLATIONS[0])
+
+
+def read_animation_table(table: Table) -> Animation:
+    """The animation of ``[animate]`` of a jobs file."""
+    return read_animation((), None, table)
+
+
+def _first(keys: Mapping[int, Key]) -> Key:
+    return next(iter(keys.values()))
+
+
+def _checked(name: str, keys: Mapping[int, Key]) -> dict[int, Key]:
+    """The keys of an option by frame, once they make sense, with the units that numbers have."""
+    refuse_unknown([name], tuple(_ANIMATED), _first(keys).where, "a lens", "option")
+    row, made = _ANIMATED[name], {}
+    for frame, key in sorted(keys.items()):
+        made[frame] = Key(row.with_unit(key.text), key.where)
+        read_at(key.where, row.parse, made[frame].text)
+    return made
+
+
+_REMEDY = 'write [animate] and focus = {1001 = "1.2m", 1060 = "4m"}'
+
+
+def _animate_of(file: Path) -> Table:
+    """The table of a file of keys."""
+    tables = read_toml(file, what="file of keys", remedy=_REMEDY)
+    refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
+    if not tables:
+        raise InputError("empty", "has no table [animate]", _REMEDY, path=file)
+    return table_of(file, tables, "animate")
+
+
+def _keys_of(table: Table) -> tuple[dict[str, Mapping[int, Key]], str | None]:
+    """The keys of ``[animate]``, of each option a table of values by frame; its interpolation."""
+    every: dict[str, Mapping[int, Key]] = {}
+    for name, frames in table.values.items():
+        if name in ("file", "interpolation"):
+            continue
+        if not isinstance(frames, dict) or not frames:
+            remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
+            problem = f"{frames!r:.40} is no table of frames"
+            raise UsageProblem("malformed", problem, remedy, path=table.place(name))
+        every[name] = {
+            frame_of(frame, table.place(name)): Key(text_of(text), table.place(f"{name}: {frame}"))
+            for frame, text in frames.items()
+        }
+    return every, table.choice("interpolation", INTERPOLATIONS)
+
+
+def focal_length(fov: str, sensor_width: float, size: tuple[int, int]) -> str:
+    """The focal length of a vertical field of view, on a sensor of the shape of a picture."""
+    height = sensor_width * size[1] / size[0]
+    return f"{height / 2 / math.tan(math.radians(field_of_view(fov) / 2)):.9g}mm"

@@ -1,0 +1,108 @@
+"""Lens files: options of a lens and of reading, and those that ship, by name.
+
+They hold texts, with the units they have on the command line::
+
+    focal-length = "50mm"
+    fnumber = 1.4
+    focus = "2m"
+    blades = 6
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from pathlib import Path
+
+from defocus_core.errors import Place, UsageProblem, did_you_mean
+from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, OPENING
+from defocus_core.request.reading_options import READING_OPTIONS
+from defocus_core.request.resolver import Given, Layer, layer_of
+from defocus_core.request.toml_file import read_toml, refuse_unknown
+from defocus_core.system.text import note
+
+MARK = "@"
+
+
+def read_lens_file(file: Path) -> dict[str, Given]:
+    """The options of a lens file, those of reading, too."""
+    remedy = 'give a TOML file, with lines like focal-length = "50mm"'
+    stored = read_toml(file, what="lens file", remedy=remedy)
+    rows = {**LENS_OPTIONS, **READING_OPTIONS}
+    refuse_unknown(stored, tuple(rows), file, "a lens file")
+    return layer_of(stored, rows, Place(file).at)
+
+
+def reading_in(file: Path | None) -> Layer:
+    """The options of reading of a lens file, if there is one; a folder of such has none."""
+    if file is None or file.is_dir():
+        return {}
+    return {name: each for name, each in read_lens_file(file).items() if name in READING_OPTIONS}
+
+
+def lens_in(file: Path | None, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
+    """The options of the lens of a lens file, if there is one, that count below others.
+
+    `where`: the option that names the file; `in_pixels`: others have a blur in pixels; `radii`: the
+    depth files hold radii, and what decides them is left out, with a note.
+    """
+    if file is None:
+        return {}
+    stored = {name: each for name, each in read_lens_file(file).items() if name in LENS_OPTIONS}
+    if "blur" in stored:
+        return stored
+    if in_pixels:
+        _refuse_beside_blur(stored, file, where)
+    elif radii and (idle := [name for name in stored if LENS_OPTIONS[name].is_optics]):
+        note(f"defocus: {file}: {', '.join(idle)} left out: the depth files hold the radii")
+        return {name: each for name, each in stored.items() if name not in idle}
+    return stored
+
+
+def _refuse_beside_blur(stored: Layer, file: Path, where: Place) -> None:
+    """Raise UsageProblem if a lens file decides the radii, which a blur in pixels decides."""
+    optics = [name for name in stored if name not in BESIDE_BLUR]
+    if not optics:
+        return
+    problem = f"{file.name} decides radii by {', '.join(optics)}, and so does blur"
+    opening = " ".join(f"‹{name}› {stored[name].text}" for name in OPENING if name in stored)
+    remedy = f"leave it out; its opening is {opening}" if opening else "leave it out"
+    raise UsageProblem("contradiction", problem, remedy, path=where)
+
+
+@dataclass(frozen=True)
+class ShippedLens:
+    """A lens file that ships."""
+
+    name: str  # as ``--lens`` takes it, with the mark
+    path: Path
+    subject: str  # its first line, in words
+
+
+@cache
+def shipped_lenses() -> tuple[ShippedLens, ...]:
+    """The lens files that ship, sorted by name."""
+    folder = Path(str(files("defocus_core.request"))) / "lenses"
+    return tuple(
+        ShippedLens(f"{MARK}{path.stem}", path, _subject(path))
+        for path in sorted(folder.glob("*.toml"))
+    )
+
+
+def lens_path(path: Path, where: Place) -> Path:
+    """The lens file of a path, or of a name like ``@portrait-85``."""
+    known = {lens.name: lens.path for lens in shipped_lenses()}
+    if not str(path).startswith(MARK):
+        if not path.exists() and f"{MARK}{path}" in known:
+            problem, remedy = f"no file {path}", f"did you mean {MARK}{path}?"
+            raise UsageProblem("unknown-name", problem, remedy, path=where)
+        return path
+    if str(path) in known:
+        return known[str(path)]
+    remedy = did_you_mean(str(path), tuple(known), "see 'defocus lenses'")
+    raise UsageProblem("unknown-name", f"no lens {path} ships with defocus", remedy, path=where)
+
+
+def _subject(path: Path) -> str:
+    return path.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ")

@@ -1,0 +1,261 @@
+"""The lenses of each picture, of all layers that its options stand in.
+
+A lens file, the metadata of the picture, the keys of its frame, the options of all pictures (the
+command line, or ``[lens]``), those of its row, what is drawn and what is swept: the later win. What
+is animated, drawn or swept is set nowhere else, as it would be ignored there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import groupby
+from pathlib import Path
+
+from defocus_core.errors import CALLER, Place, UsageProblem
+from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.io.images.describe import describe
+from defocus_core.io.shots.key_files import FIELD_OF_VIEW
+from defocus_core.request.animation import Animation, focal_length
+from defocus_core.request.job import Picture, Reading
+from defocus_core.request.lens import DEFAULTS, Draw, Lens
+from defocus_core.request.lens_files import lens_in, lens_path
+from defocus_core.request.parameters import LENS_OPTIONS, METADATA
+from defocus_core.request.quantities import pixel_count
+from defocus_core.request.resolver import (
+    Given,
+    Layer,
+    alternatives,
+    check_lens,
+    drawn_lens,
+    given,
+    laid_over,
+    layer_of,
+    lens_of,
+    place_of_focus,
+    refuse_optics,
+    refuse_taken,
+    value_of,
+)
+from defocus_core.request.sweeps import Point, Sampling, read_sampling, read_sweep
+from defocus_core.request.toml_file import Table
+
+KEYS = (*LENS_OPTIONS, "file", "max-coc", METADATA)
+_NONE: Layer = {}
+
+
+@dataclass(frozen=True)
+class PictureLenses:
+    """The lenses that take each picture."""
+
+    own: Layer  # options of all pictures
+    where: Place = CALLER  # where these stand
+    file: Path | None = None  # a lens file, if there is one, or a folder of one for each picture
+    file_key: str = "lens"  # the option that names it
+    # The depth files hold radii, so that a lens is the shape of its opening alone
+    radii: bool = False
+    animation: Animation = field(default_factory=Animation)
+    metadata: bool = False  # whether options are taken from the metadata of each colour file
+    metres: float = 1.0  # the unit of the scene, for metadata in it
+    points: tuple[Point, ...] = (Point("", {}),)  # the lenses of the sweep
+    sampling: Sampling = field(default_factory=Sampling)  # what is drawn, for each point
+    max_coc: float | None = None  # largest CoC radius in px that a lens may have; None for any
+
+    def __post_init__(self) -> None:
+        """Refuse options that are set twice, and metadata that change nothing."""
+        refuse_taken(self.own, self.taken)
+        if self.metadata:
+            asked = {METADATA: Given("", self.where.at(METADATA))}
+            in_pixels = "blur" in {*self.own, *self.taken}
+            refuse_optics(asked, in_pixels=in_pixels, radii=self.radii)
+
+    @cached_property
+    def taken(self) -> dict[str, str]:
+        """The options that are animated, drawn or swept, and where."""
+        taken = self.animation.taken
+        tables = [*((each.options, "[sweep]") for each in self.points)]
+        for layer, table in (*tables, (self.sampling.options, "[sample]")):
+            refuse_taken(layer, {name: words for name, words in taken.items() if words != table})
+            taken |= {same: table for name in layer for same in alternatives(name)}
+        return taken
+
+    @property
+    def count(self) -> int:
+        """How many lenses take each picture."""
+        return len(self.points) * max(self.sampling.count, 1)
+
+    @property
+    def suffixes(self) -> list[str]:
+        """What each lens adds to the name of a sample."""
+        draws = [f"_s{index:03}" for index in range(self.sampling.count)] or [""]
+        return [point.suffix + draw for point in self.points for draw in draws]
+
+    @property
+    def varies(self) -> bool:
+        """Whether each picture may have another lens."""
+        return bool(self.animation.keys) or self.metadata or self._is_folder
+
+    @property
+    def _is_folder(self) -> bool:
+        """Whether each picture has a lens file of its name, as a fit of many writes them."""
+        return self.file is not None and self.file.is_dir()
+
+    @cached_property
+    def options(self) -> Layer:
+        """The options of all pictures, unless they vary."""
+        return laid_over(self._of_file(None, self.own), self.own, self.sampling.options)
+
+    @cached_property
+    def fixed(self) -> Lens | None:
+        """The lens of all pictures, if that is one."""
+        if self.varies:
+            return None
+        self._check(self.options, {}, None)
+        return lens_of(self.options, self.max_coc)
+
+    def of(self, picture: Picture) -> tuple[Lens, Layer]:
+        """The lens of a picture where there is one, and the options that its metadata decided."""
+        if self.fixed is not None:
+            return self.fixed, {}
+        options, metadata = self._options(picture, {})
+        used = {name: each for name, each in metadata.items() if options.get(name) is each}
+        self._check(options, metadata, picture)
+        return lens_of(options, self.max_coc), used
+
+    def lenses(
+        self, picture: Picture, numbers: Iterable[int], row: Layer = _NONE
+    ) -> Iterator[tuple[str, Lens]]:
+        """The suffix of each lens for the name of the sample, and the lens.
+
+        `numbers`: which of the lenses, ascending from 0; `row`: options of this picture alone.
+        """
+        refuse_taken(row, self.taken)
+        draws, alike = self.sampling.count, not (self.varies or row)
+        options, metadata = (self.options, _NONE) if alike else self._options(picture, row)
+        for which, mine in groupby(numbers, lambda number: number // max(draws, 1)):
+            point = self.points[which]
+            made = self._made.get(which) if alike else None
+            if made is None:
+                set_to: Layer = laid_over(options, point.options)
+                self._check(set_to, metadata, picture)
+                made = set_to, None if draws else lens_of(set_to, self.max_coc)
+                if alike:
+                    self._made[which] = made
+            set_to, lens = made
+            if lens is not None:
+                yield point.suffix, lens
+                continue
+            texts = tuple((name, each.text) for name, each in set_to.items())
+            source = place_of_focus(set_to)
+            for index in (number % draws for number in mine):
+                draw = Draw(self.sampling.seed, picture.stem + point.suffix, index, texts)
+                yield f"{point.suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
+
+    @cached_property
+    def _made(self) -> dict[int, tuple[Layer, Lens | None]]:
+        """The lenses of the points that are those of all pictures."""
+        return {}
+
+    def _check(self, options: Layer, metadata: Layer, picture: Picture | None) -> None:
+        """Raise UsageProblem for options that make no lens."""
+        focal = options.get("focal-length")
+        if focal is not None and focal is metadata.get("focal-length"):
+            _require_sensor(options, focal)
+        lacking = picture.color if self.metadata and picture is not None else None
+        check_lens(options, self.where, radii=self.radii, lacking=lacking)
+
+    def _options(self, picture: Picture, row: Layer) -> tuple[Layer, Layer]:
+        """The options of a picture but those that are swept, and those of its metadata."""
+        metadata = self._of_metadata(picture)
+        own = laid_over(self.own, self.sampling.options, row)
+        below = laid_over(self._of_file(picture, own), metadata)
+        return laid_over(below, self._keyed(picture, laid_over(below, own)), own), metadata
+
+    def _of_file(self, picture: Picture | None, above: Layer) -> Layer:
+        """The options of the lens file of a picture."""
+        file = self.file
+        if file is not None and picture is not None and self._is_folder:
+            file = file / f"{picture.stem}.toml"
+        in_pixels = "blur" in above or "blur" in self.taken
+        if (file, in_pixels) not in self._stored:
+            where = self.where.at(self.file_key)
+            stored = lens_in(file, where, in_pixels=in_pixels, radii=self.radii)
+            self._stored[file, in_pixels] = stored
+        return self._stored[file, in_pixels]
+
+    @cached_property
+    def _stored(self) -> dict[tuple[Path | None, bool], Layer]:
+        """The options of lens files that were read, beside a blur in pixels or without."""
+        return {}
+
+    def _of_metadata(self, picture: Picture) -> Layer:
+        """The options that the metadata of a picture hold."""
+        if not self.metadata:
+            return {}
+        from defocus_core.io.shots.lens_metadata import lens_of as of_metadata
+
+        return {
+            name: given(name, each.text, Place(picture.color, field=each.attribute))
+            for name, each in of_metadata(picture.color, self.metres).items()
+        }
+
+    def _keyed(self, picture: Picture, others: Layer) -> Layer:
+        """The options of the frame of a picture; ``others`` may have the width of the sensor."""
+        if not self.animation.keys:
+            return {}
+        if picture.frame is None:
+            problem = f"moves the lens, but {picture.color} has no frame number"
+            raise UsageProblem(
+                "idle-option", problem, "give patterns like 'shot.####.exr'", field="animate"
+            )
+        keyed = self.animation.at(picture.frame)
+        if fov := keyed.pop(FIELD_OF_VIEW, None):
+            width, info = DEFAULTS["sensor_width"], describe(picture.color)
+            if "sensor-width" in others:
+                width = value_of("sensor-width", others["sensor-width"].text)
+            text = focal_length(fov.text, width, (info.width, info.height))
+            keyed["focal-length"] = Given(text, fov.place)
+        return keyed
+
+
+def _require_sensor(options: Layer, focal: Given) -> None:
+    """Refuse a focal length of metadata that do not say the sensor, which decides the blur."""
+    if "sensor-width" not in options:
+        problem = f"is missing, and not in {focal.place.path} either"
+        remedy = "add ‹sensor-width› 36mm, or what the camera has"
+        raise UsageProblem("missing-option", problem, remedy, field="sensor-width")
+
+
+def read_lenses(
+    lens: Table, sweep: Table, sample: Table, animation: Animation, reading: Reading
+) -> PictureLenses:
+    """The lenses that ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]`` ask for."""
+    lens.refuse_unknown(KEYS)
+    return PictureLenses(
+        own=layer_of(lens.values, LENS_OPTIONS, lens.place),
+        where=lens.place(),
+        file=lens_file_of(lens),
+        file_key="file",
+        radii=reading.holds_radii,
+        animation=animation,
+        metadata=lens.flag(METADATA) or False,
+        metres=UNITS[reading.depth_unit or "m"],
+        points=tuple(read_sweep(sweep)),
+        sampling=read_sampling(sample),
+        max_coc=_max_coc(lens, sample),
+    )
+
+
+def lens_file_of(lens: Table) -> Path | None:
+    """The lens file that ``[lens]`` names, relative to the jobs file, or one that ships."""
+    name = lens.text("file")
+    return None if name is None else lens.file.parent / lens_path(Path(name), lens.place("file"))
+
+
+def _max_coc(lens: Table, sample: Table) -> float | None:
+    if "max-coc" in lens.values and "max-coc" in sample.values:
+        problem = "is in [sample], too"
+        raise UsageProblem("contradiction", problem, "remove one", path=lens.place("max-coc"))
+    table = sample if "max-coc" in sample.values else lens
+    return table.parsed("max-coc", pixel_count)

@@ -1,0 +1,330 @@
+"""The resolver: what options are set to, and what they make together.
+
+Options stand in layers, each laid over those before it: a lens file, the metadata of a picture, the
+keys of its frame, a jobs file or the command line, the row of a picture, a sweep. A layer has the
+text of each option, as the command line takes it, and its place, for errors. What an option is set
+to is checked once, by its row in `parameters` or `reading_options`: its type and range as a layer
+is made; what it excludes, needs, and beside what it changes nothing, when all layers are known.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from defocus_core.errors import CALLER, Place, UsageProblem, reason
+from defocus_core.request.job import Reading
+from defocus_core.request.lens import EFFECTS, Draw, Lens
+from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, METADATA, OPENING, Param
+from defocus_core.request.quantities import (
+    Percentile,
+    QuantityError,
+    Unitless,
+    length_text,
+    percentage,
+    read_at,
+    text_of,
+)
+from defocus_core.request.reading_options import READING_OPTIONS
+
+if TYPE_CHECKING:
+    from defocus_core.optics.distributions import Distribution
+
+
+class Given(NamedTuple):
+    """What an option is set to, and the place where it is."""
+
+    text: str
+    place: Place  # of the option itself
+
+
+Layer = Mapping[str, Given]  # by the name of the option
+ROWS: Mapping[str, Param] = {**LENS_OPTIONS, **READING_OPTIONS}
+ALTERNATIVES = tuple((row.instead_of, row.name) for row in ROWS.values() if row.instead_of)
+
+
+def alternatives(name: str) -> set[str]:
+    """An option, and those that say the same in another way."""
+    return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))
+
+
+@lru_cache(maxsize=65536)
+def value_of(name: str, text: str) -> Any:
+    """The value of an option, in mm, degrees or plain numbers; off is that of a lens without."""
+    row = LENS_OPTIONS.get(name)
+    if row is None:
+        return READING_OPTIONS[name].parse(text)
+    if text.strip().lower() == "off" and row.field in EFFECTS and not row.never_off:
+        return EFFECTS[row.field]
+    return row.parse(text)
+
+
+def layer_of(
+    values: Mapping[str, Any], rows: Mapping[str, Param], at: Callable[[str], Place]
+) -> dict[str, Given]:
+    """The options among the values of a file, which all make sense by themselves.
+
+    `rows`: the options that count; `at`: the place of a key. Paths are relative to its file.
+    """
+    layer = {name: given(name, values[name], at(name)) for name in values if name in rows}
+    refuse_contradiction(layer)
+    return layer
+
+
+def given(name: str, value: object, place: Place) -> Given:
+    """An option that a file sets to a text, a number, or a list of these."""
+    row, text = ROWS[name], text_of(value)
+    if row.flag:
+        if value is not True:
+            remedy = f"write {name} = true"
+            raise UsageProblem("malformed", f"{value!r} is not true", remedy, path=place)
+    elif isinstance(value, bool):
+        problem, remedy = f"{text.lower()} is no value of it", "see 'defocus help'"
+        raise UsageProblem("malformed", problem, remedy, path=place)
+    elif row.parse is str and not (isinstance(value, str) and value and "\0" not in value):
+        raise UsageProblem(
+            "malformed", f"{value!r} is not a text", "write it in quotes", path=place
+        )
+    found = read_at(place, value_of, name, text)
+    if isinstance(found, Path) and isinstance(place.path, Path):
+        text = str(place.path.parent / text)
+    return Given(text, place)
+
+
+def laid_over(*layers: Layer) -> dict[str, Given]:
+    """The options of all layers, of which later ones win, also over the alternatives to them.
+
+    If a layer makes the opening one without blades, what shapes the blades below it is dropped.
+    """
+    options: dict[str, Given] = {}
+    for layer in filter(None, layers):
+        lost = {name for pair in ALTERNATIVES for name in pair if layer.keys() & set(pair)}
+        if "aperture-image" in layer or ("blades" in layer and layer["blades"].text.strip() == "0"):
+            lost.update(row.name for row in LENS_OPTIONS.values() if row.needs == "blades")
+        options = {name: each for name, each in options.items() if name not in lost} | dict(layer)
+    return options
+
+
+def refuse_contradiction(layer: Layer) -> None:
+    """Raise UsageProblem if two options of a layer set the same, like f-number and diameter."""
+    for one, other in ALTERNATIVES:
+        if one in layer and other in layer:
+            place = layer[one].place
+            problem = f"contradicts {_named(other, place)}"
+            raise UsageProblem("contradiction", problem, "give one of them", path=place)
+
+
+def refuse_taken(layer: Layer, taken: Mapping[str, str]) -> None:
+    """Raise UsageProblem for an option that is set elsewhere, too, where each holds for all.
+
+    `taken`: names to where they are set.
+    """
+    for name in layer.keys() & taken.keys():
+        problem = f"is in {taken[name]}, too"
+        raise UsageProblem("contradiction", problem, "remove one", path=layer[name].place)
+
+
+# Lengths that have no unit beside a blur in pixels: what is wrong with others, and the remedy.
+_UNITLESS = {
+    "sharp-range": (
+        "is in numbers of the depth file beside ‹blur›, and in distances beside a lens",
+        "write it like 100..200, or like 1.8m..2.4m",
+    ),
+    "axial-color": (
+        "is in shares of ‹blur› beside it, and in lengths beside a lens",
+        "write it like 0.05:0.05, or like 0.1mm:0.1mm",
+    ),
+}
+
+
+def check_lens(
+    options: Layer, where: Place, *, radii: bool = False, lacking: Path | None = None
+) -> None:
+    """Raise UsageProblem for options that make no lens.
+
+    `where`: the table that options are missing in; `radii`: the depth files hold radii, so that a
+    lens is the shape of its opening; `lacking`: the picture whose metadata were asked, too.
+    """
+    possible = {name: _possible(name, each.text) for name, each in options.items()}
+    in_pixels = "blur" in options
+    refuse_optics(options, in_pixels=in_pixels, radii=radii)
+    if in_pixels:
+        if not options.keys() & {"focus-at", "focus-value", "sharp-range"}:
+            problem = "does not say what is in focus"
+            remedy = "add ‹focus-at› X,Y or ‹focus-value› NUMBER"
+            raise UsageProblem("missing-option", problem, remedy, path=options["blur"].place)
+    elif not radii:
+        refuse_missing(options, where, lacking)
+        distances = [d for d in possible.get("focus", ()) if not isinstance(d, Percentile)]
+        if distances:
+            longest = max(possible["focal-length"])
+            refuse_near_focus(min(distances), longest, options["focus"].place)
+    for name, (problem, remedy) in _UNITLESS.items():
+        if any(
+            isinstance(value, Unitless) != in_pixels for value in possible.get(name, ()) if value
+        ):
+            raise UsageProblem("malformed", problem, remedy, path=options[name].place)
+    for name, (_, place) in options.items():
+        row = LENS_OPTIONS[name]
+        if row.needs and any(possible[name]) and not any(possible.get(row.needs, ())):
+            example = LENS_OPTIONS[row.needs].example
+            added = f"{_named(row.needs, place)} {example}"
+            if place.path is not None:
+                added = f'{row.needs} = "{example}"'
+            raise UsageProblem("idle-option", row.idle, f"add {added}, or leave it out", path=place)
+
+
+def refuse_optics(options: Layer, *, in_pixels: bool = False, radii: bool = False) -> None:
+    """Raise UsageProblem if an option decides the radii, which something else decides already."""
+    for name, (_, place) in options.items():
+        if in_pixels and name not in BESIDE_BLUR:
+            problem = "changes nothing beside blur, which is no lens"
+            raise UsageProblem("contradiction", problem, "leave one of them out", path=place)
+        if radii and not in_pixels and (name == METADATA or LENS_OPTIONS[name].is_optics):
+            problem = "changes nothing: with depth-format coc, the files hold the radii"
+            remedy = f"leave it out; {', '.join(OPENING)} shape the opening"
+            raise UsageProblem("idle-option", problem, remedy, path=place)
+
+
+def missing_options(options: Layer) -> list[str]:
+    """The options that a lens cannot do without and that have no value, nor have others instead."""
+    required = (row.name for row in LENS_OPTIONS.values() if row.required)
+    return [name for name in required if not alternatives(name) & options.keys()]
+
+
+def missing_words(lacking: Sequence[str]) -> str:
+    """That the first of some options is missing, and the others are."""
+    others = " and ".join(f"‹{name}›" for name in lacking[1:])
+    return (
+        f"is missing, as {'are' if len(lacking) > 2 else 'is'} {others}" if others else "is missing"
+    )
+
+
+def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) -> None:
+    """Raise UsageProblem if required options are missing, from the metadata of a picture, too."""
+    missing = missing_options(options)
+    if not missing:
+        return
+    problem = missing_words(missing)
+    problem += "" if lacking is None else f", and not in {lacking} either"
+    others, ways = dict(ALTERNATIVES), []
+    for name in missing:
+        example, other = LENS_OPTIONS[name].example, others.get(name)
+        words = f"‹{name}› {example}" if where == CALLER else f'{name} = "{example}"'
+        ways.append(words + (f" or {_named(other, where)}" if other else ""))
+    remedy = f"write {', '.join(ways)} below [lens]"
+    if where == CALLER:
+        it = "it" if len(ways) < 2 else "them"
+        remedy = f"add {', '.join(ways)}, or a ‹lens› FILE that has {it}"
+    raise UsageProblem("missing-option", problem, remedy, path=where.at(missing[0]))
+
+
+def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = "") -> None:
+    """Raise UsageProblem unless a lens of ``foclen`` can focus so near (mm)."""
+    if foc_dist <= foclen:
+        near, far = length_text(foc_dist), length_text(foclen)
+        problem = f"{at}{near} is not farther than the focal length {far}"
+        remedy = "focus farther away than that, or give a shorter focal length"
+        raise UsageProblem("out-of-range", problem, remedy, path=where)
+
+
+def lens_of(options: Layer, max_coc: float | None = None) -> Lens:
+    """The lens of options that `check_lens` lets pass, none of which is drawn."""
+    values = {name: value_of(name, each.text) for name, each in options.items()}
+    return _lens(values, place_of_focus(options), max_coc)
+
+
+def place_of_focus(options: Layer) -> Place:
+    """Where it stands what is in focus."""
+    ways = ("focus", "focus-at", "focus-value")
+    return next((options[name].place for name in ways if name in options), CALLER)
+
+
+def drawn_lens(draw: Draw, source: Place, max_coc: float | None) -> Lens:
+    """The lens of a draw.
+
+    `source`: the place of its focus; `max_coc`: largest CoC radius in px that it may have.
+    """
+    from defocus_core.optics.distributions import drawn
+
+    options = {
+        name: distribution(name, text) or value_of(name, text) for name, text in draw.options
+    }
+    values = drawn(options, draw.seed, draw.picture, draw.index, draw.attempt)
+    if getattr(options.get("focus"), "kind", "") == "percentile":
+        values["focus"] = Percentile(values["focus"])
+    return replace(_lens(values, source, max_coc), draw=draw)
+
+
+_CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
+
+
+@lru_cache(maxsize=4096)
+def distribution(name: str, text: str) -> Distribution | None:
+    """The distribution that an option is drawn from; None if the text is a plain value."""
+    call = _CALL.fullmatch(text)
+    if not call:
+        return None
+    kind, words = call[1].lower(), [word.strip() for word in call[2].split(",")]
+    if kind == "percentile" and len(words) == 1:
+        return None
+    from defocus_core.optics.distributions import Distribution
+
+    if kind != "choice" and not LENS_OPTIONS[name].is_ranged:
+        raise QuantityError(f"{name} is not drawn from a range", "write choice(…)")
+    if kind in ("disparity", "percentile") and name != "focus":
+        raise QuantityError(f"{kind} is for the focus only", "write uniform(…) or loguniform(…)")
+    values = tuple(percentage(w) if kind == "percentile" else value_of(name, w) for w in words)
+    if kind != "choice" and any(isinstance(value, Percentile) for value in values):
+        raise QuantityError("a percentile is no end of a range", "write percentile(5, 95)")
+    try:
+        return Distribution(kind, values)
+    except ValueError as error:
+        raise QuantityError(f"'{text}' is no distribution: {reason(error)}", "") from None
+
+
+def reading_of(*layers: Layer) -> Reading:
+    """The reading that options of all layers make."""
+    options = laid_over(*layers)
+    fields: dict[str, Any] = {
+        READING_OPTIONS[name].field: name if READING_OPTIONS[name].flag else value_of(name, text)
+        for name, (text, _) in options.items()
+    }
+    reading = Reading(**fields)
+    repair, width = reading.depth_repair, reading.edge_width
+    if width is not None and (repair == "off" or (repair != "auto" and width == 0)):
+        problem, place = f"of {width:g}px contradicts depth-repair {repair}", options["edge-width"]
+        raise UsageProblem("contradiction", problem, "leave one of them out", path=place.place)
+    return reading
+
+
+@lru_cache(maxsize=4096)
+def _possible(name: str, text: str) -> Sequence[Any]:
+    """The value of an option, or all or the ends of the range that it may get."""
+    drawn = distribution(name, text)
+    if drawn is None:
+        return (value_of(name, text),)
+    return () if drawn.kind == "percentile" else drawn.values
+
+
+def _lens(values: Mapping[str, Any], source: Place, max_coc: float | None) -> Lens:
+    fields: dict[str, Any] = {"foclen": math.nan, "fnum": math.nan, "foc_dist": None}
+    fields |= {LENS_OPTIONS[name].field_of(value): value for name, value in values.items()}
+    sharp = fields.get("sharp_range")
+    if sharp is not None and "blur" in fields and not fields.keys() & {"focus_at", "focus_value"}:
+        fields["focus_value"] = sum(sharp) / 2
+    if (diameter := fields.pop("aperture_diameter", None)) is not None:
+        fields["fnum"] = fields["foclen"] / diameter
+    if isinstance(fields["foc_dist"], Percentile):
+        fields |= {"foc_dist": None, "focus_percentile": fields["foc_dist"].percent}
+    return Lens(**fields, max_coc=max_coc, focus_source=source)
+
+
+def _named(option: str, place: Place) -> str:
+    """An option as it is named at a place."""
+    return f"‹{option}›" if place.path is None else option

@@ -1,0 +1,192 @@
+"""Sweeps and draws of lens options: ``[sweep]`` and ``[sample]`` of a jobs file.
+
+``[sweep]`` gives an option a list of values, or a range like ``0.5m..8m @ 12 in disparity``;
+several options make a grid. ``lenses`` lists sets of options that belong together. The name of a
+lens holds what is swept and nothing else, so that it stays when a list grows.
+
+``[sample]`` draws ``n`` lenses for each picture and each lens of the sweep, numbered in their
+names: ``_s000``. What is drawn depends on ``seed`` and that name alone. An option is drawn from
+``uniform(a, b)``, ``loguniform(a, b)``, ``disparity(a, b)`` (a focus uniform in 1/distance),
+``percentile(a, b)`` (a focus uniform in the percentile of the depth) or ``choice(a, b, …)``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from defocus_core.errors import Place, UsageProblem
+from defocus_core.request.parameters import LENS_OPTIONS, SCALES
+from defocus_core.request.quantities import Percentile, read_at, short, text_of
+from defocus_core.request.resolver import (
+    Given,
+    Layer,
+    distribution,
+    given,
+    refuse_contradiction,
+    value_of,
+)
+from defocus_core.request.toml_file import Table, refuse_unknown
+
+MAX_LENSES = 100_000
+_RANGE = re.compile(r"(.+?)\.\.(.+?)@\s*(\d{1,6})\s*(?:in\s+(\w+)\s*)?")
+_RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One lens of a sweep: the suffix of its samples, and its swept options."""
+
+    suffix: str
+    options: Layer
+
+
+def read_sweep(table: Table) -> list[Point]:
+    """The lenses of ``[sweep]``, the first option slowest; one without options if empty."""
+    table.refuse_unknown((*LENS_OPTIONS, "lenses"))
+    axes = [_sets(table)] if "lenses" in table.values else []
+    for name in LENS_OPTIONS:
+        if name in table.values:
+            values = _values(name, table.values[name], table.place(name))
+            _refuse_many(math.prod(map(len, axes)) * len(values), table.place())
+            axes.append([{name: each} for each in values])
+    return _points(table, axes)
+
+
+def _refuse_many(count: int, where: Place) -> None:
+    if count > MAX_LENSES:
+        problem = f"makes {count} lenses for each picture"
+        raise UsageProblem("out-of-range", problem, f"ask for at most {MAX_LENSES}", path=where)
+
+
+def _points(table: Table, axes: Sequence[Sequence[Layer]]) -> list[Point]:
+    points: dict[str, Point] = {}
+    for combination in product(*axes):
+        options: dict[str, Given] = {}
+        for part in combination:
+            twice = next((name for name in part if name in options), None)
+            if twice is not None:
+                problem = "is in lenses, too"
+                raise UsageProblem(
+                    "contradiction", problem, "sweep it in one place", path=table.place(twice)
+                )
+            options |= part
+        refuse_contradiction(options)
+        named = (row for name, row in LENS_OPTIONS.items() if name in options)
+        values = ((row, value_of(row.name, options[row.name].text)) for row in named)
+        suffix = "".join(f"_{row.file_tag(value)}" for row, value in values)
+        if suffix in points:
+            problem = f"has two lenses named '{suffix[1:]}'"
+            raise UsageProblem(
+                "contradiction", problem, "remove one of them", path=table.file, field="[sweep]"
+            )
+        points[suffix] = Point(suffix, options)
+    return list(points.values())
+
+
+def _values(name: str, value: object, where: Place) -> list[Given]:
+    """The values of one option."""
+    if isinstance(value, str) and ".." in value:
+        return _range(name, value, where)
+    if not isinstance(value, list) or not value:
+        remedy = f"write a list, or a range: {_RANGE_EXAMPLE.removeprefix('write it ')}"
+        raise UsageProblem("malformed", f"{value!r} is no list of values", remedy, path=where)
+    _refuse_many(len(value), where)
+    return [given(name, one, where) for one in value]
+
+
+def _sets(table: Table) -> list[dict[str, Given]]:
+    sets, where = table.values["lenses"], table.place("lenses")
+    if not isinstance(sets, list) or not sets or not all(isinstance(one, dict) for one in sets):
+        remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
+        raise UsageProblem("malformed", "is no list of lenses", remedy, path=where)
+    _refuse_many(len(sets), where)
+    refuse_unknown((name for one in sets for name in one), tuple(LENS_OPTIONS), where, "a lens")
+    return [
+        {name: given(name, value, where.at(f"lenses: {name}")) for name, value in one.items()}
+        for one in sets
+    ]
+
+
+def _range(name: str, text: str, where: Place) -> list[Given]:
+    """The values of a range; its ends are as they are written, values between rounded."""
+    match = _RANGE.fullmatch(read_at(where, short, text).strip())
+    if not match:
+        raise UsageProblem("malformed", f"'{text}' is no range", _RANGE_EXAMPLE, path=where)
+    low, high = (_end(name, match[side].strip(), where) for side in (1, 2))
+    row = LENS_OPTIONS[name]
+    fit = ("disparity", "depth", "log") if row.even_in == "disparity" else ("steps", "log")
+    count, scale = int(match[3]), match[4] or fit[0]
+    for wrong, problem, remedy in (
+        (scale not in fit, f"{name} has no steps in {scale}", f"write in {' or in '.join(fit)}"),
+        (count < 2, f"{count} is no number of steps", "give 2 or more, both ends count"),
+        (
+            scale != "disparity" and math.inf in (low, high),
+            f"cannot reach inf in {scale}",
+            "write in disparity",
+        ),
+        (scale == "log" and min(low, high) <= 0, "needs ends above 0 in log", "write in steps"),
+    ):
+        if wrong:
+            raise UsageProblem("malformed", problem, remedy, path=where)
+    _refuse_many(count, where)
+    to, back = SCALES[scale]
+    fractions = (index / (count - 1) for index in range(1, count - 1))
+    between = [back((1 - fraction) * to(low) + fraction * to(high)) for fraction in fractions]
+    values = [low, *(float(f"{value:.6g}") for value in between), high]
+    return [given(name, row.text(value), where) for value in values]
+
+
+def _end(name: str, text: str, where: Place) -> float:
+    value: Any = read_at(where, value_of, name, text)
+    if isinstance(value, Percentile | tuple | Path | str):
+        raise UsageProblem(
+            "malformed", f"'{text}' is no end of a range", "write a list of values", path=where
+        )
+    return float(value)
+
+
+_SAMPLE_KEYS = ("n", "seed", "max-coc", *LENS_OPTIONS)
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How many lenses are drawn for a picture, and what each option is drawn from."""
+
+    count: int = 0
+    seed: int = 0
+    options: Layer = field(default_factory=dict)
+
+
+def read_sampling(table: Table) -> Sampling:
+    """The sampling of ``[sample]``; a count of 0 if there is no such table."""
+    if not table.values:
+        return Sampling()
+    table.refuse_unknown(_SAMPLE_KEYS)
+    count, seed = table.integer("n", 1), table.integer("seed", 0)
+    if count is None or seed is None:
+        key = "n" if count is None else "seed"
+        raise UsageProblem(
+            "missing-option", "is missing", f"write {key} = 7 below [sample]", path=table.place(key)
+        )
+    options = {
+        name: Given(text_of(value), table.place(name))
+        for name, value in table.values.items()
+        if name in LENS_OPTIONS
+    }
+    refuse_contradiction(options)
+    for name, (text, place) in options.items():
+        if read_at(place, distribution, name, text) is None:
+            remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
+            raise UsageProblem("malformed", f"'{text}' is no distribution", remedy, path=place)
+    if not options:
+        remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
+        raise UsageProblem(
+            "idle-option", "draws no option of the lens", remedy, path=table.file, field="[sample]"
+        )
+    return Sampling(count, seed, options)

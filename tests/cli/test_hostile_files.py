@@ -1,0 +1,218 @@
+"""Hostile and damaged inputs: refused at once in a line that names them, never copied on."""
+
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import OpenEXR
+import pytest
+from command_line import LENS, failed, photograph, read_exr, refused, run, succeed, texture
+from deep_files import write_deep_samples
+from image_files import SCANLINE, save
+from refusals import refuses
+
+from defocus_cli import main as entry
+from defocus_core.io.picture_files import read_depth
+
+LONG = "9" * 100_000
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(("--focus", LONG), ("--fnumber", f"1{LONG}"), ("--outputs", f"{LONG},{LONG}")),
+        *(("--depth-scale", f"{LONG}/{LONG}"), ("--frames", "1," * 50_000)),
+        ("--threads", "100000"),
+    ],
+)
+def test_a_text_of_any_length_is_refused_at_once(words, color, depth, out):
+    ran = run("render", color, depth, "-o", out, *LENS, *words)
+    assert ran.code == 2, ran.err
+    assert ran.err.count("\n") == 1
+    assert len(ran.err) < 1000
+    assert "characters" in ran.err or "not in the range" in ran.err
+
+
+@pytest.mark.parametrize("sweep", [f'"{LONG}"', f'"{"1m..2m@" * 1_000}"', f"[{LONG}]"])
+def test_a_sweep_of_any_length_is_refused_at_once(sweep, color, depth, tmp_path):
+    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n'
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(f'{inputs}[lens]\nfocal-length = "50mm"\nfnumber = 2\n[sweep]\nfocus = {sweep}')
+    ran = run("batch", jobs, "-o", tmp_path / "out")
+    refused(ran, 3 if sweep.startswith("[") else 2, "malformed")
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        *("P5\n32#width\n24 2000\n", "P5#a\n32 24#b\n#c\n2000\n", "P5 +32 24 +2000\n"),
+        f"P5\n{'# ' * 22}\n32#width\n24 2000\n",
+    ],
+)
+def test_the_header_of_a_pgm_is_read_by_its_standard(header, tmp_path):
+    path = tmp_path / "a.pgm"
+    path.write_bytes(header.encode() + np.full((24, 32), 1000, ">u2").tobytes())
+    assert np.allclose(read_depth(path).metres, 1.0)
+
+
+@pytest.mark.parametrize("codec", ["dwaa", "dwaa:500", "input"])
+def test_carried_channels_are_bit_equal_in_any_codec(codec, depth, out, tmp_path):
+    ids = np.random.default_rng(0).integers(1, 2**30, (16, 24), np.uint32).view(np.float32)
+    planes = dict(zip("RGB", np.moveaxis(texture(), 2, 0).astype(np.float16), strict=True))
+    planes |= {f"Crypto00.{name}": ids for name in "RGBA"} | {"Z": ids, "N.B": planes["B"]}
+    compression = OpenEXR.B44_COMPRESSION if codec == "input" else OpenEXR.ZIP_COMPRESSION
+    path = tmp_path / "a.exr"
+    OpenEXR.File({**SCANLINE, "compression": compression}, planes).write(str(path))
+    given = read_exr(path)
+    ran = photograph(path, depth, "-o", out, "--compression", codec)
+    made = read_exr(out / "render" / "a.exr")
+    for name in planes.keys() - set("RGB"):
+        assert made[name].tobytes() == given[name].tobytes()
+    assert "written with zip" in ran.err
+
+
+def test_carried_channels_that_are_not_finite_are_said(depth, out, tmp_path):
+    planes = {name: texture()[:, :, 0].copy() for name in ("R", "G", "B", "N.X", "Z")}
+    planes["N.X"][0, :2], planes["Z"][:] = (np.nan, np.inf), np.inf
+    OpenEXR.File({**SCANLINE}, planes).write(str(tmp_path / "a.exr"))
+    ran = photograph(tmp_path / "a.exr", depth, "-o", out)
+    assert "N.X, which is copied, is NaN or infinite in 2 pixels" in ran.err
+    assert "Z, which" not in ran.err
+
+
+@pytest.mark.parametrize("name", ["x.gif", "x.bmp", "x.avif", "x.mp4", "x.npy"])
+def test_a_suffix_that_is_not_written_is_no_folder(name, color, depth, tmp_path):
+    refused(run("render", color, depth, "-o", tmp_path / name, *LENS), 2, "wrong-type", name)
+    assert not (tmp_path / name).exists()
+
+
+def external(file, other):
+    shape = np.ones((4, 6), "f4").tofile(other) or (4, 6)
+    file.create_dataset("depth", shape, "f4", external=[(str(other), 0, 96)])
+
+
+def virtual(file, other):
+    with h5py.File(other, "w") as source:
+        source["d"] = np.ones((4, 6), "f4")
+    layout = h5py.VirtualLayout((4, 6), "f4")
+    layout[:] = h5py.VirtualSource(str(other), "d", (4, 6))
+    file.create_virtual_dataset("depth", layout, fillvalue=3)
+
+
+def unwritten(file, _):
+    file.create_dataset("depth", (4, 6), "f4", fillvalue=3)
+
+
+def partly_written(file, _):
+    file.create_dataset("depth", (4, 6), "f4", fillvalue=3, chunks=(2, 3))[:2] = 1
+
+
+@pytest.mark.parametrize(
+    ("make", "code"),
+    [
+        *((external, "unsupported"), (virtual, "unsupported")),
+        *((unwritten, "damaged"), (partly_written, "damaged")),
+    ],
+)
+def test_hdf5_gives_the_numbers_that_are_in_it_alone(make, code, tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        make(file, tmp_path / "other")
+    with refuses(code, path=tmp_path / "a.h5"):
+        read_depth(tmp_path / "a.h5")
+
+
+def test_frames_of_hdf5_that_are_written_are_read(tmp_path):
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file.create_dataset("depth", (3, 4, 6), "f4", chunks=(1, 4, 6))[1] = 2
+    assert (read_depth(tmp_path / "a.h5", part=1).metres == 2).all()
+    with refuses("damaged"):
+        read_depth(tmp_path / "a.h5", part=2)
+
+
+@pytest.mark.parametrize("shape", [(1, 24), (16, 1), (1, 1), (2, 2)])
+def test_info_of_a_picture_of_any_size(shape, tmp_path):
+    planes = dict.fromkeys("RGB", np.ones(shape, np.float32)) | {"Z": np.ones(shape, np.float32)}
+    OpenEXR.File({**SCANLINE}, planes).write(str(tmp_path / "a.exr"))
+    assert "depth: 1 m" in succeed("info", tmp_path / "a.exr").out
+
+
+def deep(path, *depths):
+    pixel = [{**dict.fromkeys("RGB", 0.1), "A": 0.5, "Z": z} for z in depths]
+    return write_deep_samples(path, [[pixel] * 24] * 16)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b"screenWindowWidth\0float\0" + struct.pack("<if", 4, 1), struct.pack("<f", -0.25)),
+        (b"screenWindowWidth\0float\0" + struct.pack("<if", 4, 1), struct.pack("<f", np.nan)),
+        (b"channels\0chlist\0", b"\0"),
+        (b"screenWindowCenter\0v2f\0", b"int\0"),
+    ],
+)
+def test_a_damaged_header_of_deep_pixels_is_refused(old, new, out, tmp_path):
+    path = deep(tmp_path / "a.exr", 1.0, 2.0)
+    data = path.read_bytes()
+    at = data.index(old) + len(old) + (4 if b"chlist" in old else -4)
+    path.write_bytes(data[:at] + new + data[at + len(new) :])
+    for words in (("info", path), ("render", path, "-o", out, *LENS)):
+        failed(run(*words), 3, "damaged", path)
+    assert not (out / "render").exists()
+
+
+@pytest.mark.parametrize("depths", [(np.nan, 2.0), (-1.0, 2.0), (np.nan, np.nan)])
+def test_the_remedy_of_deep_samples_without_depth_is_taken(depths, out, tmp_path):
+    ran = run("render", deep(tmp_path / "a.exr", *depths), "-o", out, *LENS)
+    assert ran.code == 3
+    assert "everywhere" not in ran.err
+    assert "--invalid" not in ran.err
+
+
+def test_a_depth_that_is_hardly_a_number_names_its_file(color, out, tmp_path):
+    np.save(tmp_path / "d.npy", np.full((16, 24), 1e-42, np.float32))
+    refused(run("render", color, tmp_path / "d.npy", "-o", out, *LENS), 3, "too-blurred", "d.npy")
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.tif"])
+@pytest.mark.parametrize("profile", [b"none" * 100, bytes(36) + b"acsp" + bytes(400)])
+def test_a_colour_profile_that_is_none_is_said_and_left_out(name, profile, depth, out, tmp_path):
+    path = save(tmp_path / name, np.full((16, 24, 3), 99, np.uint8), ICCProfile=profile)
+    ran = photograph(path, depth, "-o", out, "--format", "png")
+    assert "colour profile, which is damaged and left out" in ran.err
+    assert b"iCCP" not in (out / "render" / "a.png").read_bytes()
+
+
+@pytest.mark.parametrize("command", ["info", "depth", "status", "report", "merge"])
+def test_what_an_unexpected_error_asks_for_is_there(command, tmp_path, monkeypatch):
+    out = ("-o", tmp_path / "o.exr") * (command == "depth")
+    monkeypatch.setattr(entry.LazyGroup, "invoke", lambda self, ctx: 1 / 0)
+    for more in ((), ("-v",)):
+        ran = run(command, tmp_path, *out, *more)
+        assert "with what -v says" in ran.err
+        assert ("Traceback" in ran.err) == bool(more)
+    monkeypatch.undo()
+    assert "no such option" not in run(command, tmp_path, *out, "-v").err
+
+
+def test_a_full_stdout_is_said_once(depth, tmp_path):
+    command = [sys.executable, "-m", "defocus_cli", "info", depth, depth]
+    with Path("/dev/full").open("w") as full:
+        ran = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert ran.returncode == 3
+    assert ran.stderr.count("stdout: cannot be written") == 1
+
+
+def test_an_error_that_stderr_cannot_take_is_said_whole_on_stdout(tmp_path):
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (5, 5));"
+    command = [sys.executable, "-c", f"{limit} from defocus_cli.__main__ import run; run()"]
+    with (tmp_path / "err").open("w") as err:
+        ran = subprocess.run(
+            [*command, "info", "none.exr"], stdout=subprocess.PIPE, stderr=err, text=True
+        )
+    assert (ran.returncode, ran.stdout) == (
+        3,
+        "defocus: none.exr: no such file; check the name\n",
+    )

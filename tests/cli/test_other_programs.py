@@ -1,0 +1,242 @@
+"""Files as other programs write them: what their headers, names and sizes say is heeded."""
+
+import struct
+import zlib
+
+import numpy as np
+import OpenEXR
+import pytest
+from command_line import (
+    LENS,
+    header,
+    photograph,
+    read_exr,
+    refused,
+    render,
+    run,
+    succeed,
+    write_exr,
+)
+from image_files import SCANLINE, multi_part, png_chunk, random_planes, save
+from refusals import refuses
+
+from defocus_core.io.picture_files import read_color, read_depth
+from defocus_core.request.inputs import read_rows
+
+RAMP = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
+BUFFER = {"kind": "disparity", "range_mm": (100_000.0, 100.0)}
+
+
+@pytest.mark.parametrize(
+    ("numbers", "sky", "said", "expected"),
+    [
+        (RAMP, 1.0, BUFFER, RAMP == 1),
+        (RAMP, 0.0, {"kind": "disparity", "range_mm": (100.0, 100_000.0)}, RAMP == 0),
+        (RAMP, 0.1, {"kind": "depth", "range_mm": (20_000.0, 2_000.0)}, RAMP <= 0.1),
+        (RAMP, 0.9, {"kind": "depth", "range_mm": (2_000.0, 20_000.0)}, RAMP >= 0.9),
+        (-RAMP - 1, -1.5, {"scale": -1.0}, RAMP >= 0.5),
+    ],
+)
+def test_sky_is_the_far_end_wherever_that_is(numbers, sky, said, expected, tmp_path):
+    np.save(tmp_path / "a.npy", numbers.astype("f4"))
+    depth = read_depth(tmp_path / "a.npy", sky=sky, **said)
+    np.testing.assert_array_equal(np.isinf(depth.metres), expected)
+    assert not depth.warnings
+    none = read_depth(tmp_path / "a.npy", sky=sky * 0 + (-9 if expected[0, 0] else 9), **said)
+    assert np.isinf(none.metres).sum() in (0, none.metres.size)
+
+
+def test_an_option_that_marks_nothing_is_said(depth, color, out):
+    assert "--sky 1e+06 marks no pixel" in photograph(color, depth, "-o", out, "--sky", "1e6").err
+
+
+def test_a_focal_length_is_in_pixels_of_the_depth_file(color, tmp_path):
+    wall, focal = np.full((8, 12), 3.0), 10.0
+    y, x = np.mgrid[:8, :12] - np.array([3.5, 5.5])[:, None, None]
+    np.save(tmp_path / "r.npy", (wall * np.sqrt(x**2 + y**2 + focal**2) / focal).astype("f4"))
+    np.save(tmp_path / "d.npy", (focal * 0.1 / wall).astype("f4"))
+    how = ("--focal-px", "10", "--resize-depth", "nearest", "--outputs", "depth")
+    for name, more in (
+        ("r.npy", ("--radial",)),
+        ("d.npy", ("--depth-kind", "disparity", "--baseline", "100mm")),
+    ):
+        photograph(color, tmp_path / name, "-o", tmp_path / name[0], *how, *more)
+        np.testing.assert_allclose(
+            read_exr(tmp_path / name[0] / "depth" / "color.exr")["Z"], 3.0, 1e-5
+        )
+        assert "61.9°" in succeed("info", tmp_path / name, *how[:2], *more).out
+
+
+def test_one_view_of_two_aspects_is_stretched(tmp_path):
+    """Networks round the sides of a picture to multiples of 14 px."""
+    path, depth = tmp_path / "a.exr", tmp_path / "d.npy"
+    OpenEXR.File({**SCANLINE}, random_planes("RGB", (360, 640))).write(str(path))
+    write_exr(tmp_path / "m.exr", Y=np.ones((147, 259), "f4"))
+    how = ("--resize-depth", "nearest", "--outputs", "depth,render", "--matte", tmp_path / "m.exr")
+    np.save(depth, np.full((147, 259), 2.0, "f4"))
+    ran = photograph(path, depth, "-o", tmp_path / "o", *how)
+    told = header(tmp_path / "o" / "render" / "a.exr")["defocus:depth_read_as"]
+    assert "resized by nearest, stretched by 0.90%" in told
+    assert "m.exr: 259x147 px, stretched by 0.90%" in ran.err
+    np.save(depth, np.full((147, 250), 2.0, "f4"))
+    refused(render(path, depth, "-o", tmp_path / "p", *how), 3, "wrong-size", depth)
+
+
+def test_the_one_over_z_of_nuke_is_named(color, out, tmp_path):
+    header = {**SCANLINE, "nuke/version": "15.0"}
+    path = tmp_path / "z.exr"
+    OpenEXR.File(header, {"depth.Z": np.full((16, 24), 0.4, "f4")}).write(str(path))
+    for words in (("info", path), ("render", color, path, "-o", out, *LENS)):
+        ran = succeed(*words)
+        assert "nuke-scanline" in ran.out + ran.err
+
+
+def test_exr_of_relative_disparity_is_named_and_read(tmp_path):
+    near_below = np.broadcast_to(np.linspace(0, 40, 16, dtype="f4")[:, None], (16, 24))
+    path = write_exr(tmp_path / "a.exr", Z=near_below)
+    assert "depth-anything --depth-range" in succeed("info", path).out
+    for name in ("video-depth-anything", "depth-anything"):
+        depth = read_depth(path, format=name, kind="disparity", range_mm=(1000.0, np.inf))
+        assert np.isclose(depth.metres[-1, 0], 1)
+        assert np.isclose(depth.metres[-2, 0], 15 / 14)
+        assert np.isinf(depth.metres[0]).all()
+    with refuses("out-of-range"):
+        read_depth(path, kind="disparity", range_mm=(1000.0, np.inf))
+
+
+@pytest.mark.parametrize("hole", [0.0, np.nan])
+def test_negative_depth_with_holes_is_named_and_not_put_at_infinity(hole, color, out, tmp_path):
+    z = np.full((16, 24), -3.0, "f4")
+    z[:10] = hole
+    path = write_exr(tmp_path / "z.exr", Pz=z)
+    assert "houdini" in succeed("info", path).out
+    for more in ((), ("--invalid", "far"), ("--invalid", "fill")):
+        ran = run("render", color, path, "-o", out, *LENS, *more)
+        refused(ran, 3, "invalid-depth", path)
+        assert "houdini" in ran.err
+    np.save(tmp_path / "n.npy", np.zeros((16, 24), "f4"))
+    ran = run("render", color, tmp_path / "n.npy", "-o", out, *LENS, "--invalid", "far")
+    refused(ran, 3, "invalid-depth", tmp_path / "n.npy")
+
+
+def test_equal_channels_of_an_exr_are_one(color, out, tmp_path):
+    depth = np.full((16, 24), 2.5, "f4")
+    path = write_exr(tmp_path / "z.exr", R=depth, G=depth, B=depth)
+    assert (read_depth(path).metres == 2.5).all()
+    refused(run("render", path, "-o", out, *LENS), 3, "no-depth", path)
+    unequal = write_exr(tmp_path / "y.exr", R=depth, G=depth, B=depth + 1)
+    with refuses("no-depth"):
+        read_depth(unequal)
+
+
+def test_a_remedy_is_quoted(tmp_path):
+    one = np.ones((4, 5), "f4")
+    OpenEXR.File({**SCANLINE}, {"a b.Z": one, "c.Z": one}).write(str(tmp_path / "a.exr"))
+    with refuses("ambiguous", "‹depth-channel› 'a b.Z'"):
+        read_depth(tmp_path / "a.exr")
+    assert (read_depth(tmp_path / "a.exr", channel="a b.Z").metres == 1).all()
+
+
+def test_parts_keep_their_names(out, tmp_path):
+    one = np.full((24, 32), 2.0, "f4")
+    parts = {
+        "N": dict.fromkeys("XYZ", one * 0.1),
+        "rgba": random_planes("RGBA"),
+        "depth": {"Z": one},
+    }
+    path = multi_part(tmp_path / "a.exr", **parts)
+    photograph(path, "-o", out)
+    made = set(read_exr(out / "render" / "a.exr"))
+    assert made == {*"RGBA", "N.X", "N.Y", "N.Z", "depth.Z"}
+    named = {
+        f"rgba.{n}": p
+        for n, p in zip(("red", "green", "blue"), random_planes("RGB").values(), strict=True)
+    }
+    OpenEXR.File({**SCANLINE}, named).write(str(tmp_path / "b.exr"))
+    assert "layer rgba as RGB" in read_color(tmp_path / "b.exr").note
+
+
+def test_primaries_of_a_png_are_applied(tmp_path):
+    p3 = [0.3127, 0.329, 0.68, 0.32, 0.265, 0.69, 0.15, 0.06]
+    raw = b"".join(b"\0" + bytes([200, 100, 50] * 4) for _ in range(3))
+    chunks = [
+        (b"IHDR", struct.pack(">IIBBBBB", 4, 3, 8, 2, 0, 0, 0)),
+        (b"cHRM", struct.pack(">8I", *[round(x * 1e5) for x in p3])),
+        *((b"IDAT", zlib.compress(raw)), (b"IEND", b"")),
+    ]
+    path = tmp_path / "a.png"
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(png_chunk(*each) for each in chunks))
+    color = read_color(path)
+    assert "Display P3" in color.note
+    assert "chromaticities" in color.attributes
+
+
+def test_labels_of_a_relative_sharp_range_are_those_of_the_radii(color, out, tmp_path):
+    np.save(tmp_path / "d.npy", np.broadcast_to(np.linspace(0, 10, 24, dtype="f4"), (16, 24)))
+    how = ("--blur", "10px", "--focus-value", "5", "--sharp-range", "3..10")
+    ran = run("render", color, tmp_path / "d.npy", "-o", out, *how, "--outputs", "coc")
+    assert ran.code == 0, ran.err
+    radii = read_exr(out / "coc" / "color.exr")["coc"]
+    assert f"CoC {radii.min():.2f} to {radii.max():.2f} px" in ran.err
+
+
+def test_info_of_a_pair_tells_the_radii_of_the_picture(depth, tmp_path):
+    planes = random_planes("RGB", (32, 48))
+    OpenEXR.File({**SCANLINE}, planes).write(str(tmp_path / "big.exr"))
+    for files in ((tmp_path / "big.exr", depth), (depth, tmp_path / "big.exr")):
+        told = succeed("info", *files, "--json", *LENS).json["files"]
+        (of_pair,) = [each["depth"] for each in told if each["depth"]]
+        (alone,) = succeed("info", depth, "--json", *LENS).json["files"]
+        assert of_pair["coc_of"] == [48, 32]
+        np.testing.assert_allclose(of_pair["coc_px"], np.multiply(alone["depth"]["coc_px"], 2))
+        assert "px of 48x32" in succeed("info", *files, *LENS).out
+
+
+def test_names_with_brackets_that_are_there_are_no_patterns(tmp_path):
+    folder = tmp_path / "[2024] shoot"
+    write_exr(folder / "img[1].exr", R=RAMP, G=RAMP, B=RAMP, Z=RAMP + 1)
+    lens = '[lens]\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\n'
+    for number, name in enumerate(
+        ("[2024] shoot/img[1].exr", "[2024] shoot", "[2024] shoot/*.exr")
+    ):
+        jobs = tmp_path / f"{number}.toml"
+        jobs.write_text(f'[inputs]\ncolor = "{name}"\ndepth = "{name}"\n{lens}')
+        succeed("batch", jobs, "-o", tmp_path / f"out{number}")
+    jobs.write_text(f'[inputs]\ncolor = "no*.exr"\ndepth = "no*.exr"\n{lens}')
+    refused(run("batch", jobs, "-o", tmp_path / "out"), 3, "empty", tmp_path / "no*.exr")
+
+
+def test_a_quoted_pattern_says_that_it_matches_nothing(depth, out, tmp_path):
+    ran = run("render", tmp_path / "no*.png", depth, "-o", out, *LENS)
+    refused(ran, 3, "not-found", tmp_path / "no*.png")
+    assert "matches nothing" in ran.err
+
+
+@pytest.mark.parametrize("field", ["####", "%04d", "$F4", "@@@@"])
+def test_frames_are_numbered_as_other_programs_do(field, tmp_path):
+    for number in (1001, 1002):
+        write_exr(tmp_path / f"a.{number}.exr", R=RAMP, G=RAMP, B=RAMP, Z=RAMP + 1)
+    told = succeed("info", tmp_path / f"a.{field}.exr", "--json").json["shots"]
+    assert told[0]["frames"] == [1001, 1002]
+
+
+def test_a_codec_that_is_missing_is_no_damage(tmp_path):
+    path = save(tmp_path / "a.tif", np.full((16, 24, 1), 2000, np.uint16), compression="none")
+    data = bytearray(path.read_bytes())
+    (at,) = struct.unpack_from("<I", data, 4)
+    tags = range(at + 2, at + 2 + 12 * struct.unpack_from("<H", data, at)[0], 12)
+    (place,) = [tag for tag in tags if struct.unpack_from("<H", data, tag) == (259,)]
+    struct.pack_into("<H", data, place + 8, 34661)  # JBIG
+    path.write_bytes(data)
+    with refuses("unsupported", "codec", path=path):
+        read_depth(path)
+
+
+def test_semicolons_are_told_to_be_commas(color, depth, out, tmp_path):
+    (tmp_path / "a.csv").write_text("frame;focus\n1;2m\n")
+    (tmp_path / "b.csv").write_text("color;depth\na.png;b.png\n")
+    with refuses("malformed", "write commas"):
+        list(read_rows(tmp_path / "b.csv", "list of pictures", ""))
+    ran = run("render", color, depth, "-o", out, *LENS, "--animate", tmp_path / "a.csv")
+    assert ran.error.code == "malformed"
+    assert "write commas" in ran.err

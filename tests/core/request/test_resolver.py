@@ -1,0 +1,140 @@
+"""Options stand in layers, of which the later win, and are checked once all are known."""
+
+import math
+from pathlib import Path
+
+import pytest
+from refusals import refuses, refuses_as
+
+from defocus_core.errors import CALLER, Place
+from defocus_core.io.shots import lens_metadata
+from defocus_core.io.shots.lens_metadata import OptionFromMetadata
+from defocus_core.request.job import Picture
+from defocus_core.request.lens import Lens
+from defocus_core.request.picture_lenses import PictureLenses
+from defocus_core.request.resolver import (
+    ROWS,
+    Given,
+    laid_over,
+    layer_of,
+    reading_of,
+    refuse_contradiction,
+)
+
+FLAGS = {"focal-length": "50mm", "fnumber": "2", "focus": "2m"}
+OTHER_WAYS = 'focal-length = "50mm"\naperture-diameter = "25mm"\nfocus-at = [3, 4]\n'
+TURNED = "blade-rotation = 30\n"
+
+
+def lens_of(flags, file):
+    own = {name: Given(text, CALLER.at(name)) for name, text in flags.items() if text is not None}
+    refuse_contradiction(own)
+    return PictureLenses(own, file=file).fixed
+
+
+def lens_file(folder, text):
+    path = folder / "lens.toml"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "flags", "lens"),
+    [
+        (
+            'focal-length = "5cm"\nfnumber = 2\nfocus = "2m"\nblades = 6\nblade-rotation = 15\n',
+            {},
+            Lens(50.0, 2.0, 2000.0, blades=6, blade_rotation=15.0),
+        ),
+        (
+            "",
+            {"focal-length": "50mm", "aperture-diameter": "25mm", "focus": "2m"},
+            Lens(50.0, 2.0, 2e3),
+        ),
+        ('\ufefffocal-length = "50mm"\n', {"fnumber": "2", "focus": "2m"}, Lens(50.0, 2.0, 2e3)),
+        (
+            'focal-length = "85mm"\nfnumber = 4\nfocus = inf\n',
+            {"fnumber": "2"},
+            Lens(85.0, 2.0, math.inf),
+        ),
+        (OTHER_WAYS, {}, Lens(50.0, 2.0, None, focus_at=(3, 4))),
+        (OTHER_WAYS, {"fnumber": "8", "focus": "1m"}, Lens(50.0, 8.0, 1e3)),
+        (TURNED, {**FLAGS, "blades": "5"}, Lens(50.0, 2.0, 2e3, blades=5, blade_rotation=30.0)),
+        (f"blades = 6\n{TURNED}", {**FLAGS, "blades": "0"}, Lens(50.0, 2.0, 2e3)),
+    ],
+)
+def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(text, flags, lens, tmp_path):
+    assert lens_of(flags, lens_file(tmp_path, text)) == lens
+
+
+@pytest.mark.parametrize(
+    ("text", "change", "refusal"),
+    [
+        *(("", {name: None}, f"missing-option {name}") for name in FLAGS),
+        ("", {"aperture-diameter": "25mm"}, "contradiction fnumber"),
+        ("", {"focus-at": "1,1"}, "contradiction focus"),
+        ('fnumber = 2\naperture-diameter = "25mm"\n', {"fnumber": None}, "contradiction fnumber"),
+        ("", {"focus": "49mm"}, "out-of-range focus"),
+        ("", {"focus": "50mm"}, "out-of-range focus"),
+        ("", {"blade-rotation": "30"}, "idle-option blade-rotation"),
+        ("", {"blades": "0", "blade-rotation": "30"}, "idle-option blade-rotation"),
+        (TURNED, {}, "idle-option blade-rotation"),
+        (f"blades = 0\n{TURNED}", {}, "idle-option blade-rotation"),
+        ("[lens]", {}, "unknown-name"),
+        ("iso = 100", {}, "unknown-name"),
+        ("focal-length = 50", {}, "malformed focal-length"),
+        ("focus-at = [1, 2, 3]", {}, "malformed focus-at"),
+        ("blades = 2", {}, "malformed blades"),
+        ("blades = true", {}, "malformed blades"),
+        ("fnumber = 2\nfocus 2m\n", {}, "malformed"),
+    ],
+)
+def test_what_makes_no_lens_is_refused_with_its_option(text, change, refusal, tmp_path):
+    with refuses_as(refusal):
+        lens_of({**FLAGS, **change}, lens_file(tmp_path, text))
+
+
+def test_a_file_that_is_not_there_is_input(tmp_path):
+    for path, code in ((tmp_path / "no.toml", "not-found"),):
+        with refuses(code, path=path):
+            lens_of(FLAGS, path)
+
+
+def layer(**values):
+    rows = {name.replace("_", "-"): value for name, value in values.items()}
+    return layer_of(rows, ROWS, Place(Path("folder/list.csv"), "line 3").at)
+
+
+def test_later_layers_win_and_take_the_alternatives_along():
+    below = layer(fnumber=2, blades=6, blade_rotation=10)
+    above = layer(aperture_diameter="25mm", blades=0)
+    assert laid_over(below, above) == above
+    assert reading_of(layer(radial=True), layer(planar=True)).geometry == "planar"
+    with refuses("contradiction", field="radial"):
+        layer(radial=True, planar=True)
+
+
+def test_paths_are_relative_to_the_file_they_stand_in():
+    assert layer(aperture_image="pupil.png")["aperture-image"].text == "folder/pupil.png"
+
+
+def test_metadata_win_over_a_lens_file_and_all_else_over_metadata(tmp_path, monkeypatch):
+    said = {
+        "focus": OptionFromMetadata("3m", "focus"),
+        "fnumber": OptionFromMetadata("4", "aperture"),
+    }
+    monkeypatch.setattr(lens_metadata, "lens_of", lambda path, metres: said)
+    file = lens_file(tmp_path, 'focal-length = "50mm"\nfnumber = 2\nfocus = "9m"\n')
+    picture = Picture("a", Path("a.exr"), Path("z.exr"))
+    lenses = PictureLenses(layer(fnumber=8), file=file, metadata=True)
+    lens, taken = lenses.of(picture)
+    assert (lens.foclen, lens.fnum, lens.foc_dist, [*taken]) == (50, 8, 3000, ["focus"])
+    ((_, own),) = lenses.lenses(picture, [0], layer(focus="5m"))
+    assert own.foc_dist == 5000
+
+
+def test_what_a_lens_file_says_in_vain_beside_radii_is_said(tmp_path, caplog):
+    file = lens_file(tmp_path, 'focal-length = "50mm"\nfnumber = 2\nblades = 6\n')
+    lens = PictureLenses({}, file=file, radii=True).fixed
+    assert (lens.is_shape, lens.blades) == (True, 6)
+    assert "focal-length, fnumber left out" in caplog.text
