@@ -144,8 +144,7 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     device, each = pyramid_level.first.data.device, size[0] * size[1]
     count = math.prod(pyramid_level.shape[:-2]) * each
     if count <= (_FEW_THERE if launches_cost(device) else _FEW):
-        held = _every(pyramid_level, (down, across), overlapping)
-        dense, near = _apart(*held, alike)
+        dense, near = _apart(*_every(pyramid_level, (down, across), overlapping), alike)
         is_edge = near.maximum > -torch.inf
         second_index = torch.where(is_edge, torch.arange(count, device=device), -1)
         return PyramidLevel(

@@ -9,8 +9,9 @@ from tolerances import RENDERED
 
 from defocus_core import render
 from defocus_core.renderer.layers import quality
-from defocus_core.renderer.layers.samples import SurfaceSamples
-from defocus_core.renderer.layers.sliced_surface import Surface
+from defocus_core.renderer.layers.layer import Layer
+from defocus_core.renderer.layers.slice_radii import slice_position
+from defocus_core.renderer.layers.sliced_surface import Surface, SurfaceSamples
 from defocus_core.tensors import box as tiling
 from defocus_core.tensors.box import Box, grid_over
 from defocus_core.tensors.pyramid import axes, extended, halved, halves
@@ -44,14 +45,14 @@ def test_a_slice_is_averaged_as_its_pixels_are(size, level):
     color, coverage = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
     places = torch.full(size, 2.0, dtype=torch.float64)
     places[5:17, 9:30] = 0.25
-    at = torch.tensor([[6, 8], [6, 8], [0, W - 1], [H - 1, 0]])
-    extra = torch.rand(4, 4, generator=generator, dtype=torch.float64)
-    extra_places = torch.tensor([0.0, 0.75, 0.5, 2.0], dtype=torch.float64)
-    samples = SurfaceSamples(color, coverage, places, at, extra, extra_places, None, None)
-    surface = Surface(samples, [4, 4, 4], [0, 1, 1], grid_over(H, W), 4, 200)
+    extra, share = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
+    share = share * (torch.rand(size, generator=generator) < 0.02)
+    radius, radii = torch.full(size, 1.0, dtype=torch.float64), (0.0, 2.0, 4.0)
+    nearer = Layer(extra, share, radius, sparse=True)
+    samples = SurfaceSamples([Layer(color, coverage, places), nearer], places)
+    surface = Surface(samples, radii, [4, 4, 4], [0, 1, 1], grid_over(H, W), 4, 200)
     whole = torch.cat([color * coverage, coverage]) * (1 - places).clamp(min=0)
-    for (y, x), values, share in zip(at.tolist(), extra, (1.0, 0.25, 0.5, 0.0), strict=True):
-        whole[:, y, x] += values * share
+    whole += torch.cat([extra * share, share]) * (1 - slice_position(radius, radii)).clamp(min=0)
     middle = axes(size)
     down, across = middle
     for _ in range(level):
