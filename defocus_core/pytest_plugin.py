@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _FOLDER = "goldens"
 _KEPT = pytest.StashKey[Path]()  # the folder that checks are kept in for the report
+_OWNERS = pytest.StashKey[dict[Path, str]]()
 _SAID = pytest.StashKey[str]()  # where the report is
 _WORD = "defocus_goldens"
 
@@ -31,7 +32,7 @@ _WORD = "defocus_goldens"
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add ``--golden-update``."""
     group = parser.getgroup("defocus")
-    text = "accept the pictures of golden.check() as the new goldens"
+    text = "make pictures that fail golden.check() the new goldens"
     group.addoption("--golden-update", action="store_true", help=text)
 
 
@@ -93,11 +94,19 @@ class Golden:
         update: whether pictures are accepted.
         test: the name that pytest has for the test.
         kept: the folder that checks are kept in for a report; None if there is to be none.
+        owners: the test of each golden that was looked at in this run.
     """
 
     def __init__(
-        self, folder: Path, *, update: bool, test: str = "", kept: Path | None = None
+        self,
+        folder: Path,
+        *,
+        update: bool,
+        test: str = "",
+        kept: Path | None = None,
+        owners: dict[Path, str] | None = None,
     ) -> None:
+        self.owners: dict[Path, str] = {} if owners is None else owners
         self.folder, self.update, self.test, self.kept = folder, update, test, kept
         self._checked: set[str] = set()
 
@@ -143,7 +152,7 @@ class Golden:
             UsageProblem: a region is not within the picture, or the file makes no sense.
         """
         from defocus_core.compare.comparison import planes_of
-        from defocus_core.compare.record import EXTRA, CompareSettings, Comparison
+        from defocus_core.compare.record import EXTRA, UNREADABLE, CompareSettings, Comparison
         from defocus_core.compare.selection import CropRegion
         from defocus_core.errors import InputError
         from defocus_core.reports.comparison_words import line
@@ -162,17 +171,24 @@ class Golden:
         if not all(part.strip(".") for part in name.split("/")):
             raise ValueError(f"name must be that of a file below {self.folder}, got '{name}'")
         golden = self._place(f"{name}{source.suffix if source else '.exr'}")
-        if self.update:
-            _accept(self.folder, golden, image if source is None else source)
-            return
         picture = planes_of(image) if source is None else source
         if not golden.exists():
+            if self.update:
+                _accept(self.folder, golden, image if source is None else source)
+                return
             self._keep(Comparison(name, None, None, EXTRA), golden, picture)
-            pytest.fail(f"{golden}: there is no such golden; make it with pytest --golden-update")
+            lacks = "there is no such golden; make it with pytest --golden-update"
+            pytest.fail(f"{golden}: {lacks}", pytrace=False)
         try:
             record = _compared(golden, picture, name, rules, settings)
         except InputError as error:
-            pytest.fail(str(error), pytrace=False)
+            if not self.update:
+                pytest.fail(str(error), pytrace=False)
+            record = Comparison(name, golden, None, UNREADABLE)
+        if self.update:
+            if not record.passes:  # what passes stays, byte for byte
+                _accept(self.folder, golden, image if source is None else source)
+            return
         self._keep(record, golden, picture)
         if not record.passes:
             told = [line(replace(record, proposal=""))]
@@ -192,11 +208,16 @@ class Golden:
         self._checked.add(name)
 
         try:
-            return Folder(self.folder).path(name)
+            place = Folder(self.folder).path(name)
         except OSError as error:
             raise ValueError(
                 f"name must be that of a file below {self.folder}: {reason(error)}"
             ) from None
+        owner = self.owners.setdefault(place, self.test)
+        if self.update and owner != self.test:
+            both = f"is the golden of {owner}, too; give one of both another name"
+            pytest.fail(f"{place}: {both}", pytrace=False)
+        return place
 
     def _keep(self, record: Comparison, golden: Path, picture: Any) -> None:
         """Keep a check for the report, by the path of its golden."""
@@ -214,7 +235,8 @@ def golden(request: pytest.FixtureRequest) -> Golden:
     update = bool(request.config.getoption("--golden-update"))
     kept = request.config.stash.get(_KEPT, None)
     folder = file.parent / _FOLDER / file.stem
-    return Golden(folder, update=update, test=request.node.nodeid, kept=kept)
+    owners = request.config.stash.setdefault(_OWNERS, {})
+    return Golden(folder, update=update, test=request.node.nodeid, kept=kept, owners=owners)
 
 
 def _rules(

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from defocus_core.compare.findings.choice import diagnose
 from defocus_core.compare.findings.finding import Finding, is_place
-from defocus_core.compare.findings.tone import clipped_light, may_be_cut_below
+from defocus_core.compare.findings.tone import clipped_light, lost_channels, may_be_cut_below
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges, measure_flip
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import DecodedPicture, color_layers, in_linear_light, read_picture
@@ -60,6 +60,7 @@ _NEVER_SILENT = (
     "deep samples",
     "other primaries declared",
 )  # findings that are a warning if no rule fails
+_SMALL = 0.1  # scale of values below which rounding is a share of it
 _SEEN = 0.5 / 255  # half a step of 8 bits, on the scale of hdr
 # Attributes that differ from run to run: times, and the program that wrote a file.
 _OF_A_RUN = ("capdate", "*date", "date*", "*datetime*", "time", "*time*", "software", "utcoffset")
@@ -275,7 +276,22 @@ def _compared(
     if (a.gamma, a.associated) != (b.gamma, b.associated):
         a, b = in_linear_light(a), in_linear_light(b)
     pixels, corner = _pixels(a, b, common, settings)
+    rules = _of_small_values(rules, pixels)
     return _judged(record, pixels, corner, (a, b), rules, settings, strict=strict), pixels
+
+
+def _of_small_values(rules: Rules, pixels: Pixels) -> Rules:
+    """Rules whose bound for rounding follows the scale of A, where all its values are small."""
+    if ROUNDING not in rules.fail:
+        return rules
+    finite = (np.abs(plane[np.isfinite(plane)]) for plane in pixels.a)
+    scales = [np.percentile(values, 99.9) for values in finite if values.size]
+    scale = max(map(float, scales), default=0.0)
+    if not 0 < scale < _SMALL:
+        return rules
+    bound = ROUNDING.bound * scale
+    small = replace(ROUNDING, bound=bound, text=f"{ROUNDING.metric}>{bound:.2g}")
+    return replace(rules, fail=tuple(small if each == ROUNDING else each for each in rules.fail))
 
 
 def _pixels(
@@ -334,7 +350,8 @@ def _judged(
     metrics, near = _measured(record, pixels, corner, rules, settings, differing=differing)
     findings = [*record.findings, *nonfinite.findings()]
     if differing:
-        findings += clipped_light(pixels)
+        findings += [*lost_channels(pixels), *clipped_light(pixels)]
+        strict |= any(finding.name == "empty" for finding in findings)
     names = [finding.name for finding in findings]
     wants = any(_is_open(each, names, pixels) for each in (*rules.fail, *rules.warn))
     decided = any(each.is_met(metrics, ()) is not None for each in rules.fail if each.metric)
@@ -350,8 +367,7 @@ def _judged(
     if suspect and differing:
         metrics = {**measure(pixels, over=rules.over), **metrics}
     names = [finding.name for finding in findings]
-    failed = _met(rules.fail, metrics, names)
-    warned = _met(rules.warn, metrics, names)
+    failed, warned = (_met(each, metrics, names) for each in (rules.fail, rules.warn))
     warned += tuple(
         f"found:{n}" for n in names if n.startswith(_NEVER_SILENT) and not failed and not warned
     )

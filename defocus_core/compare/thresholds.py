@@ -14,7 +14,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from defocus_core.compare.findings.finding import FINDINGS
+from defocus_core.compare.findings.table import FINDINGS
 from defocus_core.compare.metrics import METRICS
 from defocus_core.errors import Place, UsageProblem, did_you_mean
 from defocus_core.request.quantities import QuantityError, read_at

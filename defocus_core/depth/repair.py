@@ -261,6 +261,9 @@ def _muted(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bo
 
 # Half width in px of the square in which the silhouette, and the radii of its sides, are found.
 _AROUND_MATTE = 8
+# Px by which a subject may be farther than the rest and is taken as nearer: on a slope both are as
+# near, and rounding would decide.
+_NEARER = 0.0313
 
 
 class _Range(NamedTuple):
@@ -284,7 +287,8 @@ def with_matte(signed_radius: Tensor, matte: Tensor) -> Tensor:
         _Range(*(torch.where(subject, a, b) for a, b in zip(one, two, strict=True)))
         for one, two in ((of_subject, of_rest), (of_rest, of_subject))
     )
-    is_near = own.mean < other.mean
+    subject_is_near = of_subject.mean < of_rest.mean + _NEARER
+    is_near = subject == subject_is_near
     radius = torch.where(is_near, own.nearest, own.farthest)
     apart = radius - torch.where(is_near, other.farthest, other.nearest)
     return torch.where(own.known & other.known & (apart.abs() > EDGE), radius, signed_radius)

@@ -136,3 +136,23 @@ def test_a_golden_that_is_a_pointer_of_git_lfs_is_named_as_that(project):
     assert "is a Git LFS pointer, not the file that it stands for; run: git lfs pull" in said
     assert "Traceback" not in said
     assert "InputError" not in said
+
+
+def test_an_update_rewrites_only_what_fails(project):
+    golden = project / "goldens" / "test_it" / "noise" / "a.exr"
+    before = golden.read_bytes()
+    assert passes(project, "--golden-update", expression="image + np.float32(9e-5)") is None
+    assert golden.read_bytes() == before
+
+
+def test_two_tests_of_one_name_are_refused_when_updating(project):
+    twin = 'image, "noise/a")\n\ndef test_another(golden):\n    golden.check(image * 2'
+    said = str(passes(project, "--golden-update", expression=twin))
+    assert "is the golden of test_it.py::test_a_picture, too" in said
+
+
+def test_small_values_are_judged_by_their_own_scale(project):
+    assert passes(project, "--golden-update", expression="image * np.float32(8e-5)") is None
+    assert passes(project, expression="image * np.float32(8e-5)") is None
+    assert "empty" in str(passes(project, expression="image * 0"))
+    assert "fails max>8e-09" in str(passes(project, expression="image * np.float32(4e-5)"))

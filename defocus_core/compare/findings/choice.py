@@ -7,17 +7,17 @@ is, if it has one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
-from defocus_core.compare.findings.geometry import GEOMETRY, LocatedPair, place_of
-from defocus_core.compare.findings.softness import SOFTNESS, SPREAD
-from defocus_core.compare.findings.tone import TONE
-from defocus_core.compare.findings.traces import TRACES
+from defocus_core.compare.findings.places import LocatedPair, place_of
+from defocus_core.compare.findings.softness import has_room, is_large
+from defocus_core.compare.findings.table import CAUSES, Cause
 from defocus_core.compare.pairing import partners
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels
@@ -37,8 +37,14 @@ _OF_NUMBERS = {
 _SPREADS = ("another CoC", "another CoC or bokeh shape", "spread otherwise")
 _LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
 _PLACED_TOO = "spread otherwise"  # says how, and no cause
-# Families of causes, the cheapest first: a later one is tried where the earlier leave something.
-FAMILIES = (TONE, (*GEOMETRY, *TRACES), SOFTNESS, SPREAD)
+_NEEDS: dict[str, Callable[[Evidence], bool]] = {
+    "": lambda evidence: True,
+    "light": lambda evidence: bool(evidence.pixels.color),
+    "room": has_room,
+    "noise": is_large,
+}
+_LEFT_OF_FEW = 0.06  # greatest share that a cause leaves of a picture of few pixels
+_LAST_TURN = 3
 _RIVAL = 0.8  # greatest share that a cause leaves of what each of its rivals leaves
 _FLOOR = 0.02  # left by causes that both explain all
 _CERTAIN = 0.03  # left of a difference, below which nothing else is tried
@@ -52,7 +58,8 @@ def diagnose(
     coc: Path | None = None,
 ) -> list[Finding]:
     """The cause of the differences of a pair that has some, or their place, or nothing."""
-    evidence = Evidence(pixels, b.types, _others(pixels, a.path))
+    codecs = a.layout.get("compression", ""), b.layout.get("compression", "")
+    evidence = Evidence(pixels, b.types, _others(pixels, a.path), codecs)
     old, new = (evidence.scaled(side) for side in evidence.sampled)
     if old.size and float(abs(new - old).max()) < _LAST_BITS:
         return []
@@ -71,14 +78,25 @@ def diagnose(
 
 
 def _chosen(evidence: Evidence) -> Explanation | None:
-    """The explanation that leaves least; the dear ones are tried where it leaves something."""
+    """The explanation that leaves least; later turns are tried where it leaves something."""
     good: list[Explanation] = []
     chosen = None
-    for family in FAMILIES:
-        if chosen is None or (chosen.rank > _CERTAIN and family is not SPREAD):
-            good += [each for cause in family for each in cause.explanations(evidence)]
+    for turn in range(_LAST_TURN + 1):
+        if chosen is None or (chosen.rank > _CERTAIN and turn < _LAST_TURN):
+            rows = [row for row in CAUSES if row.turn == turn]
+            good += [each for row in rows for each in _explanations(row, evidence)]
             chosen = min(good, key=lambda each: each.rank, default=None)
     return None if chosen is None else among_rivals(chosen, good)
+
+
+def _explanations(row: Cause, evidence: Evidence) -> Iterator[Explanation]:
+    """The fits of a cause to a pair that explain enough to be named."""
+    limit = min(row.left, _LEFT_OF_FEW) if evidence.is_small else row.left
+    if _NEEDS[row.needs](evidence) and (row.local or not evidence.is_rectangle):
+        module, _, name = row.model.partition(".")
+        model = getattr(import_module(f"{__package__}.{module}"), name)
+        fits = (each for each in model(evidence) if each.left <= limit)
+        yield from (replace(each, rivals=row.rivals) for each in fits)
 
 
 def among_rivals(chosen: Explanation, good: Sequence[Explanation]) -> Explanation:

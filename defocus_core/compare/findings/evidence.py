@@ -9,8 +9,8 @@ no explanation predicts, counts neither for nor against one.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -31,11 +31,14 @@ _GRID = 16  # px that its corner is a multiple of, so that tiles, blocks and coa
 _BLOCK = 16  # px of the blocks that take turns: one chooses parameters, the next measures
 _LARGEST = 1e30  # value that is looked at: beyond it, arithmetic in float32 overflows
 LOSSY = (3.5 / 255) ** 2  # power of the strongest noise of a codec
-# Largest share of a difference that an explanation may leave, if it is to be named.
-LEFT = 0.4
-EXACT = 0.15  # the same for what predicts all values
-LEFT_OF_FEW = 0.06  # the same of a picture of few pixels
 _SIGNAL = 1.3  # least power of a difference, by that of the noise in it
+_FORGIVEN = 0.15  # share of the power of a difference that may be noise, where no codec loses
+_PART_OF = 0.6  # greatest share of a picture that a rectangle of it has
+_LEVELS = 32  # of a curve
+_STILL = 0.2  # greatest share of a predicted change that lies where the pictures are equal
+# Differences that a file may round away, on the scale of differences: absolute, and relative.
+_QUANTA = {"uint8": (0.75 / 255, 0.0), "uint16": (0.75 / 65535, 0.0), "half": (1e-4, 2e-3)}
+_LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
 # RMS of what number types round off: of 0…1 for integers, as a share of the level for others.
 _STEPS = {"uint8": 0.35 / 255, "uint16": 0.35 / 65535}
 _RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
@@ -52,10 +55,8 @@ class Explanation:
     # Its parameters, for programs
     values: Mapping[str, Any] = field(default_factory=dict)
     cost: float = 0.0  # what is added to ``left`` where causes compete: more for more parameters
-    # The word for it and all that can make the same picture, which is said where two of them
-    # explain about as much; empty if there are none
-    rivals: str = ""
     text: str = ""  # the words, where they do not begin with the name
+    rivals: str = ""  # as of its row in the table of causes
 
     @property
     def rank(self) -> float:
@@ -68,23 +69,6 @@ class Explanation:
         return Finding(self.name, self.text or self.name + self.how, self.values)
 
 
-@dataclass(frozen=True)
-class Cause:
-    """A row of the table of causes."""
-
-    model: Callable[[Evidence], Iterator[Explanation]]  # fits it to a pair, in one way or several
-    limit: float = LEFT  # the largest share of a difference that it may leave, if it is to be named
-    rivals: str = ""  # as of `Explanation`
-    needs: Callable[[Evidence], bool] | None = None  # whether a pair can have it; None for all
-
-    def explanations(self, evidence: Evidence) -> Iterator[Explanation]:
-        """The fits of this cause to a pair that explain enough to be named."""
-        limit = min(self.limit, LEFT_OF_FEW) if evidence.is_small else self.limit
-        if self.needs is None or self.needs(evidence):
-            fits = (each for each in self.model(evidence) if each.left <= limit)
-            yield from (replace(each, rivals=self.rivals) for each in fits)
-
-
 class Evidence:
     """A pair as explanations see it.
 
@@ -93,6 +77,7 @@ class Evidence:
         gamma: as of `Pixels`.
         types: number types of B.
         others: channels of files beside that of A, by the finding that B is one of these.
+        codecs: compression of the files of A and of B.
         is_small: whether there are so few pixels that what explains half of them may be chance.
     """
 
@@ -101,8 +86,9 @@ class Evidence:
         pixels: Pixels,
         types: Mapping[str, str],
         others: Mapping[str, Mapping[str, NDArray[Any]]],
+        codecs: tuple[str, str] = ("", ""),
     ) -> None:
-        self.pixels, self.others = pixels, others
+        self.pixels, self.others, self.codecs = pixels, others, codecs
         self.is_small = pixels.a[0].size < _FEW
         self.names = tuple(n for n, most in pixels.differences.largest.items() if most)
         self.gamma = pixels.gamma
@@ -218,6 +204,82 @@ class Evidence:
         a, b = (self.scaled(side) for side in self.sampled)
         return b, b - a
 
+    @cached_property
+    def lossy(self) -> float:
+        """The power of noise that a codec may have left; all is possible in 8 bits."""
+        return LOSSY if "uint8" in self.types or set(self.codecs) & _LOSSY_CODECS else 0.0
+
+    @property
+    def loses(self) -> bool:
+        """Whether the codec of B loses something, and that of A does not."""
+        return self.codecs[1] in _LOSSY_CODECS and self.codecs[0] not in _LOSSY_CODECS
+
+    @cached_property
+    def noise(self) -> float:
+        """The greatest power of noise that a model of the samples may leave.
+
+        A curve of each channel is the freest model of values in place: what it leaves, and
+        neighbours do not share, is noise to all of these.
+        """
+        aim, whole = self._aim
+        rest = np.zeros((len(whole), len(self.places[0])))
+        for k, (level, change) in enumerate(zip(aim - whole, whole, strict=True)):
+            ends = np.quantile(level, np.linspace(0, 1, _LEVELS + 1)[1:-1])
+            place = np.searchsorted(ends, level)
+            counts = np.bincount(place, minlength=_LEVELS)
+            means = np.bincount(place, change, _LEVELS) / np.maximum(counts, 1)
+            rest[k] = change - means[place]
+        half = len(self.places[0]) // 2
+        pair = rest[:, :half], rest[:, half:]
+        every = _power(whole[:, :half], whole[:, half:])
+        unshared = _unshared(*pair)
+        return min(unshared, max(self.lossy, _FORGIVEN * every))
+
+    @cached_property
+    def _quantum(self) -> tuple[float, float]:
+        found = [_QUANTA.get(kind, (1e-6, 1e-5)) for kind in self.types]
+        return max(each[0] for each in found), max(each[1] for each in found)
+
+    @cached_property
+    def _still(self) -> NDArray[np.bool_]:
+        """Samples [N] that are equal in A and B, and not at a bound of the file."""
+        still: NDArray[np.bool_] = self.pixels.greatest[self.places] == 0
+        return still & self.steady.all(axis=0)
+
+    @cached_property
+    def window(self) -> tuple[int, int, int, int]:
+        """The first row and column that differ, and those after the last."""
+        rows, columns = (np.flatnonzero((self.pixels.greatest > 0).any(axis=k)) for k in (1, 0))
+        return int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1
+
+    @cached_property
+    def is_rectangle(self) -> bool:
+        """Whether what differs is a rectangle: its outermost lines differ as all of it does."""
+        top, left, bottom, right = self.window
+        inside = self.pixels.greatest[top:bottom, left:right] > 0
+        if inside.size > _PART_OF * self.pixels.greatest.size or min(inside.shape) < 4:
+            return False
+        lines = (inside[0], inside[-1], inside[:, 0], inside[:, -1])
+        return min(float(line.mean()) for line in lines) > 0.5 * float(inside.mean()) > 0.1
+
+    @cached_property
+    def changed_share(self) -> float:
+        """Share of the pixels that differ."""
+        return float(np.count_nonzero(self.pixels.greatest) / self.pixels.greatest.size)
+
+    def _changes_still(self, change: NDArray[Any], level: NDArray[Any], used: Any) -> bool:
+        """Whether a predicted change [C, N] would have changed pixels that are equal."""
+        absolute, relative = self._quantum
+        change = np.where(np.abs(change) > absolute + relative * np.abs(level), change, 0.0)
+        power = np.square(change, dtype="f8").mean(axis=0)
+        still = self._still & (used if used.ndim == 1 else used.all(axis=0))
+        apart = ~self._still
+        if not still.any() or not apart.any():
+            return False
+        p = self.changed_share  # pixels that differ are sampled more often
+        equal, other = (1 - p) * float(power[still].mean()), p * float(power[apart].mean())
+        return equal > _STILL * (equal + other) > 0.0
+
     def left(
         self,
         predicted: NDArray[Any],  # [C, N] at the sampled pixels
@@ -240,8 +302,11 @@ class Evidence:
             and np.square(whole[used]).sum() < 0.3 * np.square(whole[tested]).sum()
         ):
             return math.inf
-        before, after = (_pairs(side, used) for side in (whole, self.scaled(predicted) - aim))
-        return unexplained(before, after, self.step, 0.0 if exact else LOSSY)
+        shown = self.scaled(predicted)
+        if self._changes_still(shown - (aim - whole), aim, used):
+            return math.inf
+        before, after = (_pairs(side, used) for side in (whole, shown - aim))
+        return unexplained(before, after, self.step, 0.0 if exact else self.noise)
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
@@ -274,11 +339,25 @@ class Evidence:
         self,
         predicted: NDArray[Any],
         where: NDArray[np.bool_] | None = None,
-        lossy: float = LOSSY,
+        noise: float | None = None,
     ) -> float:
         """Share of the difference of the frame that is left if its light were as predicted."""
+        if self._changes_still_frame(predicted):
+            return math.inf
         used, whole, rest = self._framed_pairs(predicted, where)
-        return unexplained(whole, rest, self.step, lossy) if used.any() else math.inf
+        most = max(self.lossy, _FORGIVEN * _power(*whole)) if noise is None else noise
+        return unexplained(whole, rest, self.step, most) if used.any() else math.inf
+
+    def _changes_still_frame(self, predicted: NDArray[Any]) -> bool:
+        """Whether predicted light of the frame would have changed pixels that are equal."""
+        still = (self.pixels.greatest[self.frame] == 0) & ~self.clipped_near
+        if not still.any():
+            return False
+        a, (absolute, relative) = self._framed_shown[0], self._quantum
+        change = self.scaled_light(predicted) - a
+        change = np.where(np.abs(change) > absolute + relative * np.abs(a), change, 0.0)
+        power = np.square(change, dtype="f8")
+        return float(power[still].sum()) > _STILL * float(power.sum()) > 0.0
 
     def noise_framed(
         self, predicted: NDArray[Any], where: NDArray[np.bool_] | None = None
@@ -350,14 +429,14 @@ def _pairs(values: NDArray[Any], used: NDArray[np.bool_]) -> tuple[NDArray[Any],
 
 
 def unexplained(
-    whole: tuple[Any, Any], rest: tuple[Any, Any], step: float, lossy: float = LOSSY
+    whole: tuple[Any, Any], rest: tuple[Any, Any], step: float, noise: float = 0.0
 ) -> float:
     """Share of a difference that is left."""
     left, every = _power(*rest), _power(*whole)
     if _is_slight(every, step) or not every:  # rounding alone would explain much of it
         return 0.0 if left == 0.0 < every else math.inf
     # What neighbours do not share is noise.
-    allowed = step * step + min(_unshared(*rest), lossy)
+    allowed = step * step + min(_unshared(*rest), noise)
     if every < _SIGNAL * allowed:
         return math.inf
     return math.sqrt(max(left - allowed, 0.0) / (every - allowed))

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from defocus_core.compare.findings.table import FINDINGS, PLACES
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -31,34 +33,6 @@ class Finding:
         return max(kinds, key=len, default=self.name).replace(" ", "-").lower()
 
 
-# Places of what no cause explains.
-_PLACES = (
-    *("in focus only", "out of focus only", "at silhouettes", "at edges", "in highlights"),
-    *("in shadows", "at the border", "in one region"),
-)
-# First words of all names, for rules like found:clipped.
-FINDINGS = (
-    *("NaN", "Inf", "missing channel", "further channel", "another size", "apart", "deep samples"),
-    *("clipped", "quantised", "rounded to half", "empty", "sign reversed", "channels swapped"),
-    *("another exposure", "another gamma", "another tone curve", "another contrast"),
-    *("raised blacks", "lowered blacks", "another saturation", "other primaries", "vignette"),
-    *("premultiplication", "shifted", "rotated", "scaled", "flipped", "crop", "fields exchanged"),
-    *("tiles exchanged", "left and right swapped", "another view or frame", "another CoC"),
-    *(
-        "motion blur",
-        "sharpened",
-        "lower resolution",
-        "another bokeh shape",
-        "spread otherwise",
-        "seams",
-        "halo",
-    ),
-    *("softened", "noise removed", "monochrome", "too small to name"),
-    *("multiplied", "offset", "fireflies", "dropped pixels", "compressed with losses", "noise"),
-    *_PLACES,
-)
-
-
 def is_place(name: str) -> bool:
     """Whether a finding says where a difference is, and no cause."""
-    return name in _PLACES
+    return name in PLACES

@@ -1,18 +1,13 @@
-"""Causes that move pixels: shift, turn, scale, swaps of views, fields and tiles, crop.
-
-And where a difference lies that no cause explains. A place is said if it tells something: much more
-of the squared difference lies there than of the pixels, by the relative entropy of both shares.
-"""
+"""Causes that move pixels: shift, turn, scale, swaps of views, fields and tiles, crop."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import chain, product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,17 +15,13 @@ from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import (
     PART,
-    Cause,
     Evidence,
     Explanation,
     blocks_in_turn,
     fitted_in_parts,
     sums_of_parts,
 )
-from defocus_core.compare.findings.finding import Finding
-from defocus_core.compare.picture import DecodedPicture
-from defocus_core.compare.selection import beside_jumps, read_radius, widened
-from defocus_core.errors import InputError
+from defocus_core.compare.findings.table import EXACT
 
 _Scale = Callable[[NDArray[Any]], NDArray[Any]]
 
@@ -38,8 +29,8 @@ _FRAME = 512  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
 _EXPLAINED = 0.05  # left of a difference, below which no further move is looked for
 _LEAST_PART = 0.02  # px of a move that is looked at
-_SHIFT_LEFT = 0.15  # of a difference that a shift may leave: parts of another frame move alike
-_PARTS_LEFT = 0.62  # of a difference that parts which move on their own may leave
+_MOST_ERODED = 5  # px
+_SMALL_LEFT = 0.35  # of a difference, by a shift of less than a pixel
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
 _CHOSEN = 2500  # samples that choose a small move
@@ -47,7 +38,7 @@ _STEP = 1e-4  # px by which kernels of interpolation are moved for their slope
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
 
 
-def _other_file(evidence: Evidence) -> Iterator[Explanation]:
+def other_file(evidence: Evidence) -> Iterator[Explanation]:
     """B is another file that lies beside A."""
     rows, columns = evidence.places
     for name, planes in evidence.others.items():
@@ -57,7 +48,7 @@ def _other_file(evidence: Evidence) -> Iterator[Explanation]:
             yield Explanation(left, name.partition(":")[0], text=name)
 
 
-def _flipped(evidence: Evidence) -> Iterator[Explanation]:
+def flipped(evidence: Evidence) -> Iterator[Explanation]:
     """B is A mirrored or turned by right angles, or its halves or its rows in pairs exchanged."""
     y, x = evidence.places
     height, width = evidence.size
@@ -81,7 +72,7 @@ def _flipped(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(evidence.left(evidence.at("a", rows, columns)), name, how)
 
 
-def _cropped(evidence: Evidence) -> Iterator[Explanation]:
+def cropped(evidence: Evidence) -> Iterator[Explanation]:
     """B is 0 outside of a window, and as A within it."""
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
     if all(plane[0].any() and plane[:, 0].any() and plane[-1].any() for plane in planes):
@@ -102,7 +93,7 @@ def _cropped(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(left_over, "crop", values=values, text=text)
 
 
-def _tiles_exchanged(evidence: Evidence) -> Iterator[Explanation]:
+def tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Tiles of B are tiles of A of another place; a tile is known by the mean of its channels."""
     rows, columns = evidence.places
     pixels = evidence.pixels
@@ -159,7 +150,7 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
-def _shifted(evidence: Evidence) -> Iterator[Explanation]:
+def shifted(evidence: Evidence) -> Iterator[Explanation]:
     """B is A moved by whole pixels; what comes in at the border may be anything."""
     left, dx, dy = _offsets_tried(evidence)[0]
     if (dx, dy) != (0, 0):
@@ -195,48 +186,99 @@ def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[t
         yield [list(zip(x.tolist(), y.tolist(), strict=True)) for x, y in zip(dx, dy, strict=True)]
 
 
-def _moved_a_little(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by fractions, turned or enlarged around the middle, with cubic interpolation.
-
-    Shift, angle and scale are found by least squares on the gradient (Lucas and Kanade, 1981).
-    """
-    left, dx, dy = _offsets_tried(evidence)[0]
-    if left <= _EXPLAINED or min(evidence.size) <= 16:
+def moved(evidence: Evidence) -> Iterator[Explanation]:
+    """B is A moved by fractions of a pixel, or turned, enlarged or sheared around the middle."""
+    if _offsets_tried(evidence)[0][0] <= _EXPLAINED or min(evidence.size) <= 16:
         return
+    names = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
+    for move, free in _moves(evidence, names):
+        name, text, values = _moved_words(move, _far(evidence))
+        left = _left_by_move(evidence, move)
+        if name != "shifted" or left <= (EXACT if np.abs(move).max() > 1 else _SMALL_LEFT):
+            yield Explanation(left, name, values=values, cost=0.01 * free - 0.01, text=text)
+
+
+def chromatic(evidence: Evidence) -> Iterator[Explanation]:
+    """Channels of B are those of A, scaled about the middle by factors that differ."""
+    names = [name for layer in evidence.pixels.color for name in layer if name in evidence.names]
+    if len(names) < 2 or names != [*evidence.names] or min(evidence.size) <= 16:
+        return
+    growths, predicted, within = {}, [], np.ones(evidence.places[0].shape, bool)
+    for name in names:
+        tried = [move for move, free in _moves(evidence, (name,)) if free > 2]
+        growth = (tried[0][1] + tried[0][5]) / 2 if tried else 0.0
+        alone = np.array([0, growth, 0, 0, 0, growth])
+        inside, sums = _moved(evidence, *evidence.places, alone, (name,))
+        predicted.append(evidence.unscaled(sums[0])[0])
+        growths[name], within = 1 + growth / _far(evidence), within & inside
+    factors = [*growths.values(), *([1.0] if len(names) < 3 else [])]
+    if np.ptp(factors) * _far(evidence) > 5 * _LEAST_PART:
+        said = ", ".join(f"{name} scaled by {scale:.5g}" for name, scale in growths.items())
+        left = evidence.left(np.stack(predicted), within)
+        yield Explanation(left, "chromatic aberration", f": {said}", {"scales": growths}, 0.05)
+
+
+def _far(evidence: Evidence) -> float:
+    """Distance from the middle, in px, at which turn, growth and shear are measured."""
+    return max(evidence.size) / 2
+
+
+# Of a move: how far down and how far right, in px: in the middle, and more by the row and by the
+# column at `_far`.
+_SHIFT, _SIMILAR, _AFFINE = ([0, 3], [0, 1, 2, 3], [0, 1, 2, 3, 4, 5])
+
+
+def _moves(evidence: Evidence, names: tuple[str, ...]) -> Iterator[tuple[NDArray[np.float64], int]]:
+    """Moves of A that are like B, with the number of their parameters.
+
+    They are found by least squares on the gradient (Lucas and Kanade, 1981), from the best shift by
+    whole pixels, and from the moves of parts.
+    """
     rows, columns = evidence.places
-    far = max(evidence.size) / 2
     fits = np.flatnonzero(evidence.fits)
     fits = fits[:: max(1, len(fits) // _CHOSEN)]
-    y, x = rows[fits] - (evidence.size[0] - 1) / 2, columns[fits] - (evidence.size[1] - 1) / 2
-    names = [sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[0]]
+    far, (height, width) = _far(evidence), evidence.size
+    y, x = (rows[fits] - (height - 1) / 2) / far, (columns[fits] - (width - 1) / 2) / far
     aim, was = (
         evidence.scaled(evidence.at(side, rows[fits], columns[fits], names)) for side in ("b", "a")
     )
-    for free in (2, 4):
-        move = np.array([float(dy), float(dx), 0.0, 0.0])  # down, right, turn and growth at far
+    # Light beyond white is interpolated as such, and not as a screen shows it: it misleads.
+    plain = (np.maximum(aim, was) < 1.0).all(axis=0)
+    plain |= not evidence.pixels.color or np.count_nonzero(plain) < len(fits) // 2
+    _, dx, dy = _offsets_tried(evidence)[0]
+    whole = np.array([dy, 0, 0, dx, 0, 0], "f8")
+    of_parts = _parts(evidence)
+    starts = [whole] if of_parts is None or of_parts.spread < 1 else [whole, of_parts.common]
+    for free, start in product((_SHIFT, _SIMILAR, _AFFINE), starts):
+        if free is _SHIFT and start is not whole:
+            continue
+        move = start.copy()
         for _ in range(8):
-            inside, sums = _moved(evidence, rows[fits], columns[fits], move, far, names)
-            moved, down, right = sums
-            ways = [-down, -right, (right * y - down * x) / far, -(right * x + down * y) / far]
-            design = np.stack([way[:, inside].ravel() for way in ways[:free]])
-            rest = (aim - moved)[:, inside].ravel()
+            inside, (there, down, right) = _moved(evidence, rows[fits], columns[fits], move, names)
+            inside &= plain
+            ways = [-down, -down * y, -down * x, -right, -right * y, -right * x]
+            if free is _SIMILAR:  # growth and turn
+                ways = [ways[0], ways[1] + ways[5], ways[4] - ways[2], ways[3]]
+            design = np.stack(
+                [
+                    way[:, inside].ravel()
+                    for way in (ways if free is _SIMILAR else [ways[k] for k in free])
+                ]
+            )
+            rest = (aim - there)[:, inside].ravel()
             step = np.linalg.lstsq(design @ design.T, design @ rest, rcond=None)[0].clip(-2, 2)
-            move[:free] += step
+            if free is _SIMILAR:
+                move += [step[0], step[1], -step[2], step[3], step[2], step[1]]
+            else:
+                move[free] += step
             if np.abs(step).max() < 0.002:
                 break
-        if not np.isfinite(move).all() or np.abs(move).max() < _LEAST_PART:
-            continue
-        if np.square(rest).sum() > 0.7 * np.square((aim - was)[:, inside]).sum():
-            continue
-        name, text, values = _moved_words(move, far)
-        left = _left_by_move(evidence, move, far)
-        if name == "shifted" and left > _SHIFT_LEFT:
-            continue
-        cost = 0.01 + 0.02 * (free - 2)
-        yield Explanation(left, name, values=values, cost=cost, text=text)
+        usable = np.isfinite(move).all() and np.abs(move).max() >= _LEAST_PART
+        if usable and np.square(rest).sum() <= 0.7 * np.square((aim - was)[:, inside]).sum():
+            yield move, len(free)
 
 
-def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
+def _left_by_move(evidence: Evidence, move: NDArray[Any]) -> float:
     """What a move leaves: light may have been interpolated as such, or as a screen shows it."""
     scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
     if evidence.pixels.color:
@@ -244,9 +286,7 @@ def _left_by_move(evidence: Evidence, move: NDArray[Any], far: float) -> float:
     least = math.inf
     for weights, (scale, back) in product((keys, linear), scales):
         if least > _EXPLAINED:
-            inside, sums = _moved(
-                evidence, *evidence.places, move, far, evidence.names, scale, weights
-            )
+            inside, sums = _moved(evidence, *evidence.places, move, evidence.names, scale, weights)
             least = min(least, evidence.left(back(sums[0]), inside))
     return least
 
@@ -269,17 +309,16 @@ def _moved(
     rows: NDArray[Any],
     columns: NDArray[Any],
     move: NDArray[Any],
-    far: float,
     names: Sequence[str],
     scale: _Scale | None = None,
     kernel: Callable[[Any], Any] = keys,
 ) -> tuple[NDArray[np.bool_], list[NDArray[Any]]]:
     """Places of A that were within it, and A there with its slopes down and right, [C, N]."""
-    scale = scale or evidence.scaled
+    scale, far = scale or evidence.scaled, _far(evidence)
     height, width = evidence.size
-    y, x = rows - (height - 1) / 2, columns - (width - 1) / 2
-    at_y = rows - move[0] - (move[3] * y + move[2] * x) / far
-    at_x = columns - move[1] - (move[3] * x - move[2] * y) / far
+    y, x = (rows - (height - 1) / 2) / far, (columns - (width - 1) / 2) / far
+    at_y = rows - move[0] - move[1] * y - move[2] * x
+    at_x = columns - move[3] - move[4] * y - move[5] * x
     inside = (at_y > 2) & (at_y < height - 3) & (at_x > 2) & (at_x < width - 3)
     top, left = np.floor(at_y).astype(np.intp), np.floor(at_x).astype(np.intp)
     taps = np.arange(-1, 3)[:, None]
@@ -295,58 +334,103 @@ def _moved(
 
 def _moved_words(move: NDArray[Any], far: float) -> tuple[str, str, dict[str, float]]:
     """The name, words and numbers of a small move; what moves most gives the name."""
-    dy, dx, turn, growth = (float(v) for v in move)
+    dy, grows_down, turns_down, dx, turns, grows = (float(v) for v in move)
+    turn, growth = (turns - turns_down) / 2, (grows_down + grows) / 2
+    shear = math.hypot(turns + turns_down, grows - grows_down) / 2
     degrees, scale = float(np.degrees(turn / far)), 1 + growth / far
-    values = {"dx": dx, "dy": dy, "degrees": degrees, "scale": scale}
+    values = {"dx": dx, "dy": dy, "degrees": degrees, "scale": scale, "shear": shear}
     ways = [f"shifted by ({dx:.2f}, {dy:.2f})"] * bool(np.hypot(dx, dy) > _LEAST_PART)
-    ways += [f"rotated by {-degrees:.3g}° to the left"] * (abs(turn) > 0.1)
+    ways += [f"rotated by {degrees:.3g}° to the left"] * (abs(turn) > 0.1)
     ways += [f"scaled by {scale:.5g}"] * (abs(growth) > 0.1)
-    strongest = max((np.hypot(dx, dy), "shifted"), (abs(turn), "rotated"), (abs(growth), "scaled"))
-    ways.sort(key=lambda way: not way.startswith(strongest[1]))
-    return strongest[1], " and ".join(ways) or strongest[1], values
+    ways += [f"sheared by {2 * shear:.3g} px"] * (shear > 0.1)
+    sizes = {"shifted": np.hypot(dx, dy), "rotated": abs(turn), "scaled": abs(growth)}
+    strongest = max(sizes, key=lambda name: sizes[name])
+    if shear > 0.4 * sizes[strongest]:  # a shear of one axis is half a turn
+        strongest = "sheared"
+    ways.sort(key=lambda way: not way.startswith(strongest))
+    return strongest, " and ".join(ways) or strongest, values
 
 
-def _moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
-    """Parts of the picture have moved by different amounts: another view, or another frame."""
-    tried = _offsets_tried(evidence)
-    if tried[0][0] <= _EXPLAINED or min(evidence.size) < 3 * PART:
-        return
+@dataclass(frozen=True)
+class _Parts:
+    """Parts of the frame, each moved by whole pixels and a fraction."""
+
+    predicted: NDArray[Any]  # light of the frame as a screen shows it, [h, w]
+    moves: NDArray[Any]  # (dx, dy) of each part that matters, [n, 2]
+    common: NDArray[np.float64]  # the move of all, of 6 parameters, that is nearest to them
+    apart: float  # RMS distance in px of the moves from it
+    spread: float  # the greatest difference of two moves in px
+
+
+@lru_cache(maxsize=1)
+def _parts(evidence: Evidence) -> _Parts | None:
+    """The moves of parts of the frame; None where it has too few."""
+    if min(evidence.size) < 3 * PART:
+        return None
     a, b = (evidence.scaled_light(side).astype(np.float64) for side in evidence.framed)
-    candidates = list(
-        dict.fromkeys([(0, 0), *_part_offsets(a, b), *((dx, dy) for _, dx, dy in tried)])
-    )
+    known = [(dx, dy) for _, dx, dy in _offsets_tried(evidence)]
+    candidates = list(dict.fromkeys([(0, 0), *_part_offsets(a, b), *known]))
     chooses = blocks_in_turn(a.shape, 4)
-    costs, moved = [], []
-    for dx, dy in candidates:
-        there = _moved_by(a, dx, dy)
-        costs.append(sums_of_parts(np.abs(there - b) * chooses))
-        moved.append(there)
+    pictures = [_moved_by(a, dx, dy) for dx, dy in candidates]
+    costs = [sums_of_parts(np.abs(there - b) * chooses) for there in pictures]
     order = np.argsort(np.stack(costs), axis=0, kind="stable")[0]
     chosen = np.repeat(np.repeat(order, PART, axis=0), PART, axis=1)[: a.shape[0], : a.shape[1]]
-    predicted = np.take_along_axis(np.stack(moved), chosen[None], axis=0)[0]
+    predicted = np.take_along_axis(np.stack(pictures), chosen[None], axis=0)[0]
     # What moves by fractions of a pixel add, by least squares on the gradient.
     predicted = predicted + fitted_in_parts(np.gradient(predicted), b - predicted, chooses)
     energy = sums_of_parts(np.square(b - a))
-    moves = np.array(candidates, dtype="f8")[order]  # [h, w, 2]
     matter = energy > np.quantile(energy, 0.5)
-    apart = _apart_from_one_move(moves, energy * matter)
-    if apart < _ONE_MOVE or not matter.any():
+    if not matter.any():
+        return None
+    moves = np.array(candidates, dtype="f8")[order][matter]
+    # The move of all, by the energy of the parts.
+    rows, columns = (PART * (v + 0.5) for v in np.nonzero(matter))
+    y, x = (
+        (v + cut.start - (n - 1) / 2) / _far(evidence)
+        for v, cut, n in zip((rows, columns), evidence.frame, evidence.size, strict=True)
+    )
+    root = np.sqrt(energy[matter])[:, None]
+    design = np.stack([np.ones(len(y)), y, x], axis=1)
+    solved = np.linalg.lstsq(design * root, moves * root, rcond=None)[0]
+    rest = np.square((moves - design @ solved) * root).sum() / max(float((root**2).sum()), 1e-300)
+    common = np.concatenate([solved[:, 1], solved[:, 0]])
+    return _Parts(
+        predicted, moves, common, math.sqrt(float(rest)), float(np.ptp(moves, axis=0).max())
+    )
+
+
+def moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
+    """Parts of the picture have moved by different amounts: another view, or another frame."""
+    if _offsets_tried(evidence)[0][0] <= _EXPLAINED:
         return
-    (x0, y0), (x1, y1) = (choose(moves[matter], axis=0) for choose in (np.min, np.max))
+    parts = _parts(evidence)
+    if parts is None or parts.apart < _ONE_MOVE:
+        return
+    (x0, y0), (x1, y1) = (choose(parts.moves, axis=0) for choose in (np.min, np.max))
     how = f": parts moved by {x0:.0f} to {x1:.0f} px across, {y0:.0f} to {y1:.0f} px down"
-    left = evidence.left_framed(evidence.unscaled_light(predicted), ~chooses)
-    yield Explanation(left, "another view or frame", how, cost=0.0 if apart > 1 else 0.1)
+    chooses = blocks_in_turn(parts.predicted.shape, 4)
+    left = evidence.left_framed(evidence.unscaled_light(parts.predicted), ~chooses)
+    cost = 0.0 if parts.apart > 1 else 0.1
+    yield Explanation(left, "another view or frame", how, cost=cost)
 
 
-def _apart_from_one_move(moves: NDArray[Any], weights: NDArray[Any]) -> float:
-    """RMS distance in px of moves [h, w, 2] of parts from those of one shift, turn and scale."""
-    rows, columns = np.indices(weights.shape)
-    root = np.sqrt(weights.ravel())
-    design = np.stack([np.ones(root.size), rows.ravel(), columns.ravel()], axis=1) * root[:, None]
-    aim = moves.reshape(-1, 2) * root[:, None]
-    solved = np.linalg.lstsq(design, aim, rcond=None)[0]
-    rest = float(np.square(aim - design @ solved).sum()) / max(float(weights.sum()), 1e-300)
-    return math.sqrt(rest)
+def eroded(evidence: Evidence) -> Iterator[Explanation]:
+    """Each pixel of B is the least, or the greatest, of those of A around it, as of alpha."""
+    a, b = evidence.sampled
+    signs = np.sign(b - a)
+    if (signs < 0).any() == (signs > 0).any():
+        return
+    (rows, columns), (height, width) = evidence.places, evidence.size
+    name, choose = ("eroded", np.minimum) if (signs < 0).any() else ("dilated", np.maximum)
+    for of in ("square", "disc"):
+        predicted = a.copy()
+        for reach in range(1, _MOST_ERODED + 1):
+            for dy, dx in product(range(-reach, reach + 1), repeat=2):
+                if of == "square" or dy * dy + dx * dx <= reach * reach:
+                    y, x = (rows + dy).clip(0, height - 1), (columns + dx).clip(0, width - 1)
+                    predicted = choose(predicted, evidence.at("a", y, x))
+            left = evidence.left(predicted, exact=True)
+            yield Explanation(left, name, f" by {reach} px", {"px": reach}, -0.02)
 
 
 def _part_offsets(a: NDArray[Any], b: NDArray[Any]) -> list[tuple[int, int]]:
@@ -367,159 +451,3 @@ def _moved_by(values: NDArray[Any], dx: int, dy: int) -> NDArray[Any]:
     )
     moved: NDArray[Any] = values[rows][:, columns]
     return moved
-
-
-GEOMETRY = (
-    Cause(_other_file),
-    Cause(_flipped),
-    Cause(_cropped),
-    Cause(_tiles_exchanged),
-    Cause(_shifted, _SHIFT_LEFT),
-    Cause(_moved_a_little),
-    Cause(_moved_in_parts, _PARTS_LEFT),
-)
-
-
-_Mask = NDArray[np.bool_]
-
-_LOOKED_AT = 2**19  # pixels, of which every n-th row and column are kept
-_TELLS = 0.35  # least relative entropy of a place, in nats
-_MOST, _ONLY = 0.75, 0.9  # least shares of the difference
-_FEWEST = 12.0  # pixels that would hold the difference if each held as much
-_SHARP = 1.0  # px of the largest radius in focus
-_EDGE_REACH = 2  # px around a silhouette
-_BRIGHT, _BRIGHT_ON_SCREEN, _DARK = 1.0, 0.9, 0.1  # values as a screen shows them
-_STEEPEST = 0.9  # quantile of the gradient beyond which there is an edge
-_JUMP = 0.05  # of the range of inverse depth
-_BORDERS = (1, 2, 4, 8, 16)  # px
-_TAILS = 0.06  # share of the difference that lies beyond each end of a region
-_ONE_SIGN = 0.9  # share of the squared difference that makes it brighter, or darker
-_DEPTHS = ("Z", "depth.Z", "depth")  # channels
-
-
-class LocatedPair:
-    """A pair where its difference is looked at, and what is known of its scene.
-
-    Attributes:
-        evidence: the pair.
-        cut: the rows and columns that are looked at.
-        sides: A and B [C, h, w] on the scale of differences.
-        power: the squared difference [h, w], with the sign of the difference.
-        maps: signed ``radius`` [H, W] in px and ``depth`` [H, W], if they are at hand: in a file
-            that is named, in a channel, or in a file beside one of both.
-    """
-
-    def __init__(
-        self,
-        evidence: Evidence,
-        files: tuple[DecodedPicture, DecodedPicture],
-        corner: tuple[int, int],
-        coc: Path | None,
-    ) -> None:
-        (x, y), (height, width) = corner, evidence.size
-        step = slice(None, None, max(1, math.ceil(math.sqrt(height * width / _LOOKED_AT))))
-        self.evidence, self.cut = evidence, (step, step)
-        self.sides = [evidence.scaled(evidence.at(side, *self.cut)) for side in "ab"]
-        difference = (self.sides[1] - self.sides[0]).astype(np.float64)
-        finite = evidence.pixels.finite
-        self.power = (difference * np.abs(difference)).sum(axis=0)
-        self.power *= True if finite is None else finite[self.cut]
-        full, within = (
-            (files[0].height, files[0].width),
-            (slice(y, y + height), slice(x, x + width)),
-        )
-        self.maps: dict[str, Any] = {}
-        for name, plane in ((n, p) for file in files for n, p in file.planes.items()):
-            kind = "depth" if name in _DEPTHS else "radius" if name == "coc" else ""
-            if kind and plane.shape == full:
-                self.maps.setdefault(kind, np.nan_to_num(plane[within].astype(np.float32)))
-        beside = [
-            f.path.parent.parent / "coc" / f"{f.path.stem}.exr" for f in files if f.path.parent
-        ]
-        for path in beside if coc is None else [coc, *beside]:
-            if "radius" not in self.maps and path.is_file():
-                with suppress(InputError):
-                    self.maps["radius"] = read_radius(path, full)[within]
-
-
-def _by_scene(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
-    """Where the radius or the depth says something of a place."""
-    radius, depth, reaches = shown.maps.get("radius"), shown.maps.get("depth"), [_EDGE_REACH]
-    if radius is not None:
-        sharp = np.abs(radius[shown.cut]) <= _SHARP
-        yield "in focus only", "", sharp, _ONLY
-        yield "out of focus only", "", ~sharp, _ONLY
-        jumps = beside_jumps(radius)
-        reaches.append(math.ceil(float(np.abs(radius).max())))
-    elif depth is not None:
-        inverse = 1 / np.maximum(depth, 1e-9)
-        low, high = np.quantile(inverse[shown.cut], (0.01, 0.99))
-        jumps = beside_jumps(inverse, max(_JUMP * float(high - low), 1e-9))
-    else:
-        return
-    for reach in reaches:
-        yield "at silhouettes", f", within {reach} px", widened(jumps, reach)[shown.cut], _MOST
-
-
-def _by_light(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
-    """Where A is steep, whatever the depth is; where the brightest channel is bright, or dark."""
-    if shown.evidence.pixels.color:
-        steep = np.hypot(*np.gradient(shown.sides[0].mean(axis=0)))
-        yield "at edges", "", widened(steep > np.quantile(steep, _STEEPEST), 1), _MOST
-        light = np.maximum(*shown.sides).max(axis=0)
-        bright = _BRIGHT if shown.evidence.gamma == 1.0 else _BRIGHT_ON_SCREEN
-        yield "in highlights", "", light > bright, _MOST
-        yield "in shadows", "", light < _DARK, _MOST
-
-
-def _by_frame(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
-    """The border, and the rectangle that holds most of the blocks that choose it."""
-    size, step = shown.evidence.size, shown.cut[0].step
-    for wide in _BORDERS:
-        inner = np.zeros(size, bool)
-        inner[wide:-wide, wide:-wide] = True
-        yield "at the border", f", within {wide} px", ~inner[shown.cut], _MOST
-    power = np.abs(shown.power) * blocks_in_turn(size)[shown.cut]
-    if not power.any():
-        return
-    ends = []
-    for axis in (0, 1):
-        total = np.cumsum(power.sum(axis=1 - axis))
-        first, last = np.searchsorted(total, (_TAILS * total[-1], (1 - _TAILS) * total[-1]))
-        ends.append((int(first) * step, min((int(last) + 1) * step, size[axis])))
-    (top, bottom), (left, right) = ends
-    within = np.zeros(size, bool)
-    within[top:bottom, left:right] = True
-    how = f" of {right - left}x{bottom - top} at {left},{top}"
-    yield "in one region", how, within[shown.cut], _MOST
-
-
-def place_of(shown: LocatedPair) -> Finding | None:
-    """The place that tells most of where the difference lies; None if none tells enough."""
-    power = np.abs(shown.power)
-    total = float(power.sum())
-    if shown.evidence.is_small or total**2 < _FEWEST * float(np.square(power).sum()):
-        return None
-    measures = ~blocks_in_turn(shown.evidence.size)[shown.cut]
-    told = []
-    for name, how, mask, least in chain(_by_scene(shown), _by_light(shown), _by_frame(shown)):
-        used = measures if name == "in one region" else np.ones(mask.shape, bool)
-        every = float(power[used].sum())
-        share = float(power[mask & used].sum()) / every if every else 0.0
-        area = np.count_nonzero(mask & used) / np.count_nonzero(used)
-        if share >= least and 0 < area < 1 and (tells := _entropy(share, area)) >= _TELLS:
-            told.append((tells, name, how, share, area, mask))
-    if not told:
-        return None
-    _, name, how, share, area, mask = max(told, key=lambda each: each[0])
-    sign = float(shown.power[mask].sum()) / float(power[mask].sum())
-    kind = "brighter" if sign > _ONE_SIGN else "darker" if sign < -_ONE_SIGN else ""
-    words = f"{share:.0%} of the difference in {area:.1%} of the pixels"
-    text = f"{name}{how}: {words}" + (f", {kind}" if kind else "")
-    return Finding(name, text, {"share": round(share, 4), "area": round(area, 4), "kind": kind})
-
-
-def _entropy(share: float, area: float) -> float:
-    """The relative entropy of two shares, in nats."""
-    ends = ((share, area), (1 - share, 1 - area))
-    return sum(p * math.log(p / q) for p, q in ends if p > 0)

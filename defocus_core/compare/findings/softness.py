@@ -18,13 +18,14 @@ from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import (
     LOSSY,
-    Cause,
     Evidence,
     Explanation,
     blocks_in_turn,
     densest,
     fitted_in_parts,
+    unexplained,
 )
+from defocus_core.compare.findings.geometry import keys, linear
 
 _LEAST = 28  # px of a side of a picture whose softness is looked at
 _PIECE, _MARGIN = 192, 8  # px of the part that rivals are measured in, and of the border left out
@@ -39,9 +40,10 @@ _SURELY_SPREAD = 0.06  # left where kernels of another size or shape spread the 
 _COC_LEFT, _ROUND_LEFT = 0.62, 0.1  # kernels of another shape are explained, too, but not all
 # Least unevenness of differences of pixels that half and a quarter of the resolution make.
 _ON_GRID = {2: 0.1, 4: 0.4}
-# Ways to enlarge, by OpenImageIO's names of filters.
-_FILTERS = {"nearest": "box", "bilinear": "triangle", "bicubic": "keys", "B-spline": "bspline"}
-_FILTERS |= {"Lanczos": "lanczos3"}
+_Kernel = Callable[[Any], Any]
+_SHARES = (0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 2 / 3, 0.6, 0.5, 0.4, 1 / 3, 0.25)  # of a size
+_TRIED, _RESIZED_LEFT = 2, 0.3  # sizes that all filters are tried at; what they may leave
+_GLOW, _GLOWS = 320, (4, 6, 9, 13, 19, 28, 40)  # px of the side that bloom is seen in; sigma
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
@@ -102,7 +104,8 @@ class Softened:
     def noise(self) -> float:
         """The power of noise that no model explains: what the freest of them leave at least."""
         free = [*self.in_parts, *(predicted for predicted, _, _ in self.denoised)]
-        return min(LOSSY, *(self.evidence.noise_framed(each, self.measures) for each in free))
+        most = max(self.evidence.lossy, 0.0) or LOSSY
+        return min(most, *(self.evidence.noise_framed(each, self.measures) for each in free))
 
     @cached_property
     def in_parts(self) -> list[NDArray[Any]]:
@@ -231,14 +234,14 @@ def _disc(f: Any, radius: float) -> NDArray[Any]:
     return response
 
 
-def _has_room(evidence: Evidence) -> bool:
+def has_room(evidence: Evidence) -> bool:
     """Whether a frame holds light, and has room for filters."""
     return bool(evidence.pixels.color) and min(evidence.framed[0].shape) >= _LEAST
 
 
 def is_large(evidence: Evidence) -> bool:
     """Whether a frame has room for filters, and its difference is no noise beside the light."""
-    return _has_room(evidence) and white_noise(evidence) in ("", "noise removed")
+    return has_room(evidence) and white_noise(evidence) in ("", "noise removed")
 
 
 @lru_cache(maxsize=1)
@@ -258,7 +261,7 @@ def white_noise(evidence: Evidence) -> str:
     return ""
 
 
-def _blurred_alike(evidence: Evidence) -> Iterator[Explanation]:
+def blurred_alike(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through a disc or a gaussian for all places, or the reverse."""
     frame = _softened(evidence)
     for side, way in ((0, "more"), (1, "less")):
@@ -272,7 +275,7 @@ def _blurred_alike(evidence: Evidence) -> Iterator[Explanation]:
                 yield Explanation(left, _COC, how, {"radius": radius}, cost)
 
 
-def _sharpened(evidence: Evidence) -> Iterator[Explanation]:
+def sharpened(evidence: Evidence) -> Iterator[Explanation]:
     """B is A, and a multiple of its detail."""
     frame = _softened(evidence)
     f, power, _, common = frame.rings
@@ -288,7 +291,7 @@ def _sharpened(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(frame.left(predicted), "sharpened", how, values, 0.02)
 
 
-def _motion_blurred(evidence: Evidence) -> Iterator[Explanation]:
+def motion_blurred(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through a line for all places."""
     frame = _softened(evidence)
     fy, fx = (np.broadcast_to(f, frame.spectra[0].shape).ravel() for f in frame.frequencies)
@@ -317,29 +320,73 @@ def _motion_blurred(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(left, "motion blur", how, values, 0.03)
 
 
-def _lower_resolution(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A at a half or a quarter of the size, enlarged: its steps lie on a grid."""
+def resized(evidence: Evidence) -> Iterator[Explanation]:
+    """B is A at another size, enlarged again; its steps lie on a grid, however it was made."""
     frame = _softened(evidence)
     shown = [evidence.scaled_light(side).astype("f8") for side in frame.sides]
-    for factor, size in ((2, "half"), (4, "a quarter of the")):
+    on_grid = {}
+    for factor in (2, 4):
         uneven = [
             [_unevenness(way, factor, n) for n in (1, 3) for way in (side, side.T)]
             for side in shown
         ]
-        if max(new - old for old, new in zip(*uneven, strict=True)) < _ON_GRID[factor]:
-            continue
-        height, width = (n // factor * factor for n in shown[0].shape)
-        cut = (slice(0, height), slice(0, width))
-        a = frame.sides[0][cut]
-        means = a.reshape(height // factor, factor, width // factor, factor).mean(axis=(1, 3))
-        starts = [(0, 0), *(((1, 1),) if factor == 2 else ())]
-        for how, kind in _FILTERS.items():
-            small = [means, *(a[y::factor, x::factor] for y, x in starts if how == "nearest")]
-            for coarse in small:
-                large = _enlarged(coarse, factor, kind)
-                left, said = frame.left(large, cut), f": {size} resolution, {how}"
-                values, cost = {"factor": factor}, 0.01 * factor - 0.2
-                yield Explanation(left, "lower resolution", said, values, cost)
+        steps = max(new - old for old, new in zip(*uneven, strict=True))
+        on_grid[1 / factor] = steps >= _ON_GRID[factor]
+    scales: list[tuple[NDArray[Any], Callable[[Any], Any]]] = [
+        (frame.sides[0], np.asarray),
+        (shown[0], evidence.unscaled_light),
+    ]
+
+    def fitted(share: float, down: _Kernel, up: _Kernel) -> float:
+        return min(
+            frame.left(back(_through_size(side, evidence, share, down, up)))
+            for side, back in scales[: 1 + bool(evidence.gamma != 1.0)]
+        )
+
+    costs = {share: fitted(share, linear, linear) for share in _SHARES}
+    for share in (*sorted(costs, key=lambda each: costs[each])[:_TRIED], *on_grid):
+        for (down, up), how in _RESAMPLED.items():
+            left = fitted(share, down, up)
+            if on_grid.get(share) or (left < _RESIZED_LEFT and up is not _bspline):
+                size = {0.5: "half", 0.25: "a quarter of the"}.get(share, f"{share:.0%} of the")
+                cost = 0.01 / share - 0.2 if on_grid.get(share) else 0.03
+                how, values = f": {size} resolution, {how}", {"factor": 1 / share}
+                yield Explanation(left, "lower resolution", how, values, cost)
+
+
+def _through_size(
+    values: NDArray[Any], evidence: Evidence, share: float, down: _Kernel, up: _Kernel
+) -> NDArray[np.float64]:
+    """Values [h, w] of the frame at a share of the picture's size, and enlarged again."""
+    for cut, full in zip(evidence.frame, evidence.size, strict=True):
+        small = max(2, round(full * share))
+        ratio = 1 / share if share in (0.5, 0.25) else full / small
+        at = np.arange(cut.start, cut.stop)
+        coarse = np.arange(int(cut.start / ratio), min(small, math.ceil(cut.stop / ratio)))
+        middle = (coarse + 0.5) * ratio - 0.5
+        wide = down((at - middle[:, None]) / ratio)
+        back = up((at[:, None] + 0.5) / ratio - 0.5 - coarse)
+        both = [each / np.maximum(each.sum(axis=1, keepdims=True), 1e-9) for each in (back, wide)]
+        values = np.moveaxis((both[0] @ both[1]) @ values, 0, 1)
+    return values
+
+
+def _box(t: Any) -> Any:
+    return ((t >= -0.5) & (t < 0.5)) * 1.0
+
+
+def _lanczos(t: Any) -> Any:
+    return np.sinc(t) * np.sinc(t / 3) * (np.abs(t) < 3)
+
+
+def _bspline(t: Any) -> Any:
+    t = np.abs(t)
+    return np.where(t < 1, 2 / 3 - t * t + t**3 / 2, np.maximum(2 - t, 0) ** 3 / 6)
+
+
+def _point(t: Any) -> Any:
+    """Of the lines [n, m] of a grid, the nearest pixel."""
+    return (t == np.take_along_axis(t, np.abs(t).argmin(axis=1)[:, None], axis=1)) * 1.0
 
 
 def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
@@ -350,18 +397,55 @@ def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
     return float(np.ptp(sums) / max(float(sums.max() + sums.min()), 1e-300))
 
 
-def _enlarged(values: NDArray[Any], factor: int, how: str) -> NDArray[np.float64]:
-    """Values [h, w] as [h · factor, w · factor] by a filter of OpenImageIO."""
-    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+_RESAMPLED: dict[tuple[_Kernel, _Kernel], str] = {
+    (_box, _box): "nearest",
+    (_point, _box): "nearest",
+    (_box, linear): "bilinear",
+    (linear, linear): "bilinear",
+    (_box, keys): "bicubic",
+    (keys, keys): "bicubic",
+    (_box, _lanczos): "Lanczos",
+    (_lanczos, _lanczos): "Lanczos",
+    (_box, _bspline): "B-spline",
+    (_bspline, _bspline): "B-spline",
+}
 
-    height, width = (n * factor for n in values.shape)
-    buffer = oiio.ImageBuf(np.ascontiguousarray(values[..., None], np.float32))
-    roi = oiio.ROI(0, width, 0, height, 0, 1, 0, 1)
-    found = oiio.ImageBufAlgo.resize(buffer, filtername=how, roi=roi).get_pixels(oiio.FLOAT)
-    return np.asarray(found, np.float64).reshape(height, width)
+
+def bloom(evidence: Evidence) -> Iterator[Explanation]:
+    """B is A, and some of its brightest light once more, spread far."""
+    step = slice(None, None, math.ceil(max(evidence.size) / _GLOW))
+    planes = [evidence.at(side, step, step) for side in ("a", "b")]
+    steady = ~(planes[1] > 0.996).any(axis=0) | (evidence.gamma == 1.0)
+    a, b = (evidence.light(side).mean(axis=0) for side in planes)
+    turn = blocks_in_turn(a.shape)
+    slope = steady / np.maximum(np.abs(a), 0.003) ** 0.58
+    added = b - a
+    if float((added * slope).sum()) < 0.7 * float((np.abs(added) * slope).sum()):
+        return
+    found: tuple[float, Any, float, float] = (math.inf, None, 0.0, 0.0)
+    for quantile in (0.0, 0.9, 0.98, 0.995):
+        bright = np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0)
+        for sigma in _GLOWS:
+            glow = smooth(bright, sigma)
+            x, y = (glow * slope)[turn], (added * slope)[turn]
+            gain = float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
+            cost = float(np.square(y - gain * x).sum())
+            found = min(found, (cost, glow, gain, sigma), key=lambda each: each[0])
+    _, glow, gain, wide = found
+    if glow is None or gain <= 0:
+        return
+    old, new, aim = (evidence.scaled_light(v) for v in (a, a + gain * glow, b))
+    used = ~turn & steady
+    both = used[:, :-1] & used[:, 1:]
+    whole, rest = (((v - aim)[:, :-1][both], (v - aim)[:, 1:][both]) for v in (old, new))
+    left = unexplained(whole, rest, evidence.step, evidence.lossy)
+    reach = wide * math.ceil(max(evidence.size) / _GLOW)
+    how = f": {gain:.2g} of the light spread by {reach:.0f} px"
+    values = {"gain": gain, "sigma": reach}
+    yield Explanation(left, "bloom", how, values, 0.02)
 
 
-def _noise_removed(evidence: Evidence) -> Iterator[Explanation]:
+def denoised(evidence: Evidence) -> Iterator[Explanation]:
     """B is A with means of neighbours that are alike in the place of each pixel, or medians."""
     frame = _softened(evidence)
     for predicted, strength, count in frame.denoised:
@@ -370,7 +454,7 @@ def _noise_removed(evidence: Evidence) -> Iterator[Explanation]:
             yield Explanation(left, "noise removed", how, {"strength": strength}, 0.02 * count)
 
 
-def _blurred_in_parts(evidence: Evidence) -> Iterator[Explanation]:
+def blurred_in_parts(evidence: Evidence) -> Iterator[Explanation]:
     """B is A blurred, or A is B blurred, in each part by as much as it takes."""
     left = _softened(evidence).left_in_parts
     if left <= _COC_LEFT:
@@ -379,7 +463,7 @@ def _blurred_in_parts(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(left, name, f": {how}", values, 0.08)
 
 
-def _moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
+def motion_in_parts(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through lines, along an axis, in each part by as much as it takes."""
     frame = _softened(evidence)
     for axis, way in ((1, "across"), (0, "down")):
@@ -407,7 +491,7 @@ def _ways(evidence: Evidence) -> tuple[dict[str, float], str]:
     return shares, text
 
 
-def _spread_otherwise(evidence: Evidence) -> Iterator[Explanation]:
+def spread(evidence: Evidence) -> Iterator[Explanation]:
     """The same light is spread otherwise within a few pixels, by whatever kernel."""
     frame = _softened(evidence)
     difference = frame.sides[1] - frame.sides[0]
@@ -449,17 +533,3 @@ def smooth(values: NDArray[Any], sigma: float) -> NDArray[Any]:
     through = np.fft.irfft2(np.fft.rfft2(padded) * response, s=padded.shape)
     mean: NDArray[Any] = through[reach : reach + height, reach : reach + width]
     return mean
-
-
-_SOFT = "softened"
-SOFTNESS = (
-    Cause(_blurred_alike, _SOFT_LEFT, _SOFT, is_large),
-    Cause(_blurred_in_parts, _COC_LEFT, _SOFT, is_large),
-    Cause(_motion_blurred, _SOFT_LEFT, _SOFT, is_large),
-    Cause(_moved_in_parts, _COC_LEFT, _SOFT, is_large),
-    Cause(_lower_resolution, _RESOLUTION_LEFT, needs=_has_room),  # nothing else makes its grid
-    Cause(_noise_removed, _COC_LEFT, _SOFT, _has_room),
-    Cause(_sharpened, _SOFT_LEFT, needs=is_large),
-)
-# What says how light moved, where nothing else explains it.
-SPREAD = (Cause(_spread_otherwise, _SPREAD_LEFT, needs=is_large),)

@@ -1,22 +1,20 @@
-"""Causes that change values in place: exposure, curves, colours, clipping, quantisation."""
+"""Causes that change values in place: exposure, curves, colours, clipping, quantisation, layers.
+
+Most are sums of terms of A, found by weighted least squares: of light, or of what a screen shows.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import permutations
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import (
-    EXACT,
-    Cause,
-    Evidence,
-    Explanation,
-    has_light,
-)
+from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.metrics import LUMINANCE
 from defocus_core.compare.picture import color_layers, layers
@@ -26,7 +24,7 @@ from defocus_core.io.images.primaries import NAMED, between_primaries
 
 _Curve = Callable[[Any], Any]
 _MAX_SWAPPED = 4  # channels of a layer whose permutations are tried
-_BITS = range(4, 13)
+_BITS = range(3, 13)
 _KNOTS = 40  # of a tone curve
 _MIXED = 0.02  # least share of other channels that makes a change of primaries
 _NEAR = 0.02  # greatest difference of a matrix from that of known primaries
@@ -34,11 +32,12 @@ _GREY = 2e-3  # greatest relative difference of the channels of a grey
 _SAME = 2e-3  # greatest relative difference from the limit of what was clipped
 _CUT = 0.95  # least share of the pixels beyond the limit that are at it
 _MORE = 1.05  # what was cut off is brighter than the limit by this
+_MOST_IDS = 2000
+_ONE = 1.001  # greatest number of values that are normalised
 
 
 def clipped_light(pixels: Pixels) -> list[Finding]:
     """The limit that the light of B was clipped at, if it was; looked for in every pair."""
-    found = []
     for layer in pixels.color:
         high, limit = (max(_high(pixels, side, name) for name in layer) for side in "ab")
         if not (math.isfinite(high) and high > _MORE * limit > 0):
@@ -55,8 +54,8 @@ def clipped_light(pixels: Pixels) -> list[Finding]:
         plain = abs(limit - 1.0) <= _SAME
         if beyond and cut >= _CUT * beyond and (plain or between >= 3):
             name = f"clipped at {limit:.4g}"
-            found.append(Finding(name, name, {"limit": limit, "values": beyond}))
-    return found[:1]
+            return [Finding(name, name, {"limit": limit, "values": beyond})]
+    return []
 
 
 def may_be_cut_below(pixels: Pixels) -> bool:
@@ -71,13 +70,27 @@ def _high(pixels: Pixels, side: str, name: str) -> float:
     return float(np.nanmax(pixels.plane(side, name))) if math.isnan(high) else high
 
 
-def _empty(evidence: Evidence) -> Iterator[Explanation]:
+def lost_channels(pixels: Pixels) -> list[Finding]:
+    """Channels of several values in A that are 0 everywhere in B; looked for in every pair."""
+    lost = [
+        name
+        for name in pixels.names
+        if pixels.ranges[1][name] == (0.0, 0.0) and pixels.ranges[0][name] != (0.0, 0.0)
+    ]
+    if not lost or pixels.selected is not None:
+        return []
+    return [
+        Finding(
+            "empty", f"empty: {', '.join(f'{n} 0' for n in lost)} everywhere", {"channels": lost}
+        )
+    ]
+
+
+def empty(evidence: Evidence) -> Iterator[Explanation]:
     """B has one value everywhere, or is 0 within the rectangle where it differs."""
     planes = [evidence.pixels.plane("b", name) for name in evidence.names]
-    differs = evidence.pixels.greatest > 0
-    rows, columns = (np.flatnonzero(differs.any(axis=axis)) for axis in (1, 0))
-    top, left, bottom, right = (int(v) for v in (rows[0], columns[0], rows[-1], columns[-1]))
-    cut = (slice(top, bottom + 1), slice(left, right + 1))
+    top, left, bottom, right = evidence.window
+    cut = (slice(top, bottom), slice(left, right))
     values = [plane[cut] for plane in planes]
     if values[0].size < 9 or any((value != value[0, 0]).any() for value in values):
         return
@@ -86,7 +99,7 @@ def _empty(evidence: Evidence) -> Iterator[Explanation]:
         return  # A has nothing there that B could lack
     firsts = zip(evidence.names, values, strict=True)
     level = ", ".join(f"{name} {float(value[0, 0]):g}" for name, value in firsts)
-    where = f"within {right - left + 1}x{bottom - top + 1} at {left},{top}"
+    where = f"within {right - left}x{bottom - top} at {left},{top}"
     if all((plane == plane.flat[0]).all() for plane in planes):
         where = "everywhere"
     elif any(value.any() for value in values):
@@ -94,15 +107,16 @@ def _empty(evidence: Evidence) -> Iterator[Explanation]:
     yield Explanation(0.0, "empty", f": {level} {where}")
 
 
-def _rounded(evidence: Evidence) -> Iterator[Explanation]:
+def rounded(evidence: Evidence) -> Iterator[Explanation]:
+    """B is A in 16 bits."""
     a, b = evidence.sampled
     with np.errstate(over="ignore"):
-        rounded = a.astype(np.float16).astype(np.float32)
-    if np.array_equal(rounded, b):
+        half = a.astype(np.float16).astype(np.float32)
+    if np.array_equal(half, b):
         yield Explanation(0.0, "rounded to half")
 
 
-def _clipped(evidence: Evidence) -> Iterator[Explanation]:
+def clipped(evidence: Evidence) -> Iterator[Explanation]:
     """B is A with all values beyond a limit set to the limit."""
     a, _ = evidence.sampled
     (low, high), (minimum, maximum) = (_range(evidence, side) for side in ("a", "b"))
@@ -128,24 +142,27 @@ def _range(evidence: Evidence, side: str) -> tuple[float, float]:
 
 
 def _is_clipped_at_white(evidence: Evidence) -> bool:
-    return _range(evidence, "b")[1] <= 1.001 < _range(evidence, "a")[1]
+    return _range(evidence, "b")[1] <= _ONE < _range(evidence, "a")[1]
 
 
-def _quantised(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A rounded to the levels of few bits, which A is not on."""
+def quantised(evidence: Evidence) -> Iterator[Explanation]:
+    """B is A rounded to the levels of few bits, and then to those of its file."""
     a, b = evidence.sampled
     if len(np.unique(b[0, :4096])) >= min(4096, a.shape[1]) * 0.9:
         return
-    clipped = _is_clipped_at_white(evidence)
-    aim = np.clip(a, 0.0, 1.0) if clipped else a
+    clips = _is_clipped_at_white(evidence)
+    aim = np.clip(a, 0.0, 1.0) if clips else a
     curves: dict[str, tuple[_Curve, _Curve]] = {"": (np.asarray, np.asarray)}
-    if evidence.gamma == 1.0 and float(aim.max()) <= 1.001:
+    if evidence.gamma == 1.0 and float(aim.max()) <= _ONE:
         curves = {" (sRGB-encoded)": (linear_to_srgb, _decoded), **curves}
+    levels = {"uint8": 255, "uint16": 65535}.get(min(evidence.types), 0) * (evidence.gamma != 1.0)
     for how, (curve, back) in curves.items():
         for bits in _BITS:
             top = 2**bits - 1
             stored = back(np.rint(curve(aim) * top) / np.float32(top))
-            left = evidence.left(stored, a <= 1.0 if clipped else None, exact=True)
+            if levels:
+                stored = np.rint(stored * levels) / np.float32(levels)
+            left = evidence.left(stored, a <= 1.0 if clips else None, exact=True)
             yield Explanation(left, f"quantised to {bits} bits", how, {"bits": bits})
 
 
@@ -153,7 +170,7 @@ def _decoded(values: NDArray[Any]) -> NDArray[Any]:
     return srgb_to_linear(np.maximum(values, 0.0)).astype(np.float32)
 
 
-def _swapped_channels(evidence: Evidence) -> Iterator[Explanation]:
+def swapped_channels(evidence: Evidence) -> Iterator[Explanation]:
     """Channels of one layer in another order."""
     for layer in layers(evidence.pixels.names):
         moved = [name for name in layer if name in evidence.names]
@@ -167,13 +184,28 @@ def _swapped_channels(evidence: Evidence) -> Iterator[Explanation]:
             yield Explanation(left, "channels swapped", f": {said}", pairs)
 
 
-def _swapped_views(evidence: Evidence) -> Iterator[Explanation]:
-    """The layers of the left and the right view in the place of each other."""
-    others = [_other_view(name) for name in evidence.names]
-    pairs = zip(others, evidence.names, strict=True)
-    if all(other in evidence.pixels.names and other != name for other, name in pairs):
-        left = evidence.left(evidence.at("a", *evidence.places, others))
-        yield Explanation(left, "left and right swapped")
+def exchanged_layers(evidence: Evidence) -> Iterator[Explanation]:
+    """Layers in the place of each other, or A without one of its layers."""
+    own = [(name.rpartition(".")[0], name.rpartition(".")[2]) for name in evidence.names]
+    prefixes = list(dict.fromkeys(n.rpartition(".")[0] for n in evidence.pixels.names if "." in n))
+    views = [_other_view(name) for name in evidence.names]
+    tried = {"left and right swapped": (views, "")}
+    if len({prefix for prefix, _ in own}) == 2:
+        one, other = dict.fromkeys(prefix for prefix, _ in own)
+        swap = {one: other, other: one}
+        sources = [f"{swap[p]}.{c}".lstrip(".") for p, c in own]
+        tried["layers exchanged"] = (sources, f": {one or 'the picture'} and {other}")
+    for name, (sources, how) in tried.items():
+        pairs = zip(sources, evidence.names, strict=True)
+        if all(source in evidence.pixels.names and source != n for source, n in pairs):
+            left = evidence.left(evidence.at("a", *evidence.places, sources))
+            yield Explanation(left, name, how)
+    for prefix in prefixes if evidence.gamma == 1.0 else ():
+        sources = [f"{prefix}.{c}" for _, c in own]
+        if all(s in evidence.pixels.names and s not in evidence.names for s in sources):
+            old = evidence.sampled[0] - evidence.at("a", *evidence.places, sources)
+            left = evidence.left(np.maximum(old, 0) if (evidence.sampled[0] >= 0).all() else old)
+            yield Explanation(left, "missing layer", f": {prefix}", {"layer": prefix}, -0.005)
 
 
 def _other_view(name: str) -> str:
@@ -184,7 +216,69 @@ def _other_view(name: str) -> str:
     return name
 
 
-def _premultiplied(evidence: Evidence) -> Iterator[Explanation]:
+def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
+    """Each number of A is another one of the same numbers, as those that name objects."""
+    if evidence.pixels.color:
+        return
+    a, b = evidence.sampled
+    predicted, exchanged = a.copy(), 0
+    for old, new, aim in zip(a, b, predicted, strict=True):
+        known, place = np.unique(old, return_inverse=True)
+        if not 2 <= len(known) <= min(_MOST_IDS, old.size // 8) or not np.isin(new, known).all():
+            return
+        counts = np.zeros((len(known), len(known)), np.int32)
+        np.add.at(counts, (place, np.searchsorted(known, new)), 1)
+        there = counts.argmax(axis=1)
+        if len(set(there.tolist())) < len(known):
+            return
+        aim[:] = known[there][place]
+        exchanged += int(np.count_nonzero(there != np.arange(len(known))))
+    how, values = f": {exchanged} of the numbers", {"ids": exchanged}
+    yield Explanation(evidence.left(predicted, exact=True), "ids exchanged", how, values, -0.01)
+
+
+def normalised(evidence: Evidence) -> Iterator[Explanation]:
+    """Numbers, or their inverse, with a factor and an offset by which they are 0…1."""
+    low, high = _range(evidence, "b")
+    _, before = _range(evidence, "a")
+    if evidence.pixels.color or not (low >= -0.001 and high <= _ONE < before):
+        return
+    a, b = (side.astype("f8") for side in evidence.sampled)
+    with np.errstate(divide="ignore"):
+        inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1), 0.0)
+    chosen = (1.0 * evidence.fits) * ((b > 1e-4) & (b < 0.999))
+    for old, how, cost in ((a, "", -0.002), (inverse, " of the inverse", -0.001)):
+        terms = [
+            (_solved([np.ones_like(o), o], n, w), o) for o, n, w in zip(old, b, chosen, strict=True)
+        ]
+        predicted = np.stack([c + f * o for (c, f), o in terms])
+        said = ", ".join(
+            f"{n} x {f:.4g}, {c:+.3g}" for n, ((c, f), _) in zip(evidence.names, terms, strict=True)
+        )
+        left = evidence.left(predicted.clip(0, 1), exact=True)
+        yield Explanation(left, "normalised", f"{how}: {said}", cost=cost)
+
+
+def radial(evidence: Evidence) -> Iterator[Explanation]:
+    """Distances along rays in the place of those along the axis, or the reverse."""
+    if evidence.pixels.color or len(evidence.names) != 1:
+        return
+    (height, width), (rows, columns) = evidence.size, evidence.places
+    far = (rows - (height - 1) / 2) ** 2.0 + (columns - (width - 1) / 2) ** 2.0
+    a, b = (side[0].astype("f8") for side in evidence.sampled)
+    usable = (a > 0) & (b > 0) & evidence.fits
+    for name, one, other in (("radial depth", a, b), ("planar depth", b, a)):
+        square = np.where(usable, (other / np.where(one != 0, one, 1)) ** 2 - 1, 0.0)
+        slope = float((square * far).sum() / max(float((far[usable] ** 2).sum()), 1e-300))
+        if slope > 0:
+            stretch = np.sqrt(1 + slope * far)
+            there = a * stretch if one is a else a / stretch
+            how = f": by a focal length of {1 / math.sqrt(slope):.4g} px"
+            left = evidence.left(there[None], exact=True)
+            yield Explanation(left, name, how, {"focal": 1 / math.sqrt(slope)}, -0.001)
+
+
+def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
     """Colour divided by its alpha, or multiplied once more."""
     alphas = [name[: -len(name.split(".")[-1])] + "A" for name in evidence.names]
     if not all(a in evidence.pixels.names and a not in evidence.names for a in alphas):
@@ -197,27 +291,51 @@ def _premultiplied(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(left, "premultiplication", f": colour {how} by alpha once more")
 
 
-def _another_exposure(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a multiple of A, the same for all channels, or of its own for each."""
-    light, aim = map(evidence.light, evidence.sampled)
-    weights = _weights(evidence, light) * evidence.steady
-    tops, squares = ((weights**2 * light * other).sum(axis=1) for other in (aim, light))
-    if not squares.sum():
-        return
-    factor = float(tops.sum() / squares.sum())
-    stops = f" ({np.log2(factor):+.3g} EV)" if factor > 0 else ""
-    left = evidence.left(evidence.stored(light * factor), evidence.steady)
-    yield Explanation(left, "another exposure", f": x {factor:.4g}{stops}", {"factor": factor})
-    if len(light) > 1 and squares.all():
-        factors = dict(zip(evidence.names, map(float, tops / squares), strict=True))
-        each = ", ".join(f"{name} x {ratio:.4g}" for name, ratio in factors.items())
-        left = evidence.left(evidence.stored(light * (tops / squares)[:, None]), evidence.steady)
-        how = f" of each channel: {each}"
-        yield Explanation(left, "another exposure", how, {"factors": factors}, 0.01)
-
-
-def _sign_reversed(evidence: Evidence) -> Iterator[Explanation]:
+def sign_reversed(evidence: Evidence) -> Iterator[Explanation]:
+    """B is −A."""
     yield Explanation(evidence.left(-evidence.sampled[0]), "sign reversed", cost=-0.001)
+
+
+@dataclass(frozen=True)
+class _Scale:
+    """A and B [C, N] as light or as a screen shows it, where terms of A are added up."""
+
+    evidence: Evidence
+    old: NDArray[Any]
+    new: NDArray[Any]
+    weights: NDArray[Any]  # 0 where a sample chooses nothing
+    measures: NDArray[np.bool_]
+    back: _Curve  # to the values of the file
+
+    def fitted(
+        self, terms: Sequence[NDArray[Any]], base: Any = 0.0, *, each: bool = False
+    ) -> tuple[NDArray[Any], float]:
+        """Multiples of terms that B is beside a base, of all channels or each; what is left."""
+        aim = self.new - base
+        terms = [np.broadcast_to(term, aim.shape) for term in terms]
+        if each:
+            sides = zip(zip(*terms, strict=True), aim, self.weights, strict=True)
+            solved = np.stack([_solved(own, to, weights) for own, to, weights in sides])
+            total = sum(solved[:, k : k + 1] * term for k, term in enumerate(terms))
+        else:
+            solved = _solved(terms, aim, self.weights)
+            total = sum(c * term for c, term in zip(solved, terms, strict=True))
+        return solved, self.evidence.left(self.back(base + total), self.measures)
+
+
+def _of_light(evidence: Evidence, *, above_black: bool = False) -> _Scale:
+    old, new = map(evidence.light, evidence.sampled)
+    steady = evidence.steady
+    if above_black:
+        steady = steady & (evidence.sampled[1] > _range(evidence, "b")[0])
+    return _Scale(evidence, old, new, _weights(evidence, old) * steady, steady, evidence.stored)
+
+
+def _of_screen(evidence: Evidence) -> _Scale:
+    old, new = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
+    steady = evidence.steady & (evidence.sampled[0] <= 1.0)
+    chosen = 1.0 * (steady & evidence.fits)
+    return _Scale(evidence, old, new, chosen, steady, evidence.unscaled)
 
 
 def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
@@ -238,21 +356,43 @@ def _solved(
     return solved
 
 
-def _another_gamma(evidence: Evidence) -> Iterator[Explanation]:
+def _named(evidence: Evidence, numbers: NDArray[Any], sign: str) -> tuple[dict[str, float], str]:
+    """Numbers of channels, for programs and in words."""
+    values = dict(zip(evidence.names, map(float, numbers), strict=True))
+    return values, ", ".join(
+        f"{name} {sign and sign + ' '}{v:{'.4g' if sign else '+.3g'}}" for name, v in values.items()
+    )
+
+
+def exposed(evidence: Evidence) -> Iterator[Explanation]:
+    """B is a multiple of A, the same for all channels, or of its own for each."""
+    light = _of_light(evidence)
+    (factor,), left = light.fitted([light.old])
+    stops = f" ({np.log2(factor):+.3g} EV)" if factor > 0 else ""
+    values = {"factor": float(factor)}
+    yield Explanation(left, "another exposure", f": x {factor:.4g}{stops}", values)
+    if len(evidence.names) > 1:
+        factors, left = light.fitted([light.old], each=True)
+        numbers, said = _named(evidence, factors[:, 0], "x")
+        how = f" of each channel: {said}"
+        yield Explanation(left, "another exposure", how, {"factors": numbers}, 0.01)
+
+
+def another_gamma(evidence: Evidence) -> Iterator[Explanation]:
     """B is a power of A, of its values or of those that a screen shows; or encoded once more."""
     for name, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
         left = evidence.left(curve(evidence.sampled[0]).astype(np.float32))
         yield Explanation(left, "another gamma", f": {name} once more")
     yield from _powers(evidence, np.asarray, np.asarray, "")
     if evidence.gamma == 1.0:
-        clipped = _is_clipped_at_white(evidence)
-        yield from _powers(evidence, linear_to_srgb, _decoded, ", sRGB-encoded", clipped=clipped)
+        clips = _is_clipped_at_white(evidence)
+        yield from _powers(evidence, linear_to_srgb, _decoded, ", sRGB-encoded", clips=clips)
 
 
 def _powers(
-    evidence: Evidence, curve: _Curve, back: _Curve, how: str, *, clipped: bool = False
+    evidence: Evidence, curve: _Curve, back: _Curve, how: str, *, clips: bool = False
 ) -> Iterator[Explanation]:
-    a, b = (curve(np.clip(v, 0, 1) if clipped else v) for v in evidence.sampled)
+    a, b = (curve(np.clip(v, 0, 1) if clips else v) for v in evidence.sampled)
     usable = (a > 0.02) & (b > 0.02) & evidence.fits & evidence.steady
     if np.count_nonzero(usable) < 16:
         return
@@ -267,7 +407,7 @@ def _powers(
         factor = float(np.exp(offset))
         left = evidence.left(_power(a, power, factor), evidence.steady)
         said = f": to the power {power:.4g}, exposure x {factor:.4g}"
-        yield Explanation(left, "another gamma", said, {"power": power, "factor": factor}, 0.02)
+        yield Explanation(left, "another gamma", said, {"power": power, "factor": factor}, 0.025)
 
 
 def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
@@ -278,42 +418,30 @@ def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
     return signed.astype(np.float32)
 
 
-def _raised(evidence: Evidence) -> Iterator[Explanation]:
+def raised(evidence: Evidence) -> Iterator[Explanation]:
     """B is a multiple of A and a constant: of light, or of the values that a screen shows.
 
     Of these it is another contrast, if they turn around a middle.
     """
-    a, b = evidence.sampled
-    steady = evidence.steady & (b > _range(evidence, "b")[0])
-    light, aim = evidence.light(a), evidence.light(b)
-    weights = _weights(evidence, light) * steady
-    for free in (False, True):
-        columns = [np.ones_like(light), light][: 1 + free]
-        solved = _solved(columns, aim if free else aim - light, weights)
-        offset, factor = float(solved[0]), float(solved[1]) if free else 1.0
-        left = evidence.left(evidence.stored(factor * light + offset), steady)
-        yield _lifted(left, offset, factor, "light", 0.01 + 0.01 * free)
-    if evidence.pixels.color:
-        steady = steady & (a <= 1.0)
-        shown, new = (evidence.scaled(side).astype(np.float64) for side in (a, b))
-        chosen = 1.0 * (steady & evidence.fits)
-        offset, factor = map(float, _solved([np.ones_like(shown), shown], new, chosen))
-        left = evidence.left(evidence.unscaled(factor * shown + offset), steady)
+    scales = [(_of_light(evidence, above_black=True), "light", 0.01)]
+    scales += [(_of_screen(evidence), "what a screen shows", 0.011)] * bool(evidence.pixels.color)
+    for scale, of, cost in scales:
+        one = np.ones_like(scale.old)
+        (offset,), left = scale.fitted([one], scale.old)
+        yield _lifted(left, float(offset), 1.0, of, cost)
+        (offset, factor), left = scale.fitted([one, scale.old])
         pivot = offset / (1 - factor) if factor != 1 else math.inf
-        if 0.1 < pivot < 0.9:
-            values = {"offset": offset, "factor": factor, "pivot": pivot}
+        if of != "light" and 0.1 < pivot < 0.9:
+            values = {"offset": float(offset), "factor": float(factor), "pivot": float(pivot)}
             how = f": x {factor:.4g} around {pivot:.3g}"
-            yield Explanation(left, "another contrast", how, values, 0.02)
+            yield Explanation(left, "another contrast", how, values, cost + 0.01)
         else:
-            yield _lifted(left, offset, factor, "what a screen shows", 0.02)
-    if len(light) > 1:
-        steady = evidence.steady & (b > _range(evidence, "b")[0])
-        sums = ((aim - light) * weights**2).sum(axis=1) / np.maximum((weights**2).sum(axis=1), 1e-9)
-        left = evidence.left(evidence.stored(light + sums[:, None]), steady)
-        offsets = dict(zip(evidence.names, map(float, sums), strict=True))
-        each = ", ".join(f"{name} {value:+.3g}" for name, value in offsets.items())
-        said = _blacks(sums.sum()), f": {each} of light"
-        yield Explanation(left, *said, {"offsets": offsets}, 0.03)
+            yield _lifted(left, float(offset), float(factor), of, cost + 0.01)
+        if len(scale.old) > 1:
+            offsets, left = scale.fitted([one], scale.old, each=True)
+            values, said = _named(evidence, offsets[:, 0], "")
+            how = f": {said} of {of}"
+            yield Explanation(left, _blacks(offsets.sum()), how, {"offsets": values}, cost + 0.01)
 
 
 def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> Explanation:
@@ -325,7 +453,7 @@ def _blacks(offset: float) -> str:
     return "raised blacks" if offset > 0 else "lowered blacks"
 
 
-def _mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
+def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
     """The channels of the only layer of R, G and B mixed by a matrix, of light or as shown.
 
     It makes the picture grey, changes the distances to luma by a factor, or is that of primaries.
@@ -397,26 +525,27 @@ def _primaries(matrix: NDArray[Any]) -> str:
     return nearest if apart[nearest] < _NEAR else "channels mixed by a matrix"
 
 
-def _vignette(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A times a polynomial of the distance to the middle of the picture."""
-    height, width = evidence.size
+def vignette(evidence: Evidence) -> Iterator[Explanation]:
+    """B is A times a polynomial of the distance to the middle, or of the place across and down."""
+    light, (height, width) = _of_light(evidence), evidence.size
     rows, columns = evidence.places
-    y, x = rows / max(height - 1, 1) - 0.5, columns / max(width - 1, 1) - 0.5
-    light, aim = map(evidence.light, evidence.sampled)
-    weights = _weights(evidence, light) * evidence.steady
+    y, x = 2 * rows / max(height - 1, 1) - 1, 2 * columns / max(width - 1, 1) - 1
     for shape in (height / width, 1.0):  # round, or as wide as the picture
-        far = ((y * shape) ** 2 + x * x) / (0.25 * (1 + shape * shape))
+        far = ((y * shape) ** 2 + x * x) / (1 + shape * shape)
         for powers in (1, 2):
-            terms = [light * far**k for k in range(1, powers + 1)]
-            solved = _solved(terms, aim - light, weights)
-            gain = 1 + sum(c * far**k for k, c in enumerate(solved, 1))
-            left = evidence.left(evidence.stored(light * gain), evidence.steady)
+            solved, left = light.fitted(
+                [light.old * far**k for k in range(1, powers + 1)], light.old
+            )
             corners = 1 + float(solved.sum())
             how, values = f": corners x {corners:.3g}", {"corners": corners}
             yield Explanation(left, "vignette", how, values, 0.02 * powers)
+    slopes, left = light.fitted([light.old, light.old * x, light.old * y], light.old)
+    across, down = (float(v) / (1 + float(slopes[0])) for v in slopes[1:])
+    how = f": x {1 - across:.3g} to {1 + across:.3g} across, {1 - down:.3g} to {1 + down:.3g} down"
+    yield Explanation(left, "vignette", how, {"across": across, "down": down}, 0.03)
 
 
-def _tone_curve(evidence: Evidence) -> Iterator[Explanation]:
+def curve(evidence: Evidence) -> Iterator[Explanation]:
     """B is a curve of A that rises everywhere, the same for all channels or each with its own."""
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
@@ -443,21 +572,3 @@ def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> An
     slope = np.diff(values)[[0, -1]] / np.maximum(np.diff(centres)[[0, -1]], 1e-9)
     below, above = np.minimum(old - centres[0], 0), np.maximum(old - centres[-1], 0)
     return np.interp(old, centres, values) + slope[0] * below + slope[1] * above
-
-
-TONE = (
-    Cause(_empty),
-    Cause(_rounded),
-    Cause(_quantised, EXACT),
-    Cause(_clipped, EXACT),
-    Cause(_swapped_channels),
-    Cause(_swapped_views),
-    Cause(_premultiplied, needs=has_light),
-    Cause(_sign_reversed),
-    Cause(_another_exposure),
-    Cause(_another_gamma),
-    Cause(_raised),
-    Cause(_vignette, needs=has_light),
-    Cause(_mixed_channels, needs=has_light),
-    Cause(_tone_curve, needs=has_light),
-)

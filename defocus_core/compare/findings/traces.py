@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import (
-    Cause,
     Evidence,
     Explanation,
     blocks_in_turn,
     fitted_in_parts,
-    has_light,
     sums_of_parts,
     unexplained,
 )
@@ -28,7 +26,7 @@ _PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
 _WIDTHS = (1, 2, 4, 8, 16)  # px of a seam
 _STRONGEST = 4.0  # gain of a halo
 _LENGTH = 4.0  # of a halo, in widths of it
-_SEAM_LEFT, _GAIN_LEFT, _HALO_LEFT, _SPARK_LEFT, _CODEC_LEFT = 0.4, 0.3, 0.4, 0.3, 0.8
+_GAIN_LEFT = 0.3
 _FEW = 1e-3  # share of the pixels that fireflies are at most
 # Lines that would hold the difference if each held as much: at least these, and this share of all.
 _LONE, _ALIKE = 1.2, 0.35
@@ -38,7 +36,10 @@ _SPARK = 0.1  # least difference of a firefly
 _ON_GRID = 0.82  # greatest share left of what blocks in other places leave
 _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
-_NOISE_LEFT = 0.55
+_MOST_LINES, _FILLED = 3, 0.3  # of damaged lines; least share of their pixels that differ
+_MOST_COVERED, _COVERED = 0.4, 0.5  # of a frame by an overlay; of its difference by one opacity
+_OPACITY = 0.25  # relative difference of one opacity
+_MOST_LOST = 12 / 255  # greatest RMS that a codec of the header may lose
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
 _MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
 
@@ -55,7 +56,7 @@ def _difference(evidence: Evidence) -> NDArray[Any]:
     return total
 
 
-def _fireflies(evidence: Evidence) -> Iterator[Explanation]:
+def sparks(evidence: Evidence) -> Iterator[Explanation]:
     """A few pixels apart from each other hold the difference."""
     difference = _difference(evidence)
     size = np.abs(difference)
@@ -75,7 +76,80 @@ def _fireflies(evidence: Evidence) -> Iterator[Explanation]:
     yield Explanation(left, name, how, {"pixels": number}, -0.05)
 
 
-def _seams(evidence: Evidence) -> Iterator[Explanation]:
+def lines(evidence: Evidence) -> Iterator[Explanation]:
+    """A few rows or columns hold the difference: other values, or those of A times a gain."""
+    difference = _difference(evidence)
+    power = np.square(difference, dtype="f8")
+    for axis, word in ((1, "row"), (0, "column")):
+        sums = power.sum(axis=axis)
+        kept = np.sort(np.argsort(sums)[-min(_MOST_LINES, len(sums) // 8 + 1) :])
+        kept = kept[sums[kept] > 0.01 * sums.max()]
+        on = difference[kept] if axis == 1 else difference[:, kept].T
+        if float((on != 0).mean()) < _FILLED or np.count_nonzero(np.diff(kept) > 1) > 3:
+            continue
+        left = math.sqrt(max(0.0, 1 - float(sums[kept].sum() / sums.sum())))
+        places = (kept[:, None], slice(None)) if axis == 1 else (slice(None), kept)
+        a, b = (evidence.scaled(evidence.at(side, *places)).ravel() for side in ("a", "b"))
+        gain, offset = np.polyfit(a, b, 1) if np.ptp(a) > 0 else (0.0, 0.0)
+        unlike = float(np.square(b - gain * a - offset).sum() / np.square(b - a).sum())
+        at, many = ", ".join(map(str, kept)), "s" * (len(kept) > 1)
+        values = {f"{word}s": kept.tolist()}
+        if gain > 0.5 and unlike < 0.25:
+            yield Explanation(left, "seams", f" at {word}{many} {at}", values, -0.04)
+        else:
+            how = f": {word}{many} {at} hold{'s' * (not many)} other values"
+            yield Explanation(left, "damaged lines", how, values, -0.04)
+
+
+def overlay(evidence: Evidence) -> Iterator[Explanation]:
+    """One colour over parts of A, with one opacity but at their rims: text, or a watermark."""
+    frame = [evidence.at(side, *evidence.frame) for side in ("a", "b")]
+    changed = evidence.pixels.greatest[evidence.frame] > 0
+    if not 24 <= np.count_nonzero(changed) < _MOST_COVERED * changed.size:
+        return
+    turn = blocks_in_turn(changed.shape, 4)
+    for scale in (evidence.light, evidence.scaled):
+        a, b = (scale(side).astype("f8")[:, changed] for side in frame)
+        size = np.abs(b - a).sum(axis=0)
+        chosen = size > np.quantile(size, 0.6)
+        for _ in range(4):
+            if np.count_nonzero(chosen) < 12:
+                break
+            # B = (1 - opacity) A + opacity color, the same opacity in all channels.
+            x, y = (v[:, chosen] - v[:, chosen].mean(axis=1, keepdims=True) for v in (a, b))
+            opacity = 1 - float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
+            if not opacity > 0.01:
+                break
+            color = (b - (1 - opacity) * a)[:, chosen].mean(axis=1, keepdims=True) / opacity
+            toward = color - a
+            each = ((b - a) * toward).sum(axis=0) / np.maximum(np.square(toward).sum(axis=0), 1e-9)
+            chosen = np.abs(each - opacity) < _OPACITY * opacity
+        else:
+            black = float(color.max()) < 0.02 and opacity < 0.5  # a gain would do it, too
+            covered = float(np.square(b - a)[:, chosen].sum() / np.square(b - a).sum())
+            measured = chosen & ~turn[changed]
+            lost = (
+                float(color.max()) < 0.002 and opacity > 0.98
+            )  # it is 0, and written over by none
+            if (
+                black
+                or lost
+                or covered < _COVERED
+                or not -0.05 < color.min() <= color.max() < 1.05
+                or not measured.any()
+            ):
+                continue
+            rest = np.square((b - a - min(opacity, 1.0) * toward)[:, measured]).sum()
+            left = math.sqrt(float(rest / np.square((b - a)[:, measured]).sum()))
+            said = " ".join(f"{v:.2g}" for v in color[:, 0])
+            top, first, bottom, last = evidence.window
+            where = f"within {last - first}x{bottom - top} at {first},{top}"
+            how = f": {min(opacity, 1):.0%} of one colour ({said}) {where}, like text"
+            values = {"opacity": opacity, "color": color[:, 0].tolist()}
+            yield Explanation(left, "overlay", how, values, -0.02)
+
+
+def seams(evidence: Evidence) -> Iterator[Explanation]:
     """The difference lies on lines that are the side of a tile apart."""
     difference = _difference(evidence)
     profiles = [_profile(difference), _profile(difference.T)]  # of columns and of rows
@@ -101,7 +175,7 @@ def _seams(evidence: Evidence) -> Iterator[Explanation]:
             near = lines[1][:, None] | lines[0]
             rest = np.where(near, np.float32(0), difference)[shown]
             pairs = [(v[:, :-1], v[:, 1:]) for v in (difference[shown], rest)]
-            left = unexplained(pairs[0], pairs[1], evidence.step)
+            left = unexplained(pairs[0], pairs[1], evidence.step, evidence.lossy)
             left = max(math.sqrt(outside), left if math.isfinite(left) else 0.0)
             starts = {(phase + wide // 2) % period for phase in phases}
             how = f" at multiples of {period} px"
@@ -123,6 +197,8 @@ def _is_repeated(profile: NDArray[Any], line: NDArray[np.bool_]) -> bool:
     """Whether the difference lies on several of the lines of a period, and not on a lone one."""
     starts = np.flatnonzero(line & ~np.roll(line, 1))
     sums = np.add.reduceat(np.where(line, profile, 0), starts)
+    if len(sums) < 2:
+        return False
     count = float(sums.sum()) ** 2 / max(float(np.square(sums).sum()), 1e-300)
     return count >= min(len(sums), max(_LONE, _ALIKE * len(sums)))
 
@@ -144,7 +220,7 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
     return middle if sums[middle] > 0.98 * sums[best] else best
 
 
-def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
+def gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Each tile is a multiple of A of its own: one for all, and a grid aside, explain less."""
     a, b = evidence.framed
     slope = 1 / np.maximum(np.abs(a), 0.003) ** 0.58
@@ -176,7 +252,7 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
             yield Explanation(on_grid, "seams", how, {"period": side}, 0.02 + 0.5 / side)
 
 
-def _halo(evidence: Evidence) -> Iterator[Explanation]:
+def halo(evidence: Evidence) -> Iterator[Explanation]:
     """The difference is a thin band of one sign."""
     difference = _difference(evidence)[evidence.frame]
     size = np.abs(difference)
@@ -207,7 +283,7 @@ def _halo(evidence: Evidence) -> Iterator[Explanation]:
     yield Explanation(left, "halo", f" of {wide:.0f} px, {brighter}", {"width": wide}, 0.1)
 
 
-def _compressed(evidence: Evidence) -> Iterator[Explanation]:
+def compressed(evidence: Evidence) -> Iterator[Explanation]:
     """In blocks of 8 px, frequencies of B are those of A rounded (ITU-T T.81), or small ones 0."""
     rows, columns = evidence.frame
     luma = []
@@ -235,6 +311,13 @@ def _compressed(evidence: Evidence) -> Iterator[Explanation]:
 
     if min(luma[0].shape) < 6 * _DCT:
         return
+    change = luma[1] - luma[0]
+    if evidence.loses and np.sqrt(np.square(change).mean()) < _MOST_LOST:
+        # A codec keeps the means of blocks.
+        means = sums_of_parts(change, _DCT) / _DCT
+        kept = math.sqrt(float(np.square(means).sum() / np.square(change).sum()))
+        how = f": {evidence.codecs[1]} instead of {evidence.codecs[0]}, by the headers"
+        yield Explanation(kept, "compressed with losses", how, cost=-0.4)
     on_grid = left(0)
     if on_grid < _ON_GRID * left(_DCT // 2):
         how = ": in blocks of 8 px, as JPEG and DWAA do"
@@ -264,7 +347,7 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
     return transformed
 
 
-def _noise(evidence: Evidence) -> Iterator[Explanation]:
+def noise(evidence: Evidence) -> Iterator[Explanation]:
     """The difference has no mean, and neighbours in it have nothing in common."""
     difference = _difference(evidence)[evidence.frame]
     power = float(np.square(difference, dtype="f8").mean())
@@ -284,13 +367,3 @@ def _noise(evidence: Evidence) -> Iterator[Explanation]:
         level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
         how = f" of about {level:.2g}" + f", in {how}" * bool(how)
         yield Explanation(math.sqrt(shared), name, how, {"rms": level}, 0.6)
-
-
-TRACES = (
-    Cause(_fireflies, _SPARK_LEFT),
-    Cause(_seams, _SEAM_LEFT),
-    Cause(_gains_of_tiles, _GAIN_LEFT, needs=has_light),
-    Cause(_halo, _HALO_LEFT, needs=has_light),
-    Cause(_compressed, _CODEC_LEFT, needs=has_light),
-    Cause(_noise, _NOISE_LEFT),
-)

@@ -5,6 +5,7 @@ Depth that a renderer wrote comes out as the same object; pictures of it do not 
 
 import pytest
 import torch
+from measures import worst
 from torch import Tensor
 from windows import Windows, put_together, same
 
@@ -134,3 +135,20 @@ def test_a_lens_takes_the_switch():
         for switch in ("auto", "off")
     )
     assert not torch.equal(auto, off)
+
+
+@pytest.mark.parametrize("seed", range(0, 20, 4))
+def test_rounding_decides_nothing_beside_a_matte_on_a_slope(seed):
+    """A subject on a slope is as near as what is around it."""
+    H, W = 33, 47
+    generator = torch.Generator().manual_seed(seed)
+    noise = torch.randn(1, 1, 6, 8, generator=generator)
+    matte = torch.nn.functional.interpolate(noise, (H, W), mode="bicubic")[0, 0].add(0.5)
+    radius = (-8 + 16 * torch.arange(H)[:, None] / H).expand(H, W).float()
+    image, matte = torch.rand(3, H, W, generator=generator), matte.clamp(0, 1)
+    found = render(image, radius, matte=matte).images[0]
+    nudged = render(image, radius * (1 + 1e-7), matte=matte).images[0]
+    double = render(image.double(), radius.double(), matte=matte.double()).images[0]
+    flipped = render(image.flip(-1), radius.flip(-1), matte=matte.flip(-1)).images[0].flip(-1)
+    for other in (nudged, double, flipped):
+        assert worst(other.to(found), found) < 2e-5
