@@ -333,11 +333,16 @@ def moved_coarsely(
     signed_radius: Tensor, *fields: Tensor, step: float, scale: DistanceScale | None
 ) -> Tensor:
     """Radii [H, W] px with edges moved by the px [H, W] of one field after another."""
+    silhouette = None
     for field in fields:
-        silhouette = _silhouette_of(signed_radius.detach(), step, scale)
-        if silhouette is not None:
-            shift = field[silhouette.at[:, 0], silhouette.at[:, 1]]
-            signed_radius = _moved(signed_radius, silhouette, shift.double())
+        if silhouette is None:
+            silhouette = _silhouette_of(signed_radius.detach(), step, scale)
+        if silhouette is None:
+            break
+        shift = field[silhouette.at[:, 0], silhouette.at[:, 1]]
+        moved = _moved(signed_radius, silhouette, shift.double())
+        if moved is not signed_radius:
+            signed_radius, silhouette = moved, None
     return signed_radius
 
 

@@ -14,6 +14,7 @@ import pytest
 import torch
 from command_line import (
     LENS,
+    color_exr,
     files_under,
     pair,
     photograph,
@@ -196,3 +197,21 @@ def test_the_package_is_the_command(module):
     words = [sys.executable, "-m", module, "--version"]
     ran = subprocess.run(words, capture_output=True, text=True, check=True)
     assert ran.stdout.startswith("defocus ")
+
+
+def test_one_schema_tells_of_a_picture_that_fails_alone_and_beside_others(tmp_path, out):
+    for stem in "ab":
+        color, depth = pair(tmp_path, stem)
+    color_exr(depth)  # which has no depth
+    lone = render(color, depth, "-o", out, "--json")
+    both = render(color.parent, depth.parent, "-o", out, "--json")
+    assert (lone.code, both.code) == (3, 1)
+    assert lone.json.keys() - both.json.keys() == {"error"}
+    (picture,) = lone.json["pictures"]
+    assert picture == both.json["pictures"][1]
+    assert (picture["status"], picture["reason"]) == ("failed", "input-unusable")
+    assert lone.json["error"] == {
+        "message": picture["message"],
+        "exit_code": 3,
+        "code": lone.error.code,
+    }
