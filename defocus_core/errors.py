@@ -61,7 +61,6 @@ CODES = {
     "out-of-range": "a number is beyond what is possible",
     "radii": "a file holds radii where depth is needed, or the reverse",
     "replaces-input": "an output would replace an input",
-    "swapped": "the sharp picture is given for the blurred one",
     "too-blurred": "a blur is larger than any picture",
     "too-large": "a file claims more than is read",
     "unknown-name": "a name is not known",

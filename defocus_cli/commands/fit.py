@@ -101,7 +101,7 @@ _options = [
     ),
     lens_option(
         "--shift",
-        "Find by how many px, up to 16, BLURRED lies beside SHARP, too.",
+        "Find by how many px, up to 16, BLURRED lies beside SHARP, and its magnification, too.",
     ),
 ]
 
@@ -158,6 +158,7 @@ def command(
       fnumber, fnumber_error (relative), px_per_dioptre; an error is null if it is unbounded
       blades, blade_rotation_deg, gains
       gamma, gamma_error (relative), shift_px (right, down)
+      magnification  size of things in BLURRED over that in SHARP, about the middle
       dp_model, dp_crosstalk, dp_crosstalk_error, left_is_right, side_shading, of a pair
       explained    share of the difference of the pictures that the blur explains
       coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign

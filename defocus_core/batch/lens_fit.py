@@ -190,6 +190,7 @@ def _record(fitted: Fit, options: FitOptions, width: int) -> dict[str, Any]:
         "gamma": fitted.gamma,
         "gamma_error": _finite(fitted.gamma_error),
         "shift_px": list(fitted.shift),
+        "magnification": fitted.magnification,
         "gains": list(fitted.gains),
         **_sensor_record(fitted, options),
         "explained": fitted.explained,
@@ -271,7 +272,10 @@ def words(found: dict[str, Any]) -> list[str]:
         lines.append(f"gamma {found['gamma']:.3f}{error}: light is what is read to it")
     if any(found["shift_px"]):
         across, down = found["shift_px"]
-        lines.append(f"blurred picture {across:.2f} px to the right, {down:.2f} px down")
+        lines.append(
+            f"blurred picture {across:.2f} px to the right, {down:.2f} px down, "
+            f"magnified {found['magnification']:.5f} times"
+        )
     if "dp_model" in found:
         crosstalk, error = found["dp_crosstalk"], _error(found["dp_crosstalk_error"])
         of_model = crosstalk == 0 and not error  # what the model is known to have

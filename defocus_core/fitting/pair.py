@@ -17,10 +17,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate, max_pool2d
 
-from defocus_core.fitting.pictures import Scale, offset_of, shifted
+from defocus_core.fitting.pictures import Scale, offset_of, registered
 from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.search import MIDDLE, FittedLens, Search
-from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate, Unknown, unknowns
+from defocus_core.fitting.unknowns import MAX_MAGNIFICATION, MAX_SHIFT, Candidate, Unknown, unknowns
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.tensors.torch_modes import own_modes
@@ -32,12 +32,11 @@ _EXPLAINED = 1 / 3  # minimum fraction of the difference that a lens explains, b
 _ALL = 0.9  # fraction from which on nothing else is wrong, however much is blurred
 _ALIKE = 0.5  # least correlation of pictures of one scene
 _ONE_SCENE = 0.8  # that of pictures of one scene, of which one is put right
-_MIRRORS = {"mirrored left to right": (2,), "upside down": (1,), "turned by 180 degrees": (1, 2)}
-_AS_SHARP = 1.02  # times the detail of the sharp picture: the other one is sharper
 _MORE = 0.6  # of the error, or of what a correlation lacks, that is left by what explains more
 _CLOSER = 0.85  # of the error of the sharp picture, that a shift leaves
 _MOVED = 0.4  # px, the least shift that is proposed
 _CHANGED = 0.02  # the least change of exposure or of gamma that is proposed; lack of correlation
+_BOUND = 1 - 1e-9  # of the greatest magnification, which rounding leaves
 _MINIMUM = 1e-6  # mean square of compressed light, that is no difference
 
 
@@ -84,10 +83,12 @@ class JudgedPair(NamedTuple):
 def _without_blur(point: Candidate, scale: Scale) -> Candidate:
     """A point of the same pictures without blur."""
     minimum = 1e-9 / max(float(scale.disparity.abs().max()), 1e-9)
-    return Candidate(minimum, 0.0, gamma=point.gamma, across=point.across, down=point.down)
+    return replace(point, strength=minimum, focus=0.0)
 
 
-def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refusal]:
+def refusals_of(
+    evidence: JudgedPair, options: dict[str, bool], point: Candidate
+) -> Iterator[Refusal]:
     """Why a point is not the lens of two pictures, the plainest reason alone."""
     if evidence.error(evidence.sharp) <= _MINIMUM:
         yield Refusal(
@@ -97,9 +98,7 @@ def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refu
         )
         return
     of_small = _small_correlation(evidence.sharp, evidence.observed)
-    cause = _mirror_cause(evidence, of_small)
-    if cause is None and not options["shift"]:
-        cause = _shift_cause(evidence, of_small)
+    cause = None if options["shift"] else _shift_cause(evidence, of_small)
     if cause is None and of_small >= _ALIKE:
         cause = _other_cause(evidence, options)
     alike = min(of_small, _correlation(evidence))
@@ -113,22 +112,19 @@ def refusals_of(evidence: JudgedPair, options: dict[str, bool]) -> Iterator[Refu
         problem = f"a blur explains {fraction:.0%} of what the pictures differ by"
         remedy = "see ‹shift›, ‹exposure› and ‹gamma›, or take it as it is by ‹accept›"
         yield Refusal("not-explained", problem, remedy)
-
-
-def _mirror_cause(evidence: JudgedPair, of_small: float) -> Refusal | None:
-    """That one of the pictures is mirrored or turned, if it is more like the other so."""
-    for words, axes in _MIRRORS.items():
-        if _puts_right(of_small, _small_correlation(evidence.sharp, evidence.observed.flip(axes))):
-            remedy = "give both as the camera saw them"
-            return Refusal("not-one-scene", f"BLURRED is {words}", remedy)
-    return None
+    elif max(abs(point.across), abs(point.down)) >= MAX_SHIFT:
+        problem = f"the pictures lie {MAX_SHIFT:g} px or more apart, as far as is sought"
+        yield Refusal("out-of-range", problem, "crop them to the same place")
+    elif abs(math.log(point.magnification)) >= _BOUND * math.log(MAX_MAGNIFICATION):
+        problem = f"one picture is magnified by {MAX_MAGNIFICATION - 1:.0%} or more"
+        yield Refusal("out-of-range", f"{problem}, as far as is sought", "scale it to the other")
 
 
 def _shift_cause(evidence: JudgedPair, of_small: float) -> Refusal | None:
     """That one of the pictures lies beside the other, if that explains more than a blur."""
     for image, left in ((evidence.sharp, _CLOSER), (evidence.modelled, _MORE)):
         across, down = _offset(image, evidence.observed)
-        there = shifted(image[None], across, down)[0]
+        there = registered(image[None], across, down, 1.0)[0]
         explains = (
             of_small >= _ALIKE and evidence.error(there) < left * evidence.error(image)
         ) or _puts_right(of_small, _small_correlation(there, evidence.observed))
@@ -144,10 +140,7 @@ def _puts_right(before: float, after: float) -> bool:
 
 
 def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
-    """What explains more than a blur, if something does: the order, the exposure or the gamma."""
-    if _detail(evidence.observed) > _AS_SHARP * _detail(evidence.sharp):
-        problem = "BLURRED is sharper than SHARP"
-        return Refusal("swapped", problem, "give them in the order SHARP DEPTH BLURRED")
+    """What explains more than a blur, if something does: the exposure or the gamma."""
     # a wrong lens hides a curve that the sharp picture shows
     images = evidence.modelled, evidence.sharp
     tried = (_curves(image, evidence.observed, evidence.weight) for image in images)
@@ -191,7 +184,7 @@ def _curves(
 def _offset(image: Tensor, observed: Tensor) -> tuple[float, float]:
     """The shift in px from a picture to another: whole px, then parts of them."""
     across, down = offset_of(image, observed, int(MAX_SHIFT))
-    near = shifted(image[None], across, down)[0]
+    near = registered(image[None], across, down, 1.0)[0]
     slopes = torch.stack(torch.gradient(near, dim=(2, 1)))  # [2, C, H, W], along x and y
     border = int(MAX_SHIFT)
     inner = (..., slice(border, -border), slice(border, -border))
@@ -199,12 +192,6 @@ def _offset(image: Tensor, observed: Tensor) -> tuple[float, float]:
     normal = slopes @ slopes.T + 1e-12 * torch.eye(2, dtype=torch.float64)
     step = torch.linalg.solve(normal, slopes @ away.double()).clamp(-1, 1)
     return across + float(step[0]), down + float(step[1])
-
-
-def _detail(image: Tensor) -> float:
-    """The mean square of differences of pixels, without the noise of single ones."""
-    smooth = avg_pool2d(image[None], 2)[0]
-    return float((smooth.diff(dim=1) ** 2).mean() + (smooth.diff(dim=2) ** 2).mean())
 
 
 def _small_correlation(*pair: Tensor) -> float:
@@ -233,13 +220,15 @@ class Fit:
     """The blur between two pictures.
 
     Attributes:
-        strength: k, px of radius for a disparity of 1.
+        strength: k, px of radius for a disparity of 1, in the blurred picture.
         focus: d₀, the disparity in focus.
         strength_error: Standard error of the strength, relative.
         focus_error: Standard error of the focus, in disparity.
         gamma: Power of the numbers of the pictures that is linear light.
         gamma_error: Its standard error, relative.
         shift: Px by which the blurred picture lies to the right of the sharp one, and below.
+        magnification: Size of things in the blurred picture over that in the sharp one, about the
+            middle; the shift is applied after it.
         gains: Factor of light of each channel from the sharp to the blurred picture.
         psnr: In dB of compressed light, of all pixels that count, of those near depth edges and of
             others; nan where there are none.
@@ -261,6 +250,7 @@ class Fit:
     gamma: float
     gamma_error: float
     shift: tuple[float, float]
+    magnification: float
     gains: tuple[float, ...]
     psnr: tuple[float, float, float]
     aperture: Aperture
@@ -308,7 +298,7 @@ def fit(
         exposure: Whether each channel may have a factor between the two pictures.
         side_shading: Whether left and right may have a factor each, a plane over the frame.
         gamma: Whether the power is to be found by which the pictures are linear light.
-        shift: Whether the blurred picture may be shifted by up to 16 px.
+        shift: Whether the blurred picture may be shifted by up to 16 px, and magnified by 2 %.
         depth_repair: As for `render`.
         edge_width: As for `render`.
         threads: As for `render`.
@@ -325,7 +315,7 @@ def fit(
         "strength": strength is None,
         "focus": focus is None,
         "gamma": gamma,
-        **dict.fromkeys(("across", "down"), shift),
+        **dict.fromkeys(("across", "down", "magnification"), shift),
         "separation": crosstalk and len(observed) > 1,
     }
     span = float(disparity.max() - disparity.min())
@@ -393,13 +383,14 @@ def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[
     modelled = search.residual.modelled(point, optics, scale)
     evidence = JudgedPair.of(search.residual, point, optics)
     return Fit(
-        point.strength,
+        point.strength * point.magnification,
         point.focus,
         errors.get("strength", 0.0),
         errors.get("focus", 0.0),
         point.gamma,
         errors.get("gamma", 0.0),
         (point.across, point.down),
+        point.magnification,
         tuple(modelled.gains.tolist()),
         _psnr(residual, weight, radius),
         point.turned(optics.aperture),
@@ -409,7 +400,7 @@ def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[
         tuple(map(tuple, modelled.shading.tolist())),
         evidence.explained,
         tuple(_doubts(fitted, disparity, errors)),
-        tuple(refusals_of(evidence, sought)),
+        tuple(refusals_of(evidence, sought, point)),
     )
 
 
@@ -462,9 +453,6 @@ def _doubts(fitted: FittedLens, disparity: Tensor, errors: dict[str, float]) -> 
             errors.get("focus", 0.0) > 0.1 * (nearest - farthest)
         ),
         "the gamma is known to more than 10 % only": errors.get("gamma", 0.0) > 0.1,
-        f"the pictures are shifted by {MAX_SHIFT:g} px or more": (
-            max(abs(point.across), abs(point.down)) >= MAX_SHIFT
-        ),
         "the rotation of the blades is known to 10 degrees or less well": (
             errors.get("rotation", 0.0) > 10
         ),

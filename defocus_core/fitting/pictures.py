@@ -7,12 +7,12 @@ from copy import copy
 
 import torch
 from torch import Tensor
-from torch.nn.functional import conv2d, interpolate, pad
+from torch.nn.functional import interpolate
 
 _MINIMUM = 16  # px, of a side of small pictures
 _ENDLESS = 1.001  # greatest value, beyond which light has no end
 _END = 0.9999  # fraction of the greatest value
-_LOBES = 3  # of the windowed sinc that shifts a picture
+_LOBES = 3  # of the windowed sinc that moves a picture
 
 
 class Scale:
@@ -60,19 +60,24 @@ def _clipping(image: Tensor) -> Tensor:
     return (image.amax(0, keepdim=True) >= _END * top).to(image)
 
 
-def shifted(images: Tensor, across: float, down: float) -> Tensor:
-    """Pictures [V, C, H, W] moved by parts of a px, with Lanczos' windowed sinc.
+def registered(images: Tensor, across: float, down: float, magnification: float) -> Tensor:
+    """Pictures [V, C, H, W] magnified about their middle, then moved by px, by Lanczos' sinc.
 
     What comes in from beyond the border is what is at the border.
     """
     for shift, dim in ((across, -1), (down, -2)):
-        if shift:
-            kernel = _lanczos(shift).to(images)
-            reach = len(kernel) // 2
-            sides = (reach, reach, 0, 0) if dim == -1 else (0, 0, reach, reach)
-            padded = pad(images.flatten(0, 1)[:, None], sides, mode="replicate")
-            shape = (1, 1, 1, -1) if dim == -1 else (1, 1, -1, 1)
-            images = conv2d(padded, kernel.view(shape))[:, 0].view(images.shape)
+        if not shift and magnification == 1:
+            continue
+        size = images.shape[dim]
+        middle = (size - 1) / 2
+        place = (torch.arange(size).double() - middle - shift) / magnification + middle
+        moved = torch.zeros_like(images)
+        for tap in range(1 - _LOBES, _LOBES + 1):
+            source = place.floor() + tap
+            kernel = _lanczos(place - source).to(images)
+            values = images.index_select(dim, source.long().clamp(0, size - 1).to(images.device))
+            moved += values * (kernel if dim == -1 else kernel[:, None])
+        images = moved
     return images
 
 
@@ -93,14 +98,12 @@ def offset_of(sharp: Tensor, observed: Tensor, maximum: int) -> tuple[float, flo
     return float(positions[across]), float(positions[down])
 
 
-def border_of(shift: float) -> int:
-    """Px at the border that a shift makes of what lies beyond."""
-    return math.ceil(abs(shift)) + _LOBES if shift else 0
+def border_of(shift: float, magnification: float, size: int) -> int:
+    """Px at the border of a side that a registration makes of what lies beyond."""
+    away = abs(shift) + abs(magnification - 1) * size / 2
+    return math.ceil(away) + _LOBES if away else 0
 
 
-def _lanczos(shift: float) -> Tensor:
-    """The kernel, as `conv2d` wants it, that moves a signal by ``shift`` samples."""
-    reach = border_of(shift)
-    away = torch.arange(-reach, reach + 1, dtype=torch.float64) + shift
-    kernel = torch.sinc(away) * torch.sinc(away / _LOBES) * (away.abs() < _LOBES)
-    return kernel / kernel.sum()
+def _lanczos(away: Tensor) -> Tensor:
+    """The windowed sinc of samples so many px away."""
+    return torch.sinc(away) * torch.sinc(away / _LOBES) * (away.abs() < _LOBES)

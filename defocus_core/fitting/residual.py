@@ -15,7 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.fitting.pictures import Scale, border_of, shifted
+from defocus_core.fitting.pictures import Scale, border_of, registered
 from defocus_core.fitting.unknowns import Candidate
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
@@ -27,7 +27,7 @@ _TRUSTED = 0.9  # fraction of the lens, from which on a pixel counts
 _MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
 _LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
 _FAINT = 1e-7  # of a channel of lost light, which must not decide how colours are filled in
-_KEPT = 4  # renderings, as a shift needs no other
+_KEPT = 4  # renderings, as a registration needs no other
 
 
 class Optics(NamedTuple):
@@ -119,11 +119,11 @@ class Residual:
             modelled = modelled.clamp_min(0) ** (1 / point.gamma)
         sure = ((trust - _TRUSTED) / (1 - _TRUSTED)).clamp(0, 1)
         across, down = point.across * scale.factor, point.down * scale.factor
-        if across or down:
-            modelled = shifted(modelled, across, down)
+        if across or down or point.magnification != 1:
+            modelled = registered(modelled, across, down, point.magnification)
             sure = sure.clone()
             for side, shift in ((sure.mT, across), (sure, down)):
-                if border := border_of(shift):
+                if border := border_of(shift, point.magnification, len(side)):
                     side[:border] = side[-border:] = 0
         unclipped = (torch.stack(scale.observed).amax(1, keepdim=True) < self._white).float()
         return modelled, sure * unclipped

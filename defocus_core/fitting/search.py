@@ -32,7 +32,7 @@ _STARTS = 6  # blurs that are rendered
 _KEPT = {_COARSE: 3, MIDDLE: 2}  # of these are followed at a width
 _SAME_PX = 0.25  # px of small pictures, by which radii of one point differ
 _DROP_RATIO = 4.0  # times the error of the best: nothing changes that
-_CHEAP = ("across", "down", "separation")  # unknowns that take no rendering
+_CHEAP = ("across", "down", "magnification", "separation")  # unknowns that take no rendering
 _TURNS = 4  # rotations tried between a blade and the next
 _BLOCKS = 6  # along each side, for the uncertainty
 _SEPARATION = 0.5  # of left and right, from which steps descend
@@ -257,7 +257,7 @@ class Search:
         """A point with the strength that is known for its focus."""
         if self._strength is None:
             return point
-        return replace(point, strength=self._strength(point.focus))
+        return replace(point, strength=self._strength(point.focus) / point.magnification)
 
     def _at(self, point: Candidate, optics: Optics, scale: Scale) -> FittedLens:
         return FittedLens(error_of(*self.residual.of(point, optics, scale)), point, optics)

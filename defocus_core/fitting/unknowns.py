@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from defocus_core.optics.aperture import Aperture
 
 MAX_SHIFT = 16.0  # px
+MAX_MAGNIFICATION = 1.02  # or its inverse: about twice a camera's between near and far focus
 _TURN = 30.0  # degrees
 
 
@@ -16,11 +17,13 @@ _TURN = 30.0  # degrees
 class Candidate:
     """A value of each unknown."""
 
-    strength: float  # k, px of radius for a disparity of 1
+    strength: float  # k, px of radius for a disparity of 1, in the sharp picture
     focus: float  # d₀, the disparity in focus
     gamma: float = 1.0  # power of the numbers of the pictures that is linear light
     across: float = 0.0  # px by which the blurred picture lies to the right of the sharp one
     down: float = 0.0  # px by which it lies below
+    # Size of things in the blurred picture over that in the sharp one, about the middle
+    magnification: float = 1.0
     rotation: float = 0.0  # degrees by which the pupil is turned
     # How far left and right are apart, in the distance of halves of the pupil that share no
     # light; below 0 they are exchanged
@@ -33,8 +36,8 @@ class Candidate:
 
     @property
     def rendered(self) -> Candidate:
-        """What of it needs a rendering: a shift and a crosstalk need none."""
-        return replace(self, across=0.0, down=0.0, separation=1.0)
+        """What of it needs a rendering: registration and crosstalk need none."""
+        return replace(self, across=0.0, down=0.0, magnification=1.0, separation=1.0)
 
 
 @dataclass(frozen=True)
@@ -63,6 +66,7 @@ def unknowns(span: float, names: Iterable[str]) -> list[Unknown]:
         Unknown("focus", span, 0.02, 0.25),
         Unknown("gamma", 1.0, 0.03, 0.2, is_ratio=True, bound=4.0),
         *(Unknown(name, 1.0, 0.25, 2.0, bound=MAX_SHIFT) for name in ("across", "down")),
+        Unknown("magnification", 0.01, 0.1, 0.5, is_ratio=True, bound=MAX_MAGNIFICATION),
         Unknown("separation", 1.0, 0.1, 1.0, bound=1.2),
     ]
     wanted = set(names)

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from defocus_core import Aperture, DefocusLens, DualPixel, fit, fnum_of_strength, render
-from defocus_core.fitting.pictures import shifted
+from defocus_core.fitting.pictures import registered
 
 STRENGTH, FOCUS = 14.0, 0.45  # px for a disparity of 1; disparity
 
@@ -136,13 +136,55 @@ def test_a_shift_between_the_pictures_is_found():
     assert moved.focus == pytest.approx(FOCUS, abs=0.01)
 
 
+def pair_of_waves(magnification, shift, side=160):
+    """Sharp [3, H, W], disparity [H, W] and blurred light, which is evaluated where it lies."""
+    generator = torch.Generator().manual_seed(4)
+    count, (across, down) = 120, shift
+    frequency = 0.5 * torch.randn(count, 2, 1, 1, generator=generator, dtype=torch.float64)
+    phase = 6.3 * torch.rand(count, 1, 1, generator=generator, dtype=torch.float64)
+
+    def light(x, y):
+        waves = torch.sin(frequency[:, 0] * x + frequency[:, 1] * y + phase)
+        return (0.5 + 0.4 * waves.sum(0) / count**0.5).clamp_min(0).float().expand(3, -1, -1)
+
+    y, x = torch.meshgrid(*[torch.arange(side).double() - (side - 1) / 2] * 2, indexing="ij")
+    disparity = torch.linspace(0.05, 0.9, side)[:, None].repeat(1, side)
+    source = (x - across) / magnification, (y - down) / magnification
+    place = (source[1] / (side - 1) + 0.5).float()
+    there = blurred(light(*source), 0.05 + 0.85 * place)
+    return light(x, y), disparity, there
+
+
+@pytest.mark.parametrize(
+    ("magnification", "shift"),
+    [(1.005, (1.4, -0.6)), (0.995, (-2.3, 0.4)), (1.001, (0.3, 1.2)), (1.0, (0.7, 0.0))],
+)
+def test_magnification_and_shift_of_a_pair_are_found(magnification, shift):
+    sharp, disparity, observed = pair_of_waves(magnification, shift)
+    found = fit(sharp, disparity, observed, shift=True)
+    assert found.magnification == pytest.approx(magnification, abs=1e-4)
+    assert found.shift == pytest.approx(shift, abs=0.05)
+    assert found.strength == pytest.approx(STRENGTH, rel=0.01)
+    assert found.focus == pytest.approx(FOCUS, abs=0.005)
+    assert not found.refusals
+
+
+def test_a_pair_of_one_size_is_explained_as_well_with_a_registration():
+    image, disparity = scene()
+    observed = blurred(image, disparity)
+    found, without = (fit(image, disparity, observed, shift=s) for s in (True, False))
+    assert found.magnification == pytest.approx(1, abs=1e-4)
+    assert found.shift == pytest.approx((0, 0), abs=0.05)
+    assert found.psnr[0] > without.psnr[0] - 0.1
+
+
 def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them():
     place = torch.arange(80) + 0.5
     wave = torch.sin(0.7 * place)[None, None, None].expand(1, 1, 60, 80)
-    moved = shifted(wave, 2.3, 0.0)[..., 8:-8]
+    moved = registered(wave, 2.3, 0.0, 1.0)[..., 8:-8]
     wanted = torch.sin(0.7 * (place - 2.3)).expand(1, 1, 60, 80)[..., 8:-8]
     torch.testing.assert_close(moved, wanted, rtol=0, atol=0.01)
-    turned = shifted(wave.mT, 0.0, 2.3).mT[..., 8:-8]
+    turned = registered(wave.mT, 0.0, 2.3, 1.0).mT[..., 8:-8]
     torch.testing.assert_close(turned, moved)
 
 
