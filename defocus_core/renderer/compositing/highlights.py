@@ -29,7 +29,7 @@ from torch.nn.functional import pad
 from defocus_core.optics.aperture import Aperture, View
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.kernel_bank import reach
-from defocus_core.renderer.layers.layer import Layer
+from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import blocks_of
 from defocus_core.tensors.box import BLOCK, Box
@@ -81,8 +81,8 @@ def reached_by(farthest: int) -> int:
 
 
 def split(
-    layers: Sequence[Layer], channels: int, limit: float
-) -> tuple[tuple[Layer, ...], Highlights | None]:
+    layers: Sequence[SampleLayer], channels: int, limit: float
+) -> tuple[tuple[SampleLayer, ...], Highlights | None]:
     """Separate highlights from layers, in whose light they are black; None if there are none.
 
     `channels`: how many are colours, which alone the highlights have; alpha stays as it is.
@@ -115,7 +115,7 @@ class Occluder(NamedTuple):
     coverage: Tensor  # [H, W], the fraction of each pixel that the surface covers
 
 
-def occluders_of(layers: Sequence[Layer], radii: tuple[float, ...]) -> list[Occluder]:
+def occluders_of(layers: Sequence[SampleLayer], radii: tuple[float, ...]) -> list[Occluder]:
     """Layers that may stand before lights; `radii`: signed radius of each slice in px."""
     return [
         Occluder(layer.signed_radius, slice_position(layer.signed_radius, radii), layer.covered)

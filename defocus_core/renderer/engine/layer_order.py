@@ -28,7 +28,7 @@ from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
 from defocus_core.renderer.compositing.sight import SightLimits
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.renderer.layers.layer import Layer
+from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.renderer.layers.slice_radii import CompositeOrder, slice_position
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import Box, Grid
@@ -177,7 +177,9 @@ def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
     """The pixels of a hidden surface, with their positions between its slices."""
     color, radius, mask = hidden
     positions = slice_position(torch.where(mask, radius, radii[0]), radii)
-    return SurfaceSamples([Layer(color, mask[None].to(color), radius, sparse=True)], positions)
+    return SurfaceSamples(
+        [SampleLayer(color, mask[None].to(color), radius, sparse=True)], positions
+    )
 
 
 def _occluding(layers: list[Tensor]) -> Tensor:

@@ -56,7 +56,7 @@ from defocus_core.renderer.engine.scene import (
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, known_within, separated
-from defocus_core.renderer.layers.layer import Layer, of_slices
+from defocus_core.renderer.layers.layer import SampleLayer, of_slices
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import SHARP, slice_position
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
@@ -117,15 +117,17 @@ class _Place(NamedTuple):
 class _Seen(NamedTuple):
     """What is seen in the rectangle `outer` of a region."""
 
-    layers: tuple[Layer, ...]  # visible samples, those of the surface that the depth names first
+    layers: tuple[
+        SampleLayer, ...
+    ]  # visible samples, those of the surface that the depth names first
     positions: Tensor  # [H, W] of the first layer, between slice radii
     highlights: Highlights | None
     hidden: list[Filling]
-    behind: tuple[Layer, ...] = ()  # samples that nearer ones hide
-    uncovered: tuple[Layer, ...] = ()  # what no sample covers, as a surface without colours
+    behind: tuple[SampleLayer, ...] = ()  # samples that nearer ones hide
+    uncovered: tuple[SampleLayer, ...] = ()  # what no sample covers, as a surface without colours
     sight: SightLimits | None = None  # how far the lens sees in the tiles
     openings: Openings | None = None  # of layers: where the lens sees past opaque samples
-    solid: tuple[Layer, ...] = ()  # of layers: the nearest opaque sample of each pixel
+    solid: tuple[SampleLayer, ...] = ()  # of layers: the nearest opaque sample of each pixel
 
 
 def region_of(
@@ -164,7 +166,7 @@ def _of_picture(
     """What a picture [C, H, W] and its radii show and hide."""
     frame, content, slices = place.frame, place.frame.content, place.frame.slices
     of_all: RegionSurfaces | None = None
-    layers: tuple[Layer, ...] = (Layer.whole(image, signed_radius),)
+    layers: tuple[SampleLayer, ...] = (SampleLayer.whole(image, signed_radius),)
     if isinstance(backdrop, SurfacesOfColors):
         of_all = backdrop.at(place.outer, place.inside)
         layers = of_all.layers
@@ -204,10 +206,10 @@ def _of_layers(
         light = torch.cat([highlights.light, torch.zeros_like(highlights.light[:, :1])], 1)
         highlights = highlights._replace(light=light)
     fills, farthest = list[Filling](), torch.full_like(radius, layered.limits[1])
-    uncovered: tuple[Layer, ...] = ()
+    uncovered: tuple[SampleLayer, ...] = ()
     if layered.open and layered.is_continued:
         rest = stack.through[-1:]
-        uncovered = (Layer(rest[:0], rest, farthest, sparse=True),)
+        uncovered = (SampleLayer(rest[:0], rest, farthest, sparse=True),)
     if backdrop is not None:
         assert isinstance(backdrop, Backdrop), "layers of all colours"
         around = place.outer, place.inside
@@ -228,11 +230,11 @@ def _of_layers(
         behind=stack.hidden(),
         uncovered=uncovered,
         openings=openings.over(place.core),
-        solid=(Layer.whole(image[:0], stack.solid(layered.limits[1])),),
+        solid=(SampleLayer.whole(image[:0], stack.solid(layered.limits[1])),),
     )
 
 
-def _samples_within(place: _Place, layers: Sequence[Layer]) -> SurfaceSamples:
+def _samples_within(place: _Place, layers: Sequence[SampleLayer]) -> SurfaceSamples:
     """The samples whose light reaches the tiles."""
     radii = place.frame.slices.radii
     layers = [layer.within(place.inside) for layer in layers]

@@ -21,7 +21,7 @@ from defocus_core.renderer.compositing.highlights import split
 from defocus_core.renderer.engine.frame import Content, SharedFrame
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, KnownLayer, hidden_layer
-from defocus_core.renderer.layers.layer import Layer, layers_of, mixed_within
+from defocus_core.renderer.layers.layer import SampleLayer, layers_of, mixed_within
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import chosen, plus
@@ -33,7 +33,7 @@ from defocus_core.tensors.validation import backward_only, described
 class RegionSurfaces(NamedTuple):
     """The surfaces of a rectangle."""
 
-    layers: tuple[Layer, ...]
+    layers: tuple[SampleLayer, ...]
     hidden: HiddenLayer | None  # those that are continued behind them; None where nothing is hidden
 
 
@@ -141,7 +141,7 @@ class SurfacesOfColors(NamedTuple):
 
 def layers_within(
     pixels: Tensor, signed_radius: Tensor, backdrop: Backdrop, outer: Box
-) -> tuple[Layer, ...]:
+) -> tuple[SampleLayer, ...]:
     """The layers of a part of a picture: [C, h, w] and [h, w] px in the rectangle `outer`."""
     mixed = backdrop.mixed
     if outer[2:] != backdrop.size:
@@ -150,7 +150,7 @@ def layers_within(
 
 
 def continued(
-    layer: Layer,  # the visible surface in the rectangle `outer`
+    layer: SampleLayer,  # the visible surface in the rectangle `outer`
     backdrop: Backdrop,
     outer: Box,
     inside: Box,

@@ -19,7 +19,7 @@ from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.sparse_masks import flat_nonzero
 
 
-class Layer(NamedTuple):
+class SampleLayer(NamedTuple):
     """Samples of pixels, no two of one pixel."""
 
     color: Tensor  # [C, ..., H, W], not premultiplied by coverage; 0 where that is 0
@@ -29,7 +29,7 @@ class Layer(NamedTuple):
     sparse: bool = False  # whether pixels are without a sample
 
     @classmethod
-    def whole(cls, color: Tensor, signed_radius: Tensor) -> Layer:
+    def whole(cls, color: Tensor, signed_radius: Tensor) -> SampleLayer:
         """A layer that covers all pixels."""
         return cls(color, color.new_ones([1] * color.dim()), signed_radius)
 
@@ -48,20 +48,20 @@ class Layer(NamedTuple):
         """[..., H, W], coverage of all pixels."""
         return self.coverage.expand(1, *self.signed_radius.shape)[0]
 
-    def within(self, box: Box) -> Layer:
+    def within(self, box: Box) -> SampleLayer:
         """The layer in a box."""
         coverage = self.coverage if self.is_whole else box.of(self.coverage)
         radius = box.of(self.signed_radius)
-        return Layer(box.of(self.color), coverage, radius, self.sparse)
+        return SampleLayer(box.of(self.color), coverage, radius, self.sparse)
 
 
-def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple[Layer, ...]:
+def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple[SampleLayer, ...]:
     """The layers of a picture: the surface that its depth names, then parts of nearer ones.
 
     `image`: [C, ..., H, W]; `signed_radius`: [..., H, W] px.
     """
     if not len(mixed.at):
-        return (Layer.whole(image, signed_radius),)
+        return (SampleLayer.whole(image, signed_radius),)
     index = mixed.at[:, 0] * signed_radius.shape[-1] + mixed.at[:, 1]
     own, nearer = mixed.own, mixed.nearer
 
@@ -72,8 +72,8 @@ def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple
     color, coverage, radius = with_mixed(image.new_zeros(shape), nearer).tensor_split([-2, -1])
     ones = image.new_ones(1, *signed_radius.shape)
     return (
-        Layer(with_mixed(image, own[:-1]), with_mixed(ones, own[-1:]), signed_radius),
-        Layer(color, coverage, radius[0], sparse=True),
+        SampleLayer(with_mixed(image, own[:-1]), with_mixed(ones, own[-1:]), signed_radius),
+        SampleLayer(color, coverage, radius[0], sparse=True),
     )
 
 
@@ -86,7 +86,7 @@ def mixed_within(mixed: MixedPixels, box: Box, height: int) -> MixedPixels:
     return mixed._replace(at=at).select(number)
 
 
-def of_slices(layers: Sequence[Layer], radii: tuple[float, ...]) -> list[Layer]:
+def of_slices(layers: Sequence[SampleLayer], radii: tuple[float, ...]) -> list[SampleLayer]:
     """Many layers as one for each slice that holds any of their samples."""
     sums: dict[int, Tensor] = {}
     for layer in layers:
@@ -99,7 +99,7 @@ def of_slices(layers: Sequence[Layer], radii: tuple[float, ...]) -> list[Layer]:
             part = light * membership(positions, sent([k], positions))
             sums[k] = sums[k] + part if k in sums else part
     return [
-        Layer(
+        SampleLayer(
             light[:-1] / torch.where(light[-1:] > 0, light[-1:], 1.0),
             light[-1:],
             torch.full_like(light[0], radii[k]),

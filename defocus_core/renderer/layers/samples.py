@@ -15,7 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.layers.layer import Layer
+from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.derived import Mapped, held
 from defocus_core.tensors.source import Pixels, banded
@@ -187,11 +187,11 @@ class SampleStack(NamedTuple):
             return None
         return torch.prod(1 - self.color[1:, -1].detach(), 0) <= _CLEAR
 
-    def visible(self) -> tuple[Layer, ...]:
+    def visible(self) -> tuple[SampleLayer, ...]:
         """What shows: the nearest sample, and what shows of those behind it."""
         return self._weighted(self.through[:-1])
 
-    def hidden(self) -> tuple[Layer, ...]:
+    def hidden(self) -> tuple[SampleLayer, ...]:
         """What samples of nearer surfaces in the same pixel hide, if anything is hidden."""
         if len(self.color) == 1:
             return ()
@@ -216,14 +216,14 @@ class SampleStack(NamedTuple):
             weights.append((not_hidden - self.through[k]).clamp(min=0))
         return torch.stack(weights)
 
-    def _weighted(self, weights: Tensor) -> tuple[Layer, ...]:
+    def _weighted(self, weights: Tensor) -> tuple[SampleLayer, ...]:
         """The samples times weights [L, h, w]."""
         layers = []
         for color, radius, weight in zip(self.color, self.signed_radius, weights, strict=True):
             cover = color[-1:]
             color = color if self.with_alpha else color[:-1]
             color = color / torch.where(cover > 0, cover, 1.0)
-            layers.append(Layer(color, cover * weight, radius, sparse=True))
+            layers.append(SampleLayer(color, cover * weight, radius, sparse=True))
         return tuple(layers)
 
 

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.renderer.layers.layer import Layer
+from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.renderer.layers.slice_radii import membership, slice_before, slice_position
 from defocus_core.renderer.layers.slopes import Shifts
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, min_transform
@@ -336,7 +336,7 @@ _BAND, _AREA, _BYTES_EACH = 64, 1 << 16, 120
 class SurfaceSamples(NamedTuple):
     """The layers of a surface that are blurred together, with what part of the lens sees of it."""
 
-    layers: Sequence[Layer]
+    layers: Sequence[SampleLayer]
     positions: Tensor  # [..., H, W] positions of the first layer between slice radii
     slopes: Tensor | None = None  # [2, H, W] of the radius, px per px; None if nothing is tilted
     # Sub-pixel shifts of the colours near focus; None if they are not rendered
@@ -417,7 +417,7 @@ class Surface:
         return framed
 
     def _with_frame(
-        self, layer: Layer, positions: Tensor, count: int, sharp: int | None
+        self, layer: SampleLayer, positions: Tensor, count: int, sharp: int | None
     ) -> _FramedLayer:
         """A layer and its positions [..., H, W] in the frame."""
         light = self._framed([layer.light, layer.covered[None]])

@@ -9,7 +9,7 @@ from tolerances import RENDERED
 
 from defocus_core import render
 from defocus_core.renderer.layers import quality
-from defocus_core.renderer.layers.layer import Layer
+from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import Surface, SurfaceSamples
 from defocus_core.tensors import box as tiling
@@ -48,8 +48,8 @@ def test_a_slice_is_averaged_as_its_pixels_are(size, level):
     extra, share = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
     share = share * (torch.rand(size, generator=generator) < 0.02)
     radius, radii = torch.full(size, 1.0, dtype=torch.float64), (0.0, 2.0, 4.0)
-    nearer = Layer(extra, share, radius, sparse=True)
-    samples = SurfaceSamples([Layer(color, coverage, places), nearer], places)
+    nearer = SampleLayer(extra, share, radius, sparse=True)
+    samples = SurfaceSamples([SampleLayer(color, coverage, places), nearer], places)
     surface = Surface(samples, radii, [4, 4, 4], [0, 1, 1], grid_over(H, W), 4, 200)
     whole = torch.cat([color * coverage, coverage]) * (1 - places).clamp(min=0)
     whole += torch.cat([extra * share, share]) * (1 - slice_position(radius, radii)).clamp(min=0)
