@@ -93,7 +93,7 @@ def test_the_peak_begins_anew():
 
 def test_a_table_of_launches_goes_where_one_is(tmp_path):
     (tmp_path / "notes.md").write_text("mine")
-    refused(run("bench", "--launches", tmp_path / "notes.md"), 3, "wrong-value", "notes.md")
+    refused(run("bench", "--launches", tmp_path / "notes.md"), 3, "malformed", "notes.md")
     assert (tmp_path / "notes.md").read_text() == "mine"
     ran = run("bench", "--launches", tmp_path / "new.md", "--threads", "2")
     refused(ran, 2, "contradiction", "--threads")
