@@ -1,14 +1,28 @@
 """Mixed pixels: taken apart where they are mixed, left alone where they are not."""
 
+from types import SimpleNamespace
+
 import pytest
 import torch
 from measures import worst
 from scenes import pattern
 
-from defocus_core.depth.matting import radii_by_color, unmixed
+from defocus_core.depth.matting import mixed_pixels, radii_by_color
 
 SIZE = (32, 48)
 EDGE = 20  # the column that is mixed
+
+
+def unmixed(image, radius):
+    """The picture of own surfaces with their coverage, and what mixed pixels hold of nearer ones."""
+    found = mixed_pixels(image, radius)
+    color, coverage, at = image.clone(), torch.ones_like(image[:1]), found.at.unbind(1)
+    color[:, *at], coverage[:, *at] = found.own[:-1], found.own[-1:]
+    some = found.nearer[-2] > 0
+    *colors, share, radii = found.nearer[:, some]
+    layer = torch.stack([*(each * share for each in colors), share], 1)
+    fringe = SimpleNamespace(at=found.at[some], layer=layer, signed_radius=radii)
+    return SimpleNamespace(color=color, coverage=coverage, fringe=fringe)
 
 
 def card(alpha, near_r=-6.0, far_r=3.0):
