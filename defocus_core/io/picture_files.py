@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from defocus_core.errors import UsageProblem, did_you_mean
 from defocus_core.io.depth_formats import depth as depth_files
 from defocus_core.io.depth_formats.depth import Depth, require_valid
-from defocus_core.io.depth_formats.reading import GEOMETRIES, KINDS, DepthReading
+from defocus_core.io.depth_formats.reading import KINDS, DepthReading
 from defocus_core.io.depth_formats.table import NAMES, UNITS
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images import color as color_files
@@ -70,13 +70,13 @@ def read_depth(
     part: int | None = None,
     view: str | None = None,
     range_mm: tuple[float, float] | None = None,
-    geometry: str | None = None,
+    radial: bool | None = None,
     focal_px: float | None = None,
     fov: float | None = None,
     baseline_mm: float | None = None,
     doffs: float | None = None,
     sky: float | None = None,
-    holes: str = "keep",
+    invalid: str = "keep",
 ) -> Depth:
     """Read depth of any format as planar metres.
 
@@ -92,13 +92,13 @@ def read_depth(
         range_mm: The distances in mm that the ends of an integer's range, or 0 and 1, stand for:
             of depth the nearest, then the farthest; of disparity that of the greatest number, then
             that of 0.
-        geometry: Whether the numbers are planar, or radial: distances to the point.
+        radial: True if the numbers are distances to the point, False if they are planar.
         focal_px: Focal length of the picture in px.
         fov: Horizontal field of view in degrees.
         baseline_mm: Distance between the two cameras of a disparity.
         doffs: Px added to a disparity.
         sky: Numbers from this one on are sky; of disparity, up to this one.
-        holes: What becomes of pixels without depth: keep (as the file has them: NaN, 0 or
+        invalid: What becomes of pixels without depth: keep (as the file has them: NaN, 0 or
             negative), error, far (+inf) or fill (from the farther neighbour).
 
     Returns:
@@ -108,8 +108,8 @@ def read_depth(
         ``metres`` are signed radii of the blur in px.
 
     Raises:
-        InputError: The file cannot be read, what its depth is stays open, or ``holes="error"`` and
-            there are some.
+        InputError: The file cannot be read, what its depth is stays open, or pixels have none and
+            ``invalid="error"``.
         UsageProblem: An option is missing, unknown, or makes no sense for this file.
     """
     _within("depth-scale", None if scale is None else abs(scale))  # negative: the axis is reversed
@@ -124,16 +124,16 @@ def read_depth(
         part=part,
         view=view,
         depth_range=range_mm,
-        geometry=_one_of("geometry", geometry, GEOMETRIES),
+        geometry=None if radial is None else "radial" if radial else "planar",
         focal_px=_within("focal-px", focal_px),
         fov=_within("fov", fov, 180.0),
         baseline=_within("baseline", baseline_mm),
         doffs=doffs,
         sky=sky,
-        invalid=holes if _one_of("invalid", holes, HOLES) in ("far", "fill") else "error",
+        invalid=invalid if _one_of("invalid", invalid, HOLES) in ("far", "fill") else "error",
     )
     depth = depth_files.read_depth(Path(path), reading)
-    if holes == "error":
+    if invalid == "error":
         require_valid(depth)
     return depth
 

@@ -15,11 +15,13 @@ is signed (negative nearer than focus) and affine in disparity 1/z, in which not
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Self
 
 import torch
 from torch import Tensor
 
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import (
     bad_depth,
@@ -48,6 +50,22 @@ def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: f
         pixel_size: mm.
     """
     return foclen**2 / (2 * pixel_size * strength * (1 - foclen * focus))
+
+
+def coc_of(per_disparity: Tensor, focus: Tensor, depth: Tensor) -> Tensor:
+    """The law: signed CoC in mm of depths in mm, by A v and by 1/s, the disparity in focus."""
+    return per_disparity * (focus - 1 / depth)
+
+
+def radii_of_each(lenses: Sequence[ThinLens], depth: Tensor) -> Tensor:
+    """Signed CoC radii in px of maps [B, H, W] of depth in mm, > 0, by a lens of each.
+
+    One operation for all; `d_close` and the like are left out.
+    """
+    terms = torch.stack([lens._terms(depth.dtype) for lens in lenses], 1)
+    per_disparity, focus, two_pixels = sent(terms[..., None, None], depth)
+    radii: Tensor = coc_of(per_disparity, focus, depth) / two_pixels
+    return radii
 
 
 class ThinLens:
@@ -243,7 +261,7 @@ class ThinLens:
         self._require_real_image("foc_dist", self.foc_dist)
         z = self._limit(self._distance("depth", depth))
         s = self._parameter("foc_dist", z).abs()
-        coc = self._coc_per_disparity(s, z) * (1 / s - 1 / z)
+        coc = coc_of(self._coc_per_disparity(s, z), 1 / s, z)
         return coc if self.sharp_range is None else coc.masked_fill(self._is_sharp(z), 0.0)
 
     def signed_radius(self, depth: Scalar) -> Tensor:
@@ -272,11 +290,8 @@ class ThinLens:
         s = numbers("foc_dist", self.foc_dist, floating(self.dtype), torch.device("cpu")).abs()
         return (self._coc_per_disparity(s, s) / s / (2 * self.pixel_size)).detach()
 
-    def radius_terms(self, dtype: torch.dtype) -> Tensor:
-        """A v, 1/s and 2 p [3], on the CPU, of the radius A v (1/s - 1/z) / (2 p) of a depth z.
-
-        With them radii of many lenses are one operation; `d_close` and the like are left out.
-        """
+    def _terms(self, dtype: torch.dtype) -> Tensor:
+        """A v, 1/s and 2 p [3], on the CPU."""
         s = self._parameter("foc_dist", torch.empty(0, dtype=dtype, device="cpu")).abs()
         return torch.stack(
             [self._coc_per_disparity(s, s), 1 / s, s.new_tensor(2 * self.pixel_size)]

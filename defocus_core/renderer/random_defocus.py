@@ -18,10 +18,10 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.thin_lens import radii_of_each
 from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.render import render_each
-from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.order_statistics import percentile_rank
 from defocus_core.tensors.torch_modes import graph_break, own_modes
 from defocus_core.tensors.validation import (
@@ -36,7 +36,7 @@ from defocus_core.tensors.views import Views, no_pictures
 
 Option = float | Distribution
 _SHAPES = ("curvature", "obstruction", "spherical", "squeeze")
-_RIM = ("rim_size", "rim_shift")
+_RIM = ("cat_eye_size", "cat_eye_shift")
 OPTIONS = (
     *("foclen", "fnum", "foc_dist", "blades", "blade_rotation", "sensor_width"),
     *(*_SHAPES, *_RIM, "crosstalk"),
@@ -84,16 +84,8 @@ def aperture_with(options: dict[str, Any]) -> Aperture:
 
 def rim_with(options: dict[str, Any]) -> CatEye | None:
     """The rim of drawn options; None where it clips nothing."""
-    size, shift = options["rim_size"], options["rim_shift"]
+    size, shift = options["cat_eye_size"], options["cat_eye_shift"]
     return None if size >= 1 + shift else CatEye(size, shift)
-
-
-def radii_of_each(lenses: Sequence[DefocusLens], depth: Tensor) -> Tensor:
-    """Signed CoC radii in px of maps [B, H, W] of depth in mm, > 0, by a lens of each."""
-    terms = torch.stack([lens.radius_terms(depth.dtype) for lens in lenses], 1)
-    coc_per_disparity, focus, two_pixels = sent(terms[..., None, None], depth)
-    radii: Tensor = coc_per_disparity * (focus - 1 / depth) / two_pixels
-    return radii
 
 
 def lens_with(options: dict[str, Any], size: torch.Size) -> DefocusLens:
@@ -127,8 +119,8 @@ class Lenses(NamedTuple):
         obstruction: Opaque shares of the radius.
         spherical: Spherical aberrations.
         squeeze: Squeezes.
-        rim_size: Radii of the rim of the barrel, in radii of the pupil.
-        rim_shift: How far the rim is off the pupil in the corners, in these radii.
+        cat_eye_size: Radii of the rim of the barrel, in radii of the pupil.
+        cat_eye_shift: How far the rim is off the pupil in the corners, in these radii.
         crosstalk: Shares of the light that go to the other photodiode.
     """
 
@@ -143,8 +135,8 @@ class Lenses(NamedTuple):
     obstruction: Tensor
     spherical: Tensor
     squeeze: Tensor
-    rim_size: Tensor
-    rim_shift: Tensor
+    cat_eye_size: Tensor
+    cat_eye_shift: Tensor
     crosstalk: Tensor
 
 
@@ -168,8 +160,8 @@ class RandomDefocus(torch.nn.Module):
         obstruction: Option = 0.0,
         spherical: Option = 0.0,
         squeeze: Option = 1.0,
-        rim_size: Option = 1.0,
-        rim_shift: Option = 0.0,
+        cat_eye_size: Option = 1.0,
+        cat_eye_shift: Option = 0.0,
         crosstalk: Option = 0.0,
         max_radius: float | None = None,
         left_right: bool = False,
@@ -192,8 +184,8 @@ class RandomDefocus(torch.nn.Module):
             obstruction: As of an `Aperture`.
             spherical: As of an `Aperture`.
             squeeze: As of an `Aperture`.
-            rim_size: Radius of the rim of the barrel, as `size` of a `CatEye`.
-            rim_shift: As `shift` of a `CatEye`. 1 and 0 are no rim.
+            cat_eye_size: Radius of the rim of the barrel, as `size` of a `CatEye`.
+            cat_eye_shift: As `shift` of a `CatEye`. 1 and 0 are no rim.
             crosstalk: As of a `DualPixel`.
             max_radius: Greatest radius of the blur in px: a lens that exceeds it is drawn again.
                 None for no bound.
@@ -217,8 +209,8 @@ class RandomDefocus(torch.nn.Module):
         self.obstruction = obstruction
         self.spherical = spherical
         self.squeeze = squeeze
-        self.rim_size = rim_size
-        self.rim_shift = rim_shift
+        self.cat_eye_size = cat_eye_size
+        self.cat_eye_shift = cat_eye_shift
         self.crosstalk = crosstalk
         self.max_radius = max_radius
         self.left_right = left_right
@@ -232,7 +224,7 @@ class RandomDefocus(torch.nn.Module):
         """Check all options, which may have been set anew."""
         for name in OPTIONS:
             check_option(name, getattr(self, name))
-        check_rim(self.rim_size, self.rim_shift)
+        check_rim(self.cat_eye_size, self.cat_eye_shift)
         one_of("depth_unit", self.depth_unit, tuple(DEPTH_UNITS))
         if self.max_radius is not None:
             self.max_radius = positive("max_radius", self.max_radius, "None is no bound")

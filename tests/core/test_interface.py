@@ -127,10 +127,10 @@ def test_holes_become_what_is_asked_for(tmp_path):
     depth[3, 4] = np.nan
     write_map(tmp_path / "z.exr", depth)
     assert np.flatnonzero(read_depth(tmp_path / "z.exr").invalid) == [3 * WIDTH + 4]
-    assert read_depth(tmp_path / "z.exr", holes="far").metres[3, 4] == np.inf
-    assert read_depth(tmp_path / "z.exr", holes="fill").metres[3, 4] in (depth[3, 3], depth[3, 5])
+    assert read_depth(tmp_path / "z.exr", invalid="far").metres[3, 4] == np.inf
+    assert read_depth(tmp_path / "z.exr", invalid="fill").metres[3, 4] in (depth[3, 3], depth[3, 5])
     with refuses("invalid-depth"):
-        read_depth(tmp_path / "z.exr", holes="error")
+        read_depth(tmp_path / "z.exr", invalid="error")
 
 
 @pytest.mark.parametrize(
@@ -139,8 +139,7 @@ def test_holes_become_what_is_asked_for(tmp_path):
         ({"format": "kity"}, "depth-format"),
         ({"unit": "miles"}, "depth-unit"),
         ({"kind": "distance"}, "depth-kind"),
-        ({"geometry": "round"}, "geometry"),
-        ({"holes": "mend"}, "invalid"),
+        ({"invalid": "mend"}, "invalid"),
     ],
 )
 def test_an_option_of_depth_that_is_not_known_is_named(options, field):

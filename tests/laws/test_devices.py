@@ -396,7 +396,7 @@ def depths_of(count, size):
             "spherical": Distribution("uniform", (-0.5, 0.5)),
             "crosstalk": Distribution("uniform", (0.0, 0.3)),
         },
-        {"rim_size": 1.2, "rim_shift": Distribution("uniform", (0.3, 0.9))},
+        {"cat_eye_size": 1.2, "cat_eye_shift": Distribution("uniform", (0.3, 0.9))},
     ],
     ids=lambda options: "-".join(options),
 )

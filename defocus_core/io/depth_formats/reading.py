@@ -22,7 +22,6 @@ from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 
 KINDS = ("depth", "disparity")
-GEOMETRIES = ("radial", "planar")
 INVALID = ("error", "far", "fill")
 RESIZES = ("nearest", "guided")
 UNPREMULTIPLY = ("auto", "on", "off")

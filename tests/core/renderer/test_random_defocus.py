@@ -245,8 +245,8 @@ LOOK = {
     "obstruction": (0.1, 0.5),
     "spherical": (-0.8, 0.8),
     "squeeze": (1.2, 2.0),
-    "rim_size": (0.9, 1.1),
-    "rim_shift": (0.2, 0.6),
+    "cat_eye_size": (0.9, 1.1),
+    "cat_eye_shift": (0.2, 0.6),
     "crosstalk": (0.05, 0.3),
 }
 
@@ -255,9 +255,9 @@ LOOK = {
 def test_each_option_of_the_look_is_drawn_within_its_range_and_shows(name):
     near = torch.full((2, 1, *SIZE), 700.0)
     known = {"foclen": 85.0, "fnum": 1.4, "foc_dist": 3000.0, "blades": 6, "left_right": True}
-    plain, _ = draft(**known)(image(2), near, [1, 2])
+    plain, _ = draft(**known)(image(2), near, [4, 10])
     views, lenses = draft(**known, **{name: Distribution("uniform", LOOK[name])})(
-        image(2), near, [1, 2]
+        image(2), near, [4, 10]
     )
     drawn = getattr(lenses, name).tolist()
     assert len(set(drawn)) == 2
@@ -282,7 +282,10 @@ def test_blades_that_are_drawn_away_have_no_curvature():
     [
         ({"obstruction": Distribution("uniform", (0.0, 1.0))}, "obstruction must be"),
         ({"squeeze": 0.0}, "squeeze must be"),
-        ({"rim_shift": Distribution("uniform", (0.0, 0.9)), "rim_size": 0.9}, "shift must be"),
+        (
+            {"cat_eye_shift": Distribution("uniform", (0.0, 0.9)), "cat_eye_size": 0.9},
+            "shift must be",
+        ),
         ({"crosstalk": 0.5}, "crosstalk must be"),
     ],
 )
