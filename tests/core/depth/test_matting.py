@@ -14,7 +14,7 @@ EDGE = 20  # the column that is mixed
 
 
 def unmixed(image, radius):
-    """The picture of own surfaces with their coverage, and what mixed pixels hold of nearer ones."""
+    """Colours and coverage of own surfaces, and what mixed pixels hold of nearer ones."""
     found = mixed_pixels(image, radius)
     color, coverage, at = image.clone(), torch.ones_like(image[:1]), found.at.unbind(1)
     color[:, *at], coverage[:, *at] = found.own[:-1], found.own[-1:]
