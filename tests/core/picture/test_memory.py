@@ -187,6 +187,17 @@ def beyond_base(mb):
     return int((memory_budget.base_mb() + mb) * memory.MB)
 
 
+@pytest.mark.parametrize(
+    ("dtype", "sample_bytes"), [("float16", 2), ("float32", 4), ("float64", 8)]
+)
+def test_a_file_is_counted_by_the_bytes_of_its_samples(dtype, sample_bytes, tmp_path):
+    depth = tmp_path / "z.npz"
+    np.savez(depth, depth=np.ones(SIZE, dtype))
+    asked = job(tmp_path, 2**33)
+    held = memory_budget.holding(replace(asked, picture=replace(asked.picture, depth=depth)))
+    assert held.whole_mb == SIZE[0] * SIZE[1] * sample_bytes / memory.MB
+
+
 def test_what_must_be_decoded_at_once_and_does_not_fit_is_refused(tmp_path):
     asked = job(tmp_path, beyond_base(20))
     color = save(tmp_path / "c.webp", np.zeros((1500, 2000, 3), np.uint8))
