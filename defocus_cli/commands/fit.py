@@ -31,6 +31,7 @@ from defocus_core.request.pairing import find_pictures
 from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.request.quantities import QuantityError, length_text
 
+_fit_option = partial(lens_option, is_common=True)
 _sensor_option = partial(option, heading="Sensor")
 
 _MAX_BLADES = 99
@@ -46,33 +47,33 @@ def _blades(text: str) -> tuple[int, ...]:
 
 
 _options = [
-    lens_option(
+    _fit_option(
         "--focal-length LENGTH",
         "Focal length of the lens, for which the f-number is found.",
         LENS_OPTIONS["focal-length"].parse,
         default="50mm",
         show_default=True,
     ),
-    lens_option(
+    _fit_option(
         "--sensor-width LENGTH",
         "Width of the sensor that the pictures show.",
         LENS_OPTIONS["sensor-width"].parse,
         default="36mm",
         show_default=True,
     ),
-    lens_option(
+    _fit_option(
         "--blades N,…",
         "Numbers of blades to choose from; 0 is round. Their rotation is found, too.",
         _blades,
         default="0",
         show_default=True,
     ),
-    lens_option(
+    _fit_option(
         "--focus DISTANCE",
         "The distance in focus, where it is known: it is not sought, and one plane will do.",
         quantities.focus,
     ),
-    lens_option("--fnumber N", "The f-number, where it is known.", LENS_OPTIONS["fnumber"].parse),
+    _fit_option("--fnumber N", "The f-number, where it is known.", LENS_OPTIONS["fnumber"].parse),
     _sensor_option(
         "--dual-pixel",
         "Find how the photodiodes of a pair share the light, too: model, crosstalk, sides.",
@@ -91,15 +92,15 @@ _options = [
         "--side-shading",
         "Find a factor of light of each side, too, that is a plane over the frame.",
     ),
-    lens_option(
+    _fit_option(
         "--exposure",
         "Find a factor for each colour, too: the pictures differ in exposure or white balance.",
     ),
-    lens_option(
+    _fit_option(
         "--gamma",
         "Find the power by which the files are linear light, too: their curve is not known.",
     ),
-    lens_option(
+    _fit_option(
         "--shift",
         "Find by how many px, up to 16, BLURRED lies beside SHARP, and its magnification, too.",
     ),
@@ -124,12 +125,16 @@ def _fit_options(command: Command) -> Command:
     "--right FILE",
     "The right picture of a dual-pixel pair, of which BLURRED is the left one.",
     FilePath(),
+    is_common=True,
 )
 @output_option(
-    "-o --out LENS.toml", "Lens file to write; of folders, a directory for <stem>.toml.", FilePath()
+    "-o --out LENS.toml",
+    "Lens file to write; of folders, a directory for <stem>.toml.",
+    FilePath(),
+    is_common=True,
 )
-@output_option("--overwrite", "Replace lens files that are there.")
-@output_option("--accept", "Take a lens that does not explain the pictures.")
+@output_option("--overwrite", "Replace lens files that are there.", is_common=True)
+@output_option("--accept", "Take a lens that does not explain the pictures.", is_common=True)
 @_fit_options
 @reading_options
 @shared.json_option

@@ -31,7 +31,8 @@ TOPICS = {
 def command(topic: str | None) -> None:
     """Print the reference on TOPIC; without TOPIC, list the topics.
 
-    'defocus COMMAND --help' lists the options of a command.
+    'defocus COMMAND --help' lists the options of a command that most need,
+    and --help-all all.
 
     \b
     Examples:

@@ -38,7 +38,7 @@ def _lens_file_option() -> Decorator:
         "for each picture, as 'defocus fit' writes it."
     )
     kind = LensFile()
-    return lens_option("--lens FILE.toml", text, kind, into="lens_file")
+    return lens_option("--lens FILE.toml", text, kind, into="lens_file", is_common=True)
 
 
 def lens_decorators() -> list[Decorator]:

@@ -30,6 +30,7 @@ class OptionText(click.ParamType[str]):
 def param_option(heading: str, param: Param) -> Decorator:
     """The option of a row of a table of options, whose value is a text."""
     settings: dict[str, Any] = {"help": with_dashes(param.help), "metavar": param.metavar or None}
+    settings["is_common"] = param.is_common
     if param.flag:
         settings["is_flag"] = True
     elif param.choices:

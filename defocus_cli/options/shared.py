@@ -117,12 +117,14 @@ def output_options(command: Command) -> Command:
                 into="kinds",
                 default="render",
                 show_default=True,
+                is_common=True,
             ),
             output_option(
                 "--format",
                 f"Type of the images; maps ({', '.join(MAPS)}) are always float.  "
                 "[default: exr, or that of the file -o]",
                 Format(),
+                is_common=True,
             ),
             output_option(
                 "--map-format",
@@ -168,13 +170,15 @@ def _encoding_options() -> list[Decorator]:
             f"Quality of JPEG and WEBP images.  [default: {Outputs.jpeg_quality}]",
             click.IntRange(1, 100),
         ),
-        output_option("--preview", "Also write OUT/<kind>/<stem>.preview.png to look at."),
+        output_option(
+            "--preview", "Also write OUT/<kind>/<stem>.preview.png to look at.", is_common=True
+        ),
         output_option(
             "--keep-overscan",
             "Write the pixels beyond the display window of an EXR, too; they take part in "
             "the blur in any case.",
         ),
-        output_option("--overwrite", "Render again and replace what is there."),
+        output_option("--overwrite", "Render again and replace what is there.", is_common=True),
     ]
 
 
@@ -236,6 +240,7 @@ def _computing() -> list[Decorator]:
             "Accuracy, bought with time; a draft is rendered at half of the size, and what is "
             f"in focus gets its detail back.  [default: {Machine.quality}]",
             QUALITIES,
+            is_common=True,
         ),
         device_option(),
         machine_option(

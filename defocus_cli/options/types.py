@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -116,12 +117,26 @@ class Format(click.Choice[str]):
         return super().convert(FORMAT_ALIASES.get(value, value), param, ctx)
 
 
-class GroupedOption(click.Option):
-    """An option that help shows under a heading."""
+# The topics of help that explain the options under a heading
+HEADING_TOPICS = {
+    "Lens": ("look", "shots", "photo", "conventions"),
+    "Shot": ("shots",),
+    "Output": ("conventions",),
+    "Files": ("depth", "photo", "conventions"),
+    "Machine": ("quality", "batch"),
+}
+_MANY = 25  # options; help of a command with more shows the common ones
 
-    def __init__(self, *args: Any, heading: str = "Options", **settings: Any) -> None:
+
+class GroupedOption(click.Option):
+    """An option that help shows under a heading, in short help only if it is common."""
+
+    def __init__(
+        self, *args: Any, heading: str = "Options", is_common: bool = False, **settings: Any
+    ) -> None:
         super().__init__(*args, **settings)
         self.heading = heading
+        self.is_common = is_common or self.required or heading not in HEADING_TOPICS
 
 
 class GroupedCommand(click.Command):
@@ -137,6 +152,19 @@ class GroupedCommand(click.Command):
             text = "Say where an unexpected error happened, on stderr."
             flag = GroupedOption(["-v", "--verbose"], is_flag=True, expose_value=False, help=text)
             self.params.append(flag)
+        is_long = len(self.params) > _MANY
+        self._rare = {p for p in self.params if is_long and not getattr(p, "is_common", True)}
+        text = "Show all options and exit."
+        asking: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False}
+        asking |= {"hidden": not self._rare, "callback": self._show_all, "help": text}
+        self.params.append(GroupedOption(["--help-all"], **asking))
+
+    def _show_all(self, ctx: click.Context, _: click.Parameter, is_asked: bool) -> None:
+        """Print the help with the options that are not common, too."""
+        if is_asked and not ctx.resilient_parsing:
+            ctx.meta["left_out"] = set()
+            click.echo(ctx.get_help(), color=ctx.color)
+            ctx.exit()
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse; click forgets which command an option without its value belongs to."""
@@ -158,15 +186,27 @@ class GroupedCommand(click.Command):
         return args
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write one section for each heading."""
+        """Write one section for each heading, and where the options are that it leaves out."""
         sections: dict[str, list[tuple[str, str]]] = {}
+        rare = ctx.meta.get("left_out", self._rare)
+        left_out = Counter(param.heading for param in rare)
         for param in self.get_params(ctx):
+            if param in rare:
+                continue
             record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
             if record is not None:
                 sections.setdefault(getattr(param, "heading", "Options"), []).append(record)
         for heading, records in sections.items():
             with formatter.section(heading):
                 formatter.write_dl(records)
+        more = [
+            (heading, f"{count} more: {', '.join(f'defocus help {t}' for t in topics)}")
+            for heading, topics in HEADING_TOPICS.items()
+            if (count := left_out[heading])
+        ]
+        if more:
+            with formatter.section(f"Further options, which {ctx.command_path} --help-all shows"):
+                formatter.write_dl(more)
 
 
 def option(

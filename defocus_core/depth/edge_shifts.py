@@ -10,12 +10,13 @@ needs more evidence.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, embedding_bag
+from torch.nn.functional import avg_pool2d, embedding_bag, grid_sample
 
 from defocus_core.depth.color_profiles import (
     FARTHEST,
@@ -31,7 +32,8 @@ from defocus_core.depth.color_profiles import (
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
 from defocus_core.depth.soft_edges import slope_of_soft_edges
-from defocus_core.tensors.derived import Mapped, Repaired
+from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.derived import Mapped
 from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import (
     extreme_around,
@@ -40,7 +42,6 @@ from defocus_core.tensors.neighbourhoods import (
     ranges_of,
     squares_around,
 )
-from defocus_core.tensors.resampling import linear
 from defocus_core.tensors.source import Pixels, banded, bands
 from defocus_core.tensors.sparse_masks import flat_nonzero, positions_of, sums_of_each, tally
 from defocus_core.tensors.threads import threaded
@@ -315,9 +316,7 @@ def coarse_shifts(
         levels -= 1
     found: list[CoarseShifts] = []
     for level, (radii, colors) in reversed(_levels_of(signed_radius, pixels, levels)):
-        for coarser in found:
-            field = _field_at(coarser, radii, level)[:]
-            radii = moved_coarsely(radii, field, step=step, scale=scale)
+        radii = _moved_coarsely(radii, found, step, scale, level)
         silhouette = _silhouette_of(radii, step, scale)
         if silhouette is None:
             continue
@@ -329,31 +328,54 @@ def coarse_shifts(
     return found
 
 
-def moved_coarsely(
-    signed_radius: Tensor, *fields: Tensor, step: float, scale: DistanceScale | None
+def with_coarse_shifts(
+    signed_radius: Pixels, found: list[CoarseShifts], step: float, scale: DistanceScale | None
+) -> Mapped:
+    """Radii [H, W] px with their edges moved by all coarse displacements."""
+    H, W = signed_radius.shape
+    farthest = sum(float(each.field.abs().amax()) * (1 << each.level) for each in found)
+    around = math.ceil(farthest) + len(found) * AROUND_EDGE
+
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        box = Box.over(Span(*rows), Span(*columns))
+        window = box.grown(around, Box(0, 0, H, W))
+        radii = window.of(signed_radius)
+        moved = _moved_coarsely(radii, found, step, scale, corner=window[:2], size=(H, W))
+        return box.seen_from(window).of(moved)
+
+    return Mapped(read, (H, W), signed_radius, around)
+
+
+def _moved_coarsely(
+    signed_radius: Tensor,  # [H, W] px
+    found: Sequence[CoarseShifts],
+    step: float,
+    scale: DistanceScale | None,
+    level: int = 0,  # of the radii
+    corner: tuple[int, ...] = (0, 0),  # where they begin in the picture
+    size: tuple[int, ...] | None = None,  # of the picture; None for that of the radii
 ) -> Tensor:
-    """Radii [H, W] px with edges moved by the px [H, W] of one field after another."""
+    """Radii [H, W] px with edges moved by one coarse displacement after another."""
     silhouette = None
-    for field in fields:
-        if silhouette is None:
-            silhouette = _silhouette_of(signed_radius.detach(), step, scale)
+    for each in found:
+        radii = signed_radius.detach()
+        silhouette = silhouette or _silhouette_of(radii, step, scale)
         if silhouette is None:
             break
-        shift = field[silhouette.at[:, 0], silhouette.at[:, 1]]
-        moved = _moved(signed_radius, silhouette, shift.double())
+        at = (silhouette.at + sent([*corner], silhouette.at)).T.double()
+        shift = _read_at(each.field, at, size or radii.shape) * (1 << (each.level - level))
+        moved = _moved(signed_radius, silhouette, shift)
         if moved is not signed_radius:
             signed_radius, silhouette = moved, None
     return signed_radius
 
 
-def with_coarse_shifts(
-    signed_radius: Pixels, found: list[CoarseShifts], step: float, scale: DistanceScale | None
-) -> Repaired:
-    """Radii [H, W] px with their edges moved by all coarse displacements."""
-    fields = [_field_at(each, signed_radius, 0) for each in found]
-    around = sum((FARTHEST << each.level) + AROUND_EDGE for each in found)
-    repair_window = partial(moved_coarsely, step=step, scale=scale)
-    return Repaired(signed_radius, repair_window, around, *fields)
+def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
+    """A field [h, w] at rows and columns [2, n] of a picture of a size, linearly interpolated."""
+    places = (2 * at + 1) / sent([[size[0]], [size[1]]], at) - 1
+    places = places.flip(0).T[None, None].to(field.dtype)
+    read = grid_sample(field[None, None], places, padding_mode="border", align_corners=False)
+    return read[0, 0, 0].double()
 
 
 def _levels_of(
@@ -403,16 +425,6 @@ def _field_of(silhouette: Silhouette, shift: Tensor, radii: Tensor) -> Tensor:
     both[:, number] = torch.stack([shift, torch.ones_like(shift)]).float()
     total, count = avg_pool2d(both.view(2, 1, *radii.shape), 5, 1, 2)[:, 0]
     return torch.where(count > 0, total / count.clamp(min=1e-3), 0.0)
-
-
-def _field_at(found: CoarseShifts, like: Pixels, level: int) -> Mapped:
-    """A field of displacements [H, W] px at the resolution of a finer level."""
-    size, times = like.shape[-2:], 1 << (found.level - level)
-
-    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        return linear(found.field, rows, columns, size) * times
-
-    return Mapped(read, size, found.field)
 
 
 def _silhouette_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Silhouette | None:
@@ -528,9 +540,12 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
     band = torch.zeros(H, W, dtype=torch.bool, device=at.device)
     steps = [1 << k for k in range(int(shift.abs().amax()).bit_length() + 1)]
     for reach in steps:  # each part by its own displacement
-        part = torch.zeros_like(band)
         by = shift.abs()
-        part.view(-1)[number[(by > (reach // 2 or _HALF)) & (by <= reach)]] = True
+        own = number[(by > (reach // 2 or _HALF)) & (by <= reach)]
+        if not len(own):
+            continue
+        part = torch.zeros_like(band)
+        part.view(-1)[own] = True
         band |= extreme_around(part, reach + 1, torch.maximum)
     index = flat_nonzero(band)
     row = index.div(W, rounding_mode="floor")
@@ -551,6 +566,6 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
             closer = (distance < minimum) | ((distance == minimum) & (other < closest))
             closest = torch.where(closer, other, closest)
             minimum = torch.where(closer, distance, minimum)
-        owner = owner.index_copy(0, index, closest)
+        owner.index_copy_(0, index, closest)
     known = closest < n
     return index[known], closest[known], minimum[known].sqrt()

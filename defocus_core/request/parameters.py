@@ -42,6 +42,7 @@ class Param:
     separator: str = ""
     instead_of: str = ""  # the option that says the same in another way
     choices: Sequence[str] = ()  # the words that it may be, where it is one of them
+    is_common: bool = False  # short help shows it
     flag: bool = False  # it has no value: a field has its name, if it is given
     min_integer: int | None = None  # the least whole number that it may be, where it is one
     # Makes a number of each word, where a command line has it in two words
@@ -147,6 +148,7 @@ class LensParam(Param):
 _ROWS = (
     LensParam(
         name="focal-length",
+        is_common=True,
         parse=quantities.length,
         metavar="LENGTH",
         help="Focal length, like 50mm.",
@@ -161,6 +163,7 @@ _ROWS = (
     ),
     LensParam(
         name="fnumber",
+        is_common=True,
         parse=quantities.fnumber,
         metavar="N",
         help="F-number, like 1.4.",
@@ -187,6 +190,7 @@ _ROWS = (
     ),
     LensParam(
         name="sensor-width",
+        is_common=True,
         parse=quantities.length,
         metavar="LENGTH",
         help="Width of the sensor.  [default: 36mm]",
@@ -199,6 +203,7 @@ _ROWS = (
     ),
     LensParam(
         name="focus",
+        is_common=True,
         parse=quantities.focus,
         metavar="DISTANCE",
         help="Distance in focus, like 2m or inf; or percentile(50) of the depth.",
@@ -214,6 +219,7 @@ _ROWS = (
     ),
     LensParam(
         name="focus-at",
+        is_common=True,
         parse=quantities.pixel,
         metavar="X,Y",
         help="Focus on what this pixel shows, counted from 0; instead of ‹focus›.",
@@ -240,6 +246,7 @@ _ROWS = (
     ),
     LensParam(
         name="blur",
+        is_common=True,
         never_off=True,
         parse=quantities.blur,
         metavar="PX",
@@ -254,6 +261,7 @@ _ROWS = (
     ),
     LensParam(
         name="focus-value",
+        is_common=True,
         never_off=True,
         parse=quantities.number,
         metavar="NUMBER",

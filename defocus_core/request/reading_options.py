@@ -110,30 +110,47 @@ class ReadingParam(Param):
 
 
 def _choice(
-    name: str, choices: Sequence[str], text: str, *, of_pictures: bool = False
+    name: str,
+    choices: Sequence[str],
+    text: str,
+    *,
+    of_pictures: bool = False,
+    is_common: bool = False,
 ) -> ReadingParam:
     return ReadingParam(
-        name=name, parse=one_of(choices), choices=choices, help=text, of_pictures=of_pictures
+        name=name,
+        parse=one_of(choices),
+        choices=choices,
+        help=text,
+        of_pictures=of_pictures,
+        is_common=is_common,
     )
 
 
 _ROWS = (
     ReadingParam(
         name="depth-format",
+        is_common=True,
         parse=format_name,
         metavar="NAME",
         help="Who wrote the depth, like kitti: 'defocus help depth' lists all.",
     ),
-    _choice("depth-unit", tuple(UNITS), "Unit of the depth.  [default: m; mm in 16-bit PNG]"),
+    _choice(
+        "depth-unit",
+        tuple(UNITS),
+        "Unit of the depth.  [default: m; mm in 16-bit PNG]",
+        is_common=True,
+    ),
     ReadingParam(
         name="depth-scale",
         parse=scale,
         metavar="FACTOR",
         help="Multiplies the numbers of the depth file, like 1/256.",
     ),
-    _choice("depth-kind", KINDS, "What the numbers are.  [default: depth]"),
+    _choice("depth-kind", KINDS, "What the numbers are.  [default: depth]", is_common=True),
     ReadingParam(
         name="depth-range",
+        is_common=True,
         parse=distances,
         parse_word=far_distance,
         metavar="NEAR FAR",
@@ -178,6 +195,7 @@ _ROWS = (
     ),
     ReadingParam(
         name="invert",
+        is_common=True,
         flag=True,
         parse=str,
         help="Black is near in a depth of relative disparity; with ‹blur›.",
