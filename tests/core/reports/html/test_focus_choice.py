@@ -107,7 +107,7 @@ def test_a_click_shows_the_picture_of_the_command_below_it(
         pictures.append(opened.shown)
         made = rendered(opened.command, folder, monkeypatch)
         assert np.sqrt(((made - pictures[-1]) ** 2).mean()) < 0.04  # of a JPEG of noise
-        assert "nearest of 2 × 4 small drafts" in opened.text("#shown")
+        assert "nearest of 2 × 5 small drafts" in opened.text("#shown")
     (near, far), half = pictures, WIDTH // 2
     for one, other, columns in ((near, far, slice(8, half - 8)), (far, near, slice(half + 8, -8))):
         assert one[:, columns].std() > 2 * other[:, columns].std(), "in focus is sharp"
@@ -120,7 +120,7 @@ def test_keys_do_all_of_it(folder, browser):
     opened.press("ArrowRight", "ArrowDown")
     assert opened.command[-4:] == ["--blur", "2px", "--focus-at", "71,31"]
     opened.press("ArrowLeft", "ArrowLeft", "ArrowUp", "ArrowUp", "ArrowUp")
-    assert opened.command[-4:-1] == ["--blur", "8px", "--focus-at"]
+    assert opened.command[-4:-1] == ["--blur", "16px", "--focus-at"]
     assert "the number 200 of the depth" in opened.text("#focus")
     opened.page.keyboard.press("?")
     assert opened.page.locator("#help").is_visible()
