@@ -356,11 +356,6 @@ class Outcome(NamedTuple):
     renderer: int | None
 
 
-def files_of(record: Record) -> list[str]:
-    """The outputs that a record speaks of, relative to OUT."""
-    return [stamp.path for stamp in record.outputs.values()]
-
-
 def input_path(path: Path, out: Path) -> str:
     """The path of an input as a journal has it: as given if absolute, else relative to OUT."""
     text = str(path)

@@ -395,11 +395,6 @@ def _drawn(generator: np.random.Generator, mask: NDArray[np.bool_], count: int) 
     return true[generator.integers(0, max(true.size, 1), min(count, true.size))]
 
 
-def has_light(evidence: Evidence) -> bool:
-    """Whether a pair has colour, and not maps of numbers alone."""
-    return bool(evidence.pixels.color)
-
-
 def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
     """Rows and columns of the part [side, side] of differences [H, W] that holds most of them."""
     sums = sums_of_parts(np.minimum(np.nan_to_num(differences), _LARGE), _GRID)

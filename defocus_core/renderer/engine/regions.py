@@ -117,9 +117,8 @@ class _Place(NamedTuple):
 class _Seen(NamedTuple):
     """What is seen in the rectangle `outer` of a region."""
 
-    layers: tuple[
-        SampleLayer, ...
-    ]  # visible samples, those of the surface that the depth names first
+    # Visible samples, those of the surface that the depth names first
+    layers: tuple[SampleLayer, ...]
     positions: Tensor  # [H, W] of the first layer, between slice radii
     highlights: Highlights | None
     hidden: list[Filling]
