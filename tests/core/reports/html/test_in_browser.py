@@ -276,8 +276,8 @@ def test_dark_and_light(browser, report):
 
 def test_pictures_need_a_plain_canvas_alone(browser, report):
     get = "const get = HTMLCanvasElement.prototype.getContext;"
-    only = "function (kind, ...more) { return kind === '2d' ? get.call(this, kind, ...more) : null }"
-    script = f"{get} HTMLCanvasElement.prototype.getContext = {only};"
+    plain = "function (kind, given) { return kind === '2d' ? get.call(this, kind, given) : null }"
+    script = f"{get} HTMLCanvasElement.prototype.getContext = {plain};"
     page = Page(browser, report, script=script, viewport={"width": 480, "height": 900})
     choose(page, "render/brighter.exr")
     assert page.page.is_hidden("#failure")
