@@ -302,7 +302,7 @@ class Draft:
         given = around.of(self.scene.image).to(rendered.trust.dtype)
         every = torch.cat([*rendered.images, given, rendered.trust])
         px = between(doubled(every, wide.seen_from(around)), self._odd)
-        *views, own, trust = px.split([len(given)] * (k + 1) + [1])
+        *views, own, trust = torch.split(px, [len(given)] * (k + 1) + [1])
         # between the middles of the first and the last coarse pixels if their number is odd
         top, left = 2 * wide.top, 2 * wide.left
         box = Box(top, left, *px.shape[-2:])
