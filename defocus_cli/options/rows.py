@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.types import Decorator, GroupedOption, position_of
+from defocus_cli.options.types import Decorator, option, position_of
 from defocus_core.errors import CALLER, with_dashes
 from defocus_core.request.parameters import Param
 from defocus_core.request.quantities import read_at
@@ -27,18 +27,19 @@ class OptionText(click.ParamType[str]):
         return str(value)
 
 
-def param_option(heading: str, param: Param) -> Decorator:
+def param_option(heading: str, param: Param, default: str | None = None) -> Decorator:
     """The option of a row of a table of options, whose value is a text."""
-    metavar = param.metavar or (f"[{'|'.join(param.choices)}]" if param.choices else None)
-    settings: dict[str, Any] = {"help": with_dashes(param.help), "is_common": param.is_common}
-    if param.flag or param.toggle:
-        settings |= {"is_flag": True, "default": None if param.toggle else False}
+    settings: dict[str, Any] = {"heading": heading, "is_common": param.is_common}
+    kind: click.ParamType[str] | None = None
+    spelling = f"--{param.name} {param.metavar}"
+    if param.toggle:
+        spelling, settings["default"] = f"--{param.name}/--no-{param.name}", None
     elif param.words > 1:
-        settings |= {"type": str, "nargs": param.words, "default": None}
-    else:
-        settings["type"] = OptionText(param.name, param.metavar)
-    spelling = f"--{param.name}/--no-{param.name}" if param.toggle else f"--{param.name}"
-    return click.option(spelling, cls=GroupedOption, heading=heading, metavar=metavar, **settings)
+        kind, settings["nargs"] = click.STRING, param.words
+    elif not param.flag:
+        kind = OptionText(param.name, param.metavar)
+        spelling += f"[{'|'.join(param.choices)}]" if param.choices else ""
+    return option(spelling, with_dashes(param.help), kind, **{"default": default, **settings})
 
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:

@@ -117,21 +117,22 @@ def name_option(command: Command) -> Command:
 
 def machine_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute."""
-    return bundle("machine", _machine, _computing())(command)
+    return bundle("machine", Machine, _computing())(command)
+
+
+def draft_options(command: Command) -> Command:
+    """Hand a command ``machine``: how to compute drafts."""
+    return bundle("machine", Machine, _computing()[1:])(command)
 
 
 def rendering_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
-    return bundle("machine", _machine, [*_computing(), *memory_options()])(command)
-
-
-def _machine(*, quality: str | None, **others: Any) -> Machine:
-    return Machine(quality=quality or Machine.quality, **others)
+    return bundle("machine", Machine, [*_computing(), *memory_options()])(command)
 
 
 def _computing() -> list[Decorator]:
     return [
-        param_option("Machine", QUALITY),
+        param_option("Machine", QUALITY, default=Machine.quality),
         device_option(),
         machine_option(
             "--threads N",

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -80,10 +81,14 @@ def shot_options(command: Command) -> Command:
     return bundle("shot", make, options)(command)
 
 
-def shot_lens_options(*, required: bool) -> Decorator:
-    """Hand a command ``lenses``: PictureLenses, or None if none are asked for nor required."""
-    options = [
-        *lens_decorators(),
+def shot_lens_options(
+    *, required: bool, names: Iterable[str] = LENS_OPTIONS, moving: bool = True
+) -> Decorator:
+    """Hand a command ``lenses``: PictureLenses, or None if none are asked for nor required.
+
+    `names`: the options that show in what it makes; `moving`: whether it knows frames.
+    """
+    keys = [
         lens_option(
             "--animate FILE",
             "Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, or "
@@ -95,6 +100,10 @@ def shot_lens_options(*, required: bool) -> Decorator:
             "Between keys: evenly, or slow at each key.  [default: linear]",
             INTERPOLATIONS,
         ),
+    ]
+    options = [
+        *lens_decorators(names),
+        *(keys if moving else ()),
         lens_option(
             "--lens-from-metadata",
             "Take the lens from each colour file: OpenEXR's attributes, V-Ray's, or Exif; -v "
@@ -105,9 +114,9 @@ def shot_lens_options(*, required: bool) -> Decorator:
 
     def make(
         lens_file: Path | None,
-        animate: tuple[str, ...],
-        interpolate: str | None,
         metadata: bool,
+        animate: tuple[str, ...] = (),
+        interpolate: str | None = None,
         **values: Any,
     ) -> PictureLenses | None:
         if interpolate is not None and not animate:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -212,8 +213,9 @@ def option(
     a value is a flag. ``into`` names the parameter, if not the option does.
     """
     words = spelling.split()
-    names = [word for word in words if word.startswith("-")] + [into] * bool(into)
-    metavar = " ".join(word for word in words if not word.startswith("-"))
+    named = [word for word in words if re.match("--?[a-z]", word)]
+    names = [*named, into] if into else named
+    metavar = " ".join(words[len(named) :])
     if isinstance(kind, Sequence):
         kind = click.Choice(kind)
     elif callable(kind) and not isinstance(kind, click.ParamType):

@@ -457,6 +457,8 @@ _ROWS = (
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
 _POINT_OPTIONS = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
+# What decides how far pixels are blurred, of one kind of light.
+BLURRING = tuple(LENS_OPTIONS)[: [*LENS_OPTIONS].index("clamp-blur") + 1]
 # What the opening and the blur of a point show.
 OPENING = tuple(name for name in SHAPES if name.startswith(_POINT_OPTIONS))
 BESIDE_BLUR = frozenset(

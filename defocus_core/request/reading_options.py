@@ -108,6 +108,7 @@ class ReadingParam(Param):
     """An option of reading."""
 
     of_pictures: bool = False  # a depth file alone, without a picture and a lens, has no use for it
+    of_render: bool = False  # what is not written has no use for it
 
 
 def _choice(
@@ -271,6 +272,7 @@ _ROWS = (
         "the others are copied.",
         separator=",",
         of_pictures=True,
+        of_render=True,
     ),
     ReadingParam(
         name="part",
