@@ -29,28 +29,26 @@ class OptionText(click.ParamType[str]):
 
 def param_option(heading: str, param: Param) -> Decorator:
     """The option of a row of a table of options, whose value is a text."""
-    settings: dict[str, Any] = {"help": with_dashes(param.help), "metavar": param.metavar or None}
-    settings["is_common"] = param.is_common
-    if param.flag:
-        settings["is_flag"] = True
-    elif param.choices:
-        settings["type"] = click.Choice(param.choices)
-    elif param.min_integer is not None:
-        settings["type"] = click.IntRange(min=param.min_integer)
-    elif param.parse_word is not None:
-        settings |= {"type": str, "nargs": 2, "default": None}
+    metavar = param.metavar or (f"[{'|'.join(param.choices)}]" if param.choices else None)
+    settings: dict[str, Any] = {"help": with_dashes(param.help), "is_common": param.is_common}
+    if param.flag or param.toggle:
+        settings |= {"is_flag": True, "default": None if param.toggle else False}
+    elif param.words > 1:
+        settings |= {"type": str, "nargs": param.words, "default": None}
     else:
         settings["type"] = OptionText(param.name, param.metavar)
-    return click.option(f"--{param.name}", cls=GroupedOption, heading=heading, **settings)
+    spelling = f"--{param.name}/--no-{param.name}" if param.toggle else f"--{param.name}"
+    return click.option(spelling, cls=GroupedOption, heading=heading, metavar=metavar, **settings)
 
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
     """The options of rows that are given, of the values of parameters."""
     layer = {}
-    for name in rows:
+    for name, row in rows.items():
         value = values.get(name.replace("-", "_"))
-        if value is not None and value is not False:
+        if value is not None and (value is not False or row.toggle):
             text = " ".join(value) if isinstance(value, tuple) else str(value)
+            text = {True: "on", False: "off"}[value] if row.toggle else text
             read_at(CALLER.at(name), value_of, name, text)
             layer[name] = Given(text, CALLER.at(name))
     refuse_contradiction(layer)

@@ -12,7 +12,6 @@ import click
 
 from defocus_core.errors import Place, UsageProblem, did_you_mean
 from defocus_core.reports.replaceable import refuse_other
-from defocus_core.request.output_kinds import FORMAT_ALIASES, SUFFIXES
 from defocus_core.request.quantities import read_at, require_length
 
 Command = Callable[..., Any]
@@ -104,17 +103,6 @@ def names_of(known: Sequence[str], name: str) -> Listed:
         return known[known.index(word)]
 
     return Listed(parse, name, ",".join(known), known)
-
-
-class Format(click.Choice[str]):
-    """Type of the images; the long and short spellings of a suffix are the same."""
-
-    def __init__(self) -> None:
-        super().__init__(list(SUFFIXES))
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The one name of a format."""
-        return super().convert(FORMAT_ALIASES.get(value, value), param, ctx)
 
 
 # The topics of help that explain the options under a heading
