@@ -237,9 +237,8 @@ class Golden:
             UsageProblem: a region is not within the picture, or the file makes no sense.
         """
         from defocus_core.compare.comparison import planes_of
-        from defocus_core.compare.record import EXTRA, UNREADABLE, CompareSettings, Comparison
+        from defocus_core.compare.record import EXTRA, CompareSettings, Comparison
         from defocus_core.compare.selection import CropRegion
-        from defocus_core.errors import InputError
         from defocus_core.reports.comparison_words import line
 
         __tracebackhide__ = True
@@ -260,20 +259,15 @@ class Golden:
         picture = planes_of(image) if source is None else source
         if not golden.exists():
             if self.update:
-                _accept(self.folder, golden, image if source is None else source)
+                _accept(self.folder, golden, picture)
                 return
             self._keep(Comparison(name, None, None, EXTRA), golden, picture)
             lacks = "there is no such golden; make it with pytest --golden-update"
             pytest.fail(f"{golden}: {lacks}", pytrace=False)
-        try:
-            record = _compared(golden, picture, name, rules, settings)
-        except InputError as error:
-            if not self.update:
-                pytest.fail(str(error), pytrace=False)
-            record = Comparison(name, golden, None, UNREADABLE)
+        record = self._compared(golden, picture, name, rules, settings)
         if self.update:
             if not record.passes:  # what passes stays, byte for byte
-                _accept(self.folder, golden, image if source is None else source)
+                _accept(self.folder, golden, picture)
             return
         self._keep(record, golden, picture)
         if not record.passes:
@@ -282,6 +276,28 @@ class Golden:
                 told.append(f"{record.proposal.replace('>', '=')} lets it pass")
             told.append(f"--golden-update makes it the golden {golden}")
             pytest.fail("\n".join(told), pytrace=False)
+
+    def _compared(
+        self, golden: Path, image: Any, name: str, rules: Rules, settings: CompareSettings
+    ) -> Comparison:
+        """The record of a file, or of channels, and its golden."""
+        from defocus_core.compare.comparison import compare_pictures, of_planes
+        from defocus_core.compare.picture import read_picture
+        from defocus_core.compare.record import UNREADABLE, Comparison
+        from defocus_core.errors import InputError
+
+        __tracebackhide__ = True
+        try:
+            picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
+            aim = read_picture(golden)
+        except InputError as error:
+            if not self.update:
+                pytest.fail(str(error), pytrace=False)
+            return Comparison(name, golden, None, UNREADABLE)
+        if not isinstance(image, Path):  # an array has neither metadata nor a codec
+            types = {n: kind for n, kind in picture.types.items() if n in aim.types}
+            aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
+        return compare_pictures(name, aim, picture, rules, settings)[0]
 
     def _place(self, name: str) -> Path:
         """The path of a golden, which lies below the folder, no link followed."""
@@ -370,29 +386,14 @@ def _rules(
     return read_thresholds(file, given, default=default).of(name)
 
 
-def _compared(
-    golden: Path, image: Any, name: str, rules: Rules, settings: CompareSettings
-) -> Comparison:
-    """The record of a file, or of channels, and its golden."""
-    from defocus_core.compare.comparison import compare_pictures, of_planes
-    from defocus_core.compare.picture import read_picture
-
-    picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
-    aim = read_picture(golden)
-    if not isinstance(image, Path):  # an array has neither metadata nor a codec
-        types = {n: kind for n, kind in picture.types.items() if n in aim.types}
-        aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
-    return compare_pictures(name, aim, picture, rules, settings)[0]
-
-
-def _accept(folder: Path, golden: Path, image: Any) -> None:
-    from defocus_core.compare.comparison import planes_of
+def _accept(folder: Path, golden: Path, picture: Any) -> None:
+    """Make a file, or channels, the golden."""
     from defocus_core.io.exr.writing import write_exr
     from defocus_core.io.safe_files import written_together, written_whole
 
     with written_together(folder):
-        if not isinstance(image, Path):
-            write_exr(golden, planes_of(image), {})
+        if not isinstance(picture, Path):
+            write_exr(golden, picture, {})
             return
         with written_whole(golden) as file:
-            file.write(image.read_bytes())
+            file.write(picture.read_bytes())
