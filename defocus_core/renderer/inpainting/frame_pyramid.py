@@ -33,21 +33,19 @@ from defocus_core.tensors.threads import threaded
 
 # Edges of radius, in px per pixel, above which one surface hides another.
 EDGE = 1.013
-# Weight of a pixel beside a nearer one: it may be a mixture of both.
-_MIXED = 0.25
 # Bytes that a pixel takes while it is made coarser; rows of quarter resolution around a band that
 # it depends on.
 _BYTES_EACH, _AROUND = 120, 3
 # The last level has coarse pixels this many times as wide as the range of radii; no round number,
 # so that rounding decides nothing.
-_WIDER = 1.99
+_WIDER = 0.99
 
 
 class Backdrop(NamedTuple):
     """A frame at low resolution."""
 
-    # At a quarter of the resolution, an eighth, and so on: colour, radius in px, and the
-    # structure tensor
+    half: PyramidLevel  # at half of the resolution: colour, and radius in px
+    # At a quarter of it, an eighth, and so on: these, and the structure tensor
     levels: list[PyramidLevel]
     reach: Reach  # the reach of its depth edges
     fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
@@ -96,7 +94,8 @@ def backdrop_of(
         color, radius = (box.of(x).to(dtype) for x in (pixels, signed_radius))
         coverage = None if matte is None else box.of(matte).to(radius)
         mixed = mixed_pixels(color, radius, limit, coverage) if unmixes else no_pixels(color)
-        level, edges, halved_rows = _coarsely(color, radius, limit, grain, axes((H, W), top), mixed)
+        halved, edges = _halved(color, radius, limit, grain, axes((H, W), top), mixed)
+        level, halved_rows = coarser(structure(halved)), halved.middle[0].middle
         is_first, is_last = rows[0] == 0, rows[1] == quarter.length
         start = 0 if is_first else 2 * first + halved_rows
         end = edges.shape[-2] if is_last else 2 * last + halved_rows
@@ -106,15 +105,18 @@ def backdrop_of(
             mixed = mixed_within(mixed, own.seen_from(box), below - top)
             mixed = mixed._replace(at=mixed.at + sent([own.top, 0], mixed.at))
         middle = level.middle[0].middle
-        return _Band(level, edges[..., start:end, :], first + middle, last + middle, mixed)
+        in_level = level, first + middle, last + middle
+        return _Band((halved, start, end), in_level, edges[..., start:end, :], mixed)
 
     batch, rows = len(signed_radius.shape) > 2, max(1, pieces(device, _BYTES_EACH) // (W << 2))
     rows = quarter.length if batch else rows
     cuts = [*range(0, quarter.length, rows), quarter.length]
     bands = list(threaded(band_of, list(pairwise(cuts)), threads))
-    level, edges, mixed = bands[0].level, bands[0].edges, bands[0].mixed
+    half_level, level = bands[0].half[0], bands[0].quarter[0]
+    edges, mixed = bands[0].edges, bands[0].mixed
     if len(bands) > 1:
-        level = stacked(((b.level, b.first, b.end) for b in bands), quarter.length, quarter.axis)
+        half_level = stacked((band.half for band in bands), half.length, half.axis)
+        level = stacked((band.quarter for band in bands), quarter.length, quarter.axis)
         edges = torch.cat([band.edges for band in bands])
         mixed = MixedPixels.joined([band.mixed for band in bands])
     del bands
@@ -123,38 +125,37 @@ def backdrop_of(
         levels.append(coarser(levels[-1]))
     spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0] if batch else None
     reach = reach_of(edges, grain, maximum - minimum, fine)
-    return Backdrop(levels, reach, fine, (H, W), mixed, spans)
+    return Backdrop(half_level, levels, reach, fine, (H, W), mixed, spans)
 
 
 class _Band(NamedTuple):
     """A band of rows of a frame."""
 
-    level: PyramidLevel  # of quarter resolution, with rows around
+    # The levels of half and of quarter resolution, with rows around; the first of its rows in
+    # each, and the one after the last
+    half: tuple[PyramidLevel, int, int]
+    quarter: tuple[PyramidLevel, int, int]
     edges: Tensor  # [..., h, w], from `coarse_edges`, of the rows alone
-    first: int  # the first of its rows in the level
-    end: int  # the one after the last
     mixed: MixedPixels  # those of its rows
 
 
-def _coarsely(
+def _halved(
     pixels: Tensor,
     signed_radius: Tensor,
     limit: float,
     grain: float,
     middle: tuple[Axis, Axis],
     mixed: MixedPixels,
-) -> tuple[PyramidLevel, Tensor, int]:
-    """The level of quarter resolution; edges at half resolution, and the middle row in these."""
+) -> tuple[PyramidLevel, Tensor]:
+    """The level of half resolution, and its edges."""
     r = signed_radius.detach()
     farther = _beside_edges(r)
     weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
-    weight.flatten()[farther] *= _MIXED
     own, *nearer = layers_of(pixels, signed_radius, mixed)
     for layer in nearer:
         weight = weight * (1 - layer.covered)
     half = coarser(pixels_of([own.color, signed_radius[None]], signed_radius, middle, weight))
-    edges = coarse_edges(r, farther, grain, middle)
-    return coarser(structure(half)), edges, half.middle[0].middle
+    return half, coarse_edges(r, farther, grain, middle)
 
 
 def _beside_edges(r: Tensor) -> Tensor:
