@@ -35,7 +35,7 @@ from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero
 # Px around the disc of a pixel that it may see: edges lie between pixels, some half a pixel off.
 _AROUND = 0.7
 # Ratio of the sizes of discs that are told apart, from those of whole px on.
-_RATIO = 1.2
+_RATIO = 1.1
 # Squares and crosses, in turn, whose sum is nearly a disc; True for squares.
 _SHAPES = (True, False, False, True, False)
 # Apothem of the octagon, as a share of the radius of the disc.
