@@ -38,7 +38,7 @@ EDGE = 1.013
 _BYTES_EACH, _AROUND = 120, 3
 # The last level has coarse pixels this many times as wide as the range of radii; no round number,
 # so that rounding decides nothing.
-_WIDER = 0.99
+_WIDER = 1.99
 
 
 class Backdrop(NamedTuple):
