@@ -51,6 +51,7 @@ _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the 
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
 _COC, _EITHER = "another CoC", "another CoC or bokeh shape"
+_OF_LIGHT = 0.3  # least share of the power of a difference that channels share
 _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
 
 
@@ -252,8 +253,12 @@ def _disc(f: Any, radius: float) -> NDArray[Any]:
 
 
 def has_room(evidence: Evidence) -> bool:
-    """Whether a frame holds light, and has room for filters."""
-    return bool(evidence.pixels.color) and min(evidence.framed[0].shape) >= _LEAST
+    """Whether a frame holds light that differs, and not its colour alone, and room for filters."""
+    if not evidence.pixels.color or min(evidence.framed[0].shape) < _LEAST:
+        return False
+    a, b = (evidence.scaled(side) for side in evidence.sampled)
+    alike_by = np.square((b - a).mean(axis=0)).sum() * len(a)
+    return bool(alike_by >= _OF_LIGHT * np.square(b - a).sum())
 
 
 def is_large(evidence: Evidence) -> bool:
