@@ -204,6 +204,7 @@ def read_depth(
     if own and (not reading.says_scale or NAMES[own].unitless):
         reading = replace(reading, depth_format=own)
     row, stored = reading.row, size
+    idle_turn = reading.turn_depth is not None and orientation == 1
     orientation = orientation if reading.turn_depth is not None else 1
     if size is not None and orientation > _UPSIDE_DOWN:
         stored = size[::-1]
@@ -247,7 +248,9 @@ def read_depth(
         is_relative=reading.relative,
         inverted=reading.invert is not None,
     )
-    depth = replace(depth, told=tuple(_told(depth, reading, samples, idle_sky=idle_sky)))
+    idle = [f"‹sky› {reading.sky:g} marks no pixel"] if idle_sky else []
+    idle += ["‹turn-depth› turns nothing: no orientation stands beside the colour"] * idle_turn
+    depth = replace(depth, told=tuple(_told(depth, reading, samples, idle)))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
 
@@ -334,11 +337,10 @@ def _is_behind(depth: Depth) -> bool:
 
 
 def _told(
-    depth: Depth, reading: DepthReading, samples: DepthNumbers, *, idle_sky: bool
+    depth: Depth, reading: DepthReading, samples: DepthNumbers, idle: list[str]
 ) -> Iterator[str]:
     """What is said of options without effect, and of what the program wrote that made the file."""
-    if idle_sky:
-        yield f"{depth.path.name}: ‹sky› {reading.sky:g} marks no pixel"
+    yield from (f"{depth.path.name}: {words}" for words in idle)
     if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
         yield f"{depth.path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres"
@@ -394,7 +396,8 @@ def _replaced(depth: Depth, how: str) -> Depth:
     shape = depth.metres.shape
     count, _ = count_of((~depth.valid(rows), rows.start) for rows in bands(shape))
     if not count:
-        return depth
+        words = f"{depth.path.name}: ‹invalid› {how} finds no invalid pixel"
+        return replace(depth, told=(*depth.told, words))
     if depth.is_radius and not depth.is_relative:
         problem = f"is NaN or infinite in {counted(count, 'pixel')}"
         remedy = "radii have no far: mend them, leave ‹invalid› out"
