@@ -28,13 +28,14 @@ from defocus_core.reports.inspection.inspection import (
 from defocus_core.request.job import Picture, Reading, reading_through
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.parameters import BLURRING
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.system.text import counted
 
 
 @click.command("info", cls=GroupedCommand)
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
-@shot_lens_options(required=False)
+@shot_lens_options(required=False, names=BLURRING)
 @reading_options
 @shared.json_option
 def command(

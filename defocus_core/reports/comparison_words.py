@@ -39,12 +39,9 @@ _TITLES = {"psnr": "PSNR", "hdr": "HDR", "ssim": "SSIM", "rmse": "RMSE", "flip":
 def line(record: Comparison) -> str:
     """What became of a pair, in one line."""
     word = _WORDS.get(record.status, record.status)
-    if record.status == MISSING:
-        return f"{record.name}: {word}: B has no such file"
-    if record.status == EXTRA:
-        return f"{record.name}: {word}: A has no such file"
-    if record.status == UNREADABLE:
-        return f"{record.name}: {word}: {record.error}"
+    if record.status in (MISSING, EXTRA, UNREADABLE):
+        lacking = "B" if record.status == MISSING else "A"
+        return f"{record.name}: {word}: {record.error or f'{lacking} has no such file'}"
     parts = [finding.text for finding in record.findings]
     if record.differing:
         parts += [_place(record)] if _is_local(record) else []

@@ -32,6 +32,8 @@ class Param:
     """An option: how it is named, read, written and explained."""
 
     name: str  # of the option, and of the key of a TOML file
+    key: str = ""  # of a TOML file, where that is another
+    in_files: bool = False  # only files have it
     parse: Callable[[str], Any]  # makes its value of a text; raises QuantityError
     help: str  # what it does; other options are in angle quotes
     metavar: str = ""  # what help shows in the place of its value
@@ -44,9 +46,8 @@ class Param:
     choices: Sequence[str] = ()  # the words that it may be, where it is one of them
     is_common: bool = False  # short help shows it
     flag: bool = False  # it has no value: a field has its name, if it is given
-    min_integer: int | None = None  # the least whole number that it may be, where it is one
-    # Makes a number of each word, where a command line has it in two words
-    parse_word: Callable[[str], Any] | None = None
+    toggle: bool = False  # it is on or off without a text, and neither where it is not given
+    words: int = 1  # of which a command line has it
 
     @property
     def field(self) -> str:
@@ -456,6 +457,8 @@ _ROWS = (
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
 _POINT_OPTIONS = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
+# What decides how far pixels are blurred, of one kind of light.
+BLURRING = tuple(LENS_OPTIONS)[: [*LENS_OPTIONS].index("clamp-blur") + 1]
 # What the opening and the blur of a point show.
 OPENING = tuple(name for name in SHAPES if name.startswith(_POINT_OPTIONS))
 BESIDE_BLUR = frozenset(

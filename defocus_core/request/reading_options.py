@@ -17,6 +17,7 @@ from defocus_core.io.depth_formats.table import NAMES, UNITS
 from defocus_core.request.parameters import Param
 from defocus_core.request.quantities import (
     QuantityError,
+    always,
     angle,
     length,
     number,
@@ -107,6 +108,7 @@ class ReadingParam(Param):
     """An option of reading."""
 
     of_pictures: bool = False  # a depth file alone, without a picture and a lens, has no use for it
+    of_render: bool = False  # what is not written has no use for it
 
 
 def _choice(
@@ -152,7 +154,7 @@ _ROWS = (
         name="depth-range",
         is_common=True,
         parse=distances,
-        parse_word=far_distance,
+        words=2,
         metavar="NEAR FAR",
         help="Distances of the ends of the number's type, 0 and 255 or 65535, or 0 and 1: of depth "
         "0 is NEAR; of disparity 0 is FAR. Swapped, it is the other way round.",
@@ -182,14 +184,14 @@ _ROWS = (
         name="radial",
         stored_as="geometry",
         flag=True,
-        parse=str,
+        parse=always("radial"),
         help="The numbers are distances to the point.",
     ),
     ReadingParam(
         name="planar",
         stored_as="geometry",
         flag=True,
-        parse=str,
+        parse=always("planar"),
         help="The numbers are depth along the axis.",
         instead_of="radial",
     ),
@@ -197,7 +199,7 @@ _ROWS = (
         name="invert",
         is_common=True,
         flag=True,
-        parse=str,
+        parse=always("invert"),
         help="Black is near in a depth of relative disparity; with ‹blur›.",
         of_pictures=True,
     ),
@@ -229,7 +231,7 @@ _ROWS = (
     ReadingParam(
         name="turn-depth",
         flag=True,
-        parse=str,
+        parse=always("turn-depth"),
         help="The depth file is stored as its photograph is: turn it by the Exif orientation of "
         "that.",
         of_pictures=True,
@@ -270,11 +272,11 @@ _ROWS = (
         "the others are copied.",
         separator=",",
         of_pictures=True,
+        of_render=True,
     ),
     ReadingParam(
         name="part",
         parse=whole,
-        min_integer=0,
         metavar="N",
         help="Part of an EXR, page of a TIFF or frame of an array, from 0.",
     ),

@@ -90,7 +90,7 @@ malformed --focus: '2' has no unit; write it with a unit, like 2m or 50mm
 R --fnumber 0
 malformed --fnumber: '0' is not positive and finite; give one that is, like 1.4
 R --outputs coc,rendr
-malformed --outputs: 'rendr' is no output; did you mean render?
+unknown-name --outputs: 'rendr' is not known; did you mean render?
 R --blades 2
 malformed --blades: 2 blades make no opening; give 0 (round) or 3 and more
 R --obstruction 2
@@ -98,7 +98,7 @@ malformed --obstruction: '2' is not a share of the radius; give 0 to 0.95, like 
 R --noise 1000
 malformed --noise: '1000' is not a noise of a sensor; write ELECTRONS:READ, like 4000:3
 R --depth-repair of
-- --depth-repair: 'of' is not one of 'auto', 'off'; see 'defocus render --help'
+malformed --depth-repair: 'of' is not known; did you mean off?
 R --depth-format kiti
 malformed --depth-format: 'kiti' is no depth format; did you mean kitti or vkitti or vkitti2? \
 'defocus help depth' lists all of them
@@ -208,8 +208,7 @@ malformed --scheduler: 'head' is no scheduler; …
 merge held
 in-use held/.journal.lock: held is being written by process …
 R --quality best
-- --quality: 'best' is not one of 'draft', 'standard', 'high', 'reference'; \
-see 'defocus render --help'
+unknown-name --quality: 'best' is not known; choose from draft, standard, high, reference
 R --threads 0
 - --threads: 0 is not in the range 1<=x<=1024; see 'defocus render --help'
 R --focal-lenght 50mm
