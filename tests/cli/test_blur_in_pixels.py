@@ -215,13 +215,5 @@ def test_such_a_range_is_told_in_the_numbers_of_the_file_everywhere(tmp_path):
     assert {path.stem for path in (out / "render").iterdir()} == names.keys()
     journal = (out / "journal.jsonl").read_text()
     assert f'"sharp_range": "{near}"' in journal
-    assert (
-        " sharp range -2.14..10,"
-        in succeed(
-            "render",
-            *inputs.values(),
-            "--blur",
-            "8px",
-            *("--sharp-range", near, "-v", "-o", tmp_path / "one"),
-        ).out
-    )
+    more = ("--blur", "8px", "--sharp-range", near, "-o", tmp_path / "one")
+    assert f" sharp range {near}," in succeed("render", *inputs.values(), *more).err

@@ -227,10 +227,7 @@ def read_depth(
         marks = (*marks, turned)
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
-        from defocus_core.io.depth_formats.file_types import refuse_named
-
-        refuse_named(path, values)
-        _refuse_scaled(path, values)
+        _refuse_assumed(path, values)
     words = (samples.words, division, completed.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
     depth = Depth(
@@ -248,9 +245,7 @@ def read_depth(
         is_relative=reading.relative,
         inverted=reading.invert is not None,
     )
-    idle = [f"‹sky› {reading.sky:g} marks no pixel"] if idle_sky else []
-    idle += ["‹turn-depth› turns nothing: no orientation stands beside the colour"] * idle_turn
-    depth = replace(depth, told=tuple(_told(depth, reading, samples, idle)))
+    depth = replace(depth, told=tuple(_told(depth, reading, samples, idle_sky, idle_turn)))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
 
@@ -276,8 +271,11 @@ def read_numbers(
     return samples
 
 
-def _refuse_scaled(path: Path, values: Any) -> None:
-    """Refuse 16 bits as millimetres that have both ends: they are scaled to the file."""
+def _refuse_assumed(path: Path, values: Any) -> None:
+    """Refuse 16 bits as millimetres that have a name, or both ends: they are scaled to the file."""
+    from defocus_core.io.depth_formats.file_types import refuse_named
+
+    refuse_named(path, values)
     ends = [end for rows in bands(values.shape) for end in (values[rows].min(), values[rows].max())]
     if min(ends) == 0 and max(ends) == _TOP:
         problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
@@ -337,10 +335,18 @@ def _is_behind(depth: Depth) -> bool:
 
 
 def _told(
-    depth: Depth, reading: DepthReading, samples: DepthNumbers, idle: list[str]
+    depth: Depth,
+    reading: DepthReading,
+    samples: DepthNumbers,
+    idle_sky: bool,
+    idle_turn: bool,
 ) -> Iterator[str]:
     """What is said of options without effect, and of what the program wrote that made the file."""
-    yield from (f"{depth.path.name}: {words}" for words in idle)
+    name = depth.path.name
+    if idle_sky:
+        yield f"{name}: ‹sky› {reading.sky:g} marks no pixel"
+    if idle_turn:
+        yield f"{name}: ‹turn-depth› turns nothing: the colour names no orientation"
     if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
         yield f"{depth.path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres"
