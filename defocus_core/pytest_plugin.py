@@ -290,14 +290,14 @@ class Golden:
         try:
             picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
             aim = read_picture(golden)
+            if not isinstance(image, Path):  # an array has neither metadata nor a codec
+                types = {n: kind for n, kind in picture.types.items() if n in aim.types}
+                aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
+            return compare_pictures(name, aim, picture, rules, settings)[0]
         except InputError as error:
             if not self.update:
                 pytest.fail(str(error), pytrace=False)
             return Comparison(name, golden, None, UNREADABLE)
-        if not isinstance(image, Path):  # an array has neither metadata nor a codec
-            types = {n: kind for n, kind in picture.types.items() if n in aim.types}
-            aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
-        return compare_pictures(name, aim, picture, rules, settings)[0]
 
     def _place(self, name: str) -> Path:
         """The path of a golden, which lies below the folder, no link followed."""

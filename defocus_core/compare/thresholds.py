@@ -95,6 +95,7 @@ class Rules:
     fail: tuple[Rule, ...] = ()  # a picture that meets one of them is different
     warn: tuple[Rule, ...] = ()  # a picture that meets one of them is the same, with a warning
     over: float = OVER  # the difference that the metric ``share`` counts pixels beyond
+    visible_only: bool = False  # whether colours where A is 0 on both sides may differ
 
     @property
     def asked(self) -> set[str]:
@@ -106,16 +107,20 @@ class Rules:
 ROUNDING = rule("max>1e-4")
 
 
-def _rules(fail: Sequence[str], warn: Sequence[str]) -> Rules:
-    return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)))
+def _rules(fail: Sequence[str], warn: Sequence[str], *, visible_only: bool = False) -> Rules:
+    return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)), visible_only=visible_only)
 
 
 # What pictures are to be like, with the rules for it; what passes one is said at least.
 PRESETS = {
     "render": _rules(
-        ["hdr-p99.9>0.015", "hdr-max>0.25", "found:clipped"], ["hdr-max>0.002", "rel-rmse>1e-3"]
+        ["hdr-p99.9>0.015", "hdr-max>0.25", "found:clipped"],
+        ["hdr-max>0.002", "rel-rmse>1e-3"],
+        visible_only=True,
     ),
-    "encoder": _rules(["hdr-psnr<34", "hdr-p99.9>0.15", "found:clipped"], ["hdr-psnr<45"]),
+    "encoder": _rules(
+        ["hdr-psnr<34", "hdr-p99.9>0.15", "found:clipped"], ["hdr-psnr<45"], visible_only=True
+    ),
     "golden": _rules(["hdr-max>0.003", "found:clipped"], ["max>1e-3"]),
 }
 

@@ -200,3 +200,20 @@ def test_a_range_of_the_numbers_of_the_file_stays_sharp(tmp_path):
     focus = f"{(float(f'{low:g}') + float(f'{high:g}')) / 2:.9g}"
     other = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", focus)
     np.testing.assert_allclose(found[~within], other[~within], rtol=1e-4)
+
+
+def test_such_a_range_is_told_in_the_numbers_of_the_file_everywhere(tmp_path):
+    out, near = tmp_path / "out", "-2.14..10"
+    inputs = {
+        "color": str(color_exr(tmp_path / "rgb.exr")),
+        "depth": str(depth(tmp_path / "z.exr")),
+    }
+    sweep = {"sharp-range": ["0..3", near]}
+    run_batch({"inputs": inputs, "lens": {"blur": "8px"}, "sweep": sweep}, out)
+    names = {"rgb_sharp0-3": (0.0, 3.0), "rgb_sharp-2.14-10": (-2.14, 10.0)}
+    assert {sample.sample_id: sample.lens.sharp_range for sample in samples(out)} == names
+    assert {path.stem for path in (out / "render").iterdir()} == names.keys()
+    journal = (out / "journal.jsonl").read_text()
+    assert f'"sharp_range": "{near}"' in journal
+    more = ("--blur", "8px", "--sharp-range", near, "-o", tmp_path / "one")
+    assert f" sharp range {near}," in succeed("render", *inputs.values(), *more).err

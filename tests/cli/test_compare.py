@@ -337,6 +337,14 @@ def test_a_report_that_cannot_be_written_leaves_the_json(option, a, tmp_path):
     assert ran.json["accepted"] == []
 
 
+def test_there_is_no_difference_image_of_another_size_and_that_is_said(a, tmp_path):
+    b = tmp_path / "b.exr"
+    write_exr(b, **{name: plane[:9, :9] for name, plane in read_exr(a).items()})
+    ran = run("compare", a, b, "--diff", tmp_path / "diff")
+    assert "no difference images" in ran.out
+    assert not (tmp_path / "diff").exists()
+
+
 def test_difference_images_are_signed_and_amplified(a, tmp_path):
     image = patched()
     image[0, 0] = np.nan

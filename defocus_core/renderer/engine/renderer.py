@@ -98,7 +98,8 @@ def batches(
     for number, (content, own) in enumerate(zip(contents, settings, strict=True)):
         key = content.double, *_pupil(own, quality)
         alone = content.highlights or content.minimum < 0 or _is_opaque(content, own, pixels)
-        alike.setdefault((*key, number if alone else None), []).append(number)
+        plane = content.limits[0] if content.limits[0] == content.limits[1] else None
+        alike.setdefault((*key, plane, number if alone else None), []).append(number)
     return [
         _batch(numbers, pixels, signed_radius, repairs, contents, settings)
         for numbers in alike.values()
