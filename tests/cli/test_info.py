@@ -1,6 +1,5 @@
 """``defocus info`` says what is in a file, as ``defocus render`` would read it."""
 
-
 import numpy as np
 import pytest
 from command_line import (
