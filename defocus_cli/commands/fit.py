@@ -157,22 +157,6 @@ def command(
     rendering must invent, hardly count. Errors are standard errors.
 
     \b
-    With --json, "pairs" has of each:
-      picture      its path
-      focus_m, focus_dioptres, focus_error_dioptres; focus_m is null at infinity
-      fnumber, fnumber_error (relative), px_per_dioptre; an error is null if it is unbounded
-      blades, blade_rotation_deg, gains
-      gamma, gamma_error (relative), shift_px (right, down)
-      magnification  size of things in BLURRED over that in SHARP, about the middle
-      dp_model, dp_crosstalk, dp_crosstalk_error, left_is_right, side_shading, of a pair
-      explained    share of the difference of the pictures that the blur explains
-      coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign
-      psnr         all, edges, elsewhere, in dB of compressed light
-      doubts       what these pictures do not tell
-      refusals     code, problem, remedy: why this is not their lens
-    and "failed" of pictures without a lens: subject, problem, remedy
-
-    \b
     Examples:
       defocus fit sharp.exr depth.exr blurred.exr -o lens.toml
       defocus fit sharp.png d.png blurred.png --depth-kind disparity --depth-range 1m 20m

@@ -28,10 +28,6 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     A lens that ships has no focus: give it one, and any other option that should win over it.
 
     \b
-    With --json, "lenses" has of each: name, subject, file; and "sensors", as '--dp-model @NAME'
-    takes them: name, subject, model, crosstalk.
-
-    \b
     Examples:
       defocus lenses -o looks.png
       defocus render rgb.exr depth.exr -o out --lens @portrait-85 --focus 2m

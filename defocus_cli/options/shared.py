@@ -180,7 +180,7 @@ def check_inputs_option(command: Command) -> Command:
 
 def json_option(command: Command) -> Command:
     """Hand a command ``as_json``."""
-    text = "Print one JSON document on stdout."
+    text = "Print one JSON document on stdout.  ('defocus help json')"
     return option("--json", text, into="as_json")(command)
 
 
