@@ -43,7 +43,7 @@ def pytest_configure(config: pytest.Config) -> None:
     """Take in what tests check, in the first process."""
     given = getattr(config, "workerinput", None)
     if given is None:
-        config.pluginmanager.register(_Run(config))
+        config.pluginmanager.register(_TestRun(config))
     elif _WORD in given:
         config.stash[_KEPT] = Path(given[_WORD])
 
@@ -58,7 +58,7 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
         report.goldens = (str(_folder_of(item)), mine)
 
 
-class _Run:
+class _TestRun:
     """All checks of a run: their report, and the goldens that no test looked at."""
 
     def __init__(self, config: pytest.Config) -> None:
