@@ -46,18 +46,18 @@ R --blade-rotation 10deg
 idle-option --blade-rotation: turns blades; this aperture has none; \
 add --blades 6, or leave it out
 R --vignetting on
-idle-option --vignetting: darkens nothing without a rim; add --cat-eye 1.05:1.5, or leave it out
+idle-option --vignetting: has no effect without a rim; add --cat-eye 1.05:1.5, or leave it out
 R --noise-seed 3
-idle-option --noise-seed: changes nothing without noise; add --noise 4000:3, or leave it out
+idle-option --noise-seed: has no effect without noise; add --noise 4000:3, or leave it out
 R --format jpg --exr-type half
-idle-option --exr-type: says nothing about jpg; leave it out, or write the format exr
+idle-option --exr-type: has no effect on jpg; leave it out, or write the format exr
 R --format png --jpeg-quality 80
-idle-option --jpeg-quality: says nothing about png; leave it out, or write the format jpg
+idle-option --jpeg-quality: has no effect on png; leave it out, or write the format jpg
 fit rgb.exr z.exr rgb.exr --side-shading
 idle-option --side-shading: has no effect without the right picture; \
 add --right FILE, or leave it out
 render rgb.exr coc.exr -o out --depth-format coc --focus-at 3,3
-idle-option --focus-at: changes nothing: with depth-format coc, the files hold the radii; …
+idle-option --focus-at: has no effect: with depth-format coc, the files hold the radii; …
 render rgb.exr z.exr -o out --fnumber 2 --focus 2m
 missing-option --focal-length: is missing; run: defocus render --json rgb.exr z.exr -o out \
 --fnumber 2 --focus 2m --lens @portrait-85
@@ -100,7 +100,7 @@ malformed --noise: '1000' is not a noise of a sensor; write ELECTRONS:READ, like
 R --depth-repair of
 malformed --depth-repair: 'of' is not known; did you mean off?
 R --depth-format kiti
-malformed --depth-format: 'kiti' is no depth format; did you mean kitti or vkitti or vkitti2? \
+malformed --depth-format: 'kiti' is not a depth format; did you mean kitti or vkitti or vkitti2? \
 'defocus help depth' lists all of them
 B wide.toml
 malformed wide.toml: [reading] edge-width: 101 px is a surface, and no edge; give 100px or less
@@ -108,7 +108,7 @@ compare rgb.exr rgb.exr --fail psnr>45
 malformed --fail: 'psnr>45' is met by the better pictures: higher psnr is better; \
 write psnr<45
 compare rgb.exr rgb.exr --region 1,2,3
-malformed --region: '1,2,3' is no region; write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64
+malformed --region: '1,2,3' is not a region; write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64
 R --focus 30mm
 out-of-range --focus: 30mm is not farther than the focal length 50mm; \
 focus farther away than that, or give a shorter focal length
@@ -183,7 +183,8 @@ unknown-unit z.npy: holds uint16 numbers, whose unit is unknown; say --depth-uni
 render rgb.exr z8.png -o out LENS
 unknown-unit z8.png: has 8 bits, too few for depth and without a metric scale; \
 save depth as EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres; \
-or say --depth-range NEAR FAR and --depth-kind
+or say --depth-range NEAR FAR and --depth-kind; or take it as relative \
+with --blur 20px --focus-at X,Y instead of a lens
 render rgb.exr smallcoc.exr -o out --depth-format coc --resize-depth nearest
 radii smallcoc.exr: holds radii in px of a picture of 12x8 px; \
 give radii of the size of the colour
@@ -204,7 +205,7 @@ say --missing skip to leave them out, or name others with --frames
 B jobs.toml --shards-size 1GB --shard 1/2
 whole-batch --shards-size: needs the whole batch; give it to 'defocus merge'
 B jobs.toml --scheduler head
-malformed --scheduler: 'head' is no scheduler; …
+malformed --scheduler: 'head' is not a scheduler; …
 merge held
 in-use held/.journal.lock: held is being written by process …
 R --quality best
@@ -246,7 +247,7 @@ def desk(tmp_path_factory):
     (folder / "lost").symlink_to("none")
     (folder / "empty.exr").touch()
     for name in ("text.exr", "text.png"):
-        (folder / name).write_text("This is no image, whatever its name says.\n" * 20)
+        (folder / name).write_text("This is not an image, whatever its name says.\n" * 20)
     save(folder / "c.gif", (texture() * 255).astype(np.uint8))
     save(folder / "z8.png", np.full((16, 24, 1), 9, np.uint8))
     np.save(folder / "z.npy", (ramp() * 1000).astype(np.uint16))
