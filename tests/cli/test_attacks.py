@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 from batches import again, folders
-from command_line import LENS, color_exr, failed, files_under, refused, run, succeed, texture
+from command_line import color_exr, failed, files_under, refused, run, succeed, texture
 from counting import calls
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record, taken
@@ -195,22 +195,6 @@ def test_a_report_replaces_nothing_but_a_report(tmp_path):
         succeed("compare", picture, picture, "--html", page, "--junit", cases)
     refused(run("compare", picture, picture, "--junit", page), 3, "exists", page)
     assert (picture.read_bytes(), jobs.read_text()) == (before, "[inputs]")
-
-
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("compare", "a.exr", "b.exr", "--thresholds", "pipe.toml"),
-        ("batch", "pipe.toml", "-o", "out"),
-        ("render", "a.exr", "b.exr", "--lens", "pipe.toml", "-o", "out"),
-        ("render", "a.exr", "b.exr", *LENS, "--animate", "pipe.csv", "-o", "out"),
-    ],
-)
-def test_a_command_does_not_wait_for_a_pipe(words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name in ("pipe.toml", "pipe.csv"):
-        os.mkfifo(tmp_path / name)
-    refused(run(*words), 3, "unreadable")
 
 
 def test_rows_are_read_from_no_pipe_and_columns_are_counted_once(tmp_path):

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 from command_line import (
-    LENS,
     color_exr,
     pair,
     ramp,
@@ -126,27 +125,6 @@ def test_blur_is_swept_and_drawn_in_jobs_files(tmp_path):
     assert sorted(found) == ["a_blur3px", "a_blur5px"]
     assert max(map(abs, found["a_blur5px"].coc_px)) == pytest.approx(5)
     assert found["a_blur5px"].record["lens"]["blur"] == 5
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "field"),
-    [
-        ([*BLUR, "--fnumber", "2"], "contradiction", "fnumber"),
-        ([*BLUR, "--depth-range", "1m", "2m"], "contradiction", "depth-range"),
-        ([*BLUR, "--radial"], "contradiction", "radial"),
-        ([*BLUR, "--focus-at", "1,1"], "contradiction", "focus-at"),
-        (["--blur", "8px", "--focus-at", "99,1"], "out-of-range", "focus-at"),
-        ([*LENS, "--invert"], "idle-option", "invert"),
-        ([*LENS, "--focus-value", "2"], "idle-option", "focus-value"),
-        ([*BLUR, "--sharp-range", "1m..2m"], "malformed", "sharp-range"),
-        ([*BLUR, "--sharp-range", "3..1"], "malformed", "sharp-range"),
-        ([*LENS, "--sharp-range", "1..2"], "malformed", "sharp-range"),
-    ],
-)
-def test_what_contradicts_a_blur_in_pixels_is_refused(options, code, field, tmp_path):
-    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
-    ran = run("render", color, z, *options, "-o", tmp_path / "out")
-    refused(ran, 2, code, field)
 
 
 def test_what_blurs_nothing_or_all_is_refused(tmp_path):
