@@ -141,7 +141,7 @@ def _entry(root: Path, line: bytes, where: str) -> dict[str, Any]:
 
 
 def _no_sample(root: Path, error: Exception, where: str) -> InputError:
-    problem = f"is no sample: {type(error).__name__} {reason(error)}"
+    problem = f"is not a sample: {type(error).__name__} {reason(error)}"
     remedy = "let the batch write it again"
     return InputError("malformed", problem, remedy, path=Place(root / NAME, where))
 
