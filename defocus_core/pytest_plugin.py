@@ -1,7 +1,9 @@
 """The pytest fixture ``golden``: pictures of a test are compared with those that were accepted.
 
-``golden.check(image, "name", like="render")`` compares an array, a tensor or a file with
-``goldens/TEST_FILE/name.exr`` beside the test. ``pytest --golden-update`` accepts what there is.
+``golden.check(image, like="render")`` compares an array, a tensor or a file with
+``goldens/TEST_FILE/CLASS/test_name[parameters].exr`` beside the test, or with one of a given name.
+``pytest --golden-update`` accepts what fails; goldens that no test owns are listed at the end of a
+full run, and ``--golden-prune`` removes them.
 ``pytest --junitxml NAME.xml`` writes ``NAME.goldens.html`` too, a report to look at in a browser.
 """
 
@@ -11,7 +13,7 @@ import math
 import os
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,65 +27,125 @@ if TYPE_CHECKING:
 _FOLDER = "goldens"
 _KEPT = pytest.StashKey[Path]()  # the folder that checks are kept in for the report
 _OWNERS = pytest.StashKey[dict[Path, str]]()
-_SAID = pytest.StashKey[str]()  # where the report is
 _WORD = "defocus_goldens"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add ``--golden-update``."""
+    """Add ``--golden-update`` and ``--golden-prune``."""
     group = parser.getgroup("defocus")
     text = "make pictures that fail golden.check() the new goldens"
     group.addoption("--golden-update", action="store_true", help=text)
+    text = "remove goldens that no test owns, after a full run"
+    group.addoption("--golden-prune", action="store_true", help=text)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the folder that checks are kept in, where a report is wanted."""
-    if _report_of(config) is not None:
-        config.stash[_KEPT] = Path(tempfile.mkdtemp(prefix="defocus-goldens-"))
-    elif folder := getattr(config, "workerinput", {}).get(_WORD):
-        config.stash[_KEPT] = Path(folder)
+    """Take in what tests check, in the first process."""
+    given = getattr(config, "workerinput", None)
+    if given is None:
+        config.pluginmanager.register(_TestRun(config))
+    elif _WORD in given:
+        config.stash[_KEPT] = Path(given[_WORD])
 
 
-@pytest.hookimpl(optionalhook=True)
-def pytest_configure_node(node: Any) -> None:
-    """Name the folder to a process of pytest-xdist."""
-    if _KEPT in node.config.stash:
-        node.workerinput[_WORD] = str(node.config.stash[_KEPT])
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
+    """Tell the first process which goldens a test looked at."""
+    report = (yield).get_result()
+    if "golden" in getattr(item, "fixturenames", ()):
+        owners = item.config.stash.get(_OWNERS, {})
+        mine = [str(place) for place, owner in owners.items() if owner == item.nodeid]
+        report.goldens = (str(_folder_of(item)), mine)
 
 
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write the report of all checks."""
-    from defocus_core.errors import InputError
+class _TestRun:
+    """All checks of a run: their report, and the goldens that no test looked at."""
 
-    config, report = session.config, _report_of(session.config)
-    if report is None or _KEPT not in config.stash:
-        return
-    try:
-        if any(config.stash[_KEPT].iterdir()):
-            from defocus_core.reports.html import comparisons
+    def __init__(self, config: pytest.Config) -> None:
+        self.config = config
+        self.owned: dict[Path, set[Path]] = {}
+        self.unsettled: set[Path] = set()  # folders of a test that may own more than it looked at
+        chosen = ("keyword", "markexpr", "lf", "deselect", "stepwise")
+        self.partial = any(config.getoption(name, None) for name in chosen)
+        self.partial |= any("::" in word for word in config.args)
+        junit = getattr(config.option, "xmlpath", None)
+        self.report = Path(junit).with_suffix(".goldens.html") if junit else None
+        if self.report is not None:
+            config.stash[_KEPT] = Path(tempfile.mkdtemp(prefix="defocus-goldens-"))
 
-            comparisons.write_checks(config.stash[_KEPT], report)
-            config.stash[_SAID] = f"report of goldens: {report}"
-    except (InputError, OSError) as error:
-        config.stash[_SAID] = f"no report of goldens: {error}"
-    finally:
-        shutil.rmtree(config.stash[_KEPT], ignore_errors=True)
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_configure_node(self, node: Any) -> None:
+        """Name the folder of checks to a process of pytest-xdist."""
+        if self.report is not None:
+            node.workerinput[_WORD] = str(self.config.stash[_KEPT])
+
+    def pytest_deselected(self, items: Sequence[pytest.Item]) -> None:
+        """Tests were left out."""
+        self.partial |= bool(items)
+
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Take in what a test looked at, in this process or another."""
+        if not (told := getattr(report, "goldens", None)):
+            return
+        folder = Path(told[0])
+        self.owned.setdefault(folder, set()).update(map(Path, told[1]))
+        if not report.passed:
+            self.unsettled.add(folder)
+
+    def pytest_terminal_summary(
+        self, terminalreporter: pytest.TerminalReporter, exitstatus: int
+    ) -> None:
+        """Write the report, and list or remove the goldens that no test owns."""
+        prune, maxfail = map(self.config.getoption, ("--golden-prune", "maxfail"))
+        lines = [] if self.report is None else self._write_report(self.report)
+        if not self.partial and (exitstatus == 0 or (exitstatus == 1 and not maxfail)):
+            lines += list(self._unowned(prune))
+        elif prune:
+            lines.append("--golden-prune: no full run, nothing is removed")
+        for line in lines:
+            terminalreporter.write_line(line)
+
+    def _write_report(self, path: Path) -> list[str]:
+        """Write the report of all checks, and say where it is; nothing if there were none."""
+        from defocus_core.errors import InputError
+        from defocus_core.reports.html import comparisons
+
+        kept = self.config.stash[_KEPT]
+        try:
+            if not any(kept.iterdir()):
+                return []
+            comparisons.write_checks(kept, path)
+        except (InputError, OSError) as error:
+            return [f"no report of goldens: {error}"]
+        finally:
+            shutil.rmtree(kept, ignore_errors=True)
+        return [f"report of goldens: {path}"]
+
+    def _unowned(self, prune: bool) -> Iterator[str]:
+        """A line for each picture that no test looked at, of this run or of no test file."""
+        from defocus_core.compare.picture import SUFFIXES
+        from defocus_core.io.below import Folder
+
+        words = "was removed, as no test owns it" if prune else "no test owns this golden"
+        lost = {
+            each
+            for root in {folder.parent for folder in self.owned}
+            for each in (root.iterdir() if root.is_dir() else ())
+            if not (root.parent / f"{each.name}.py").exists()
+        }
+        for folder in sorted({*self.owned, *lost} - self.unsettled):
+            for root, _, names in () if folder.is_symlink() else os.walk(folder):
+                for path in (Path(root, name) for name in sorted(names)):
+                    is_picture = path.suffix.lower() in SUFFIXES and not path.is_symlink()
+                    if is_picture and path not in self.owned.get(folder, ()):
+                        yield f"{os.path.relpath(path)}: {words}"
+                        if prune:
+                            Folder(folder).remove(path.relative_to(folder).as_posix())
 
 
-def pytest_terminal_summary(
-    terminalreporter: pytest.TerminalReporter, config: pytest.Config
-) -> None:
-    """Say where the report is."""
-    if _SAID in config.stash:
-        terminalreporter.write_line(config.stash[_SAID])
-
-
-def _report_of(config: pytest.Config) -> Path | None:
-    """The report, beside the JUnit file; None if none is written, or another process writes it."""
-    junit = getattr(config.option, "xmlpath", None)
-    if not junit or hasattr(config, "workerinput"):
-        return None
-    return Path(junit).with_suffix(".goldens.html")
+def _folder_of(item: Any) -> Path:
+    """The folder of the goldens of a test."""
+    return Path(item.path).parent / _FOLDER / Path(item.path).stem
 
 
 class Golden:
@@ -95,6 +157,7 @@ class Golden:
         test: the name that pytest has for the test.
         kept: the folder that checks are kept in for a report; None if there is to be none.
         owners: the test of each golden that was looked at in this run.
+        name: of a golden that is given none: class, function and parameters of the test.
     """
 
     def __init__(
@@ -105,15 +168,17 @@ class Golden:
         test: str = "",
         kept: Path | None = None,
         owners: dict[Path, str] | None = None,
+        name: str = "",
     ) -> None:
         self.owners: dict[Path, str] = {} if owners is None else owners
         self.folder, self.update, self.test, self.kept = folder, update, test, kept
+        self.name = name
         self._checked: set[str] = set()
 
     def check(
         self,
         image: Any,
-        name: str,
+        name: str | None = None,
         *,
         like: str | None = None,
         fail: Sequence[str] = (),
@@ -130,7 +195,8 @@ class Golden:
         Args:
             image: an array [H, W] or [H, W, C]; a tensor [H, W], [C, H, W] or [1, C, H, W]; or the
                 path of a file. Arrays and tensors are linear.
-            name: of the golden, unique in the test file; may hold slashes.
+            name: of the golden, unique in the test file; may hold slashes. Without one it is that
+                of the test: its class, function and parameters.
             like: a set of rules: ``render`` (the same program on another machine), ``encoder`` (a
                 lossy codec) or ``golden`` (the same program and machine).
             fail: rules like ``found:clipped`` or ``psnr<45``, besides bounds.
@@ -152,12 +218,12 @@ class Golden:
             UsageProblem: a region is not within the picture, or the file makes no sense.
         """
         from defocus_core.compare.comparison import planes_of
-        from defocus_core.compare.record import EXTRA, UNREADABLE, CompareSettings, Comparison
+        from defocus_core.compare.record import EXTRA, CompareSettings, Comparison
         from defocus_core.compare.selection import CropRegion
-        from defocus_core.errors import InputError
         from defocus_core.reports.comparison_words import line
 
         __tracebackhide__ = True
+        name = self.name if name is None else name
         rules = _rules(name, bounds, like, fail, thresholds)
         settings = CompareSettings(
             region=None if region is None else CropRegion(*region),
@@ -174,20 +240,15 @@ class Golden:
         picture = planes_of(image) if source is None else source
         if not golden.exists():
             if self.update:
-                _accept(self.folder, golden, image if source is None else source)
+                _accept(self.folder, golden, picture)
                 return
             self._keep(Comparison(name, None, None, EXTRA), golden, picture)
             lacks = "there is no such golden; make it with pytest --golden-update"
             pytest.fail(f"{golden}: {lacks}", pytrace=False)
-        try:
-            record = _compared(golden, picture, name, rules, settings)
-        except InputError as error:
-            if not self.update:
-                pytest.fail(str(error), pytrace=False)
-            record = Comparison(name, golden, None, UNREADABLE)
+        record = self._compared(golden, picture, name, rules, settings)
         if self.update:
             if not record.passes:  # what passes stays, byte for byte
-                _accept(self.folder, golden, image if source is None else source)
+                _accept(self.folder, golden, picture)
             return
         self._keep(record, golden, picture)
         if not record.passes:
@@ -196,6 +257,28 @@ class Golden:
                 told.append(f"{record.proposal.replace('>', '=')} lets it pass")
             told.append(f"--golden-update makes it the golden {golden}")
             pytest.fail("\n".join(told), pytrace=False)
+
+    def _compared(
+        self, golden: Path, image: Any, name: str, rules: Rules, settings: CompareSettings
+    ) -> Comparison:
+        """The record of a file, or of channels, and its golden."""
+        from defocus_core.compare.comparison import compare_pictures, of_planes
+        from defocus_core.compare.picture import read_picture
+        from defocus_core.compare.record import UNREADABLE, Comparison
+        from defocus_core.errors import InputError
+
+        __tracebackhide__ = True
+        try:
+            picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
+            aim = read_picture(golden)
+            if not isinstance(image, Path):  # an array has neither metadata nor a codec
+                types = {n: kind for n, kind in picture.types.items() if n in aim.types}
+                aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
+            return compare_pictures(name, aim, picture, rules, settings)[0]
+        except InputError as error:
+            if not self.update:
+                pytest.fail(str(error), pytrace=False)
+            return Comparison(name, golden, None, UNREADABLE)
 
     def _place(self, name: str) -> Path:
         """The path of a golden, which lies below the folder, no link followed."""
@@ -215,7 +298,7 @@ class Golden:
             ) from None
         owner = self.owners.setdefault(place, self.test)
         if self.update and owner != self.test:
-            both = f"is the golden of {owner}, too; give one of both another name"
+            both = f"is the golden of {owner}, too; give one of both another name, or none"
             pytest.fail(f"{place}: {both}", pytrace=False)
         return place
 
@@ -231,12 +314,16 @@ class Golden:
 @pytest.fixture
 def golden(request: pytest.FixtureRequest) -> Golden:
     """The goldens of the test file."""
-    file = Path(request.path)
-    update = bool(request.config.getoption("--golden-update"))
-    kept = request.config.stash.get(_KEPT, None)
-    folder = file.parent / _FOLDER / file.stem
-    owners = request.config.stash.setdefault(_OWNERS, {})
-    return Golden(folder, update=update, test=request.node.nodeid, kept=kept, owners=owners)
+    node, config = request.node, request.config
+    parts = [each.name for each in node.listchain() if isinstance(each, pytest.Class)]
+    return Golden(
+        _folder_of(node),
+        update=bool(config.getoption("--golden-update")),
+        test=node.nodeid,
+        kept=config.stash.get(_KEPT, None),
+        owners=config.stash.setdefault(_OWNERS, {}),
+        name="/".join(part.replace("/", "_") for part in [*parts, node.name]),
+    )
 
 
 def _rules(
@@ -280,29 +367,14 @@ def _rules(
     return read_thresholds(file, given, default=default).of(name)
 
 
-def _compared(
-    golden: Path, image: Any, name: str, rules: Rules, settings: CompareSettings
-) -> Comparison:
-    """The record of a file, or of channels, and its golden."""
-    from defocus_core.compare.comparison import compare_pictures, of_planes
-    from defocus_core.compare.picture import read_picture
-
-    picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
-    aim = read_picture(golden)
-    if not isinstance(image, Path):  # an array has neither metadata nor a codec
-        types = {n: kind for n, kind in picture.types.items() if n in aim.types}
-        aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
-    return compare_pictures(name, aim, picture, rules, settings)[0]
-
-
-def _accept(folder: Path, golden: Path, image: Any) -> None:
-    from defocus_core.compare.comparison import planes_of
+def _accept(folder: Path, golden: Path, picture: Any) -> None:
+    """Make a file, or channels, the golden."""
     from defocus_core.io.exr.writing import write_exr
     from defocus_core.io.safe_files import written_together, written_whole
 
     with written_together(folder):
-        if not isinstance(image, Path):
-            write_exr(golden, planes_of(image), {})
+        if not isinstance(picture, Path):
+            write_exr(golden, picture, {})
             return
         with written_whole(golden) as file:
-            file.write(image.read_bytes())
+            file.write(picture.read_bytes())

@@ -17,7 +17,10 @@ from defocus_core.picture.subject import completed
 from defocus_core.reports.html.focus_choice import write_choice
 from defocus_core.request.job import Machine, Reading
 from defocus_core.request.pairing import find_pictures
+from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.request.picture_lenses import PictureLenses
+
+_SHOWN = [name for name in LENS_OPTIONS if not name.startswith("dp-")]  # there is no pair
 
 
 @click.command("choose", cls=GroupedCommand)
@@ -29,9 +32,9 @@ from defocus_core.request.picture_lenses import PictureLenses
     ReportPath("html"),
     required=True,
 )
-@shot_lens_options(required=True)
+@shot_lens_options(required=True, names=_SHOWN, moving=False)
 @reading_options
-@shared.machine_options
+@shared.draft_options
 @shared.verbose_option
 def command(
     color: Path,

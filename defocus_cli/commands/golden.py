@@ -18,16 +18,13 @@ from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.compare.goldens import (
     FreshPictures,
-    Store,
     accept,
     change_words,
+    compared,
     read_store,
     rendered,
-    store_to_update,
 )
-from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.record import EXTRA, MISSING, Comparison
-from defocus_core.compare.run import Task, compare_all
+from defocus_core.compare.record import EXTRA, MISSING
 from defocus_core.compare.thresholds import ROUNDING, Rules
 from defocus_core.errors import InputError
 from defocus_core.reports import comparison_words as compare_report
@@ -46,7 +43,7 @@ _DEFAULT_RULES = Rules(fail=(ROUNDING,))
 def command(ctx: click.Context) -> None:
     """Keep goldens: the pictures of a jobs file that were accepted; later renders must be like.
 
-    DIR has the pictures, and golden.json with the settings, versions and machine that made each.
+    DIR has the pictures, and for each sample a file of the settings, inputs and versions of it.
     Without rules, no value may differ by more than 1e-4, since another processor rounds otherwise.
 
     \b
@@ -92,11 +89,12 @@ def update(
       defocus golden update jobs.toml goldens --accept
       defocus golden update jobs.toml goldens --only render/spheres.exr --accept
     """  # noqa: D301  click reads the backspace
-    store = store_to_update(folder)
+    store = read_store(folder, anew=True)
     with _render(jobs_file, crew, only) as fresh:
         store = store.only({job.sample_id for job in fresh.jobs}) if only else store
-        console.stdout(*store.changed_settings(fresh.jobs))
-        records = _compare(store, fresh, asked.task, crew.count)
+        changes = store.changes(fresh)
+        console.stdout(*changes["inputs"], *changes["settings"])
+        records = list(compared(store, fresh, asked.task, crew.count))
         changed = [record for record in records if not record.passes]
         for record in changed:
             lone = record.status in (EXTRA, MISSING)
@@ -107,16 +105,17 @@ def update(
             raise InputError(
                 "empty", "has jobs that made no picture", "mend them first", path=jobs_file
             )
+        if accepted and (changed or any(changes.values()) or store.listed):
+            accept(store, fresh, records)
         if not changed:
             console.stdout(f"{folder}: {counted(len(records), 'golden')}, none changes")
-            return 0
-        if not accepted:
+        elif not accepted:
             console.stdout(
                 f"{folder}: {len(changed)} would change; --accept makes them the goldens"
             )
             return 1
-        count = accept(store, fresh.jobs, fresh.root, records)
-        console.stdout(f"{folder}: {counted(count, 'golden')} changed")
+        else:
+            console.stdout(f"{folder}: {counted(len(changed), 'golden')} changed")
     return 0
 
 
@@ -146,18 +145,20 @@ def check(
     store = read_store(folder)
     with _render(jobs_file, crew, only) as fresh:
         store = store.only({job.sample_id for job in fresh.jobs}) if only else store
+        changes = store.changes(fresh)
+        changed = [*changes["inputs"], *changes["settings"]]
         if not as_json:
-            console.stdout(*store.changed_settings(fresh.jobs))
-        records = _compare(store, fresh, asked.task, crew.count)
-        changed = store.changed_settings(fresh.jobs)
+            console.stdout(*changed)
+        records = list(compared(store, fresh, asked.task, crew.count))
         words = [f"Jobs: {jobs_file}", f"A: goldens in {folder}", "B: rendered now", *changed]
         commands = comparisons.golden_commands(jobs_file, folder, asked.rules.of, _DEFAULT_RULES)
         title = f"{jobs_file} checked with {folder}"
         header = comparisons.ReportHeader(title, words, commands, "rendered now")
         failures = asked.write_reports(records, header, time.perf_counter() - start, crew.count)
     if as_json:
-        document = compare_report.document(records)
-        console.print_json(settings_changed=changed, **document, failed=failures.records())
+        document = {f"{name}_changed": lines for name, lines in changes.items()}
+        document |= compare_report.document(records)
+        console.print_json(**document, failed=failures.records())
     else:
         for record in records:
             if compare_report.is_worth_a_line(record, verbose=False, lone=False):
@@ -171,14 +172,7 @@ def check(
 def _render(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> AbstractContextManager[FreshPictures]:
+    console.name_keys()
     report = batch_report.BatchReport(each=False)
     execution = Execution(crew.execute(), spread=crew.spread)
     return rendered(jobs_file, crew.machine, execution, report, only)
-
-
-def _compare(store: Store, fresh: FreshPictures, task: Task, processes: int) -> list[Comparison]:
-    """The new pictures by the goldens; other files in the folder are not looked at."""
-    there = {name: path for name in store.files if (path := store.place(name))}
-    names = sorted({*store.files, *fresh.files})
-    pairs = [FilePair(name, there.get(name), fresh.files.get(name)) for name in names]
-    return list(compare_all(pairs, task, processes))

@@ -28,13 +28,14 @@ from defocus_core.reports.inspection.inspection import (
 from defocus_core.request.job import Picture, Reading, reading_through
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
+from defocus_core.request.parameters import BLURRING
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.system.text import counted
 
 
 @click.command("info", cls=GroupedCommand)
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
-@shot_lens_options(required=False)
+@shot_lens_options(required=False, names=BLURRING)
 @reading_options
 @shared.json_option
 def command(
@@ -51,35 +52,6 @@ def command(
 
     Of patterns like 'shot.####.exr' the shot is summed up: frames, gaps, sizes, depth over time
     and, with a lens, where blur is largest.
-
-    \b
-    With --json, "files" has of each:
-      file, size   its path; width and height in px
-      parts        index, name, deep, views, and channels with their types; of an EXR
-                   data_window and display_window (x and y of their first and last pixel),
-                   pixel_aspect; of a deep one samples: most_of_a_pixel, total, pixels,
-                   range_z, the least and greatest depth as it stands in the file
-      color        channels, nonfinite_pixels; with alpha nothing_pixels (0) and partial_pixels
-                   (below 1); null if there is none, as is depth
-      color_note, depth_note
-                   how they would be read, or why there is none
-      depth        range_m, or range of what is no distance, sky_pixels, invalid_pixels,
-                   nothing_pixels, where the alpha of the colour is 0; with a lens, which lens,
-                   coc_px and coc_of, the size of the picture that they are px of, which is
-                   that of the colour beside it, repair in words, depth_repair in numbers
-                   (kinds, noise_px, edge_width_px, displaced_px, share of pixels), warnings of a
-                   depth that hardly suits it
-      evidence     formats that the depth could be of
-      maps         kind, and range_px or range, of what 'defocus render' wrote
-    "shots" has of each pattern:
-      pattern, frames, gaps, largest_blur (frame, coc_px)
-      sizes        size, and the frames of this size
-      depth        of 25 frames at most: frame, range_m or range, sky_pixels, and with a lens
-                   focus_mm, coc_px, repair
-    "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
-      color, depth the files
-      evidence     what shows that the colour is blurred already
-    and "failed" of files that cannot be read: subject, problem, remedy
 
     \b
     Examples:

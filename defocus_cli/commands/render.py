@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.reading import reading_options
+from defocus_cli.options.reading import rendered_reading_options
 from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options
 from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
@@ -63,7 +63,7 @@ Examples:
 @shared.output_options
 @shared.name_option
 @shared.others_options
-@reading_options
+@rendered_reading_options
 @shared.rendering_options
 @shared.check_inputs_option
 @shared.json_option

@@ -41,9 +41,9 @@ def _lens_file_option() -> Decorator:
     return lens_option("--lens FILE.toml", text, kind, into="lens_file", is_common=True)
 
 
-def lens_decorators() -> list[Decorator]:
-    """The options of a lens, and the one of a lens file."""
-    return [*_options_of(LENS_OPTIONS), _lens_file_option()]
+def lens_decorators(names: Iterable[str]) -> list[Decorator]:
+    """Options of a lens, and the one of a lens file."""
+    return [*_options_of(names), _lens_file_option()]
 
 
 def _options_of(names: Iterable[str]) -> list[Decorator]:
@@ -60,4 +60,4 @@ def opening_options() -> Decorator:
         check_lens(options, CALLER, radii=True)
         return lens_of(options)
 
-    return bundle("lens", make, [*_options_of(OPENING), _lens_file_option()])
+    return bundle("lens", make, lens_decorators(OPENING))

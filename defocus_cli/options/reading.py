@@ -19,9 +19,14 @@ from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.request.resolver import reading_of
 
 
+def rendered_reading_options(command: Command) -> Command:
+    """Hand a command ``reading``: what to take from files whose pictures are written."""
+    return _bundle(READING_OPTIONS.values())(command)
+
+
 def reading_options(command: Command) -> Command:
     """Hand a command ``reading``: what to take from the input files, those of a lens file below."""
-    return _bundle(READING_OPTIONS.values())(command)
+    return _bundle(row for row in READING_OPTIONS.values() if not row.of_render)(command)
 
 
 def depth_reading_options(command: Command) -> Command:

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.types import Decorator, GroupedOption, position_of
+from defocus_cli.options.types import Decorator, option, position_of
 from defocus_core.errors import CALLER, with_dashes
 from defocus_core.request.parameters import Param
 from defocus_core.request.quantities import read_at
@@ -27,30 +27,29 @@ class OptionText(click.ParamType[str]):
         return str(value)
 
 
-def param_option(heading: str, param: Param) -> Decorator:
+def param_option(heading: str, param: Param, default: str | None = None) -> Decorator:
     """The option of a row of a table of options, whose value is a text."""
-    settings: dict[str, Any] = {"help": with_dashes(param.help), "metavar": param.metavar or None}
-    settings["is_common"] = param.is_common
-    if param.flag:
-        settings["is_flag"] = True
-    elif param.choices:
-        settings["type"] = click.Choice(param.choices)
-    elif param.min_integer is not None:
-        settings["type"] = click.IntRange(min=param.min_integer)
-    elif param.parse_word is not None:
-        settings |= {"type": str, "nargs": 2, "default": None}
-    else:
-        settings["type"] = OptionText(param.name, param.metavar)
-    return click.option(f"--{param.name}", cls=GroupedOption, heading=heading, **settings)
+    settings: dict[str, Any] = {"heading": heading, "is_common": param.is_common}
+    kind: click.ParamType[str] | None = None
+    spelling = f"--{param.name} {param.metavar}"
+    if param.toggle:
+        spelling, settings["default"] = f"--{param.name}/--no-{param.name}", None
+    elif param.words > 1:
+        kind, settings["nargs"] = click.STRING, param.words
+    elif not param.flag:
+        kind = OptionText(param.name, param.metavar)
+        spelling += f"[{'|'.join(param.choices)}]" if param.choices else ""
+    return option(spelling, with_dashes(param.help), kind, **{"default": default, **settings})
 
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
     """The options of rows that are given, of the values of parameters."""
     layer = {}
-    for name in rows:
+    for name, row in rows.items():
         value = values.get(name.replace("-", "_"))
-        if value is not None and value is not False:
+        if value is not None and (value is not False or row.toggle):
             text = " ".join(value) if isinstance(value, tuple) else str(value)
+            text = {True: "on", False: "off"}[value] if row.toggle else text
             read_at(CALLER.at(name), value_of, name, text)
             layer[name] = Given(text, CALLER.at(name))
     refuse_contradiction(layer)

@@ -5,43 +5,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from defocus_cli.options.rows import given_options, param_option
 from defocus_cli.options.types import (
     Command,
     Decorator,
     FilePath,
-    Format,
     ReportPath,
     bundle,
     files_option,
     machine_option,
-    names_of,
     option,
     output_option,
 )
 from defocus_cli.words.console import Due
-from defocus_core.allowed_values import MIN_TILE, QUALITIES
-from defocus_core.errors import CALLER, InputError, UsageProblem
-from defocus_core.request.job import DEVICES, FIELDS, Machine, Outputs, refuse_idle_outputs
-from defocus_core.request.output_kinds import (
-    COLOR_SPACES,
-    COMPRESSIONS,
-    KINDS,
-    MAP_FORMATS,
-    MAPS,
-    SUFFIXES,
-    UNWRITTEN,
-    compression,
-    format_of_file,
-    is_picture_name,
-)
+from defocus_core.allowed_values import MIN_TILE
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.request.job import DEVICES, FIELDS, Machine, Outputs
+from defocus_core.request.job_options import OUTPUT_OPTIONS, QUALITY
 from defocus_core.request.quantities import byte_count
+from defocus_core.request.resolver import outputs_of
 from defocus_core.system.process import cores
 
 MAX_THREADS = 1024  # more than any machine has cores for one picture
@@ -98,43 +85,25 @@ def _others(**given: Any) -> dict[str, tuple[Path, Path | None]]:
 
 def output_options(command: Command) -> Command:
     """Hand a command ``outputs``: what to write, and where."""
-    return bundle(
-        "outputs",
-        _outputs,
-        [
-            output_option(
-                "-o --out OUT",
-                "Directory to write to; or a file like picture.png, for one picture of one "
-                "kind alone, without a journal; one that defocus wrote is replaced.",
-                FilePath(),
-                into="root",
-                required=True,
-            ),
-            output_option(
-                "--outputs KIND,…",
-                f"What to write, of {', '.join(KINDS)}.",
-                names_of(tuple(KINDS), "output"),
-                into="kinds",
-                default="render",
-                show_default=True,
-                is_common=True,
-            ),
-            output_option(
-                "--format",
-                f"Type of the images; maps ({', '.join(MAPS)}) are always float.  "
-                "[default: exr, or that of the file -o]",
-                Format(),
-                is_common=True,
-            ),
-            output_option(
-                "--map-format",
-                "Type of the maps: EXR, or float TIFF, which image libraries read, too.  "
-                "[default: exr]",
-                MAP_FORMATS,
-            ),
-            *_encoding_options(),
-        ],
-    )(command)
+    rows = [row for row in OUTPUT_OPTIONS.values() if not row.in_files]
+    options = [
+        output_option(
+            "-o --out OUT",
+            "Directory to write to; or a file like picture.png, for one picture of one "
+            "kind alone, without a journal; one that defocus wrote is replaced.",
+            FilePath(),
+            into="root",
+            required=True,
+        ),
+        *(param_option("Output", row) for row in rows),
+        output_option("--overwrite", "Render again and replace what is there.", is_common=True),
+    ]
+
+    def make(root: Path, overwrite: bool, **values: Any) -> Outputs:
+        given = given_options(values, OUTPUT_OPTIONS)
+        return outputs_of(given, Outputs(root, overwrite=overwrite), one_file=True)
+
+    return bundle("outputs", make, options)(command)
 
 
 def name_option(command: Command) -> Command:
@@ -146,102 +115,24 @@ def name_option(command: Command) -> Command:
     return output_option("--name TEMPLATE", text)(command)
 
 
-def _encoding_options() -> list[Decorator]:
-    """How the files of outputs are written."""
-    return [
-        output_option(
-            "--exr-type",
-            f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
-            ["half", "float"],
-        ),
-        output_option(
-            "--color-space",
-            "Convert what is no EXR to sRGB.  [default: the profile that the colour has]",
-            COLOR_SPACES,
-        ),
-        output_option(
-            "--compression CODEC",
-            f"Codec of EXR: {', '.join(COMPRESSIONS)} (that of the colour). dwaa:45 has a "
-            f"level, and loses detail.  [default: {Outputs.compression}]",
-            compression,
-        ),
-        output_option(
-            "--jpeg-quality 1…100",
-            f"Quality of JPEG and WEBP images.  [default: {Outputs.jpeg_quality}]",
-            click.IntRange(1, 100),
-        ),
-        output_option(
-            "--preview", "Also write OUT/<kind>/<stem>.preview.png to look at.", is_common=True
-        ),
-        output_option(
-            "--keep-overscan",
-            "Write the pixels beyond the display window of an EXR, too; they take part in "
-            "the blur in any case.",
-        ),
-        output_option("--overwrite", "Render again and replace what is there.", is_common=True),
-    ]
-
-
-def _outputs(**values: Any) -> Outputs:
-    """The outputs, of one file if -o names one."""
-    given = {key: value for key, value in values.items() if value is not None}
-    outputs = _in_file(Outputs(**given), values)
-    refuse_idle_outputs(outputs, {n.replace("_", "-"): v for n, v in given.items()}, CALLER.at)
-    return outputs
-
-
-def _in_file(outputs: Outputs, given: Mapping[str, Any]) -> Outputs:
-    """The outputs, of one file if -o names one."""
-    path = outputs.root
-    if path.is_dir():
-        return outputs
-    if path.suffix.lower() in UNWRITTEN:
-        remedy = f"end its name in {', '.join(dict.fromkeys(SUFFIXES.values()))}"
-        raise UsageProblem("wrong-type", "is of a type that is not written", remedy, path=path)
-    if not is_picture_name(path.suffix):
-        return outputs
-    if outputs.preview:
-        remedy = "leave it out, or name a directory"
-        raise UsageProblem("contradiction", f"stands beside -o {path}", remedy, field="preview")
-    if len(outputs.kinds) > 1:
-        remedy = "name one kind, or a directory"
-        raise UsageProblem(
-            "contradiction", f"are several, -o {path} is one", remedy, field="outputs"
-        )
-    kind = outputs.rows[0]
-    field = "format" if kind.image else "map_format"
-    format = format_of_file(kind, path.suffix, given[field])
-    if format is None:
-        asked = f" as {given[field]}" if given[field] else ""
-        problem = f"cannot hold {kind.name}{asked}"
-        raise UsageProblem("wrong-type", problem, "give it another suffix", path=path)
-    outputs = replace(outputs, root=path.parent, file=path.name)
-    return replace(outputs, format=format) if kind.image else replace(outputs, map_format=format)
-
-
 def machine_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute."""
-    return bundle("machine", _machine, _computing())(command)
+    return bundle("machine", Machine, _computing())(command)
+
+
+def draft_options(command: Command) -> Command:
+    """Hand a command ``machine``: how to compute drafts."""
+    return bundle("machine", Machine, _computing()[1:])(command)
 
 
 def rendering_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
-    return bundle("machine", _machine, [*_computing(), *memory_options()])(command)
-
-
-def _machine(*, quality: str | None, **others: Any) -> Machine:
-    return Machine(quality=quality or Machine.quality, **others)
+    return bundle("machine", Machine, [*_computing(), *memory_options()])(command)
 
 
 def _computing() -> list[Decorator]:
     return [
-        machine_option(
-            "--quality",
-            "Accuracy, bought with time; a draft is rendered at half of the size, and what is "
-            f"in focus gets its detail back.  [default: {Machine.quality}]",
-            QUALITIES,
-            is_common=True,
-        ),
+        param_option("Machine", QUALITY, default=Machine.quality),
         device_option(),
         machine_option(
             "--threads N",
@@ -289,7 +180,7 @@ def check_inputs_option(command: Command) -> Command:
 
 def json_option(command: Command) -> Command:
     """Hand a command ``as_json``."""
-    text = "Print one JSON document on stdout."
+    text = "Print one JSON document on stdout.  ('defocus help json')"
     return option("--json", text, into="as_json")(command)
 
 

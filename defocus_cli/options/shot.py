@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -14,7 +15,7 @@ import click
 
 from defocus_cli.options.lens import lens_decorators
 from defocus_cli.options.reading import asked_reading
-from defocus_cli.options.rows import given_options
+from defocus_cli.options.rows import given_options, param_option
 from defocus_cli.options.types import (
     Command,
     Decorator,
@@ -26,9 +27,10 @@ from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.frame_patterns import MISSING, FrameChoice, frame_choice
 from defocus_core.request.animation import INTERPOLATIONS, Animation, read_animation
+from defocus_core.request.job_options import SHOT_OPTIONS
 from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.shots import LONGEST_SMOOTH, SharedDecisions
+from defocus_core.request.shots import SharedDecisions, decisions_of
 
 _shot_option = partial(option, heading="Shot")
 
@@ -62,23 +64,7 @@ def shot_options(command: Command) -> Command:
             "Frames that have no file: an error, or left out.  [default: error]",
             MISSING,
         ),
-        _shot_option(
-            "--steady/--no-steady",
-            "Decide once for the shot how depth is repaired and where a focus lies that the "
-            "depth decides, and average noise of depth over 9 frames where the scene is still; or "
-            "each frame for itself.  [default: steady]",
-            default=None,
-        ),
-        _shot_option(
-            "--focus-smooth N",
-            "Average a focus that the depth decides over N frames, in disparity, like 9.",
-            click.IntRange(2, LONGEST_SMOOTH),
-        ),
-        _shot_option(
-            "--motion LAYER",
-            "Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
-            "what other frames have seen of what is hidden is not invented.",
-        ),
+        *(param_option("Shot", row) for row in SHOT_OPTIONS.values()),
         _shot_option(
             "--contact N",
             "Also write N of the pictures, small, to OUT/contact.png.",
@@ -89,15 +75,20 @@ def shot_options(command: Command) -> Command:
     def make(
         frames: str | None, missing: str | None, contact: int | None, **together: Any
     ) -> ShotOptions:
-        return ShotOptions(frames, missing, SharedDecisions(**together), contact)
+        shared = decisions_of(given_options(together, SHOT_OPTIONS))
+        return ShotOptions(frames, missing, shared, contact)
 
     return bundle("shot", make, options)(command)
 
 
-def shot_lens_options(*, required: bool) -> Decorator:
-    """Hand a command ``lenses``: PictureLenses, or None if none are asked for nor required."""
-    options = [
-        *lens_decorators(),
+def shot_lens_options(
+    *, required: bool, names: Iterable[str] = LENS_OPTIONS, moving: bool = True
+) -> Decorator:
+    """Hand a command ``lenses``: PictureLenses, or None if none are asked for nor required.
+
+    `names`: the options that show in what it makes; `moving`: whether it knows frames.
+    """
+    keys = [
         lens_option(
             "--animate FILE",
             "Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, or "
@@ -109,6 +100,10 @@ def shot_lens_options(*, required: bool) -> Decorator:
             "Between keys: evenly, or slow at each key.  [default: linear]",
             INTERPOLATIONS,
         ),
+    ]
+    options = [
+        *lens_decorators(names),
+        *(keys if moving else ()),
         lens_option(
             "--lens-from-metadata",
             "Take the lens from each colour file: OpenEXR's attributes, V-Ray's, or Exif; -v "
@@ -119,9 +114,9 @@ def shot_lens_options(*, required: bool) -> Decorator:
 
     def make(
         lens_file: Path | None,
-        animate: tuple[str, ...],
-        interpolate: str | None,
         metadata: bool,
+        animate: tuple[str, ...] = (),
+        interpolate: str | None = None,
         **values: Any,
     ) -> PictureLenses | None:
         if interpolate is not None and not animate:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,7 +13,6 @@ import click
 
 from defocus_core.errors import Place, UsageProblem, did_you_mean
 from defocus_core.reports.replaceable import refuse_other
-from defocus_core.request.output_kinds import FORMAT_ALIASES, SUFFIXES
 from defocus_core.request.quantities import read_at, require_length
 
 Command = Callable[..., Any]
@@ -91,7 +91,7 @@ class Listed(click.ParamType[tuple[Any, ...]]):
             try:
                 values.append(self.parse(word.strip()))
             except ValueError:
-                problem = f"'{word.strip()}' is no {self.name}"
+                problem = f"'{word.strip()}' is not a {self.name}"
                 remedy = did_you_mean(word.strip(), self.known, f"write like {self.example}")
                 raise UsageProblem("malformed", problem, remedy, path=position_of(param)) from None
         return tuple(dict.fromkeys(values))
@@ -104,17 +104,6 @@ def names_of(known: Sequence[str], name: str) -> Listed:
         return known[known.index(word)]
 
     return Listed(parse, name, ",".join(known), known)
-
-
-class Format(click.Choice[str]):
-    """Type of the images; the long and short spellings of a suffix are the same."""
-
-    def __init__(self) -> None:
-        super().__init__(list(SUFFIXES))
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The one name of a format."""
-        return super().convert(FORMAT_ALIASES.get(value, value), param, ctx)
 
 
 # The topics of help that explain the options under a heading
@@ -224,8 +213,9 @@ def option(
     a value is a flag. ``into`` names the parameter, if not the option does.
     """
     words = spelling.split()
-    names = [word for word in words if word.startswith("-")] + [into] * bool(into)
-    metavar = " ".join(word for word in words if not word.startswith("-"))
+    named = [word for word in words if re.match("--?[a-z]", word)]
+    names = [*named, into] if into else named
+    metavar = " ".join(words[len(named) :])
     if isinstance(kind, Sequence):
         kind = click.Choice(kind)
     elif callable(kind) and not isinstance(kind, click.ParamType):

@@ -276,6 +276,10 @@ def _compared(
     if (a.gamma, a.associated) != (b.gamma, b.associated):
         a, b = in_linear_light(a), in_linear_light(b)
     pixels, corner = _pixels(a, b, common, settings)
+    if rules.visible_only:
+        pixels, unseen = pixels.visible()
+        note = (f"other colours in {counted(unseen, 'pixel')} where A is 0",) if unseen else ()
+        record = replace(record, notes=record.notes + note)
     rules = _of_small_values(rules, pixels)
     return _judged(record, pixels, corner, (a, b), rules, settings, strict=strict), pixels
 
@@ -532,7 +536,8 @@ def compare_images(
             "unknown-name", f"'{like}' is not known", f"name {', '.join(PRESETS)}", field="like"
         )
     known = Rules() if like is None else PRESETS[like]
-    rules = Rules(_rules("fail", fail) or known.fail, _rules("warn", warn) or known.warn, over)
+    fail_by, warn_by = _rules("fail", fail) or known.fail, _rules("warn", warn) or known.warn
+    rules = replace(known, fail=fail_by, warn=warn_by, over=over)
     settings = CompareSettings(
         region=None if region is None else CropRegion(*region),
         mask=None if mask is None else Path(mask),

@@ -1,4 +1,9 @@
-"""A folder of goldens: pictures, golden.json with how each was made; and the same rendered anew."""
+"""A folder of goldens: pictures, beside them a file a sample of how it was made; and made anew.
+
+``SAMPLE.golden.json`` names the files of a sample, and the settings, bytes of inputs, versions and
+machine that made them: a file each, so that branches that add samples merge. A golden.json of all
+samples, as version 0.1.0 wrote it, is read, too; what is accepted takes its place.
+"""
 
 from __future__ import annotations
 
@@ -9,27 +14,38 @@ import shutil
 import tempfile
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.journal import identity
+from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.journal.record import output_fault
 from defocus_core.batch.workers import run
 from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.run import Listener, Summary
+from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import EXTRA, MISSING, Comparison
+from defocus_core.compare.run import Task, compare_all
 from defocus_core.compare.thresholds import matches
 from defocus_core.errors import InputError, UsageProblem, did_you_mean, reason
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import MALFORMED, missing, unwritable, written_whole
+from defocus_core.io.safe_files import (
+    MALFORMED,
+    unwritable,
+    written_together,
+    written_whole,
+)
 from defocus_core.request.job import Job, Machine, Outputs
 from defocus_core.request.jobs_file import read_jobs
 
-MANIFEST = "golden.json"
-_ASIDE = ".accepting"  # folder of what is being accepted; complete once it has golden.json
-_LARGEST = 2**28  # bytes of golden.json
+SUFFIX = ".golden.json"  # of the file of a sample
+_LIST = "golden.json"  # of all samples, as it was once
+_LARGEST = 2**28  # bytes of either
+_CONFLICT = (b"<<<<<<<", b"=======", b">>>>>>>")  # how git begins lines that it could not merge
+Samples = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -37,30 +53,32 @@ class Store:
     """What a folder of goldens holds."""
 
     folder: Path
-    # By sample, how its pictures were made: settings, versions, machine, files
-    samples: Mapping[str, Mapping[str, Any]]
-    # Samples that are neither looked at nor changed
-    aside: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    # By sample, how its pictures were made: settings, inputs, versions, machine, files
+    samples: Samples
+    listed: Samples = field(default_factory=dict)  # those of an old golden.json
 
     def only(self, names: Collection[str]) -> Store:
-        """The samples of these names; the others are put aside."""
+        """The samples of these names; the others are neither looked at nor changed."""
         chosen = {name: sample for name, sample in self.samples.items() if name in names}
-        others = {name: sample for name, sample in self.samples.items() if name not in names}
-        return Store(self.folder, chosen, others)
+        return replace(self, samples=chosen)
 
-    def changed_settings(self, jobs: Sequence[Job]) -> list[str]:
-        """The settings of jobs that differ from those of their goldens, a line for each."""
-        lines = []
-        for job in jobs:
-            stored = self.samples.get(job.sample_id)
-            if stored is None:
-                continue
-            changes = identity.changed_settings(stored.get("settings", {}), identity.settings(job))
-            lines += [
-                f"{job.sample_id}: {key:.200} {now} instead of {was!s:.200}"
-                for key, was, now in changes
+    def changes(self, fresh: FreshPictures) -> dict[str, list[str]]:
+        """Inputs of other bytes, and settings other than those of the goldens, a line each."""
+        inputs, settings = [], []
+        for job in fresh.jobs:
+            name, stored = job.sample_id, self.samples.get(job.sample_id, {})
+            was, now = stored.get("inputs", {}), fresh.inputs.get(name, {})
+            inputs += [
+                f"{name}: {role} has other bytes than when its golden was accepted"
+                for role in sorted(was.keys() & now.keys())
+                if was[role] != now[role]
             ]
-        return lines
+            old, new = stored.get("settings", {}), identity.settings(job)
+            settings += [
+                f"{name}: {key:.200} {now} instead of {was!s:.200}"
+                for key, was, now in (identity.changed_settings(old, new) if stored else ())
+            ]
+        return {"inputs": inputs, "settings": settings}
 
     def place(self, name: str) -> Path | None:
         """The path of a golden, None if it is missing."""
@@ -77,116 +95,114 @@ class Store:
         return {file for sample in self.samples.values() for file in sample.get("files", ())}
 
 
-def read_store(folder: Path) -> Store:
-    """Read golden.json of a folder; nothing is changed."""
-    if (folder / _ASIDE / MANIFEST).is_file():
-        problem = "has an accepted update that was interrupted"
-        remedy = "end it with 'defocus golden update'"
-        raise InputError("damaged", problem, remedy, path=folder)
-    store = _read(folder)
-    if store is None:
-        remedy = "make goldens with 'defocus golden update ‹accept›'"
-        raise missing(folder / MANIFEST, remedy=remedy)
-    return store
+def read_store(folder: Path, *, anew: bool = False) -> Store:
+    """The goldens of a folder; nothing is changed.
+
+    `anew`: whether there may be none yet.
+    """
+    names = Folder(folder).names() if folder.is_dir() else []
+    old = _read(folder, _LIST) if _LIST in names else {"samples": {}}
+    listed = old.get("samples") if isinstance(old, dict) else None
+    if not isinstance(listed, dict):
+        raise _damaged(folder / _LIST, "cannot be read: it has no table of samples")
+    own = {n.removesuffix(SUFFIX): _read(folder, n) for n in names if n.endswith(SUFFIX)}
+    listed = {name: sample for name, sample in listed.items() if name not in own}
+    samples = {**listed, **own}
+    for name, sample in samples.items():
+        if fault := _sample_fault(sample):
+            raise _damaged(folder / (_LIST if name in listed else f"{name}{SUFFIX}"), fault)
+    if not samples and not anew:
+        remedy = "make them with 'defocus golden update ‹accept›'"
+        raise InputError("not-found", "holds no goldens", remedy, path=folder)
+    return Store(folder, samples, listed)
 
 
-def store_to_update(folder: Path) -> Store:
-    """The goldens of a folder, or none yet; an accepted update that was interrupted is ended."""
-    _finish(folder)
-    return _read(folder) or Store(folder, {})
-
-
-def _read(folder: Path) -> Store | None:
-    """The goldens that a golden.json lists; None if there is none. Its names are foreign."""
-    fault, samples = "", dict[str, Any]()
+def _read(folder: Path, name: str) -> Any:
+    """The value of a file of a folder."""
+    data = b""
     try:
-        with Folder(folder).open(MANIFEST) as opened:
-            samples = json.loads(opened.read(_LARGEST))["samples"]
-        fault = next(filter(None, map(_sample_fault, samples.values())), "")
-    except FileNotFoundError:
-        return None
+        with Folder(folder).open(name) as opened:
+            data = opened.read(_LARGEST)
+        return json.loads(data)
     except (OSError, *MALFORMED) as error:
         fault = f"cannot be read: {reason(error)}"
-    if fault:
-        restore = "restore it from your version control"
-        raise InputError("damaged", fault, restore, path=folder / MANIFEST)
-    return Store(folder, samples)
+        if any(line.startswith(_CONFLICT) for line in data.splitlines()):
+            problem, remedy = "has conflict markers of a merge", "take one side, then accept anew"
+            raise InputError("damaged", problem, remedy, path=folder / name) from None
+        raise _damaged(folder / name, fault) from None
+
+
+def _damaged(path: Path, fault: str) -> InputError:
+    return InputError("damaged", fault, "restore it from your version control", path=path)
 
 
 def _sample_fault(sample: object) -> str | None:
-    """What is wrong with a sample of golden.json; None if nothing is. Its names are foreign."""
+    """What is wrong with a sample; None if nothing is. Its names are foreign."""
     if not isinstance(sample, dict):
-        return "cannot be read: it has a sample that is no table"
+        return "cannot be read: it has a sample that is not a table"
     if not isinstance(sample.get("files"), list):
         return "has no list of files"
-    if not isinstance(sample.get("settings", {}), dict):
-        return "has settings that are no table"
+    for name in ("settings", "inputs"):
+        if not isinstance(sample.get(name, {}), dict):
+            return f"has {name} that are not tables"
     for name in sample["files"]:
         if fault := output_fault(name):
             return f"names the golden {name!r:.80}, which {fault}"
     return None
 
 
-def accept(store: Store, jobs: Sequence[Job], root: Path, records: Sequence[Comparison]) -> int:
-    """Make new pictures goldens, and remove the goldens that no job asks for; their number.
+def accept(store: Store, fresh: FreshPictures, records: Sequence[Comparison]) -> None:
+    """Make new pictures goldens, and remove the goldens that no job asks for.
 
-    Pictures and golden.json change together: all are written aside first, golden.json last, and
-    then take their places. Where that is interrupted, `store_to_update` ends it.
+    What is new appears together, or nothing of it.
     """
-    changed = [record for record in records if not record.passes]
-    aside = store.folder / _ASIDE
+    folder, jobs = Folder(store.folder), fresh.jobs
+    new = {record.name for record in records if not record.passes and record.status != MISSING}
+    samples = {name: sample for name, sample in store.listed.items() if name not in store.samples}
+    for job in jobs:
+        name, stored = job.sample_id, store.samples.get(job.sample_id, {})
+        asked = identity.settings(job), sorted(job.names.values()), fresh.inputs.get(name, {})
+        made = dict(zip(("settings", "files", "inputs"), asked, strict=True))
+        if new & set(made["files"]) or any(stored.get(key) != made[key] for key in made):
+            samples[name] = {**made, **_made_by()}
+        elif name in store.listed:
+            samples[name] = stored
     try:
-        shutil.rmtree(aside, ignore_errors=True)
-        for record in changed:
-            Folder(store.folder).path(record.name)  # refused before anything is replaced
-            if record.status != MISSING:
-                path = aside / record.name
-                with Folder(root).open(record.name) as source, written_whole(path, aside) as file:
+        gone = store.files - {name for job in jobs for name in job.names.values()}
+        lost = {f"{name}{SUFFIX}" for name in store.samples.keys() - {j.sample_id for j in jobs}}
+        for name in (*new, *gone, *lost, _LIST):
+            folder.path(name)  # refused before anything is replaced
+        with written_together(store.folder):
+            for name in sorted(new):
+                source = Folder(fresh.root).open(name)
+                with source, written_whole(store.folder / name) as file:
                     shutil.copyfileobj(source, file)
-        written = {record.name for record in changed if record.status != MISSING}
-        samples = {name: dict(sample) for name, sample in store.aside.items()}
-        for job in jobs:
-            files = sorted(job.names.values())
-            stored = store.samples.get(job.sample_id)
-            if stored is None or written & set(files) or stored["files"] != files:
-                stored = {"settings": identity.settings(job), "files": files, **_made_by()}
-            samples[job.sample_id] = dict(stored)
-        with written_whole(aside / MANIFEST) as file:
-            file.write(json.dumps({"samples": samples}, indent=1, sort_keys=True).encode())
-    except (OSError, InputError) as error:
-        shutil.rmtree(aside, ignore_errors=True)
-        if isinstance(error, InputError):
-            raise
+            for name, sample in samples.items():
+                with written_whole(store.folder / f"{name}{SUFFIX}") as file:
+                    file.write(json.dumps(sample, indent=1, sort_keys=True).encode() + b"\n")
+        for name in (*sorted(gone), *sorted(lost), _LIST):
+            folder.remove(name)
+    except OSError as error:
         raise unwritable(store.folder, error) from error
-    _finish(store.folder)
-    return len(changed)
 
 
-def _finish(folder: Path) -> None:
-    """End an acceptance whose files are all there, and clear one away that is not.
-
-    Only goldens that one of the two lists has are moved or removed.
-    """
-    aside = folder / _ASIDE
-    if aside.is_symlink() or not aside.is_dir():
-        return
-    if (accepted := _read(aside)) is not None:
-        before = _read(folder) or Store(folder, {})
-        try:
-            gone = sorted(before.files - accepted.files)
-            new = [name for name in sorted(accepted.files) if Folder(aside).path(name).exists()]
-            for name in (*gone, *new, MANIFEST):  # all are vetted before the first is touched
-                Folder(folder).path(name)
-            for name in gone:
-                Folder(folder).remove(name)
-            for name in (*new, MANIFEST):  # golden.json last
-                (folder / name).parent.mkdir(exist_ok=True)
-                (aside / name).replace(folder / name)
-        except OSError as error:
-            problem = f"cannot be put into its place: {reason(error)}"
-            remedy = f"mend that, or remove {aside}"
-            raise InputError("unwritable", problem, remedy, path=aside) from error
-    shutil.rmtree(aside, ignore_errors=True)
+def compared(
+    store: Store, fresh: FreshPictures, task: Task, processes: int
+) -> Iterator[Comparison]:
+    """The new pictures by the goldens; other files in the folder are not looked at."""
+    there = {name: path for name in store.files if (path := store.place(name))}
+    names = sorted({*store.files, *fresh.files})
+    pairs = [FilePair(name, there.get(name), fresh.files.get(name)) for name in names]
+    asked = {name for job in fresh.jobs for name in job.names.values()}
+    for record in compare_all(pairs, task, processes):
+        if record.status == EXTRA:
+            deleted = "its golden was deleted; restore it from your version control, or accept anew"
+            error = deleted if record.name in store.files else "a new case, without a golden yet"
+        elif record.status == MISSING:
+            error = "no picture was made" if record.name in asked else "no job asks for it any more"
+        else:
+            error = record.error
+        yield replace(record, error=error)
 
 
 def change_words(record: Comparison) -> str:
@@ -215,6 +231,15 @@ class FreshPictures:
     jobs: Sequence[Job]
     root: Path
     summary: Summary
+
+    @cached_property
+    def inputs(self) -> dict[str, dict[str, str | None]]:
+        """By sample that was made, the hash of the bytes of each of its inputs by role."""
+        return {
+            record.sample_id: {role: stamp.blake2b for role, stamp in record.inputs.items()}
+            for record in Ledger(self.root).records()
+            if record.taken is not None
+        }
 
     @property
     def files(self) -> dict[str, Path]:

@@ -70,7 +70,7 @@ class Comparison:
         notes: differences that change no pixel.
         metadata: attributes that differ.
         proposal: a rule that would let it pass; empty if no rule would.
-        error: why a file could not be read.
+        error: why a file could not be read, or why there is none.
         images: files of difference images that were written.
     """
 

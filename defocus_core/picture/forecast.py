@@ -11,10 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from defocus_core.errors import DefocusError
-from defocus_core.io.arrays import sample_plane, scratch_folder
+from defocus_core.io.arrays import scratch_folder
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import base_mb, regions_at_once
 from defocus_core.picture.render import renderers
@@ -22,21 +20,20 @@ from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.scene import passes_of, surfaces_of
 from defocus_core.picture.take import Take
 from defocus_core.request.job import Job
+from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
 from defocus_core.system.text import duration
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.renderer.engine.renderer import Renderer
 
 # Most pictures of a batch to decode for a forecast; the others count as their average.
 MAX_READ = 16
 # Kind, height, width and largest CoC radius in px of a scene that needs every step of rendering.
 SCENE = ("thin", 540, 960, 16.0)
-_EXACT_PIXELS = 1 << 21  # of pictures whose pixels are looked at
+_REPAIRED_PIXELS = 1 << 21  # of pictures whose depth is repaired
+_RADIUS_BYTES = 4  # of the repaired radius of a pixel
 _OPENED_PIXELS = 1 << 24  # of pictures that are opened
-_LARGEST_MADE = 64  # px, radius of a made picture
-_MADE_MEAN = 0.54  # mean radius of a made picture, of its largest
 _REPEATS = 2  # the fastest counts: a machine is never faster than it is
 
 
@@ -48,7 +45,7 @@ class Forecast:
     coc_px: tuple[float, float]  # its least and greatest signed radius
     color_note: str  # how the colour is read, for people
     depth_note: str  # how the depth is read and repaired
-    repair: DepthRepair | None  # of the depth; None if nothing is rendered
+    repair: DepthRepair | None  # of the depth; None if nothing is looked for
     seconds: float  # time to read, render and write it, right within a factor of two
     peak_mb: float  # upper bound of the memory of the process, or of the GPU
     scratch_mb: float  # size of its arrays in scratch files; 0 if they are held in memory
@@ -83,25 +80,6 @@ def work_per_second(device: str, threads: int) -> float:
 
 
 @cache
-def _made_work(radius: int) -> float:
-    """Units of work for a px of a made picture whose largest radius is so many px."""
-    from defocus_core.evaluation.cost import cost
-
-    return cost(_made(radius, threads=1)) / (SCENE[1] * SCENE[2])
-
-
-@cache
-def _made(radius: int, threads: int) -> Renderer:
-    """The renderer of a made picture, whose size is that of `SCENE`."""
-    from defocus_core.evaluation.synthetic_scenes import scenery
-    from defocus_core.renderer.engine.renderer import Renderer
-    from defocus_core.renderer.engine.scene import Scene
-    from defocus_core.renderer.engine.settings import Settings
-
-    return Renderer(Scene(*scenery(*SCENE[:3], float(radius))[:2]), Settings(threads=threads))
-
-
-@cache
 def _durable_seconds() -> float:
     """Seconds until a small file is on the disk of scratch files."""
     seconds = []
@@ -128,7 +106,7 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
         if looked_at > _OPENED_PIXELS:
             break
         try:
-            found = _forecast(jobs[number], device, rate, left=_EXACT_PIXELS - looked_at)
+            found = _forecast(jobs[number], device, rate, left=_REPAIRED_PIXELS - looked_at)
             looked_at += math.prod(found.size)
             by_number[number] = found
         except DefocusError as error:
@@ -139,8 +117,7 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
 def _forecast(job: Job, device: str, rate: float, left: int) -> Forecast:
     """The forecast of a job; to write a file takes about as long as to read the inputs.
 
-    `left`: pixels that may be looked at one by one; the work of a larger picture is that of a made
-    one for each of its pixels.
+    `left`: pixels whose depth may be repaired; that of a larger picture is counted as it is.
     """
     start = time.perf_counter()
     inputs = plain_path.read(job)
@@ -150,13 +127,9 @@ def _forecast(job: Job, device: str, rate: float, left: int) -> Forecast:
     take, held = plain_path.prepare(job, inputs), inputs.holding
     peak = base_mb() + held.files_mb if device == "cpu" else 0.0
     work, maximum, renders = 0.0, 0.0, 0
-    if job.outputs.need_rendering and math.prod(take.size) > left:
-        mean = float(np.nan_to_num(np.abs(sample_plane(take.shown))).mean())
-        radius = min(_LARGEST_MADE, max(1, round(mean / _MADE_MEAN)))
-        work, renders = math.prod(take.size) * _made_work(radius), 1
-        maximum = regions_at_once(job, _made(radius, 1), held, device)[1]
-    elif job.outputs.need_rendering:
-        take, work, maximum, renders = _exact(take, device)
+    if job.outputs.need_rendering:
+        repairs = math.prod(take.size) <= left
+        take, work, maximum, renders = _counted(take, device, repairs=repairs)
     return Forecast(
         size=take.size,
         coc_px=take.limits,
@@ -170,17 +143,24 @@ def _forecast(job: Job, device: str, rate: float, left: int) -> Forecast:
     )
 
 
-def _exact(take: Take, device: str) -> tuple[Take, float, float, int]:
+def _counted(take: Take, device: str, *, repairs: bool) -> tuple[Take, float, float, int]:
     """A take with its repair; its work, the memory of its regions in MB, and its renderings."""
     from defocus_core.evaluation.cost import cost
 
-    passes = passes_of(take, surfaces_of(take).scene())
+    reading = take.job.reading if repairs else replace(take.job.reading, depth_repair="off")
+    counted = replace(take, job=replace(take.job, reading=reading))
+    passes = passes_of(take, surfaces_of(counted).scene())
     work, maximum = 0.0, 0.0
     for _, renderer in renderers(take, passes):
         work += cost(renderer)
         memory_mb = regions_at_once(take.job, renderer, take.inputs.holding, device)[1]
         maximum = max(maximum, memory_mb)
-    return replace(take, repair=renderer.repair), work, maximum, len(passes)
+    if repairs:
+        return replace(take, repair=renderer.repair), work, maximum, len(passes)
+    maximum += (
+        math.prod(take.shown.shape) * _RADIUS_BYTES / memory.MB
+    )  # if it is repaired after all
+    return take, work, maximum, len(passes)
 
 
 def record(forecast: Forecast) -> dict[str, Any]:

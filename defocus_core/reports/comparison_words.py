@@ -28,7 +28,6 @@ from defocus_core.system.text import counted
 
 _DIGITS = {"psnr": 4, "ssim": 5}
 _SHOWN = ("max", "rmse", "psnr", "hdr-psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
-_WORDS = {DIFFERENT: "DIFFERENT", MISSING: "MISSING", EXTRA: "EXTRA", UNREADABLE: "UNREADABLE"}
 _COUNTED = (*STATUSES, "not compared")
 _LISTS = ("failed", "warned", "unmeasured", "notes", "metadata")  # attributes of a record
 _METADATA = 3  # attributes that a line has room for
@@ -38,13 +37,10 @@ _TITLES = {"psnr": "PSNR", "hdr": "HDR", "ssim": "SSIM", "rmse": "RMSE", "flip":
 
 def line(record: Comparison) -> str:
     """What became of a pair, in one line."""
-    word = _WORDS.get(record.status, record.status)
-    if record.status == MISSING:
-        return f"{record.name}: {word}: B has no such file"
-    if record.status == EXTRA:
-        return f"{record.name}: {word}: A has no such file"
-    if record.status == UNREADABLE:
-        return f"{record.name}: {word}: {record.error}"
+    word = record.status if record.passes else record.status.upper()
+    if record.status in (MISSING, EXTRA, UNREADABLE):
+        lacking = "B" if record.status == MISSING else "A"
+        return f"{record.name}: {word}: {record.error or f'{lacking} has no such file'}"
     parts = [finding.text for finding in record.findings]
     if record.differing:
         parts += [_place(record)] if _is_local(record) else []

@@ -7,18 +7,19 @@ Nothing here opens a file, though `Job.files` looks which are there.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.errors import Place, UsageProblem, did_you_mean
+from defocus_core.errors import UsageProblem, did_you_mean
 from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.request.lens import Lens
-from defocus_core.request.output_kinds import KINDS, LOSSY, PREVIEW, Kind
+from defocus_core.request.output_kinds import KINDS, PREVIEW, Kind
 from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.request.quantities import Percentile
 
+LONGEST_SMOOTH = 1001  # frames of which a focus is averaged
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs
 OTHERS = ("hidden", "over", "holdout", "matte")  # pictures that belong to another one
@@ -114,22 +115,6 @@ class Outputs:
         return names
 
 
-def refuse_idle_outputs(
-    outputs: Outputs, given: Mapping[str, object], place: Callable[[str], Place]
-) -> None:
-    """Refuse what is given of outputs, by name, and says nothing of any file that is written."""
-    format, alone = outputs.format, f"says nothing about {outputs.format}"
-    of_format = "leave it out, or write the format {}".format
-    for name, is_idle, problem, remedy in (
-        ("exr-type", format != "exr", alone, of_format("exr")),
-        ("jpeg-quality", format not in LOSSY, alone, of_format("jpg")),
-        ("color-space", format == "exr", f"{alone}, which is linear", "leave it out"),
-        ("compression", not outputs.writes_exr, "is of EXR, and none is written", "leave it out"),
-    ):
-        if is_idle and given.get(name) is not None:
-            raise UsageProblem("idle-option", problem, remedy, path=place(name))
-
-
 @dataclass(frozen=True)
 class Machine:
     """How to compute. ``quality`` decides the pictures.
@@ -187,7 +172,7 @@ def reading_through(reading: Reading, lens: Lens | None) -> Reading:
     if lens is not None and lens.blur is not None:
         return reading if reading.relative else reading.as_relative()
     if reading.invert is not None:
-        problem = "turns numbers of relative disparity round"
+        problem = "reverses relative disparity, and this depth is not relative"
         remedy = "add ‹blur› 40px, or swap the ends of ‹depth-range›"
         raise UsageProblem("idle-option", problem, remedy, field="invert")
     return reading
@@ -303,7 +288,7 @@ def _name(job: Job, template: str) -> str:
         name = field[1]
         if name not in FIELDS:
             remedy = did_you_mean(name, FIELDS, f"write {' or '.join(f'{{{n}}}' for n in FIELDS)}")
-            raise UsageProblem("unknown-name", f"{field[0]} is no field", remedy, field="name")
+            raise UsageProblem("unknown-name", f"{field[0]} is not a field", remedy, field="name")
         if name == "stem":
             return job.picture.stem
         if name == "view":

@@ -30,35 +30,19 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from defocus_core.allowed_values import QUALITIES
 from defocus_core.errors import UsageProblem
 from defocus_core.request.animation import read_animation_table
-from defocus_core.request.inputs import Entry, read_inputs
-from defocus_core.request.job import (
-    Job,
-    Machine,
-    Outputs,
-    Picture,
-    Reading,
-    refuse_idle_outputs,
-)
+from defocus_core.request.inputs import COLOR_KEYS, Entry, read_inputs
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, SHOT_OPTIONS
 from defocus_core.request.lens import Lens
 from defocus_core.request.lens_files import reading_in
 from defocus_core.request.origin import JobsSource, read_origin, source_of_tables
-from defocus_core.request.output_kinds import (
-    COLOR_SPACES,
-    FORMAT_ALIASES,
-    INPUTS,
-    KINDS,
-    MAP_FORMATS,
-    SUFFIXES,
-    compression,
-)
-from defocus_core.request.picture_lenses import KEYS as LENS_KEYS
+from defocus_core.request.parameters import LENS_OPTIONS, METADATA
 from defocus_core.request.picture_lenses import PictureLenses, lens_file_of, read_lenses
 from defocus_core.request.reading_options import READING_OPTIONS
-from defocus_core.request.resolver import layer_of, reading_of
-from defocus_core.request.shots import read_decisions, with_shot
+from defocus_core.request.resolver import fields_of, layer_in, layer_of, outputs_of, reading_of
+from defocus_core.request.shots import decisions_of, with_shot
 from defocus_core.request.splits import read_splits
 from defocus_core.request.toml_file import Table, parsed_toml, read_bytes, refuse_unknown, table
 
@@ -67,15 +51,20 @@ TABLES = (
     *("reading", "outputs", "machine", "dataset"),
 )
 MAX_JOBS = 10_000_000
-_OUTPUTS = (
-    *("kinds", "format", "exr-type", "jpeg-quality", "preview", "keep-overscan"),
-    *("map-format", "inputs", "compression", "color-space"),
-)
-_MACHINE = ("quality", "depth-repair")
-# The keys of tables that are options of a single picture, too.
+_ROWS = {
+    **{"lens": LENS_OPTIONS, "reading": READING_OPTIONS, "outputs": OUTPUT_OPTIONS},
+    **{"shot": SHOT_OPTIONS, "machine": MACHINE_OPTIONS},
+}
+# Options of a single picture, and the table and key that they are here.
 KEYS = {
-    **{"lens": LENS_KEYS, "reading": tuple(READING_OPTIONS)},
-    **{"outputs": _OUTPUTS, "machine": _MACHINE},
+    **{
+        name: f"[{table}] {row.key or name}"
+        for table, rows in _ROWS.items()
+        for name, row in rows.items()
+    },
+    **{METADATA: f"[lens] {METADATA}", "lens": "[lens] file", "animate": "[animate] file"},
+    **{role: f"[inputs] {key}" for role, key in COLOR_KEYS.items()},
+    **{key: f"[inputs] {key}" for key in ("frames", "missing")},
 }
 
 
@@ -119,7 +108,7 @@ class Batch:
             jobs,
             [each.picture for each in self.shot],
             lens_of,
-            read_decisions(self.tables["shot"]),
+            decisions_of(layer_in(self.tables["shot"], SHOT_OPTIONS)),
             moving="focus-at" in self.lenses.animation.keys,
         )
 
@@ -177,7 +166,6 @@ def batch_of(
 
 def _reading(section: Table, lens: Table, machine: Table) -> Reading:
     """The options of ``[reading]``, over those of the lens file."""
-    section.refuse_unknown(tuple(READING_OPTIONS))
     repair = {n: value for n, value in machine.values.items() if n == "depth-repair"}
     if repair and "depth-repair" in section.values:
         problem, place = "stands in [reading], too", machine.place("depth-repair")
@@ -185,56 +173,14 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
     return reading_of(
         reading_in(lens_file_of(lens)),
         layer_of(repair, READING_OPTIONS, machine.place),
-        layer_of(section.values, READING_OPTIONS, section.place),
+        layer_in(section, READING_OPTIONS),
     )
 
 
 def _outputs(section: Table, outputs: Outputs) -> Outputs:
-    section.refuse_unknown(_OUTPUTS)
-    name = section.values.get("format")
-    if isinstance(name, str):
-        aliased = {**section.values, "format": FORMAT_ALIASES.get(name, name)}
-        section = Table(section.file, section.name, aliased)
-    values = {
-        "kinds": _kinds(section),
-        "format": section.choice("format", tuple(SUFFIXES)),
-        "exr_type": section.choice("exr-type", ("half", "float")),
-        "jpeg_quality": section.integer("jpeg-quality", 1, 100),
-        "preview": section.flag("preview"),
-        "keep_overscan": section.flag("keep-overscan"),
-        "map_format": section.choice("map-format", MAP_FORMATS),
-        "color_space": section.choice("color-space", COLOR_SPACES),
-        "compression": section.parsed("compression", compression),
-    }
-    outputs = dataclasses.replace(outputs, **_present(values))
-    if section.choice("inputs", ("copy",)) is not None:
-        outputs = dataclasses.replace(outputs, kinds=(*dict.fromkeys((*outputs.kinds, *INPUTS)),))
-    refuse_idle_outputs(outputs, section.values, section.place)
-    return outputs
-
-
-def _kinds(section: Table) -> tuple[str, ...] | None:
-    value = section.values.get("kinds")
-    if value is None:
-        return None
-    kinds = value.split(",") if isinstance(value, str) else value
-    if not isinstance(kinds, list) or not kinds:
-        raise UsageProblem(
-            "malformed",
-            f"{value!r} is no list",
-            'write ["render", "coc"]',
-            path=section.place("kinds"),
-        )
-    known = (section.one_of(tuple(KINDS), "kinds", str(kind).strip()) for kind in kinds)
-    return tuple(dict.fromkeys(known))
+    return outputs_of(layer_in(section, OUTPUT_OPTIONS), outputs)
 
 
 def _machine(section: Table, machine: Machine) -> Machine:
-    section.refuse_unknown(_MACHINE)
-    quality = section.choice("quality", QUALITIES)
-    return machine if quality is None else dataclasses.replace(machine, quality=quality)
-
-
-def _present(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values that the file holds."""
-    return {name: value for name, value in values.items() if value is not None}
+    fields = fields_of(layer_in(section, MACHINE_OPTIONS, "depth-repair"))
+    return dataclasses.replace(machine, **fields)

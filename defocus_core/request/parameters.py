@@ -32,6 +32,8 @@ class Param:
     """An option: how it is named, read, written and explained."""
 
     name: str  # of the option, and of the key of a TOML file
+    key: str = ""  # of a TOML file, where that is another
+    in_files: bool = False  # only files have it
     parse: Callable[[str], Any]  # makes its value of a text; raises QuantityError
     help: str  # what it does; other options are in angle quotes
     metavar: str = ""  # what help shows in the place of its value
@@ -44,9 +46,8 @@ class Param:
     choices: Sequence[str] = ()  # the words that it may be, where it is one of them
     is_common: bool = False  # short help shows it
     flag: bool = False  # it has no value: a field has its name, if it is given
-    min_integer: int | None = None  # the least whole number that it may be, where it is one
-    # Makes a number of each word, where a command line has it in two words
-    parse_word: Callable[[str], Any] | None = None
+    toggle: bool = False  # it is on or off without a text, and neither where it is not given
+    words: int = 1  # of which a command line has it
 
     @property
     def field(self) -> str:
@@ -270,7 +271,7 @@ _ROWS = (
         example="128",
         even_in="steps",
         needs="blur",
-        idle="is in focus with a blur in pixels only",
+        idle="has an effect only with a blur in pixels",
         instead_of="focus-at",
     ),
     LensParam(
@@ -318,7 +319,7 @@ _ROWS = (
         tag="vignetting",
         example="on",
         needs="cat-eye",
-        idle="darkens nothing without a rim",
+        idle="has no effect without a rim",
         is_optics=True,
     ),
     LensParam(
@@ -450,12 +451,14 @@ _ROWS = (
         tag="seed",
         example="7",
         needs="noise",
-        idle="changes nothing without noise",
+        idle="has no effect without noise",
     ),
 )
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}
 SHAPES = tuple(row.name for row in _ROWS if not row.is_optics)
 _POINT_OPTIONS = ("blade", "obstruction", "spherical", "squeeze", "aperture-image", "dp-")
+# What decides how far pixels are blurred, of one kind of light.
+BLURRING = tuple(LENS_OPTIONS)[: [*LENS_OPTIONS].index("clamp-blur") + 1]
 # What the opening and the blur of a point show.
 OPENING = tuple(name for name in SHAPES if name.startswith(_POINT_OPTIONS))
 BESIDE_BLUR = frozenset(

@@ -37,8 +37,9 @@ _PERCENTILE = re.compile(r"\s*percentile\s*\(([^(),]*)\)\s*", re.I)
 class QuantityError(ValueError):
     """A text that is not the quantity asked for: what is wrong, and what to write instead."""
 
-    def __init__(self, problem: str, remedy: str) -> None:
+    def __init__(self, problem: str, remedy: str, code: str = "malformed") -> None:
         super().__init__(f"{problem}; {remedy}")
+        self.code = code
         self.problem = problem
         self.remedy = remedy
 
@@ -73,14 +74,14 @@ def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
             require_length(text)
         return parse(*texts)
     except QuantityError as error:
-        raise UsageProblem("malformed", error.problem, error.remedy, path=where) from None
+        raise UsageProblem(error.code, error.problem, error.remedy, path=where) from None
 
 
 def length(text: str) -> float:
     """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
     value = _positive(text, "a length", "like 2m or 50mm", _MM)
     if not 1 / _MAX_LENGTH <= value <= _MAX_LENGTH:  # its square is a number, too
-        problem = f"'{text}' is no length from 1e-30 to 1e30 mm"
+        problem = f"'{text}' is not a length from 1e-30 to 1e30 mm"
         raise QuantityError(problem, "write it like 2m or 50mm")
     return value
 
@@ -201,13 +202,18 @@ def within(minimum: float, maximum: float, what: str, example: str) -> Callable[
     return parse
 
 
-def one_of(words: Sequence[str]) -> Callable[[str], str]:
+def always(value: T) -> Callable[[str], T]:
+    """A parser that says one value, of options that are given without a text."""
+    return lambda _: value
+
+
+def one_of(words: Sequence[str], code: str = "malformed") -> Callable[[str], str]:
     """A parser that takes one of the words."""
 
     def parse(text: str) -> str:
         if text not in words:
             remedy = did_you_mean(text, words, f"choose from {', '.join(words)}")
-            raise QuantityError(f"'{text}' is not known", remedy)
+            raise QuantityError(f"'{text}' is not known", remedy, code)
         return text
 
     return parse
@@ -302,11 +308,22 @@ def switch(text: str) -> bool:
     return one_of(("on", "off"))(text.strip().lower()) == "on"
 
 
-def whole(text: str) -> int:
-    """A whole number, 0 or more."""
-    if not re.fullmatch(r"\s*\d{1,9}\s*", short(text)):
-        raise QuantityError(f"'{text}' is not a whole number", "write it like 7")
-    return int(text)
+def whole_within(minimum: int, maximum: int = 10**9 - 1) -> Callable[[str], int]:
+    """A parser of whole numbers from ``minimum`` to ``maximum``."""
+    limits = f"{minimum} to {maximum}" if maximum < 10**9 - 1 else f"{minimum} or more"
+
+    def parse(text: str) -> int:
+        if not re.fullmatch(r"\s*\d{1,9}\s*", short(text)):
+            problem = f"'{text}' is not a whole number of {limits}"
+            raise QuantityError(problem, f"write it like {max(minimum, 7)}")
+        if not minimum <= int(text) <= maximum:
+            raise QuantityError(f"{int(text)} is not in the range {limits}", "give one that is")
+        return int(text)
+
+    return parse
+
+
+whole = whole_within(0)
 
 
 def file(text: str) -> Path:

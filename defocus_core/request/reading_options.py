@@ -17,6 +17,7 @@ from defocus_core.io.depth_formats.table import NAMES, UNITS
 from defocus_core.request.parameters import Param
 from defocus_core.request.quantities import (
     QuantityError,
+    always,
     angle,
     length,
     number,
@@ -40,7 +41,7 @@ def format_name(text: str) -> str:
     near = list(dict.fromkeys([*(n for n in NAMES if name in n or n in name), *near]))[:4]
     nearest = f"did you mean {' or '.join(near)}? " if near else ""
     remedy = f"{nearest}'defocus help depth' lists all of them"
-    raise QuantityError(f"'{text}' is no depth format", remedy)
+    raise QuantityError(f"'{text}' is not a depth format", remedy)
 
 
 def scale(text: str) -> float:
@@ -82,7 +83,9 @@ def field_of_view(text: str) -> float:
     """A horizontal field of view in degrees."""
     degrees = angle(text)
     if not 0 < degrees < 180:
-        raise QuantityError(f"'{text}' is no field of view", "give more than 0 and less than 180")
+        raise QuantityError(
+            f"'{text}' is not a field of view", "give more than 0 and less than 180"
+        )
     return degrees
 
 
@@ -107,6 +110,7 @@ class ReadingParam(Param):
     """An option of reading."""
 
     of_pictures: bool = False  # a depth file alone, without a picture and a lens, has no use for it
+    of_render: bool = False  # what is not written has no use for it
 
 
 def _choice(
@@ -152,7 +156,7 @@ _ROWS = (
         name="depth-range",
         is_common=True,
         parse=distances,
-        parse_word=far_distance,
+        words=2,
         metavar="NEAR FAR",
         help="Distances of the ends of the number's type, 0 and 255 or 65535, or 0 and 1: of depth "
         "0 is NEAR; of disparity 0 is FAR. Swapped, it is the other way round.",
@@ -182,14 +186,14 @@ _ROWS = (
         name="radial",
         stored_as="geometry",
         flag=True,
-        parse=str,
+        parse=always("radial"),
         help="The numbers are distances to the point.",
     ),
     ReadingParam(
         name="planar",
         stored_as="geometry",
         flag=True,
-        parse=str,
+        parse=always("planar"),
         help="The numbers are depth along the axis.",
         instead_of="radial",
     ),
@@ -197,7 +201,7 @@ _ROWS = (
         name="invert",
         is_common=True,
         flag=True,
-        parse=str,
+        parse=always("invert"),
         help="Black is near in a depth of relative disparity; with ‹blur›.",
         of_pictures=True,
     ),
@@ -229,7 +233,7 @@ _ROWS = (
     ReadingParam(
         name="turn-depth",
         flag=True,
-        parse=str,
+        parse=always("turn-depth"),
         help="The depth file is stored as its photograph is: turn it by the Exif orientation of "
         "that.",
         of_pictures=True,
@@ -270,11 +274,11 @@ _ROWS = (
         "the others are copied.",
         separator=",",
         of_pictures=True,
+        of_render=True,
     ),
     ReadingParam(
         name="part",
         parse=whole,
-        min_integer=0,
         metavar="N",
         help="Part of an EXR, page of a TIFF or frame of an array, from 0.",
     ),

@@ -18,8 +18,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.errors import CALLER, Place, UsageProblem, reason
-from defocus_core.request.job import Reading
+from defocus_core.request.job import Outputs, Reading
+from defocus_core.request.job_options import (
+    MACHINE_OPTIONS,
+    OUTPUT_OPTIONS,
+    SHOT_OPTIONS,
+    in_one_file,
+)
 from defocus_core.request.lens import EFFECTS, Draw, Lens
+from defocus_core.request.output_kinds import INPUTS
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, METADATA, OPENING, Param
 from defocus_core.request.quantities import (
     Percentile,
@@ -28,9 +35,11 @@ from defocus_core.request.quantities import (
     length_text,
     percentage,
     read_at,
+    switch,
     text_of,
 )
 from defocus_core.request.reading_options import READING_OPTIONS
+from defocus_core.request.toml_file import Table
 
 if TYPE_CHECKING:
     from defocus_core.optics.distributions import Distribution
@@ -44,7 +53,13 @@ class Given(NamedTuple):
 
 
 Layer = Mapping[str, Given]  # by the name of the option
-ROWS: Mapping[str, Param] = {**LENS_OPTIONS, **READING_OPTIONS}
+ROWS: Mapping[str, Param] = {
+    **LENS_OPTIONS,
+    **READING_OPTIONS,
+    **OUTPUT_OPTIONS,
+    **SHOT_OPTIONS,
+    **MACHINE_OPTIONS,
+}
 ALTERNATIVES = tuple((row.instead_of, row.name) for row in ROWS.values() if row.instead_of)
 
 
@@ -58,10 +73,16 @@ def value_of(name: str, text: str) -> Any:
     """The value of an option, in mm, degrees or plain numbers; off is that of a lens without."""
     row = LENS_OPTIONS.get(name)
     if row is None:
-        return READING_OPTIONS[name].parse(text)
+        return ROWS[name].parse(text)
     if text.strip().lower() == "off" and row.field in EFFECTS and not row.never_off:
         return EFFECTS[row.field]
     return row.parse(text)
+
+
+def layer_in(table: Table, rows: Mapping[str, Param], *others: str) -> dict[str, Given]:
+    """The options of a table of a file, which has no other keys than theirs and ``others``."""
+    table.refuse_unknown((*(row.key or name for name, row in rows.items()), *others))
+    return layer_of(table.values, rows, table.place)
 
 
 def layer_of(
@@ -71,7 +92,12 @@ def layer_of(
 
     `rows`: the options that count; `at`: the place of a key. Paths are relative to its file.
     """
-    layer = {name: given(name, values[name], at(name)) for name in values if name in rows}
+    named = {row.key or name: row for name, row in rows.items()}
+    layer = {
+        named[key].name: given(named[key].name, value, at(key))
+        for key, value in values.items()
+        if key in named and not (named[key].flag and value is False)
+    }
     refuse_contradiction(layer)
     return layer
 
@@ -81,10 +107,12 @@ def given(name: str, value: object, place: Place) -> Given:
     row, text = ROWS[name], text_of(value)
     if row.flag:
         if value is not True:
-            remedy = f"write {name} = true"
-            raise UsageProblem("malformed", f"{value!r} is not true", remedy, path=place)
+            problem, remedy = f"{value!r} is neither true nor false", f"write {name} = true"
+            raise UsageProblem("malformed", problem, remedy, path=place)
+    elif row.parse is switch and isinstance(value, bool):
+        text = "on" if value else "off"
     elif isinstance(value, bool):
-        problem, remedy = f"{text.lower()} is no value of it", "see 'defocus help'"
+        problem, remedy = f"{text.lower()} is not a value of this option", "see 'defocus help'"
         raise UsageProblem("malformed", problem, remedy, path=place)
     elif row.parse is str and not (isinstance(value, str) and value and "\0" not in value):
         raise UsageProblem(
@@ -183,10 +211,10 @@ def refuse_optics(options: Layer, *, in_pixels: bool = False, radii: bool = Fals
     """Raise UsageProblem if an option decides the radii, which something else decides already."""
     for name, (_, place) in options.items():
         if in_pixels and name not in BESIDE_BLUR:
-            problem = "changes nothing beside blur, which is no lens"
+            problem = "has no effect beside ‹blur›, which replaces the lens"
             raise UsageProblem("contradiction", problem, "leave one of them out", path=place)
         if radii and not in_pixels and (name == METADATA or LENS_OPTIONS[name].is_optics):
-            problem = "changes nothing: with depth-format coc, the files hold the radii"
+            problem = "has no effect: with depth-format coc, the files hold the radii"
             remedy = f"leave it out; {', '.join(OPENING)} shape the opening"
             raise UsageProblem("idle-option", problem, remedy, path=place)
 
@@ -281,21 +309,40 @@ def distribution(name: str, text: str) -> Distribution | None:
         raise QuantityError(f"{kind} is for the focus only", "write uniform(…) or loguniform(…)")
     values = tuple(percentage(w) if kind == "percentile" else value_of(name, w) for w in words)
     if kind != "choice" and any(isinstance(value, Percentile) for value in values):
-        raise QuantityError("a percentile is no end of a range", "write percentile(5, 95)")
+        raise QuantityError("a percentile is not an end of a range", "write percentile(5, 95)")
     try:
         return Distribution(kind, values)
     except ValueError as error:
-        raise QuantityError(f"'{text}' is no distribution: {reason(error)}", "") from None
+        raise QuantityError(f"'{text}' is not a distribution: {reason(error)}", "") from None
+
+
+def fields_of(layer: Layer) -> dict[str, Any]:
+    """The values of options by their fields."""
+    return {ROWS[name].field: value_of(name, text) for name, (text, _) in layer.items()}
+
+
+def outputs_of(layer: Layer, outputs: Outputs, *, one_file: bool = False) -> Outputs:
+    """The outputs that options make of others; those that say nothing about them are refused.
+
+    `one_file`: the root may name the only file.
+    """
+    values = fields_of(layer)
+    copied = INPUTS if values.pop("inputs", None) else ()
+    kinds = tuple(dict.fromkeys((*values.get("kinds", outputs.kinds), *copied)))
+    outputs = replace(outputs, **{**values, "kinds": kinds})
+    if one_file:
+        outputs = in_one_file(outputs, values)
+    for row in OUTPUT_OPTIONS.values():
+        if row.name in layer and not row.suits(outputs):
+            problem, place = row.idle.format(format=outputs.format), layer[row.name].place
+            raise UsageProblem("idle-option", problem, row.remedy, path=place)
+    return outputs
 
 
 def reading_of(*layers: Layer) -> Reading:
     """The reading that options of all layers make."""
     options = laid_over(*layers)
-    fields: dict[str, Any] = {
-        READING_OPTIONS[name].field: name if READING_OPTIONS[name].flag else value_of(name, text)
-        for name, (text, _) in options.items()
-    }
-    reading = Reading(**fields)
+    reading = Reading(**fields_of(options))
     repair, width = reading.depth_repair, reading.edge_width
     if width is not None and (repair == "off" or (repair != "auto" and width == 0)):
         problem, place = f"of {width:g}px contradicts depth-repair {repair}", options["edge-width"]

@@ -8,20 +8,18 @@ others.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 
-from defocus_core.errors import CALLER, Place, UsageProblem
+from defocus_core.errors import UsageProblem
 from defocus_core.io.shots.frame_patterns import window_of
 from defocus_core.request.job import FrameLens, Job, Picture, Shot
 from defocus_core.request.lens import Lens
-from defocus_core.request.toml_file import Table
+from defocus_core.request.resolver import Layer, fields_of
 
-KEYS = ("steady", "focus-smooth", "motion")
 _SAMPLE = 5  # frames that decide for the shot
 AVERAGED = 9  # frames whose depth is averaged: noise falls to a third
 _LOOKED_AT = 13  # frames that may show what one of them hides
-LONGEST_SMOOTH = 1001
 
 
 @dataclass(frozen=True)
@@ -33,31 +31,12 @@ class SharedDecisions:
     # all of the shot, or each frame's own if the point moves
     focus_smooth: int | None = None
     motion: str | None = None  # layer of motion vectors; None if there is none
-    place: Callable[[str], Place] = CALLER.at  # the place of one of them, for errors
-
-    def refuse_lone(self) -> None:
-        """Raise UsageProblem if anything is asked of frames where there is no shot."""
-        asked = {"steady": self.steady, "focus-smooth": self.focus_smooth, "motion": self.motion}
-        for name, value in asked.items():
-            if value is not None:
-                problem = "is for the frames of a shot, but no path numbers them"
-                raise UsageProblem(
-                    "idle-option",
-                    problem,
-                    "give patterns like 'shot.####.exr'",
-                    path=self.place(name),
-                )
+    options: Layer = field(default_factory=dict)  # that said so
 
 
-def read_decisions(table: Table) -> SharedDecisions:
-    """The table ``[shot]`` of a jobs file."""
-    table.refuse_unknown(KEYS)
-    return SharedDecisions(
-        steady=table.flag("steady"),
-        focus_smooth=table.integer("focus-smooth", 2, LONGEST_SMOOTH),
-        motion=table.text("motion"),
-        place=table.place,
-    )
+def decisions_of(options: Layer) -> SharedDecisions:
+    """What options of a shot decide."""
+    return SharedDecisions(**fields_of(options), options=options)
 
 
 def with_shot(
@@ -73,16 +52,15 @@ def with_shot(
     `every`: all frames of the shot that are there, ascending; empty if there is no shot.
     """
     if not every:
-        decisions.refuse_lone()
+        for given in decisions.options.values():
+            problem = "is for the frames of a shot, but no path numbers them"
+            remedy = "give patterns like 'shot.####.exr'"
+            raise UsageProblem("idle-option", problem, remedy, path=given.place)
         return list(jobs)
     if decisions.focus_smooth is not None and not any(map(_is_found, jobs)):
-        problem = "smooths nothing: the depth does not decide the focus"
-        raise UsageProblem(
-            "idle-option",
-            problem,
-            "leave it out, or focus-at X,Y",
-            path=decisions.place("focus-smooth"),
-        )
+        problem = "has no effect: the depth does not decide the focus"
+        place = decisions.options["focus-smooth"].place
+        raise UsageProblem("idle-option", problem, "leave it out, or focus-at X,Y", path=place)
     places = {picture.frame: place for place, picture in enumerate(every)}
     steady = decisions.steady is not False
 

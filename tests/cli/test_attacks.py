@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 from batches import again, folders
-from command_line import LENS, color_exr, failed, files_under, refused, run, succeed, texture
+from command_line import color_exr, failed, files_under, refused, run, succeed, texture
 from counting import calls
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record, taken
@@ -17,7 +17,7 @@ from refusals import refuses
 from defocus_core.batch.datasets import finished, sample_index, tar_shards
 from defocus_core.batch.journal.journal import Ledger, Shard, journal_path, shards
 from defocus_core.batch.journal.left import sweep_up
-from defocus_core.compare.goldens import read_store, store_to_update
+from defocus_core.compare.goldens import read_store
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.picture_files import read_depth
@@ -43,8 +43,7 @@ FOREIGN = (
 
 
 def golden_json(folder, name):
-    samples = {"a": {"files": [name], "settings": {}}}
-    (folder / "golden.json").write_text(json.dumps({"samples": samples}))
+    (folder / "a.golden.json").write_text(json.dumps({"files": [name], "settings": {}}))
     read_store(folder)
 
 
@@ -198,22 +197,6 @@ def test_a_report_replaces_nothing_but_a_report(tmp_path):
     assert (picture.read_bytes(), jobs.read_text()) == (before, "[inputs]")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("compare", "a.exr", "b.exr", "--thresholds", "pipe.toml"),
-        ("batch", "pipe.toml", "-o", "out"),
-        ("render", "a.exr", "b.exr", "--lens", "pipe.toml", "-o", "out"),
-        ("render", "a.exr", "b.exr", *LENS, "--animate", "pipe.csv", "-o", "out"),
-    ],
-)
-def test_a_command_does_not_wait_for_a_pipe(words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name in ("pipe.toml", "pipe.csv"):
-        os.mkfifo(tmp_path / name)
-    refused(run(*words), 3, "unreadable")
-
-
 def test_rows_are_read_from_no_pipe_and_columns_are_counted_once(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     with refuses("unreadable", "not a regular file"):
@@ -269,40 +252,6 @@ def test_an_index_that_was_tampered_with_is_refused(attack, tmp_path, mine):
         list(finished.samples(tmp_path))
     assert sample_index.listed(tmp_path) is None
     assert sample_index.withdraw(tmp_path, {"b"}, alone=True) == set()
-
-
-@pytest.mark.parametrize("name", ["../home/mine", ".git/hooks/post-checkout", "mine", "/mine", 7])
-def test_an_acceptance_that_was_tampered_with_changes_nothing(name, tmp_path, mine):
-    aside, hook = tmp_path / ".accepting", ".git/hooks/post-checkout"
-    for path in (aside / hook, tmp_path / "render" / "a.exr"):
-        path.parent.mkdir(parents=True)
-        path.write_text("theirs")
-    goldens = {"a": {"files": ["render/a.exr"]}}
-    (tmp_path / "golden.json").write_text(json.dumps({"samples": goldens}))
-    (aside / "golden.json").write_text(json.dumps({"samples": {"b": {"files": [name]}}}))
-    before = files_under(tmp_path)
-    for read in (read_store, store_to_update):
-        with refuses("damaged"):
-            read(tmp_path)
-        assert (mine.read_text(), files_under(tmp_path)) == ("mine", before)
-
-
-def test_an_interrupted_acceptance_is_ended_by_update_for_goldens_alone(tmp_path):
-    aside = tmp_path / ".accepting"
-    for path in ("render/old.exr", "mine", ".accepting/render/new.exr", ".accepting/.git/config"):
-        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / path).write_text(path)
-    for folder, golden in ((tmp_path, "render/old.exr"), (aside, "render/new.exr")):
-        samples = {"samples": {"a": {"files": [golden]}}}
-        (folder / "golden.json").write_text(json.dumps(samples))
-    (aside / "removed.json").write_text('["mine"]')
-    (tmp_path / "render" / "new.exr").symlink_to("old.exr")  # vetted before old.exr is removed
-    with refuses("unwritable"):
-        store_to_update(tmp_path)
-    assert (tmp_path / "render" / "old.exr").exists()
-    (tmp_path / "render" / "new.exr").unlink()
-    assert store_to_update(tmp_path).files == {"render/new.exr"}
-    assert files_under(tmp_path) == {"golden.json", "mine", "render/new.exr"}
 
 
 def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_path):

@@ -68,17 +68,6 @@ def test_less_can_be_asked_for(tiny):
     assert methods == ["input", "sum", "over", "draft"]
 
 
-@pytest.mark.parametrize(
-    ("args", "exit_code", "code", "at"),
-    [
-        (("--truth", "nowhere"), 3, "not-found", "nowhere"),
-        (("--quality", "best"), 2, "malformed", "quality"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(tiny, args, exit_code, code, at):
-    refused(bench("--truth", tiny, *args), exit_code, code, at)
-
-
 def test_a_set_without_scenes_is_refused(tmp_path):
     refused(bench("--truth", tmp_path), 3, "empty", tmp_path)
 

@@ -104,16 +104,28 @@ def test_a_dry_run_needs_no_directory_that_can_be_written(color, depth, out, mon
     refused(render(color, depth, "-o", out), 3, "unwritable", out.parent)
 
 
-def test_a_large_picture_is_told_by_a_made_one_and_writing_counts(color, depth, out, monkeypatch):
-    def told():
-        return render(color, depth, "-o", out, "--dry-run", "--json").json["forecast"]
+def test_a_large_picture_is_counted_without_its_repair_and_writing_counts(
+    color, depth, out, monkeypatch
+):
+    def told(*more):
+        return render(color, depth, "-o", out, *more, "--dry-run", "--json").json["forecast"]
 
-    exact = told()
+    small = told()
     monkeypatch.setattr(forecast, "_durable_seconds", lambda: 10.0)
-    assert told()["seconds"] > exact["seconds"] + 19, "a file, and its line of the journal"
-    monkeypatch.setattr(forecast, "_EXACT_PIXELS", 0)
-    monkeypatch.setattr(forecast, "renderers", None)
-    by_counts = told()
-    assert by_counts["pictures_read"] == 1
-    assert by_counts["seconds"] > 20
-    assert by_counts["peak_mb"] > 0
+    assert told()["seconds"] > small["seconds"] + 19, "a file, and its line of the journal"
+    monkeypatch.setattr(forecast, "_durable_seconds", lambda: 0.0)
+    monkeypatch.setattr(forecast, "work_per_second", lambda device, threads: 1e6)
+    monkeypatch.setattr(forecast, "_REPAIRED_PIXELS", 0)
+    draft, usual, high, apart = (
+        told(*more)["seconds"]
+        for more in (
+            ("--quality", "draft"),
+            (),
+            ("--quality", "high"),
+            ("--axial-color", "0.1mm:0.2mm"),
+        )
+    )
+    assert draft <= usual < high
+    assert apart > 2 * usual
+    assert told()["pictures_read"] == 1
+    assert told()["peak_mb"] >= small["peak_mb"]

@@ -11,6 +11,7 @@ from command_line import color_exr, files_under, read_exr, refused, run, texture
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 
 PICTURES = {"render/a.exr", "render/b.exr"}
+RECORDS = {"a.golden.json", "b.golden.json"}
 
 
 @pytest.fixture(scope="module")
@@ -51,10 +52,10 @@ def test_update_shows_what_would_change_and_writes_only_what_is_accepted(jobs, t
     assert "2 would change; --accept" in ran.out
     assert not folder.exists()
     assert golden("update", jobs, folder, "--accept").code == 0
-    assert files_under(folder) == PICTURES | {"golden.json"}
+    assert files_under(folder) == PICTURES | RECORDS
     again = golden("update", jobs, folder)
     assert (again.code, again.out) == (0, f"{folder}: 2 goldens, none changes\n")
-    sample = json.loads((folder / "golden.json").read_text())["samples"]["a"]
+    sample = json.loads((folder / "a.golden.json").read_text())
     assert sample["settings"]["lens"]["fnum"] == 2.0
     assert sample["files"] == ["render/a.exr"]
     assert {"torch", "processor", "system"} <= set(sample["machine"])
@@ -84,8 +85,8 @@ def test_what_another_processor_rounds_otherwise_passes(jobs, goldens):
 
 
 def test_settings_of_a_foreign_list_are_quoted_in_short(jobs, goldens):
-    text = (goldens / "golden.json").read_text()
-    (goldens / "golden.json").write_text(text.replace('"fnum": 2.0', f'"fnum": "{"x" * 9000}"'))
+    text = (goldens / "a.golden.json").read_text()
+    (goldens / "a.golden.json").write_text(text.replace('"fnum": 2.0', f'"fnum": "{"x" * 9000}"'))
     assert max(map(len, golden("check", jobs, goldens).out.splitlines())) < 500
 
 
@@ -116,16 +117,24 @@ def test_a_golden_that_no_job_asks_for_is_removed_and_another_file_is_not(jobs, 
     write_exr(goldens / "mine.exr", Y=np.zeros((4, 4), np.float32))
     for name in ("b_rgb.exr", "b_z.exr"):
         (tmp_path / name).unlink()
-    assert "render/b.exr: MISSING" in golden("check", jobs, goldens).out
+    assert "render/b.exr: MISSING: no job asks for it" in golden("check", jobs, goldens).out
     assert "removed: render/b.exr" in golden("update", jobs, goldens, "--accept").out
-    assert files_under(goldens) == {"render/a.exr", "mine.exr", "golden.json"}
+    assert files_under(goldens) == {"render/a.exr", "mine.exr", "a.golden.json"}
     assert golden("check", jobs, goldens).code == 0
 
 
 def test_what_is_no_folder_of_goldens_is_refused(jobs, goldens, tmp_path):
-    refused(golden("check", jobs, tmp_path), 3, "not-found", "golden.json")
-    (goldens / "golden.json").write_text('{"samples": {"a": 1}}')
-    refused(golden("check", jobs, goldens), 3, "damaged", "golden.json")
+    refused(golden("check", jobs, tmp_path), 3, "not-found", tmp_path)
+    for name, text in (
+        ("golden.json", '{"samples": {"c": 1}}'),
+        ("golden.json", "7"),
+        ("c.golden.json", "<<<<<<< ours\n{}\n=======\n{}\n>>>>>>> theirs\n"),
+    ):
+        (goldens / name).write_text(text)
+        ran = golden("check", jobs, goldens)
+        refused(ran, 3, "damaged", name)
+        assert ("conflict markers" in ran.err) == ("<<<" in text)
+        (goldens / name).unlink()
 
 
 def test_json_of_a_check_has_the_settings_too(jobs, goldens):
@@ -135,3 +144,41 @@ def test_json_of_a_check_has_the_settings_too(jobs, goldens):
         f"{name}: lens.fnum 1.4 instead of 2.0" for name in "ab"
     ]
     assert document["same"] is False
+
+
+def test_branches_that_add_goldens_merge_and_a_deleted_one_is_told_from_a_new_one(
+    jobs, goldens, tmp_path
+):
+    (goldens / "a.golden.json").unlink()  # as on the branch that has b alone
+    (goldens / "render" / "b.exr").unlink()
+    out = golden("check", jobs, goldens).out
+    assert "render/a.exr: EXTRA: a new case, without a golden yet" in out
+    assert "render/b.exr: EXTRA: its golden was deleted" in out
+    before = (goldens / "b.golden.json").read_bytes()
+    assert golden("update", jobs, goldens, "--only", "render/a.exr", "--accept").code == 0
+    assert (goldens / "b.golden.json").read_bytes() == before
+
+
+def test_other_bytes_of_an_input_are_said_first_until_they_are_accepted(jobs, goldens, tmp_path):
+    jobs.write_text(jobs.read_text().replace("fnumber = 2", "fnumber = 1.4"))
+    planes = read_exr(tmp_path / "b_rgb.exr")
+    write_exr(tmp_path / "b_rgb.exr", **planes, note=planes["R"])
+    first, *_ = golden("check", jobs, goldens).out.splitlines()
+    assert first == "b: color has other bytes than when its golden was accepted"
+    told = golden("check", jobs, goldens, "--json").json
+    assert (len(told["inputs_changed"]), len(told["settings_changed"])) == (1, 2)
+    jobs.write_text(jobs.read_text().replace("fnumber = 1.4", "fnumber = 2"))
+    assert golden("update", jobs, goldens, "--accept").code == 0
+    assert golden("update", jobs, goldens).out.endswith("none changes\n")
+    assert "other bytes" not in golden("check", jobs, goldens).out
+
+
+def test_a_list_of_goldens_as_once_is_read_and_gives_way_to_a_file_each(jobs, goldens):
+    samples = {n.split(".")[0]: json.loads((goldens / n).read_text()) for n in RECORDS}
+    for name in RECORDS:
+        (goldens / name).unlink()
+    (goldens / "golden.json").write_text(json.dumps({"samples": samples}))
+    assert golden("check", jobs, goldens).code == 0
+    assert golden("update", jobs, goldens, "--only", "render/a.exr", "--accept").code == 0
+    assert files_under(goldens) == PICTURES | RECORDS
+    assert {n.split(".")[0]: json.loads((goldens / n).read_text()) for n in RECORDS} == samples

@@ -142,7 +142,7 @@ def test_a_golden_is_checked_and_accepted_alone(tmp_path):
     assert (accepted.code, accepted.out.splitlines()[-1]) == (0, f"{folder}: 1 golden changed")
     assert run_command(file, name, "Check again", *alone).code == 0
     assert (folder / "coc/b_focus2m.exr").read_bytes() == before
-    assert len(json.loads((folder / "golden.json").read_text())["samples"]) == 4
+    assert len([*folder.glob("*.golden.json")]) == 4
     assert run("golden", "check", jobs, folder, *alone).out.count("DIFFERENT") == 3
 
 

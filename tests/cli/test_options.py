@@ -2,18 +2,21 @@
 
 import os
 import re
+import subprocess
+import sys
 from importlib import import_module
 
 import click
 import pytest
-from command_line import run
+from command_line import pair, run
 
+from defocus_cli.commands.choose import command as choose
 from defocus_cli.commands.depth import command as depth_command
 from defocus_cli.commands.help import TOPICS, text
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
 from defocus_cli.main import COMMANDS
-from defocus_core.request.parameters import LENS_OPTIONS
+from defocus_core.request.parameters import BLURRING, LENS_OPTIONS
 from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.system.process import cores
 
@@ -22,10 +25,42 @@ def test_threads_are_the_cores_this_process_may_use():
     assert cores() == len(os.sched_getaffinity(0))
 
 
-@pytest.mark.parametrize("command", [info, render_command])
-def test_every_lens_option_is_a_flag_of_every_command_that_takes_a_lens(command):
-    flags = {name for param in command.params for name in param.opts}
-    assert {f"--{name}" for name in LENS_OPTIONS} | {"--lens"} <= flags
+def flags_of(command):
+    return {name for param in command.params for name in param.opts}
+
+
+@pytest.mark.parametrize(
+    ("command", "without"),
+    [
+        (render_command, ()),
+        (info, {*LENS_OPTIONS} - {*BLURRING} | {"blur-channels"}),
+        (
+            choose,
+            ("dp-model", "dp-crosstalk", "animate", "interpolate", "quality", "blur-channels"),
+        ),
+    ],
+)
+def test_a_command_has_the_options_of_what_it_shows(command, without):
+    flags, shared = flags_of(command), {*LENS_OPTIONS, *READING_OPTIONS, "lens"}
+    assert {f"--{name}" for name in shared - {*without}} <= flags
+    assert not {f"--{name}" for name in without} & flags
+
+
+@pytest.mark.parametrize("name", BLURRING)
+def test_every_lens_option_of_info_changes_the_blur_it_tells(name, tmp_path):
+    files, row = pair(tmp_path), LENS_OPTIONS[name]
+    others = {"focus-at": "0,0", "focus-value": "2", "clamp-blur": "0.1px", "sharp-range": "2m..9m"}
+    value = others.get(name, {"50mm": "60mm", "36mm": "20mm", "2m": "1.5m"}.get(row.example, "2.8"))
+    lens = {"focal-length": "50mm", "fnumber": "2", "focus": "3m"}
+    if name in ("blur", "focus-value"):
+        lens, value = {"blur": "9px", "focus-value": "3"}, {"blur": "8px"}.get(name, value)
+
+    def told(options):
+        words = [word for key, text in options.items() for word in (f"--{key}", text)]
+        return run("info", "--json", *files, *words).json["files"][1]["depth"]["coc_px"]
+
+    changed = {key: text for key, text in lens.items() if key != row.instead_of} | {name: value}
+    assert told(changed) != told(lens)
 
 
 def test_every_lens_option_stands_in_a_topic_of_the_help():
@@ -33,16 +68,12 @@ def test_every_lens_option_stands_in_a_topic_of_the_help():
     assert [name for name in LENS_OPTIONS if f"--{name}" not in topics] == []
 
 
-@pytest.mark.parametrize("command", [info, render_command, depth_command])
-def test_every_reading_option_is_a_flag_of_every_command_that_reads_depth(command):
-    flags = {name for param in command.params for name in param.opts}
+def test_depth_has_the_reading_options_of_a_depth_file_alone():
     of_color = {
         *("--color-layer", "--blur-channels", "--resize-depth", "--unpremultiply-depth"),
         *("--depth-repair", "--edge-width", "--invert", "--turn-depth"),
     }
-    of_color = of_color if command is depth_command else set()
-    assert {f"--{name}" for name in READING_OPTIONS} - of_color <= flags
-    assert not of_color & flags
+    assert {f"--{name}" for name in READING_OPTIONS} - flags_of(depth_command) == of_color
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -69,3 +100,12 @@ def test_help_shows_options_under_their_headings():
     assert places == sorted(places)
     assert text.index("--focal-length") < text.index("\nOutput:") < text.index("--overwrite")
     assert "Examples:" in text
+
+
+def test_shells_complete_commands():
+    environment = {**os.environ, "_DEFOCUS_COMPLETE": "bash_source"}
+    done = subprocess.run(
+        [sys.executable, "-m", "defocus_cli"], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0
+    assert "_DEFOCUS_COMPLETE=bash_complete" in done.stdout

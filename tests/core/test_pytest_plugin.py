@@ -22,17 +22,23 @@ def test_a_picture(golden):
 """
 
 
-def passes(folder, *options, expression="image", bounds=""):
-    """None if the test passes, else what pytest says."""
-    (folder / "test_it.py").write_text(TEST.format(expression=expression, bounds=bounds))
+def ran(folder, *options):
+    """The exit code of the tests of a folder, and what pytest says."""
     plugin = ["-p", "no:defocus", "-p", "defocus_core.pytest_plugin", "-p", "no:cacheprovider"]
-    words = ["-q", *plugin, "--import-mode=importlib", *options, "test_it.py"]
+    words = ["-q", *plugin, "--import-mode=importlib", "--capture=no", f"--rootdir={folder}"]
     said = io.StringIO()
     sys.modules.pop("test_it", None)
     with contextlib.chdir(folder), contextlib.redirect_stdout(said):
-        code = pytest.main([*words, "--capture=no", f"--rootdir={folder}"])
-    assert code in (0, 1), said.getvalue()
-    return said.getvalue() if code else None
+        code = pytest.main([*words, *options])
+    return code, said.getvalue()
+
+
+def passes(folder, *options, expression="image", bounds=""):
+    """None if the test passes, else what pytest says."""
+    (folder / "test_it.py").write_text(TEST.format(expression=expression, bounds=bounds))
+    code, said = ran(folder, *options, "test_it.py")
+    assert code in (0, 1), said
+    return said if code else None
 
 
 @pytest.fixture(scope="module")
@@ -143,6 +149,74 @@ def test_an_update_rewrites_only_what_fails(project):
     before = golden.read_bytes()
     assert passes(project, "--golden-update", expression="image + np.float32(9e-5)") is None
     assert golden.read_bytes() == before
+
+
+NODES = """
+import numpy as np
+import pytest
+
+class TestLens:
+    @pytest.mark.parametrize("side", [8, 16])
+    def test_square(self, side, golden):
+        golden.check(np.full((side, side), 0.5, np.float32))
+
+def test_named(golden):
+    golden.check(np.full((8, 8), 0.25, np.float32), "named")
+"""
+
+
+def said_by(folder, *options):
+    """The lines that name goldens."""
+    return [line for line in ran(folder, *options)[1].splitlines() if "golden" in line]
+
+
+@pytest.mark.parametrize("processes", [(), ("-p", "xdist", "-n", "2")])
+def test_a_golden_has_the_name_of_its_node_and_those_of_no_test_are_pruned(processes, tmp_path):
+    (tmp_path / "test_it.py").write_text(NODES)
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    assert said_by(tmp_path, "--golden-update", *processes) == []
+    folder = tmp_path / "goldens" / "test_it"
+    owned = {"TestLens/test_square[8].exr", "TestLens/test_square[16].exr", "named.exr"}
+    found = {path.relative_to(folder).as_posix() for path in folder.rglob("*.exr")}
+    assert found == owned
+    lost = [folder / "old.exr", folder.parent / "test_gone" / "a.exr"]
+    for path in lost:
+        path.parent.mkdir(exist_ok=True)
+        shutil.copyfile(folder / "named.exr", path)
+    (folder / "notes.md").touch()
+    for partial in (("-k", "named"), ("test_it.py::test_named",)):
+        assert said_by(tmp_path, *partial, *processes) == []
+        assert "nothing is removed" in said_by(tmp_path, "--golden-prune", *partial)[-1]
+    words = ": no test owns this golden"
+    told = said_by(tmp_path, *processes)
+    assert told == [f"{path.relative_to(tmp_path)}{words}" for path in reversed(lost)]
+    outside = tmp_path / "mine.exr"
+    shutil.move(lost[1], outside)
+    (folder / "linked.exr").symlink_to(outside)
+    assert len(said_by(tmp_path, "--golden-prune", *processes)) == 1
+    assert (lost[0].exists(), outside.exists(), (folder / "notes.md").exists()) == (0, 1, 1)
+    assert said_by(tmp_path, *processes) == []
+
+
+def test_goldens_of_a_file_whose_tests_were_skipped_or_failed_are_not_judged(tmp_path):
+    skipped = NODES.replace(
+        "    golden.check(np.full((8, 8)", "    pytest.skip()\n    (np.full((8, 8)"
+    )
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    (tmp_path / "test_it.py").write_text(NODES)
+    assert said_by(tmp_path, "--golden-update") == []
+    for text in (skipped, NODES.replace("0.25", "0.75")):
+        (tmp_path / "test_it.py").write_text(text)
+        assert not any("no test owns" in line for line in said_by(tmp_path, "--golden-prune"))
+        assert (tmp_path / "goldens" / "test_it" / "named.exr").exists()
+
+
+def test_a_missing_golden_is_a_line_without_a_traceback(tmp_path):
+    (tmp_path / "test_it.py").write_text(NODES)
+    (tmp_path / "pytest.ini").write_text("[pytest]\n")
+    told = [line for line in said_by(tmp_path) if "named.exr" in line]
+    assert "there is no such golden; make it with pytest --golden-update" in told[0]
+    assert not any(line.startswith((">", "E ")) for line in said_by(tmp_path))
 
 
 def test_two_tests_of_one_name_are_refused_when_updating(project):

@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from measures import worst
 
 from defocus_core import HiddenLayer, render
 
@@ -22,6 +23,19 @@ def noise(*size):
 def with_lights(image, light):
     """The image with a light in a pixel of 200."""
     return torch.where(noise(*image.shape[-2:]) < 0.005, light, image)
+
+
+@pytest.mark.parametrize("base", [0.0, 0.3])
+@pytest.mark.parametrize("r", [0.8, 3.3, -9.9, 23.9])
+def test_doubling_a_light_doubles_its_picture(r, base):
+    """Also where it becomes a highlight by that, and where layers are blurred at half size."""
+    image, radius = torch.full((3, 81, 81), base), torch.full((81, 81), r)
+    image[:, 40, 40] += 0.5
+    once = render(image, radius).render - base
+    for times in (2, 4, 8):
+        image[:, 40, 40] = base + 0.5 * times
+        more = render(image, radius).render - base
+        assert worst(more, times * once) < 5e-3 * float(more.max())
 
 
 @pytest.mark.parametrize("quality", QUALITIES)

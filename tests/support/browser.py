@@ -6,7 +6,6 @@ from contextlib import contextmanager
 import pytest
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-_SOFTWARE = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--no-sandbox")
 _PIXEL = """([x, y]) => {
   const shown = document.getElementById("canvas"), copy = document.createElement("canvas");
   [copy.width, copy.height] = [shown.width, shown.height];
@@ -27,7 +26,7 @@ def chromium():
     if path is None:
         pytest.skip("needs Chromium; install it (Debian, Ubuntu: apt install chromium)")
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=path, args=list(_SOFTWARE))
+        browser = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield browser
         browser.close()
 
@@ -37,7 +36,7 @@ class Page:
 
     def __init__(self, browser, file, **settings):
         script = settings.pop("script", "")
-        self.page = browser.new_page(viewport={"width": 1400, "height": 900}, **settings)
+        self.page = browser.new_page(**{"viewport": {"width": 1400, "height": 900}, **settings})
         self.complaints: list[str] = []
         self.requests: list[str] = []
         self.page.on("console", lambda message: self.complaints.append(message.text))

@@ -41,7 +41,7 @@ def rendered(scene, dtype=torch.float32, nudge=0.0):
         left_right=scene in ("occlusion", "highlights"),
         infinity=INFINITY if scene == "repair" else None,
     )
-    pictures = {"render": views.render}
+    pictures = {"render": views.render[..., : SIZE[0], : SIZE[1]]}
     if views.left is not None and views.right is not None:
         pictures |= {"left": views.left, "right": views.right, "trust": views.trust}
     return pictures
@@ -56,6 +56,8 @@ def _scene(scene):
     if scene == "repair":
         return _antialiased_card()
     image, radius = flatten(card_layers(-5.2, 3.3, SIZE, margin=10), SIZE)
+    if scene == "draft":  # of which a corner is kept: smaller pictures are not halved
+        image, radius = image.repeat(1, 6, 4), radius.repeat(6, 4)
     if scene == "highlights":
         image = 0.3 * image
         image[:, 8, 9] = image[:, 25, 40] = 20.0

@@ -83,7 +83,7 @@ CAUSES = (
         "tone.exposed",
         {
             "another exposure": "the factor, of all channels or of each",
-            "multiplied": "the same of channels that are no light, like depth",
+            "multiplied": "the same of channels that are not light, like depth",
         },
     ),
     Cause("tone.another_gamma", {"another gamma": "the power; sRGB encoded or decoded once more"}),
@@ -93,7 +93,7 @@ CAUSES = (
             "raised blacks": "the offset, of light or of what a screen shows",
             "lowered blacks": "the same, darker",
             "another contrast": "the factor and what it turns around",
-            "offset": "the same of channels that are no light, like depth",
+            "offset": "the same of channels that are not light, like depth",
         },
     ),
     Cause("tone.vignette", {"vignette": "darker corners, or one side"}, needs="light"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ def pair(given: InputPair) -> InputPair:
     resized = f"{columns}x{rows} px resized"
     metres = given.keeping.new((height, width), np.float32)
     if reading.resize_depth is None:
-        say(f"defocus: {depth.path}: {resized} to {width}x{height} px, guided by the colours")
+        _say_guided(f"{resized} to {width}x{height} px, guided by the colours")
     if reading.resize_depth != "nearest":
         require_valid(depth)
         _fill_guided(metres, depth, color)
@@ -51,6 +52,12 @@ def pair(given: InputPair) -> InputPair:
         metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
     note = f"{depth.note}, {resized} by nearest{stretch_words(share)}"
     return given.with_depth(replace(depth, metres=metres, note=note))
+
+
+@cache
+def _say_guided(words: str) -> None:
+    """Say it of the first of many files."""
+    say(f"defocus: depth of {words}")
 
 
 def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:

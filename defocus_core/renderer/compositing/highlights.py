@@ -83,22 +83,24 @@ def reached_by(farthest: int) -> int:
 def split(
     layers: Sequence[SampleLayer], channels: int, limit: float
 ) -> tuple[tuple[SampleLayer, ...], Highlights | None]:
-    """Separate highlights from layers, in whose light they are black; None if there are none.
+    """Separate highlights from layers, in whose light they are ordinary; None if there are none.
 
     `channels`: how many are colours, which alone the highlights have; alpha stays as it is.
     """
     lights = [layer.light for layer in layers]
-    bright = [light.detach()[:channels].amax(0) > limit for light in lights]
+    brightness = [light.detach()[:channels].amax(0) for light in lights]
+    bright = [each > limit for each in brightness]
     if not any(bool(each.any()) for each in bright):
         return tuple(layers), None
     rest, drawn = [], []
-    for layer, light, where in zip(layers, lights, bright, strict=True):
+    for layer, light, each, where in zip(layers, lights, brightness, bright, strict=True):
         colors, others = layer.color.tensor_split([channels])
-        dark = torch.cat([torch.where(where, 0.0, colors), others])
-        rest.append(layer._replace(color=dark))
+        ordinary = torch.where(where, limit / _BRIGHTER / each, 1.0)
+        rest.append(layer._replace(color=torch.cat([colors * ordinary, others])))
         at = positions_of(where)
         row, column = at.unbind(1)
-        drawn.append((at, light[:channels, row, column].T, layer.signed_radius[row, column]))
+        beyond = light[:channels, row, column] * (1 - ordinary[row, column])
+        drawn.append((at, beyond.T, layer.signed_radius[row, column]))
     at, colors, radius = (torch.cat(each) for each in zip(*drawn, strict=True))
     return tuple(rest), Highlights(at, colors, radius)
 

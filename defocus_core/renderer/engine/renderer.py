@@ -12,7 +12,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
-from functools import partial
 from typing import NamedTuple
 
 import torch
@@ -20,13 +19,7 @@ from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth, repaired_each
-from defocus_core.renderer.engine.drafts import (
-    Enlarging,
-    coarse_radii,
-    half_size,
-    hidden_at_half_size,
-    means,
-)
+from defocus_core.renderer.engine.drafts import Draft
 from defocus_core.renderer.engine.frame import Content, SharedFrame, darkened
 from defocus_core.renderer.engine.preparation import (
     border_range,
@@ -44,6 +37,7 @@ from defocus_core.renderer.engine.settings import STANDARD, Settings
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.renderer.layers.slice_radii import SHARP
+from defocus_core.tensors.derived import chosen
 from defocus_core.tensors.device_plan import launches_cost, tile_pixels
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, Scalar, banded
@@ -70,7 +64,7 @@ def fit_together(pixels: Tensor, settings: Settings) -> bool:
     A draft changes its size, and an exact number of slices spans the radii of each picture.
     """
     count, _, H, W = pixels.shape
-    by_scene = settings.num_layers is None and not find(settings.quality).half_size
+    by_scene = settings.num_layers is None and not settings.quality_of(pixels.shape).half_size
     fits = _most_pixels(pixels.device) >= 2 * H * W
     return count > 1 and fits and by_scene and settings.edge_width is None
 
@@ -96,7 +90,7 @@ def batches(
         infinity = [one.infinity for one in settings]
         signed_radius, repairs = repaired_each(signed_radius, pixels, infinity)
     surveys = surveyed_each(pixels, signed_radius, computed_in(pixels, signed_radius))
-    quality = find(settings[0].quality)
+    quality = settings[0].quality_of(pixels.shape)
     contents = [
         content_of(survey, quality) for survey, repair in zip(surveys, repairs, strict=True)
     ]
@@ -104,7 +98,8 @@ def batches(
     for number, (content, own) in enumerate(zip(contents, settings, strict=True)):
         key = content.double, *_pupil(own, quality)
         alone = content.highlights or content.minimum < 0 or _is_opaque(content, own, pixels)
-        alike.setdefault((*key, number if alone else None), []).append(number)
+        plane = content.limits[0] if content.limits[0] == content.limits[1] else None
+        alike.setdefault((*key, plane, number if alone else None), []).append(number)
     return [
         _batch(numbers, pixels, signed_radius, repairs, contents, settings)
         for numbers in alike.values()
@@ -160,7 +155,6 @@ class Renderer:
     Attributes:
         size: (height, width) in px.
         repair: Repair of its depth.
-        at_half_size: Whether it is rendered in coarse pixels of two by two px.
         frame: The frame, in px or in coarse pixels.
         scene: What is rendered: repaired, and in px or in coarse pixels, which have a channel more.
         reaching: [h, w] the radii whose light reaches farthest, in px or in coarse pixels.
@@ -183,29 +177,24 @@ class Renderer:
         return modes
 
     def _prepare(self, scene: Scene, settings: Settings, *, hold: bool) -> None:
-        threads, quality = settings.threads, find(settings.quality)
+        threads, quality = settings.threads, settings.quality_of(scene.signed_radius.shape)
         if scene.layered is None and scene.repair is None:
             scene = repaired_once(scene, settings, hold=hold)
-        signed_radius, layered, hidden = scene.signed_radius, scene.layered, scene.hidden
-        matte = scene.matte
-        self.size = signed_radius.shape[-2], signed_radius.shape[-1]
+        layered = scene.layered
+        self.size = scene.signed_radius.shape[-2], scene.signed_radius.shape[-1]
         self.repair = scene.repair or DepthRepair()
-        image, in_px = scene.image, signed_radius
         if layered is not None:
-            quality = quality.of_layers(layered.deepest)
-        by_scene = quality.half_size and settings.by_scene
-        self.at_half_size = scene.content is None and by_scene and _is_blurred(signed_radius)
-        if self.at_half_size:
-            scene = replace(scene, surfaces=None)
-            quality = quality.in_coarse_pixels()
-            coarse = partial(half_size, threads=threads, hold=hold)
-            image = coarse(means, scene.image)
-            signed_radius = coarse(coarse_radii, in_px, scene.image)
-            hidden = hidden and hidden_at_half_size(hidden, threads, hold=hold)
-            matte = None if matte is None else coarse(means, matte)
+            quality = find(settings.quality).of_layers(layered.deepest)
+        self._draft: Draft | None = None
+        halves = quality.half_size and settings.by_scene and scene.content is None
+        if halves and _is_blurred(scene.signed_radius):
+            self._draft = Draft(scene, threads, hold=hold)
+            scene, quality = self._draft.scene, quality.in_coarse_pixels()
+        image, signed_radius = scene.image, scene.signed_radius
         counted, self.reaching, border = image, signed_radius, None
+        if self._draft or layered is not None:  # not the share of detail, nor alpha
+            counted = chosen(image, range(image.shape[0] - 1))
         if layered is not None:
-            counted = image[:-1] if isinstance(image, Tensor) else layered.picture(alpha=False)
             self.reaching = layered.most_blurred()
             border = border_range(self.reaching)
         limits = scene.surfaces and scene.surfaces.shared.limits
@@ -217,22 +206,12 @@ class Renderer:
             signed_radius,
             settings,
             quality,
-            hidden,
+            scene.hidden,
             content,
             layered=layered,
             border=border,
         )
-        self._enlarging: Enlarging | None = None
-        if self.at_half_size:
-            self._enlarging = Enlarging(self.frame, image, scene.image, in_px)
-            image = self._enlarging.coarse
-        self.scene = replace(
-            scene,
-            image=image,
-            signed_radius=signed_radius,
-            hidden=hidden,
-            matte=matte,
-        )
+        self.scene = scene
 
     def _content(
         self,
@@ -254,6 +233,11 @@ class Renderer:
         if self._given.hidden is None or not content.channels:
             return content
         return content._replace(channels=channels_with(self._given.hidden, content.channels))
+
+    @property
+    def at_half_size(self) -> bool:
+        """Whether it is rendered in coarse pixels of two by two px."""
+        return self._draft is not None
 
     @property
     def reach(self) -> int:
@@ -293,7 +277,7 @@ class Renderer:
         parts = rendered_regions(
             self.frame, self.scene, reaching=self.reaching, at_once=at_once, progress=progress
         )
-        parts = self._enlarging.enlarged(parts) if self._enlarging else parts
+        parts = self._draft.enlarged(self.frame, parts) if self._draft else parts
         cat_eye = self.frame.settings.cat_eye
         if cat_eye is None or not cat_eye.vignetting:
             return parts

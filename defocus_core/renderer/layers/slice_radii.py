@@ -36,8 +36,12 @@ def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float
     """The slice radii that hold radii from least to most.
 
     It begins and ends on slice radii that are an even number from focus, and has three at least:
-    every other one gives such radii over the same range.
+    every other one gives such radii over the same range. One radius out of focus is a slice radius
+    itself: all of a plane is blurred by one kernel, its lights as all else.
     """
+    if minimum == maximum and abs(minimum) > 2 * SOFT:
+        step = max(quality.near_spacing, quality.far_spacing * abs(minimum))
+        return (minimum - step, minimum, minimum + step)
     minimum, maximum = minimum + _ROUNDING, maximum - _ROUNDING
     reach = max(abs(minimum), abs(maximum))
     side = [0.0]

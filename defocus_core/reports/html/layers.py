@@ -42,6 +42,7 @@ _LARGEST = 65504.0  # of half
 _LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
 VIEWS = ("left", "right")
 MAX_DRAWN = 2**27  # numbers of a file: 8192 x 4096 px of four channels
+_USUAL = 95  # per cent of the pixels that differ have less than the hottest colour
 _VIEW_SIDE = 960  # px of the thumbnails of views beside values
 
 
@@ -324,9 +325,11 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
 
 
 def _full(greatest: NDArray[Any]) -> float:
-    """The power of 2 at which colours of heat end; 0 where nothing differs."""
+    """The power of 2 at which colours of heat end; 0 where nothing differs.
+
+    It is of the pixels that differ, so that a few lights, or many equal pixels, do not set it.
+    """
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():
         return 0.0 if finite.size == greatest.size else 1.0
-    maximum = float(np.percentile(finite, 99.9)) or float(finite.max())
-    return float(2.0 ** np.ceil(np.log2(maximum)))
+    return float(2.0 ** np.ceil(np.log2(np.percentile(finite[finite > 0], _USUAL))))

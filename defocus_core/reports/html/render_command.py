@@ -93,7 +93,7 @@ def _option_words(values: Mapping[str, Any]) -> list[object]:
             words.append(option)
         elif row is not None:
             text = row.text(value)
-            words += [option, *(text.split() if row.parse_word else [text])]
+            words += [option, *(text.split() if row.words > 1 else [text])]
         elif field == "geometry":
             words.append(f"--{value}")
         elif field == "kinds":

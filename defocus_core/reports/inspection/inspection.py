@@ -104,10 +104,11 @@ def depth_figures(
         lens = with_blur_reach(with_focus(lens, depth), (depth,))
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(limits), max(limits)], np.float32)
+        most = math.inf if lens.clamp_blur is None else lens.clamp_blur
         coc_px = (
             list(radii_of(lens, depth, keeping).limits)
             if depth.is_radius
-            else [float(r) for r in signed_radius(lens, extremes, size or depth.size)]
+            else signed_radius(lens, extremes, size or depth.size).clip(-most, most).tolist()
         )
         if not invalid and size in (None, depth.size):
             repair, warnings = _repair(depth, lens, reading, keeping)

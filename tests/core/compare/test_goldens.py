@@ -1,66 +1,95 @@
-"""Goldens change all together or not at all."""
+"""What is accepted appears whole, and nothing outside of the folder is touched."""
 
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from defocus_core.compare.goldens import MANIFEST, accept, store_to_update
+from defocus_core.compare.goldens import SUFFIX, accept, read_store
 from defocus_core.compare.record import DIFFERENT, EXTRA, MISSING, Comparison
 from defocus_core.errors import InputError
+from defocus_core.io.below import Folder
 
 OLD = {"render/a.exr": b"old a", "render/gone.exr": b"gone"}
 NEW = {"render/a.exr": b"new a", "render/b.exr": b"new b"}
 STATUSES = {"render/a.exr": DIFFERENT, "render/b.exr": EXTRA, "render/gone.exr": MISSING}
+RECORDS = [Comparison(name, None, None, status) for name, status in STATUSES.items()]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for root, files in ((tmp_path / "goldens", OLD), (tmp_path / "root", NEW)):
+        (root / "render").mkdir(parents=True)
+        for name, data in files.items():
+            (root / name).write_bytes(data)
+    text = json.dumps({"files": sorted(OLD), "settings": {"fnum": 2}})
+    (tmp_path / "goldens" / f"a{SUFFIX}").write_text(text)
+    return tmp_path / "goldens"
+
+
+@pytest.fixture
+def fresh(folder, monkeypatch):
+    monkeypatch.setattr("defocus_core.batch.journal.identity.settings", lambda _: {})
+    job: Any = SimpleNamespace(sample_id="a", names=dict(enumerate(sorted(NEW))))
+    return SimpleNamespace(jobs=[job], root=folder.parent / "root", inputs={})
 
 
 def held(folder):
-    """Files of golden.json, with what they hold; nothing else lies in the folder."""
-    found = {name: (folder / name).read_bytes() for name in store_to_update(folder).files}
-    there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
-    assert there == {*found, MANIFEST}
-    return found
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
-@pytest.mark.parametrize("survives", range(6))
-def test_a_kill_while_accepting_leaves_the_old_goldens_or_the_new(survives, tmp_path, monkeypatch):
-    goldens, root = tmp_path / "goldens", tmp_path / "root"
-    for folder, files in ((goldens, OLD), (root, NEW)):
-        (folder / "render").mkdir(parents=True)
-        for name, data in files.items():
-            (folder / name).write_bytes(data)
-    (goldens / MANIFEST).write_text(json.dumps({"samples": {"a": {"files": sorted(OLD)}}}))
-    job: Any = SimpleNamespace(sample_id="a", names=dict(enumerate(sorted(NEW))))
-    monkeypatch.setattr("defocus_core.batch.journal.identity.settings", lambda _: {})
-    records = [Comparison(name, None, None, status) for name, status in STATUSES.items()]
-    steps, replace, store = 0, Path.replace, store_to_update(goldens)
-
-    def killed(self, target):
-        nonlocal steps
-        steps += 1
-        if steps > survives:
-            raise KeyboardInterrupt
-        return replace(self, target)
-
+def test_a_full_disk_while_accepting_leaves_the_old_goldens(folder, fresh, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    if survives == 5:
-        monkeypatch.setattr("shutil.copyfileobj", full)
-        with pytest.raises(InputError) as refused:
-            accept(store, [job], root, records)
-        assert refused.value.code == "unwritable"
-        assert held(goldens) == OLD
-        return
-    monkeypatch.setattr(Path, "replace", killed)
-    if survives < 3:
+    before = held(folder)
+    monkeypatch.setattr("shutil.copyfileobj", full)
+    with pytest.raises(InputError) as refused:
+        accept(read_store(folder), fresh, RECORDS)
+    assert refused.value.code == "unwritable"
+    assert held(folder) == before
+
+
+@pytest.mark.parametrize("survives", range(5))
+def test_a_kill_while_accepting_leaves_whole_files_and_is_made_good(
+    survives, folder, fresh, monkeypatch
+):
+    steps = 0
+
+    def killed(real):
+        def step(*words, **named):
+            nonlocal steps
+            steps += 1
+            if steps > survives:
+                raise KeyboardInterrupt
+            return real(*words, **named)
+
+        return step
+
+    with monkeypatch.context() as patched:
+        patched.setattr("os.replace", killed(os.replace))
+        patched.setattr(Folder, "remove", killed(Folder.remove))
         with pytest.raises(KeyboardInterrupt):
-            accept(store, [job], root, records)
-    else:
-        assert accept(store, [job], root, records) == 3
-    monkeypatch.setattr(Path, "replace", replace)
-    assert held(goldens) == NEW
+            accept(read_store(folder), fresh, RECORDS)
+    whole = {*OLD.values(), *NEW.values()}
+    assert all(held(folder)[name] in whole for name in {*OLD, *NEW} & held(folder).keys())
+    accept(read_store(folder), fresh, RECORDS)
+    pictures = {name: data for name, data in held(folder).items() if name.endswith(".exr")}
+    assert {name: pictures[name] for name in NEW} == NEW
+    assert read_store(folder).files == {*NEW}
+
+
+def test_a_link_in_place_of_a_golden_is_refused_before_anything_changes(folder, fresh):
+    outside = folder.parent / "mine"
+    outside.write_bytes(b"mine")
+    (folder / "render" / "b.exr").symlink_to(outside)
+    before = held(folder)
+    with pytest.raises(InputError):
+        accept(read_store(folder), fresh, RECORDS)
+    assert (held(folder), Path(outside).read_bytes()) == (before, b"mine")

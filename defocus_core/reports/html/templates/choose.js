@@ -71,26 +71,11 @@ const KEYS = {
   ArrowUp: () => blurBy(1), ArrowDown: () => blurBy(-1),
   c: () => document.querySelector("#details button").click(), "?": () => $("help").showModal(),
 };
-document.addEventListener("keydown", event => {
-  if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
-  if (event.target === slider && event.key.startsWith("Arrow")) return;
-  const act = KEYS[event.key];
-  if (!act) return;
-  event.preventDefault();
-  act();
-});
-$("help-button").onclick = KEYS["?"];
+listen(KEYS, ({ target, key }) => target === slider && key.startsWith("Arrow"));
 new ResizeObserver(mark).observe($("view"));
 
-(async () => {
-  const image = new Image();
-  image.src = await addressOf(map);
-  await image.decode();
-  const canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
-  const context = canvas.getContext("2d");
-  context.drawImage(image, 0, 0);
-  numbers = context.getImageData(0, 0, canvas.width, canvas.height);
-  await show();
-})();
+pixelsOf(map).then(pixels => {
+  numbers = pixels;
+  return show();
+});
 })();

@@ -1,4 +1,4 @@
-// What pages share: payloads, news for screen readers, command lines to copy.
+// What pages share: payloads, news for screen readers, command lines to copy, keys.
 "use strict";
 const $ = id => document.getElementById(id);
 const loaded = new Promise(done => {
@@ -23,6 +23,17 @@ const addressOf = async name => {
   const text = await textOf(name);
   return `data:image/${text.startsWith("iVBOR") ? "png" : "jpeg"};base64,${text}`;
 };
+
+// The pixels of a picture: bytes of red, green, blue and alpha, with width and height.
+async function pixelsOf(name) {
+  const image = new Image(), canvas = document.createElement("canvas");
+  image.src = await addressOf(name);
+  await image.decode();
+  [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.drawImage(image, 0, 0);
+  return context.getImageData(0, 0, canvas.width, canvas.height);
+}
 
 const tell = words => { $("news").textContent = words; };
 
@@ -49,4 +60,16 @@ async function copied(code, button) {
   } catch {
     getSelection().selectAllChildren(code); // to be copied by hand
   }
+}
+
+// Keys act by a table, but where an element takes the key itself.
+function listen(keys, takes) {
+  document.addEventListener("keydown", event => {
+    if (event.ctrlKey || event.metaKey || event.altKey || $("help").open || takes(event)) return;
+    const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!act) return;
+    event.preventDefault();
+    act();
+  });
+  $("help-button").onclick = keys["?"];
 }
