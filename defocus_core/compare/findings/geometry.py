@@ -19,6 +19,7 @@ from defocus_core.compare.findings.evidence import (
     Explanation,
     blocks_in_turn,
     fitted_in_parts,
+    steepness,
     sums_of_parts,
 )
 from defocus_core.compare.findings.table import EXACT
@@ -151,13 +152,6 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
-def shifted(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by whole pixels; what comes in at the border may be anything."""
-    left, dx, dy = _offsets_tried(evidence)[0]
-    if (dx, dy) != (0, 0):
-        yield Explanation(left, "shifted", f" by ({dx}, {dy})", {"dx": dx, "dy": dy})
-
-
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
     """Shifts (dx, dy) worth trying: small ones, and peaks of the mean of channels in the middle."""
     rows, columns = (
@@ -188,35 +182,36 @@ def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[t
 
 
 def moved(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by fractions of a pixel, or turned, enlarged or sheared around the middle.
+    """B is A moved by whole pixels or by parts of one, or turned, enlarged or sheared.
 
-    In light, channels may also have been scaled about the middle by factors that differ.
+    What comes in at the border may be anything. In light, channels may also have been scaled about
+    the middle by factors that differ.
     """
-    if _offsets_tried(evidence)[0][0] <= _EXPLAINED or min(evidence.size) <= 16:
+    least, dx, dy = _offsets_tried(evidence)[0]
+    if (dx, dy) != (0, 0) and least <= EXACT:
+        yield Explanation(least, "shifted", f" by ({dx}, {dy})", {"dx": dx, "dy": dy})
+    if least <= _EXPLAINED or min(evidence.size) <= 16:
         return
     first = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
-    _, dx, dy = _offsets_tried(evidence)[0]
     of_parts, starts = _parts(evidence), [np.array([dy, 0, 0, dx, 0, 0], "f8")]
     if of_parts is not None and of_parts.spread >= 1:
         starts.append(of_parts.common)
-    for start in starts:
-        move = start
+    for move in starts:
         for free in (_SHIFT, _SIMILAR, _AFFINE):
-            found = _fitted(evidence, first, move, free)
-            if found is not None:
-                move = found
-                name, text, values = _moved_words(move, _far(evidence))
-                left = _left_by_move(evidence, move)
-                if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
-                    name, text = (
-                        _OF_PARTS,
-                        f"{_OF_PARTS}: most {text.replace('shifted', 'moved')} px",
-                    )
-                if name != "shifted" or left <= _SMALL_LEFT:
-                    cost = 0.01 * len(free) - 0.01
-                    yield Explanation(left, name, values=values, cost=cost, text=text)
-                if left <= _EXPLAINED:
-                    return
+            move, better = _fitted(evidence, first, move, free)
+            if not better:
+                continue
+            left, cost = _left_by_move(evidence, move), 0.01 * len(free) - 0.01
+            name, text, values = _moved_words(move, _far(evidence))
+            if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
+                name, text = (
+                    _OF_PARTS,
+                    f"{_OF_PARTS}: most moved by ({move[3]:.2f}, {move[0]:.2f}) px",
+                )
+            if name != "shifted" or left <= _SMALL_LEFT:
+                yield Explanation(left, name, values=values, cost=cost, text=text)
+            if left <= _EXPLAINED:
+                return
     yield from _chromatic(evidence)
 
 
@@ -227,8 +222,7 @@ def _chromatic(evidence: Evidence) -> Iterator[Explanation]:
         return
     growths, predicted, within = {}, [], np.ones(evidence.places[0].shape, bool)
     for name in names:
-        move = _fitted(evidence, (name,), np.zeros(6), _GROWTH)
-        move = np.zeros(6) if move is None else move
+        move, _ = _fitted(evidence, (name,), np.zeros(6), _GROWTH)
         scale, back = _interpolated(evidence)
         inside, sums = _moved(evidence, *evidence.places, move, (name,), scale)
         predicted.append(back(sums[0])[0])
@@ -254,8 +248,8 @@ _SIMILAR = np.concatenate([_SHIFT, _GROWTH, _AFFINE[[4]] - _AFFINE[[2]]])
 
 def _fitted(
     evidence: Evidence, names: tuple[str, ...], start: NDArray[Any], free: NDArray[Any]
-) -> NDArray[np.float64] | None:
-    """The move near another that makes B of A; None where it is none, or no quarter agrees.
+) -> tuple[NDArray[np.float64], bool]:
+    """The move near another that makes B of A, and whether it explains some of it, or the other.
 
     It is found by least squares on the gradient (Lucas and Kanade, 1981).
     """
@@ -268,10 +262,10 @@ def _fitted(
     scale, _ = _interpolated(evidence)
     was, aim = (scale(evidence.at(side, *places, names)) for side in "ab")
     # Light counts as much as a screen shows of it.
-    slope = np.maximum(np.abs(was), 0.003) ** -0.58 if scale == evidence.light else 1.0
+    slope = steepness(was) if scale == evidence.light else 1.0
     move, rest, ways = start.copy(), aim - was, [aim]
     for _ in range(_STEPS):
-        inside, (there, down, right) = _moved(evidence, *places, move, names, scale)
+        inside, (there, down, right) = _moved(evidence, *places, move, names, scale, sloped=True)
         ways = [
             -v * slope * inside for v in (down, down * y, down * x, right, right * y, right * x)
         ]
@@ -282,9 +276,9 @@ def _fitted(
         if np.abs(step).max() < 0.002:
             break
     every = np.square((aim - was) * slope * inside).sum()
-    if not np.isfinite(move).all() or np.abs(move).max() < _LEAST_PART:
-        return None
-    return move if np.square(rest).sum() <= 0.7 * every else None
+    better = np.isfinite(move).all() and np.abs(move).max() >= _LEAST_PART
+    better = better and np.square(rest).sum() <= 0.7 * every
+    return (move, True) if better else (start, False)
 
 
 def _interpolated(evidence: Evidence) -> tuple[_Scale, _Scale]:
@@ -298,10 +292,10 @@ def _left_by_move(evidence: Evidence, move: NDArray[Any]) -> float:
     """What a move leaves: light may have been interpolated as such, or as a screen shows it."""
     scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
     if evidence.pixels.color:
-        scales.append((evidence.light, evidence.stored))
+        scales.insert(evidence.gamma != 1.0, (evidence.light, evidence.stored))
     least = math.inf
-    for weights, (scale, back) in product((keys, linear), scales):
-        if least > _EXPLAINED:
+    for (scale, back), weights in product(scales, (keys, linear)):
+        if _EXPLAINED < least < 0.8 or least == math.inf:
             inside, sums = _moved(evidence, *evidence.places, move, evidence.names, scale, weights)
             least = min(least, evidence.left(back(sums[0]), inside))
     return least
@@ -328,8 +322,10 @@ def _moved(
     names: Sequence[str],
     scale: _Scale | None = None,
     kernel: Callable[[Any], Any] = keys,
+    *,
+    sloped: bool = False,
 ) -> tuple[NDArray[np.bool_], list[NDArray[Any]]]:
-    """Places of A that were within it, and A there with its slopes down and right, [C, N]."""
+    """Places of A that were within it, and A there, if asked for with its slopes down and right."""
     scale, far = scale or evidence.scaled, _far(evidence)
     height, width = evidence.size
     y, x = (rows - (height - 1) / 2) / far, (columns - (width - 1) / 2) / far
@@ -340,11 +336,13 @@ def _moved(
     taps = np.arange(-1, 3)[:, None]
     lines, row = (top + taps).clip(0, height - 1)[:, None], (left + taps).clip(0, width - 1)
     values = scale(evidence.at("a", lines, row, names))  # [C, 4, 4, N]
-    (down, slope_down), (across, slope_across) = (
-        (kernel(t), (kernel(t + _AROUND) - kernel(t - _AROUND)) / (2 * _AROUND))
-        for t in (at_y - top - taps, at_x - left - taps)
-    )
-    ways = ((down, across), (slope_down, across), (down, slope_across))
+    down, across = at_y - top - taps, at_x - left - taps
+    ways = [(kernel(down), kernel(across))]
+    if sloped:
+        slopes = [
+            (kernel(t + _AROUND) - kernel(t - _AROUND)) / (2 * _AROUND) for t in (down, across)
+        ]
+        ways += [(slopes[0], ways[0][1]), (ways[0][0], slopes[1])]
     return inside, [np.einsum("kn,jn,ckjn->cn", k, j, values) for k, j in ways]
 
 

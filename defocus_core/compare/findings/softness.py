@@ -25,7 +25,7 @@ from defocus_core.compare.findings.evidence import (
     blocks_in_turn,
     densest,
     fitted_in_parts,
-    unexplained,
+    steepness,
 )
 from defocus_core.compare.findings.geometry import keys, linear
 
@@ -44,9 +44,9 @@ _ON_GRID = {2: 0.1, 4: 0.4}
 _Kernel = Callable[[Any], Any]  # weights by distances
 _Kernels = tuple[_Kernel, _Kernel]  # to a smaller size, and back
 _SIZES, _REACH = np.linspace(0.2, 0.985, 64), 40  # shares of a size; px that its kernels reach
-_FILTERED, _RESIZED_LEFT, _KERNELS = 0.5, 0.3, 3  # left by a filter, by pixels; kernels tried
+_FILTERED, _RESIZED_LEFT, _KERNELS = 0.3, 0.3, 3  # left by a filter, by pixels; kernels tried
 _STEPS = (2, 1, 0.4)  # px of a side by which a size is looked for
-_GLOW, _GLOWS = 320, (4, 6, 9, 13, 19, 28, 40)  # px of the side that bloom is seen in; sigma
+_GLOWS = (4, 6, 9, 13, 19, 28, 40, 60)  # px of the gaussians of bloom
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
@@ -273,7 +273,7 @@ def white_noise(evidence: Evidence) -> str:
     difference = b - a
     if not noise_like(difference):
         return ""
-    of_a, of_b = (alike(difference, side - smooth(side, 1.5)) for side in (a, b))
+    of_a, of_b = (alike(difference, side - smooth(side, 1.5)[0]) for side in (a, b))
     if abs(of_a + of_b) < 0.1 < of_b:
         return "noise in another pattern"
     if abs(of_a) <= _TIED:
@@ -495,20 +495,15 @@ _SMOOTH = [kernels for kernels in _RESAMPLED if kernels[1] is not _box]
 
 def bloom(evidence: Evidence) -> Iterator[Explanation]:
     """B is A, and some of its brightest light once more, spread far."""
-    step = slice(None, None, math.ceil(max(evidence.size) / _GLOW))
-    planes = [evidence.at(side, step, step) for side in ("a", "b")]
-    steady = ~(planes[1] > 0.996).any(axis=0) | (evidence.gamma == 1.0)
-    a, b = (evidence.light(side).mean(axis=0) for side in planes)
-    turn = blocks_in_turn(a.shape)
-    slope = steady / np.maximum(np.abs(a), 0.003) ** 0.58
+    a, b = evidence.framed
+    turn, slope = blocks_in_turn(a.shape), steepness(a) * ~evidence.clipped_near
     added = b - a
     if float((added * slope).sum()) < 0.7 * float((np.abs(added) * slope).sum()):
         return
     found: tuple[float, Any, float, float] = (math.inf, None, 0.0, 0.0)
-    for quantile in (0.0, 0.9, 0.98, 0.995):
+    for quantile in (0.0, 0.95, 0.99):
         bright = np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0)
-        for sigma in _GLOWS:
-            glow = smooth(bright, sigma)
+        for sigma, glow in zip(_GLOWS, smooth(bright, *_GLOWS), strict=True):
             x, y = (glow * slope)[turn], (added * slope)[turn]
             gain = float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
             cost = float(np.square(y - gain * x).sum())
@@ -516,14 +511,9 @@ def bloom(evidence: Evidence) -> Iterator[Explanation]:
     _, glow, gain, wide = found
     if glow is None or gain <= 0:
         return
-    old, new, aim = (evidence.scaled_light(v) for v in (a, a + gain * glow, b))
-    used = ~turn & steady
-    both = used[:, :-1] & used[:, 1:]
-    whole, rest = (((v - aim)[:, :-1][both], (v - aim)[:, 1:][both]) for v in (old, new))
-    left = unexplained(whole, rest, evidence.step, evidence.lossy)
-    reach = wide * math.ceil(max(evidence.size) / _GLOW)
-    how = f": {gain:.2g} of the light spread by {reach:.0f} px"
-    values = {"gain": gain, "sigma": reach}
+    left = evidence.left_framed(a + gain * glow, ~turn)
+    how = f": {gain:.2g} of the light spread by {wide:.0f} px"
+    values = {"gain": gain, "sigma": wide}
     yield Explanation(left, "bloom", how, values, 0.02)
 
 
@@ -561,7 +551,7 @@ def _ways(evidence: Evidence) -> tuple[dict[str, float], str]:
     frame = _softened(evidence)
     energy = np.square((frame.sides[1] - frame.sides[0]) * frame.slope)
     details = [np.square(v - frame.smooth(k, 2.0)) for k, v in enumerate(frame.sides)]
-    old, new = (smooth(detail, 6.0) for detail in details)
+    old, new = (smooth(detail, 6.0)[0] for detail in details)
     more, less = (float(energy[where].sum()) for where in (new < old, new > old))
     share = more / max(more + less, 1e-300)
     shares = {"blurred_more": round(share, 3), "blurred_less": round(1 - share, 3)}
@@ -580,8 +570,8 @@ def spread(evidence: Evidence) -> Iterator[Explanation]:
     if not difference.any() or noise_like(difference * frame.slope):
         return
     # Light that only moved cancels within the reach of the gaussian.
-    scale = smooth(frame.slope, _SPREAD)
-    kept, moved = (smooth(d, _SPREAD) * scale for d in (difference, np.abs(difference)))
+    (scale,) = smooth(frame.slope, _SPREAD)
+    kept, moved = (smooth(d, _SPREAD)[0] * scale for d in (difference, np.abs(difference)))
     left = math.sqrt(float(np.square(kept).sum()) / max(float(np.square(moved).sum()), 1e-300))
     values, how = _ways(evidence)
     surely = left < _SURELY_SPREAD and "in places" not in how
@@ -605,13 +595,12 @@ def alike(x: NDArray[Any], y: NDArray[Any]) -> float:
     return float((x * y).sum()) / scale if scale else 0.0
 
 
-def smooth(values: NDArray[Any], sigma: float) -> NDArray[Any]:
-    """Values [h, w] through a gaussian, mirrored at the borders."""
+def smooth(values: NDArray[Any], *sigmas: float) -> list[NDArray[Any]]:
+    """Values [h, w] through gaussians, mirrored at the borders."""
     height, width = values.shape
-    reach = min(math.ceil(3 * sigma), height - 1, width - 1)
+    reach = min(math.ceil(3 * max(sigmas)), height - 1, width - 1)
     padded = np.pad(values, reach, mode="reflect")
     rows, columns = np.fft.fftfreq(len(padded)), np.fft.rfftfreq(padded.shape[1])
-    response = _gauss(np.hypot(rows[:, None], columns), sigma)
-    through = np.fft.irfft2(np.fft.rfft2(padded) * response, s=padded.shape)
-    mean: NDArray[Any] = through[reach : reach + height, reach : reach + width]
-    return mean
+    far, there = np.hypot(rows[:, None], columns), np.fft.rfft2(padded)
+    cut = (slice(reach, reach + height), slice(reach, reach + width))
+    return [np.fft.irfft2(there * _gauss(far, s), s=padded.shape)[cut] for s in sigmas]

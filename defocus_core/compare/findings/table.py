@@ -120,10 +120,10 @@ CAUSES = (
     ),
     Cause("geometry.cropped", {"crop": "which part of A it is"}, 1, local=True),
     Cause("geometry.tiles", {"tiles exchanged": "tiles of which side"}, 1, EXACT, local=True),
-    Cause("geometry.shifted", {"shifted": "by px, fractions included"}, 1, EXACT),
     Cause(
         "geometry.moved",
         {
+            "shifted": "by px, fractions included",
             "scaled": "by a factor",
             "sheared": "by px",
             "chromatic aberration": "each channel scaled about the middle",

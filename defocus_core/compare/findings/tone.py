@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import Evidence, Explanation
+from defocus_core.compare.findings.evidence import Evidence, Explanation, steepness
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.metrics import LUMINANCE
 from defocus_core.compare.picture import color_layers, layers
@@ -340,9 +340,7 @@ def _of_screen(evidence: Evidence) -> _Scale:
 
 def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
     """The slope of the scale of differences at some light, 0 where a sample chooses nothing."""
-    magnitude = np.maximum(np.abs(light), 0.003)
-    slopes = np.where(magnitude < 1.0, magnitude ** (1 / 2.4 - 1), 1.0 / magnitude)
-    return np.asarray(slopes * evidence.fits)
+    return np.asarray(steepness(light) * evidence.fits)
 
 
 def _solved(

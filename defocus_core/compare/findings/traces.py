@@ -15,6 +15,7 @@ from defocus_core.compare.findings.evidence import (
     Explanation,
     blocks_in_turn,
     fitted_in_parts,
+    steepness,
     sums_of_parts,
     unexplained,
 )
@@ -225,7 +226,7 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
 def gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Each tile is a multiple of A of its own: one for all, and a grid aside, explain less."""
     a, b = evidence.framed
-    slope = 1 / np.maximum(np.abs(a), 0.003) ** 0.58
+    slope = steepness(a)
     turn = blocks_in_turn(a.shape, 4)
 
     def left(side: int, start: list[int]) -> float:
