@@ -38,12 +38,10 @@ _GOES_ON = 0.2  # least density of detail outside of it, by that inside
 _NAMED = 0.8  # share left beyond which no explanation is named
 _LEVELS = 32  # of a curve
 _STILL = 0.1  # greatest share of a predicted change that lies where the pictures are equal
-# Differences that a file may round away, on the scale of differences: absolute, and relative.
-_QUANTA = {"uint8": (0.75 / 255, 0.0), "uint16": (0.75 / 65535, 0.0), "half": (1e-4, 2e-3)}
 _LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
-# RMS of what number types round off: of 0…1 for integers, as a share of the level for others.
-_STEPS = {"uint8": 0.35 / 255, "uint16": 0.35 / 65535}
-_RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
+# RMS of what number types round off, on the scale of differences: absolute, and of the level.
+_STEPS = {"uint8": (0.35 / 255, 0.0), "uint16": (0.35 / 65535, 0.0), "half": (0.0, 4e-4)}
+_FLOAT = (0.0, 1e-6)
 PART = 32  # px of a side of a part
 
 
@@ -190,8 +188,8 @@ class Evidence:
         """What the number type of B may round off, on the scale of differences."""
         values = self.scaled(self.sampled[1])
         level = math.sqrt(float(np.square(values).mean())) if values.size else 0.0
-        steps = [_STEPS.get(kind, _RELATIVE_STEPS.get(kind, 1e-6) * level) for kind in self.types]
-        return max(steps, default=0.0)
+        steps = (_STEPS.get(kind, _FLOAT) for kind in self.types)
+        return max((step + share * level for step, share in steps), default=0.0)
 
     @cached_property
     def is_slight(self) -> bool:
@@ -236,11 +234,6 @@ class Evidence:
         every = _power(whole[:, :half], whole[:, half:])
         unshared = _unshared(*pair)
         return min(unshared, max(self.lossy, _FORGIVEN * every))
-
-    @cached_property
-    def _quantum(self) -> tuple[float, float]:
-        found = [_QUANTA.get(kind, (1e-6, 1e-5)) for kind in self.types]
-        return max(each[0] for each in found), max(each[1] for each in found)
 
     @cached_property
     def _still(self) -> NDArray[np.bool_]:
@@ -290,9 +283,9 @@ class Evidence:
         self, shown: NDArray[Any], a: NDArray[Any], still: NDArray[np.bool_], equal: float = 1.0
     ) -> bool:
         """Whether a prediction changes pixels that are equal, each of which counts ``equal``."""
-        absolute, relative = self._quantum
         change = shown - a
-        change[np.abs(change) <= absolute + relative * np.abs(a)] = 0.0
+        share = max(_STEPS.get(kind, _FLOAT)[1] for kind in self.types)
+        change[np.abs(change) <= 2 * self.step + 5 * share * np.abs(a)] = 0.0
         power = np.square(change, dtype="f8")
         there = equal * float(power[..., still].sum())
         return there > _STILL * (there + float(power[..., ~still].sum())) > 0.0
@@ -309,14 +302,14 @@ class Evidence:
         `where`: samples [N] or [C, N] at which there is a prediction; None for all.
         """
         aim, whole = self._aim
-        tested = np.broadcast_to(~self.fits, predicted.shape)
+        tested = ~self.fits
         used = tested if where is None else tested & where
         if np.count_nonzero(used) < max(8, used.size // 16):
             return math.inf
         if (
             where is not None
             and not exact
-            and np.square(whole[used]).sum() < 0.3 * np.square(whole[tested]).sum()
+            and np.square(whole * used).sum() < 0.3 * np.square(whole[:, tested]).sum()
         ):
             return math.inf
         shown = self.scaled(predicted)
@@ -443,10 +436,14 @@ def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool
 
 
 def _pairs(values: NDArray[Any], used: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Values [C, N] at used samples, and at the neighbours of these, where both are used."""
-    half = used.shape[1] // 2
-    both = used[:, :half] & used[:, half:]
-    return values[:, :half][both], values[:, half:][both]
+    """Values [C, N] at samples [N] or [C, N] that are used, and at their used neighbours."""
+    half = values.shape[1] // 2
+    here, beside = values[:, :half], values[:, half:]
+    if used.ndim == 1:
+        both = np.flatnonzero(used[:half] & used[half:])
+        return here[:, both], beside[:, both]
+    each = used[:, :half] & used[:, half:]
+    return here[each], beside[each]
 
 
 def unexplained(

@@ -194,7 +194,7 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
         return
     first = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
     of_parts, starts = _parts(evidence), [np.array([dy, 0, 0, dx, 0, 0], "f8")]
-    if of_parts is not None and of_parts.spread >= 1:
+    if of_parts is not None and np.ptp(of_parts.moves, axis=0).max() >= 1:
         starts.append(of_parts.common)
     for move in starts:
         for free in (_SHIFT, _SIMILAR, _AFFINE):
@@ -277,7 +277,7 @@ def _fitted(
             break
     every = np.square((aim - was) * slope * inside).sum()
     better = np.isfinite(move).all() and np.abs(move).max() >= _LEAST_PART
-    better = better and np.square(rest).sum() <= 0.7 * every
+    better = better and np.square(rest).sum() <= 0.5 * every
     return (move, True) if better else (start, False)
 
 
@@ -373,7 +373,6 @@ class _Parts:
     moves: NDArray[Any]  # (dx, dy) of each part that matters, [n, 2]
     common: NDArray[np.float64]  # the move of all, of 6 parameters, that is nearest to them
     apart: float  # RMS distance in px of the moves from it
-    spread: float  # the greatest difference of two moves in px
 
 
 @lru_cache(maxsize=1)
@@ -385,7 +384,7 @@ def _parts(evidence: Evidence) -> _Parts | None:
     known = [(dx, dy) for _, dx, dy in _offsets_tried(evidence)]
     candidates = list(dict.fromkeys([(0, 0), *_part_offsets(a, b), *known]))
     chooses = blocks_in_turn(a.shape, 4)
-    pictures = [_moved_by(a, dx, dy) for dx, dy in candidates]
+    pictures = [np.roll(a, (dy, dx), (0, 1)) for dx, dy in candidates]
     costs = [sums_of_parts(np.abs(there - b) * chooses) for there in pictures]
     order = np.argsort(np.stack(costs), axis=0, kind="stable")[0]
     chosen = np.repeat(np.repeat(order, PART, axis=0), PART, axis=1)[: a.shape[0], : a.shape[1]]
@@ -408,9 +407,7 @@ def _parts(evidence: Evidence) -> _Parts | None:
     solved = np.linalg.lstsq(design * root, moves * root, rcond=None)[0]
     rest = np.square((moves - design @ solved) * root).sum() / max(float((root**2).sum()), 1e-300)
     common = np.concatenate([solved[:, 1], solved[:, 0]])
-    return _Parts(
-        predicted, moves, common, math.sqrt(float(rest)), float(np.ptp(moves, axis=0).max())
-    )
+    return _Parts(predicted, moves, common, math.sqrt(float(rest)))
 
 
 def moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
@@ -456,12 +453,3 @@ def _part_offsets(a: NDArray[Any], b: NDArray[Any]) -> list[tuple[int, int]]:
     found = Counter(peak for each in _peaks(old, new, 1) for (peak,) in each)
     near = Counter({(x + dx, y): 0.3 for x, y in list(found) for dx in (-1, 1)})
     return [offset for offset, _ in (found + near).most_common(24)]
-
-
-def _moved_by(values: NDArray[Any], dx: int, dy: int) -> NDArray[Any]:
-    """Values [h, w] moved to the right and down; the border is repeated."""
-    rows, columns = (
-        (np.arange(n) - step).clip(0, n - 1) for n, step in zip(values.shape, (dy, dx), strict=True)
-    )
-    moved: NDArray[Any] = values[rows][:, columns]
-    return moved

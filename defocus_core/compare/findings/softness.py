@@ -26,6 +26,7 @@ from defocus_core.compare.findings.evidence import (
     densest,
     fitted_in_parts,
     steepness,
+    unexplained,
 )
 from defocus_core.compare.findings.geometry import keys, linear
 
@@ -45,7 +46,7 @@ _Kernel = Callable[[Any], Any]  # weights by distances
 _Kernels = tuple[_Kernel, _Kernel]  # to a smaller size, and back
 _SIZES, _REACH = np.linspace(0.2, 0.985, 64), 40  # shares of a size; px that its kernels reach
 _FILTERED, _RESIZED_LEFT, _KERNELS = 0.3, 0.3, 3  # left by a filter, by pixels; kernels tried
-_STEPS = (2, 1, 0.4)  # px of a side by which a size is looked for
+_STEPS = (2, -2, 1, -1, 0.4, -0.4)  # px of a side by which a size is looked for
 _GLOWS = (4, 6, 9, 13, 19, 28, 40, 60)  # px of the gaussians of bloom
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
@@ -69,11 +70,6 @@ class Softened:
         if not self.shown:
             return a, b
         return tuple(self.evidence.scaled_light(v).astype("f8") for v in (a, b))  # type: ignore
-
-    @cached_property
-    def on_screen(self) -> Softened:
-        """The same as a screen shows it."""
-        return Softened(self.evidence, shown=True)
 
     @cached_property
     def piece(self) -> tuple[slice, slice]:
@@ -101,6 +97,7 @@ class Softened:
     def left(self, predicted: NDArray[Any]) -> float:
         """What is left where it is measured if B were as predicted."""
         light = self.evidence.unscaled_light(predicted) if self.shown else predicted
+        light = light if self.evidence.gamma == 1.0 else light.clip(0.0, 1.0)
         noise = _softened(self.evidence).noise
         return self.evidence.left_framed(light, self.measures, noise)
 
@@ -115,8 +112,7 @@ class Softened:
     def noise(self) -> float:
         """The power of noise that no model explains: what the freest of them leave at least."""
         free = [*self.in_parts, *(predicted for predicted, _, _ in self.denoised)]
-        most = max(self.evidence.lossy, 0.0) or LOSSY
-        return min(most, *(self.evidence.noise_framed(each, self.measures) for each in free))
+        return min(LOSSY, *(self.evidence.noise_framed(each, self.measures) for each in free))
 
     @cached_property
     def in_parts(self) -> list[NDArray[Any]]:
@@ -139,7 +135,7 @@ class Softened:
         change = fitted_in_parts(columns, (other - one) * self.slope, self.chooses, part)
         there = one + change / np.where(self.slope > 0, self.slope, 1.0)
         # Where A is B blurred, what B is predicted to be is wrong by as much as A is.
-        return there if side == 0 else one_less(self.sides, there)
+        return there if side == 0 else one + other - there
 
     @cached_property
     def denoised(self) -> list[tuple[NDArray[Any], float, int]]:
@@ -220,13 +216,7 @@ class Softened:
         costs = every**2 @ powers[side] - 2 * every @ common
         size = float(sizes[costs.argmin()])
         through = self.filtered(side, response(np.hypot(*self.frequencies), size))
-        return size, through if side == 0 else one_less(self.sides, through)
-
-
-def one_less(sides: tuple[NDArray[Any], NDArray[Any]], predicted: NDArray[Any]) -> NDArray[Any]:
-    """B, where A is predicted from it: wrong by as much as A is."""
-    less: NDArray[Any] = sides[0] + (sides[1] - predicted)
-    return less
+        return size, through if side == 0 else sum(self.sides) - through
 
 
 @lru_cache(maxsize=1)
@@ -283,10 +273,11 @@ def white_noise(evidence: Evidence) -> str:
     return ""
 
 
+@lru_cache(maxsize=1)
 def _frames(evidence: Evidence) -> list[Softened]:
     """The frame in light and, where files have a curve, in what a screen shows."""
-    light = _softened(evidence)
-    return [light] if evidence.gamma == 1.0 else [light, light.on_screen]
+    shown = [] if evidence.gamma == 1.0 else [Softened(evidence, shown=True)]
+    return [_softened(evidence), *shown]
 
 
 def blurred_alike(evidence: Evidence) -> Iterator[Explanation]:
@@ -373,8 +364,8 @@ def _sizes(frame: Softened) -> list[tuple[float, _Kernels]]:
     """Shares of the size of A, and kernels, by whose response to frequencies it is about B."""
     rows, columns, (power, other, common) = frame.few
     every, whole = float((power + other - 2 * common).sum()), float(other.sum())
-    lags = np.arange(_REACH + 1)
-    turns = [2 * np.cos(2 * np.pi * np.outer(lags, f)) for f in frame.frequencies]
+    lags = 2 * np.pi * np.arange(_REACH + 1)
+    turns = [2 * np.cos(np.outer(lags, f)) for f in frame.frequencies]
 
     def best(shares: NDArray[Any], kernels: _Kernels) -> tuple[float, float]:
         """The least that is left of the power of the difference, and the share."""
@@ -399,27 +390,18 @@ def _weights(share: float, kernels: _Kernels) -> NDArray[Any]:
     at = np.arange(_REACH + 64 + _REACH)
     aim = at[_REACH:-_REACH]
     through = _matrix(at, aim, 1 / share, np.arange(int(len(at) * share)), kernels)
-    whole = np.zeros((len(aim), 2 * len(at)))
-    whole[:, : len(at)] = through
-    # Each row moved so that its own pixel stands first.
-    rows = np.arange(len(aim))[:, None]
-    weights: NDArray[Any] = whole[rows, rows + _REACH + np.arange(_REACH + 1)].mean(axis=0)
-    weights[0] /= 2
-    return weights
+    means = [np.diagonal(through, _REACH + k).mean() for k in range(_REACH + 1)]
+    return np.array([means[0] / 2, *means[1:]])
 
 
 def _nearest_size(frame: Softened, share: float, kernels: _Kernels) -> float:
     """The share near another one at which pixels of A are most like B, to a part of a pixel."""
-    found = [(frame.left(_through_size(frame, share, kernels)), share)]
+    best = frame.left(_through_size(frame, share, kernels)), share
     for step in _STEPS:
-        middle = min(found)[1]
-        for near in (
-            middle - step / max(frame.evidence.size),
-            middle + step / max(frame.evidence.size),
-        ):
-            if 0.1 < near < 1 and min(found)[0] > 0.01:
-                found.append((frame.left(_through_size(frame, near, kernels)), near))
-    return min(found)[1]
+        near = best[1] + step / max(frame.evidence.size)
+        if 0.1 < near < 1 and best[0] > 0.01:
+            best = min(best, (frame.left(_through_size(frame, near, kernels)), near))
+    return best[1]
 
 
 def _through_size(frame: Softened, share: float, kernels: _Kernels) -> NDArray[np.float64]:
@@ -466,11 +448,6 @@ def _blackman_harris(t: Any) -> Any:
     return sum(v * np.cos(2 * np.pi * k * t / 3) for k, v in enumerate(terms)) * (np.abs(t) < 1.5)
 
 
-def _point(t: Any) -> Any:
-    """Of the lines [n, m] of a grid, the nearest pixel."""
-    return (t == np.take_along_axis(t, np.abs(t).argmin(axis=1)[:, None], axis=1)) * 1.0
-
-
 def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
     """How much differences of an order of rows [h, w] depend on their place on a grid."""
     squares = np.square(np.diff(values, n=order, axis=0))
@@ -481,12 +458,9 @@ def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
 
 _RESAMPLED: dict[_Kernels, str] = {
     (_box, _box): "nearest",
-    (_point, _box): "nearest",
     (_box, linear): "bilinear",
     (linear, linear): "bilinear",
-    (_box, keys): "bicubic",
     (keys, keys): "bicubic",
-    (_box, _lanczos): "Lanczos",
     (_lanczos, _lanczos): "Lanczos",
     (_blackman_harris, _blackman_harris): "Blackman-Harris",
 }
@@ -496,12 +470,13 @@ _SMOOTH = [kernels for kernels in _RESAMPLED if kernels[1] is not _box]
 def bloom(evidence: Evidence) -> Iterator[Explanation]:
     """B is A, and some of its brightest light once more, spread far."""
     a, b = evidence.framed
-    turn, slope = blocks_in_turn(a.shape), steepness(a) * ~evidence.clipped_near
+    steady = ~(evidence.at("b", *evidence.frame) > 0.996).any(axis=0) | (evidence.gamma == 1.0)
+    turn, slope = blocks_in_turn(a.shape), steepness(a) * steady
     added = b - a
     if float((added * slope).sum()) < 0.7 * float((np.abs(added) * slope).sum()):
         return
     found: tuple[float, Any, float, float] = (math.inf, None, 0.0, 0.0)
-    for quantile in (0.0, 0.95, 0.99):
+    for quantile in (0.0, 0.9, 0.98):
         bright = np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0)
         for sigma, glow in zip(_GLOWS, smooth(bright, *_GLOWS), strict=True):
             x, y = (glow * slope)[turn], (added * slope)[turn]
@@ -511,7 +486,10 @@ def bloom(evidence: Evidence) -> Iterator[Explanation]:
     _, glow, gain, wide = found
     if glow is None or gain <= 0:
         return
-    left = evidence.left_framed(a + gain * glow, ~turn)
+    old, new, aim = (evidence.scaled_light(v) for v in (a, a + gain * glow, b))
+    both = (~turn & steady)[:, :-1] & (~turn & steady)[:, 1:]
+    whole, rest = (((v - aim)[:, :-1][both], (v - aim)[:, 1:][both]) for v in (old, new))
+    left = unexplained(whole, rest, evidence.step, evidence.lossy)
     how = f": {gain:.2g} of the light spread by {wide:.0f} px"
     values = {"gain": gain, "sigma": wide}
     yield Explanation(left, "bloom", how, values, 0.02)

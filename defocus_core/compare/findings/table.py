@@ -207,7 +207,7 @@ PLACES = {
     "in highlights": "light of A beyond 1 (0.9 of integers)",
     "in shadows": "below 0.1 as a screen shows it",
     "at the border": "within 1 to 16 px",
-    "in one region": "the rectangle that holds most of it",
+    "in one region": "the rectangle that holds most of it, or all of it amid detail that is equal",
 }
 EVIDENCE = STRUCTURE | {n: words for row in CAUSES for n, words in row.findings.items()}
 FINDINGS = (*EVIDENCE, *PLACES)  # first words of all names, for rules like found:clipped

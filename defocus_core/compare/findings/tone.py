@@ -72,18 +72,12 @@ def _high(pixels: Pixels, side: str, name: str) -> float:
 
 def lost_channels(pixels: Pixels) -> list[Finding]:
     """Channels of several values in A that are 0 everywhere in B; looked for in every pair."""
-    lost = [
-        name
-        for name in pixels.names
-        if pixels.ranges[1][name] == (0.0, 0.0) and pixels.ranges[0][name] != (0.0, 0.0)
-    ]
+    zero, (old, new) = (0.0, 0.0), pixels.ranges
+    lost = [name for name in pixels.names if new[name] == zero != old[name]]
     if not lost or pixels.selected is not None:
         return []
-    return [
-        Finding(
-            "empty", f"empty: {', '.join(f'{n} 0' for n in lost)} everywhere", {"channels": lost}
-        )
-    ]
+    said = f"empty: {', '.join(f'{n} 0' for n in lost)} everywhere"
+    return [Finding("empty", said, {"channels": lost})]
 
 
 def empty(evidence: Evidence) -> Iterator[Explanation]:
