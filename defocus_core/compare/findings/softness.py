@@ -448,6 +448,11 @@ def _blackman_harris(t: Any) -> Any:
     return sum(v * np.cos(2 * np.pi * k * t / 3) for k, v in enumerate(terms)) * (np.abs(t) < 1.5)
 
 
+def _point(t: Any) -> Any:
+    """Of the lines [n, m] of a grid, the nearest pixel."""
+    return (t == np.take_along_axis(t, np.abs(t).argmin(axis=1)[:, None], axis=1)) * 1.0
+
+
 def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
     """How much differences of an order of rows [h, w] depend on their place on a grid."""
     squares = np.square(np.diff(values, n=order, axis=0))
@@ -458,6 +463,7 @@ def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
 
 _RESAMPLED: dict[_Kernels, str] = {
     (_box, _box): "nearest",
+    (_point, _box): "nearest",
     (_box, linear): "bilinear",
     (linear, linear): "bilinear",
     (keys, keys): "bicubic",

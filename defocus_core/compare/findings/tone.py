@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from defocus_core.compare.findings.evidence import Evidence, Explanation, steepness
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.metrics import LUMINANCE
+from defocus_core.compare.pairing import other_view
 from defocus_core.compare.picture import color_layers, layers
 from defocus_core.compare.pixels import Pixels
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
@@ -182,7 +183,7 @@ def exchanged_layers(evidence: Evidence) -> Iterator[Explanation]:
     """Layers in the place of each other, or A without one of its layers."""
     own = [(name.rpartition(".")[0], name.rpartition(".")[2]) for name in evidence.names]
     prefixes = list(dict.fromkeys(n.rpartition(".")[0] for n in evidence.pixels.names if "." in n))
-    views = [_other_view(name) for name in evidence.names]
+    views = [f"{other_view(p)}.{c}".lstrip(".") for p, c in own]
     tried = {"left and right swapped": (views, "")}
     if len({prefix for prefix, _ in own}) == 2:
         one, other = dict.fromkeys(prefix for prefix, _ in own)
@@ -200,14 +201,6 @@ def exchanged_layers(evidence: Evidence) -> Iterator[Explanation]:
             old = evidence.sampled[0] - evidence.at("a", *evidence.places, sources)
             left = evidence.left(np.maximum(old, 0) if (evidence.sampled[0] >= 0).all() else old)
             yield Explanation(left, "missing layer", f": {prefix}", {"layer": prefix}, -0.005)
-
-
-def _other_view(name: str) -> str:
-    for here, there in (("left", "right"), ("right", "left")):
-        for spelling in (str.lower, str.capitalize, str.upper):
-            if spelling(here) in name:
-                return name.replace(spelling(here), spelling(there))
-    return name
 
 
 def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
