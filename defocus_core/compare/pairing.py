@@ -97,7 +97,7 @@ def view_partner(path: Path) -> Path | None:
     """
     for place in (path.stem, path.parent.name):
         renamed = other_view(place)
-        partner = path.parent.with_name(renamed) / path.name
+        partner = path.parent.parent / renamed / path.name
         if place == path.stem:
             partner = path.with_name(renamed + path.suffix)
         if renamed != place and partner.is_file():

@@ -31,7 +31,7 @@ _FRAME = 512  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
 _EXPLAINED = 0.05  # left of a difference, below which no further move is looked for
 _LEAST_PART = 0.02  # px of a move that is looked at
-_MOST_ERODED = 5  # px
+_MOST_ERODED, _TOWARDS = 5, 0.97  # px; left by less of it than there is
 _SMALL_LEFT, _ALMOST_WHOLE = 0.35, 0.9  # of a difference, by a shift of less than so many px
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
@@ -153,7 +153,7 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
 
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
-    """Shifts (dx, dy) worth trying: small ones, and peaks of the mean of channels in the middle."""
+    """Shifts (dx, dy) worth trying: none, and peaks of the mean of channels in the middle."""
     rows, columns = (
         slice((n - min(n, _FRAME)) // 2, (n + min(n, _FRAME)) // 2) for n in evidence.size
     )
@@ -162,7 +162,7 @@ def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
         for side in ("a", "b")
     )
     peaks = (each[0] for each in _peaks(a, b, _PEAKS))
-    return list(dict.fromkeys([*product((-1, 0, 1), (-1, 0, 1)), *chain.from_iterable(peaks)]))
+    return list(dict.fromkeys([(0, 0), *chain.from_iterable(peaks)]))
 
 
 def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[tuple[int, int]]]]:
@@ -441,6 +441,8 @@ def eroded(evidence: Evidence) -> Iterator[Explanation]:
                     y, x = (rows + dy).clip(0, height - 1), (columns + dx).clip(0, width - 1)
                     predicted = choose(predicted, evidence.at("a", y, x))
             left = evidence.left(predicted, exact=True)
+            if left > _TOWARDS:
+                break
             yield Explanation(left, name, f" by {reach} px", {"px": reach}, -0.02)
 
 

@@ -249,8 +249,10 @@ def gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
         starts = [
             [(offset - cut.start) % side for cut in evidence.frame] for offset in (0, side // 2)
         ]
-        on_grid, aside = (left(side, start) for start in starts)
-        if on_grid < min(_GAIN_LEFT, 0.6 * aside, 0.6 * left(max(a.shape), [0, 0])):
+        on_grid = left(side, starts[0])
+        if on_grid < _GAIN_LEFT and on_grid < 0.6 * min(
+            left(side, starts[1]), left(max(a.shape), [0, 0])
+        ):
             how = f" at multiples of {side} px: each tile has another exposure"
             yield Explanation(on_grid, "seams", how, {"period": side}, 0.02 + 0.5 / side)
 
