@@ -139,11 +139,11 @@ def command(
 
 def _refuse_others(ctx: click.Context, *, timing: bool, counting: bool) -> None:
     """Refuse options that would mean nothing."""
-    problem, remedy = "means nothing without --time", "add --time"
+    problem, remedy = "has no effect without --time", "add --time"
     others = _TIMES_ALONE
     if timing or counting:
         mode, others = ("--launches", _NOT_COUNTED) if counting else ("--time", _ERRORS_ALONE)
-        problem, remedy = f"means nothing with {mode}", "leave one of them out"
+        problem, remedy = f"has no effect with {mode}", "leave one of them out"
     for name, place in others.items():
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise UsageProblem("contradiction", problem, remedy, path=place)

@@ -112,7 +112,7 @@ def _difference(text: str) -> float:
     try:
         return difference(float(text), CALLER)
     except (ValueError, UsageProblem):
-        problem, remedy = f"'{text}' is no difference of 0 or more", f"write {OVER}"
+        problem, remedy = f"'{text}' is not a difference of 0 or more", f"write {OVER}"
         raise QuantityError(problem, remedy) from None
 
 

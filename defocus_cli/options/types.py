@@ -91,7 +91,7 @@ class Listed(click.ParamType[tuple[Any, ...]]):
             try:
                 values.append(self.parse(word.strip()))
             except ValueError:
-                problem = f"'{word.strip()}' is no {self.name}"
+                problem = f"'{word.strip()}' is not a {self.name}"
                 remedy = did_you_mean(word.strip(), self.known, f"write like {self.example}")
                 raise UsageProblem("malformed", problem, remedy, path=position_of(param)) from None
         return tuple(dict.fromkeys(values))

@@ -46,7 +46,7 @@ def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
     """Place and values of each row, without those that are empty or null."""
     if file.suffix.lower() not in SUFFIXES:
         remedy = f"name it after its type, {' or '.join(SUFFIXES)}"
-        raise InputError("wrong-type", f"is no {what} by its name", remedy, path=file)
+        raise InputError("wrong-type", f"is not a {what} by its name", remedy, path=file)
     try:
         with TextIOWrapper(open_plain(file), encoding="utf-8-sig", newline="") as opened:
             if file.suffix.lower() == ".csv":
@@ -107,7 +107,7 @@ def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
             problem = f"is not JSON: {reason(error)}"
             raise _malformation(file, number, problem, remedy) from None
         if not isinstance(row, dict):
-            raise _malformation(file, number, "is no JSON object", remedy)
+            raise _malformation(file, number, "is not a JSON object", remedy)
         yield (
             Place(file, f"line {number}"),
             {key: value for key, value in row.items() if value not in (None, "")},
@@ -118,8 +118,8 @@ def _malformation(file: Path, line: int, problem: str, remedy: str) -> InputErro
     return InputError("malformed", problem, remedy, path=file, field=f"line {line}")
 
 
-_COLOR = {role: "matte" if role == "matte" else f"{role}-color" for role in OTHERS}
-_ROLES = (key for role in OTHERS for key in (_COLOR[role], f"{role}-depth"))
+COLOR_KEYS = {role: "matte" if role == "matte" else f"{role}-color" for role in OTHERS}
+_ROLES = (key for role in OTHERS for key in (COLOR_KEYS[role], f"{role}-depth"))
 FILES = ("color", "depth", *(key for key in _ROLES if key != "matte-depth"))
 KEYS = (*FILES, "frames", "missing", "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
@@ -171,7 +171,7 @@ def _others(paths: Mapping[str, Path], where: Place) -> dict[str, tuple[Path, Pa
     """Colour and depth of what belongs to each picture, by role."""
     others = {}
     for role in OTHERS:
-        other = paths.get(_COLOR[role])
+        other = paths.get(COLOR_KEYS[role])
         if other is not None:
             others[role] = (other, paths.get(f"{role}-depth"))
         elif f"{role}-depth" in paths:
@@ -210,7 +210,7 @@ def _from_tables(table: Table) -> list[Entry]:
     if not isinstance(tables, list) or not all(isinstance(row, dict) for row in tables):
         remedy = "write [[inputs.pictures]] above each picture's color and depth"
         raise UsageProblem(
-            "malformed", "is no list of tables", remedy, path=table.place("pictures")
+            "malformed", "is not a list of tables", remedy, path=table.place("pictures")
         )
     if not tables:
         return []
@@ -239,11 +239,14 @@ def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
     options = layer_of(row, LENS_OPTIONS, where.at)
     paths = {key: file.parent / _path(row[key], where, key) for key in FILES if key in row}
     if "color" not in paths:
-        raise InputError("empty", "names no color", "give it the path of a colour file", path=where)
+        raise InputError("empty", "has no color", "give it the path of a colour file", path=where)
     color = paths["color"]
     if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
         raise InputError(
-            "empty", "names no depth, and no EXR that holds both", "give depth", path=where
+            "empty",
+            "has no depth, and its color is not an EXR that holds both",
+            "give depth",
+            path=where,
         )
     others: dict[str, Any] = {
         role: Picture(other.stem, other, depth or other)

@@ -148,7 +148,7 @@ def compression(text: str) -> str:
     name, colon, level = text.strip().lower().partition(":")
     if name not in COMPRESSIONS or (colon and name != "dwaa"):
         remedy = f"choose from {', '.join(COMPRESSIONS)}; or dwaa:LEVEL"
-        raise QuantityError(f"'{text}' is no codec", did_you_mean(name, COMPRESSIONS, remedy))
+        raise QuantityError(f"'{text}' is not a codec", did_you_mean(name, COMPRESSIONS, remedy))
     if not colon:
         return name
     value = within(0, _MAX_LEVEL, "a level of dwaa", "like dwaa:45")(level)

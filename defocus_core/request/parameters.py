@@ -271,7 +271,7 @@ _ROWS = (
         example="128",
         even_in="steps",
         needs="blur",
-        idle="is in focus with a blur in pixels only",
+        idle="has an effect only with a blur in pixels",
         instead_of="focus-at",
     ),
     LensParam(
@@ -319,7 +319,7 @@ _ROWS = (
         tag="vignetting",
         example="on",
         needs="cat-eye",
-        idle="darkens nothing without a rim",
+        idle="has no effect without a rim",
         is_optics=True,
     ),
     LensParam(
@@ -451,7 +451,7 @@ _ROWS = (
         tag="seed",
         example="7",
         needs="noise",
-        idle="changes nothing without noise",
+        idle="has no effect without noise",
     ),
 )
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}

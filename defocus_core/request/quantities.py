@@ -81,7 +81,7 @@ def length(text: str) -> float:
     """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
     value = _positive(text, "a length", "like 2m or 50mm", _MM)
     if not 1 / _MAX_LENGTH <= value <= _MAX_LENGTH:  # its square is a number, too
-        problem = f"'{text}' is no length from 1e-30 to 1e30 mm"
+        problem = f"'{text}' is not a length from 1e-30 to 1e30 mm"
         raise QuantityError(problem, "write it like 2m or 50mm")
     return value
 

@@ -41,7 +41,7 @@ def format_name(text: str) -> str:
     near = list(dict.fromkeys([*(n for n in NAMES if name in n or n in name), *near]))[:4]
     nearest = f"did you mean {' or '.join(near)}? " if near else ""
     remedy = f"{nearest}'defocus help depth' lists all of them"
-    raise QuantityError(f"'{text}' is no depth format", remedy)
+    raise QuantityError(f"'{text}' is not a depth format", remedy)
 
 
 def scale(text: str) -> float:
@@ -83,7 +83,9 @@ def field_of_view(text: str) -> float:
     """A horizontal field of view in degrees."""
     degrees = angle(text)
     if not 0 < degrees < 180:
-        raise QuantityError(f"'{text}' is no field of view", "give more than 0 and less than 180")
+        raise QuantityError(
+            f"'{text}' is not a field of view", "give more than 0 and less than 180"
+        )
     return degrees
 
 

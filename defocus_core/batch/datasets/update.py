@@ -65,7 +65,7 @@ def refuse_foreign(out: Path, named: Mapping[str, str], *, packs: bool) -> None:
         tar_shards.keys_of(list(named), out)
         names += filter(None, [tar_shards.foreign(out)])
     if names:
-        problem = "exists already, and no batch has written it"
+        problem = "exists already, and was not written by a batch"
         remedy = "move it away, or choose another -o"
         raise InputError("exists", problem, remedy, path=out / names[0])
 

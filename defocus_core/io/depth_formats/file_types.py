@@ -206,7 +206,8 @@ def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
     """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
     if raster.type == "uint8" and not reading.says_scale:
         problem = "has 8 bits, too few for depth and without a metric scale"
-        remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"
+        remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›; "
+        remedy += "or take it as relative with ‹blur› 20px ‹focus-at› X,Y instead of a lens"
         raise InputError("unknown-unit", problem, remedy, path=path)
     if raster.channels[0] in NO_DEPTH and not reading.says_scale:
         problem = f"has no depth channel, only {raster.channels[0]}"

@@ -221,7 +221,7 @@ def refuse_idle(declared: Declared, rule: str) -> None:
         kind = "disparity" if disparity else row.name
         if reading.depth_format is None and not disparity:
             kind = "planar depth"
-        raise UsageProblem("idle-option", f"means nothing for {kind}", "leave it out", field=option)
+        raise UsageProblem("idle-option", f"has no effect on {kind}", "leave it out", field=option)
     if reading.depth_range is None:
         return
     for option in ("depth_unit", "depth_scale", "baseline", "doffs"):

@@ -57,7 +57,7 @@ def read_keys(file: Path) -> Keys:
     """The keys of a file that is no TOML."""
     if file.suffix.lower() not in _SUFFIXES:
         remedy = "give CSV with a header like frame,focus,fnumber, TOML, or .chan"
-        raise InputError("wrong-type", "is no file of keys by its name", remedy, path=file)
+        raise InputError("wrong-type", "is not a file of keys by its name", remedy, path=file)
     every = [*_rows(file)]
     if not every:
         remedy = "begin it with a line like frame,focus,fnumber"
@@ -69,7 +69,7 @@ def frame_of(text: str, where: Place) -> int:
     """The number of a frame."""
     if not _is_frame(text):
         remedy = "begin the line with a frame, like 1001"
-        raise InputError("malformed", f"'{text}' is no frame", remedy, path=where)
+        raise InputError("malformed", f"'{text}' is not a frame", remedy, path=where)
     return round(float(text))
 
 
@@ -90,7 +90,7 @@ def _rows(file: Path) -> Iterator[_Line]:
         raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
     if "\0" in text:
         remedy = "give CSV, TOML or .chan"
-        raise InputError("wrong-type", "is no file of keys", remedy, path=file)
+        raise InputError("wrong-type", "is not a file of keys", remedy, path=file)
     lines = text.splitlines()
     if len(lines) > _MAX_LINES:
         problem = f"has {len(lines)} lines, more than {_MAX_LINES}"
@@ -127,12 +127,14 @@ def _columns(lines: Sequence[_Line]) -> Keys:
         raise header.malformed("has semicolons between its cells", "write commas")
     if "frame" not in names:
         remedy = "begin it with a line like frame,focus,fnumber"
-        raise header.malformed("names no column frame", remedy)
+        raise header.malformed("has no column named frame", remedy)
     if twice := [name for name in names if names.count(name) > 1]:
         problem, remedy = f"names '{twice[0]}' twice", "remove one of the columns"
         raise InputError("duplicate", problem, remedy, path=header.place)
     if ("x" in names) != ("y" in names):
-        raise header.malformed("names one of x and y", "give both, the pixel of focus-at")
+        raise header.malformed(
+            "has only one of the columns x and y", "give both, the pixel of focus-at"
+        )
     keys: dict[str, dict[int, Key]] = {name: {} for name in names if name not in ("frame", "y")}
     for line in below:
         if len(line.cells) != len(names):

@@ -186,12 +186,10 @@ def keep_check(
 
 
 def write_checks(folder: Path, path: Path) -> None:
-    """Write the report of the checks in a folder, if there are any."""
+    """Write the report of the checks in a folder."""
     kept: list[tuple[Comparison, str]] = [
         pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))
     ]
-    if not kept:
-        return
     tests = {id(record): test for record, test in kept}
 
     def commands(record: Comparison) -> list[tuple[str, str]]:
