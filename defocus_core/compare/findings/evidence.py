@@ -34,8 +34,9 @@ LOSSY = (3.5 / 255) ** 2  # power of the strongest noise of a codec
 _SIGNAL = 1.3  # least power of a difference, by that of the noise in it
 _FORGIVEN = 0.15  # share of the power of a difference that may be noise, where no codec loses
 _PART_OF = 0.6  # greatest share of a picture that a rectangle of it has
+_GOES_ON = 0.2  # least density of detail outside of it, by that inside
 _LEVELS = 32  # of a curve
-_STILL = 0.2  # greatest share of a predicted change that lies where the pictures are equal
+_STILL = 0.1  # greatest share of a predicted change that lies where the pictures are equal
 # Differences that a file may round away, on the scale of differences: absolute, and relative.
 _QUANTA = {"uint8": (0.75 / 255, 0.0), "uint16": (0.75 / 65535, 0.0), "half": (1e-4, 2e-3)}
 _LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
@@ -254,13 +255,30 @@ class Evidence:
 
     @cached_property
     def is_rectangle(self) -> bool:
-        """Whether what differs is a rectangle: its outermost lines differ as all of it does."""
-        top, left, bottom, right = self.window
-        inside = self.pixels.greatest[top:bottom, left:right] > 0
-        if inside.size > _PART_OF * self.pixels.greatest.size or min(inside.shape) < 4:
+        """Whether what differs is a rectangle: its rims differ as all of it, and A goes on outside.
+
+        Only detail counts: what is flat may stay as it is.
+        """
+        changed, (top, left, bottom, right) = self.pixels.greatest > 0, self.window
+        inside = (slice(top, bottom), slice(left, right))
+        if changed[inside].size > _PART_OF * changed.size or min(changed[inside].shape) < 4:
             return False
-        lines = (inside[0], inside[-1], inside[:, 0], inside[:, -1])
-        return min(float(line.mean()) for line in lines) > 0.5 * float(inside.mean()) > 0.1
+        plane = np.nan_to_num(self.scaled(self.pixels.plane("a", self.names[0])))
+        steps = (np.diff(plane, axis=k, append=plane.take([-1], axis=k)) for k in (0, 1))
+        steep = sum(map(np.abs, steps))
+        detail = steep >= 0.5 * np.median(steep[changed])
+        within, there = changed[inside], detail[inside]
+        apart = np.count_nonzero(detail) - np.count_nonzero(there)
+        if apart * there.size < _GOES_ON * np.count_nonzero(there) * (detail.size - there.size):
+            return False
+        rims = [
+            (slice(4),),
+            (slice(-4, None),),
+            (slice(None), slice(4)),
+            (slice(None), slice(-4, None)),
+        ]
+        shares = [float(within[rim][there[rim]].mean()) for rim in rims if there[rim].any()]
+        return min(shares, default=0.0) > 0.5 * float(within[there].mean()) > 0.1
 
     @cached_property
     def changed_share(self) -> float:

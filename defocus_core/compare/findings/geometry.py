@@ -23,6 +23,7 @@ from defocus_core.compare.findings.evidence import (
 )
 from defocus_core.compare.findings.table import EXACT
 
+_OF_PARTS = "another view or frame"
 _Scale = Callable[[NDArray[Any]], NDArray[Any]]
 
 _FRAME = 512  # px of the middle of a picture in which a shift is looked for
@@ -30,11 +31,11 @@ _PEAKS = 3  # of each correlation that are tried
 _EXPLAINED = 0.05  # left of a difference, below which no further move is looked for
 _LEAST_PART = 0.02  # px of a move that is looked at
 _MOST_ERODED = 5  # px
-_SMALL_LEFT = 0.35  # of a difference, by a shift of less than a pixel
+_SMALL_LEFT, _ALMOST_WHOLE = 0.35, 0.9  # of a difference, by a shift of less than so many px
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
-_CHOSEN = 2500  # samples that choose a small move
-_STEP = 1e-4  # px by which kernels of interpolation are moved for their slope
+_CHOSEN, _STEPS = 1600, 6  # samples that choose a small move, and steps to it
+_AROUND = 1e-4  # px by which kernels of interpolation are moved for their slope
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
 
 
@@ -187,30 +188,51 @@ def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[t
 
 
 def moved(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by fractions of a pixel, or turned, enlarged or sheared around the middle."""
+    """B is A moved by fractions of a pixel, or turned, enlarged or sheared around the middle.
+
+    In light, channels may also have been scaled about the middle by factors that differ.
+    """
     if _offsets_tried(evidence)[0][0] <= _EXPLAINED or min(evidence.size) <= 16:
         return
-    names = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
-    for move, free in _moves(evidence, names):
-        name, text, values = _moved_words(move, _far(evidence))
-        left = _left_by_move(evidence, move)
-        if name != "shifted" or left <= (EXACT if np.abs(move).max() > 1 else _SMALL_LEFT):
-            yield Explanation(left, name, values=values, cost=0.01 * free - 0.01, text=text)
+    first = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
+    _, dx, dy = _offsets_tried(evidence)[0]
+    of_parts, starts = _parts(evidence), [np.array([dy, 0, 0, dx, 0, 0], "f8")]
+    if of_parts is not None and of_parts.spread >= 1:
+        starts.append(of_parts.common)
+    for start in starts:
+        move = start
+        for free in (_SHIFT, _SIMILAR, _AFFINE):
+            found = _fitted(evidence, first, move, free)
+            if found is not None:
+                move = found
+                name, text, values = _moved_words(move, _far(evidence))
+                left = _left_by_move(evidence, move)
+                if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
+                    name, text = (
+                        _OF_PARTS,
+                        f"{_OF_PARTS}: most {text.replace('shifted', 'moved')} px",
+                    )
+                if name != "shifted" or left <= _SMALL_LEFT:
+                    cost = 0.01 * len(free) - 0.01
+                    yield Explanation(left, name, values=values, cost=cost, text=text)
+                if left <= _EXPLAINED:
+                    return
+    yield from _chromatic(evidence)
 
 
-def chromatic(evidence: Evidence) -> Iterator[Explanation]:
+def _chromatic(evidence: Evidence) -> Iterator[Explanation]:
     """Channels of B are those of A, scaled about the middle by factors that differ."""
     names = [name for layer in evidence.pixels.color for name in layer if name in evidence.names]
-    if len(names) < 2 or names != [*evidence.names] or min(evidence.size) <= 16:
+    if len(names) < 2 or names != [*evidence.names]:
         return
     growths, predicted, within = {}, [], np.ones(evidence.places[0].shape, bool)
     for name in names:
-        tried = [move for move, free in _moves(evidence, (name,)) if free > 2]
-        growth = (tried[0][1] + tried[0][5]) / 2 if tried else 0.0
-        alone = np.array([0, growth, 0, 0, 0, growth])
-        inside, sums = _moved(evidence, *evidence.places, alone, (name,))
-        predicted.append(evidence.unscaled(sums[0])[0])
-        growths[name], within = 1 + growth / _far(evidence), within & inside
+        move = _fitted(evidence, (name,), np.zeros(6), _GROWTH)
+        move = np.zeros(6) if move is None else move
+        scale, back = _interpolated(evidence)
+        inside, sums = _moved(evidence, *evidence.places, move, (name,), scale)
+        predicted.append(back(sums[0])[0])
+        growths[name], within = 1 + move[1] / _far(evidence), within & inside
     factors = [*growths.values(), *([1.0] if len(names) < 3 else [])]
     if np.ptp(factors) * _far(evidence) > 5 * _LEAST_PART:
         said = ", ".join(f"{name} scaled by {scale:.5g}" for name, scale in growths.items())
@@ -224,58 +246,52 @@ def _far(evidence: Evidence) -> float:
 
 
 # Of a move: how far down and how far right, in px: in the middle, and more by the row and by the
-# column at `_far`.
-_SHIFT, _SIMILAR, _AFFINE = ([0, 3], [0, 1, 2, 3], [0, 1, 2, 3, 4, 5])
+# column at `_far`. Each free parameter is a row.
+_AFFINE = np.eye(6)
+_SHIFT, _GROWTH = _AFFINE[[0, 3]], _AFFINE[[1]] + _AFFINE[[5]]
+_SIMILAR = np.concatenate([_SHIFT, _GROWTH, _AFFINE[[4]] - _AFFINE[[2]]])
 
 
-def _moves(evidence: Evidence, names: tuple[str, ...]) -> Iterator[tuple[NDArray[np.float64], int]]:
-    """Moves of A that are like B, with the number of their parameters.
+def _fitted(
+    evidence: Evidence, names: tuple[str, ...], start: NDArray[Any], free: NDArray[Any]
+) -> NDArray[np.float64] | None:
+    """The move near another that makes B of A; None where it is none, or no quarter agrees.
 
-    They are found by least squares on the gradient (Lucas and Kanade, 1981), from the best shift by
-    whole pixels, and from the moves of parts.
+    It is found by least squares on the gradient (Lucas and Kanade, 1981).
     """
     rows, columns = evidence.places
     fits = np.flatnonzero(evidence.fits)
     fits = fits[:: max(1, len(fits) // _CHOSEN)]
+    places = rows[fits], columns[fits]
     far, (height, width) = _far(evidence), evidence.size
-    y, x = (rows[fits] - (height - 1) / 2) / far, (columns[fits] - (width - 1) / 2) / far
-    aim, was = (
-        evidence.scaled(evidence.at(side, rows[fits], columns[fits], names)) for side in ("b", "a")
-    )
-    # Light beyond white is interpolated as such, and not as a screen shows it: it misleads.
-    plain = (np.maximum(aim, was) < 1.0).all(axis=0)
-    plain |= not evidence.pixels.color or np.count_nonzero(plain) < len(fits) // 2
-    _, dx, dy = _offsets_tried(evidence)[0]
-    whole = np.array([dy, 0, 0, dx, 0, 0], "f8")
-    of_parts = _parts(evidence)
-    starts = [whole] if of_parts is None or of_parts.spread < 1 else [whole, of_parts.common]
-    for free, start in product((_SHIFT, _SIMILAR, _AFFINE), starts):
-        if free is _SHIFT and start is not whole:
-            continue
-        move = start.copy()
-        for _ in range(8):
-            inside, (there, down, right) = _moved(evidence, rows[fits], columns[fits], move, names)
-            inside &= plain
-            ways = [-down, -down * y, -down * x, -right, -right * y, -right * x]
-            if free is _SIMILAR:  # growth and turn
-                ways = [ways[0], ways[1] + ways[5], ways[4] - ways[2], ways[3]]
-            design = np.stack(
-                [
-                    way[:, inside].ravel()
-                    for way in (ways if free is _SIMILAR else [ways[k] for k in free])
-                ]
-            )
-            rest = (aim - there)[:, inside].ravel()
-            step = np.linalg.lstsq(design @ design.T, design @ rest, rcond=None)[0].clip(-2, 2)
-            if free is _SIMILAR:
-                move += [step[0], step[1], -step[2], step[3], step[2], step[1]]
-            else:
-                move[free] += step
-            if np.abs(step).max() < 0.002:
-                break
-        usable = np.isfinite(move).all() and np.abs(move).max() >= _LEAST_PART
-        if usable and np.square(rest).sum() <= 0.7 * np.square((aim - was)[:, inside]).sum():
-            yield move, len(free)
+    y, x = (places[0] - (height - 1) / 2) / far, (places[1] - (width - 1) / 2) / far
+    scale, _ = _interpolated(evidence)
+    was, aim = (scale(evidence.at(side, *places, names)) for side in "ab")
+    # Light counts as much as a screen shows of it.
+    slope = np.maximum(np.abs(was), 0.003) ** -0.58 if scale == evidence.light else 1.0
+    move, rest, ways = start.copy(), aim - was, [aim]
+    for _ in range(_STEPS):
+        inside, (there, down, right) = _moved(evidence, *places, move, names, scale)
+        ways = [
+            -v * slope * inside for v in (down, down * y, down * x, right, right * y, right * x)
+        ]
+        rest = (aim - there) * slope * inside
+        design = free @ np.stack([way.ravel() for way in ways])
+        step = np.linalg.lstsq(design @ design.T, design @ rest.ravel(), rcond=None)[0].clip(-2, 2)
+        move += step @ free
+        if np.abs(step).max() < 0.002:
+            break
+    every = np.square((aim - was) * slope * inside).sum()
+    if not np.isfinite(move).all() or np.abs(move).max() < _LEAST_PART:
+        return None
+    return move if np.square(rest).sum() <= 0.7 * every else None
+
+
+def _interpolated(evidence: Evidence) -> tuple[_Scale, _Scale]:
+    """The scale that values are interpolated on, and back: light of EXR, and else as stored."""
+    if evidence.gamma == 1.0 and evidence.pixels.color:
+        return evidence.light, evidence.stored
+    return evidence.scaled, evidence.unscaled
 
 
 def _left_by_move(evidence: Evidence, move: NDArray[Any]) -> float:
@@ -325,7 +341,7 @@ def _moved(
     lines, row = (top + taps).clip(0, height - 1)[:, None], (left + taps).clip(0, width - 1)
     values = scale(evidence.at("a", lines, row, names))  # [C, 4, 4, N]
     (down, slope_down), (across, slope_across) = (
-        (kernel(t), (kernel(t + _STEP) - kernel(t - _STEP)) / (2 * _STEP))
+        (kernel(t), (kernel(t + _AROUND) - kernel(t - _AROUND)) / (2 * _AROUND))
         for t in (at_y - top - taps, at_x - left - taps)
     )
     ways = ((down, across), (slope_down, across), (down, slope_across))
@@ -411,7 +427,7 @@ def moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
     chooses = blocks_in_turn(parts.predicted.shape, 4)
     left = evidence.left_framed(evidence.unscaled_light(parts.predicted), ~chooses)
     cost = 0.0 if parts.apart > 1 else 0.1
-    yield Explanation(left, "another view or frame", how, cost=cost)
+    yield Explanation(left, _OF_PARTS, how, cost=cost)
 
 
 def eroded(evidence: Evidence) -> Iterator[Explanation]:

@@ -121,12 +121,14 @@ CAUSES = (
     Cause("geometry.cropped", {"crop": "which part of A it is"}, 1, local=True),
     Cause("geometry.tiles", {"tiles exchanged": "tiles of which side"}, 1, EXACT, local=True),
     Cause("geometry.shifted", {"shifted": "by px, fractions included"}, 1, EXACT),
-    Cause("geometry.moved", {"scaled": "by a factor", "sheared": "by px"}, 1),
     Cause(
-        "geometry.chromatic",
-        {"chromatic aberration": "each channel scaled about the middle"},
+        "geometry.moved",
+        {
+            "scaled": "by a factor",
+            "sheared": "by px",
+            "chromatic aberration": "each channel scaled about the middle",
+        },
         1,
-        needs="light",
     ),
     Cause("geometry.moved_in_parts", {}, 1, 0.62, needs="light"),
     Cause("geometry.eroded", {"eroded": "by how many px", "dilated": "the same"}, 1, EXACT),

@@ -139,8 +139,10 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
                 or not measured.any()
             ):
                 continue
-            rest = np.square((b - a - min(opacity, 1.0) * toward)[:, measured]).sum()
-            left = math.sqrt(float(rest / np.square((b - a)[:, measured]).sum()))
+            own = np.where(chosen, min(opacity, 1.0), each.clip(0, min(opacity, 1.0)))  # rims
+            kept = ~turn[changed]
+            rest = np.square((b - a - own * toward)[:, kept]).sum()
+            left = math.sqrt(float(rest / np.square((b - a)[:, kept]).sum()))
             said = " ".join(f"{v:.2g}" for v in color[:, 0])
             top, first, bottom, last = evidence.window
             where = f"within {last - first}x{bottom - top} at {first},{top}"
