@@ -20,23 +20,27 @@ Columns = Callable[[list[str], Place], list[str]]
 
 
 def read_rows(
-    file: Path, what: str, examples: Mapping[str, str], columns: Columns = lambda cells, _: cells
+    file: Path,
+    what: str,
+    example: str,
+    header: str = "color,depth",
+    columns: Columns = lambda cells, _: cells,
 ) -> Iterator[Row]:
     """Place and values of each row, without those that are empty or null.
 
-    `what`: the file, in words; `examples`: a header of CSV and a row of JSONL, by the suffixes that
-    it may have; `columns`: the keys that cells of a header name, at its place.
+    `what`: the file, in words; `example`, `header`: a row of JSON, empty where a file is none, and
+    a header of CSV; `columns`: the keys that cells of a header name, at its place.
     """
-    suffix = file.suffix.lower()
-    if suffix not in examples:
-        remedy = f"name it after its type, {' or '.join(examples)}"
+    suffix, known = file.suffix.lower(), (".csv", ".jsonl") if example else (".csv",)
+    if suffix not in known:
+        remedy = f"name it after its type, {' or '.join(known)}"
         raise InputError("wrong-type", f"is not a {what} by its name", remedy, path=file)
     try:
         with TextIOWrapper(open_plain(file), encoding="utf-8-sig", newline="") as opened:
             if suffix == ".csv":
-                yield from _csv_rows(file, opened, examples[suffix], columns)
+                yield from _csv_rows(file, opened, header, columns)
             else:
-                yield from _json_rows(file, opened, examples[suffix])
+                yield from _json_rows(file, opened, example)
     except OSError as error:
         raise cannot_read(file, error, "check the path") from None
     except UnicodeDecodeError:
@@ -52,7 +56,7 @@ def _csv_rows(file: Path, opened: TextIO, example: str, columns: Columns) -> Ite
             if not any(values) or values[0].startswith("#"):
                 continue
             place = Place(file, f"line {reader.line_num}")
-            if any("\0" in value for value in values):
+            if "\0" in "".join(values):
                 problem, remedy = "has a zero byte, and so is not CSV", "save it as text"
                 raise InputError("wrong-type", problem, remedy, path=file)
             if not keys:

@@ -40,7 +40,7 @@ KEYS = (*FILES, "frames", "missing", "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
 _KNOWN = frozenset({*LENS_OPTIONS, *ROW_KEYS})
 _TRIED = 100  # first rows of which one file at least must exist
-_EXAMPLES = {".csv": "color,depth", ".jsonl": '{"color": "a.exr", "depth": "b.exr"}'}
+_EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> tuple[list[Entry],
     entries, shot = _from_files(table, keyed)
     for name in table.texts("list"):
         file = table.file.parent / name
-        entries += _from_rows(read_rows(file, "list of pictures", _EXAMPLES), file)
+        entries += _from_rows(read_rows(file, "list of pictures", _EXAMPLE), file)
     entries += _from_tables(table)
     if not entries:
         remedy = 'write color = "frames/*.exr" and depth = "depth/*.exr" below [inputs]'

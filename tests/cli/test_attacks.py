@@ -21,10 +21,10 @@ from defocus_core.compare.goldens import read_store
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.picture_files import read_depth
+from defocus_core.io.row_files import read_rows
 from defocus_core.io.safe_files import written_together, written_whole
 from defocus_core.io.wildcards import matching
 from defocus_core.request import origin
-from defocus_core.request.inputs import read_rows
 
 __all__ = ["folders"]
 FOREIGN = (

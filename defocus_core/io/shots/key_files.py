@@ -38,8 +38,8 @@ def read_keys(file: Path) -> Keys:
     if suffix not in (".csv", ".chan"):
         remedy = "give CSV with a header like frame,focus,fnumber, TOML, or .chan"
         raise InputError("wrong-type", "is not a file of keys by its name", remedy, path=file)
-    examples = {".csv": _HEADER}
-    rows = _chan(file) if suffix == ".chan" else read_rows(file, "file", examples, _columns)
+    csv = read_rows(file, "file of keys", "", _HEADER, _columns)
+    rows = _chan(file) if suffix == ".chan" else csv
     keys: dict[str, dict[int, Key]] = {}
     for number, (place, row) in enumerate(rows):
         if number == _MAX_ROWS:
