@@ -219,6 +219,21 @@ def one_of(words: Sequence[str], code: str = "malformed") -> Callable[[str], str
     return parse
 
 
+def several(parse: Callable[[str], T], example: str) -> Callable[[str], tuple[T, ...]]:
+    """A parser of values that are separated by commas, each once, in the order given."""
+
+    def read(text: str) -> tuple[T, ...]:
+        try:
+            return tuple(dict.fromkeys(parse(word.strip()) for word in text.split(",")))
+        except QuantityError:
+            raise
+        except ValueError:
+            problem = f"'{text}' is not a list of such values"
+            raise QuantityError(problem, f"write it like {example}") from None
+
+    return read
+
+
 def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
     """A parser of one of some models of dual pixels, or of the path of a file of kernels."""
 

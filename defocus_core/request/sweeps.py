@@ -22,7 +22,7 @@ from typing import Any
 
 from defocus_core.errors import Place, UsageProblem
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES
-from defocus_core.request.quantities import Percentile, read_at, short, text_of
+from defocus_core.request.quantities import Percentile, read_at, short, text_of, whole, whole_within
 from defocus_core.request.resolver import (
     Given,
     Layer,
@@ -168,7 +168,7 @@ def read_sampling(table: Table) -> Sampling:
     if not table.values:
         return Sampling()
     table.refuse_unknown(_SAMPLE_KEYS)
-    count, seed = table.integer("n", 1), table.integer("seed", 0)
+    count, seed = table.parsed("n", whole_within(1)), table.parsed("seed", whole)
     if count is None or seed is None:
         key = "n" if count is None else "seed"
         raise UsageProblem(

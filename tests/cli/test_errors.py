@@ -9,6 +9,7 @@ import shlex
 import socket
 import subprocess
 import sys
+from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
@@ -430,18 +431,17 @@ def desk(tmp_path_factory):
         color_exr(folder / f"rgb.{frame:04}.exr")
         if frame < 3:
             depth_exr(folder / f"z.{frame:04}.exr")
-    with pytest.MonkeyPatch.context() as patch, socket.socket(socket.AF_UNIX) as made:
-        patch.chdir(folder)  # the name of a socket must be short
+    with chdir(folder), socket.socket(socket.AF_UNIX) as made:  # whose name must be short
         made.bind("socket.exr")
     return folder
 
 
 @pytest.fixture
-def at_desk(desk, monkeypatch):
+def at_desk(desk):
     """There, where a test must leave what it found."""
-    monkeypatch.chdir(desk)
     before = sorted(map(str, desk.rglob("*")))
-    yield
+    with chdir(desk):
+        yield
     left = sorted(path for path in map(str, desk.rglob("*")) if "held" not in path)
     assert left == [path for path in before if "held" not in path]
 

@@ -293,9 +293,9 @@ def resolved(
         return replace(FORMATS["coc"], words=f"relative disparity, {near} near")
     row = reading.row
     if row.sidecar:
-        from defocus_core.io.depth_formats.sidecars import completed
+        from defocus_core.io.depth_formats.sidecars import with_sidecar
 
-        row = completed(row, path, samples.metadata)
+        row = with_sidecar(row, path, samples.metadata)
     declared = Declared(path, reading, row, samples)
     rule = _rule(declared)
     refuse_idle(declared, rule)
