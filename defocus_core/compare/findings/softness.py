@@ -46,6 +46,10 @@ _Kernel = Callable[[Any], Any]  # weights by distances
 _Kernels = tuple[_Kernel, _Kernel]  # to a smaller size, and back
 _SIZES, _REACH = np.linspace(0.2, 0.985, 64), 40  # shares of a size; px that its kernels reach
 _FILTERED, _RESIZED_LEFT, _KERNELS = 0.3, 0.3, 3  # left by a filter, by pixels; kernels tried
+_COMMON, _OFF = (
+    (*np.linspace(0.2, 0.95, 16).tolist(), 1 / 3, 2 / 3),
+    0.04,
+)  # shares that people choose
 _STEPS = (2, -2, 1, -1, 0.4, -0.4)  # px of a side by which a size is looked for
 _GLOWS = (4, 6, 9, 13, 19, 28, 40)  # px of the gaussians of bloom
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
@@ -396,7 +400,8 @@ def _weights(share: float, kernels: _Kernels) -> NDArray[Any]:
 
 def _nearest_size(frame: Softened, share: float, kernels: _Kernels) -> float:
     """The share near another one at which pixels of A are most like B, to a part of a pixel."""
-    best = frame.left(_through_size(frame, share, kernels)), share
+    tried = [share, *(common for common in _COMMON if abs(common - share) < _OFF)]
+    best = min((frame.left(_through_size(frame, each, kernels)), each) for each in tried)
     for step in _STEPS:
         near = best[1] + step / max(frame.evidence.size)
         if 0.1 < near < 1 and best[0] > 0.01:
@@ -467,6 +472,7 @@ _RESAMPLED: dict[_Kernels, str] = {
     (_box, linear): "bilinear",
     (linear, linear): "bilinear",
     (keys, keys): "bicubic",
+    (_lanczos, keys): "bicubic",
     (_lanczos, _lanczos): "Lanczos",
     (_blackman_harris, _blackman_harris): "Blackman-Harris",
 }
