@@ -380,9 +380,10 @@ def _sizes(frame: Softened) -> list[tuple[float, _Kernels]]:
         return (float(costs.min()) + whole) / every, float(shares[costs.argmin()])
 
     found = [(*best(_SIZES, kernels), kernels) for kernels in _SMOOTH]
+    found.sort(key=lambda each: each[0])
     sizes = []
-    for left, share, kernels in sorted(found, key=lambda each: each[0])[:_KERNELS]:
-        if left < _FILTERED:
+    for left, share, kernels in found[:_KERNELS]:
+        if left < min(_FILTERED, 2 * found[0][0]):
             near = (share + np.linspace(-1, 1, 9) * np.diff(_SIZES)[0]).clip(0.1, 0.995)
             sizes.append((_nearest_size(frame, best(near, kernels)[1], kernels), kernels))
     return sizes
@@ -406,7 +407,7 @@ def _nearest_size(frame: Softened, share: float, kernels: _Kernels) -> float:
         near = best[1] + step / max(frame.evidence.size)
         if 0.1 < near < 1 and best[0] > 0.01:
             best = min(best, (frame.left(_through_size(frame, near, kernels)), near))
-    return best[1]
+    return float(best[1])
 
 
 def _through_size(frame: Softened, share: float, kernels: _Kernels) -> NDArray[np.float64]:
