@@ -19,6 +19,7 @@ from defocus_core.compare.findings.evidence import (
     Explanation,
     blocks_in_turn,
     fitted_in_parts,
+    steepness,
     sums_of_parts,
 )
 from defocus_core.compare.findings.table import EXACT
@@ -30,7 +31,7 @@ _FRAME = 512  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
 _EXPLAINED = 0.05  # left of a difference, below which no further move is looked for
 _LEAST_PART = 0.02  # px of a move that is looked at
-_MOST_ERODED = 5  # px
+_MOST_ERODED, _TOWARDS = 5, 0.97  # px; left by less of it than there is
 _SMALL_LEFT, _ALMOST_WHOLE = 0.35, 0.9  # of a difference, by a shift of less than so many px
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
@@ -151,15 +152,8 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
-def shifted(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by whole pixels; what comes in at the border may be anything."""
-    left, dx, dy = _offsets_tried(evidence)[0]
-    if (dx, dy) != (0, 0):
-        yield Explanation(left, "shifted", f" by ({dx}, {dy})", {"dx": dx, "dy": dy})
-
-
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
-    """Shifts (dx, dy) worth trying: small ones, and peaks of the mean of channels in the middle."""
+    """Shifts (dx, dy) worth trying: none, and peaks of the mean of channels in the middle."""
     rows, columns = (
         slice((n - min(n, _FRAME)) // 2, (n + min(n, _FRAME)) // 2) for n in evidence.size
     )
@@ -168,7 +162,7 @@ def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
         for side in ("a", "b")
     )
     peaks = (each[0] for each in _peaks(a, b, _PEAKS))
-    return list(dict.fromkeys([*product((-1, 0, 1), (-1, 0, 1)), *chain.from_iterable(peaks)]))
+    return list(dict.fromkeys([(0, 0), *chain.from_iterable(peaks)]))
 
 
 def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[tuple[int, int]]]]:
@@ -188,35 +182,36 @@ def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[t
 
 
 def moved(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by fractions of a pixel, or turned, enlarged or sheared around the middle.
+    """B is A moved by whole pixels or by parts of one, or turned, enlarged or sheared.
 
-    In light, channels may also have been scaled about the middle by factors that differ.
+    What comes in at the border may be anything. In light, channels may also have been scaled about
+    the middle by factors that differ.
     """
-    if _offsets_tried(evidence)[0][0] <= _EXPLAINED or min(evidence.size) <= 16:
+    least, dx, dy = _offsets_tried(evidence)[0]
+    if (dx, dy) != (0, 0) and least <= EXACT:
+        yield Explanation(least, "shifted", f" by ({dx}, {dy})", {"dx": dx, "dy": dy})
+    if least <= _EXPLAINED or min(evidence.size) <= 16:
         return
     first = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
-    _, dx, dy = _offsets_tried(evidence)[0]
     of_parts, starts = _parts(evidence), [np.array([dy, 0, 0, dx, 0, 0], "f8")]
-    if of_parts is not None and of_parts.spread >= 1:
+    if of_parts is not None and np.ptp(of_parts.moves, axis=0).max() >= 1:
         starts.append(of_parts.common)
-    for start in starts:
-        move = start
+    for move in starts:
         for free in (_SHIFT, _SIMILAR, _AFFINE):
-            found = _fitted(evidence, first, move, free)
-            if found is not None:
-                move = found
-                name, text, values = _moved_words(move, _far(evidence))
-                left = _left_by_move(evidence, move)
-                if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
-                    name, text = (
-                        _OF_PARTS,
-                        f"{_OF_PARTS}: most {text.replace('shifted', 'moved')} px",
-                    )
-                if name != "shifted" or left <= _SMALL_LEFT:
-                    cost = 0.01 * len(free) - 0.01
-                    yield Explanation(left, name, values=values, cost=cost, text=text)
-                if left <= _EXPLAINED:
-                    return
+            move, better = _fitted(evidence, first, move, free)
+            if not better:
+                continue
+            left, cost = _left_by_move(evidence, move), 0.01 * len(free) - 0.01
+            name, text, values = _moved_words(move, _far(evidence))
+            if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
+                name, text = (
+                    _OF_PARTS,
+                    f"{_OF_PARTS}: most moved by ({move[3]:.2f}, {move[0]:.2f}) px",
+                )
+            if name != "shifted" or left <= _SMALL_LEFT:
+                yield Explanation(left, name, values=values, cost=cost, text=text)
+            if left <= _EXPLAINED:
+                return
     yield from _chromatic(evidence)
 
 
@@ -227,8 +222,7 @@ def _chromatic(evidence: Evidence) -> Iterator[Explanation]:
         return
     growths, predicted, within = {}, [], np.ones(evidence.places[0].shape, bool)
     for name in names:
-        move = _fitted(evidence, (name,), np.zeros(6), _GROWTH)
-        move = np.zeros(6) if move is None else move
+        move, _ = _fitted(evidence, (name,), np.zeros(6), _GROWTH)
         scale, back = _interpolated(evidence)
         inside, sums = _moved(evidence, *evidence.places, move, (name,), scale)
         predicted.append(back(sums[0])[0])
@@ -254,8 +248,8 @@ _SIMILAR = np.concatenate([_SHIFT, _GROWTH, _AFFINE[[4]] - _AFFINE[[2]]])
 
 def _fitted(
     evidence: Evidence, names: tuple[str, ...], start: NDArray[Any], free: NDArray[Any]
-) -> NDArray[np.float64] | None:
-    """The move near another that makes B of A; None where it is none, or no quarter agrees.
+) -> tuple[NDArray[np.float64], bool]:
+    """The move near another that makes B of A, and whether it explains some of it, or the other.
 
     It is found by least squares on the gradient (Lucas and Kanade, 1981).
     """
@@ -268,10 +262,10 @@ def _fitted(
     scale, _ = _interpolated(evidence)
     was, aim = (scale(evidence.at(side, *places, names)) for side in "ab")
     # Light counts as much as a screen shows of it.
-    slope = np.maximum(np.abs(was), 0.003) ** -0.58 if scale == evidence.light else 1.0
+    slope = steepness(was) if scale == evidence.light else 1.0
     move, rest, ways = start.copy(), aim - was, [aim]
     for _ in range(_STEPS):
-        inside, (there, down, right) = _moved(evidence, *places, move, names, scale)
+        inside, (there, down, right) = _moved(evidence, *places, move, names, scale, sloped=True)
         ways = [
             -v * slope * inside for v in (down, down * y, down * x, right, right * y, right * x)
         ]
@@ -282,9 +276,9 @@ def _fitted(
         if np.abs(step).max() < 0.002:
             break
     every = np.square((aim - was) * slope * inside).sum()
-    if not np.isfinite(move).all() or np.abs(move).max() < _LEAST_PART:
-        return None
-    return move if np.square(rest).sum() <= 0.7 * every else None
+    better = np.isfinite(move).all() and np.abs(move).max() >= _LEAST_PART
+    better = better and np.square(rest).sum() <= 0.5 * every
+    return (move, True) if better else (start, False)
 
 
 def _interpolated(evidence: Evidence) -> tuple[_Scale, _Scale]:
@@ -298,10 +292,10 @@ def _left_by_move(evidence: Evidence, move: NDArray[Any]) -> float:
     """What a move leaves: light may have been interpolated as such, or as a screen shows it."""
     scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
     if evidence.pixels.color:
-        scales.append((evidence.light, evidence.stored))
+        scales.insert(evidence.gamma != 1.0, (evidence.light, evidence.stored))
     least = math.inf
-    for weights, (scale, back) in product((keys, linear), scales):
-        if least > _EXPLAINED:
+    for (scale, back), weights in product(scales, (keys, linear)):
+        if _EXPLAINED < least < 0.8 or least == math.inf:
             inside, sums = _moved(evidence, *evidence.places, move, evidence.names, scale, weights)
             least = min(least, evidence.left(back(sums[0]), inside))
     return least
@@ -328,8 +322,10 @@ def _moved(
     names: Sequence[str],
     scale: _Scale | None = None,
     kernel: Callable[[Any], Any] = keys,
+    *,
+    sloped: bool = False,
 ) -> tuple[NDArray[np.bool_], list[NDArray[Any]]]:
-    """Places of A that were within it, and A there with its slopes down and right, [C, N]."""
+    """Places of A that were within it, and A there, if asked for with its slopes down and right."""
     scale, far = scale or evidence.scaled, _far(evidence)
     height, width = evidence.size
     y, x = (rows - (height - 1) / 2) / far, (columns - (width - 1) / 2) / far
@@ -340,11 +336,13 @@ def _moved(
     taps = np.arange(-1, 3)[:, None]
     lines, row = (top + taps).clip(0, height - 1)[:, None], (left + taps).clip(0, width - 1)
     values = scale(evidence.at("a", lines, row, names))  # [C, 4, 4, N]
-    (down, slope_down), (across, slope_across) = (
-        (kernel(t), (kernel(t + _AROUND) - kernel(t - _AROUND)) / (2 * _AROUND))
-        for t in (at_y - top - taps, at_x - left - taps)
-    )
-    ways = ((down, across), (slope_down, across), (down, slope_across))
+    down, across = at_y - top - taps, at_x - left - taps
+    ways = [(kernel(down), kernel(across))]
+    if sloped:
+        slopes = [
+            (kernel(t + _AROUND) - kernel(t - _AROUND)) / (2 * _AROUND) for t in (down, across)
+        ]
+        ways += [(slopes[0], ways[0][1]), (ways[0][0], slopes[1])]
     return inside, [np.einsum("kn,jn,ckjn->cn", k, j, values) for k, j in ways]
 
 
@@ -375,7 +373,6 @@ class _Parts:
     moves: NDArray[Any]  # (dx, dy) of each part that matters, [n, 2]
     common: NDArray[np.float64]  # the move of all, of 6 parameters, that is nearest to them
     apart: float  # RMS distance in px of the moves from it
-    spread: float  # the greatest difference of two moves in px
 
 
 @lru_cache(maxsize=1)
@@ -387,7 +384,7 @@ def _parts(evidence: Evidence) -> _Parts | None:
     known = [(dx, dy) for _, dx, dy in _offsets_tried(evidence)]
     candidates = list(dict.fromkeys([(0, 0), *_part_offsets(a, b), *known]))
     chooses = blocks_in_turn(a.shape, 4)
-    pictures = [_moved_by(a, dx, dy) for dx, dy in candidates]
+    pictures = [np.roll(a, (dy, dx), (0, 1)) for dx, dy in candidates]
     costs = [sums_of_parts(np.abs(there - b) * chooses) for there in pictures]
     order = np.argsort(np.stack(costs), axis=0, kind="stable")[0]
     chosen = np.repeat(np.repeat(order, PART, axis=0), PART, axis=1)[: a.shape[0], : a.shape[1]]
@@ -410,9 +407,7 @@ def _parts(evidence: Evidence) -> _Parts | None:
     solved = np.linalg.lstsq(design * root, moves * root, rcond=None)[0]
     rest = np.square((moves - design @ solved) * root).sum() / max(float((root**2).sum()), 1e-300)
     common = np.concatenate([solved[:, 1], solved[:, 0]])
-    return _Parts(
-        predicted, moves, common, math.sqrt(float(rest)), float(np.ptp(moves, axis=0).max())
-    )
+    return _Parts(predicted, moves, common, math.sqrt(float(rest)))
 
 
 def moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
@@ -446,6 +441,8 @@ def eroded(evidence: Evidence) -> Iterator[Explanation]:
                     y, x = (rows + dy).clip(0, height - 1), (columns + dx).clip(0, width - 1)
                     predicted = choose(predicted, evidence.at("a", y, x))
             left = evidence.left(predicted, exact=True)
+            if left > _TOWARDS:
+                break
             yield Explanation(left, name, f" by {reach} px", {"px": reach}, -0.02)
 
 
@@ -458,12 +455,3 @@ def _part_offsets(a: NDArray[Any], b: NDArray[Any]) -> list[tuple[int, int]]:
     found = Counter(peak for each in _peaks(old, new, 1) for (peak,) in each)
     near = Counter({(x + dx, y): 0.3 for x, y in list(found) for dx in (-1, 1)})
     return [offset for offset, _ in (found + near).most_common(24)]
-
-
-def _moved_by(values: NDArray[Any], dx: int, dy: int) -> NDArray[Any]:
-    """Values [h, w] moved to the right and down; the border is repeated."""
-    rows, columns = (
-        (np.arange(n) - step).clip(0, n - 1) for n, step in zip(values.shape, (dy, dx), strict=True)
-    )
-    moved: NDArray[Any] = values[rows][:, columns]
-    return moved

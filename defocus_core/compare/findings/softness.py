@@ -25,6 +25,7 @@ from defocus_core.compare.findings.evidence import (
     blocks_in_turn,
     densest,
     fitted_in_parts,
+    steepness,
     unexplained,
 )
 from defocus_core.compare.findings.geometry import keys, linear
@@ -44,9 +45,9 @@ _ON_GRID = {2: 0.1, 4: 0.4}
 _Kernel = Callable[[Any], Any]  # weights by distances
 _Kernels = tuple[_Kernel, _Kernel]  # to a smaller size, and back
 _SIZES, _REACH = np.linspace(0.2, 0.985, 64), 40  # shares of a size; px that its kernels reach
-_FILTERED, _RESIZED_LEFT, _KERNELS = 0.5, 0.3, 3  # left by a filter, by pixels; kernels tried
-_STEPS = (2, 1, 0.4)  # px of a side by which a size is looked for
-_GLOW, _GLOWS = 320, (4, 6, 9, 13, 19, 28, 40)  # px of the side that bloom is seen in; sigma
+_FILTERED, _RESIZED_LEFT, _KERNELS = 0.3, 0.3, 3  # left by a filter, by pixels; kernels tried
+_STEPS = (2, -2, 1, -1, 0.4, -0.4)  # px of a side by which a size is looked for
+_GLOWS = (4, 6, 9, 13, 19, 28, 40)  # px of the gaussians of bloom
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
@@ -69,11 +70,6 @@ class Softened:
         if not self.shown:
             return a, b
         return tuple(self.evidence.scaled_light(v).astype("f8") for v in (a, b))  # type: ignore
-
-    @cached_property
-    def on_screen(self) -> Softened:
-        """The same as a screen shows it."""
-        return Softened(self.evidence, shown=True)
 
     @cached_property
     def piece(self) -> tuple[slice, slice]:
@@ -101,6 +97,7 @@ class Softened:
     def left(self, predicted: NDArray[Any]) -> float:
         """What is left where it is measured if B were as predicted."""
         light = self.evidence.unscaled_light(predicted) if self.shown else predicted
+        light = light if self.evidence.gamma == 1.0 else light.clip(0.0, 1.0)
         noise = _softened(self.evidence).noise
         return self.evidence.left_framed(light, self.measures, noise)
 
@@ -115,8 +112,7 @@ class Softened:
     def noise(self) -> float:
         """The power of noise that no model explains: what the freest of them leave at least."""
         free = [*self.in_parts, *(predicted for predicted, _, _ in self.denoised)]
-        most = max(self.evidence.lossy, 0.0) or LOSSY
-        return min(most, *(self.evidence.noise_framed(each, self.measures) for each in free))
+        return min(LOSSY, *(self.evidence.noise_framed(each, self.measures) for each in free))
 
     @cached_property
     def in_parts(self) -> list[NDArray[Any]]:
@@ -139,7 +135,7 @@ class Softened:
         change = fitted_in_parts(columns, (other - one) * self.slope, self.chooses, part)
         there = one + change / np.where(self.slope > 0, self.slope, 1.0)
         # Where A is B blurred, what B is predicted to be is wrong by as much as A is.
-        return there if side == 0 else one_less(self.sides, there)
+        return there if side == 0 else one + other - there
 
     @cached_property
     def denoised(self) -> list[tuple[NDArray[Any], float, int]]:
@@ -220,13 +216,7 @@ class Softened:
         costs = every**2 @ powers[side] - 2 * every @ common
         size = float(sizes[costs.argmin()])
         through = self.filtered(side, response(np.hypot(*self.frequencies), size))
-        return size, through if side == 0 else one_less(self.sides, through)
-
-
-def one_less(sides: tuple[NDArray[Any], NDArray[Any]], predicted: NDArray[Any]) -> NDArray[Any]:
-    """B, where A is predicted from it: wrong by as much as A is."""
-    less: NDArray[Any] = sides[0] + (sides[1] - predicted)
-    return less
+        return size, through if side == 0 else sum(self.sides) - through
 
 
 @lru_cache(maxsize=1)
@@ -273,7 +263,7 @@ def white_noise(evidence: Evidence) -> str:
     difference = b - a
     if not noise_like(difference):
         return ""
-    of_a, of_b = (alike(difference, side - smooth(side, 1.5)) for side in (a, b))
+    of_a, of_b = (alike(difference, side - smooth(side, 1.5)[0]) for side in (a, b))
     if abs(of_a + of_b) < 0.1 < of_b:
         return "noise in another pattern"
     if abs(of_a) <= _TIED:
@@ -283,10 +273,11 @@ def white_noise(evidence: Evidence) -> str:
     return ""
 
 
+@lru_cache(maxsize=1)
 def _frames(evidence: Evidence) -> list[Softened]:
     """The frame in light and, where files have a curve, in what a screen shows."""
-    light = _softened(evidence)
-    return [light] if evidence.gamma == 1.0 else [light, light.on_screen]
+    shown = [] if evidence.gamma == 1.0 else [Softened(evidence, shown=True)]
+    return [_softened(evidence), *shown]
 
 
 def blurred_alike(evidence: Evidence) -> Iterator[Explanation]:
@@ -373,8 +364,8 @@ def _sizes(frame: Softened) -> list[tuple[float, _Kernels]]:
     """Shares of the size of A, and kernels, by whose response to frequencies it is about B."""
     rows, columns, (power, other, common) = frame.few
     every, whole = float((power + other - 2 * common).sum()), float(other.sum())
-    lags = np.arange(_REACH + 1)
-    turns = [2 * np.cos(2 * np.pi * np.outer(lags, f)) for f in frame.frequencies]
+    lags = 2 * np.pi * np.arange(_REACH + 1)
+    turns = [2 * np.cos(np.outer(lags, f)) for f in frame.frequencies]
 
     def best(shares: NDArray[Any], kernels: _Kernels) -> tuple[float, float]:
         """The least that is left of the power of the difference, and the share."""
@@ -399,27 +390,18 @@ def _weights(share: float, kernels: _Kernels) -> NDArray[Any]:
     at = np.arange(_REACH + 64 + _REACH)
     aim = at[_REACH:-_REACH]
     through = _matrix(at, aim, 1 / share, np.arange(int(len(at) * share)), kernels)
-    whole = np.zeros((len(aim), 2 * len(at)))
-    whole[:, : len(at)] = through
-    # Each row moved so that its own pixel stands first.
-    rows = np.arange(len(aim))[:, None]
-    weights: NDArray[Any] = whole[rows, rows + _REACH + np.arange(_REACH + 1)].mean(axis=0)
-    weights[0] /= 2
-    return weights
+    means = [np.diagonal(through, _REACH + k).mean() for k in range(_REACH + 1)]
+    return np.array([means[0] / 2, *means[1:]])
 
 
 def _nearest_size(frame: Softened, share: float, kernels: _Kernels) -> float:
     """The share near another one at which pixels of A are most like B, to a part of a pixel."""
-    found = [(frame.left(_through_size(frame, share, kernels)), share)]
+    best = frame.left(_through_size(frame, share, kernels)), share
     for step in _STEPS:
-        middle = min(found)[1]
-        for near in (
-            middle - step / max(frame.evidence.size),
-            middle + step / max(frame.evidence.size),
-        ):
-            if 0.1 < near < 1 and min(found)[0] > 0.01:
-                found.append((frame.left(_through_size(frame, near, kernels)), near))
-    return min(found)[1]
+        near = best[1] + step / max(frame.evidence.size)
+        if 0.1 < near < 1 and best[0] > 0.01:
+            best = min(best, (frame.left(_through_size(frame, near, kernels)), near))
+    return best[1]
 
 
 def _through_size(frame: Softened, share: float, kernels: _Kernels) -> NDArray[np.float64]:
@@ -484,9 +466,7 @@ _RESAMPLED: dict[_Kernels, str] = {
     (_point, _box): "nearest",
     (_box, linear): "bilinear",
     (linear, linear): "bilinear",
-    (_box, keys): "bicubic",
     (keys, keys): "bicubic",
-    (_box, _lanczos): "Lanczos",
     (_lanczos, _lanczos): "Lanczos",
     (_blackman_harris, _blackman_harris): "Blackman-Harris",
 }
@@ -495,20 +475,16 @@ _SMOOTH = [kernels for kernels in _RESAMPLED if kernels[1] is not _box]
 
 def bloom(evidence: Evidence) -> Iterator[Explanation]:
     """B is A, and some of its brightest light once more, spread far."""
-    step = slice(None, None, math.ceil(max(evidence.size) / _GLOW))
-    planes = [evidence.at(side, step, step) for side in ("a", "b")]
-    steady = ~(planes[1] > 0.996).any(axis=0) | (evidence.gamma == 1.0)
-    a, b = (evidence.light(side).mean(axis=0) for side in planes)
-    turn = blocks_in_turn(a.shape)
-    slope = steady / np.maximum(np.abs(a), 0.003) ** 0.58
+    a, b = evidence.framed
+    steady = ~(evidence.at("b", *evidence.frame) > 0.996).any(axis=0) | (evidence.gamma == 1.0)
+    turn, slope = blocks_in_turn(a.shape), steepness(a) * steady
     added = b - a
     if float((added * slope).sum()) < 0.7 * float((np.abs(added) * slope).sum()):
         return
     found: tuple[float, Any, float, float] = (math.inf, None, 0.0, 0.0)
-    for quantile in (0.0, 0.9, 0.98, 0.995):
+    for quantile in (0.0, 0.9, 0.98):
         bright = np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0)
-        for sigma in _GLOWS:
-            glow = smooth(bright, sigma)
+        for sigma, glow in zip(_GLOWS, smooth(bright, *_GLOWS), strict=True):
             x, y = (glow * slope)[turn], (added * slope)[turn]
             gain = float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
             cost = float(np.square(y - gain * x).sum())
@@ -517,13 +493,11 @@ def bloom(evidence: Evidence) -> Iterator[Explanation]:
     if glow is None or gain <= 0:
         return
     old, new, aim = (evidence.scaled_light(v) for v in (a, a + gain * glow, b))
-    used = ~turn & steady
-    both = used[:, :-1] & used[:, 1:]
+    both = (~turn & steady)[:, :-1] & (~turn & steady)[:, 1:]
     whole, rest = (((v - aim)[:, :-1][both], (v - aim)[:, 1:][both]) for v in (old, new))
     left = unexplained(whole, rest, evidence.step, evidence.lossy)
-    reach = wide * math.ceil(max(evidence.size) / _GLOW)
-    how = f": {gain:.2g} of the light spread by {reach:.0f} px"
-    values = {"gain": gain, "sigma": reach}
+    how = f": {gain:.2g} of the light spread by {wide:.0f} px"
+    values = {"gain": gain, "sigma": wide}
     yield Explanation(left, "bloom", how, values, 0.02)
 
 
@@ -561,7 +535,7 @@ def _ways(evidence: Evidence) -> tuple[dict[str, float], str]:
     frame = _softened(evidence)
     energy = np.square((frame.sides[1] - frame.sides[0]) * frame.slope)
     details = [np.square(v - frame.smooth(k, 2.0)) for k, v in enumerate(frame.sides)]
-    old, new = (smooth(detail, 6.0) for detail in details)
+    old, new = (smooth(detail, 6.0)[0] for detail in details)
     more, less = (float(energy[where].sum()) for where in (new < old, new > old))
     share = more / max(more + less, 1e-300)
     shares = {"blurred_more": round(share, 3), "blurred_less": round(1 - share, 3)}
@@ -580,8 +554,8 @@ def spread(evidence: Evidence) -> Iterator[Explanation]:
     if not difference.any() or noise_like(difference * frame.slope):
         return
     # Light that only moved cancels within the reach of the gaussian.
-    scale = smooth(frame.slope, _SPREAD)
-    kept, moved = (smooth(d, _SPREAD) * scale for d in (difference, np.abs(difference)))
+    (scale,) = smooth(frame.slope, _SPREAD)
+    kept, moved = (smooth(d, _SPREAD)[0] * scale for d in (difference, np.abs(difference)))
     left = math.sqrt(float(np.square(kept).sum()) / max(float(np.square(moved).sum()), 1e-300))
     values, how = _ways(evidence)
     surely = left < _SURELY_SPREAD and "in places" not in how
@@ -605,13 +579,15 @@ def alike(x: NDArray[Any], y: NDArray[Any]) -> float:
     return float((x * y).sum()) / scale if scale else 0.0
 
 
-def smooth(values: NDArray[Any], sigma: float) -> NDArray[Any]:
-    """Values [h, w] through a gaussian, mirrored at the borders."""
+def smooth(values: NDArray[Any], *sigmas: float) -> list[NDArray[Any]]:
+    """Values [h, w] through gaussians, mirrored at the borders."""
     height, width = values.shape
-    reach = min(math.ceil(3 * sigma), height - 1, width - 1)
-    padded = np.pad(values, reach, mode="reflect")
+    reach = min(math.ceil(3 * max(sigmas)), height - 1, width - 1)
+    # Sides of multiples of 32 are transformed much faster.
+    padded = np.pad(
+        values, [(reach, reach + -(n + 2 * reach) % 32) for n in values.shape], "reflect"
+    )
     rows, columns = np.fft.fftfreq(len(padded)), np.fft.rfftfreq(padded.shape[1])
-    response = _gauss(np.hypot(rows[:, None], columns), sigma)
-    through = np.fft.irfft2(np.fft.rfft2(padded) * response, s=padded.shape)
-    mean: NDArray[Any] = through[reach : reach + height, reach : reach + width]
-    return mean
+    far, there = np.hypot(rows[:, None], columns), np.fft.rfft2(padded)
+    cut = (slice(reach, reach + height), slice(reach, reach + width))
+    return [np.fft.irfft2(there * _gauss(far, s), s=padded.shape)[cut] for s in sigmas]

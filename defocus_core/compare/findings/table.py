@@ -120,10 +120,10 @@ CAUSES = (
     ),
     Cause("geometry.cropped", {"crop": "which part of A it is"}, 1, local=True),
     Cause("geometry.tiles", {"tiles exchanged": "tiles of which side"}, 1, EXACT, local=True),
-    Cause("geometry.shifted", {"shifted": "by px, fractions included"}, 1, EXACT),
     Cause(
         "geometry.moved",
         {
+            "shifted": "by px, fractions included",
             "scaled": "by a factor",
             "sheared": "by px",
             "chromatic aberration": "each channel scaled about the middle",
@@ -207,7 +207,7 @@ PLACES = {
     "in highlights": "light of A beyond 1 (0.9 of integers)",
     "in shadows": "below 0.1 as a screen shows it",
     "at the border": "within 1 to 16 px",
-    "in one region": "the rectangle that holds most of it",
+    "in one region": "the rectangle that holds most of it, or all of it amid detail that is equal",
 }
 EVIDENCE = STRUCTURE | {n: words for row in CAUSES for n, words in row.findings.items()}
 FINDINGS = (*EVIDENCE, *PLACES)  # first words of all names, for rules like found:clipped

@@ -15,6 +15,7 @@ from defocus_core.compare.findings.evidence import (
     Explanation,
     blocks_in_turn,
     fitted_in_parts,
+    steepness,
     sums_of_parts,
     unexplained,
 )
@@ -225,7 +226,7 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
 def gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Each tile is a multiple of A of its own: one for all, and a grid aside, explain less."""
     a, b = evidence.framed
-    slope = 1 / np.maximum(np.abs(a), 0.003) ** 0.58
+    slope = steepness(a)
     turn = blocks_in_turn(a.shape, 4)
 
     def left(side: int, start: list[int]) -> float:
@@ -248,8 +249,10 @@ def gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
         starts = [
             [(offset - cut.start) % side for cut in evidence.frame] for offset in (0, side // 2)
         ]
-        on_grid, aside = (left(side, start) for start in starts)
-        if on_grid < min(_GAIN_LEFT, 0.6 * aside, 0.6 * left(max(a.shape), [0, 0])):
+        on_grid = left(side, starts[0])
+        if on_grid < _GAIN_LEFT and on_grid < 0.6 * min(
+            left(side, starts[1]), left(max(a.shape), [0, 0])
+        ):
             how = f" at multiples of {side} px: each tile has another exposure"
             yield Explanation(on_grid, "seams", how, {"period": side}, 0.02 + 0.5 / side)
 
