@@ -155,7 +155,6 @@ _SHOT = (
     ),
     Param(
         name="motion",
-        parse=str,
         metavar="LAYER",
         help="Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
         "what other frames have seen of what is hidden is not invented.",

@@ -115,26 +115,11 @@ PREVIEW = ".preview"  # follows the name of a kind where a preview of it is mean
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif"}
 SUFFIXES |= {"jpg": ".jpg", "webp": ".webp"}
 # Suffixes of pictures and films that are not written: no folder is meant by them.
-UNWRITTEN = frozenset(
-    {
-        *(".hdr", ".ppm", ".pgm", ".pbm", ".pnm", ".pfm", ".tga", ".bmp", ".gif", ".psd", ".psb"),
-        *(
-            ".heic",
-            ".heif",
-            ".avif",
-            ".jp2",
-            ".j2k",
-            ".jxl",
-            ".dds",
-            ".dpx",
-            ".cin",
-            ".sgi",
-            ".pic",
-        ),
-        *(".sxr", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".ico", ".svg", ".pdf", ".eps"),
-        *(".npy", ".npz", ".mp4", ".mov", ".avi", ".mkv", ".webm", ".mxf"),
-    }
+_UNWRITTEN = (
+    "hdr ppm pgm pbm pnm pfm tga bmp gif psd psb heic heif avif jp2 j2k jxl dds dpx cin sgi pic "
+    "sxr dng cr2 cr3 nef arw raf ico svg pdf eps npy npz mp4 mov avi mkv webm mxf"
 )
+UNWRITTEN = frozenset(f".{word}" for word in _UNWRITTEN.split())
 LOSSY = ("jpg", "webp")  # which have a quality
 MAP_FORMATS = ("exr", "tiff")
 COLOR_SPACES = ("srgb",)

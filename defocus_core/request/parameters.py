@@ -34,8 +34,8 @@ class Param:
     name: str  # of the option, and of the key of a TOML file
     key: str = ""  # of a TOML file, where that is another
     in_files: bool = False  # only files have it
-    parse: Callable[[str], Any]  # makes its value of a text; raises QuantityError
     help: str  # what it does; other options are in angle quotes
+    parse: Callable[[str], Any] = str  # makes its value of a text; raises QuantityError
     metavar: str = ""  # what help shows in the place of its value
     stored_as: str = ""  # the field that has its value, where that is not its name with underscores
     unit: str = ""  # of each number of its value, which a text must name

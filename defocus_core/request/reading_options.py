@@ -255,13 +255,11 @@ _ROWS = (
     ),
     ReadingParam(
         name="depth-channel",
-        parse=str,
         metavar="NAME",
         help="Depth channel of an EXR, or array of an NPZ or HDF5.",
     ),
     ReadingParam(
         name="color-layer",
-        parse=str,
         metavar="NAME",
         help="Colour layer of an EXR.",
         of_pictures=True,
@@ -284,7 +282,6 @@ _ROWS = (
     ),
     ReadingParam(
         name="view",
-        parse=str,
         metavar="NAME",
         help="View of an EXR of several cameras, like left; in ‹render› several, like left,right.  "
         "[default: the file's first]",
