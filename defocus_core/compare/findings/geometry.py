@@ -204,14 +204,15 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
             left, cost = _left_by_move(evidence, move), 0.01 * len(free) - 0.01
             name, text, values = _moved_words(move, _far(evidence))
             if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
-                name, text = (
-                    _OF_PARTS,
-                    f"{_OF_PARTS}: most moved by ({move[3]:.2f}, {move[0]:.2f}) px",
-                )
+                name = _OF_PARTS
+                text = f"{name}: most moved by ({move[3]:.2f}, {move[0]:.2f}) px"
             if name != "shifted" or left <= _SMALL_LEFT:
                 yield Explanation(left, name, values=values, cost=cost, text=text)
-            if left <= _EXPLAINED:
+            least = min(least, left)
+            if least <= _EXPLAINED:
                 return
+        if least <= EXACT:
+            return
     yield from _chromatic(evidence)
 
 
