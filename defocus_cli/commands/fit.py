@@ -202,7 +202,7 @@ def _fit_one(
 def _distance(focus: float | quantities.Percentile | None, foclen: float) -> float | None:
     """The distance in focus in mm, of an option."""
     if isinstance(focus, quantities.Percentile):
-        problem, remedy = "is no distance", "give it like 2m"
+        problem, remedy = "is not a distance", "give it like 2m"
         raise UsageProblem("malformed", problem, remedy, field="focus", value=str(focus))
     if focus is not None and focus <= foclen:
         problem = f"{length_text(focus)} is not beyond the focal length {length_text(foclen)}"
@@ -218,7 +218,7 @@ def _places(
     places = [out and (out / f"{pair.picture.stem}.toml" if many else out) for pair in pairs]
     for named in filter(None, places):
         if named.suffix != ".toml":
-            problem = f"{named} is no lens file"
+            problem = f"{named} is not a lens file"
             raise UsageProblem("malformed", problem, "let it end in .toml", path="-o")
         shared.refuse_existing(named, overwrite=overwrite)
     if many and out is not None:

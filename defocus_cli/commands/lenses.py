@@ -35,7 +35,7 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     lenses = shipped_lenses()
     if out is not None:
         if out.suffix.lower() != ".png":
-            raise InputError("malformed", "is no PNG", "end its name in .png", path=out)
+            raise InputError("malformed", "is not a PNG", "end its name in .png", path=out)
         shared.refuse_existing(out, overwrite=overwrite)
         from defocus_core.reports.sheets import write_lens_sheet
 

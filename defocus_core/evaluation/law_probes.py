@@ -188,38 +188,23 @@ def _centred(response: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class LawSetting:
-    """The setting that probes are rendered in.
+    """The setting that probes are rendered in."""
 
-    Attributes:
-        device: Where to compute, as torch calls it.
-        quality: As for `render`.
-        threads: As for `render`.
-        render: The renderer.
-    """
-
-    device: str = "cpu"
-    quality: str = "standard"
-    threads: int = 1
-    render: Callable[..., Views] = render
+    device: str = "cpu"  # where to compute, as torch calls it
+    quality: str = "standard"  # as for `render`
+    threads: int = 1  # as for `render`
+    render: Callable[..., Views] = render  # the renderer
 
 
 @dataclass(frozen=True)
 class Check:
-    """One number that a law bounds.
+    """One number that a law bounds."""
 
-    Attributes:
-        law: Its name.
-        measured: The measurement, in words.
-        unit: Unit of the value and the bound.
-        value: The worst value measured; None if there was nothing to measure it on.
-        bound: The largest value that the law allows.
-    """
-
-    law: str
-    measured: str
-    unit: str
-    value: float | None
-    bound: float
+    law: str  # its name
+    measured: str  # the measurement, in words
+    unit: str  # of the value and the bound
+    value: float | None  # the worst that was measured; None if there was nothing to measure it on
+    bound: float  # the largest value that the law allows
 
     @property
     def ok(self) -> bool:

@@ -167,7 +167,7 @@ def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bo
     return found
 
 
-def completed(
+def with_blur_and_focus(
     lenses: PictureLenses,
     pictures: Sequence[Picture],
     reading: Reading,

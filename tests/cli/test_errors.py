@@ -9,6 +9,7 @@ import shlex
 import socket
 import subprocess
 import sys
+from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
@@ -90,18 +91,18 @@ R --blade-rotation 10deg → \
 2 idle-option --blade-rotation: turns blades; this aperture has none; add --blades 6, or leave it \
 out
 R --vignetting on → \
-2 idle-option --vignetting: darkens nothing without a rim; add --cat-eye 1.05:1.5, or leave it out
+2 idle-option --vignetting: has no effect without a rim; add --cat-eye 1.05:1.5, or leave it out
 R --noise-seed 3 → \
-2 idle-option --noise-seed: changes nothing without noise; add --noise 4000:3, or leave it out
+2 idle-option --noise-seed: has no effect without noise; add --noise 4000:3, or leave it out
 R --format jpg --exr-type half → \
-2 idle-option --exr-type: says nothing about jpg; leave it out, or write the format exr
+2 idle-option --exr-type: has no effect on jpg; leave it out, or write the format exr
 R --format png --jpeg-quality 80 → \
-2 idle-option --jpeg-quality: says nothing about png; leave it out, or write the format jpg
+2 idle-option --jpeg-quality: has no effect on png; leave it out, or write the format jpg
 fit rgb.exr z.exr rgb.exr --side-shading → \
 2 idle-option --side-shading: has no effect without the right picture; add --right FILE, or leave \
 it out
 render rgb.exr coc.exr -o out --depth-format coc --focus-at 3,3 → \
-2 idle-option --focus-at: changes nothing: with depth-format coc, the files hold the radii; …
+2 idle-option --focus-at: has no effect: with depth-format coc, the files hold the radii; …
 render rgb.exr z.exr -o out --fnumber 2 --focus 2m → \
 2 missing-option --focal-length: is missing; run: defocus render --json rgb.exr z.exr -o out \
 --fnumber 2 --focus 2m --lens @portrait-85
@@ -135,14 +136,14 @@ R --noise 1000 → \
 2 malformed --noise: '1000' is not a noise of a sensor; write ELECTRONS:READ, like 4000:3
 R --depth-repair of → 2 malformed --depth-repair: 'of' is not known; did you mean off?
 R --depth-format kiti → \
-2 malformed --depth-format: 'kiti' is no depth format; did you mean kitti or vkitti or vkitti2? \
+2 malformed --depth-format: 'kiti' is not a depth format; did you mean kitti or vkitti or vkitti2? \
 'defocus help depth' lists all of them
 B wide.toml → \
 2 malformed wide.toml: [reading] edge-width: 101 px is a surface, and no edge; give 100px or less
 C --fail psnr>45 → \
 2 malformed --fail: 'psnr>45' is met by the better pictures: higher psnr is better; write psnr<45
 C --region 1,2,3 → \
-2 malformed --region: '1,2,3' is no region; write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64
+2 malformed --region: '1,2,3' is not a region; write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64
 R --focus 30mm → \
 2 out-of-range --focus: 30mm is not farther than the focal length 50mm; focus farther away than \
 that, or give a shorter focal length
@@ -202,7 +203,8 @@ info z.npy → 3 unknown-unit z.npy: holds uint16 numbers, whose unit is unknown
 render rgb.exr z8.png -o out LENS → \
 3 unknown-unit z8.png: has 8 bits, too few for depth and without a metric scale; save depth as \
 EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres; or say --depth-range NEAR FAR and \
---depth-kind
+--depth-kind; \
+or take it as relative with --blur 20px --focus-at X,Y instead of a lens
 render rgb.exr smallcoc.exr -o out --depth-format coc --resize-depth nearest → \
 3 radii smallcoc.exr: holds radii in px of a picture of 12x8 px; give radii of the size of the \
 colour
@@ -222,7 +224,7 @@ render rgb.####.exr z.####.exr -o out LENS → \
 others with --frames
 B jobs.toml --shards-size 1GB --shard 1/2 → \
 2 whole-batch --shards-size: needs the whole batch; give it to 'defocus merge'
-B jobs.toml --scheduler head → 2 malformed --scheduler: 'head' is no scheduler; …
+B jobs.toml --scheduler head → 2 malformed --scheduler: 'head' is not a scheduler; …
 merge held → 3 in-use held/.journal.lock: held is being written by process …
 R --quality best → \
 2 unknown-name --quality: 'best' is not known; choose from draft, standard, high, reference
@@ -303,19 +305,19 @@ R -o p.png --format jpg → 2 wrong-type p.png: …
 compare rgb.exr nowhere.exr → 3 not-found nowhere.exr: no such file or directory; check the name
 compare bare bare → 3 empty bare: …
 C --region 1,2,0,3 → 2 malformed --region: '1,2,0,3' holds no pixel; write X,Y,WIDTH,HEIGHT in px
-C --warn brightness>1 → 2 malformed --warn: 'brightness' is no metric; …
-C --over much → 2 malformed --over: 'much' is no difference of 0 or more; write 0.01
+C --warn brightness>1 → 2 malformed --warn: 'brightness' is not a metric; …
+C --over much → 2 malformed --over: 'much' is not a difference of 0 or more; write 0.01
 C --thresholds nowhere.toml → 3 not-found nowhere.toml: cannot be read: No such file or directory; …
 C --thresholds pipe.toml → 3 unreadable pipe.toml: cannot be read: is not a regular file; …
 bench --truth nowhere → 3 not-found nowhere: …
 bench --quality best → 2 malformed --quality: …
 bench --time --sizes 480 → 2 malformed --sizes: …
 bench --time --radii 8,-1 → 2 malformed --radii: …
-bench --time --truth x → 2 contradiction --truth: means nothing with --time; leave one of them out
-bench --radii 8 → 2 contradiction --radii: means nothing without --time; add --time
-bench --launches text.txt → 3 malformed text.txt: holds no table of launches; …
+bench --time --truth x → 2 contradiction --truth: has no effect with --time; leave one of them out
+bench --radii 8 → 2 contradiction --radii: has no effect without --time; add --time
+bench --launches text.txt → 3 malformed text.txt: has no table of launches; …
 bench --launches new.md --threads 2 → \
-2 contradiction --threads: means nothing with --launches; leave one of them out
+2 contradiction --threads: has no effect with --launches; leave one of them out
 R --spherical much → 2 malformed --spherical: …
 R --squeeze 0.5 → 2 malformed --squeeze: …
 R --blade-curvature 0.5 → 2 idle-option --blade-curvature: …
@@ -383,7 +385,7 @@ def write_pictures(folder):
             cut = folder / f"{path.stem}{percent:02}{path.suffix}"
             cut.write_bytes(data[: len(data) * percent // 100])
     for name in ("text.exr", "text.png", "text.txt"):
-        (folder / name).write_text("This is no image, whatever its name says.\n" * 20)
+        (folder / name).write_text("This is not an image, whatever its name says.\n" * 20)
     for name in ("empty.exr", "empty.png"):
         (folder / name).touch()
     for name in ("pipe.exr", "pipe.toml", "pipe.csv"):
@@ -429,18 +431,17 @@ def desk(tmp_path_factory):
         color_exr(folder / f"rgb.{frame:04}.exr")
         if frame < 3:
             depth_exr(folder / f"z.{frame:04}.exr")
-    with pytest.MonkeyPatch.context() as patch, socket.socket(socket.AF_UNIX) as made:
-        patch.chdir(folder)  # the name of a socket must be short
+    with chdir(folder), socket.socket(socket.AF_UNIX) as made:  # whose name must be short
         made.bind("socket.exr")
     return folder
 
 
 @pytest.fixture
-def at_desk(desk, monkeypatch):
+def at_desk(desk):
     """There, where a test must leave what it found."""
-    monkeypatch.chdir(desk)
     before = sorted(map(str, desk.rglob("*")))
-    yield
+    with chdir(desk):
+        yield
     left = sorted(path for path in map(str, desk.rglob("*")) if "held" not in path)
     assert left == [path for path in before if "held" not in path]
 

@@ -21,7 +21,7 @@ from image_files import SCANLINE, multi_part, png_chunk, random_planes, save
 from refusals import refuses
 
 from defocus_core.io.picture_files import read_color, read_depth
-from defocus_core.request.inputs import read_rows
+from defocus_core.io.row_files import read_rows
 from defocus_core.request.reading_options import READING_OPTIONS
 
 RAMP = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)

@@ -418,7 +418,8 @@ def _replaced(depth: Depth, how: str) -> Depth:
     if how == "far":
         ends = depth.ends if depth.is_relative else None
         set_far(depth.metres, depth.valid, float(farther.reduce(ends)) if ends else math.inf)
-        words = f"{counted(count, 'invalid pixel')} taken as infinitely far"
+        taken = "the farthest number" if depth.is_relative else "infinitely far"
+        words = f"{counted(count, 'invalid pixel')} taken as {taken}"
     else:
         fill_from_farther(depth.metres, depth.valid, farther)
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"

@@ -89,9 +89,9 @@ def test_a_pattern_without_a_slash_means_names_in_any_folder():
     [
         ("fial = ['psnr<45']", "did you mean fail?"),
         ("fail = ['psnr>45']", "write psnr<45"),
-        ("fail = [45]", "is no list of rules"),
-        ("over = -1", "no difference of 0 or more"),
-        ("over = true", "no difference of 0 or more"),
+        ("fail = [45]", "is not a list of rules"),
+        ("over = -1", "not a difference of 0 or more"),
+        ("over = true", "not a difference of 0 or more"),
         ("[override]\nfiles = '*'", "write [[override]]"),
         ("[[override]]\nfail = ['psnr<45']", "[override 1] files: is missing"),
         ("[[override]]\nfiles = '*'\nfails = []", "did you mean fail?"),
