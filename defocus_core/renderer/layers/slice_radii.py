@@ -30,16 +30,17 @@ ALONE = 2.0
 # Px by which radii exceed the first and the last slice at most: less may be rounding.
 _ROUNDING = 1e-6
 # Range in px of the radii of a plane: more than rounding, less than shows.
-_FLAT = 0.02
+_FLAT = 1 / 64
 _PX = "radii are in px, negative nearer than focus"
 
 
 def plane_of(minimum: float, maximum: float) -> float | None:
     """The radius of a frame that is one plane out of focus, as far as it shows; else None.
 
-    All of it is blurred by one kernel, its lights as all else.
+    All of it is blurred by one kernel, its lights as all else. It is rounded, so that it stays when
+    the radii change by less than shows.
     """
-    middle = (minimum + maximum) / 2
+    middle = round((minimum + maximum) / 2 / _FLAT) * _FLAT
     is_plane = maximum - minimum <= _FLAT and abs(middle) > 2 * SOFT
     return middle if is_plane else None
 
