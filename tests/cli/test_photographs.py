@@ -77,7 +77,7 @@ def test_smaller_depth_is_guided_which_a_line_says_and_larger_refused_before_any
     color, small = photo(tmp_path), png(tmp_path / "z.png", disparity()[::2, ::2], np.uint8)
     ran = run("render", color, small, "-o", tmp_path / "a.png")
     assert taken(ran.err) == "--blur 3px --focus-at 89,65"
-    assert "depth of 80x60 px resized to 160x120 px, guided" in ran.err
+    assert "z.png: 80x60 px resized to 160x120 px, guided" in ran.err
     guided = run("render", color, small, "-o", tmp_path / "b.png", "--resize-depth", "guided")
     assert "resized to" not in guided.err, "who asks is told nothing"
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from defocus_core.io.images.color import Color
 from defocus_core.picture.pair import stretch_words
 from defocus_core.picture.sources import windows
 from defocus_core.picture.take import InputPair
-from defocus_core.system.text import note as say
 
 
 def pair(given: InputPair) -> InputPair:
@@ -39,7 +37,8 @@ def pair(given: InputPair) -> InputPair:
     resized = f"{columns}x{rows} px resized"
     metres = given.keeping.new((height, width), np.float32)
     if reading.resize_depth is None:
-        _say_guided(f"{resized} to {width}x{height} px, guided by the colours")
+        words = f"{depth.path.name}: {resized} to {width}x{height} px, guided by the colours"
+        depth = replace(depth, told=(*depth.told, words))
     if reading.resize_depth != "nearest":
         require_valid(depth)
         _fill_guided(metres, depth, color)
@@ -52,12 +51,6 @@ def pair(given: InputPair) -> InputPair:
         metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
     note = f"{depth.note}, {resized} by nearest{stretch_words(share)}"
     return given.with_depth(replace(depth, metres=metres, note=note))
-
-
-@cache
-def _say_guided(words: str) -> None:
-    """Say it of the first of many files."""
-    say(f"defocus: depth of {words}")
 
 
 def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
