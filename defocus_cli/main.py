@@ -123,7 +123,7 @@ def cli(ctx: click.Context) -> None:
 def main(args: Sequence[str] | None = None) -> int:
     """Run the command line ``args`` (default: the process's own) and return the exit code."""
     args = list(sys.argv[1:] if args is None else args)
-    Due.json, Due.quiet = "--json" in args, False
+    Due.json, Due.quiet, Due.keys = "--json" in args, False, {}
     log_to_stderr()
     try:
         with terminations():
@@ -174,8 +174,8 @@ def _in_jobs_file(name: str) -> str:
     """The remedy for an option of a batch that is a key of its jobs file; empty if it is none."""
     from defocus_core.request.jobs_file import KEYS
 
-    table = next((table for table, keys in KEYS.items() if name in keys), "")
-    return table and f"write {name} below [{table}] of the jobs file"
+    table, _, key = KEYS.get(name, "").partition(" ")
+    return table and f"write {key} below {table} of the jobs file"
 
 
 def system_error_line(error: OSError) -> str:
@@ -190,7 +190,7 @@ def _clause(error: click.ClickException) -> str:
 
 def _fail(line: str, exit_code: int, code: str | None = None) -> int:
     """Say why a command failed, on stderr and, if ``--json`` asks for a document, on stdout."""
-    line = with_dashes(line)
+    line = with_dashes(line, Due.keys)
     try:
         write_stderr(f"defocus: {line}")
     except OSError:  # a full disk, or a limit of the size of files

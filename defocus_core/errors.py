@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
 
 # What kinds of mistakes there are: the codes of errors, for programs.
@@ -270,6 +270,6 @@ class NoteKinds:
         return {self._examples[kind]: count for kind, count in ordered}
 
 
-def with_dashes(text: str) -> str:
-    """``text`` with the options that it names as they are on a command line."""
-    return _OPTION.sub(r"--\1", text)
+def with_dashes(text: str, keys: Mapping[str, str] | None = None) -> str:
+    """``text`` with the options that it names as on a command line, or as ``keys`` has them."""
+    return _OPTION.sub(lambda option: (keys or {}).get(option[1], f"--{option[1]}"), text)

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 _FOLDER = "goldens"
 _KEPT = pytest.StashKey[Path]()  # the folder that checks are kept in for the report
 _OWNERS = pytest.StashKey[dict[Path, str]]()
-_SAID = pytest.StashKey[str]()  # where the report is
 _WORD = "defocus_goldens"
 
 
@@ -41,47 +40,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Make the folder that checks are kept in, where a report is wanted."""
-    if not hasattr(config, "workerinput"):
-        config.pluginmanager.register(_Owned(config))
-    if _report_of(config) is not None:
-        config.stash[_KEPT] = Path(tempfile.mkdtemp(prefix="defocus-goldens-"))
-    elif folder := getattr(config, "workerinput", {}).get(_WORD):
-        config.stash[_KEPT] = Path(folder)
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_configure_node(node: Any) -> None:
-    """Name the folder to a process of pytest-xdist."""
-    if _KEPT in node.config.stash:
-        node.workerinput[_WORD] = str(node.config.stash[_KEPT])
-
-
-def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Write the report of all checks."""
-    from defocus_core.errors import InputError
-
-    config, report = session.config, _report_of(session.config)
-    if report is None or _KEPT not in config.stash:
-        return
-    try:
-        if any(config.stash[_KEPT].iterdir()):
-            from defocus_core.reports.html import comparisons
-
-            comparisons.write_checks(config.stash[_KEPT], report)
-            config.stash[_SAID] = f"report of goldens: {report}"
-    except (InputError, OSError) as error:
-        config.stash[_SAID] = f"no report of goldens: {error}"
-    finally:
-        shutil.rmtree(config.stash[_KEPT], ignore_errors=True)
-
-
-def pytest_terminal_summary(
-    terminalreporter: pytest.TerminalReporter, config: pytest.Config
-) -> None:
-    """Say where the report is."""
-    if _SAID in config.stash:
-        terminalreporter.write_line(config.stash[_SAID])
+    """Take in what tests check, in the first process."""
+    given = getattr(config, "workerinput", None)
+    if given is None:
+        config.pluginmanager.register(_TestRun(config))
+    elif _WORD in given:
+        config.stash[_KEPT] = Path(given[_WORD])
 
 
 @pytest.hookimpl(hookwrapper=True)
@@ -94,8 +58,8 @@ def pytest_runtest_makereport(item: pytest.Item) -> Generator[None, Any, None]:
         report.goldens = (str(_folder_of(item)), mine)
 
 
-class _Owned:
-    """The goldens that tests looked at, in a full run of their files."""
+class _TestRun:
+    """All checks of a run: their report, and the goldens that no test looked at."""
 
     def __init__(self, config: pytest.Config) -> None:
         self.config = config
@@ -104,6 +68,16 @@ class _Owned:
         chosen = ("keyword", "markexpr", "lf", "deselect", "stepwise")
         self.partial = any(config.getoption(name, None) for name in chosen)
         self.partial |= any("::" in word for word in config.args)
+        junit = getattr(config.option, "xmlpath", None)
+        self.report = Path(junit).with_suffix(".goldens.html") if junit else None
+        if self.report is not None:
+            config.stash[_KEPT] = Path(tempfile.mkdtemp(prefix="defocus-goldens-"))
+
+    @pytest.hookimpl(optionalhook=True)
+    def pytest_configure_node(self, node: Any) -> None:
+        """Name the folder of checks to a process of pytest-xdist."""
+        if self.report is not None:
+            node.workerinput[_WORD] = str(self.config.stash[_KEPT])
 
     def pytest_deselected(self, items: Sequence[pytest.Item]) -> None:
         """Tests were left out."""
@@ -121,25 +95,38 @@ class _Owned:
     def pytest_terminal_summary(
         self, terminalreporter: pytest.TerminalReporter, exitstatus: int
     ) -> None:
-        """List the goldens that no test owns, or remove them."""
+        """Write the report, and list or remove the goldens that no test owns."""
+        prune, maxfail = map(self.config.getoption, ("--golden-prune", "maxfail"))
+        lines = [] if self.report is None else self._write_report(self.report)
+        if not self.partial and (exitstatus == 0 or (exitstatus == 1 and not maxfail)):
+            lines += list(self._unowned(prune))
+        elif prune:
+            lines.append("--golden-prune: no full run, nothing is removed")
+        for line in lines:
+            terminalreporter.write_line(line)
+
+    def _write_report(self, path: Path) -> list[str]:
+        """Write the report of all checks, and say where it is; nothing if there were none."""
+        from defocus_core.errors import InputError
+        from defocus_core.reports.html import comparisons
+
+        kept = self.config.stash[_KEPT]
+        try:
+            if not any(kept.iterdir()):
+                return []
+            comparisons.write_checks(kept, path)
+        except (InputError, OSError) as error:
+            return [f"no report of goldens: {error}"]
+        finally:
+            shutil.rmtree(kept, ignore_errors=True)
+        return [f"report of goldens: {path}"]
+
+    def _unowned(self, prune: bool) -> Iterator[str]:
+        """A line for each picture that no test looked at, of this run or of no test file."""
+        from defocus_core.compare.picture import SUFFIXES
         from defocus_core.io.below import Folder
 
-        prune = self.config.getoption("--golden-prune")
-        stopped = exitstatus not in (0, 1) or (exitstatus and self.config.getoption("maxfail"))
-        if self.partial or stopped:
-            if prune:
-                terminalreporter.write_line("--golden-prune: no full run, nothing is removed")
-            return
-        for folder, path in self._unowned():
-            if prune:
-                Folder(folder).remove(path.relative_to(folder).as_posix())
-            words = "was removed, as no test owns it" if prune else "no test owns this golden"
-            terminalreporter.write_line(f"{os.path.relpath(path)}: {words}")
-
-    def _unowned(self) -> Iterator[tuple[Path, Path]]:
-        """Pictures that no test looked at, with their folders: of this run, or of no test file."""
-        from defocus_core.compare.picture import SUFFIXES
-
+        words = "was removed, as no test owns it" if prune else "no test owns this golden"
         lost = {
             each
             for root in {folder.parent for folder in self.owned}
@@ -151,20 +138,14 @@ class _Owned:
                 for path in (Path(root, name) for name in sorted(names)):
                     is_picture = path.suffix.lower() in SUFFIXES and not path.is_symlink()
                     if is_picture and path not in self.owned.get(folder, ()):
-                        yield folder, path
+                        yield f"{os.path.relpath(path)}: {words}"
+                        if prune:
+                            Folder(folder).remove(path.relative_to(folder).as_posix())
 
 
 def _folder_of(item: Any) -> Path:
     """The folder of the goldens of a test."""
     return Path(item.path).parent / _FOLDER / Path(item.path).stem
-
-
-def _report_of(config: pytest.Config) -> Path | None:
-    """The report, beside the JUnit file; None if none is written, or another process writes it."""
-    junit = getattr(config.option, "xmlpath", None)
-    if not junit or hasattr(config, "workerinput"):
-        return None
-    return Path(junit).with_suffix(".goldens.html")
 
 
 class Golden:
@@ -290,14 +271,14 @@ class Golden:
         try:
             picture = read_picture(image) if isinstance(image, Path) else of_planes(image, name)
             aim = read_picture(golden)
+            if not isinstance(image, Path):  # an array has neither metadata nor a codec
+                types = {n: kind for n, kind in picture.types.items() if n in aim.types}
+                aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
+            return compare_pictures(name, aim, picture, rules, settings)[0]
         except InputError as error:
             if not self.update:
                 pytest.fail(str(error), pytrace=False)
             return Comparison(name, golden, None, UNREADABLE)
-        if not isinstance(image, Path):  # an array has neither metadata nor a codec
-            types = {n: kind for n, kind in picture.types.items() if n in aim.types}
-            aim = replace(aim, metadata={}, layout={}, types={**aim.types, **types})
-        return compare_pictures(name, aim, picture, rules, settings)[0]
 
     def _place(self, name: str) -> Path:
         """The path of a golden, which lies below the folder, no link followed."""

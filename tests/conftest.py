@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from contextlib import chdir
 from pathlib import Path
 
 import pytest
@@ -28,6 +29,13 @@ if hasattr(signal, "SIGHUP"):
 @pytest.fixture
 def out(tmp_path):
     return tmp_path / "out"
+
+
+@pytest.fixture
+def here(tmp_path):
+    """The folder of the test, in which its commands run."""
+    with chdir(tmp_path):
+        yield tmp_path
 
 
 @pytest.fixture

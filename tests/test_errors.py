@@ -1,12 +1,28 @@
-"""Errors are data: each has a code of the table, and the command line makes one line of it."""
+"""Errors are data, with a code of a table; what Python refuses, it refuses by name: a table."""
 
 import ast
+import math
 import pickle
 from pathlib import Path
 
 import pytest
+import torch
 
 from defocus_cli.commands.help import text
+from defocus_core import (
+    Aperture,
+    CatEye,
+    DualPixel,
+    GuidedDepth,
+    HiddenLayer,
+    PupilImage,
+    RandomDefocus,
+    fit,
+    render,
+    render_layers,
+    sensitivities,
+    with_noise,
+)
 from defocus_core.errors import (
     CALLER,
     CODES,
@@ -16,6 +32,8 @@ from defocus_core.errors import (
     Place,
     with_dashes,
 )
+from defocus_core.optics.parts import Part
+from defocus_core.renderer.engine.settings import Settings
 
 ROOT = Path(__file__).parents[1]
 SOURCES = sorted(ROOT.glob("defocus_c*/**/*.py"))
@@ -97,3 +115,137 @@ def test_a_message_quotes_at_most_200_characters_of_a_path():
     assert max(map(len, str(error).split())) <= 201
     assert str(error).count("end.exr") == 3
     assert error.path == path
+
+
+SIZE = (24, 32)
+IMAGE, RADIUS = torch.rand(3, *SIZE), torch.linspace(-4, 6, SIZE[1]).repeat(SIZE[0], 1)
+DEPTH, COVERAGE = torch.rand(SIZE) + 1, torch.ones(2, *SIZE)
+LAYERS, RADII = torch.stack([IMAGE, IMAGE]), torch.stack([RADIUS, RADIUS])
+HIDDEN = HiddenLayer(IMAGE, RADIUS + 9, RADIUS < 0)
+# Kernels of photodiodes that see the left and the right half, and one over the frame.
+LEFT = torch.ones(15, 15).triu()
+RIGHT = LEFT.flip(1)
+LEFT, RIGHT = RIGHT + 0.1, LEFT + 0.1
+KERNEL = torch.tensor(1.0, dtype=torch.float64)
+
+
+def of(given, door, *rows):
+    """Rows of words, and what is given otherwise to a door that takes the rest."""
+    return [(words, lambda change=change: door(**given | change)) for words, change in rows]
+
+
+ROWS = [
+    *of(
+        {"image": IMAGE, "signed_radius": RADIUS},
+        render,
+        ("image must be", {"image": IMAGE[0]}),
+        ("decode integers to linear light", {"image": (255 * IMAGE).to(torch.uint8)}),
+        ("torch.from_numpy makes a tensor", {"image": IMAGE.numpy()}),
+        ("one image is image.None, None", {"image": IMAGE[0]}),
+        ("several batches are image.flatten", {"image": IMAGE[None, None]}),
+        (r"image.movedim\(-1, -3\)", {"image": IMAGE.movedim(0, -1)}),
+        (r"come last, signed_radius\[..., 0\]", {"signed_radius": RADIUS[..., None]}),
+        ("resample it to .* by nearest", {"signed_radius": RADIUS[:-1]}),
+        ("give one map for each of 2 pictures", {"image": LAYERS}),
+        ("infinity must be one radius, or one for each of 1", {"infinity": [1.0, 2.0]}),
+        ("image must hold a pixel", {"image": IMAGE[:, :0], "signed_radius": RADIUS[:0]}),
+        ("image must be finite", {"image": IMAGE / 0.0}),
+        ("image must be within ±1e", {"image": IMAGE * 3e38}),
+        ("image must be within ±1e", {"image": -IMAGE * 3e38}),
+        ("signed_radius must be", {"signed_radius": RADIUS.T}),
+        ("signed_radius must be", {"signed_radius": RADIUS[None, None, None]}),
+        ("signed_radius must be", {"image": LAYERS}),
+        ("signed_radius must be finite", {"signed_radius": RADIUS * math.nan}),
+        ("signed_radius must be finite", {"signed_radius": RADIUS / 0.0}),
+        ("quality must be one of draft, standard", {"quality": "best"}),
+        ("num_layers must be at least 1", {"num_layers": 0}),
+        ("psf_ks must be at least 1", {"psf_ks": 0}),
+        ("threads must be at least 1", {"threads": 0}),
+        ("one number in px for each of 3 channels", {"color_offsets": (1.0,)}),
+        ("cat_eye must be a CatEye", {"cat_eye": 1.0}),
+        ("depth_repair must be one of auto, off, got 'on'", {"depth_repair": "on"}),
+        ("hidden must be color", {"hidden": HIDDEN._replace(signed_radius=torch.zeros(3, 3))}),
+        ("hidden.color must be finite", {"hidden": HIDDEN._replace(color=IMAGE * math.nan)}),
+        (
+            "hidden.signed_radius must be finite",
+            {"hidden": HIDDEN._replace(signed_radius=RADIUS * math.inf)},
+        ),
+    ),
+    *of(
+        {"colors": LAYERS, "signed_radius": RADII, "coverage": COVERAGE},
+        render_layers,
+        ("coverage must be in", {"coverage": COVERAGE + 0.5}),
+        ("signed_radius must be finite", {"signed_radius": RADII * math.nan}),
+        ("layers must be", {"colors": IMAGE}),
+        ("layers must be", {"signed_radius": RADII[:1]}),
+        ("colors must be a tensor of floats", {"colors": LAYERS.byte()}),
+        ("must be finite", {"colors": LAYERS * math.nan}),
+    ),
+    *of(
+        {},
+        Aperture,
+        ("blades must be 0 or at least 3, got 2", {"blades": 2}),
+        ("got -1", {"blades": -1}),
+        ("rotation must be a finite angle", {"rotation": math.nan}),
+        ("pillbox, gaussian, got 'airy'", {"psf_type": "airy"}),
+        ("curvature must be 0 without blades", {"curvature": 0.5}),
+        ("curvature must be from 0 to 1", {"blades": 6, "curvature": 1.5}),
+        ("obstruction must be from 0 to 0.95", {"obstruction": 1.0}),
+        ("obstruction must be below 0.5, .*got 0.6", {"blades": 3, "obstruction": 0.6}),
+        ("spherical must be from -1 to 1", {"spherical": -2.0}),
+        ("squeeze must be from 0.05 to 20", {"squeeze": 0.0}),
+        ("image must be a PupilImage", {"image": LEFT}),
+        ("blades must be 0 beside an image", {"image": PupilImage(LEFT), "blades": 6}),
+    ),
+    ("size must be at least 1", lambda: Aperture().kernel(KERNEL, 0)),
+    ("floating-point", lambda: Aperture().kernel(torch.tensor(3), 7)),
+    ("overlap the pupil", lambda: Aperture().kernel(KERNEL, 7, Part(x0=0.9, y0=0.9))),
+    ("1, 2, 4 or 16, got 3", lambda: Aperture().parts(3)),
+    ("black", lambda: PupilImage(torch.zeros(4, 4))),
+    (r"\[H, W\]", lambda: PupilImage(torch.ones(3, 4, 4))),
+    ("0 or more", lambda: PupilImage(torch.full((4, 4), -1.0))),
+    ("finite", lambda: PupilImage(torch.full((4, 4), math.nan))),
+    *(("shift must be", lambda o=o: CatEye(*o)) for o in ((1.0, 0.95), (0.0, 0.0), (1.0, -0.1))),
+    ("model must be", lambda: DualPixel(model="round")),
+    ("below 0.5", lambda: DualPixel(crosstalk=0.5)),
+    ("measured must be two", lambda: DualPixel(measured=(LEFT, RIGHT))),
+    ("left must lie left", lambda: sensitivities(RIGHT, LEFT)),
+    ("right must be a tensor", lambda: sensitivities(LEFT, RIGHT[1:])),
+    ("black", lambda: sensitivities(0 * LEFT, 0 * RIGHT)),
+    ("0 or more", lambda: sensitivities(LEFT - 0.2, RIGHT)),
+    *of(
+        {"electrons": 10, "read": 1, "seed": 1},
+        lambda **options: with_noise(IMAGE, **options),
+        *((name, {name: wrong}) for name, wrong in (("electrons", 0), ("read", -1), ("seed", -1))),
+    ),
+    ("same size", lambda: fit(IMAGE, DEPTH[:-1], IMAGE)),
+    ("shape of sharp", lambda: fit(IMAGE, DEPTH, IMAGE[:, :-1])),
+    ("finite", lambda: fit(IMAGE, DEPTH * math.inf, IMAGE)),
+    ("differ somewhere", lambda: fit(IMAGE, COVERAGE[0], IMAGE)),
+    *(
+        (r"depth must be \[h, w\] of positive", lambda b=b: GuidedDepth(DEPTH.clamp(max=b), IMAGE))
+        for b in (0.0, -1.0, math.nan)
+    ),
+    ("depth must be", lambda: GuidedDepth(LAYERS[0], IMAGE)),
+    ("depth_repair must be one of auto, off, got True", lambda: RandomDefocus(depth_repair=True)),
+    *of(
+        {},
+        Settings,
+        ("depth_repair must be one of auto, off, got 'on'", {"depth_repair": "on"}),
+        ("edge_width must be 0 to 100 px, got -1", {"edge_width": -1.0}),
+        ("edge_width must be", {"edge_width": math.nan}),
+        ("edge_width must be 0 to 100 px, got 101", {"edge_width": 101}),
+        (
+            "edge_width=4 contradicts depth_repair='off'",
+            {"depth_repair": "off", "edge_width": 4.0},
+        ),
+    ),
+]
+
+
+@pytest.mark.parametrize(
+    ("words", "door"), ROWS, ids=[f"{n}: {row[0]}" for n, row in enumerate(ROWS)]
+)
+def test_what_makes_no_sense_is_refused_by_name(words, door):
+    with pytest.raises(ValueError, match=words):
+        door()

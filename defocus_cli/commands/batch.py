@@ -81,6 +81,7 @@ def command(
     if shard is not None and shards_size is not None:
         problem, remedy = "needs the whole batch", "give it to 'defocus merge'"
         raise UsageProblem("whole-batch", problem, remedy, field="shards-size")
+    console.name_keys()
     batch = read_batch(jobs_file, Outputs(out, overwrite=overwrite), crew.machine)
     execution = Execution(
         crew.execute(),

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, Listed, names_of, option
+from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import console
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.bench import tables
@@ -21,7 +21,7 @@ from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
 from defocus_core.io.safe_files import written_whole
 from defocus_core.request.job import DEVICES
-from defocus_core.request.quantities import pixel_count
+from defocus_core.request.quantities import one_of, pixel_count, several
 from defocus_core.system.process import cores
 
 _time_option = partial(option, heading="Time")
@@ -55,7 +55,7 @@ def _size(word: str) -> Size:
     "--quality QUALITY,…",
     f"What to measure, of {', '.join(QUALITIES)}.  "
     f"[default: {','.join(_QUALITIES)}; standard with --time]",
-    names_of(QUALITIES, "quality"),
+    several(one_of(QUALITIES), "draft,standard"),
     into="qualities",
     default=(),
 )
@@ -76,13 +76,13 @@ def _size(word: str) -> Size:
 @_time_option(
     "--sizes WxH,…",
     "Sizes in px.  [default: 480x270,960x540]",
-    Listed(_size, "size", "480x270,1920x1080"),
+    several(_size, "480x270,1920x1080"),
     default=SIZES,
 )
 @_time_option(
     "--radii R,…",
     "Largest blur radii in px.  [default: 8,32]",
-    Listed(pixel_count, "radius", "8,32"),
+    several(pixel_count, "8,32"),
     default=RADII,
 )
 @click.pass_context
@@ -139,11 +139,11 @@ def command(
 
 def _refuse_others(ctx: click.Context, *, timing: bool, counting: bool) -> None:
     """Refuse options that would mean nothing."""
-    problem, remedy = "means nothing without --time", "add --time"
+    problem, remedy = "has no effect without --time", "add --time"
     others = _TIMES_ALONE
     if timing or counting:
         mode, others = ("--launches", _NOT_COUNTED) if counting else ("--time", _ERRORS_ALONE)
-        problem, remedy = f"means nothing with {mode}", "leave one of them out"
+        problem, remedy = f"has no effect with {mode}", "leave one of them out"
     for name, place in others.items():
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
             raise UsageProblem("contradiction", problem, remedy, path=place)

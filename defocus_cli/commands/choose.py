@@ -13,7 +13,7 @@ from defocus_cli.options.types import FilePath, GroupedCommand, ReportPath, outp
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_core.errors import UsageProblem
-from defocus_core.picture.subject import completed
+from defocus_core.picture.subject import with_blur_and_focus
 from defocus_core.reports.html.focus_choice import write_choice
 from defocus_core.request.job import Machine, Reading
 from defocus_core.request.pairing import find_pictures
@@ -61,7 +61,7 @@ def command(
         problem = f"holds {len(pictures)} pictures, and the page is of one"
         raise UsageProblem("contradiction", problem, "name one file", path=color)
     typed = click.get_current_context().meta["typed"]
-    one = completed(lenses, pictures, reading, typed, whole_subject=False)
+    one = with_blur_and_focus(lenses, pictures, reading, typed, whole_subject=False)
     lens, _ = one.of(pictures[0])
     with tile_bar("picture") as progress:
         write_choice(pictures[0], lens, reading, out, machine, progress)

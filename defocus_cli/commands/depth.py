@@ -44,16 +44,6 @@ def command(
     read alike. A file that cannot be converted is named, and the others are converted.
 
     \b
-    With --json, "files" has of each:
-      file, out    the paths
-      size         width and height in px
-      range_m      the nearest and the farthest depth but sky; null if all is sky
-      sky_pixels, replaced_pixels
-      note         how the file was read
-      warnings     what was taken for granted, and what tells of another format
-    and "failed" of files that could not be converted: subject, problem, remedy
-
-    \b
     Examples:
       defocus depth 000001.png --depth-format kitti --invalid fill -o depth.exr
       defocus depth disp0.pfm --depth-format middlebury --invalid far -o depth.exr

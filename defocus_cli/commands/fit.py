@@ -157,22 +157,6 @@ def command(
     rendering must invent, hardly count. Errors are standard errors.
 
     \b
-    With --json, "pairs" has of each:
-      picture      its path
-      focus_m, focus_dioptres, focus_error_dioptres; focus_m is null at infinity
-      fnumber, fnumber_error (relative), px_per_dioptre; an error is null if it is unbounded
-      blades, blade_rotation_deg, gains
-      gamma, gamma_error (relative), shift_px (right, down)
-      magnification  size of things in BLURRED over that in SHARP, about the middle
-      dp_model, dp_crosstalk, dp_crosstalk_error, left_is_right, side_shading, of a pair
-      explained    share of the difference of the pictures that the blur explains
-      coc_mean_px, coc_p50_px, coc_p99_px, of the radii without sign
-      psnr         all, edges, elsewhere, in dB of compressed light
-      doubts       what these pictures do not tell
-      refusals     code, problem, remedy: why this is not their lens
-    and "failed" of pictures without a lens: subject, problem, remedy
-
-    \b
     Examples:
       defocus fit sharp.exr depth.exr blurred.exr -o lens.toml
       defocus fit sharp.png d.png blurred.png --depth-kind disparity --depth-range 1m 20m
@@ -218,7 +202,7 @@ def _fit_one(
 def _distance(focus: float | quantities.Percentile | None, foclen: float) -> float | None:
     """The distance in focus in mm, of an option."""
     if isinstance(focus, quantities.Percentile):
-        problem, remedy = "is no distance", "give it like 2m"
+        problem, remedy = "is not a distance", "give it like 2m"
         raise UsageProblem("malformed", problem, remedy, field="focus", value=str(focus))
     if focus is not None and focus <= foclen:
         problem = f"{length_text(focus)} is not beyond the focal length {length_text(foclen)}"
@@ -234,7 +218,7 @@ def _places(
     places = [out and (out / f"{pair.picture.stem}.toml" if many else out) for pair in pairs]
     for named in filter(None, places):
         if named.suffix != ".toml":
-            problem = f"{named} is no lens file"
+            problem = f"{named} is not a lens file"
             raise UsageProblem("malformed", problem, "let it end in .toml", path="-o")
         shared.refuse_existing(named, overwrite=overwrite)
     if many and out is not None:

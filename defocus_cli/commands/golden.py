@@ -172,6 +172,7 @@ def check(
 def _render(
     jobs_file: Path, crew: WorkerConfig, only: Sequence[str]
 ) -> AbstractContextManager[FreshPictures]:
+    console.name_keys()
     report = batch_report.BatchReport(each=False)
     execution = Execution(crew.execute(), spread=crew.spread)
     return rendered(jobs_file, crew.machine, execution, report, only)

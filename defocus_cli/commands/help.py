@@ -21,7 +21,8 @@ TOPICS = {
     "fit": "the lens between a sharp and a blurred picture, of depth of any scale",
     "compare": "comparison of pictures, thresholds, goldens, CI",
     "python": "the library: files, lenses, training, batches, comparison",
-    "exit-codes": "exit codes, error lines, output for scripts",
+    "json": "what the documents of --json hold, field by field",
+    "exit-codes": "exit codes, error lines, completion",
     "cite": "how to cite defocus and what it is built on",
 }
 

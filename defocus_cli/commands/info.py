@@ -54,35 +54,6 @@ def command(
     and, with a lens, where blur is largest.
 
     \b
-    With --json, "files" has of each:
-      file, size   its path; width and height in px
-      parts        index, name, deep, views, and channels with their types; of an EXR
-                   data_window and display_window (x and y of their first and last pixel),
-                   pixel_aspect; of a deep one samples: most_of_a_pixel, total, pixels,
-                   range_z, the least and greatest depth as it stands in the file
-      color        channels, nonfinite_pixels; with alpha nothing_pixels (0) and partial_pixels
-                   (below 1); null if there is none, as is depth
-      color_note, depth_note
-                   how they would be read, or why there is none
-      depth        range_m, or range of what is no distance, sky_pixels, invalid_pixels,
-                   nothing_pixels, where the alpha of the colour is 0; with a lens, which lens,
-                   coc_px and coc_of, the size of the picture that they are px of, which is
-                   that of the colour beside it, repair in words, depth_repair in numbers
-                   (kinds, noise_px, edge_width_px, displaced_px, share of pixels), warnings of a
-                   depth that hardly suits it
-      evidence     formats that the depth could be of
-      maps         kind, and range_px or range, of what 'defocus render' wrote
-    "shots" has of each pattern:
-      pattern, frames, gaps, largest_blur (frame, coc_px)
-      sizes        size, and the frames of this size
-      depth        of 25 frames at most: frame, range_m or range, sky_pixels, and with a lens
-                   focus_mm, coc_px, repair
-    "pairs" has, of a file of colour and one of depth, or a file of both, whose size is one:
-      color, depth the files
-      evidence     what shows that the colour is blurred already
-    and "failed" of files that cannot be read: subject, problem, remedy
-
-    \b
     Examples:
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m

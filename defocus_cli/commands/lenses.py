@@ -28,10 +28,6 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     A lens that ships has no focus: give it one, and any other option that should win over it.
 
     \b
-    With --json, "lenses" has of each: name, subject, file; and "sensors", as '--dp-model @NAME'
-    takes them: name, subject, model, crosstalk.
-
-    \b
     Examples:
       defocus lenses -o looks.png
       defocus render rgb.exr depth.exr -o out --lens @portrait-85 --focus 2m
@@ -39,7 +35,7 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     lenses = shipped_lenses()
     if out is not None:
         if out.suffix.lower() != ".png":
-            raise InputError("malformed", "is no PNG", "end its name in .png", path=out)
+            raise InputError("malformed", "is not a PNG", "end its name in .png", path=out)
         shared.refuse_existing(out, overwrite=overwrite)
         from defocus_core.reports.sheets import write_lens_sheet
 

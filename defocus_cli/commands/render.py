@@ -17,7 +17,7 @@ from defocus_cli.words import console
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.plan import Execution, make_plan
 from defocus_core.errors import UsageProblem
-from defocus_core.picture.subject import completed
+from defocus_core.picture.subject import with_blur_and_focus
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading, of_views
 from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import KINDS
@@ -89,7 +89,9 @@ def command(
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
     pictures, every = find(color, depth, others, frames=shot.choice(lenses.animation))
-    lenses = completed(lenses, pictures, reading, click.get_current_context().meta["typed"])
+    lenses = with_blur_and_focus(
+        lenses, pictures, reading, click.get_current_context().meta["typed"]
+    )
     jobs = [
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)

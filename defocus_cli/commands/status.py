@@ -11,6 +11,7 @@ from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.journal.left import progress
+from defocus_core.request.origin import KEPT
 
 
 @click.command("status", cls=GroupedCommand)
@@ -34,6 +35,8 @@ def command(out: Path, failures: int, as_json: bool) -> None:
       defocus status out --json
       jq -r 'select(.status == "failed") | .message' out/journal.jsonl
     """  # noqa: D301  click reads the backspace
+    if (out / KEPT).exists():
+        console.name_keys()
     state = progress(out, failures)
     if as_json:
         console.print_json(**batch_report.progress_record(state))

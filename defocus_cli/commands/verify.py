@@ -70,8 +70,11 @@ def command(machine: Machine, as_json: bool) -> int:
         )
     else:
         console.stdout(*_lines(checks))
+        measured = [check for check in checks if check.value is not None]
+        failed = sum(not check.ok for check in measured)
+        verdict = f"{failed} of {len(measured)} FAILED" if failed else f"all {len(measured)} hold"
         work = f"{device}, {machine.quality}, {counted(machine.threads, 'thread')}"
-        console.stdout(f"{_summary(checks, seconds)} ({work})")
+        console.stdout(f"{verdict}, {seconds:.1f} s ({work})")
     return 0 if ok else 1
 
 
@@ -88,14 +91,6 @@ def _lines(checks: Sequence[Check]) -> Iterator[str]:
             worst, verdict = f"{check.value:.2g}", _WORDS[check.ok]
         numbers = f"{worst:>8}  {check.bound:>8.2g}  {check.unit:5}"
         yield f"{check.law:{law}}  {check.measured:{measured}}  {numbers}  {verdict}"
-
-
-def _summary(checks: Sequence[Check], seconds: float) -> str:
-    """Number of checks that failed, in words."""
-    measured = [check for check in checks if check.value is not None]
-    failed = [check for check in measured if not check.ok]
-    verdict = f"{len(failed)} of {len(measured)} FAILED" if failed else f"all {len(measured)} hold"
-    return f"{verdict}, {seconds:.1f} s"
 
 
 def _record(check: Check) -> dict[str, Any]:

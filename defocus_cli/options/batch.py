@@ -44,7 +44,7 @@ def shard_of(text: str) -> Shard:
     """A part of a batch, written i/n."""
     match = re.fullmatch(r"\s*(\d{1,6})\s*/\s*(\d{1,6})\s*", text)
     if not match or not 1 <= int(match[1]) <= int(match[2]):
-        problem = f"'{text}' is no part of a batch"
+        problem = f"'{text}' is not a part of a batch"
         raise QuantityError(problem, "write it like 2/8, from 1/8 to 8/8")
     return Shard(int(match[1]), int(match[2]))
 

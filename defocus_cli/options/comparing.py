@@ -16,7 +16,6 @@ from defocus_cli.options import shared
 from defocus_cli.options.types import (
     Decorator,
     FilePath,
-    Listed,
     ReportPath,
     bundle,
     option,
@@ -39,7 +38,7 @@ from defocus_core.compare.thresholds import (
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.reports.comparison_words import write_junit
 from defocus_core.reports.html import comparisons
-from defocus_core.request.quantities import QuantityError
+from defocus_core.request.quantities import QuantityError, several
 
 _NO_RULES = Rules()
 _REPORTS = ("diff", "junit", "html", "causes")  # attributes of ComparisonOptions
@@ -112,7 +111,7 @@ def _difference(text: str) -> float:
     try:
         return difference(float(text), CALLER)
     except (ValueError, UsageProblem):
-        problem, remedy = f"'{text}' is no difference of 0 or more", f"write {OVER}"
+        problem, remedy = f"'{text}' is not a difference of 0 or more", f"write {OVER}"
         raise QuantityError(problem, remedy) from None
 
 
@@ -153,7 +152,7 @@ def _rules() -> list[Decorator]:
             "--ignore-metadata NAME,…",
             "Attributes that may differ, besides times and the program that wrote the file; "
             "* stands for any characters.",
-            Listed(str, "name", "compression"),
+            several(str, "compression,software"),
             default=(),
         ),
     ]

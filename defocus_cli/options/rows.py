@@ -7,39 +7,23 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.types import Decorator, option, position_of
+from defocus_cli.options.types import Decorator, option
 from defocus_core.errors import CALLER, with_dashes
 from defocus_core.request.parameters import Param
 from defocus_core.request.quantities import read_at
 from defocus_core.request.resolver import Given, Layer, refuse_contradiction, value_of
 
 
-class OptionText(click.ParamType[str]):
-    """The text of an option of a table, once it makes sense by itself."""
-
-    def __init__(self, name: str, metavar: str) -> None:
-        self.option = name
-        self.name = metavar
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """The text as it is."""
-        read_at(position_of(param), value_of, self.option, value)
-        return str(value)
-
-
-def param_option(heading: str, param: Param, default: str | None = None) -> Decorator:
+def param_option(heading: str, param: Param) -> Decorator:
     """The option of a row of a table of options, whose value is a text."""
-    settings: dict[str, Any] = {"heading": heading, "is_common": param.is_common}
-    kind: click.ParamType[str] | None = None
+    settings: dict[str, Any] = {"heading": heading, "is_common": param.is_common, "default": None}
     spelling = f"--{param.name} {param.metavar}"
     if param.toggle:
-        spelling, settings["default"] = f"--{param.name}/--no-{param.name}", None
-    elif param.words > 1:
-        kind, settings["nargs"] = click.STRING, param.words
+        spelling = f"--{param.name}/--no-{param.name}"
     elif not param.flag:
-        kind = OptionText(param.name, param.metavar)
         spelling += f"[{'|'.join(param.choices)}]" if param.choices else ""
-    return option(spelling, with_dashes(param.help), kind, **{"default": default, **settings})
+        settings |= {"kind": click.STRING, "nargs": param.words}
+    return option(spelling, with_dashes(param.help), **settings)
 
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:

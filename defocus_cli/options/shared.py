@@ -26,9 +26,9 @@ from defocus_cli.words.console import Due
 from defocus_core.allowed_values import MIN_TILE
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.request.job import DEVICES, FIELDS, Machine, Outputs
-from defocus_core.request.job_options import OUTPUT_OPTIONS, QUALITY
+from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, QUALITY
 from defocus_core.request.quantities import byte_count
-from defocus_core.request.resolver import outputs_of
+from defocus_core.request.resolver import fields_of, outputs_of
 from defocus_core.system.process import cores
 
 MAX_THREADS = 1024  # more than any machine has cores for one picture
@@ -117,22 +117,26 @@ def name_option(command: Command) -> Command:
 
 def machine_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute."""
-    return bundle("machine", Machine, _computing())(command)
+    return bundle("machine", _machine, _computing())(command)
 
 
 def draft_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute drafts."""
-    return bundle("machine", Machine, _computing()[1:])(command)
+    return bundle("machine", _machine, _computing()[1:])(command)
 
 
 def rendering_options(command: Command) -> Command:
     """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
-    return bundle("machine", Machine, [*_computing(), *memory_options()])(command)
+    return bundle("machine", _machine, [*_computing(), *memory_options()])(command)
+
+
+def _machine(quality: str | None = None, **others: Any) -> Machine:
+    return Machine(**fields_of(given_options({"quality": quality}, MACHINE_OPTIONS)), **others)
 
 
 def _computing() -> list[Decorator]:
     return [
-        param_option("Machine", QUALITY, default=Machine.quality),
+        param_option("Machine", QUALITY),
         device_option(),
         machine_option(
             "--threads N",
@@ -180,7 +184,7 @@ def check_inputs_option(command: Command) -> Command:
 
 def json_option(command: Command) -> Command:
     """Hand a command ``as_json``."""
-    text = "Print one JSON document on stdout."
+    text = "Print one JSON document on stdout.  ('defocus help json')"
     return option("--json", text, into="as_json")(command)
 
 

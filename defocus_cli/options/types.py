@@ -11,9 +11,9 @@ from typing import Any
 
 import click
 
-from defocus_core.errors import Place, UsageProblem, did_you_mean
+from defocus_core.errors import Place, UsageProblem
 from defocus_core.reports.replaceable import refuse_other
-from defocus_core.request.quantities import read_at, require_length
+from defocus_core.request.quantities import read_at
 
 Command = Callable[..., Any]
 Decorator = Callable[[Command], Command]
@@ -67,43 +67,6 @@ class Quantity(click.ParamType[Any]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Parse ``value``; what is parsed already passes."""
         return read_at(position_of(param), self.parse, value) if isinstance(value, str) else value
-
-
-class Listed(click.ParamType[tuple[Any, ...]]):
-    """Values separated by commas, each once, in the order given."""
-
-    def __init__(
-        self, parse: Callable[[str], Any], name: str, example: str, known: Sequence[str] = ()
-    ) -> None:
-        self.parse = parse
-        self.name = name
-        self.example = example
-        self.known = known
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[Any, ...]:
-        """Split and parse."""
-        if not isinstance(value, str):
-            return tuple(value)
-        values = []
-        for word in read_at(position_of(param), require_length, value).split(","):
-            try:
-                values.append(self.parse(word.strip()))
-            except ValueError:
-                problem = f"'{word.strip()}' is no {self.name}"
-                remedy = did_you_mean(word.strip(), self.known, f"write like {self.example}")
-                raise UsageProblem("malformed", problem, remedy, path=position_of(param)) from None
-        return tuple(dict.fromkeys(values))
-
-
-def names_of(known: Sequence[str], name: str) -> Listed:
-    """The type of an option that takes names of ``known``, separated by commas."""
-
-    def parse(word: str) -> str:
-        return known[known.index(word)]
-
-    return Listed(parse, name, ",".join(known), known)
 
 
 # The topics of help that explain the options under a heading

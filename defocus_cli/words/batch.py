@@ -163,7 +163,7 @@ def error_record(summary: Summary) -> dict[str, Any]:
         exit_code = exit_code_of(error)
     elif isinstance(error, OSError):
         exit_code = 3
-    line = with_dashes(error_line(error))
+    line = with_dashes(error_line(error), console.Due.keys)
     return {"error": {"message": line, "exit_code": exit_code, "code": code}}
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from errno import ENOSPC
 from logging import Handler, LogRecord, getLogger
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import click
 
@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 def stderr(line: str) -> None:
     """One line on stderr, above the progress bar if there is one; if quiet, only of trouble."""
-    line = with_dashes(printable(line))
+    line = with_dashes(printable(line), Due.keys)
     if Due.quiet and not (line.startswith("defocus: ") or "warning: " in line):
         return
     # A closed stderr is no reason to lose the picture.
@@ -83,7 +83,7 @@ def log_to_stderr() -> None:
 def stdout(*lines: str) -> None:
     """Lines on stdout."""
     for line in lines:
-        _print(with_dashes(printable(line)))
+        _print(with_dashes(printable(line), Due.keys))
 
 
 class Due:
@@ -91,13 +91,21 @@ class Due:
 
     json = False
     quiet = False
+    keys: ClassVar[Mapping[str, str]] = {}  # what options are named that a jobs file has
+
+
+def name_keys() -> None:
+    """From now on, what the command that runs says names options as the keys of its jobs file."""
+    from defocus_core.request.jobs_file import KEYS
+
+    Due.keys = KEYS
 
 
 def print_json(**document: Any) -> None:
     """One JSON document on stdout, which names the version first."""
     Due.json = False
     text = json.dumps({"defocus": version(), **document}, indent=1, allow_nan=False)
-    _print(with_dashes(text.replace(r"\u2039", "‹").replace(r"\u203a", "›")))
+    _print(with_dashes(text.replace(r"\u2039", "‹").replace(r"\u203a", "›"), Due.keys))
 
 
 def _print(text: str) -> None:

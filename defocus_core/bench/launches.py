@@ -114,7 +114,7 @@ def with_table(text: str | None, lines: Sequence[str], path: Path) -> str:
     if text is None:
         return "\n".join([*lines, ""])
     if _HEADING[0] not in text.split("\n"):
-        problem, remedy = "holds no table of launches", "name a file that does, or a new one"
+        problem, remedy = "has no table of launches", "name a file that does, or a new one"
         raise InputError("malformed", problem, remedy, path=path)
     before, _, after = _split(text)
     return "\n".join([*before, *lines, *after])

@@ -14,12 +14,13 @@ from typing import Any
 from defocus_core.bench.error import BASELINES, Row
 from defocus_core.bench.timing import Case, MeasuredCost
 
+Columns = dict[str, tuple[str, int, int]]
 JUDGED = "standard"
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
 _MIN_DB, _MIN_SSIM, _MIN_FRACTION = 0.1, 0.001, 0.01
 # Relative RMSE of rounding to half, which truth and input have both.
 _ROUNDING = 1.4e-4
-# Title, width and decimals of each column of numbers.
+# Title, width and decimals of each column of numbers; of errors, then of times.
 _COLUMNS = {
     "psnr": ("PSNR", 7, 2),
     "psnr_edges": ("edges", 7, 2),
@@ -30,6 +31,14 @@ _COLUMNS = {
     "seconds": ("seconds", 9, 3),
     "fft_units": ("FFTs", 9, 1),
     "peak_mb": ("MB", 7, 0),
+}
+_OF_TIMES = {
+    "seconds": ("seconds", 9, 3),
+    "fft_units": ("FFTs", 8, 1),
+    "peak_mb": ("MB", 7, 0),
+    "launches": ("launches", 10, 0),
+    "waits": ("waits", 7, 0),
+    "written_mb": ("MB written", 12, 0),
 }
 
 
@@ -98,14 +107,13 @@ def error_document(rows: Sequence[Row]) -> dict[str, Any]:
 
 def error_heading() -> str:
     """The titles of the columns of errors."""
-    titles = "".join(f"{title:>{width}}" for title, width, _ in _COLUMNS.values())
-    return f"{'scene':<10}{'shot':<8}{'method':<9}{titles}"
+    return f"{'scene':<10}{'shot':<8}{'method':<9}{_titles(_COLUMNS)}"
 
 
 def error_line(row: Row, *, worse: bool = False) -> str:
     """A row of the table, marked if it is a regression."""
     names = f"{row.scene:<10}{row.shot:<8}{row.method:<9}"
-    return names + _cells(record(row)) + (" !" if worse else "")
+    return names + _cells(record(row), _COLUMNS) + (" !" if worse else "")
 
 
 def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
@@ -115,7 +123,7 @@ def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
     yield ""
     yield f"means of {shots} shot{'s' * (shots != 1)}, PSNR capped at {CAP:g} dB"
     for mean in averages:
-        yield f"{'mean':<18}{mean['method']:<9}" + _cells(mean)
+        yield f"{'mean':<18}{mean['method']:<9}" + _cells(mean, _COLUMNS)
     worse = regressions(rows)
     if worse:
         yield ""
@@ -132,10 +140,14 @@ def _loss(loss: dict[str, Any]) -> str:
     return f"! {loss['scene']} {loss['shot']}: {JUDGED} loses {words} to {baseline}"
 
 
-def _cells(values: dict[str, Any]) -> str:
+def _titles(columns: Columns) -> str:
+    return "".join(f"{title:>{width}}" for title, width, _ in columns.values())
+
+
+def _cells(values: dict[str, Any], columns: Columns) -> str:
     return "".join(
         f"{'-':>{width}}" if values[name] is None else f"{values[name]:>{width}.{decimals}f}"
-        for name, (_, width, decimals) in _COLUMNS.items()
+        for name, (_, width, decimals) in columns.items()
     )
 
 
@@ -148,19 +160,11 @@ def time_record(case: Case, cost: MeasuredCost) -> dict[str, Any]:
 
 def time_heading() -> str:
     """The titles of the columns of times."""
-    names = f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{'seconds':>9}{'FFTs':>8}{'MB':>7}"
-    return f"{names}{'launches':>10}{'waits':>7}{'MB written':>12}"
+    return f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{_titles(_OF_TIMES)}"
 
 
 def time_line(case: Case, cost: MeasuredCost) -> str:
     """A row of the table of times."""
     size = "{}x{}".format(*case.size)
-    memory = "-" if cost.peak_mb is None else f"{cost.peak_mb:.0f}"
     names = f"{case.kind:<8}{size:<11}{case.radius:<6g}{case.quality:<10}"
-    counts = map(_counted, (cost.launches, cost.waits, cost.written_mb))
-    asked = "{:>10}{:>7}{:>12}".format(*counts)
-    return f"{names}{cost.seconds:>9.3f}{cost.fft_units:>8.1f}{memory:>7}{asked}"
-
-
-def _counted(number: float | None) -> str:
-    return "-" if number is None else f"{number:.0f}"
+    return names + _cells(asdict(cost), _OF_TIMES)

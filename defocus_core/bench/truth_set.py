@@ -76,7 +76,7 @@ def find_shots(root: Path) -> list[TruthShot]:
     """All shots of a set, by name of the scene."""
     if not root.is_dir():
         raise InputError(
-            "not-found", "is no directory", "name one that holds <scene>/camera.json", path=root
+            "not-found", "is not a directory", "name one that holds <scene>/camera.json", path=root
         )
     cameras = sorted(root.glob("*/camera.json"))
     if not cameras:

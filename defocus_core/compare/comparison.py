@@ -1,35 +1,29 @@
-"""One pair compared: the record that reports are made of, and the verdict.
+"""One pair compared: its metrics and findings, and the verdict.
 
 Without rules, B is the same if all values are equal over the display window; −0 equals 0, and NaN
 equals NaN. With rules to fail, the rules decide about values. Another size, another set of
 channels, and NaN or infinity on one side only are never the same.
-
-Another number type, order of channels, codec or data window is a note. Metadata that differs is
-listed apart.
 """
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from filecmp import cmp
-from fnmatch import fnmatchcase
-from itertools import product
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from defocus_core.compare.findings.choice import diagnose
 from defocus_core.compare.findings.finding import Finding, is_place
 from defocus_core.compare.findings.tone import clipped_light, lost_channels, may_be_cut_below
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges, measure_flip
 from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.picture import DecodedPicture, color_layers, in_linear_light, read_picture
+from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels, count_nonfinite
 from defocus_core.compare.record import (
     DIFFERENT,
@@ -49,9 +43,17 @@ from defocus_core.compare.selection import (
     read_mask,
     within_neighbours,
 )
+from defocus_core.compare.structure import (
+    changed_metadata,
+    compare_primaries,
+    compare_samples,
+    depths_of_samples,
+    notes_of,
+    of_another_size,
+    of_structure,
+)
 from defocus_core.compare.thresholds import OVER, PRESETS, ROUNDING, Rule, Rules, rule
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.images.primaries import primaries_name, same_primaries
 from defocus_core.request.quantities import QuantityError
 from defocus_core.system.text import counted
 
@@ -62,162 +64,7 @@ _NEVER_SILENT = (
 )  # findings that are a warning if no rule fails
 _SMALL = 0.1  # scale of values below which rounding is a share of it
 _SEEN = 0.5 / 255  # half a step of 8 bits, on the scale of hdr
-# Attributes that differ from run to run: times, and the program that wrote a file.
-_OF_A_RUN = ("capdate", "*date", "date*", "*datetime*", "time", "*time*", "software", "utcoffset")
-_DEPTHS = ("Z", "ZBack")  # channels of deep samples
 _CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
-
-
-def _of_structure(
-    a: DecodedPicture, b: DecodedPicture, resized: Sequence[str], lone: Sequence[str]
-) -> Iterator[Finding]:
-    """Another size, missing and further channels; but for those of depth that are alone."""
-    if (a.width, a.height) != (b.width, b.height):
-        text = f"another size: {b.width}x{b.height} instead of {a.width}x{a.height}"
-        values = {"a": [a.width, a.height], "b": [b.width, b.height]}
-        yield Finding("another size", text, values)
-    elif resized:
-        text = f"another size of {_list(resized)}"
-        yield Finding("another size", text, {"channels": list(resized)})
-    for word, one, other in (("missing", a, b), ("further", b, a)):
-        names = [n for n in one.planes if n not in other.planes and n not in lone]
-        if names:
-            text = f"{word} channel{'s' * (len(names) > 1)} {_list(names)}"
-            yield Finding(f"{word} channel", text, {"channels": names})
-
-
-def compare_primaries(
-    a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str] = ()
-) -> Finding | None:
-    """Whether two pictures declare other primaries, by which equal numbers are other colours."""
-    counts = _heeded({"chromaticities": ""}, ignored)
-    if not counts or same_primaries(a.primaries, b.primaries) or not any(color_layers([*a.planes])):
-        return None
-    old, new = (primaries_name(each.primaries) for each in (a, b))
-    text = f"other primaries declared: {new} instead of {old}"
-    return Finding("other primaries declared", text, {"a": old, "b": new})
-
-
-def compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
-    """How the samples of two deep pictures differ; None if they do not, or one is flat."""
-    if not a.samples or not b.samples:
-        return None
-    old, new = (each.samples[""] for each in (a, b))
-    if not np.array_equal(old, new):
-        places, owners = np.unique(np.concatenate([old, new]), return_inverse=True)
-        counts = [np.bincount(of, minlength=len(places)) for of in np.split(owners, [len(old)])]
-        pixels = int(np.count_nonzero(counts[0] != counts[1]))
-        text = f"deep samples: another number in {counted(pixels, 'pixel')}"
-        return Finding("deep samples", text, {"pixels": pixels})
-    greatest = {
-        name: float(np.abs(b.samples[name].astype("f8") - values).max(initial=0.0))
-        for name, values in a.samples.items()
-        if name in b.samples and not np.array_equal(values, b.samples[name], equal_nan=True)
-    }
-    if not greatest:
-        return None
-    each = ", ".join(f"{name} by up to {maximum:.3g}" for name, maximum in greatest.items())
-    return Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
-
-
-def _depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:
-    """Channels of depth that a deep picture must have, and that the other lacks as it is flat."""
-    if bool(a.samples) == bool(b.samples):
-        return []
-    deep, flat = (a, b) if a.samples else (b, a)
-    names = set(deep.planes) - set(flat.planes)
-    return sorted(name for name in names if name.rpartition(".")[2] in _DEPTHS)
-
-
-def _heeded(metadata: Mapping[str, str], ignored: Sequence[str]) -> dict[str, str]:
-    """The attributes that count."""
-    patterns = [pattern.lower() for pattern in (*_OF_A_RUN, *ignored)]
-
-    def counts(name: str) -> bool:
-        full = name.lower()
-        return not any(
-            fnmatchcase(full, p) or fnmatchcase(re.split("[/:]", full)[-1], p) for p in patterns
-        )
-
-    return {name: text for name, text in metadata.items() if counts(name)}
-
-
-def _list(names: Sequence[str]) -> str:
-    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-    return ", ".join(names[:8]) + more
-
-
-def _notes(a: DecodedPicture, b: DecodedPicture) -> list[str]:
-    types: dict[tuple[str, str], list[str]] = {}
-    for name in a.planes:
-        old, new = a.types[name], b.types.get(name)
-        if new is not None and new != old:
-            types.setdefault((old, new), []).append(name)
-    notes = [f"{_list(names)} {new} instead of {old}" for (old, new), names in types.items()]
-    if a.layout.get("format") != b.layout.get("format"):
-        return [*notes, f"{b.layout.get('format')} instead of {a.layout.get('format')}"]
-    said = {"channel order"} if set(a.planes) != set(b.planes) else set()
-    if (a.width, a.height) != (b.width, b.height):
-        said |= {key for key in a.layout if "window" in key}
-    layouts = ({k: v for k, v in each.layout.items() if k not in said} for each in (a, b))
-    return [*notes, *_differing(*layouts)]
-
-
-def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
-    """Each key whose values differ, in words."""
-    lines = []
-    for key in sorted({*a, *b}):
-        if a.get(key) != b.get(key):
-            old, new = (_short(d[key]) if key in d else "nothing" for d in (a, b))
-            lines.append(f"{key} {new} instead of {old}")
-    return lines
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 60 else f"{text[:57]}…"
-
-
-def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
-    """How a picture of another size comes from A, if that is seen: as a crop, or turned by 90°."""
-    sides = []
-    for side in (a, b):
-        size = (side.height, side.width)
-        sides.append({n: plane for n, plane in side.planes.items() if plane.shape == size})
-    names = [name for name in sides[0] if name in sides[1]]
-    if not names:
-        return
-    old, new = (np.stack([np.nan_to_num(side[name]) for name in names]) for side in sides)
-    if old.shape[1:] == new.shape[:0:-1]:
-        turned = {
-            "to the left": np.rot90(old, 1, (1, 2)),
-            "to the right": np.rot90(old, -1, (1, 2)),
-        }
-        for way, planes in turned.items():
-            if np.array_equal(planes, new):
-                yield Finding("rotated", f"rotated by 90° {way}")
-    large, small = (old, new) if old.shape[1] >= new.shape[1] else (new, old)
-    (height, width), (high, wide) = large.shape[1:], small.shape[1:]
-    if (high, wide) == (height, width) or high > height or wide > width:
-        return
-    for x, y in _corners(large, small):
-        if np.array_equal(large[:, y : y + high, x : x + wide], small):
-            whole = f"{width}x{height}"
-            text = f"a crop: {wide}x{high} at {x},{y} of {whole}"
-            if large is new:
-                text = f"A is a crop of B: {wide}x{high} at {x},{y} of {whole}"
-            yield Finding("crop", text, {"window": [x, y, wide, high]})
-            return
-
-
-def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
-    """Where a smaller picture may lie in a larger one: where 81 pixels of it match."""
-    (height, width), (high, wide) = large.shape[1:], small.shape[1:]
-    same = np.ones((height - high + 1, width - wide + 1), bool)
-    rows, columns = (np.linspace(0, side - 1, 9).astype(int) for side in (high, wide))
-    for row, column in product(rows, columns):
-        part = large[:, row : row + len(same), column : column + len(same[0])]
-        same &= (part == small[:, row, column][:, None, None]).all(axis=0)
-    yield from ((int(x), int(y)) for y, x in np.argwhere(same)[:64])
 
 
 def compare_pair(
@@ -252,13 +99,13 @@ def _compared(
     common = [n for n in both if n not in resized and a.planes[n].shape == (a.height, a.width)]
     others = [name for name in both if name not in (*resized, *common)]  # as those of a thumbnail
     apart = [name for name in others if not _equal(a.planes[name], b.planes[name])]
-    lone = _depths_of_samples(a, b)
-    findings = list(_of_structure(a, b, resized, lone))
+    lone = depths_of_samples(a, b)
+    findings = list(of_structure(a, b, resized, lone))
     if apart:
         text = f"other values in {', '.join(apart)}, which is of another size than the picture"
         findings.append(Finding("apart", text))
     ignored = settings.ignore_metadata
-    metadata = _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
+    metadata = changed_metadata(a, b, ignored)
     samples = compare_samples(a, b)
     strict = bool(findings) or (settings.metadata and bool(metadata))
     strict |= samples is not None and not rules.fail
@@ -266,7 +113,7 @@ def _compared(
     record = replace(
         blank,
         size=(a.width, a.height),
-        notes=(*_notes(a, b), *([f"flattened, without {_list(lone)}"] if lone else [])),
+        notes=tuple(notes_of(a, b, lone)),
         metadata=tuple(metadata),
         findings=tuple(findings),
     )
@@ -276,6 +123,10 @@ def _compared(
     if (a.gamma, a.associated) != (b.gamma, b.associated):
         a, b = in_linear_light(a), in_linear_light(b)
     pixels, corner = _pixels(a, b, common, settings)
+    if rules.visible_only:
+        pixels, unseen = pixels.visible()
+        note = (f"other colours in {counted(unseen, 'pixel')} where A is 0",) if unseen else ()
+        record = replace(record, notes=record.notes + note)
     rules = _of_small_values(rules, pixels)
     return _judged(record, pixels, corner, (a, b), rules, settings, strict=strict), pixels
 
@@ -413,17 +264,11 @@ def _measured(
         metrics |= measure_flip(pixels)
     if settings.coc is None:
         return metrics, None
-    near = _near(settings.coc, record, pixels, corner)
+    assert record.size is not None
+    (width, height), (x, y), (high, wide) = record.size, corner, pixels.shape
+    near = near_edges(settings.coc, record.name, (height, width))[y : y + high, x : x + wide]
     compared = near if pixels.selected is None else near[pixels.selected]
     return metrics | measure_edges(pixels, near), float(compared.mean())
-
-
-def _near(folder: Path, record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Any:
-    """The compared pixels near a depth edge, by the CoC map of the whole picture."""
-    assert record.size is not None
-    (width, height), (x, y) = record.size, corner
-    near = near_edges(folder, record.name, (height, width))
-    return near[y : y + pixels.shape[0], x : x + pixels.shape[1]]
 
 
 def _met(
@@ -532,7 +377,8 @@ def compare_images(
             "unknown-name", f"'{like}' is not known", f"name {', '.join(PRESETS)}", field="like"
         )
     known = Rules() if like is None else PRESETS[like]
-    rules = Rules(_rules("fail", fail) or known.fail, _rules("warn", warn) or known.warn, over)
+    fail_by, warn_by = _rules("fail", fail) or known.fail, _rules("warn", warn) or known.warn
+    rules = replace(known, fail=fail_by, warn=warn_by, over=over)
     settings = CompareSettings(
         region=None if region is None else CropRegion(*region),
         mask=None if mask is None else Path(mask),

@@ -139,12 +139,12 @@ def _damaged(path: Path, fault: str) -> InputError:
 def _sample_fault(sample: object) -> str | None:
     """What is wrong with a sample; None if nothing is. Its names are foreign."""
     if not isinstance(sample, dict):
-        return "cannot be read: it has a sample that is no table"
+        return "cannot be read: it has a sample that is not a table"
     if not isinstance(sample.get("files"), list):
         return "has no list of files"
     for name in ("settings", "inputs"):
         if not isinstance(sample.get(name, {}), dict):
-            return f"has {name} that are no table"
+            return f"has {name} that are not tables"
     for name in sample["files"]:
         if fault := output_fault(name):
             return f"names the golden {name!r:.80}, which {fault}"

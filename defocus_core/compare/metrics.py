@@ -85,6 +85,7 @@ METRICS = {metric.name: metric for metric in _ROWS}
 _LUMA = {**dict(zip("RGB", LUMINANCE, strict=True)), "Y": 1.0}
 COSTLY = 2**21  # pixels beyond which metrics of a screen and of hdr are measured if rules ask
 _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the cache
+_FLIP_REACH = 20  # pixels, twice that of its filters: what is farther from a change is 0
 _APART = 101  # pixels from one to the next of a sample
 
 
@@ -310,15 +311,28 @@ def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]
     # The median of what is not black: exposures are chosen for what can be seen.
     lit = luminance[luminance > _BLACK]
     middle = float(np.median(lit)) if lit.size else maximum
+    flip, cut = np.zeros(luminance.shape, np.float32), _around((a != b).any(axis=2))
+    if cut is None:
+        return flip
     with quiet():
-        errors = oiio.ImageBufAlgo.FLIP_diff(_buffer(a), _buffer(b), hdr, maximum, middle)
+        sides = _buffer(a[cut]), _buffer(b[cut])
+        errors = oiio.ImageBufAlgo.FLIP_diff(*sides, hdr, maximum, middle)
         if errors.has_error:
             raise UsageProblem(
                 "not-numbers", f"failed: {errors.geterror()}", "leave it out", field="flip"
             )
         values: Any = errors.get_pixels(oiio.FLOAT)
-    flip: NDArray[np.float32] = values[:, :, 0]
+    flip[cut] = values[:, :, 0]
     return flip
+
+
+def _around(changed: NDArray[np.bool_]) -> tuple[slice, slice] | None:
+    """What FLIP has to look at: the rectangle of what changed, and around it; None for nothing."""
+    if not changed.any():
+        return None
+    ends = [np.flatnonzero(changed.any(axis=1 - axis))[[0, -1]].tolist() for axis in (0, 1)]
+    rows, columns = (slice(max(0, low - _FLIP_REACH), high + _FLIP_REACH + 1) for low, high in ends)
+    return rows, columns
 
 
 def _buffer(pixels: NDArray[np.float32]) -> Any:

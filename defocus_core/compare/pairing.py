@@ -96,22 +96,25 @@ def view_partner(path: Path) -> Path | None:
     The last of file name and folder that names a view decides.
     """
     for place in (path.stem, path.parent.name):
-        match = list(_VIEW.finditer(place))
-        if not match:
-            continue
-        word = match[-1][0]
-        other = _OTHER[word.lower()]
-        other = other.upper() if word.isupper() else other
-        other = other.capitalize() if word.istitle() and len(word) > 1 else other
-        renamed = place[: match[-1].start()] + other + place[match[-1].end() :]
-        partner = (
-            path.with_name(renamed + path.suffix)
-            if place == path.stem
-            else path.parent.with_name(renamed) / path.name
-        )
-        if partner.is_file():
+        renamed = other_view(place)
+        partner = path.parent.parent / renamed / path.name
+        if place == path.stem:
+            partner = path.with_name(renamed + path.suffix)
+        if renamed != place and partner.is_file():
             return partner
     return None
+
+
+def other_view(name: str) -> str:
+    """A name with the other view instead of the last that it names; the same if it has none."""
+    match = list(_VIEW.finditer(name))
+    if not match:
+        return name
+    word = match[-1][0]
+    other = _OTHER[word.lower()]
+    other = other.upper() if word.isupper() else other
+    other = other.capitalize() if word.istitle() and len(word) > 1 else other
+    return name[: match[-1].start()] + other + name[match[-1].end() :]
 
 
 @dataclass(frozen=True)

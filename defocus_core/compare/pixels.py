@@ -145,6 +145,22 @@ class Pixels:
         planes: tuple[NDArray[Any], ...] = getattr(self, side)
         return planes[self.names.index(name)]
 
+    def visible(self) -> tuple[Pixels, int]:
+        """The pair with the colours of A in B where both have alpha 0, and the pixels changed."""
+        planes, unseen = dict(zip(self.names, self.b, strict=True)), np.zeros(self.shape, bool)
+        for layer in self.color:
+            alpha = f"{layer[0][:-1]}A"
+            if alpha not in self.names:
+                continue
+            clear = (self.plane("a", alpha) == 0) & (self.plane("b", alpha) == 0)
+            for name in layer if clear.any() else ():
+                was, now = self.plane("a", name), self.plane("b", name)
+                other = clear & (was != now) & np.isfinite(was) & np.isfinite(now)
+                planes[name], unseen = np.where(other, was, now), unseen | other
+        if not unseen.any():
+            return self, 0
+        return replace(self, b=tuple(planes.values())), int(np.count_nonzero(unseen))
+
     def within(self, selected: NDArray[np.bool_]) -> Pixels:
         """The pair with the selected pixels alone."""
         both = selected if self.selected is None else selected & self.selected

@@ -89,6 +89,9 @@ class Task:
         record, pixels = compare_pair(pair, self.thresholds.of(pair.name), settings)
         if self.images is not None and pixels is not None and record.differing:
             return replace(record, images=write_differences(self.images, record, pixels))
+        if self.images is not None and pixels is None and record.status == DIFFERENT:
+            note = "no difference images, for no channel has one size in A and B"
+            return replace(record, notes=(*record.notes, note))
         return record
 
 

@@ -57,7 +57,7 @@ def region(text: str) -> CropRegion:
     match = _REGION.fullmatch(text)
     if match is None:
         raise QuantityError(
-            f"'{text}' is no region", "write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64"
+            f"'{text}' is not a region", "write X,Y,WIDTH,HEIGHT in px, like 0,0,64,64"
         )
     found = CropRegion(*(int(number) for number in match.groups()))
     if found.width < 1 or found.height < 1:

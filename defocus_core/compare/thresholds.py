@@ -59,16 +59,16 @@ def rule(text: str) -> Rule:
     match = _RULE.fullmatch(text)
     if match is None:
         remedy = "write like psnr<45, max>0.02 or found:clipped"
-        raise QuantityError(f"'{text}' is no rule", remedy)
+        raise QuantityError(f"'{text}' is not a rule", remedy)
     name, sign, number, unit = match.groups()
     name = name.lower()
     if name not in METRICS:
         remedy = did_you_mean(name, list(METRICS), f"metrics are {', '.join(METRICS)}")
-        raise QuantityError(f"'{name}' is no metric", remedy)
+        raise QuantityError(f"'{name}' is not a metric", remedy)
     try:
         bound = float(number) / (100 if unit == "%" else 1)
     except ValueError:
-        raise QuantityError(f"'{number}' is no number", "write like psnr<45") from None
+        raise QuantityError(f"'{number}' is not a number", "write like psnr<45") from None
     if math.isinf(bound):
         raise QuantityError(f"'{text:.40}' has a bound beyond all numbers", "write like psnr<45")
     signs = _COMPARISONS[METRICS[name].better]
@@ -84,7 +84,7 @@ def _found(name: str) -> Rule:
     exact = {known.lower(): known for known in FINDINGS}.get(name.lower(), name)
     if exact != "*" and not any(f"{exact} ".startswith(f"{known} ") for known in FINDINGS):
         remedy = did_you_mean(name, [*FINDINGS], f"findings are *, {', '.join(FINDINGS)}")
-        raise QuantityError(f"'{name}' is no finding", remedy)
+        raise QuantityError(f"'{name}' is not a finding", remedy)
     return Rule("", "", 0.0, f"found:{exact}", exact)
 
 
@@ -95,6 +95,7 @@ class Rules:
     fail: tuple[Rule, ...] = ()  # a picture that meets one of them is different
     warn: tuple[Rule, ...] = ()  # a picture that meets one of them is the same, with a warning
     over: float = OVER  # the difference that the metric ``share`` counts pixels beyond
+    visible_only: bool = False  # whether colours where A is 0 on both sides may differ
 
     @property
     def asked(self) -> set[str]:
@@ -106,16 +107,20 @@ class Rules:
 ROUNDING = rule("max>1e-4")
 
 
-def _rules(fail: Sequence[str], warn: Sequence[str]) -> Rules:
-    return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)))
+def _rules(fail: Sequence[str], warn: Sequence[str], *, visible_only: bool = False) -> Rules:
+    return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)), visible_only=visible_only)
 
 
 # What pictures are to be like, with the rules for it; what passes one is said at least.
 PRESETS = {
     "render": _rules(
-        ["hdr-p99.9>0.015", "hdr-max>0.25", "found:clipped"], ["hdr-max>0.002", "rel-rmse>1e-3"]
+        ["hdr-p99.9>0.015", "hdr-max>0.25", "found:clipped"],
+        ["hdr-max>0.002", "rel-rmse>1e-3"],
+        visible_only=True,
     ),
-    "encoder": _rules(["hdr-psnr<34", "hdr-p99.9>0.15", "found:clipped"], ["hdr-psnr<45"]),
+    "encoder": _rules(
+        ["hdr-psnr<34", "hdr-p99.9>0.15", "found:clipped"], ["hdr-psnr<45"], visible_only=True
+    ),
     "golden": _rules(["hdr-max>0.003", "found:clipped"], ["max>1e-3"]),
 }
 
@@ -172,7 +177,7 @@ def read_thresholds(
     top = {key: value for key, value in tables.items() if key != "override"}
     overrides = tables.get("override", [])
     if not isinstance(overrides, list) or not all(isinstance(each, dict) for each in overrides):
-        problem, remedy = "is no list of tables", "write [[override]] above files, fail and warn"
+        problem, remedy = "is not a list of tables", "write [[override]] above files, fail and warn"
         raise UsageProblem("malformed", problem, remedy, path=file, field="override")
     read = []
     for number, values in enumerate(overrides, 1):
@@ -196,7 +201,7 @@ def _changes(table: Table) -> dict[str, Any]:
             texts = table.values[key]
             texts = [texts] if isinstance(texts, str) else texts
             if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
-                problem = f"{texts!r} is no list of rules"
+                problem = f"{texts!r} is not a list of rules"
                 raise UsageProblem(
                     "malformed", problem, f"write {key} = ['psnr<45']", path=table.place(key)
                 )
@@ -211,5 +216,5 @@ def difference(value: object, where: Place) -> float:
     if isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value < math.inf:
         return float(value)
     raise UsageProblem(
-        "malformed", f"{value!r} is no difference of 0 or more", f"write {OVER}", path=where
+        "malformed", f"{value!r} is not a difference of 0 or more", f"write {OVER}", path=where
     )

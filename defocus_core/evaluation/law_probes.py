@@ -8,13 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn.functional import max_pool2d
 
 from defocus_core.evaluation.synthetic_scenes import Scenery
-from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.render import render
 from defocus_core.tensors.views import Views
 
@@ -188,38 +188,23 @@ def _centred(response: Tensor) -> Tensor:
 
 @dataclass(frozen=True)
 class LawSetting:
-    """The setting that probes are rendered in.
+    """The setting that probes are rendered in."""
 
-    Attributes:
-        device: Where to compute, as torch calls it.
-        quality: As for `render`.
-        threads: As for `render`.
-        render: The renderer.
-    """
-
-    device: str = "cpu"
-    quality: str = "standard"
-    threads: int = 1
-    render: Callable[..., Views] = render
+    device: str = "cpu"  # where to compute, as torch calls it
+    quality: str = "standard"  # as for `render`
+    threads: int = 1  # as for `render`
+    render: Callable[..., Views] = render  # the renderer
 
 
 @dataclass(frozen=True)
 class Check:
-    """One number that a law bounds.
+    """One number that a law bounds."""
 
-    Attributes:
-        law: Its name.
-        measured: The measurement, in words.
-        unit: Unit of the value and the bound.
-        value: The worst value measured; None if there was nothing to measure it on.
-        bound: The largest value that the law allows.
-    """
-
-    law: str
-    measured: str
-    unit: str
-    value: float | None
-    bound: float
+    law: str  # its name
+    measured: str  # the measurement, in words
+    unit: str  # of the value and the bound
+    value: float | None  # the worst that was measured; None if there was nothing to measure it on
+    bound: float  # the largest value that the law allows
 
     @property
     def ok(self) -> bool:
@@ -228,33 +213,23 @@ class Check:
 
 
 def rendered(
-    scene: Scenery,
-    setting: LawSetting,
-    dtype: torch.dtype,
-    *,
-    aperture: Aperture | None = None,
-    left_right: bool = True,
-    threads: int | None = None,
+    scene: Scenery, setting: LawSetting, dtype: torch.dtype = torch.float32, **options: Any
 ) -> Views:
-    """The rendering of a scene, with `setting.threads` unless ``threads`` says otherwise."""
+    """The rendering of a scene, with other options of the renderer than those of the setting."""
     image, radius = (x.to(setting.device, dtype).contiguous() for x in scene)
-    return setting.render(
-        image,
-        radius,
-        aperture=aperture,
-        quality=setting.quality,
-        left_right=left_right,
-        threads=threads or setting.threads,
-    )
+    asked = {"quality": setting.quality, "threads": setting.threads, "left_right": True}
+    return setting.render(image, radius, **asked | options)
 
 
-def pictures(views: Views) -> tuple[Tensor, Tensor, Tensor]:
+def sides(views: Views) -> tuple[Tensor, Tensor, Tensor]:
     """Centre, left and right."""
     assert views.left is not None
     assert views.right is not None
     return views.render, views.left, views.right
 
 
-def greatest(values: list[float]) -> float:
-    """The greatest; NaN if one is, as max() would not say."""
-    return math.nan if any(map(math.isnan, values)) else max(values)
+def pictures(
+    scene: Scenery, setting: LawSetting, dtype: torch.dtype = torch.float32
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Centre, left and right of a scene."""
+    return sides(rendered(scene, setting, dtype))

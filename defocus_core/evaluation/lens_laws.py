@@ -1,8 +1,8 @@
 """Laws of the lens, measured on renderings of small pictures.
 
-Each law is a function of a `LawSetting` that returns `Check`s: numbers with their bounds. Discs,
-symmetries and the gradient are measured in float64, where rounding does not hide a fault; pictures
-in float32, as they are rendered for the user.
+A law is a function that measures a list of numbers for each of its rows, which name and bound the
+worst of them. Discs, symmetries and the gradient are measured in float64, where rounding does not
+hide a fault; pictures in float32, as they are rendered for the user.
 """
 
 from __future__ import annotations
@@ -10,181 +10,295 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from functools import lru_cache, wraps
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from defocus_core.evaluation import law_probes as probes
-from defocus_core.evaluation.law_probes import (
-    Check,
-    LawSetting,
-    greatest,
-    pictures,
-    rendered,
-)
+from defocus_core.evaluation.law_probes import Check, LawSetting, pictures, rendered, sides
 from defocus_core.evaluation.synthetic_scenes import Scenery
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.layers.quality import find
 
 Law = Callable[[LawSetting], list[Check]]
-# Wider bounds of checks at qualities that render in coarse pixels of 2 px.
-_IN_COARSE_PIXELS = {
-    "slope of second-moment radius over r, off 1": 1.5,
-    "second-moment radius off r, |r| 4 to 32 px": 10.0,
-    "disc of a light, from 90 % to 10 %": 3.5,
-    "of a surface, beyond a step of slices": 2.0,
-    "of the disc, off the point": 2.5,
-    "distance left to right, off 8 r/(3 pi)": 4.0,
-    "near focus, off 8 r/(3 pi), |r| to 1 px": 0.3,
-    "card in focus before blur, change": 0.05,
-    "spill of the card on a plain ground": 1e-3,
-    "sum of an isolated point, off 1": 5e-6,
-    "slope off a finite difference": 3e-3,
-}
+Lists = tuple[list[float], ...]
 _RADII = (4.0, 5.3, 7.7, 12.0, 17.0, 23.9, 32.0)  # px, on slice radii and between them
 _NEAR = (0.3, 0.5, 0.8, 1.0)  # px
 _RIM = 1 / 16  # of the radius: width of a rim at reduced resolution
 _MIN_RIM = 7.0  # px of radius; rims of smaller discs have too few pixels
 
+_laws: list[Law] = []
+
+
+class _Row(NamedTuple):
+    """What a `Check` is made of, with the bound of qualities that render coarse pixels of 2 px."""
+
+    law: str
+    measured: str
+    unit: str
+    bound: float
+    coarse: float | None = None
+
+    def check(self, off: list[float], coarse: bool) -> Check:
+        """The greatest of what was measured: NaN if one is, None if there is none."""
+        worst = math.nan if any(map(math.isnan, off)) else max(off, default=None)
+        value = 100 * worst if worst is not None and self.unit == "%" else worst
+        bound = self.coarse if coarse and self.coarse is not None else self.bound
+        return Check(self.law, self.measured, self.unit, value, bound)
+
+
+def _law(*rows: _Row) -> Callable[[Callable[[LawSetting], Lists]], Law]:
+    """Make a law of a function that measures a list for each row."""
+
+    def law_of(measure: Callable[[LawSetting], Lists]) -> Law:
+        @wraps(measure)
+        def law(setting: LawSetting) -> list[Check]:
+            coarse = find(setting.quality).half_size
+            lists = zip(rows, measure(setting), strict=True)
+            return [row.check(off, coarse) for row, off in lists]
+
+        _laws.append(law)
+        return law
+
+    return law_of
+
 
 def verify(setting: LawSetting | None = None, laws: Sequence[Law] = ()) -> Iterator[list[Check]]:
     """The checks of one law after the other, of all `LAWS` unless some are given."""
-    setting = setting or LawSetting()
-    in_coarse_pixels = find(setting.quality).half_size
     for law in laws or LAWS:
-        checks = law(setting)
-        if in_coarse_pixels:
-            checks = [replace(c, bound=_IN_COARSE_PIXELS.get(c.measured, c.bound)) for c in checks]
-        yield checks
+        yield law(setting or LawSetting())
 
 
-def discs(setting: LawSetting) -> list[Check]:
-    """An isolated point becomes a disc: its radius, rim, place, halves and energy."""
-    step = find(setting.quality)
-    relative: list[float] = []
-    slopes, centres, halves, sums = [], [], [], []
-    rims: dict[bool, list[float]] = {True: [], False: []}
+class _Point(NamedTuple):
+    """Responses [n, n] to a point of sum 1: a light, or a mark on a surface."""
+
+    r: float
+    light: bool
+    centre: Tensor
+    left: Tensor
+    right: Tensor
+
+
+@lru_cache(maxsize=1)
+def _points(setting: LawSetting) -> list[_Point]:
+    """Points of all radii."""
+    points = []
     for light in (True, False):
-        lengths = []
         for r in (sign * size for size in _RADII for sign in (1, -1)):
-            whole, left, right = _responses(r, light, setting)
-            lengths.append((abs(r), probes.disc_radius(whole)))
-            centres.append(math.hypot(*probes.centroid(whole)))
-            sums.append(abs(float(whole.sum()) - 1))
-            # pixels show halves 1/(3 pi r) px nearer to each other: the axis cuts a column in two
-            apart = (8 * r - 1 / r) / (3 * math.pi)
-            distance = probes.centroid(right)[0] - probes.centroid(left)[0]
-            halves.append(abs(distance / apart - 1))
-            if abs(r) >= _MIN_RIM:
-                radii = 0.0 if light else max(step.near_spacing, step.far_spacing * abs(r))
-                minimum = 1.0 if light else max(1.0, _RIM * abs(r))
-                rims[light].append((probes.rim_width(whole, r) - radii) / minimum)
-        fit = sum(r * measured for r, measured in lengths) / sum(r * r for r, _ in lengths)
-        slopes.append(abs(fit - 1))
-        relative += [abs(measured / r - 1) for r, measured in lengths]
-    return [
-        Check("PSF radius", "slope of second-moment radius over r, off 1", "%", _pc(slopes), 1.0),
-        Check("PSF radius", "second-moment radius off r, |r| 4 to 32 px", "%", _pc(relative), 1.0),
-        Check("sharp rim", "disc of a light, from 90 % to 10 %", "px", greatest(rims[True]), 1.0),
-        Check(
-            "sharp rim",
-            "of a surface, beyond a step of slices",
-            "px or r/16",
-            greatest(rims[False]),
-            1.0,
-        ),
-        Check("centroid", "of the disc, off the point", "px", greatest(centres), 0.01),
-        Check("half discs", "distance left to right, off 8 r/(3 pi)", "%", _pc(halves), 1.0),
-        Check("energy", "sum of an isolated point, off 1", "-", greatest(sums), 1e-6),
-    ]
+            seen = pictures(probes.spot(r, light=light), setting, torch.float64)
+            points.append(_Point(r, light, *(x[0] if light else 1 - x[0] for x in seen)))
+    return points
 
 
-def near_focus(setting: LawSetting) -> list[Check]:
+@_law(
+    _Row("PSF radius", "slope of second-moment radius over r, off 1", "%", 1.0, 1.5),
+    _Row("PSF radius", "second-moment radius off r, |r| 4 to 32 px", "%", 1.0, 10.0),
+)
+def psf_radius(setting: LawSetting) -> Lists:
+    """An isolated point becomes a disc of the radius of its pixel."""
+    slopes, off = [], []
+    for light in (True, False):
+        pairs = [
+            (abs(p.r), probes.disc_radius(p.centre)) for p in _points(setting) if p.light is light
+        ]
+        slope = sum(r * found for r, found in pairs) / sum(r * r for r, _ in pairs)
+        slopes.append(abs(slope - 1))
+        off += [abs(found / r - 1) for r, found in pairs]
+    return slopes, off
+
+
+@_law(
+    _Row("sharp rim", "disc of a light, from 90 % to 10 %", "px", 1.0, 3.5),
+    _Row("sharp rim", "of a surface, beyond a step of slices", "px or r/16", 1.0, 2.0),
+)
+def sharp_rim(setting: LawSetting) -> Lists:
+    """The disc ends within a pixel, that of a surface within a step of slices more."""
+    step, lights, surfaces = find(setting.quality), [], []
+    for point in _points(setting):
+        size = abs(point.r)
+        if size < _MIN_RIM:
+            continue
+        width = probes.rim_width(point.centre, point.r)
+        if point.light:
+            lights.append(width)
+        else:
+            beyond = width - max(step.near_spacing, step.far_spacing * size)
+            surfaces.append(beyond / max(1.0, _RIM * size))
+    return lights, surfaces
+
+
+@_law(
+    _Row("centroid", "of the disc, off the point", "px", 0.01, 2.5),
+    _Row("half discs", "distance left to right, off 8 r/(3 pi)", "%", 1.0, 4.0),
+    _Row("energy", "sum of an isolated point, off 1", "-", 1e-6, 5e-6),
+)
+def discs(setting: LawSetting) -> Lists:
+    """The disc lies where the point is and has its light; left and right see its halves."""
+    places, halves, sums = [], [], []
+    for r, _, centre, left, right in _points(setting):
+        places.append(math.hypot(*probes.centroid(centre)))
+        # pixels show halves 1/(3 pi r) px nearer to each other: the axis cuts a column in two
+        apart = (8 * r - 1 / r) / (3 * math.pi)
+        distance = probes.centroid(right)[0] - probes.centroid(left)[0]
+        halves.append(abs(distance / apart - 1))
+        sums.append(abs(float(centre.sum()) - 1))
+    return places, halves, sums
+
+
+@_law(_Row("half discs", "near focus, off 8 r/(3 pi), |r| to 1 px", "px", 0.01, 0.3))
+def near_focus(setting: LawSetting) -> Lists:
     """The distance of the half discs follows the formula below 1 px of radius, too."""
     off = []
     for r in (sign * size for size in _NEAR for sign in (1, -1)):
         radius = torch.full(probes.SIZE, r, dtype=torch.float64)
-        _, left, right = pictures(rendered(Scenery(probes.wave(), radius), setting, torch.float64))
+        _, left, right = pictures(Scenery(probes.wave(), radius), setting, torch.float64)
         off.append(abs(probes.shift(right) - probes.shift(left) - 8 * r / (3 * math.pi)))
-    measured = "near focus, off 8 r/(3 pi), |r| to 1 px"
-    return [Check("half discs", measured, "px", greatest(off), 0.01)]
+    return (off,)
 
 
-def white(setting: LawSetting) -> list[Check]:
+@_law(
+    *(
+        _Row("white stays white", f"white over slope, steps, noise; {name}", "-", 1e-5)
+        for name in ("round", "6 blades")
+    )
+)
+def white(setting: LawSetting) -> Lists:
     """A constant picture stays constant over any depth, borders included."""
-    checks = []
-    for name, aperture in (("round", Aperture()), ("6 blades", Aperture(6, 10.0))):
-        off = []
-        for radius in (probes.slope(), probes.strips(), probes.noise()):
-            scene = Scenery(torch.ones(3, *probes.SIZE), radius)
-            views = rendered(scene, setting, torch.float32, aperture=aperture)
-            off += [probes.worst(picture - 1) for picture in pictures(views)]
-        measured = f"white over slope, steps, noise; {name}"
-        checks.append(Check("white stays white", measured, "-", greatest(off), 1e-5))
-    return checks
+    scenes = [
+        Scenery(torch.ones(3, *probes.SIZE), radius)
+        for radius in (probes.slope(), probes.strips(), probes.noise())
+    ]
+
+    def off(aperture: Aperture) -> list[float]:
+        seen = (sides(rendered(scene, setting, aperture=aperture)) for scene in scenes)
+        return [probes.worst(picture - 1) for views in seen for picture in views]
+
+    return off(Aperture()), off(Aperture(6, 10.0))
 
 
-def left_and_right(setting: LawSetting) -> list[Check]:
+@_law(_Row("left + right", "left + right - 2 centre, of the local maximum", "-", 1e-4))
+def left_and_right(setting: LawSetting) -> Lists:
     """Left and right together are twice the centre, occlusions included."""
     off = []
     for scene in probes.scenes():
-        centre, left, right = pictures(rendered(scene, setting, torch.float32))
+        centre, left, right = pictures(scene, setting)
         off.append(probes.worst_relative(left + right - 2 * centre, centre))
-    measured = "left + right - 2 centre, of the local maximum"
-    return [Check("left + right", measured, "-", greatest(off), 1e-4)]
+    return (off,)
 
 
-def focus(setting: LawSetting) -> list[Check]:
+@_law(_Row("focus", "picture in focus, change", "-", 1e-6))
+def focus(setting: LawSetting) -> Lists:
     """A picture that is all in focus stays as it is."""
     scene = Scenery(probes.waves(), torch.zeros(probes.SIZE))
-    views = rendered(scene, setting, torch.float32)
-    off = [probes.worst(picture - scene.image.to(picture)) for picture in pictures(views)]
-    return [Check("focus", "picture in focus, change", "-", greatest(off), 1e-6)]
+    seen = pictures(scene, setting)
+    return ([probes.worst(picture - scene.image.to(picture)) for picture in seen],)
 
 
-def occlusion(setting: LawSetting) -> list[Check]:
+@_law(
+    _Row("nearer covers", "card in focus before blur, change", "-", 1e-5, 0.05),
+    _Row("nearer covers", "spill of the card on a plain ground", "-", 1e-5, 1e-3),
+)
+def occlusion(setting: LawSetting) -> Lists:
     """Nearer covers farther, never the reverse."""
-    covered, spilt = [], []
-    for background_r in (3.0, 9.0):
-        scene = probes.card(0.0, background_r)
-        on_card = (scene.signed_radius == 0).to(setting.device)
-        for picture in pictures(rendered(scene, setting, torch.float32)):
-            covered.append(probes.worst((picture - scene.image.to(picture))[:, on_card]))
-        plain = probes.card(0.0, background_r, plain=True)
-        for picture in pictures(rendered(plain, setting, torch.float32)):
-            spilt.append(probes.worst((picture - plain.image.to(picture))[:, ~on_card]))
-    law = "nearer covers"
-    return [
-        Check(law, "card in focus before blur, change", "-", greatest(covered), 1e-5),
-        Check(law, "spill of the card on a plain ground", "-", greatest(spilt), 1e-5),
-    ]
+
+    def off(plain: bool) -> list[float]:
+        """Changes of the card, or of the plain ground around it."""
+        changes = []
+        for background_r in (3.0, 9.0):
+            scene = probes.card(0.0, background_r, plain=plain)
+            counted = ((scene.signed_radius == 0) != plain).to(setting.device)
+            seen = pictures(scene, setting)
+            changes += [probes.worst((x - scene.image.to(x))[:, counted]) for x in seen]
+        return changes
+
+    return off(plain=False), off(plain=True)
 
 
-def symmetry(setting: LawSetting) -> list[Check]:
+@_law(_Row("tiles", "part of a larger picture, difference", "-", 2e-6))
+def tiles(setting: LawSetting) -> Lists:
+    """Tiles leave no seam: a picture is the same where it is part of a larger one.
+
+    Pixels with content invented behind edges are left out: it continues all of the visible picture.
+    """
+    # px; the border is wider than the blur reaches
+    whole, size, (top, left), border = (320, 384), (192, 256), (64, 64), 60
+    rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
+    off = []
+    for radius in (probes.slope(whole), probes.strips(whole)):
+        large = Scenery(probes.waves(whole), radius)
+        part = Scenery(large.image[:, rows, columns], radius[rows, columns])
+        one, other = (rendered(scene, setting) for scene in (part, large))
+        observed = one.trust > 1 - 1e-5
+        for a, b in zip(sides(one), sides(other), strict=True):
+            seam = (a - b[:, rows, columns]) * observed
+            off.append(probes.worst(seam[:, border:-border, border:-border]))
+    return (off,)
+
+
+@_law(
+    _Row("same bytes", "1 and 2 threads, values that differ", "count", 0.0),
+    _Row("same bytes", "with and without left, right", "count", 0.0),
+)
+def same_bytes(setting: LawSetting) -> Lists:
+    """Threads, and whether left and right are rendered too, change no byte of the centre."""
+    size = (200, 210)  # four tiles
+    slope = Scenery(probes.waves(size), probes.slope(size))
+    threads, outputs = [], []
+    for scene in (slope, probes.card(-7.0, 5.0, size=size)):
+        one = rendered(scene, setting, threads=1)
+        two = rendered(scene, setting, threads=2)
+        alone = rendered(scene, setting, left_right=False)
+        pairs = zip(sides(one), sides(two), strict=True)
+        threads += [float((a != b).sum()) for a, b in pairs]
+        outputs.append(float((one.render != alone.render).sum()))
+    return threads, outputs
+
+
+@_law(
+    _Row("rounding", "float32 off float64, of the local maximum", "-", 2e-5),
+    _Row("rounding", "last bits of the input, likewise", "-", 2e-5),
+)
+def rounding(setting: LawSetting) -> Lists:
+    """Rounding decides nothing, neither in the renderer nor in its input.
+
+    The renderer compares numbers that are often equal, like depth in levels, to find the surfaces
+    beside and behind a pixel. If last bits decided, other devices would render other pictures.
+    """
+    precision: list[float] = []
+    inputs: list[float] = []
+    for image, radius in probes.scenes():
+        scene = Scenery(image.float(), radius.float())
+        changed = Scenery(*map(probes.rounded, scene))
+        single = pictures(scene, setting)
+        double = pictures(scene, setting, torch.float64)
+        for off, others in ((precision, double), (inputs, pictures(changed, setting))):
+            off += [probes.worst_relative(a - b, b) for a, b in zip(single, others, strict=True)]
+    return precision, inputs
+
+
+@_law(
+    _Row("symmetry", "flips, a mirror swaps left and right", "-", 1e-10),
+    _Row("symmetry", "quarter turn of the centre", "-", 1e-10),
+)
+def symmetry(setting: LawSetting) -> Lists:
     """Flips and quarter turns change nothing; a mirror swaps left and right."""
     flips, turns = [], []
-    for image, radius in probes.scenes():
-        centre, left, right = pictures(rendered(Scenery(image, radius), setting, torch.float64))
-        mirrored = Scenery(image.flip(-1), radius.flip(-1))
-        upset = Scenery(image.flip(-2), radius.flip(-2))
-        turned = Scenery(image.rot90(1, (-2, -1)), radius.rot90())
-        for scene, axis, expected in (
-            (mirrored, -1, (centre, right, left)),
-            (upset, -2, (centre, left, right)),
-        ):
-            flipped = pictures(rendered(scene, setting, torch.float64))
-            flips += [
-                probes.worst(a.flip(axis) - b) for a, b in zip(flipped, expected, strict=True)
-            ]
-        turned_centre = rendered(turned, setting, torch.float64, left_right=False).render
-        turns.append(probes.worst(turned_centre.rot90(-1, (-2, -1)) - centre))
-    return [
-        Check("symmetry", "flips, a mirror swaps left and right", "-", greatest(flips), 1e-10),
-        Check("symmetry", "quarter turn of the centre", "-", greatest(turns), 1e-10),
-    ]
+    for scene in probes.scenes():
+        centre, left, right = pictures(scene, setting, torch.float64)
+        for axis, wanted in ((-1, (centre, right, left)), (-2, (centre, left, right))):
+            flipped = Scenery(*(x.flip(axis) for x in scene))
+            seen = pictures(flipped, setting, torch.float64)
+            flips += [probes.worst(a.flip(axis) - b) for a, b in zip(seen, wanted, strict=True)]
+        turned = Scenery(*(x.rot90(1, (-2, -1)) for x in scene))
+        seen_turned = rendered(turned, setting, torch.float64, left_right=False).render
+        turns.append(probes.worst(seen_turned.rot90(-1, (-2, -1)) - centre))
+    return flips, turns
 
 
-def gradient(setting: LawSetting) -> list[Check]:
+@_law(_Row("gradient", "slope off a finite difference", "-", 1e-5, 3e-3))
+def gradient(setting: LawSetting) -> Lists:
     """The gradient to image and radius is that of finite differences, along one direction."""
     size, generator = (9, 11), torch.Generator().manual_seed(0)
     radius = probes.slope(size) / 4 + 0.013  # off the slice radii, where slopes change
@@ -197,9 +311,8 @@ def gradient(setting: LawSetting) -> list[Check]:
     at = [x.to(setting.device).requires_grad_() for x in (probes.waves(size), radius)]
 
     def weighted_sum(step: float) -> Tensor:
-        moved = [x + step * d for x, d in zip(at, directions, strict=True)]
-        scene = Scenery(moved[0], moved[1])
-        rendering = rendered(scene, setting, torch.float64, left_right=False)
+        moved = Scenery(*(x + step * d for x, d in zip(at, directions, strict=True)))
+        rendering = rendered(moved, setting, torch.float64, left_right=False)
         return (rendering.render * weight).sum()
 
     slopes = torch.autograd.grad(weighted_sum(0.0), at, materialize_grads=True)
@@ -207,108 +320,17 @@ def gradient(setting: LawSetting) -> list[Check]:
     step = 1e-6
     with torch.no_grad():
         finite = float(weighted_sum(step) - weighted_sum(-step)) / (2 * step)
-    off = abs(exact - finite) / max(abs(finite), 1e-12)
-    return [Check("gradient", "slope off a finite difference", "-", off, 1e-5)]
+    return ([abs(exact - finite) / max(abs(finite), 1e-12)],)
 
 
-def _responses(r: float, light: bool, setting: LawSetting) -> tuple[Tensor, ...]:
-    """Responses [n, n] to a point of sum 1, in centre, left and right."""
-    views = rendered(probes.spot(r, light=light), setting, torch.float64)
-    return tuple(picture[0] if light else 1 - picture[0] for picture in pictures(views))
-
-
-def _pc(fractions: list[float]) -> float:
-    return 100 * greatest(fractions)
-
-
-def tiles(setting: LawSetting) -> list[Check]:
-    """Tiles leave no seam: a picture is the same where it is part of a larger one.
-
-    Pixels with content invented behind edges are left out: it continues all of the visible picture.
-    """
-    # px; the border is wider than the blur reaches
-    whole, size, (top, left), border = (320, 384), (192, 256), (64, 64), 60
-    rows, columns = slice(top, top + size[0]), slice(left, left + size[1])
-    off = []
-    for radius in (probes.slope(whole), probes.strips(whole)):
-        large = Scenery(probes.waves(whole), radius)
-        part = Scenery(large.image[:, rows, columns], radius[rows, columns])
-        one, other = (rendered(scene, setting, torch.float32) for scene in (part, large))
-        observed = one.trust > 1 - 1e-5
-        for a, b in zip(pictures(one), pictures(other), strict=True):
-            seam = (a - b[:, rows, columns]) * observed
-            off.append(probes.worst(seam[:, border:-border, border:-border]))
-    return [Check("tiles", "part of a larger picture, difference", "-", greatest(off), 2e-6)]
-
-
-def same_bytes(setting: LawSetting) -> list[Check]:
-    """Threads, and whether left and right are rendered too, change no byte of the centre."""
-    size = (200, 210)  # four tiles
-    threads, outputs = 0.0, 0.0
-    for scene in (
-        Scenery(probes.waves(size), probes.slope(size)),
-        probes.card(-7.0, 5.0, size=size),
-    ):
-        one = rendered(scene, setting, torch.float32, threads=1)
-        two = rendered(scene, setting, torch.float32, threads=2)
-        alone = rendered(scene, setting, torch.float32, left_right=False)
-        for a, b in zip(pictures(one), pictures(two), strict=True):
-            threads += float((a != b).sum())
-        outputs += float((one.render != alone.render).sum())
-    return [
-        Check("same bytes", "1 and 2 threads, values that differ", "count", threads, 0.0),
-        Check("same bytes", "with and without left, right", "count", outputs, 0.0),
-    ]
-
-
-def rounding(setting: LawSetting) -> list[Check]:
-    """Rounding decides nothing, neither in the renderer nor in its input.
-
-    The renderer compares numbers that are often equal, like depth in levels, to find the surfaces
-    beside and behind a pixel. If last bits decided, other devices would render other pictures.
-    """
-    precision: list[float] = []
-    inputs: list[float] = []
-    for image, radius in probes.scenes():
-        scene = Scenery(image.float(), radius.float())
-        single, changed = (
-            pictures(rendered(each, setting, torch.float32))
-            for each in (scene, Scenery(*map(probes.rounded, scene)))
-        )
-        double = pictures(rendered(scene, setting, torch.float64))
-        for off, others in ((precision, double), (inputs, changed)):
-            off += [probes.worst_relative(a - b, b) for a, b in zip(single, others, strict=True)]
-    measured = "float32 off float64, of the local maximum"
-    return [
-        Check("rounding", measured, "-", greatest(precision), 2e-5),
-        Check("rounding", "last bits of the input, likewise", "-", greatest(inputs), 2e-5),
-    ]
-
-
-def devices(setting: LawSetting) -> list[Check]:
+@_law(_Row("CPU and GPU", "difference, of the local maximum", "-", 1e-4))
+def devices(setting: LawSetting) -> Lists:
     """The CPU and the GPU render the same picture; without a GPU there is nothing to compare."""
     off: list[float] = []
-    host = replace(setting, device="cpu")
     for scene in probes.scenes() if setting.device != "cpu" else []:
-        on_device, on_cpu = (pictures(rendered(scene, s, torch.float32)) for s in (setting, host))
-        off += [
-            probes.worst_relative(a.cpu() - b, b) for a, b in zip(on_device, on_cpu, strict=True)
-        ]
-    value = greatest(off) if off else None
-    return [Check("CPU and GPU", "difference, of the local maximum", "-", value, 1e-4)]
+        there, here = (pictures(scene, s) for s in (setting, replace(setting, device="cpu")))
+        off += [probes.worst_relative(a.cpu() - b, b) for a, b in zip(there, here, strict=True)]
+    return (off,)
 
 
-LAWS: tuple[Law, ...] = (
-    discs,
-    near_focus,
-    white,
-    left_and_right,
-    focus,
-    occlusion,
-    tiles,
-    same_bytes,
-    rounding,
-    symmetry,
-    gradient,
-    devices,
-)
+LAWS = tuple(_laws)

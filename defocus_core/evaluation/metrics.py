@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import torch
 from torch import Tensor
+from torch.nn.functional import pad
 
 from defocus_core.evaluation.similarity import REACH, psnr, similarity
 
@@ -117,13 +118,9 @@ def near_edges(signed_radius: Tensor, distance: float) -> Tensor:
     differ by more than 1 px.
     """
     H, W = signed_radius.shape
-    edge = torch.zeros((H, W), dtype=torch.bool, device=signed_radius.device)
-    across = (signed_radius[:, 1:] - signed_radius[:, :-1]).abs() > _EDGE
-    down = (signed_radius[1:] - signed_radius[:-1]).abs() > _EDGE
-    edge[:, 1:] |= across
-    edge[:, :-1] |= across
-    edge[1:] |= down
-    edge[:-1] |= down
+    across, down = (signed_radius.diff(dim=dim).abs() > _EDGE for dim in (1, 0))
+    edge = pad(across, (1, 0)) | pad(across, (0, 1))
+    edge |= pad(down, (0, 0, 1, 0)) | pad(down, (0, 0, 0, 1))
     # Counted by transform: an edge pixel within the disc around each pixel.
     reach = math.floor(distance)
     offset = torch.arange(-reach, reach + 1, dtype=torch.float64, device=edge.device)

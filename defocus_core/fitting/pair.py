@@ -15,8 +15,10 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, interpolate, max_pool2d
+from torch.nn.functional import avg_pool2d, interpolate
 
+from defocus_core.evaluation.metrics import near_edges
+from defocus_core.evaluation.similarity import psnr
 from defocus_core.fitting.pictures import Scale, offset_of, registered
 from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.search import MIDDLE, FittedLens, Search
@@ -211,6 +213,7 @@ def _correlation(evidence: JudgedPair) -> float:
     return float((rest[0] * rest[1]).sum() / norm)
 
 
+_NEAR_EDGE = 4.0  # px from a step of depth
 _MAX_CROSSTALK = 0.49  # of light, that is known from none
 _MIN_SLOPE = 1e-9  # of the error, for an unknown that the pictures tell something of
 
@@ -426,16 +429,12 @@ def _with_crosstalk(dual_pixel: DualPixel, separation: float) -> DualPixel:
 
 def _psnr(residual: Tensor, weight: Tensor, radius: Tensor) -> tuple[float, float, float]:
     """In dB, of all, of pixels near depth edges, and of others."""
-    steep = torch.zeros_like(radius, dtype=torch.bool)
-    steep[:, 1:] |= (radius[:, 1:] - radius[:, :-1]).abs() > 1
-    steep[1:] |= (radius[1:] - radius[:-1]).abs() > 1
-    near = max_pool2d(steep[None, None].float(), 9, 1, padding=4)[0, 0] > 0
+    near = near_edges(radius, _NEAR_EDGE)
 
     def of(which: Tensor) -> float:
         chosen = weight * which
         count = float(chosen.sum()) * residual.shape[1]
-        error = float((residual**2 * chosen).sum()) / count if count else math.nan
-        return -10 * math.log10(max(error, 1e-12)) if count else math.nan
+        return psnr(float((residual**2 * chosen).sum()) / count) if count else math.nan
 
     return of(torch.ones_like(near)), of(near), of(~near)
 

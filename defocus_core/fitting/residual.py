@@ -83,18 +83,14 @@ class Residual:
             self._scales[width] = Scale(*self._pictures, width)
         return self._scales[width]
 
-    def of(
-        self, point: Candidate, optics: Optics, scale: Scale, quality: str = "standard"
-    ) -> tuple[Tensor, Tensor]:
+    def of(self, point: Candidate, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor]:
         """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
-        light, weight, *_ = self.modelled(point, optics, scale, quality)
+        light, weight, *_ = self.modelled(point, optics, scale)
         return self.compressed(light) - self.compressed(torch.stack(scale.observed)), weight
 
-    def modelled(
-        self, point: Candidate, optics: Optics, scale: Scale, quality: str = "standard"
-    ) -> Modelled:
+    def modelled(self, point: Candidate, optics: Optics, scale: Scale) -> Modelled:
         """What a camera stores of a point."""
-        light, weight = self._stored(point, optics, scale, quality)
+        light, weight = self._stored(point, optics, scale)
         observed = torch.stack(scale.observed)
         gains, shading = torch.ones(light.shape[1]), light.new_zeros(0, 3)
         if self.exposure:
@@ -105,11 +101,9 @@ class Residual:
             light = light * _planes(shading, light)
         return Modelled(light, weight, gains**point.gamma, shading)
 
-    def _stored(
-        self, point: Candidate, optics: Optics, scale: Scale, quality: str
-    ) -> tuple[Tensor, Tensor]:
+    def _stored(self, point: Candidate, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor]:
         """What `modelled` is without factors."""
-        modelled, trust = self._render(point, optics, scale, quality)
+        modelled, trust = self._render(point, optics, scale)
         if scale.lost is not None:
             modelled, lost = modelled[:, :-1], modelled[:, -1]
             trust = trust * (1 - lost.amax(0) / (_FAINT * _LOST)).clamp(0, 1)
@@ -128,15 +122,13 @@ class Residual:
         unclipped = (torch.stack(scale.observed).amax(1, keepdim=True) < self._white).float()
         return modelled, sure * unclipped
 
-    def _render(
-        self, point: Candidate, optics: Optics, scale: Scale, quality: str
-    ) -> tuple[Tensor, Tensor]:
+    def _render(self, point: Candidate, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor]:
         """The views of light that a blur makes, and their trust [H, W].
 
         The centre alone [1, C, H, W], or the centre, left and right. Where lights of the sharp
         picture are clipped, their share is a channel more.
         """
-        key = (point.rendered, optics, id(scale), quality)
+        key = (point.rendered, optics, id(scale))
         if key in self._rendered:
             return self._rendered[key]
         strength = point.strength * scale.factor
@@ -146,7 +138,6 @@ class Residual:
             strength * (point.focus - scale.disparity),
             aperture=point.turned(optics.aperture),
             dual_pixel=optics.dual_pixel,
-            quality=quality,
             left_right=len(scale.observed) > 1,
             threads=self._threads,
             infinity=strength * point.focus,

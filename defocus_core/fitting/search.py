@@ -335,7 +335,7 @@ def _errors(
     residual: Residual, optics: Optics, flat: Scale, point: Candidate, level: Tensor
 ) -> tuple[Tensor, Tensor]:
     """The error and the weight [L] of each level of disparity, blurred as a whole."""
-    away, weight = residual.of(point, optics, flat, "draft")
+    away, weight = residual.of(point, optics, flat)
     weight = weight.double().flatten()
     error = measure_of(away).mean(1).double().flatten()
     zero = torch.zeros(_LEVELS, dtype=torch.float64)

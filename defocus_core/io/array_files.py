@@ -89,7 +89,7 @@ def read_entries(path: Path) -> dict[str, ArrayEntry]:
         raise InputError("unsupported", "is a MATLAB 5 file, which is not read", remedy, path=path)
     if not kind:
         remedy = "save it as NPY or NPZ"
-        raise InputError("wrong-type", "is no file of arrays", remedy, path=path)
+        raise InputError("wrong-type", "is not a file of arrays", remedy, path=path)
     with decoding(path, f"is a truncated or damaged {kind} file"):
         every = list(islice(_READERS[kind](path), _MAX_ARRAYS + 1))
     if len(every) > _MAX_ARRAYS:

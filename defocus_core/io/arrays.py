@@ -22,7 +22,7 @@ from defocus_core.errors import InputError, reason
 
 _GRID = 1 << 16  # pixels of a sample of a picture, about
 # Pixels of a band of rows.
-_BAND = 1 << 20
+BAND = 1 << 20
 _LASTING = Path("/var/tmp")
 
 
@@ -76,7 +76,7 @@ class Scratch:
     ) -> Iterator[tuple[NDArray[Any], int]]:
         """Pieces of an array that are contiguous in the file, each with its offset in bytes."""
         if values.shape[1] == self.shape[1]:
-            count = max(1, _BAND // max(1, self.shape[1]))
+            count = max(1, BAND // max(1, self.shape[1]))
             pieces = [values[y : y + count] for y in range(0, len(values), count)]
         else:
             count, pieces = 1, list(values)
@@ -153,10 +153,10 @@ def stacked(planes: Sequence[Any]) -> LazyArray:
     return LazyArray((*planes[0].shape, len(planes)), planes[0].dtype, read)
 
 
-def bands(shape: Sequence[int], pixels: int = _BAND) -> list[slice]:
+def bands(shape: Sequence[int], pixels: int = 0) -> list[slice]:
     """Bands of rows that together are an array [H, W, …]."""
     height, width = shape[:2]
-    count = max(1, pixels // max(1, width))
+    count = max(1, (pixels or BAND) // max(1, width))
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
 
 

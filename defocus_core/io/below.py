@@ -23,7 +23,7 @@ _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 def path_fault(name: object) -> str | None:
     """What is wrong with a name below a folder, as ``leads upwards``; None if nothing is."""
     if not isinstance(name, str) or not name or "\0" in name or not _is_encodable(name):
-        return "is no name of a file"
+        return "is not a name of a file"
     if name.startswith("/"):
         return "is an absolute path"
     parts = name.split("/")

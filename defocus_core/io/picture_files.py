@@ -214,7 +214,7 @@ def write_map(path: str | PathLike[str], plane: ArrayLike, *, channel: str = "Z"
     elif suffix in (".tif", ".tiff"):
         encode.write_map(Path(path), values, channel)
     else:
-        problem = "has a suffix of no format of maps"
+        problem = "does not have the suffix of a format of maps"
         raise UsageProblem("wrong-type", problem, "use .exr or .tif", path=Path(path))
 
 

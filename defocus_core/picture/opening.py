@@ -169,7 +169,7 @@ def pupil_image(path: Path) -> PupilImage:
     try:
         return PupilImage(torch.from_numpy(light.mean(axis=0)))
     except ValueError as error:
-        problem = f"is no picture of a pupil: {reason(error)}"
+        problem = f"is not a picture of a pupil: {reason(error)}"
         raise InputError(
             "malformed", problem, "give a picture that is bright where it is open", path=path
         ) from None
@@ -178,7 +178,7 @@ def pupil_image(path: Path) -> PupilImage:
 def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
     """Refuse what is no picture [channels, H, W] of a size that a pupil may have."""
     if len(shape) != 3 or max(shape[1:]) > _MAX_SIDE:
-        problem = f"is no picture of a pupil: it has {times(shape)} numbers"
+        problem = f"is not a picture of a pupil: it has {times(shape)} numbers"
         remedy = f"give one picture of {_MAX_SIDE} px a side at most"
         raise InputError("malformed", problem, remedy, path=path)
 

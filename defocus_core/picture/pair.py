@@ -25,13 +25,18 @@ from defocus_core.system.text import note
 
 def read(wanted: InputPair) -> tuple[Color, Depth]:
     """Colour and depth of the same size, whose pixels are all valid."""
-    picture = wanted.picture
+    picture, asked = wanted.picture, wanted.reading.resize_depth
     shared = picture.color == picture.depth
     if shared and wanted.reading.resize_depth is None and not is_exr(read_head(picture.color)):
         reading = replace(wanted.reading, resize_depth="guided")  # smaller in a photograph
         wanted = replace(wanted, reading=reading)
     require_view((picture.color, picture.depth), wanted.reading.view)
-    pair = through(PAIR, _decode(through(WINDOW, wanted)))
+    decoded = _decode(through(WINDOW, wanted))
+    if asked is not None and not decoded.differs:
+        words = f"{picture.depth.name}: ‹resize-depth› {asked}: it has the size of the colour"
+        depth = decoded.depth
+        decoded = decoded.with_depth(replace(depth, told=(*depth.told, words)))
+    pair = through(PAIR, decoded)
     require_valid(pair.depth)
     require_finite(pair.color)
     if pair.color.note.endswith(SHARP_INSIDE):

@@ -55,9 +55,9 @@ def write_signed_preview(path: Path, radius: Any) -> None:
     write_samples(path, radius.shape, encoded, "png", {})
 
 
-def largest(radius: NDArray[np.float32]) -> float:
-    """The largest finite |radius|."""
-    size = np.abs(radius)
+def largest(values: NDArray[Any]) -> float:
+    """The largest finite magnitude."""
+    size = np.abs(values)
     return float(np.max(size, where=np.isfinite(size), initial=0.0))
 
 

@@ -57,7 +57,7 @@ def render(take: Take, progress: Progress | None = None) -> Take:
         seconds=wall,
         cpu_seconds=cpu,
         stats={**renderer.stats, "pixels_invented": images.invented, **lamps, **scratch},
-        warnings=(*take.warnings, *_clamp_warning(renderer.stats)),
+        warnings=(*take.warnings, *_idle(take, renderer), *_clamp_warning(renderer.stats)),
     )
 
 
@@ -68,6 +68,14 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
     for each in passes:
         scene = each.scene.of_colors(each.light, each.px, each.shared)
         yield each, Renderer(scene, each.settings, hold=scene.layered is None and take.has_room)
+
+
+def _idle(take: Take, renderer: Renderer) -> list[str]:
+    """A warning if the width of edges that was given made no difference."""
+    width = take.job.reading.edge_width
+    if width is None or renderer.repair.fraction or take.inputs.plate:
+        return []
+    return [f"{take.inputs.depth.path.name}: ‹edge-width› {width:g}px changes no pixel"]
 
 
 def _clamp_warning(stats: Mapping[str, float]) -> list[str]:

@@ -76,9 +76,9 @@ def subject_of(depth: Depth) -> FoundPixel:
     every, step = _looked_at(depth)
     middle = tuple(slice(n // 4, max(n - n // 4, 1)) for n in every.shape)
     disparity, known = every[middle], np.isfinite(every)[middle]
-    ramp = on_ramp(every)[middle]
     if not known.any():
         return FoundPixel(depth.size[0] // 2, depth.size[1] // 2, depth.size)
+    ramp = on_ramp(every)[middle]
     nearest_first = -np.sort(-disparity[known])
     thickness = _THICKNESS * (nearest_first[0] - nearest_first[-1])
     ends = np.searchsorted(-nearest_first, thickness - nearest_first, side="right")
@@ -167,7 +167,7 @@ def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bo
     return found
 
 
-def completed(
+def with_blur_and_focus(
     lenses: PictureLenses,
     pictures: Sequence[Picture],
     reading: Reading,

@@ -7,7 +7,7 @@ process that it is computed in. Lengths are in mm, radii in px.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from operator import index
 from typing import Any, NamedTuple
 
@@ -35,12 +35,52 @@ from defocus_core.tensors.validation import (
 from defocus_core.tensors.views import Views, no_pictures
 
 Option = float | Distribution
-_SHAPES = ("curvature", "obstruction", "spherical", "squeeze")
-_RIM = ("cat_eye_size", "cat_eye_shift")
-OPTIONS = (
-    *("foclen", "fnum", "foc_dist", "blades", "blade_rotation", "sensor_width"),
-    *(*_SHAPES, *_RIM, "crosstalk"),
-)
+
+
+def _shape(name: str, value: Any) -> object:
+    return Aperture(6, **{name: value})
+
+
+def _mm(name: str, value: Any) -> object:
+    return positive(name, value, "in mm, or a Distribution")
+
+
+def _radii(name: str, value: Any) -> object:
+    return number(name, value, "in radii of the pupil, or a Distribution")
+
+
+class DrawnOption(NamedTuple):
+    """An option of a lens that may be drawn."""
+
+    default: Option
+    check: Callable[[str, Any], object]  # raises ValueError for a value that it cannot have
+
+
+# By name, in the order of `Lenses`, which says what they are.
+OPTIONS: Mapping[str, DrawnOption] = {
+    "foclen": DrawnOption(Distribution("loguniform", (24.0, 85.0)), _mm),
+    "fnum": DrawnOption(Distribution("loguniform", (1.4, 16.0)), _mm),
+    "foc_dist": DrawnOption(
+        Distribution("percentile", (5.0, 95.0)),
+        lambda name, value: value == math.inf or _mm(name, value),
+    ),
+    "blades": DrawnOption(
+        Distribution("choice", (0, 5, 6, 7, 8, 9)), lambda _, value: Aperture(value)
+    ),
+    "blade_rotation": DrawnOption(
+        Distribution("uniform", (0.0, 360.0)),
+        lambda name, value: number(name, value, "in degrees, or a Distribution"),
+    ),
+    "sensor_width": DrawnOption(36.0, _mm),
+    "curvature": DrawnOption(0.0, _shape),
+    "obstruction": DrawnOption(0.0, _shape),
+    "spherical": DrawnOption(0.0, _shape),
+    "squeeze": DrawnOption(1.0, _shape),
+    "cat_eye_size": DrawnOption(1.0, _radii),
+    "cat_eye_shift": DrawnOption(0.0, _radii),
+    "crosstalk": DrawnOption(0.0, lambda _, value: DualPixel(crosstalk=value)),
+}
+_SHAPES = tuple(name for name, row in OPTIONS.items() if row.check is _shape)
 
 
 def check_option(name: str, option: Option) -> None:
@@ -50,19 +90,8 @@ def check_option(name: str, option: Option) -> None:
         raise ValueError(f"{name} must not be drawn from a {kind}; it is for foc_dist only")
     if name == "blades" and kind not in ("number", "choice"):
         raise ValueError(f"blades must be whole numbers, got {option}; draw them by choice")
-    for value in _values(option):
-        if name == "blades":
-            Aperture(value)
-        elif name in _SHAPES:
-            Aperture(6, **{name: value})
-        elif name in _RIM:
-            number(name, value, "in radii of the pupil, or a Distribution")
-        elif name == "crosstalk":
-            DualPixel(crosstalk=value)
-        elif name == "blade_rotation":
-            number(name, value, "in degrees, or a Distribution")
-        elif kind != "percentile" and not (name == "foc_dist" and value == math.inf):
-            positive(name, value, "in mm, or a Distribution")
+    for value in () if kind == "percentile" else _values(option):
+        OPTIONS[name].check(name, value)
 
 
 def check_rim(size: Option, shift: Option) -> None:
@@ -95,13 +124,6 @@ def lens_with(options: dict[str, Any], size: torch.Size) -> DefocusLens:
     lens = DefocusLens(options["foclen"], options["fnum"], sensor, (width, height), "cpu")
     lens.refocus(options["foc_dist"])
     return lens
-
-
-_FOCLEN = Distribution("loguniform", (24.0, 85.0))
-_FNUM = Distribution("loguniform", (1.4, 16.0))
-_FOC_DIST = Distribution("percentile", (5.0, 95.0))
-_BLADES = Distribution("choice", (0, 5, 6, 7, 8, 9))
-_ROTATION = Distribution("uniform", (0.0, 360.0))
 
 
 class Lenses(NamedTuple):
@@ -143,50 +165,24 @@ class Lenses(NamedTuple):
 class RandomDefocus(torch.nn.Module):
     """Defocuses each picture of a batch with a lens of its own, drawn by a seed.
 
-    Its attributes are its arguments, and may be set anew, as for a curriculum. An option of the
-    lens is a number or a `Distribution`. Gradients flow to image and depth.
+    Its attributes are its arguments, and may be set anew, as for a curriculum. Gradients flow to
+    image and depth.
     """
 
     def __init__(
         self,
         *,
-        foclen: Option = _FOCLEN,
-        fnum: Option = _FNUM,
-        foc_dist: Option = _FOC_DIST,
-        blades: Option = _BLADES,
-        blade_rotation: Option = _ROTATION,
-        sensor_width: Option = 36.0,
-        curvature: Option = 0.0,
-        obstruction: Option = 0.0,
-        spherical: Option = 0.0,
-        squeeze: Option = 1.0,
-        cat_eye_size: Option = 1.0,
-        cat_eye_shift: Option = 0.0,
-        crosstalk: Option = 0.0,
         max_radius: float | None = None,
         left_right: bool = False,
         quality: str = "standard",
         depth_repair: str = "auto",
         threads: int = 1,
         depth_unit: str = "mm",
+        **options: Option,
     ) -> None:
         """Set the options that lenses are drawn from.
 
         Args:
-            foclen: Focal length in mm.
-            fnum: F-number.
-            foc_dist: Distance in focus in mm, inf too; drawn in "disparity", or from a "percentile"
-                of the depth that is not sky.
-            blades: Number of blades; 0 is a round aperture. Drawn by "choice".
-            blade_rotation: Angle of a blade's vertex in degrees.
-            sensor_width: Width of the sensor in mm.
-            curvature: Curvature of the blades, as of an `Aperture`; nothing without blades.
-            obstruction: As of an `Aperture`.
-            spherical: As of an `Aperture`.
-            squeeze: As of an `Aperture`.
-            cat_eye_size: Radius of the rim of the barrel, as `size` of a `CatEye`.
-            cat_eye_shift: As `shift` of a `CatEye`. 1 and 0 are no rim.
-            crosstalk: As of a `DualPixel`.
             max_radius: Greatest radius of the blur in px: a lens that exceeds it is drawn again.
                 None for no bound.
             left_right: Whether to return the dual-pixel pair too.
@@ -194,24 +190,24 @@ class RandomDefocus(torch.nn.Module):
             depth_repair: As for `render`.
             threads: As for `render`.
             depth_unit: "mm" or "m", of the depth of pictures; all else is in mm.
+            **options: Of the lens, by the names that `Lenses` explains: each is a number or a
+                `Distribution`, those of `blades` a "choice". `foc_dist` may be drawn in
+                "disparity", or from a "percentile" of the depth that is not sky. Defaults are in
+                `OPTIONS`: focal lengths of 24 to 85 mm, f/1.4 to f/16, 0 to 9 blades, a focus on
+                the depth, and none of the other effects.
 
         Raises:
             ValueError: If a distribution or a value is out of its range.
+            TypeError: If an option has a name that there is not.
         """
         super().__init__()
-        self.foclen = foclen
-        self.fnum = fnum
-        self.foc_dist = foc_dist
-        self.blades = blades
-        self.blade_rotation = blade_rotation
-        self.sensor_width = sensor_width
-        self.curvature = curvature
-        self.obstruction = obstruction
-        self.spherical = spherical
-        self.squeeze = squeeze
-        self.cat_eye_size = cat_eye_size
-        self.cat_eye_shift = cat_eye_shift
-        self.crosstalk = crosstalk
+        if unknown := options.keys() - OPTIONS.keys():
+            name = min(unknown)
+            raise TypeError(
+                f"RandomDefocus() has no option {name}; choose from {', '.join(OPTIONS)}"
+            )
+        for name, row in OPTIONS.items():
+            setattr(self, name, options.get(name, row.default))
         self.max_radius = max_radius
         self.left_right = left_right
         self.quality = quality
@@ -224,7 +220,7 @@ class RandomDefocus(torch.nn.Module):
         """Check all options, which may have been set anew."""
         for name in OPTIONS:
             check_option(name, getattr(self, name))
-        check_rim(self.cat_eye_size, self.cat_eye_shift)
+        check_rim(*(getattr(self, name) for name in ("cat_eye_size", "cat_eye_shift")))
         one_of("depth_unit", self.depth_unit, tuple(DEPTH_UNITS))
         if self.max_radius is not None:
             self.max_radius = positive("max_radius", self.max_radius, "None is no bound")

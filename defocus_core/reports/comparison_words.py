@@ -28,7 +28,6 @@ from defocus_core.system.text import counted
 
 _DIGITS = {"psnr": 4, "ssim": 5}
 _SHOWN = ("max", "rmse", "psnr", "hdr-psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
-_WORDS = {DIFFERENT: "DIFFERENT", MISSING: "MISSING", EXTRA: "EXTRA", UNREADABLE: "UNREADABLE"}
 _COUNTED = (*STATUSES, "not compared")
 _LISTS = ("failed", "warned", "unmeasured", "notes", "metadata")  # attributes of a record
 _METADATA = 3  # attributes that a line has room for
@@ -38,7 +37,7 @@ _TITLES = {"psnr": "PSNR", "hdr": "HDR", "ssim": "SSIM", "rmse": "RMSE", "flip":
 
 def line(record: Comparison) -> str:
     """What became of a pair, in one line."""
-    word = _WORDS.get(record.status, record.status)
+    word = record.status if record.passes else record.status.upper()
     if record.status in (MISSING, EXTRA, UNREADABLE):
         lacking = "B" if record.status == MISSING else "A"
         return f"{record.name}: {word}: {record.error or f'{lacking} has no such file'}"

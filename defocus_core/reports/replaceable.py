@@ -27,5 +27,5 @@ def refuse_other(path: Path, kind: str) -> None:
         raise InputError("unwritable", problem, "name another file", path=path) from None
     begin, mark = _MARKS[kind]
     if head and not (head.startswith(begin) and mark in head):
-        problem = "exists already, and is no report that could be replaced"
+        problem = "exists already, and is not a report that could be replaced"
         raise InputError("exists", problem, "name another file, or move it away", path=path)

@@ -115,7 +115,7 @@ def read_animation(
         if is_curve and not file.exists():
             remedy = f"give CSV, with the header frame,{option} above its lines"
             where = CALLER.at("animate") if table is None else table.place("file")
-            raise UsageProblem("malformed", f"'{text}' is no file of keys", remedy, path=where)
+            raise UsageProblem("malformed", f"'{text}' is not a file of keys", remedy, path=where)
         if file.suffix.lower() == ".toml":
             keys, said = _keys_of(_animate_of(file))
             interpolation = interpolation or said
@@ -171,7 +171,7 @@ def _keys_of(table: Table) -> tuple[dict[str, Mapping[int, Key]], str | None]:
             continue
         if not isinstance(frames, dict) or not frames:
             remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
-            problem = f"{frames!r:.40} is no table of frames"
+            problem = f"{frames!r:.40} is not a table of frames"
             raise UsageProblem("malformed", problem, remedy, path=table.place(name))
         every[name] = {
             frame_of(frame, table.place(name)): Key(text_of(text), table.place(f"{name}: {frame}"))

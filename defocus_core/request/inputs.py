@@ -17,18 +17,14 @@ its outputs are named) and any option of a lens. Paths are relative to the file 
 
 from __future__ import annotations
 
-import csv
-import json
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from io import TextIOWrapper
 from itertools import count
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
-from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, reason
-from defocus_core.io.below import open_plain
+from defocus_core.errors import InputError, Place, UsageProblem
+from defocus_core.io.row_files import Row, read_rows
 from defocus_core.io.shots.frame_patterns import MISSING, frame_choice
 from defocus_core.request.job import OTHERS, Picture
 from defocus_core.request.pairing import SCENE_SUFFIXES, find
@@ -37,89 +33,8 @@ from defocus_core.request.resolver import Layer, layer_of
 from defocus_core.request.toml_file import Table, refuse_unknown
 from defocus_core.system.memory import without_collections
 
-SUFFIXES = (".csv", ".jsonl")
-_LONGEST_LINE = 2**20
-Row = tuple[Place, Mapping[str, Any]]  # for errors, and values
-
-
-def read_rows(file: Path, what: str, example: str) -> Iterator[Row]:
-    """Place and values of each row, without those that are empty or null."""
-    if file.suffix.lower() not in SUFFIXES:
-        remedy = f"name it after its type, {' or '.join(SUFFIXES)}"
-        raise InputError("wrong-type", f"is no {what} by its name", remedy, path=file)
-    try:
-        with TextIOWrapper(open_plain(file), encoding="utf-8-sig", newline="") as opened:
-            if file.suffix.lower() == ".csv":
-                yield from _csv_rows(file, opened)
-            else:
-                yield from _json_rows(file, opened, example)
-    except OSError as error:
-        raise cannot_read(file, error, "check the path") from None
-    except UnicodeDecodeError:
-        raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
-
-
-def _csv_rows(file: Path, opened: TextIO) -> Iterator[Row]:
-    reader = csv.reader(opened, strict=True)
-    try:
-        keys = [key.strip() for key in next(filter(_is_data, reader), [])]
-        if not keys:
-            raise InputError(
-                "empty", "is empty", "begin it with a line like color,depth", path=file
-            )
-        if len(keys) == 1 and ";" in keys[0]:
-            problem = "has semicolons between its cells"
-            raise InputError("malformed", problem, "write commas", path=file, field="line 1")
-        if twice := [key for key, times in Counter(keys).items() if times > 1]:
-            problem = f"names '{twice[0]}' twice"
-            remedy = "remove one of the columns"
-            raise InputError("duplicate", problem, remedy, path=file, field="line 1")
-        for cells in filter(_is_data, reader):
-            values = [cell.strip() for cell in cells]
-            if any(values) and len(values) != len(keys):
-                problem = f"has {len(values)} cells, but the header names {len(keys)}"
-                raise _malformation(file, reader.line_num, problem, "mend that line")
-            if any(values):
-                row = zip(keys, values, strict=True)
-                filled = {key: value for key, value in row if value}
-                yield Place(file, f"line {reader.line_num}"), filled
-    except csv.Error as error:
-        problem = f"is not CSV: {reason(error)}"
-        raise _malformation(file, reader.line_num, problem, "mend that line") from None
-
-
-def _is_data(cells: Sequence[str]) -> bool:
-    """Whether a line is no comment, which begins with # and holds one cell."""
-    return not (len(cells) == 1 and cells[0].lstrip().startswith("#"))
-
-
-def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
-    for number in count(1):
-        text = opened.readline(_LONGEST_LINE)
-        if not text:
-            return
-        if not text.strip():
-            continue
-        remedy = f"write it like {example}"
-        try:
-            row = json.loads(text)
-        except (ValueError, RecursionError) as error:
-            problem = f"is not JSON: {reason(error)}"
-            raise _malformation(file, number, problem, remedy) from None
-        if not isinstance(row, dict):
-            raise _malformation(file, number, "is no JSON object", remedy)
-        yield (
-            Place(file, f"line {number}"),
-            {key: value for key, value in row.items() if value not in (None, "")},
-        )
-
-
-def _malformation(file: Path, line: int, problem: str, remedy: str) -> InputError:
-    return InputError("malformed", problem, remedy, path=file, field=f"line {line}")
-
-
-_COLOR = {role: "matte" if role == "matte" else f"{role}-color" for role in OTHERS}
-_ROLES = (key for role in OTHERS for key in (_COLOR[role], f"{role}-depth"))
+COLOR_KEYS = {role: "matte" if role == "matte" else f"{role}-color" for role in OTHERS}
+_ROLES = (key for role in OTHERS for key in (COLOR_KEYS[role], f"{role}-depth"))
 FILES = ("color", "depth", *(key for key in _ROLES if key != "matte-depth"))
 KEYS = (*FILES, "frames", "missing", "list", "pictures")
 ROW_KEYS = (*FILES, "stem")
@@ -171,7 +86,7 @@ def _others(paths: Mapping[str, Path], where: Place) -> dict[str, tuple[Path, Pa
     """Colour and depth of what belongs to each picture, by role."""
     others = {}
     for role in OTHERS:
-        other = paths.get(_COLOR[role])
+        other = paths.get(COLOR_KEYS[role])
         if other is not None:
             others[role] = (other, paths.get(f"{role}-depth"))
         elif f"{role}-depth" in paths:
@@ -210,7 +125,7 @@ def _from_tables(table: Table) -> list[Entry]:
     if not isinstance(tables, list) or not all(isinstance(row, dict) for row in tables):
         remedy = "write [[inputs.pictures]] above each picture's color and depth"
         raise UsageProblem(
-            "malformed", "is no list of tables", remedy, path=table.place("pictures")
+            "malformed", "is not a list of tables", remedy, path=table.place("pictures")
         )
     if not tables:
         return []
@@ -239,11 +154,14 @@ def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
     options = layer_of(row, LENS_OPTIONS, where.at)
     paths = {key: file.parent / _path(row[key], where, key) for key in FILES if key in row}
     if "color" not in paths:
-        raise InputError("empty", "names no color", "give it the path of a colour file", path=where)
+        raise InputError("empty", "has no color", "give it the path of a colour file", path=where)
     color = paths["color"]
     if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
         raise InputError(
-            "empty", "names no depth, and no EXR that holds both", "give depth", path=where
+            "empty",
+            "has no depth, and its color is not an EXR that holds both",
+            "give depth",
+            path=where,
         )
     others: dict[str, Any] = {
         role: Picture(other.stem, other, depth or other)

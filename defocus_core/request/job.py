@@ -172,7 +172,7 @@ def reading_through(reading: Reading, lens: Lens | None) -> Reading:
     if lens is not None and lens.blur is not None:
         return reading if reading.relative else reading.as_relative()
     if reading.invert is not None:
-        problem = "turns numbers of relative disparity round"
+        problem = "reverses relative disparity, and this depth is not relative"
         remedy = "add ‹blur› 40px, or swap the ends of ‹depth-range›"
         raise UsageProblem("idle-option", problem, remedy, field="invert")
     return reading
@@ -288,7 +288,7 @@ def _name(job: Job, template: str) -> str:
         name = field[1]
         if name not in FIELDS:
             remedy = did_you_mean(name, FIELDS, f"write {' or '.join(f'{{{n}}}' for n in FIELDS)}")
-            raise UsageProblem("unknown-name", f"{field[0]} is no field", remedy, field="name")
+            raise UsageProblem("unknown-name", f"{field[0]} is not a field", remedy, field="name")
         if name == "stem":
             return job.picture.stem
         if name == "view":

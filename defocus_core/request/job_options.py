@@ -86,16 +86,16 @@ _ROWS = (
         choices=("half", "float"),
         help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
         suits=lambda outputs: outputs.format == "exr",
-        idle="says nothing about {format}",
+        idle="has no effect on {format}",
         remedy="leave it out, or write the format exr",
     ),
     OutputParam(
         name="color-space",
         parse=_word(COLOR_SPACES),
         choices=COLOR_SPACES,
-        help="Convert what is no EXR to sRGB.  [default: the profile that the colour has]",
+        help="Convert what is not an EXR to sRGB.  [default: the profile that the colour has]",
         suits=lambda outputs: outputs.format != "exr",
-        idle="says nothing about {format}, which is linear",
+        idle="has no effect on {format}, which is linear",
     ),
     OutputParam(
         name="compression",
@@ -112,7 +112,7 @@ _ROWS = (
         metavar="1…100",
         help=f"Quality of JPEG and WEBP images.  [default: {Outputs.jpeg_quality}]",
         suits=lambda outputs: outputs.format in LOSSY,
-        idle="says nothing about {format}",
+        idle="has no effect on {format}",
         remedy="leave it out, or write the format jpg",
     ),
     OutputParam(
@@ -155,7 +155,6 @@ _SHOT = (
     ),
     Param(
         name="motion",
-        parse=str,
         metavar="LAYER",
         help="Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
         "what other frames have seen of what is hidden is not invented.",

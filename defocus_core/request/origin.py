@@ -16,6 +16,7 @@ from typing import Any
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
 from defocus_core.request import toml_file
+from defocus_core.request.quantities import whole
 from defocus_core.request.toml_file import LARGEST_FILE, Table
 from defocus_core.system.text import note
 
@@ -51,7 +52,7 @@ def read_origin(table: Table) -> Origin:
     """The origin in ``[dataset]``."""
     table.refuse_unknown(KEYS)
     texts = {key: text for key in _TEXTS if (text := table.text(key)) is not None}
-    return Origin(**texts, shuffle=table.integer("shuffle", 0))
+    return Origin(**texts, shuffle=table.parsed("shuffle", whole))
 
 
 @dataclass(frozen=True)

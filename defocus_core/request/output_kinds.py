@@ -115,26 +115,11 @@ PREVIEW = ".preview"  # follows the name of a kind where a preview of it is mean
 SUFFIXES = {"exr": ".exr", "png": ".png", "png16": ".png", "tiff": ".tif"}
 SUFFIXES |= {"jpg": ".jpg", "webp": ".webp"}
 # Suffixes of pictures and films that are not written: no folder is meant by them.
-UNWRITTEN = frozenset(
-    {
-        *(".hdr", ".ppm", ".pgm", ".pbm", ".pnm", ".pfm", ".tga", ".bmp", ".gif", ".psd", ".psb"),
-        *(
-            ".heic",
-            ".heif",
-            ".avif",
-            ".jp2",
-            ".j2k",
-            ".jxl",
-            ".dds",
-            ".dpx",
-            ".cin",
-            ".sgi",
-            ".pic",
-        ),
-        *(".sxr", ".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".ico", ".svg", ".pdf", ".eps"),
-        *(".npy", ".npz", ".mp4", ".mov", ".avi", ".mkv", ".webm", ".mxf"),
-    }
+_UNWRITTEN = (
+    "hdr ppm pgm pbm pnm pfm tga bmp gif psd psb heic heif avif jp2 j2k jxl dds dpx cin sgi pic "
+    "sxr dng cr2 cr3 nef arw raf ico svg pdf eps npy npz mp4 mov avi mkv webm mxf"
 )
+UNWRITTEN = frozenset(f".{word}" for word in _UNWRITTEN.split())
 LOSSY = ("jpg", "webp")  # which have a quality
 MAP_FORMATS = ("exr", "tiff")
 COLOR_SPACES = ("srgb",)
@@ -148,7 +133,7 @@ def compression(text: str) -> str:
     name, colon, level = text.strip().lower().partition(":")
     if name not in COMPRESSIONS or (colon and name != "dwaa"):
         remedy = f"choose from {', '.join(COMPRESSIONS)}; or dwaa:LEVEL"
-        raise QuantityError(f"'{text}' is no codec", did_you_mean(name, COMPRESSIONS, remedy))
+        raise QuantityError(f"'{text}' is not a codec", did_you_mean(name, COMPRESSIONS, remedy))
     if not colon:
         return name
     value = within(0, _MAX_LEVEL, "a level of dwaa", "like dwaa:45")(level)

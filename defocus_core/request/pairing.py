@@ -250,7 +250,7 @@ def _refuse_unpaired(files: _Files, others: _Files) -> None:
         )
     lone = [name for name in files.by_name if name not in others.by_name]
     if lone:
-        more = f", nor like {len(lone) - 1} more" if len(lone) > 1 else ""
-        problem = f"holds nothing named '{lone[0]}' like {files.by_name[lone[0]]}{more}"
+        more = f", and none for {len(lone) - 1} more" if len(lone) > 1 else ""
+        problem = f"has no file named '{lone[0]}', as {files.by_name[lone[0]]} is{more}"
         remedy = "name colour and depth files alike, or move the unpaired ones away"
         raise InputError("empty", problem, remedy, path=others.path)

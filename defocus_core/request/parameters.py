@@ -34,8 +34,8 @@ class Param:
     name: str  # of the option, and of the key of a TOML file
     key: str = ""  # of a TOML file, where that is another
     in_files: bool = False  # only files have it
-    parse: Callable[[str], Any]  # makes its value of a text; raises QuantityError
     help: str  # what it does; other options are in angle quotes
+    parse: Callable[[str], Any] = str  # makes its value of a text; raises QuantityError
     metavar: str = ""  # what help shows in the place of its value
     stored_as: str = ""  # the field that has its value, where that is not its name with underscores
     unit: str = ""  # of each number of its value, which a text must name
@@ -271,7 +271,7 @@ _ROWS = (
         example="128",
         even_in="steps",
         needs="blur",
-        idle="is in focus with a blur in pixels only",
+        idle="has an effect only with a blur in pixels",
         instead_of="focus-at",
     ),
     LensParam(
@@ -319,7 +319,7 @@ _ROWS = (
         tag="vignetting",
         example="on",
         needs="cat-eye",
-        idle="darkens nothing without a rim",
+        idle="has no effect without a rim",
         is_optics=True,
     ),
     LensParam(
@@ -451,7 +451,7 @@ _ROWS = (
         tag="seed",
         example="7",
         needs="noise",
-        idle="changes nothing without noise",
+        idle="has no effect without noise",
     ),
 )
 LENS_OPTIONS: Mapping[str, LensParam] = {row.name: row for row in _ROWS}

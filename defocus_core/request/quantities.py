@@ -81,7 +81,7 @@ def length(text: str) -> float:
     """A positive length in mm, from ``50mm``, ``2.5 cm``, ``2m``, ``1in`` or ``6ft``."""
     value = _positive(text, "a length", "like 2m or 50mm", _MM)
     if not 1 / _MAX_LENGTH <= value <= _MAX_LENGTH:  # its square is a number, too
-        problem = f"'{text}' is no length from 1e-30 to 1e30 mm"
+        problem = f"'{text}' is not a length from 1e-30 to 1e30 mm"
         raise QuantityError(problem, "write it like 2m or 50mm")
     return value
 
@@ -217,6 +217,21 @@ def one_of(words: Sequence[str], code: str = "malformed") -> Callable[[str], str
         return text
 
     return parse
+
+
+def several(parse: Callable[[str], T], example: str) -> Callable[[str], tuple[T, ...]]:
+    """A parser of values that are separated by commas, each once, in the order given."""
+
+    def read(text: str) -> tuple[T, ...]:
+        try:
+            return tuple(dict.fromkeys(parse(word.strip()) for word in text.split(",")))
+        except QuantityError:
+            raise
+        except ValueError:
+            problem = f"'{text}' is not a list of such values"
+            raise QuantityError(problem, f"write it like {example}") from None
+
+    return read
 
 
 def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:

@@ -41,7 +41,7 @@ def format_name(text: str) -> str:
     near = list(dict.fromkeys([*(n for n in NAMES if name in n or n in name), *near]))[:4]
     nearest = f"did you mean {' or '.join(near)}? " if near else ""
     remedy = f"{nearest}'defocus help depth' lists all of them"
-    raise QuantityError(f"'{text}' is no depth format", remedy)
+    raise QuantityError(f"'{text}' is not a depth format", remedy)
 
 
 def scale(text: str) -> float:
@@ -83,7 +83,9 @@ def field_of_view(text: str) -> float:
     """A horizontal field of view in degrees."""
     degrees = angle(text)
     if not 0 < degrees < 180:
-        raise QuantityError(f"'{text}' is no field of view", "give more than 0 and less than 180")
+        raise QuantityError(
+            f"'{text}' is not a field of view", "give more than 0 and less than 180"
+        )
     return degrees
 
 
@@ -253,13 +255,11 @@ _ROWS = (
     ),
     ReadingParam(
         name="depth-channel",
-        parse=str,
         metavar="NAME",
         help="Depth channel of an EXR, or array of an NPZ or HDF5.",
     ),
     ReadingParam(
         name="color-layer",
-        parse=str,
         metavar="NAME",
         help="Colour layer of an EXR.",
         of_pictures=True,
@@ -282,7 +282,6 @@ _ROWS = (
     ),
     ReadingParam(
         name="view",
-        parse=str,
         metavar="NAME",
         help="View of an EXR of several cameras, like left; in ‹render› several, like left,right.  "
         "[default: the file's first]",

@@ -112,7 +112,7 @@ def given(name: str, value: object, place: Place) -> Given:
     elif row.parse is switch and isinstance(value, bool):
         text = "on" if value else "off"
     elif isinstance(value, bool):
-        problem, remedy = f"{text.lower()} is no value of it", "see 'defocus help'"
+        problem, remedy = f"{text.lower()} is not a value of this option", "see 'defocus help'"
         raise UsageProblem("malformed", problem, remedy, path=place)
     elif row.parse is str and not (isinstance(value, str) and value and "\0" not in value):
         raise UsageProblem(
@@ -211,10 +211,10 @@ def refuse_optics(options: Layer, *, in_pixels: bool = False, radii: bool = Fals
     """Raise UsageProblem if an option decides the radii, which something else decides already."""
     for name, (_, place) in options.items():
         if in_pixels and name not in BESIDE_BLUR:
-            problem = "changes nothing beside blur, which is no lens"
+            problem = "has no effect beside ‹blur›, which replaces the lens"
             raise UsageProblem("contradiction", problem, "leave one of them out", path=place)
         if radii and not in_pixels and (name == METADATA or LENS_OPTIONS[name].is_optics):
-            problem = "changes nothing: with depth-format coc, the files hold the radii"
+            problem = "has no effect: with depth-format coc, the files hold the radii"
             remedy = f"leave it out; {', '.join(OPENING)} shape the opening"
             raise UsageProblem("idle-option", problem, remedy, path=place)
 
@@ -309,11 +309,11 @@ def distribution(name: str, text: str) -> Distribution | None:
         raise QuantityError(f"{kind} is for the focus only", "write uniform(…) or loguniform(…)")
     values = tuple(percentage(w) if kind == "percentile" else value_of(name, w) for w in words)
     if kind != "choice" and any(isinstance(value, Percentile) for value in values):
-        raise QuantityError("a percentile is no end of a range", "write percentile(5, 95)")
+        raise QuantityError("a percentile is not an end of a range", "write percentile(5, 95)")
     try:
         return Distribution(kind, values)
     except ValueError as error:
-        raise QuantityError(f"'{text}' is no distribution: {reason(error)}", "") from None
+        raise QuantityError(f"'{text}' is not a distribution: {reason(error)}", "") from None
 
 
 def fields_of(layer: Layer) -> dict[str, Any]:

@@ -58,7 +58,7 @@ def with_shot(
             raise UsageProblem("idle-option", problem, remedy, path=given.place)
         return list(jobs)
     if decisions.focus_smooth is not None and not any(map(_is_found, jobs)):
-        problem = "smooths nothing: the depth does not decide the focus"
+        problem = "has no effect: the depth does not decide the focus"
         place = decisions.options["focus-smooth"].place
         raise UsageProblem("idle-option", problem, "leave it out, or focus-at X,Y", path=place)
     places = {picture.frame: place for place, picture in enumerate(every)}

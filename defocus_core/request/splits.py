@@ -129,13 +129,13 @@ def read_splits(section: Table) -> Splits:
         if name == _SCENE:
             continue
         if not NAME.fullmatch(name):
-            problem = "is no name of a split"
+            problem = "cannot be the name of a split"
             raise UsageProblem(
                 "malformed", problem, "use letters, digits and _", path=section.place(name)
             )
         is_count = type(value) is int and value >= 1
         if not is_count and not (isinstance(value, float) and 0 < value <= 1):
-            problem = f"{value!r} is no share above 0, up to 1, nor a number of scenes"
+            problem = f"{value!r} is not a share above 0, up to 1, nor a number of scenes"
             remedy = "write train = 0.9, or train = 24"
             raise UsageProblem("malformed", problem, remedy, path=section.place(name))
         if is_count and {*section.values} - {_SCENE} != {name}:

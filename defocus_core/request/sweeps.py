@@ -22,7 +22,7 @@ from typing import Any
 
 from defocus_core.errors import Place, UsageProblem
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES
-from defocus_core.request.quantities import Percentile, read_at, short, text_of
+from defocus_core.request.quantities import Percentile, read_at, short, text_of, whole, whole_within
 from defocus_core.request.resolver import (
     Given,
     Layer,
@@ -95,7 +95,7 @@ def _values(name: str, value: object, where: Place) -> list[Given]:
         return _range(name, value, where)
     if not isinstance(value, list) or not value:
         remedy = f"write a list, or a range: {_RANGE_EXAMPLE.removeprefix('write it ')}"
-        raise UsageProblem("malformed", f"{value!r} is no list of values", remedy, path=where)
+        raise UsageProblem("malformed", f"{value!r} is not a list of values", remedy, path=where)
     _refuse_many(len(value), where)
     return [given(name, one, where) for one in value]
 
@@ -104,7 +104,7 @@ def _sets(table: Table) -> list[dict[str, Given]]:
     sets, where = table.values["lenses"], table.place("lenses")
     if not isinstance(sets, list) or not sets or not all(isinstance(one, dict) for one in sets):
         remedy = 'write lenses = [{focus = "1m", fnumber = 2}, {focus = "2m", fnumber = 4}]'
-        raise UsageProblem("malformed", "is no list of lenses", remedy, path=where)
+        raise UsageProblem("malformed", "is not a list of lenses", remedy, path=where)
     _refuse_many(len(sets), where)
     refuse_unknown((name for one in sets for name in one), tuple(LENS_OPTIONS), where, "a lens")
     return [
@@ -117,14 +117,14 @@ def _range(name: str, text: str, where: Place) -> list[Given]:
     """The values of a range; its ends are as they are written, values between rounded."""
     match = _RANGE.fullmatch(read_at(where, short, text).strip())
     if not match:
-        raise UsageProblem("malformed", f"'{text}' is no range", _RANGE_EXAMPLE, path=where)
+        raise UsageProblem("malformed", f"'{text}' is not a range", _RANGE_EXAMPLE, path=where)
     low, high = (_end(name, match[side].strip(), where) for side in (1, 2))
     row = LENS_OPTIONS[name]
     fit = ("disparity", "depth", "log") if row.even_in == "disparity" else ("steps", "log")
     count, scale = int(match[3]), match[4] or fit[0]
     for wrong, problem, remedy in (
         (scale not in fit, f"{name} has no steps in {scale}", f"write in {' or in '.join(fit)}"),
-        (count < 2, f"{count} is no number of steps", "give 2 or more, both ends count"),
+        (count < 2, f"{count} is not a number of steps", "give 2 or more, both ends count"),
         (
             scale != "disparity" and math.inf in (low, high),
             f"cannot reach inf in {scale}",
@@ -146,7 +146,7 @@ def _end(name: str, text: str, where: Place) -> float:
     value: Any = read_at(where, value_of, name, text)
     if isinstance(value, Percentile | tuple | Path | str):
         raise UsageProblem(
-            "malformed", f"'{text}' is no end of a range", "write a list of values", path=where
+            "malformed", f"'{text}' is not an end of a range", "write a list of values", path=where
         )
     return float(value)
 
@@ -168,7 +168,7 @@ def read_sampling(table: Table) -> Sampling:
     if not table.values:
         return Sampling()
     table.refuse_unknown(_SAMPLE_KEYS)
-    count, seed = table.integer("n", 1), table.integer("seed", 0)
+    count, seed = table.parsed("n", whole_within(1)), table.parsed("seed", whole)
     if count is None or seed is None:
         key = "n" if count is None else "seed"
         raise UsageProblem(
@@ -183,7 +183,7 @@ def read_sampling(table: Table) -> Sampling:
     for name, (text, place) in options.items():
         if read_at(place, distribution, name, text) is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
-            raise UsageProblem("malformed", f"'{text}' is no distribution", remedy, path=place)
+            raise UsageProblem("malformed", f"'{text}' is not a distribution", remedy, path=place)
     if not options:
         remedy = 'write fnumber = "loguniform(1.4, 16)" below [sample]'
         raise UsageProblem(

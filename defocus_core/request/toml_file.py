@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, did_you_mean, reason
 from defocus_core.io.below import open_plain
-from defocus_core.request.quantities import read_at, text_of
+from defocus_core.request.quantities import one_of, read_at, text_of
 
 T = TypeVar("T")
 LARGEST_FILE = 2**26  # bytes
@@ -86,35 +86,15 @@ class Table:
 
     def choice(self, key: str, known: Sequence[str]) -> str | None:
         """One of the ``known`` words, or None."""
-        return self.one_of(known, key, self.values[key]) if key in self.values else None
-
-    def one_of(self, known: Sequence[str], key: str, word: object) -> str:
-        """A word below ``key`` that must be one of the ``known``."""
-        for each in known:
-            if each == word:
-                return each
-        remedy = did_you_mean(str(word), known, f"choose from {', '.join(known)}")
-        raise UsageProblem("unknown-name", f"'{word}' is not known", remedy, path=self.place(key))
+        return self.parsed(key, one_of(known, "unknown-name"))
 
     def flag(self, key: str) -> bool | None:
         """True or false, or None."""
         value = self.values.get(key)
         if value is None or isinstance(value, bool):
             return value
-        raise UsageProblem(
-            "malformed", f"{value!r} is neither true nor false", "write true", path=self.place(key)
-        )
-
-    def integer(self, key: str, minimum: int, maximum: int | None = None) -> int | None:
-        """A whole number of at least ``least`` and at most ``most``, or None."""
-        value = self.values.get(key)
-        if value is None or (type(value) is int and minimum <= value <= (maximum or value)):
-            return value
-        limits = f"{minimum} or more" if maximum is None else f"{minimum} to {maximum}"
-        problem = f"{value!r} is not a whole number of {limits}"
-        raise UsageProblem(
-            "malformed", problem, f"write it like {max(minimum, 1)}", path=self.place(key)
-        )
+        problem = f"{value!r} is neither true nor false"
+        raise UsageProblem("malformed", problem, "write true", path=self.place(key))
 
 
 def refuse_unknown(

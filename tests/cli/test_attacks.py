@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 from batches import again, folders
-from command_line import LENS, color_exr, failed, files_under, refused, run, succeed, texture
+from command_line import color_exr, failed, files_under, refused, run, succeed, texture
 from counting import calls
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import record, taken
@@ -21,10 +21,10 @@ from defocus_core.compare.goldens import read_store
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.picture_files import read_depth
+from defocus_core.io.row_files import read_rows
 from defocus_core.io.safe_files import written_together, written_whole
 from defocus_core.io.wildcards import matching
 from defocus_core.request import origin
-from defocus_core.request.inputs import read_rows
 
 __all__ = ["folders"]
 FOREIGN = (
@@ -197,22 +197,6 @@ def test_a_report_replaces_nothing_but_a_report(tmp_path):
     assert (picture.read_bytes(), jobs.read_text()) == (before, "[inputs]")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ("compare", "a.exr", "b.exr", "--thresholds", "pipe.toml"),
-        ("batch", "pipe.toml", "-o", "out"),
-        ("render", "a.exr", "b.exr", "--lens", "pipe.toml", "-o", "out"),
-        ("render", "a.exr", "b.exr", *LENS, "--animate", "pipe.csv", "-o", "out"),
-    ],
-)
-def test_a_command_does_not_wait_for_a_pipe(words, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    for name in ("pipe.toml", "pipe.csv"):
-        os.mkfifo(tmp_path / name)
-    refused(run(*words), 3, "unreadable")
-
-
 def test_rows_are_read_from_no_pipe_and_columns_are_counted_once(tmp_path):
     os.mkfifo(tmp_path / "pipe.csv")
     with refuses("unreadable", "not a regular file"):
@@ -286,15 +270,14 @@ def test_the_name_of_a_journal_cannot_make_a_merge_count_shards_for_ever(tmp_pat
         ("bench", "--truth", "x/camera.json"),
     ],
 )
-def test_a_file_that_is_a_hole_is_refused_at_once(words, tmp_path, monkeypatch):
+def test_a_file_that_is_a_hole_is_refused_at_once(words, here):
     """One of 100 GB took all memory, or a minute of a decoder that looked for its format."""
-    monkeypatch.chdir(tmp_path)
     *options, name = words
-    (tmp_path / name).parent.mkdir(exist_ok=True)
-    with (tmp_path / name).open("wb") as file:
+    (here / name).parent.mkdir(exist_ok=True)
+    with (here / name).open("wb") as file:
         file.write(b"{")
         file.truncate(10**11)
-    ran = run(*options, name if words[0] == "info" else tmp_path)
+    ran = run(*options, name if words[0] == "info" else here)
     assert (ran.code, ran.err.count("\n")) == (3, 1)
     assert "is a hole of 100000 MB" in ran.err
 

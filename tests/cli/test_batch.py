@@ -6,6 +6,7 @@ import sys
 import tarfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from batches import JOBS, contents, jobs_file, make_believe, records, without_times
 from command_line import Terminal, depth_exr, files_under, hidden_in, ramp, refused, run, succeed
@@ -317,3 +318,12 @@ def test_a_finished_batch_of_a_thousand_jobs_ends_at_once(tmp_path, out, monkeyp
     ran = subprocess.run(words, capture_output=True, text=True, check=True)
     assert "1000 jobs: 1000 done before" in ran.stderr
     assert not set(ran.stdout.split()) & set(HEAVY)
+
+
+def test_errors_of_a_batch_name_the_keys_of_its_jobs_file(tmp_path, out):
+    jobs, metres = jobs_file(tmp_path), ramp()
+    metres[0, 0] = np.nan
+    depth_exr(tmp_path / "depth" / "a.exr", metres)
+    ran = run("batch", jobs, "-o", out)
+    assert "say [reading] invalid far" in ran.err
+    assert "--invalid" not in ran.err + run("status", out).out

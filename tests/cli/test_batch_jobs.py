@@ -74,3 +74,12 @@ def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path):
     assert f"{index}: written again, as it lists samples that were done now" in told
     assert f"{out / 'shards'}: packed again" in told
     assert [sample.lens.fnum for sample in samples(out)] == [4, 2]
+
+
+def test_a_list_may_begin_with_a_comment(tmp_path):
+    pictures(tmp_path)
+    (tmp_path / "list.csv").write_text("# list.csv\ncolor,depth\na_rgb.exr,a_z.exr\n")
+    jobs = tmp_path / "jobs.toml"
+    jobs.write_text(f'[inputs]\nlist = "list.csv"\n{FIXED}[outputs]\nkinds = ["coc"]\n')
+    succeed("batch", jobs, "-o", tmp_path / "out")
+    assert "coc/a_rgb.exr" in files_under(tmp_path / "out")

@@ -63,19 +63,6 @@ def test_what_is_in_focus_is_timed_once():
     assert all(own == [2.0, 8.0] for own in radii.values())
 
 
-@pytest.mark.parametrize(
-    ("args", "code", "at"),
-    [
-        (("--time", "--sizes", "480"), "malformed", "sizes"),
-        (("--time", "--radii", "8,-1"), "malformed", "radii"),
-        (("--time", "--truth", "x"), "contradiction", "--truth"),
-        (("--radii", "8"), "contradiction", "--radii"),
-    ],
-)
-def test_options_that_make_no_sense_are_refused(args, code, at):
-    refused(run("bench", *args), 2, code, at)
-
-
 def test_the_peak_begins_anew():
     if not memory.held_mb():
         pytest.skip("not on this system: it does not tell")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 from command_line import (
-    LENS,
     color_exr,
     pair,
     ramp,
@@ -128,27 +127,6 @@ def test_blur_is_swept_and_drawn_in_jobs_files(tmp_path):
     assert found["a_blur5px"].record["lens"]["blur"] == 5
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "field"),
-    [
-        ([*BLUR, "--fnumber", "2"], "contradiction", "fnumber"),
-        ([*BLUR, "--depth-range", "1m", "2m"], "contradiction", "depth-range"),
-        ([*BLUR, "--radial"], "contradiction", "radial"),
-        ([*BLUR, "--focus-at", "1,1"], "contradiction", "focus-at"),
-        (["--blur", "8px", "--focus-at", "99,1"], "out-of-range", "focus-at"),
-        ([*LENS, "--invert"], "idle-option", "invert"),
-        ([*LENS, "--focus-value", "2"], "idle-option", "focus-value"),
-        ([*BLUR, "--sharp-range", "1m..2m"], "malformed", "sharp-range"),
-        ([*BLUR, "--sharp-range", "3..1"], "malformed", "sharp-range"),
-        ([*LENS, "--sharp-range", "1..2"], "malformed", "sharp-range"),
-    ],
-)
-def test_what_contradicts_a_blur_in_pixels_is_refused(options, code, field, tmp_path):
-    color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
-    ran = run("render", color, z, *options, "-o", tmp_path / "out")
-    refused(ran, 2, code, field)
-
-
 def test_what_blurs_nothing_or_all_is_refused(tmp_path):
     color, z = color_exr(tmp_path / "rgb.exr"), depth(tmp_path / "z.exr")
     flat, out = depth(tmp_path / "flat.exr", np.full((16, 24), 4)), ("-o", tmp_path / "out")
@@ -200,3 +178,20 @@ def test_a_range_of_the_numbers_of_the_file_stays_sharp(tmp_path):
     focus = f"{(float(f'{low:g}') + float(f'{high:g}')) / 2:.9g}"
     other = radius(tmp_path, NUMBERS, "--blur", "8px", "--focus-value", focus)
     np.testing.assert_allclose(found[~within], other[~within], rtol=1e-4)
+
+
+def test_such_a_range_is_told_in_the_numbers_of_the_file_everywhere(tmp_path):
+    out, near = tmp_path / "out", "-2.14..10"
+    inputs = {
+        "color": str(color_exr(tmp_path / "rgb.exr")),
+        "depth": str(depth(tmp_path / "z.exr")),
+    }
+    sweep = {"sharp-range": ["0..3", near]}
+    run_batch({"inputs": inputs, "lens": {"blur": "8px"}, "sweep": sweep}, out)
+    names = {"rgb_sharp0-3": (0.0, 3.0), "rgb_sharp-2.14-10": (-2.14, 10.0)}
+    assert {sample.sample_id: sample.lens.sharp_range for sample in samples(out)} == names
+    assert {path.stem for path in (out / "render").iterdir()} == names.keys()
+    journal = (out / "journal.jsonl").read_text()
+    assert f'"sharp_range": "{near}"' in journal
+    more = ("--blur", "8px", "--sharp-range", near, "-o", tmp_path / "one")
+    assert f" sharp range {near}," in succeed("render", *inputs.values(), *more).err

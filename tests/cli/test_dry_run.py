@@ -125,7 +125,7 @@ def test_a_large_picture_is_counted_without_its_repair_and_writing_counts(
             ("--axial-color", "0.1mm:0.2mm"),
         )
     )
-    assert draft <= usual < high
-    assert apart > 2 * usual
+    assert max(draft, usual) < high
+    assert apart > 1.5 * usual
     assert told()["pictures_read"] == 1
     assert told()["peak_mb"] >= small["peak_mb"]

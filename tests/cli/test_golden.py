@@ -8,6 +8,7 @@ import shutil
 import numpy as np
 import pytest
 from command_line import color_exr, files_under, read_exr, refused, run, texture, write_exr
+from html_reports import item
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 
 PICTURES = {"render/a.exr", "render/b.exr"}
@@ -151,7 +152,9 @@ def test_branches_that_add_goldens_merge_and_a_deleted_one_is_told_from_a_new_on
 ):
     (goldens / "a.golden.json").unlink()  # as on the branch that has b alone
     (goldens / "render" / "b.exr").unlink()
-    out = golden("check", jobs, goldens).out
+    report = tmp_path / "goldens.html"
+    out = golden("check", jobs, goldens, "--html", report).out
+    assert ["No pair", "a new case, without a golden yet"] in item(report, "render/a.exr")["facts"]
     assert "render/a.exr: EXTRA: a new case, without a golden yet" in out
     assert "render/b.exr: EXTRA: its golden was deleted" in out
     before = (goldens / "b.golden.json").read_bytes()

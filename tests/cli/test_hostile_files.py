@@ -83,12 +83,6 @@ def test_carried_channels_that_are_not_finite_are_said(depth, out, tmp_path):
     assert "Z, which" not in ran.err
 
 
-@pytest.mark.parametrize("name", ["x.gif", "x.bmp", "x.avif", "x.mp4", "x.npy"])
-def test_a_suffix_that_is_not_written_is_no_folder(name, color, depth, tmp_path):
-    refused(run("render", color, depth, "-o", tmp_path / name, *LENS), 2, "wrong-type", name)
-    assert not (tmp_path / name).exists()
-
-
 def external(file, other):
     shape = np.ones((4, 6), "f4").tofile(other) or (4, 6)
     file.create_dataset("depth", shape, "f4", external=[(str(other), 0, 96)])

@@ -152,8 +152,7 @@ def test_only_needs_a_picture_that_it_matches(tmp_path):
     refused(ran, 2, "empty", "only")
 
 
-def test_a_batch_shows_its_samples_and_how_to_render_them_again(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_batch_shows_its_samples_and_how_to_render_them_again(tmp_path, here):
     jobs = jobs_file(tmp_path, text=DUAL)
     color, _ = pair(tmp_path, "c")
     color.write_bytes(b"no picture")
@@ -175,8 +174,7 @@ def test_a_batch_shows_its_samples_and_how_to_render_them_again(tmp_path, monkey
     assert files_under(Path("again")) == {p for p in files_under(Path("out")) if "/a." in p}
 
 
-def test_views_in_one_file_wiggle_and_its_command_has_all_that_was_said(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_views_in_one_file_wiggle_and_its_command_has_all_that_was_said(tmp_path, here):
     star = np.zeros((32, 32), np.float32)
     star[8:24, 12:20] = 1.0
     write_exr(tmp_path / "star.exr", Y=star)

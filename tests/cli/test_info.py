@@ -1,7 +1,5 @@
 """``defocus info`` says what is in a file, as ``defocus render`` would read it."""
 
-import re
-
 import numpy as np
 import pytest
 from command_line import (
@@ -49,19 +47,6 @@ def test_with_a_lens_the_blur_is_that_of_render(tmp_path):
     ran = render(color, depth, "-o", tmp_path / "out", "--outputs", "coc", "--json")
     assert record["depth"]["coc_px"] == pytest.approx(ran.json["pictures"][0]["coc_px"])
     assert record["depth"]["lens"]["focus_mm"] == 2000
-
-
-def test_help_names_all_that_json_has(tmp_path):
-    out = tmp_path / "out"
-    color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr")
-    render(color, depth, "-o", out, "--outputs", "coc,trust")
-    files = (color, depth, *(out / kind / "c.exr" for kind in ("coc", "trust")))
-    records = run("info", "--json", *files, *LENS).json["files"]
-    assert records[1]["depth"]["repair"] == ""
-    inner = [record[key] or {} for record in records for key in ("color", "depth")]
-    listed = [one for record in records for key in ("parts", "maps") for one in record[key]]
-    words = set(re.findall(r"\w+", run("info", "--help").out))
-    assert {name for found in (*records, *inner, *listed) for name in found} <= words
 
 
 def test_people_are_told_on_stdout(tmp_path):

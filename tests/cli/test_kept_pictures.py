@@ -53,14 +53,6 @@ def test_names_keep_lenses_apart(tmp_path, out):
     assert files_under(out) == {"coc/a_focus3m.exr", "coc/a_f8.exr"}
 
 
-@pytest.mark.parametrize(
-    ("template", "code"),
-    [("{stam}", "unknown-name"), *((name, "malformed") for name in ("a/{stem}", "", ".{stem}"))],
-)
-def test_a_name_that_cannot_be_is_refused(template, code, tmp_path, out):
-    refused(render(*pair(tmp_path), "-o", out, "--name", template), 2, code, "name")
-
-
 VIEWS = {"multiView": ["left", "right"]}
 
 
@@ -100,21 +92,6 @@ def test_a_file_is_one_picture_without_a_journal(name, options, tmp_path, out):
     (out / name).write_bytes(b"of another program")
     refused(render(*files, "-o", out / name, *options), 3, "exists", out / name)
     photograph(*files, "-o", out / name, *options, "--overwrite")
-
-
-@pytest.mark.parametrize(
-    ("options", "code", "at"),
-    [
-        (("--outputs", "coc"), "wrong-type", "p.png"),
-        (("--outputs", "left,right"), "contradiction", "outputs"),
-        (("--preview",), "contradiction", "preview"),
-        (("--name", "{stem}"), "contradiction", "p.png"),
-        (("--format", "jpg"), "wrong-type", "p.png"),
-    ],
-)
-def test_what_a_file_cannot_hold_is_refused(options, code, at, tmp_path, out):
-    refused(render(*pair(tmp_path), "-o", out / "p.png", *options), 2, code, at)
-    assert not out.exists()
 
 
 def test_a_file_is_none_of_its_inputs(tmp_path):

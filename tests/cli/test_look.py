@@ -79,33 +79,6 @@ def test_a_lens_file_has_them_and_the_picture_lies_beside_it(light, tmp_path):
     assert from_file[17, 19] == 0  # between the arms
 
 
-@pytest.mark.parametrize(
-    ("options", "code", "field"),
-    [
-        (("--spherical", "much"), "malformed", "spherical"),
-        (("--squeeze", "0.5"), "malformed", "squeeze"),
-        (("--blade-curvature", "0.5"), "idle-option", "blade-curvature"),
-        (("--aperture-image", "x.png", "--blades", "5"), "contradiction", "blades"),
-        (("--noise", "0:3"), "malformed", "noise"),
-        (("--noise", "100:1", "--noise-seed", "-3"), "malformed", "noise-seed"),
-        (("--dp-model", "round"), "malformed", "dp-model"),
-        (("--dp-crosstalk", "0.6"), "malformed", "dp-crosstalk"),
-        (("--cat-eye", "1:90"), "malformed", "cat-eye"),
-        (("--cat-eye", "1"), "malformed", "cat-eye"),
-        (("--obstruction", "0.4", "--cat-eye", "0.3:0.1"), "contradiction", "cat-eye"),
-        (("--axial-color", "0.2"), "malformed", "axial-color"),
-        (("--axial-color", "0.2:0.2"), "malformed", "axial-color"),
-        (("--axial-color", "0.2mm"), "malformed", "axial-color"),
-        (("--axial-color", "1m:0mm"), "malformed", "axial-color"),
-        (("--highlights", "2"), "malformed", "highlights"),
-        *((("--sharp-range", t), "malformed", "sharp-range") for t in ("2m", "2.4m..1.8m", "..2m")),
-    ],
-)
-def test_a_look_or_sensor_that_makes_no_sense_is_refused(light, tmp_path, options, code, field):
-    refused(run("render", *light, "-o", tmp_path / "out", *LENS, *options), 2, code, field)
-    assert not (tmp_path / "out").exists()
-
-
 def test_a_picture_that_is_no_opening_is_refused(light, tmp_path):
     whole, out, file = np.ones((4, 4)), tmp_path / "out", tmp_path / "pupil.npy"
     for values in (0 * whole, -whole, np.ones((2, 2, 5, 5))):

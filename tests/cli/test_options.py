@@ -2,6 +2,8 @@
 
 import os
 import re
+import subprocess
+import sys
 from importlib import import_module
 
 import click
@@ -98,3 +100,12 @@ def test_help_shows_options_under_their_headings():
     assert places == sorted(places)
     assert text.index("--focal-length") < text.index("\nOutput:") < text.index("--overwrite")
     assert "Examples:" in text
+
+
+def test_shells_complete_commands():
+    environment = {**os.environ, "_DEFOCUS_COMPLETE": "bash_source"}
+    done = subprocess.run(
+        [sys.executable, "-m", "defocus_cli"], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0
+    assert "_DEFOCUS_COMPLETE=bash_complete" in done.stdout

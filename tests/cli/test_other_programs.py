@@ -21,7 +21,8 @@ from image_files import SCANLINE, multi_part, png_chunk, random_planes, save
 from refusals import refuses
 
 from defocus_core.io.picture_files import read_color, read_depth
-from defocus_core.request.inputs import read_rows
+from defocus_core.io.row_files import read_rows
+from defocus_core.request.reading_options import READING_OPTIONS
 
 RAMP = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
 BUFFER = {"kind": "disparity", "range_mm": (100_000.0, 100.0)}
@@ -46,8 +47,46 @@ def test_sky_is_the_far_end_wherever_that_is(numbers, sky, said, expected, tmp_p
     assert np.isinf(none.metres).sum() in (0, none.metres.size)
 
 
-def test_an_option_that_marks_nothing_is_said(depth, color, out):
-    assert "--sky 1e+06 marks no pixel" in photograph(color, depth, "-o", out, "--sky", "1e6").err
+# A value of each option of reading; those that only ask for what is there anyway are left out.
+_SAID = {
+    "depth-format": "metres",
+    "depth-unit": "cm",
+    "depth-scale": "2",
+    "depth-kind": "disparity",
+    "depth-range": "1m 9m",
+    "focal-px": "30",
+    "baseline": "65mm",
+    "doffs": "1",
+    "radial": "",
+    "invert": "",
+    "fov": "60deg",
+    "sky": "1e6",
+    "invalid": "fill",
+    "resize-depth": "guided",
+    "turn-depth": "",
+    "depth-repair": "off",
+    "edge-width": "3px",
+    "depth-channel": "Q",
+    "color-layer": "beauty",
+    "blur-channels": "N",
+    "part": "3",
+    "view": "left",
+    "unpremultiply-depth": "on",
+}
+_DEFAULTS = {"depth-format", "depth-repair"}  # of depth in metres that needs no repair
+
+
+def test_an_option_of_reading_changes_the_picture_or_is_said_to_change_nothing(color, depth, out):
+    assert _SAID.keys() == READING_OPTIONS.keys() - {"planar"}
+    photograph(color, depth, "-o", out)
+    usual = read_exr(out / "render" / "color.exr")["R"]
+    for number, (name, value) in enumerate(_SAID.items()):
+        own = out.parent / str(number)
+        ran = run("render", *LENS, color, depth, "-o", own, f"--{name}", *value.split())
+        if ran.code:
+            assert f"--{name}" in ran.err or value in ran.err, (name, ran.err)
+        elif f"--{name}" not in ran.err and name not in _DEFAULTS:
+            assert (read_exr(own / "render" / "color.exr")["R"] != usual).any(), name
 
 
 def test_a_focal_length_is_in_pixels_of_the_depth_file(color, tmp_path):

@@ -169,8 +169,7 @@ def test_a_merge_killed_at_any_step_goes_on(every, tmp_path):
 
 @pytest.mark.bench
 @pytest.mark.parametrize("reports", [(), ("--html", "work/r.html", "--junit", "work/j.xml")])
-def test_a_comparison_killed_at_any_step_accepts_all_the_same(reports, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_a_comparison_killed_at_any_step_accepts_all_the_same(reports, tmp_path, here):
     for name in "abcde":
         color_exr(tmp_path / "new" / f"{name}.exr", texture(8, 8))
         color_exr(tmp_path / "work" / "old" / f"{name}.exr", texture(8, 8) / 2)

@@ -31,14 +31,6 @@ def fill_at_the_third_file(monkeypatch):
     monkeypatch.setattr(os, "fsync", full_at_the_third)
 
 
-def test_an_output_directory_that_is_a_file(color, depth, out):
-    out.write_text("mine")
-    for args in ((), ("--dry-run",), ("--overwrite",)):
-        ran = render(color, depth, "-o", out, *args)
-        refused(ran, 3, "wrong-type", out)
-    assert out.read_text() == "mine"
-
-
 def test_an_output_that_is_a_directory(color, depth, out):
     (out / "render" / "color.exr").mkdir(parents=True)
     ran = render(color, depth, "-o", out, "--overwrite")

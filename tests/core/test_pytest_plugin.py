@@ -22,17 +22,23 @@ def test_a_picture(golden):
 """
 
 
-def passes(folder, *options, expression="image", bounds=""):
-    """None if the test passes, else what pytest says."""
-    (folder / "test_it.py").write_text(TEST.format(expression=expression, bounds=bounds))
+def ran(folder, *options):
+    """The exit code of the tests of a folder, and what pytest says."""
     plugin = ["-p", "no:defocus", "-p", "defocus_core.pytest_plugin", "-p", "no:cacheprovider"]
-    words = ["-q", *plugin, "--import-mode=importlib", *options, "test_it.py"]
+    words = ["-q", *plugin, "--import-mode=importlib", "--capture=no", f"--rootdir={folder}"]
     said = io.StringIO()
     sys.modules.pop("test_it", None)
     with contextlib.chdir(folder), contextlib.redirect_stdout(said):
-        code = pytest.main([*words, "--capture=no", f"--rootdir={folder}"])
-    assert code in (0, 1), said.getvalue()
-    return said.getvalue() if code else None
+        code = pytest.main([*words, *options])
+    return code, said.getvalue()
+
+
+def passes(folder, *options, expression="image", bounds=""):
+    """None if the test passes, else what pytest says."""
+    (folder / "test_it.py").write_text(TEST.format(expression=expression, bounds=bounds))
+    code, said = ran(folder, *options, "test_it.py")
+    assert code in (0, 1), said
+    return said if code else None
 
 
 @pytest.fixture(scope="module")
@@ -160,14 +166,8 @@ def test_named(golden):
 
 
 def said_by(folder, *options):
-    """The last line of an unchanged test file, and those that name goldens."""
-    plugin = ["-p", "no:defocus", "-p", "defocus_core.pytest_plugin", "-p", "no:cacheprovider"]
-    sys.modules.pop("test_it", None)
-    said = io.StringIO()
-    with contextlib.chdir(folder), contextlib.redirect_stdout(said):
-        words = ["-q", *plugin, "--import-mode=importlib", "--capture=no", f"--rootdir={folder}"]
-        pytest.main([*words, *options])
-    return [line for line in said.getvalue().splitlines() if "golden" in line]
+    """The lines that name goldens."""
+    return [line for line in ran(folder, *options)[1].splitlines() if "golden" in line]
 
 
 @pytest.mark.parametrize("processes", [(), ("-p", "xdist", "-n", "2")])

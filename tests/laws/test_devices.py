@@ -310,23 +310,6 @@ def test_nor_do_they_on_a_gpu(monkeypatch):
         torch.cuda.set_sync_debug_mode("default")
 
 
-# Launches and waits of a picture, whatever its size; half as many again with left and right.
-@pytest.mark.parametrize(("kind", "maximum", "waits"), [("floor", 1200, 30), ("cards", 5000, 80)])
-def test_a_picture_takes_few_launches(device, kind, maximum, waits):
-    counted: list[Launches] = []
-    for size, both in ((SIZE, False), (SIZE, True), ((2 * SIZE[0], 2 * SIZE[1]), False)):
-        image, radius = map(device.there, scene(kind, size))
-        # gradients are enabled, but nothing needs one
-        with device.known(), Launches(device.name) as counts:
-            render(image, radius, left_right=both)
-        counted.append(counts)
-    one, pair, larger = (counts.launches for counts in counted)
-    assert max(one, larger) <= maximum
-    assert pair <= 1.6 * one
-    assert larger <= 1.5 * one
-    assert all(counts.waits <= waits for counts in counted)
-
-
 @pytest.mark.parametrize(
     "options",
     [

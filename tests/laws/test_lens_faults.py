@@ -9,7 +9,7 @@ import pytest
 import torch
 from tolerances import ROUNDING
 
-from defocus_core import DefocusLens
+from defocus_core import Aperture, DefocusLens, PupilImage, render
 
 DTYPE = torch.float64
 
@@ -78,9 +78,9 @@ def test_depth_is_never_clamped_and_no_depth_is_invalid_in_silence():
     for z in (0.0, -900.0, math.nan):
         depth = torch.full((1, 20, 20), 900.0)
         depth[0, 3, 4] = z
-        for render in (lens.render_rgbd, lens.render_rgbd_dp):
+        for method in (lens.render_rgbd, lens.render_rgbd_dp):
             with pytest.raises(ValueError, match="depth must be positive"):
-                render(speckle(20, 20), depth)
+                method(speckle(20, 20), depth)
 
 
 @pytest.mark.parametrize("foc_dist", [50.0, -50.0, -10.0, 0.0, math.nan, torch.tensor(-49.0)])
@@ -158,3 +158,24 @@ def test_two_scenes_of_equal_radius_render_alike_whatever_lens_and_depth():
     torch.testing.assert_close(
         other.render_rgbd(image, same_radius), lens.render_rgbd(image, depth), atol=1e-9, rtol=0
     )
+
+
+def test_an_opening_is_given_to_a_lens_or_to_an_aperture():
+    image, depth = torch.rand(1, 3, 16, 24), torch.full((1, 1, 16, 24), 4000.0)
+    sensor = {"sensor_size": (36.0, 24.0), "sensor_res": (24, 16)}
+    lens = DefocusLens(50.0, 0.5, aperture=Aperture(obstruction=0.5), **sensor)
+    plain = DefocusLens(50.0, 0.5, **sensor)
+    for each in (lens, plain):
+        each.refocus(1000.0)
+    assert not torch.equal(lens.render_rgbd(image, depth), plain.render_rgbd(image, depth))
+    pupil = PupilImage(torch.ones(5, 5))
+    with pytest.raises(ValueError, match=r"Aperture\(image=…\)"):
+        DefocusLens(50.0, 0.5, aperture=pupil, **sensor)
+    with pytest.raises(ValueError, match=r"Aperture\(image=…\)"):
+        render(image, depth, aperture=pupil)
+
+
+def test_metres_given_as_millimetres_are_doubted():
+    lens = DefocusLens(50.0, 2.0, sensor_size=(36.0, 24.0), sensor_res=(24, 16))
+    with pytest.warns(UserWarning, match="metres"):
+        lens.render_rgbd(torch.rand(1, 3, 16, 24), torch.full((1, 1, 16, 24), 4.0))

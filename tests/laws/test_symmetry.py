@@ -58,16 +58,6 @@ def test_a_quarter_turn_changes_nothing(size, kind, quality):
     assert worst(difference, 0.0) < EXACT
 
 
-def test_a_batch_is_its_pictures():
-    image, radius = noise((40, 56), torch.float32), torch.stack([f() for f in RADII.values()])
-    images = torch.stack([image, image.flip(-1), image.flip(-2), 1 - image])
-    together = render(images, radius.float()[:, None], left_right=True)
-    for k, one in enumerate(images):
-        alone = render(one, radius[k].float(), left_right=True)
-        for batch, one_image in zip(together.images, alone.images, strict=True):
-            assert worst(batch[k], one_image) < 1e-6
-
-
 @pytest.mark.parametrize("channels", [1, 4, 7])
 def test_channels_do_not_know_of_each_other(channels):
     """But for mixed pixels, which all channels together take apart: there are none in a slope."""

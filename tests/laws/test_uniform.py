@@ -7,13 +7,12 @@ import math
 
 import pytest
 import torch
-from measures import inner, second_moments, worst
+from measures import inner, worst
 from reference import both, left, one_plane, polygon, right, whole
 from scenes import RADII, plane, white
 from tolerances import OVERSAMPLING, WHITE
 
 from defocus_core import QUALITIES, Aperture, render
-from defocus_core.renderer.layers.quality import find
 
 DISC, HEXAGON, PENTAGON = Aperture(), Aperture(6, 10.0), Aperture(5, 90.0)
 PUPILS = {
@@ -92,33 +91,6 @@ def test_one_plane_is_one_convolution(r, aperture):
     assert worst(error, 0.0) < tolerance
     for picture, half in zip((o.left, o.right), halves_of(image, r, aperture), strict=True):
         assert worst(picture, half) < 2 * tolerance
-
-
-@pytest.mark.parametrize("quality", QUALITIES)
-@pytest.mark.parametrize("r", [4.0, 4.1, -5.3, 7.7, -9.9, 12.34, -17.0, 23.9])
-def test_the_second_moment_is_that_of_the_radius(r, quality):
-    """On slice radii and between them, on both axes, less the 1/12 px² of a pixel.
-
-    A draft has coarse pixels of two px, and a light between two of them is in both.
-    """
-    picture = render(*isolated(r), quality=quality).render
-    coarse_pixel = 0.6 if quality == "draft" else None
-    for moment in second_moments(picture):
-        assert 2 * math.sqrt(moment - 1 / 12) == pytest.approx(abs(r), rel=0.01, abs=coarse_pixel)
-
-
-@pytest.mark.parametrize("quality", QUALITIES)
-@pytest.mark.parametrize("r", [6.0, 9.3, -20.0])
-def test_the_rim_of_a_highlight_is_as_sharp_as_the_ladder(r, quality):
-    """Of each side one anti-aliased pixel and the step between two slice radii."""
-    disc = render(*isolated(r), quality=quality).render[0]
-    middle = disc.shape[0] // 2
-    profile = disc[middle] / disc[middle, middle]
-    high = 0.92 if quality == "draft" else 0.98  # of coarse pixels of two px made by polynomials
-    rim = int(((profile > 0.02) & (profile < high)).sum()) / 2
-    spacing = max(find(quality).near_spacing, find(quality).far_spacing * abs(r))
-    between = quality == "draft"  # two coarse pixels, which both have the light
-    assert rim <= math.ceil(1 + spacing) + between
 
 
 @pytest.mark.parametrize("r", [1000.0, -1000.0])

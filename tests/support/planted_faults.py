@@ -224,6 +224,11 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
     "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharpened: detail x 1.6"),
     # Small ones.
     "a tenth of a pixel": (lambda a: warped(a, dx=0.1), "shifted by (0.1"),
+    "a twentieth of a pixel": (lambda a: warped(a, dx=0.05), "shifted by (0.05"),
+    "blue enlarged": (
+        lambda a: _of_channel(a, 2, warped(a, scale=1.006)),
+        "B scaled by 1.006,",
+    ),
     "a little of light": (lambda a: a + 0.003, "raised blacks: +0.003"),
 }
 

@@ -14,11 +14,11 @@ import json
 import math
 import os
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, overload
+from typing import Any, BinaryIO
 
 from defocus_core.batch.datasets.sample_index import NAME
 from defocus_core.errors import InputError, Place, cannot_read, reason
@@ -65,7 +65,7 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
             yield _sample(Path(out), line, f"line {number}")
 
 
-class SampleList(Sequence[Sample]):
+class SampleList:
     """Samples of a finished batch, each read where it is asked for: a few bytes a sample.
 
     It holds where the lines of an index begin, so that copies in other processes cost as little.
@@ -93,19 +93,13 @@ class SampleList(Sequence[Sample]):
     def __len__(self) -> int:
         return len(self._offsets)
 
-    @overload
-    def __getitem__(self, index: int) -> Sample: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Sample]: ...
-    def __getitem__(self, index: int | slice) -> Sample | list[Sample]:
-        """A sample, or several.
+    def __getitem__(self, index: int) -> Sample:
+        """A sample.
 
         Raises:
             InputError: The index was written again since, or a line of it is broken.
             IndexError: There are not so many.
         """
-        if isinstance(index, slice):
-            return [self[n] for n in range(*index.indices(len(self)))]
         offset = self._offsets[index]
         with _opened(self._out) as lines:
             if _stamp(lines) != self._stamp:
@@ -141,7 +135,7 @@ def _entry(root: Path, line: bytes, where: str) -> dict[str, Any]:
 
 
 def _no_sample(root: Path, error: Exception, where: str) -> InputError:
-    problem = f"is no sample: {type(error).__name__} {reason(error)}"
+    problem = f"is not a sample: {type(error).__name__} {reason(error)}"
     remedy = "let the batch write it again"
     return InputError("malformed", problem, remedy, path=Place(root / NAME, where))
 

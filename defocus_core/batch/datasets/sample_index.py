@@ -118,12 +118,6 @@ def _lines(out: Path) -> Iterator[tuple[str, bytes]]:
             yield json.loads(_SAMPLE.search(line)[1]), line  # type: ignore[index]
 
 
-def digest_of(out: Path) -> str:
-    """The hash of the index of OUT."""
-    with Folder(out).open(NAME) as file:
-        return digest(file)
-
-
 def digest(lines: Iterable[bytes]) -> str:
     """The hash of an index of these lines."""
     hashed = blake2b(digest_size=16)
@@ -173,6 +167,7 @@ def _entry(record: Record) -> dict[str, Any]:
     paths = {kind: stamp.path for kind, stamp in outputs.items()}
     first, *others = sorted(paths, key=lambda kind: not KINDS[kind].image)
     (near, far), (width, height) = taken.coc_px, taken.size
+    repair = taken.depth_repair or {}
     return {
         f"{first}_file_name" if "image" in paths else "file_name": paths[first],
         **{f"{kind}_file_name": paths[kind] for kind in others if decoded(paths[kind])},
@@ -191,20 +186,14 @@ def _entry(record: Record) -> dict[str, Any]:
         "coc_max_px": float(far),
         **{name: taken.measures.get(name) for name in MEASURES},
         "quality": record.quality,
-        **_repair(taken.depth_repair or {}),
+        # What was repaired of the depth, and the share of the pixels that it changed.
+        "depth_repaired": list(repair.get("kinds", ())),
+        "depth_repaired_share": repair.get("share"),
         "warnings": list(taken.warnings),
         "outputs_blake2b": {kind: stamp.blake2b for kind, stamp in outputs.items()},
         "inputs_blake2b": _hashes(record),
         "version": record.version,
         "renderer": record.renderer,
-    }
-
-
-def _repair(repair: Mapping[str, Any]) -> dict[str, Any]:
-    """What was repaired of the depth, and the share of the pixels that it changed."""
-    return {
-        "depth_repaired": list(repair.get("kinds", ())),
-        "depth_repaired_share": repair.get("share"),
     }
 
 

@@ -20,7 +20,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import blake2b
 from pathlib import Path
-from stat import S_ISREG
 
 from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.journal.left import SHARDS_FOLDER
@@ -87,10 +86,12 @@ def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
     below, before, shards = Folder(out), listed(out), []
     for name, samples in _shards(_samples(out, records), limit):
         digest = sample_index.digest(sample.line for sample in samples)
-        known = None if before is None else before.sizes.get((name, digest))
-        if known is None or known != _size_there(out, name):
+        size = None
+        with suppress(InputError):  # who packs it says what is in the way
+            size = _size(out, f"{FOLDER}/{name}")
+        if before is None or size is None or size != before.sizes.get((name, digest)):
             _pack(out, out / FOLDER / name, samples)
-        size = _size(out, f"{FOLDER}/{name}")
+            size = _size(out, f"{FOLDER}/{name}")
         shards.append({"file": name, "samples": len(samples), "bytes": size, "digest": digest})
     with written_whole(out / FOLDER / LIST, out) as file:
         file.write(json.dumps({"limit": limit, "shards": shards}, indent=1).encode() + b"\n")
@@ -115,27 +116,19 @@ def foreign(out: Path) -> str | None:
     for name in below.names(FOLDER):
         if name != LIST and (name in known or not _NAME.fullmatch(name)):
             continue
-        is_own = _is_list if name == LIST else _is_packed
-        if not is_own(below, f"{FOLDER}/{name}"):
+        if not _is_own(below, f"{FOLDER}/{name}"):
             return f"{FOLDER}/{name}"
     return None
 
 
-def _is_list(below: Folder, name: str) -> bool:
-    with suppress(OSError), below.open(name) as file:
-        return file.read(len(_HEAD)) == _HEAD
-    return False
-
-
-def _is_packed(below: Folder, name: str) -> bool:
-    """Whether a tar holds the line of the index of a sample first."""
-    with (
-        suppress(OSError, tarfile.TarError),
-        below.open(name) as file,
-        tarfile.open(fileobj=file, mode="r:") as tar,
-    ):
-        line = next((tar.extractfile(one) for one in tar if one.name.endswith(".json")), None)
-        return line is not None and sample_index.is_own_line(line.readline() or b"none")
+def _is_own(below: Folder, name: str) -> bool:
+    """Whether a tar holds the line of the index of a sample first, or the list begins as ours."""
+    with suppress(OSError, tarfile.TarError), below.open(name) as file:
+        if name.endswith(LIST):
+            return file.read(len(_HEAD)) == _HEAD
+        with tarfile.open(fileobj=file, mode="r:") as tar:
+            line = next((tar.extractfile(one) for one in tar if one.name.endswith(".json")), None)
+            return line is not None and sample_index.is_own_line(line.readline() or b"none")
     return False
 
 
@@ -213,14 +206,6 @@ def _read(out: Path, name: str) -> bytes:
         return Folder(out).read(name)
     except OSError as error:
         raise _gone(out / name, error) from None
-
-
-def _size_there(out: Path, name: str) -> int | None:
-    """The bytes of a tar, if it is one."""
-    with suppress(OSError):  # who packs it says what is in the way
-        status = Folder(out).status(f"{FOLDER}/{name}")
-        return status.st_size if status is not None and S_ISREG(status.st_mode) else None
-    return None
 
 
 def _size(out: Path, name: str) -> int:

@@ -70,7 +70,7 @@ class BatchDataset(Dataset[Item]):
         for kind in kinds:
             if kind not in KINDS:
                 remedy = did_you_mean(kind, tuple(KINDS), f"choose from {', '.join(KINDS)}")
-                raise UsageProblem("unknown-name", f"{kind!r} is no kind", remedy, field="kinds")
+                raise UsageProblem("unknown-name", f"{kind!r} is not a kind", remedy, field="kinds")
         self.kinds, self.seed, self.transform = tuple(kinds), seed, transform
         self.crop = (crop, crop) if isinstance(crop, int) else crop
         kinds_there, splits = set[str](), set[str]()

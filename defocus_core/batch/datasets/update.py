@@ -65,7 +65,7 @@ def refuse_foreign(out: Path, named: Mapping[str, str], *, packs: bool) -> None:
         tar_shards.keys_of(list(named), out)
         names += filter(None, [tar_shards.foreign(out)])
     if names:
-        problem = "exists already, and no batch has written it"
+        problem = "exists already, and was not written by a batch"
         remedy = "move it away, or choose another -o"
         raise InputError("exists", problem, remedy, path=out / names[0])
 
@@ -125,11 +125,9 @@ def _is_true(out: Path, names: Collection[str]) -> bool:
     told = card.read(out)
     if not told or told.get("origin") != origin_of(out).said:
         return False
-    with suppress(OSError):
-        index = sample_index.digest_of(out)
-        is_whole = index == told.get("index_blake2b") and sample_index.has_splits(
-            out, told["splits"]
-        )
+    with suppress(OSError), Folder(out).open(sample_index.NAME) as index:
+        is_whole = sample_index.digest(index) == told.get("index_blake2b")
+        is_whole = is_whole and sample_index.has_splits(out, told["splits"])
         return is_whole and sample_index.listed(out) == {*names}
     return False
 

@@ -198,7 +198,7 @@ def _parsed(line: bytes) -> Any:
         try:
             os.fsencode(_ENCODER_OF_TEXTS.encode(values))
         except UnicodeEncodeError:
-            raise _NoValueError("has a text that is none, of a half of a sign") from None
+            raise _NoValueError("has a text with half of a surrogate pair") from None
     return ... if values is None else values
 
 
@@ -219,7 +219,7 @@ def _finite(digits: str) -> float:
 
 
 def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} is no JSON")
+    raise ValueError(f"{name} is not JSON")
 
 
 _DECODER = json.JSONDecoder(

@@ -68,7 +68,7 @@ def plan_of(out: Path, shard: Shard | None = None) -> RunPlan | None:
         if is_moment(plan.begun) and all(isinstance(name, str) for name in plan.jobs):
             return plan
     remedy = "remove the file, and what the run left half-written; the next run plans anew"
-    raise InputError("malformed", "is no plan of a run", remedy, path=path)
+    raise InputError("malformed", "is not a plan of a run", remedy, path=path)
 
 
 def forget_shards(out: Path) -> None:
@@ -219,7 +219,7 @@ def refuse_other_division(out: Path, own: Shard) -> None:
     """Refuse a shard beside records of another division, of which none comes last."""
     for shard in shards(out):
         if shard.of != own.of and journal_path(out, shard).exists():
-            problem = f"is of another division than {own.number}/{own.of}"
+            problem = f"belongs to another number of shards than {own.number}/{own.of}"
             remedy = f"run 'defocus merge {out}' first"
             raise InputError("contradiction", problem, remedy, path=journal_path(out, shard))
 

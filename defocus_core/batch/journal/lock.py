@@ -110,7 +110,7 @@ def _taken(path: Path) -> int | None:
             if isinstance(error, BlockingIOError):
                 return None
             raise
-        note(f"{path.parent}: warning: its file system locks nothing; let no other write there")
+        note(f"{path.parent}: warning: its file system has no locks; let no other run write there")
     if is_at(path, number):
         return number
     os.close(number)  # its holder has just removed it

@@ -266,13 +266,13 @@ def output_fault(path: object) -> str | None:
     if fault is not None:
         return fault
     kind, _, name = str(path).partition("/")
-    return None if kind in KINDS and name and "/" not in name else "is no file of a kind in OUT"
+    return None if kind in KINDS and name and "/" not in name else "is not a file of a kind in OUT"
 
 
 def fault_of(values: object, linked: frozenset[str] = frozenset()) -> str | None:
     """What is wrong with a line of a journal, as ``has no lens``; None if it is a record."""
     if not isinstance(values, dict):
-        return "is no record of a job"
+        return "is not a record of a job"
     is_ok = values.get("status") == "ok"
     fault = (_OF_PICTURE if is_ok else _OF_ALL).wrong(values) or _OLD.wrong_if_there(values)
     if fault is not None:
@@ -280,15 +280,15 @@ def fault_of(values: object, linked: frozenset[str] = frozenset()) -> str | None
     if values["status"] not in STATUSES:
         return f"has the status {values['status']!r:.60}, not one of {', '.join(STATUSES)}"
     if not is_moment(values["finished"]):
-        return f"finished at {values['finished']!r:.60}, which is no time with a zone"
+        return f"finished at {values['finished']!r:.60}, which is not a time with a zone"
     if "/" in values["sample_id"]:
         return "has a sample_id with a slash"
     if not is_ok and values["reason"] is None:
         return "has no reason, and made nothing"
     if (split := values.get("split")) and not NAME.fullmatch(split):
-        return f"has the split {split!r:.60}, which is no name"
+        return f"has the split {split!r:.60}, which is not a name"
     if not all(isinstance(warning, str) for warning in values["warnings"]):
-        return "has a warning that is no text"
+        return "has a warning that is not a text"
     fault = _SETTINGS.wrong_if_there(values["settings"])
     fault = fault or _fault_of_files(values, linked)
     return fault or (_fault_of_picture(values) if is_ok else None)
@@ -315,7 +315,7 @@ def _fault_of_files(values: Mapping[str, Any], linked: frozenset[str]) -> str | 
     for kind, stamp in values["outputs"].items():
         path = stamp["path"]
         if output_fault(path):
-            return f"names the output {path!r}, which is no file of a kind in OUT"
+            return f"names the output {path!r}, which is not a file of a kind in OUT"
         if path.partition("/")[0] in linked:
             return f"names the output {path!r}, but {kind} is a link, and no folder of OUT"
     return None
@@ -346,10 +346,10 @@ def _fault_of_picture(values: Mapping[str, Any]) -> str | None:
         return f"has the size {values['size']!r}, which no picture has"
     kinds = (values.get("depth_repair") or {}).get("kinds", [])
     if not isinstance(kinds, list) or not all(isinstance(kind, str) for kind in kinds):
-        return "has a depth_repair of kinds that are no texts"
+        return "has a depth_repair of kinds that are not texts"
     for name, value in (values.get("measures") or {}).items():
         if name.endswith(_MEASURED) and type(value) not in (*_NUMBER, _NONE):
-            return f"has the measures.{name} {value!r:.60}, which is no number"
+            return f"has the measures.{name} {value!r:.60}, which is not a number"
     return None
 
 

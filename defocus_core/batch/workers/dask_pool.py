@@ -29,7 +29,7 @@ CONNECT = "30s"
 def execute_at(address: str, *, threads: int | None) -> Execute:
     """An executor on a Dask scheduler; each job computes with ``threads``, or with one."""
     if "://" not in address:
-        problem = f"'{address}' is no scheduler"
+        problem = f"'{address}' is not a scheduler"
         raise UsageProblem(
             "malformed", problem, "use local, or an address like tcp://head:8786", field="scheduler"
         )

@@ -34,14 +34,14 @@ LOSSY = (3.5 / 255) ** 2  # power of the strongest noise of a codec
 _SIGNAL = 1.3  # least power of a difference, by that of the noise in it
 _FORGIVEN = 0.15  # share of the power of a difference that may be noise, where no codec loses
 _PART_OF = 0.6  # greatest share of a picture that a rectangle of it has
+_GOES_ON = 0.2  # least density of detail outside of it, by that inside
+_NAMED = 0.8  # share left beyond which no explanation is named
 _LEVELS = 32  # of a curve
-_STILL = 0.2  # greatest share of a predicted change that lies where the pictures are equal
-# Differences that a file may round away, on the scale of differences: absolute, and relative.
-_QUANTA = {"uint8": (0.75 / 255, 0.0), "uint16": (0.75 / 65535, 0.0), "half": (1e-4, 2e-3)}
+_STILL = 0.1  # greatest share of a predicted change that lies where the pictures are equal
 _LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
-# RMS of what number types round off: of 0…1 for integers, as a share of the level for others.
-_STEPS = {"uint8": 0.35 / 255, "uint16": 0.35 / 65535}
-_RELATIVE_STEPS = {"half": 4e-4, "float": 1e-6}
+# RMS of what number types round off, on the scale of differences: absolute, and of the level.
+_STEPS = {"uint8": (0.35 / 255, 0.0), "uint16": (0.35 / 65535, 0.0), "half": (0.0, 4e-4)}
+_FLOAT = (0.0, 1e-6)
 PART = 32  # px of a side of a part
 
 
@@ -188,8 +188,8 @@ class Evidence:
         """What the number type of B may round off, on the scale of differences."""
         values = self.scaled(self.sampled[1])
         level = math.sqrt(float(np.square(values).mean())) if values.size else 0.0
-        steps = [_STEPS.get(kind, _RELATIVE_STEPS.get(kind, 1e-6) * level) for kind in self.types]
-        return max(steps, default=0.0)
+        steps = (_STEPS.get(kind, _FLOAT) for kind in self.types)
+        return max((step + share * level for step, share in steps), default=0.0)
 
     @cached_property
     def is_slight(self) -> bool:
@@ -236,11 +236,6 @@ class Evidence:
         return min(unshared, max(self.lossy, _FORGIVEN * every))
 
     @cached_property
-    def _quantum(self) -> tuple[float, float]:
-        found = [_QUANTA.get(kind, (1e-6, 1e-5)) for kind in self.types]
-        return max(each[0] for each in found), max(each[1] for each in found)
-
-    @cached_property
     def _still(self) -> NDArray[np.bool_]:
         """Samples [N] that are equal in A and B, and not at a bound of the file."""
         still: NDArray[np.bool_] = self.pixels.greatest[self.places] == 0
@@ -254,31 +249,46 @@ class Evidence:
 
     @cached_property
     def is_rectangle(self) -> bool:
-        """Whether what differs is a rectangle: its outermost lines differ as all of it does."""
-        top, left, bottom, right = self.window
-        inside = self.pixels.greatest[top:bottom, left:right] > 0
-        if inside.size > _PART_OF * self.pixels.greatest.size or min(inside.shape) < 4:
+        """Whether what differs is a rectangle: its rims differ as all of it, and A goes on outside.
+
+        Only detail counts: what is flat may stay as it is.
+        """
+        changed, (top, left, bottom, right) = self.pixels.greatest > 0, self.window
+        inside = (slice(top, bottom), slice(left, right))
+        if changed[inside].size > _PART_OF * changed.size or min(changed[inside].shape) < 4:
             return False
-        lines = (inside[0], inside[-1], inside[:, 0], inside[:, -1])
-        return min(float(line.mean()) for line in lines) > 0.5 * float(inside.mean()) > 0.1
+        plane = np.nan_to_num(self.scaled(self.pixels.plane("a", self.names[0])))
+        steps = (np.diff(plane, axis=k, append=plane.take([-1], axis=k)) for k in (0, 1))
+        steep = sum(map(np.abs, steps))
+        detail = steep >= 0.5 * np.median(steep[changed])
+        within, there = changed[inside], detail[inside]
+        apart = np.count_nonzero(detail) - np.count_nonzero(there)
+        if apart * there.size < _GOES_ON * np.count_nonzero(there) * (detail.size - there.size):
+            return False
+        rims = [
+            (slice(4),),
+            (slice(-4, None),),
+            (slice(None), slice(4)),
+            (slice(None), slice(-4, None)),
+        ]
+        shares = [float(within[rim][there[rim]].mean()) for rim in rims if there[rim].any()]
+        return min(shares, default=0.0) > 0.5 * float(within[there].mean()) > 0.1
 
     @cached_property
     def changed_share(self) -> float:
         """Share of the pixels that differ."""
         return float(np.count_nonzero(self.pixels.greatest) / self.pixels.greatest.size)
 
-    def _changes_still(self, change: NDArray[Any], level: NDArray[Any], used: Any) -> bool:
-        """Whether a predicted change [C, N] would have changed pixels that are equal."""
-        absolute, relative = self._quantum
-        change = np.where(np.abs(change) > absolute + relative * np.abs(level), change, 0.0)
-        power = np.square(change, dtype="f8").mean(axis=0)
-        still = self._still & (used if used.ndim == 1 else used.all(axis=0))
-        apart = ~self._still
-        if not still.any() or not apart.any():
-            return False
-        p = self.changed_share  # pixels that differ are sampled more often
-        equal, other = (1 - p) * float(power[still].mean()), p * float(power[apart].mean())
-        return equal > _STILL * (equal + other) > 0.0
+    def _changes_still(
+        self, shown: NDArray[Any], a: NDArray[Any], still: NDArray[np.bool_], equal: float = 1.0
+    ) -> bool:
+        """Whether a prediction changes pixels that are equal, each of which counts ``equal``."""
+        change = shown - a
+        share = max(_STEPS.get(kind, _FLOAT)[1] for kind in self.types)
+        change[np.abs(change) <= 2 * self.step + 5 * share * np.abs(a)] = 0.0
+        power = np.square(change, dtype="f8")
+        there = equal * float(power[..., still].sum())
+        return there > _STILL * (there + float(power[..., ~still].sum())) > 0.0
 
     def left(
         self,
@@ -292,21 +302,31 @@ class Evidence:
         `where`: samples [N] or [C, N] at which there is a prediction; None for all.
         """
         aim, whole = self._aim
-        tested = np.broadcast_to(~self.fits, predicted.shape)
+        tested = ~self.fits
         used = tested if where is None else tested & where
         if np.count_nonzero(used) < max(8, used.size // 16):
             return math.inf
         if (
             where is not None
             and not exact
-            and np.square(whole[used]).sum() < 0.3 * np.square(whole[tested]).sum()
+            and np.square(whole * used).sum() < 0.3 * np.square(whole[:, tested]).sum()
         ):
             return math.inf
         shown = self.scaled(predicted)
-        if self._changes_still(shown - (aim - whole), aim, used):
-            return math.inf
         before, after = (_pairs(side, used) for side in (whole, shown - aim))
-        return unexplained(before, after, self.step, 0.0 if exact else self.noise)
+        left = unexplained(before, after, self.step, 0.0 if exact else self.noise)
+        tried = used if used.ndim == 1 else used.all(axis=0)
+        if left > _NAMED or not (tried & self._still).any():
+            return left
+        # Pixels that differ are sampled more often.
+        p, differ = self.changed_share, float((~self._still).mean())
+        weight = (1 - p) * differ / max(p * (1 - differ), 1e-9)
+        cut = (aim - whole)[:, tried]
+        return (
+            math.inf
+            if self._changes_still(shown[:, tried], cut, self._still[tried], weight)
+            else left
+        )
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:
@@ -342,22 +362,14 @@ class Evidence:
         noise: float | None = None,
     ) -> float:
         """Share of the difference of the frame that is left if its light were as predicted."""
-        if self._changes_still_frame(predicted):
-            return math.inf
         used, whole, rest = self._framed_pairs(predicted, where)
         most = max(self.lossy, _FORGIVEN * _power(*whole)) if noise is None else noise
-        return unexplained(whole, rest, self.step, most) if used.any() else math.inf
-
-    def _changes_still_frame(self, predicted: NDArray[Any]) -> bool:
-        """Whether predicted light of the frame would have changed pixels that are equal."""
+        left = unexplained(whole, rest, self.step, most) if used.any() else math.inf
         still = (self.pixels.greatest[self.frame] == 0) & ~self.clipped_near
-        if not still.any():
-            return False
-        a, (absolute, relative) = self._framed_shown[0], self._quantum
-        change = self.scaled_light(predicted) - a
-        change = np.where(np.abs(change) > absolute + relative * np.abs(a), change, 0.0)
-        power = np.square(change, dtype="f8")
-        return float(power[still].sum()) > _STILL * float(power.sum()) > 0.0
+        if left > _NAMED or not still.any():
+            return left
+        shown = self.scaled_light(predicted)
+        return math.inf if self._changes_still(shown, self._framed_shown[0], still) else left
 
     def noise_framed(
         self, predicted: NDArray[Any], where: NDArray[np.bool_] | None = None
@@ -409,6 +421,13 @@ def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
     return rows, columns
 
 
+def steepness(light: NDArray[Any]) -> NDArray[Any]:
+    """About the slope of the scale of differences at some light."""
+    magnitude = np.maximum(np.abs(light), 0.003)
+    slopes: NDArray[Any] = magnitude ** np.where(magnitude < 1.0, 1 / 2.4 - 1, -1.0)
+    return slopes
+
+
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
     """Pixels [H, W] of blocks that choose parameters; the others measure."""
     rows, columns = (np.arange(length) // side % 2 == 0 for length in size)
@@ -417,10 +436,14 @@ def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool
 
 
 def _pairs(values: NDArray[Any], used: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Values [C, N] at used samples, and at the neighbours of these, where both are used."""
-    half = used.shape[1] // 2
-    both = used[:, :half] & used[:, half:]
-    return values[:, :half][both], values[:, half:][both]
+    """Values [C, N] at samples [N] or [C, N] that are used, and at their used neighbours."""
+    half = values.shape[1] // 2
+    here, beside = values[:, :half], values[:, half:]
+    if used.ndim == 1:
+        both = np.flatnonzero(used[:half] & used[half:])
+        return here[:, both], beside[:, both]
+    each = used[:, :half] & used[:, half:]
+    return here[each], beside[each]
 
 
 def unexplained(

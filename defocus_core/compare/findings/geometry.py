@@ -19,22 +19,24 @@ from defocus_core.compare.findings.evidence import (
     Explanation,
     blocks_in_turn,
     fitted_in_parts,
+    steepness,
     sums_of_parts,
 )
 from defocus_core.compare.findings.table import EXACT
 
+_OF_PARTS = "another view or frame"
 _Scale = Callable[[NDArray[Any]], NDArray[Any]]
 
 _FRAME = 512  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
 _EXPLAINED = 0.05  # left of a difference, below which no further move is looked for
 _LEAST_PART = 0.02  # px of a move that is looked at
-_MOST_ERODED = 5  # px
-_SMALL_LEFT = 0.35  # of a difference, by a shift of less than a pixel
+_MOST_ERODED, _TOWARDS = 5, 0.97  # px; left by less of it than there is
+_SMALL_LEFT, _ALMOST_WHOLE = 0.35, 0.9  # of a difference, by a shift of less than so many px
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
-_CHOSEN = 2500  # samples that choose a small move
-_STEP = 1e-4  # px by which kernels of interpolation are moved for their slope
+_CHOSEN, _STEPS = 1600, 6  # samples that choose a small move, and steps to it
+_AROUND = 1e-4  # px by which kernels of interpolation are moved for their slope
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
 
 
@@ -150,15 +152,8 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
-def shifted(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by whole pixels; what comes in at the border may be anything."""
-    left, dx, dy = _offsets_tried(evidence)[0]
-    if (dx, dy) != (0, 0):
-        yield Explanation(left, "shifted", f" by ({dx}, {dy})", {"dx": dx, "dy": dy})
-
-
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
-    """Shifts (dx, dy) worth trying: small ones, and peaks of the mean of channels in the middle."""
+    """Shifts (dx, dy) worth trying: none, and peaks of the mean of channels in the middle."""
     rows, columns = (
         slice((n - min(n, _FRAME)) // 2, (n + min(n, _FRAME)) // 2) for n in evidence.size
     )
@@ -167,7 +162,7 @@ def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
         for side in ("a", "b")
     )
     peaks = (each[0] for each in _peaks(a, b, _PEAKS))
-    return list(dict.fromkeys([*product((-1, 0, 1), (-1, 0, 1)), *chain.from_iterable(peaks)]))
+    return list(dict.fromkeys([(0, 0), *chain.from_iterable(peaks)]))
 
 
 def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[tuple[int, int]]]]:
@@ -187,30 +182,52 @@ def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[t
 
 
 def moved(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A moved by fractions of a pixel, or turned, enlarged or sheared around the middle."""
-    if _offsets_tried(evidence)[0][0] <= _EXPLAINED or min(evidence.size) <= 16:
+    """B is A moved by whole pixels or by parts of one, or turned, enlarged or sheared.
+
+    What comes in at the border may be anything. In light, channels may also have been scaled about
+    the middle by factors that differ.
+    """
+    least, dx, dy = _offsets_tried(evidence)[0]
+    if (dx, dy) != (0, 0) and least <= EXACT:
+        yield Explanation(least, "shifted", f" by ({dx}, {dy})", {"dx": dx, "dy": dy})
+    if least <= _EXPLAINED or min(evidence.size) <= 16:
         return
-    names = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
-    for move, free in _moves(evidence, names):
-        name, text, values = _moved_words(move, _far(evidence))
-        left = _left_by_move(evidence, move)
-        if name != "shifted" or left <= (EXACT if np.abs(move).max() > 1 else _SMALL_LEFT):
-            yield Explanation(left, name, values=values, cost=0.01 * free - 0.01, text=text)
+    first = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
+    of_parts, starts = _parts(evidence), [np.array([dy, 0, 0, dx, 0, 0], "f8")]
+    if of_parts is not None and np.ptp(of_parts.moves, axis=0).max() >= 1:
+        starts.append(of_parts.common)
+    for move in starts:
+        for free in (_SHIFT, _SIMILAR, _AFFINE):
+            move, better = _fitted(evidence, first, move, free)
+            if not better:
+                continue
+            left, cost = _left_by_move(evidence, move), 0.01 * len(free) - 0.01
+            name, text, values = _moved_words(move, _far(evidence))
+            if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
+                name = _OF_PARTS
+                text = f"{name}: most moved by ({move[3]:.2f}, {move[0]:.2f}) px"
+            if name != "shifted" or left <= _SMALL_LEFT:
+                yield Explanation(left, name, values=values, cost=cost, text=text)
+            least = min(least, left)
+            if least <= _EXPLAINED:
+                return
+        if least <= EXACT:
+            return
+    yield from _chromatic(evidence)
 
 
-def chromatic(evidence: Evidence) -> Iterator[Explanation]:
+def _chromatic(evidence: Evidence) -> Iterator[Explanation]:
     """Channels of B are those of A, scaled about the middle by factors that differ."""
     names = [name for layer in evidence.pixels.color for name in layer if name in evidence.names]
-    if len(names) < 2 or names != [*evidence.names] or min(evidence.size) <= 16:
+    if len(names) < 2 or names != [*evidence.names]:
         return
     growths, predicted, within = {}, [], np.ones(evidence.places[0].shape, bool)
     for name in names:
-        tried = [move for move, free in _moves(evidence, (name,)) if free > 2]
-        growth = (tried[0][1] + tried[0][5]) / 2 if tried else 0.0
-        alone = np.array([0, growth, 0, 0, 0, growth])
-        inside, sums = _moved(evidence, *evidence.places, alone, (name,))
-        predicted.append(evidence.unscaled(sums[0])[0])
-        growths[name], within = 1 + growth / _far(evidence), within & inside
+        move, _ = _fitted(evidence, (name,), np.zeros(6), _GROWTH)
+        scale, back = _interpolated(evidence)
+        inside, sums = _moved(evidence, *evidence.places, move, (name,), scale)
+        predicted.append(back(sums[0])[0])
+        growths[name], within = 1 + move[1] / _far(evidence), within & inside
     factors = [*growths.values(), *([1.0] if len(names) < 3 else [])]
     if np.ptp(factors) * _far(evidence) > 5 * _LEAST_PART:
         said = ", ".join(f"{name} scaled by {scale:.5g}" for name, scale in growths.items())
@@ -224,68 +241,62 @@ def _far(evidence: Evidence) -> float:
 
 
 # Of a move: how far down and how far right, in px: in the middle, and more by the row and by the
-# column at `_far`.
-_SHIFT, _SIMILAR, _AFFINE = ([0, 3], [0, 1, 2, 3], [0, 1, 2, 3, 4, 5])
+# column at `_far`. Each free parameter is a row.
+_AFFINE = np.eye(6)
+_SHIFT, _GROWTH = _AFFINE[[0, 3]], _AFFINE[[1]] + _AFFINE[[5]]
+_SIMILAR = np.concatenate([_SHIFT, _GROWTH, _AFFINE[[4]] - _AFFINE[[2]]])
 
 
-def _moves(evidence: Evidence, names: tuple[str, ...]) -> Iterator[tuple[NDArray[np.float64], int]]:
-    """Moves of A that are like B, with the number of their parameters.
+def _fitted(
+    evidence: Evidence, names: tuple[str, ...], start: NDArray[Any], free: NDArray[Any]
+) -> tuple[NDArray[np.float64], bool]:
+    """The move near another that makes B of A, and whether it explains some of it, or the other.
 
-    They are found by least squares on the gradient (Lucas and Kanade, 1981), from the best shift by
-    whole pixels, and from the moves of parts.
+    It is found by least squares on the gradient (Lucas and Kanade, 1981).
     """
     rows, columns = evidence.places
     fits = np.flatnonzero(evidence.fits)
     fits = fits[:: max(1, len(fits) // _CHOSEN)]
+    places = rows[fits], columns[fits]
     far, (height, width) = _far(evidence), evidence.size
-    y, x = (rows[fits] - (height - 1) / 2) / far, (columns[fits] - (width - 1) / 2) / far
-    aim, was = (
-        evidence.scaled(evidence.at(side, rows[fits], columns[fits], names)) for side in ("b", "a")
-    )
-    # Light beyond white is interpolated as such, and not as a screen shows it: it misleads.
-    plain = (np.maximum(aim, was) < 1.0).all(axis=0)
-    plain |= not evidence.pixels.color or np.count_nonzero(plain) < len(fits) // 2
-    _, dx, dy = _offsets_tried(evidence)[0]
-    whole = np.array([dy, 0, 0, dx, 0, 0], "f8")
-    of_parts = _parts(evidence)
-    starts = [whole] if of_parts is None or of_parts.spread < 1 else [whole, of_parts.common]
-    for free, start in product((_SHIFT, _SIMILAR, _AFFINE), starts):
-        if free is _SHIFT and start is not whole:
-            continue
-        move = start.copy()
-        for _ in range(8):
-            inside, (there, down, right) = _moved(evidence, rows[fits], columns[fits], move, names)
-            inside &= plain
-            ways = [-down, -down * y, -down * x, -right, -right * y, -right * x]
-            if free is _SIMILAR:  # growth and turn
-                ways = [ways[0], ways[1] + ways[5], ways[4] - ways[2], ways[3]]
-            design = np.stack(
-                [
-                    way[:, inside].ravel()
-                    for way in (ways if free is _SIMILAR else [ways[k] for k in free])
-                ]
-            )
-            rest = (aim - there)[:, inside].ravel()
-            step = np.linalg.lstsq(design @ design.T, design @ rest, rcond=None)[0].clip(-2, 2)
-            if free is _SIMILAR:
-                move += [step[0], step[1], -step[2], step[3], step[2], step[1]]
-            else:
-                move[free] += step
-            if np.abs(step).max() < 0.002:
-                break
-        usable = np.isfinite(move).all() and np.abs(move).max() >= _LEAST_PART
-        if usable and np.square(rest).sum() <= 0.7 * np.square((aim - was)[:, inside]).sum():
-            yield move, len(free)
+    y, x = (places[0] - (height - 1) / 2) / far, (places[1] - (width - 1) / 2) / far
+    scale, _ = _interpolated(evidence)
+    was, aim = (scale(evidence.at(side, *places, names)) for side in "ab")
+    # Light counts as much as a screen shows of it.
+    slope = steepness(was) if scale == evidence.light else 1.0
+    move, rest, ways = start.copy(), aim - was, [aim]
+    for _ in range(_STEPS):
+        inside, (there, down, right) = _moved(evidence, *places, move, names, scale, sloped=True)
+        ways = [
+            -v * slope * inside for v in (down, down * y, down * x, right, right * y, right * x)
+        ]
+        rest = (aim - there) * slope * inside
+        design = free @ np.stack([way.ravel() for way in ways])
+        step = np.linalg.lstsq(design @ design.T, design @ rest.ravel(), rcond=None)[0].clip(-2, 2)
+        move += step @ free
+        if np.abs(step).max() < 0.002:
+            break
+    every = np.square((aim - was) * slope * inside).sum()
+    better = np.isfinite(move).all() and np.abs(move).max() >= _LEAST_PART
+    better = better and np.square(rest).sum() <= 0.5 * every
+    return (move, True) if better else (start, False)
+
+
+def _interpolated(evidence: Evidence) -> tuple[_Scale, _Scale]:
+    """The scale that values are interpolated on, and back: light of EXR, and else as stored."""
+    if evidence.gamma == 1.0 and evidence.pixels.color:
+        return evidence.light, evidence.stored
+    return evidence.scaled, evidence.unscaled
 
 
 def _left_by_move(evidence: Evidence, move: NDArray[Any]) -> float:
     """What a move leaves: light may have been interpolated as such, or as a screen shows it."""
     scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
     if evidence.pixels.color:
-        scales.append((evidence.light, evidence.stored))
+        scales.insert(evidence.gamma != 1.0, (evidence.light, evidence.stored))
     least = math.inf
-    for weights, (scale, back) in product((keys, linear), scales):
-        if least > _EXPLAINED:
+    for (scale, back), weights in product(scales, (keys, linear)):
+        if _EXPLAINED < least < 0.8 or least == math.inf:
             inside, sums = _moved(evidence, *evidence.places, move, evidence.names, scale, weights)
             least = min(least, evidence.left(back(sums[0]), inside))
     return least
@@ -312,8 +323,10 @@ def _moved(
     names: Sequence[str],
     scale: _Scale | None = None,
     kernel: Callable[[Any], Any] = keys,
+    *,
+    sloped: bool = False,
 ) -> tuple[NDArray[np.bool_], list[NDArray[Any]]]:
-    """Places of A that were within it, and A there with its slopes down and right, [C, N]."""
+    """Places of A that were within it, and A there, if asked for with its slopes down and right."""
     scale, far = scale or evidence.scaled, _far(evidence)
     height, width = evidence.size
     y, x = (rows - (height - 1) / 2) / far, (columns - (width - 1) / 2) / far
@@ -324,11 +337,13 @@ def _moved(
     taps = np.arange(-1, 3)[:, None]
     lines, row = (top + taps).clip(0, height - 1)[:, None], (left + taps).clip(0, width - 1)
     values = scale(evidence.at("a", lines, row, names))  # [C, 4, 4, N]
-    (down, slope_down), (across, slope_across) = (
-        (kernel(t), (kernel(t + _STEP) - kernel(t - _STEP)) / (2 * _STEP))
-        for t in (at_y - top - taps, at_x - left - taps)
-    )
-    ways = ((down, across), (slope_down, across), (down, slope_across))
+    down, across = at_y - top - taps, at_x - left - taps
+    ways = [(kernel(down), kernel(across))]
+    if sloped:
+        slopes = [
+            (kernel(t + _AROUND) - kernel(t - _AROUND)) / (2 * _AROUND) for t in (down, across)
+        ]
+        ways += [(slopes[0], ways[0][1]), (ways[0][0], slopes[1])]
     return inside, [np.einsum("kn,jn,ckjn->cn", k, j, values) for k, j in ways]
 
 
@@ -359,7 +374,6 @@ class _Parts:
     moves: NDArray[Any]  # (dx, dy) of each part that matters, [n, 2]
     common: NDArray[np.float64]  # the move of all, of 6 parameters, that is nearest to them
     apart: float  # RMS distance in px of the moves from it
-    spread: float  # the greatest difference of two moves in px
 
 
 @lru_cache(maxsize=1)
@@ -371,7 +385,7 @@ def _parts(evidence: Evidence) -> _Parts | None:
     known = [(dx, dy) for _, dx, dy in _offsets_tried(evidence)]
     candidates = list(dict.fromkeys([(0, 0), *_part_offsets(a, b), *known]))
     chooses = blocks_in_turn(a.shape, 4)
-    pictures = [_moved_by(a, dx, dy) for dx, dy in candidates]
+    pictures = [np.roll(a, (dy, dx), (0, 1)) for dx, dy in candidates]
     costs = [sums_of_parts(np.abs(there - b) * chooses) for there in pictures]
     order = np.argsort(np.stack(costs), axis=0, kind="stable")[0]
     chosen = np.repeat(np.repeat(order, PART, axis=0), PART, axis=1)[: a.shape[0], : a.shape[1]]
@@ -394,9 +408,7 @@ def _parts(evidence: Evidence) -> _Parts | None:
     solved = np.linalg.lstsq(design * root, moves * root, rcond=None)[0]
     rest = np.square((moves - design @ solved) * root).sum() / max(float((root**2).sum()), 1e-300)
     common = np.concatenate([solved[:, 1], solved[:, 0]])
-    return _Parts(
-        predicted, moves, common, math.sqrt(float(rest)), float(np.ptp(moves, axis=0).max())
-    )
+    return _Parts(predicted, moves, common, math.sqrt(float(rest)))
 
 
 def moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
@@ -411,7 +423,7 @@ def moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
     chooses = blocks_in_turn(parts.predicted.shape, 4)
     left = evidence.left_framed(evidence.unscaled_light(parts.predicted), ~chooses)
     cost = 0.0 if parts.apart > 1 else 0.1
-    yield Explanation(left, "another view or frame", how, cost=cost)
+    yield Explanation(left, _OF_PARTS, how, cost=cost)
 
 
 def eroded(evidence: Evidence) -> Iterator[Explanation]:
@@ -430,6 +442,8 @@ def eroded(evidence: Evidence) -> Iterator[Explanation]:
                     y, x = (rows + dy).clip(0, height - 1), (columns + dx).clip(0, width - 1)
                     predicted = choose(predicted, evidence.at("a", y, x))
             left = evidence.left(predicted, exact=True)
+            if left > _TOWARDS:
+                break
             yield Explanation(left, name, f" by {reach} px", {"px": reach}, -0.02)
 
 
@@ -442,12 +456,3 @@ def _part_offsets(a: NDArray[Any], b: NDArray[Any]) -> list[tuple[int, int]]:
     found = Counter(peak for each in _peaks(old, new, 1) for (peak,) in each)
     near = Counter({(x + dx, y): 0.3 for x, y in list(found) for dx in (-1, 1)})
     return [offset for offset, _ in (found + near).most_common(24)]
-
-
-def _moved_by(values: NDArray[Any], dx: int, dy: int) -> NDArray[Any]:
-    """Values [h, w] moved to the right and down; the border is repeated."""
-    rows, columns = (
-        (np.arange(n) - step).clip(0, n - 1) for n, step in zip(values.shape, (dy, dx), strict=True)
-    )
-    moved: NDArray[Any] = values[rows][:, columns]
-    return moved

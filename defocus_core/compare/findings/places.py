@@ -130,6 +130,8 @@ def _by_frame(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
         first, last = np.searchsorted(total, (_TAILS * total[-1], (1 - _TAILS) * total[-1]))
         ends.append((int(first) * step, min((int(last) + 1) * step, size[axis])))
     (top, bottom), (left, right) = ends
+    if shown.evidence.is_rectangle:
+        top, left, bottom, right = shown.evidence.window
     within = np.zeros(size, bool)
     within[top:bottom, left:right] = True
     how = f" of {right - left}x{bottom - top} at {left},{top}"
@@ -144,7 +146,8 @@ def place_of(shown: LocatedPair) -> Finding | None:
         return None
     measures = ~blocks_in_turn(shown.evidence.size)[shown.cut]
     told = []
-    for name, how, mask, least in chain(_by_scene(shown), _by_light(shown), _by_frame(shown)):
+    ways = (_by_frame,) if shown.evidence.is_rectangle else (_by_scene, _by_light, _by_frame)
+    for name, how, mask, least in chain.from_iterable(way(shown) for way in ways):
         used = measures if name == "in one region" else np.ones(mask.shape, bool)
         every = float(power[used].sum())
         share = float(power[mask & used].sum()) / every if every else 0.0

@@ -1,8 +1,9 @@
 """Causes that spread light otherwise: another CoC, motion blur, resolution, denoisers, bokeh shape.
 
 All can make a picture softer, so all are rivals, measured at the same pixels in the middle of the
-frame. A filter for all places is found by its response to the frequencies of A. Where blur depends
-on depth, each part of a picture has a filter of its own: a sum of A through gaussians.
+frame. A filter for all places is found by its response to the frequencies of A; in files with a
+curve it may have been applied to what a screen shows. Where blur depends on depth, each part of a
+picture has a filter of its own: a sum of A through gaussians.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -23,6 +25,7 @@ from defocus_core.compare.findings.evidence import (
     blocks_in_turn,
     densest,
     fitted_in_parts,
+    steepness,
     unexplained,
 )
 from defocus_core.compare.findings.geometry import keys, linear
@@ -35,19 +38,25 @@ _LENGTHS, _ANGLES = np.geomspace(1.6, 40, 24), np.arange(0, 180, 7.5)  # of a mo
 _FEW = 24  # each how many-th frequency is looked at for motion
 _WIDTHS = (0.6, 1.2, 2.4, 4.8)  # px of the gaussians of parts
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
-_SOFT_LEFT, _RESOLUTION_LEFT, _SPREAD_LEFT = 0.3, 0.75, 0.25
 _SURELY_SPREAD = 0.06  # left where kernels of another size or shape spread the light
 _COC_LEFT, _ROUND_LEFT = 0.62, 0.1  # kernels of another shape are explained, too, but not all
 # Least unevenness of differences of pixels that half and a quarter of the resolution make.
 _ON_GRID = {2: 0.1, 4: 0.4}
-_Kernel = Callable[[Any], Any]
-_SHARES = (0.95, 0.9, 0.85, 0.8, 0.75, 0.7, 2 / 3, 0.6, 0.5, 0.4, 1 / 3, 0.25)  # of a size
-_TRIED, _RESIZED_LEFT = 2, 0.3  # sizes that all filters are tried at; what they may leave
-_GLOW, _GLOWS = 320, (4, 6, 9, 13, 19, 28, 40)  # px of the side that bloom is seen in; sigma
+_Kernel = Callable[[Any], Any]  # weights by distances
+_Kernels = tuple[_Kernel, _Kernel]  # to a smaller size, and back
+_SIZES, _REACH = np.linspace(0.2, 0.985, 64), 40  # shares of a size; px that its kernels reach
+_FILTERED, _RESIZED_LEFT, _KERNELS = 0.3, 0.3, 3  # left by a filter, by pixels; kernels tried
+_COMMON, _OFF = (
+    (*np.linspace(0.2, 0.95, 16).tolist(), 1 / 3, 2 / 3),
+    0.04,
+)  # shares that people choose
+_STEPS = (2, -2, 1, -1, 0.4, -0.4)  # px of a side by which a size is looked for
+_GLOWS = (4, 6, 9, 13, 19, 28, 40)  # px of the gaussians of bloom
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
 _COC, _EITHER = "another CoC", "another CoC or bokeh shape"
+_OF_LIGHT = 0.3  # least share of the power of a difference that channels share
 _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
 
 
@@ -56,11 +65,15 @@ class Softened:
     """The frame of a pair, what models of softness leave of it, and its frequencies."""
 
     evidence: Evidence
+    shown: bool = False  # whether filters are applied to what a screen shows, not to light
 
     @cached_property
     def sides(self) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Light of A and B, [h, w]."""
-        return self.evidence.framed
+        """Light of A and B, or what a screen shows of it, [h, w]."""
+        a, b = self.evidence.framed
+        if not self.shown:
+            return a, b
+        return tuple(self.evidence.scaled_light(v).astype("f8") for v in (a, b))  # type: ignore
 
     @cached_property
     def piece(self) -> tuple[slice, slice]:
@@ -85,13 +98,12 @@ class Softened:
         high, low = (self.evidence.scaled_light(light + s).astype("f8") for s in (step, -step))
         return np.where(self.evidence.clipped_near, 0.0, (high - low) / (2 * step))
 
-    def left(self, predicted: NDArray[Any], cut: tuple[slice, slice] | None = None) -> float:
-        """What is left where it is measured if B, or a cut of it, were as predicted."""
-        if cut is not None:
-            whole = self.sides[0].copy()
-            whole[cut] = predicted
-            predicted = whole
-        return self.evidence.left_framed(predicted, self.measures, self.noise)
+    def left(self, predicted: NDArray[Any]) -> float:
+        """What is left where it is measured if B were as predicted."""
+        light = self.evidence.unscaled_light(predicted) if self.shown else predicted
+        light = light if self.evidence.gamma == 1.0 else light.clip(0.0, 1.0)
+        noise = _softened(self.evidence).noise
+        return self.evidence.left_framed(light, self.measures, noise)
 
     @cached_property
     def measures(self) -> NDArray[np.bool_]:
@@ -104,8 +116,7 @@ class Softened:
     def noise(self) -> float:
         """The power of noise that no model explains: what the freest of them leave at least."""
         free = [*self.in_parts, *(predicted for predicted, _, _ in self.denoised)]
-        most = max(self.evidence.lossy, 0.0) or LOSSY
-        return min(most, *(self.evidence.noise_framed(each, self.measures) for each in free))
+        return min(LOSSY, *(self.evidence.noise_framed(each, self.measures) for each in free))
 
     @cached_property
     def in_parts(self) -> list[NDArray[Any]]:
@@ -128,7 +139,7 @@ class Softened:
         change = fitted_in_parts(columns, (other - one) * self.slope, self.chooses, part)
         there = one + change / np.where(self.slope > 0, self.slope, 1.0)
         # Where A is B blurred, what B is predicted to be is wrong by as much as A is.
-        return there if side == 0 else one_less(self.sides, there)
+        return there if side == 0 else one + other - there
 
     @cached_property
     def denoised(self) -> list[tuple[NDArray[Any], float, int]]:
@@ -176,6 +187,13 @@ class Softened:
         ]
         return np.arange(1, _BINS) / (2 * _BINS), *sums
 
+    @cached_property
+    def few(self) -> tuple[NDArray[Any], NDArray[Any], tuple[NDArray[Any], ...]]:
+        """Rows and columns of some of the frequencies, and the spectra there."""
+        places = np.arange(self.spectra[0].size)[1::_FEW]
+        rows, columns = np.divmod(places, self.spectra[0].shape[1])
+        return rows, columns, tuple(each.ravel()[places] for each in self.spectra)
+
     def filtered(self, side: int, response: NDArray[Any]) -> NDArray[Any]:
         """A or B through a filter, around at the borders."""
         size = self.sides[side].shape
@@ -202,13 +220,7 @@ class Softened:
         costs = every**2 @ powers[side] - 2 * every @ common
         size = float(sizes[costs.argmin()])
         through = self.filtered(side, response(np.hypot(*self.frequencies), size))
-        return size, through if side == 0 else one_less(self.sides, through)
-
-
-def one_less(sides: tuple[NDArray[Any], NDArray[Any]], predicted: NDArray[Any]) -> NDArray[Any]:
-    """B, where A is predicted from it: wrong by as much as A is."""
-    less: NDArray[Any] = sides[0] + (sides[1] - predicted)
-    return less
+        return size, through if side == 0 else sum(self.sides) - through
 
 
 @lru_cache(maxsize=1)
@@ -235,8 +247,12 @@ def _disc(f: Any, radius: float) -> NDArray[Any]:
 
 
 def has_room(evidence: Evidence) -> bool:
-    """Whether a frame holds light, and has room for filters."""
-    return bool(evidence.pixels.color) and min(evidence.framed[0].shape) >= _LEAST
+    """Whether a frame holds light that differs, and not its colour alone, and room for filters."""
+    if not evidence.pixels.color or min(evidence.framed[0].shape) < _LEAST:
+        return False
+    a, b = (evidence.scaled(side) for side in evidence.sampled)
+    alike_by = np.square((b - a).mean(axis=0)).sum() * len(a)
+    return bool(alike_by >= _OF_LIGHT * np.square(b - a).sum())
 
 
 def is_large(evidence: Evidence) -> bool:
@@ -251,7 +267,7 @@ def white_noise(evidence: Evidence) -> str:
     difference = b - a
     if not noise_like(difference):
         return ""
-    of_a, of_b = (alike(difference, side - smooth(side, 1.5)) for side in (a, b))
+    of_a, of_b = (alike(difference, side - smooth(side, 1.5)[0]) for side in (a, b))
     if abs(of_a + of_b) < 0.1 < of_b:
         return "noise in another pattern"
     if abs(of_a) <= _TIED:
@@ -261,50 +277,56 @@ def white_noise(evidence: Evidence) -> str:
     return ""
 
 
+@lru_cache(maxsize=1)
+def _frames(evidence: Evidence) -> list[Softened]:
+    """The frame in light and, where files have a curve, in what a screen shows."""
+    shown = [] if evidence.gamma == 1.0 else [Softened(evidence, shown=True)]
+    return [_softened(evidence), *shown]
+
+
 def blurred_alike(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through a disc or a gaussian for all places, or the reverse."""
-    frame = _softened(evidence)
-    for side, way in ((0, "more"), (1, "less")):
-        for response, sizes, wide in ((_disc, _RADII, 1.0), (_gauss, _SIGMAS, 2.0)):
-            size, predicted = frame.most_alike(response, sizes, side)
-            radius = size * wide  # of the disc of the same moments
-            if radius > 0.3:
-                how = f": blurred {way}, everywhere alike, as by a radius of {radius:.2g} px"
-                how += " by a gaussian" * (wide != 1)
-                left, cost = frame.left(predicted), 0.02 + 0.02 * side
-                yield Explanation(left, _COC, how, {"radius": radius}, cost)
+    for frame, (side, way), (response, sizes, wide) in product(
+        _frames(evidence),
+        ((0, "more"), (1, "less")),
+        ((_disc, _RADII, 1.0), (_gauss, _SIGMAS, 2.0)),
+    ):
+        size, predicted = frame.most_alike(response, sizes, side)
+        radius = size * wide  # of the disc of the same moments
+        if radius > 0.3:
+            how = f": blurred {way}, everywhere alike, as by a radius of {radius:.2g} px"
+            how += " by a gaussian" * (wide != 1)
+            cost = 0.02 + 0.02 * side
+            yield Explanation(frame.left(predicted), _COC, how, {"radius": radius}, cost)
 
 
 def sharpened(evidence: Evidence) -> Iterator[Explanation]:
     """B is A, and a multiple of its detail."""
-    frame = _softened(evidence)
-    f, power, _, common = frame.rings
-    details = 1 - np.stack([_gauss(f, sigma) for sigma in _SIGMAS])
-    squares = details**2 @ power
-    gains = details @ (common - power) / np.maximum(squares, 1e-300)
-    best = int((gains * gains * squares).argmax())
-    gain, sigma = float(gains[best]), float(_SIGMAS[best])
-    if gain > 0.02:
-        a = frame.sides[0]
-        predicted = a + gain * (a - frame.smooth(0, sigma))
-        how, values = f": detail x {1 + gain:.3g}", {"gain": 1 + gain, "sigma": sigma}
-        yield Explanation(frame.left(predicted), "sharpened", how, values, 0.02)
+    for frame in _frames(evidence):
+        f, power, _, common = frame.rings
+        details = 1 - np.stack([_gauss(f, sigma) for sigma in _SIGMAS])
+        squares = details**2 @ power
+        gains = details @ (common - power) / np.maximum(squares, 1e-300)
+        best = int((gains * gains * squares).argmax())
+        gain, sigma = float(gains[best]), float(_SIGMAS[best])
+        if gain > 0.02:
+            a = frame.sides[0]
+            predicted = a + gain * (a - frame.smooth(0, sigma))
+            how, values = f": detail x {1 + gain:.3g}", {"gain": 1 + gain, "sigma": sigma}
+            yield Explanation(frame.left(predicted), "sharpened", how, values, 0.02)
 
 
 def motion_blurred(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through a line for all places."""
     frame = _softened(evidence)
-    fy, fx = (np.broadcast_to(f, frame.spectra[0].shape).ravel() for f in frame.frequencies)
-    few = np.flatnonzero(np.hypot(fy, fx) < 0.45)[1::_FEW]
-    power, common = (frame.spectra[k].ravel()[few] for k in (0, 2))
+    rows, columns, (power, _, common) = frame.few
+    fy, fx = frame.frequencies[0][rows, 0], frame.frequencies[1][0, columns]
     lengths, angles, found = _LENGTHS, _ANGLES, (1.0, 0.0)
     for _ in range(2):
         tried = []
         for angle in angles:
-            along = fx[few] * math.cos(math.radians(angle)) - fy[few] * math.sin(
-                math.radians(angle)
-            )
-            every = np.sinc(lengths[:, None] * along)
+            turned = math.radians(angle)
+            every = np.sinc(lengths[:, None] * (fx * math.cos(turned) - fy * math.sin(turned)))
             costs = np.square(every) @ power - 2 * every @ common
             tried.append((float(costs.min()), float(lengths[costs.argmin()]), float(angle)))
         found = min(tried)[1:]
@@ -321,54 +343,101 @@ def motion_blurred(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def resized(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A at another size, enlarged again; its steps lie on a grid, however it was made."""
-    frame = _softened(evidence)
-    shown = [evidence.scaled_light(side).astype("f8") for side in frame.sides]
-    on_grid = {}
-    for factor in (2, 4):
+    """B is A at another size, enlarged again, by its frequencies or by a grid of its steps."""
+    cut = _softened(evidence).piece
+    shown = [evidence.scaled_light(side[cut]).astype("f8") for side in evidence.framed]
+    on_grid = []
+    for factor, least in _ON_GRID.items():
         uneven = [
             [_unevenness(way, factor, n) for n in (1, 3) for way in (side, side.T)]
             for side in shown
         ]
-        steps = max(new - old for old, new in zip(*uneven, strict=True))
-        on_grid[1 / factor] = steps >= _ON_GRID[factor]
-    scales: list[tuple[NDArray[Any], Callable[[Any], Any]]] = [
-        (frame.sides[0], np.asarray),
-        (shown[0], evidence.unscaled_light),
-    ]
-
-    def fitted(share: float, down: _Kernel, up: _Kernel) -> float:
-        return min(
-            frame.left(back(_through_size(side, evidence, share, down, up)))
-            for side, back in scales[: 1 + bool(evidence.gamma != 1.0)]
-        )
-
-    costs = {share: fitted(share, linear, linear) for share in _SHARES}
-    for share in (*sorted(costs, key=lambda each: costs[each])[:_TRIED], *on_grid):
-        for (down, up), how in _RESAMPLED.items():
-            left = fitted(share, down, up)
-            if on_grid.get(share) or (left < _RESIZED_LEFT and up is not _bspline):
+        if max(new - old for old, new in zip(*uneven, strict=True)) >= least:
+            on_grid += [(1 / factor, kernels) for kernels in _RESAMPLED]
+    for frame in _frames(evidence):
+        tried = [(share, kernels, 0.01 / share - 0.2) for share, kernels in on_grid]
+        for share, kernels, cost in (*tried, *((*each, 0.0) for each in _sizes(frame))):
+            left = frame.left(_through_size(frame, share, kernels))
+            if cost or left < _RESIZED_LEFT:
                 size = {0.5: "half", 0.25: "a quarter of the"}.get(share, f"{share:.0%} of the")
-                cost = 0.01 / share - 0.2 if on_grid.get(share) else 0.03
-                how, values = f": {size} resolution, {how}", {"factor": 1 / share}
+                how, values = f": {size} resolution, {_RESAMPLED[kernels]}", {"factor": 1 / share}
                 yield Explanation(left, "lower resolution", how, values, cost)
 
 
-def _through_size(
-    values: NDArray[Any], evidence: Evidence, share: float, down: _Kernel, up: _Kernel
-) -> NDArray[np.float64]:
-    """Values [h, w] of the frame at a share of the picture's size, and enlarged again."""
-    for cut, full in zip(evidence.frame, evidence.size, strict=True):
+def _sizes(frame: Softened) -> list[tuple[float, _Kernels]]:
+    """Shares of the size of A, and kernels, by whose response to frequencies it is about B."""
+    rows, columns, (power, other, common) = frame.few
+    every, whole = float((power + other - 2 * common).sum()), float(other.sum())
+    lags = 2 * np.pi * np.arange(_REACH + 1)
+    turns = [2 * np.cos(np.outer(lags, f)) for f in frame.frequencies]
+
+    def best(shares: NDArray[Any], kernels: _Kernels) -> tuple[float, float]:
+        """The least that is left of the power of the difference, and the share."""
+        weights = np.stack([_weights(float(share), kernels) for share in shares])
+        down, across = (weights @ turn for turn in turns)
+        through = down[:, rows] * across[:, columns]
+        costs = np.square(through) @ power - 2 * through @ common
+        return (float(costs.min()) + whole) / every, float(shares[costs.argmin()])
+
+    found = [(*best(_SIZES, kernels), kernels) for kernels in _SMOOTH]
+    found.sort(key=lambda each: each[0])
+    sizes = []
+    for left, share, kernels in found[:_KERNELS]:
+        if left < min(_FILTERED, 2 * found[0][0]):
+            near = (share + np.linspace(-1, 1, 9) * np.diff(_SIZES)[0]).clip(0.1, 0.995)
+            sizes.append((_nearest_size(frame, best(near, kernels)[1], kernels), kernels))
+    return sizes
+
+
+@lru_cache(maxsize=1024)
+def _weights(share: float, kernels: _Kernels) -> NDArray[Any]:
+    """The mean weights of neighbours at distances of 0, 1, … px, the first halved."""
+    at = np.arange(_REACH + 64 + _REACH)
+    aim = at[_REACH:-_REACH]
+    through = _matrix(at, aim, 1 / share, np.arange(int(len(at) * share)), kernels)
+    means = [np.diagonal(through, _REACH + k).mean() for k in range(_REACH + 1)]
+    return np.array([means[0] / 2, *means[1:]])
+
+
+def _nearest_size(frame: Softened, share: float, kernels: _Kernels) -> float:
+    """The share near another one at which pixels of A are most like B, to a part of a pixel."""
+    tried = [share, *(common for common in _COMMON if abs(common - share) < _OFF)]
+    best = min((frame.left(_through_size(frame, each, kernels)), each) for each in tried)
+    for step in _STEPS:
+        near = best[1] + step / max(frame.evidence.size)
+        if 0.1 < near < 1 and best[0] > 0.01:
+            best = min(best, (frame.left(_through_size(frame, near, kernels)), near))
+    return float(best[1])
+
+
+def _through_size(frame: Softened, share: float, kernels: _Kernels) -> NDArray[np.float64]:
+    """A [h, w], at a share of the picture's size and enlarged again where it is measured."""
+    made = frame.sides[0]
+    for cut, full, piece in zip(
+        frame.evidence.frame, frame.evidence.size, frame.piece, strict=True
+    ):
         small = max(2, round(full * share))
         ratio = 1 / share if share in (0.5, 0.25) else full / small
         at = np.arange(cut.start, cut.stop)
-        coarse = np.arange(int(cut.start / ratio), min(small, math.ceil(cut.stop / ratio)))
-        middle = (coarse + 0.5) * ratio - 0.5
-        wide = down((at - middle[:, None]) / ratio)
-        back = up((at[:, None] + 0.5) / ratio - 0.5 - coarse)
-        both = [each / np.maximum(each.sum(axis=1, keepdims=True), 1e-9) for each in (back, wide)]
-        values = np.moveaxis((both[0] @ both[1]) @ values, 0, 1)
-    return values
+        aim = at[piece]
+        first, last = int(aim[0] / ratio) - 3, math.ceil(aim[-1] / ratio) + 4
+        coarse = np.arange(max(first, 0), min(small, last))
+        made = np.moveaxis(_matrix(at, aim, ratio, coarse, kernels) @ made, 0, 1)
+    predicted = frame.sides[0].copy()
+    predicted[frame.piece] = made
+    return predicted
+
+
+def _matrix(
+    at: NDArray[Any], aim: NDArray[Any], ratio: float, coarse: NDArray[Any], kernels: _Kernels
+) -> NDArray[np.float64]:
+    """What pixels ``aim`` are of pixels ``at``, through coarse ones of ``ratio`` px each."""
+    down, up = kernels
+    wide = down((at - (coarse[:, None] + 0.5) * ratio + 0.5) / ratio)
+    back = up((aim[:, None] + 0.5) / ratio - 0.5 - coarse)
+    both = [each / np.maximum(each.sum(axis=1, keepdims=True), 1e-9) for each in (back, wide)]
+    through: NDArray[np.float64] = both[0] @ both[1]
+    return through
 
 
 def _box(t: Any) -> Any:
@@ -379,9 +448,10 @@ def _lanczos(t: Any) -> Any:
     return np.sinc(t) * np.sinc(t / 3) * (np.abs(t) < 3)
 
 
-def _bspline(t: Any) -> Any:
-    t = np.abs(t)
-    return np.where(t < 1, 2 / 3 - t * t + t**3 / 2, np.maximum(2 - t, 0) ** 3 / 6)
+def _blackman_harris(t: Any) -> Any:
+    """The window of Harris (1978), 3 px wide."""
+    terms = (0.35875, 0.48829, 0.14128, 0.01168)
+    return sum(v * np.cos(2 * np.pi * k * t / 3) for k, v in enumerate(terms)) * (np.abs(t) < 1.5)
 
 
 def _point(t: Any) -> Any:
@@ -397,36 +467,31 @@ def _unevenness(values: NDArray[Any], factor: int, order: int) -> float:
     return float(np.ptp(sums) / max(float(sums.max() + sums.min()), 1e-300))
 
 
-_RESAMPLED: dict[tuple[_Kernel, _Kernel], str] = {
+_RESAMPLED: dict[_Kernels, str] = {
     (_box, _box): "nearest",
     (_point, _box): "nearest",
     (_box, linear): "bilinear",
     (linear, linear): "bilinear",
-    (_box, keys): "bicubic",
     (keys, keys): "bicubic",
-    (_box, _lanczos): "Lanczos",
+    (_lanczos, keys): "bicubic",
     (_lanczos, _lanczos): "Lanczos",
-    (_box, _bspline): "B-spline",
-    (_bspline, _bspline): "B-spline",
+    (_blackman_harris, _blackman_harris): "Blackman-Harris",
 }
+_SMOOTH = [kernels for kernels in _RESAMPLED if kernels[1] is not _box]
 
 
 def bloom(evidence: Evidence) -> Iterator[Explanation]:
     """B is A, and some of its brightest light once more, spread far."""
-    step = slice(None, None, math.ceil(max(evidence.size) / _GLOW))
-    planes = [evidence.at(side, step, step) for side in ("a", "b")]
-    steady = ~(planes[1] > 0.996).any(axis=0) | (evidence.gamma == 1.0)
-    a, b = (evidence.light(side).mean(axis=0) for side in planes)
-    turn = blocks_in_turn(a.shape)
-    slope = steady / np.maximum(np.abs(a), 0.003) ** 0.58
+    a, b = evidence.framed
+    steady = ~(evidence.at("b", *evidence.frame) > 0.996).any(axis=0) | (evidence.gamma == 1.0)
+    turn, slope = blocks_in_turn(a.shape), steepness(a) * steady
     added = b - a
     if float((added * slope).sum()) < 0.7 * float((np.abs(added) * slope).sum()):
         return
     found: tuple[float, Any, float, float] = (math.inf, None, 0.0, 0.0)
-    for quantile in (0.0, 0.9, 0.98, 0.995):
+    for quantile in (0.0, 0.9, 0.98):
         bright = np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0)
-        for sigma in _GLOWS:
-            glow = smooth(bright, sigma)
+        for sigma, glow in zip(_GLOWS, smooth(bright, *_GLOWS), strict=True):
             x, y = (glow * slope)[turn], (added * slope)[turn]
             gain = float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
             cost = float(np.square(y - gain * x).sum())
@@ -435,13 +500,11 @@ def bloom(evidence: Evidence) -> Iterator[Explanation]:
     if glow is None or gain <= 0:
         return
     old, new, aim = (evidence.scaled_light(v) for v in (a, a + gain * glow, b))
-    used = ~turn & steady
-    both = used[:, :-1] & used[:, 1:]
+    both = (~turn & steady)[:, :-1] & (~turn & steady)[:, 1:]
     whole, rest = (((v - aim)[:, :-1][both], (v - aim)[:, 1:][both]) for v in (old, new))
     left = unexplained(whole, rest, evidence.step, evidence.lossy)
-    reach = wide * math.ceil(max(evidence.size) / _GLOW)
-    how = f": {gain:.2g} of the light spread by {reach:.0f} px"
-    values = {"gain": gain, "sigma": reach}
+    how = f": {gain:.2g} of the light spread by {wide:.0f} px"
+    values = {"gain": gain, "sigma": wide}
     yield Explanation(left, "bloom", how, values, 0.02)
 
 
@@ -479,7 +542,7 @@ def _ways(evidence: Evidence) -> tuple[dict[str, float], str]:
     frame = _softened(evidence)
     energy = np.square((frame.sides[1] - frame.sides[0]) * frame.slope)
     details = [np.square(v - frame.smooth(k, 2.0)) for k, v in enumerate(frame.sides)]
-    old, new = (smooth(detail, 6.0) for detail in details)
+    old, new = (smooth(detail, 6.0)[0] for detail in details)
     more, less = (float(energy[where].sum()) for where in (new < old, new > old))
     share = more / max(more + less, 1e-300)
     shares = {"blurred_more": round(share, 3), "blurred_less": round(1 - share, 3)}
@@ -498,8 +561,8 @@ def spread(evidence: Evidence) -> Iterator[Explanation]:
     if not difference.any() or noise_like(difference * frame.slope):
         return
     # Light that only moved cancels within the reach of the gaussian.
-    scale = smooth(frame.slope, _SPREAD)
-    kept, moved = (smooth(d, _SPREAD) * scale for d in (difference, np.abs(difference)))
+    (scale,) = smooth(frame.slope, _SPREAD)
+    kept, moved = (smooth(d, _SPREAD)[0] * scale for d in (difference, np.abs(difference)))
     left = math.sqrt(float(np.square(kept).sum()) / max(float(np.square(moved).sum()), 1e-300))
     values, how = _ways(evidence)
     surely = left < _SURELY_SPREAD and "in places" not in how
@@ -523,13 +586,15 @@ def alike(x: NDArray[Any], y: NDArray[Any]) -> float:
     return float((x * y).sum()) / scale if scale else 0.0
 
 
-def smooth(values: NDArray[Any], sigma: float) -> NDArray[Any]:
-    """Values [h, w] through a gaussian, mirrored at the borders."""
+def smooth(values: NDArray[Any], *sigmas: float) -> list[NDArray[Any]]:
+    """Values [h, w] through gaussians, mirrored at the borders."""
     height, width = values.shape
-    reach = min(math.ceil(3 * sigma), height - 1, width - 1)
-    padded = np.pad(values, reach, mode="reflect")
+    reach = min(math.ceil(3 * max(sigmas)), height - 1, width - 1)
+    # Sides of multiples of 32 are transformed much faster.
+    padded = np.pad(
+        values, [(reach, reach + -(n + 2 * reach) % 32) for n in values.shape], "reflect"
+    )
     rows, columns = np.fft.fftfreq(len(padded)), np.fft.rfftfreq(padded.shape[1])
-    response = _gauss(np.hypot(rows[:, None], columns), sigma)
-    through = np.fft.irfft2(np.fft.rfft2(padded) * response, s=padded.shape)
-    mean: NDArray[Any] = through[reach : reach + height, reach : reach + width]
-    return mean
+    far, there = np.hypot(rows[:, None], columns), np.fft.rfft2(padded)
+    cut = (slice(reach, reach + height), slice(reach, reach + width))
+    return [np.fft.irfft2(there * _gauss(far, s), s=padded.shape)[cut] for s in sigmas]

@@ -83,7 +83,7 @@ CAUSES = (
         "tone.exposed",
         {
             "another exposure": "the factor, of all channels or of each",
-            "multiplied": "the same of channels that are no light, like depth",
+            "multiplied": "the same of channels that are not light, like depth",
         },
     ),
     Cause("tone.another_gamma", {"another gamma": "the power; sRGB encoded or decoded once more"}),
@@ -93,7 +93,7 @@ CAUSES = (
             "raised blacks": "the offset, of light or of what a screen shows",
             "lowered blacks": "the same, darker",
             "another contrast": "the factor and what it turns around",
-            "offset": "the same of channels that are no light, like depth",
+            "offset": "the same of channels that are not light, like depth",
         },
     ),
     Cause("tone.vignette", {"vignette": "darker corners, or one side"}, needs="light"),
@@ -120,13 +120,15 @@ CAUSES = (
     ),
     Cause("geometry.cropped", {"crop": "which part of A it is"}, 1, local=True),
     Cause("geometry.tiles", {"tiles exchanged": "tiles of which side"}, 1, EXACT, local=True),
-    Cause("geometry.shifted", {"shifted": "by px, fractions included"}, 1, EXACT),
-    Cause("geometry.moved", {"scaled": "by a factor", "sheared": "by px"}, 1),
     Cause(
-        "geometry.chromatic",
-        {"chromatic aberration": "each channel scaled about the middle"},
+        "geometry.moved",
+        {
+            "shifted": "by px, fractions included",
+            "scaled": "by a factor",
+            "sheared": "by px",
+            "chromatic aberration": "each channel scaled about the middle",
+        },
         1,
-        needs="light",
     ),
     Cause("geometry.moved_in_parts", {}, 1, 0.62, needs="light"),
     Cause("geometry.eroded", {"eroded": "by how many px", "dilated": "the same"}, 1, EXACT),
@@ -205,7 +207,7 @@ PLACES = {
     "in highlights": "light of A beyond 1 (0.9 of integers)",
     "in shadows": "below 0.1 as a screen shows it",
     "at the border": "within 1 to 16 px",
-    "in one region": "the rectangle that holds most of it",
+    "in one region": "the rectangle that holds most of it, or all of it amid detail that is equal",
 }
 EVIDENCE = STRUCTURE | {n: words for row in CAUSES for n, words in row.findings.items()}
 FINDINGS = (*EVIDENCE, *PLACES)  # first words of all names, for rules like found:clipped

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import Evidence, Explanation
+from defocus_core.compare.findings.evidence import Evidence, Explanation, steepness
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.metrics import LUMINANCE
+from defocus_core.compare.pairing import other_view
 from defocus_core.compare.picture import color_layers, layers
 from defocus_core.compare.pixels import Pixels
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
@@ -72,18 +73,12 @@ def _high(pixels: Pixels, side: str, name: str) -> float:
 
 def lost_channels(pixels: Pixels) -> list[Finding]:
     """Channels of several values in A that are 0 everywhere in B; looked for in every pair."""
-    lost = [
-        name
-        for name in pixels.names
-        if pixels.ranges[1][name] == (0.0, 0.0) and pixels.ranges[0][name] != (0.0, 0.0)
-    ]
+    zero, (old, new) = (0.0, 0.0), pixels.ranges
+    lost = [name for name in pixels.names if new[name] == zero != old[name]]
     if not lost or pixels.selected is not None:
         return []
-    return [
-        Finding(
-            "empty", f"empty: {', '.join(f'{n} 0' for n in lost)} everywhere", {"channels": lost}
-        )
-    ]
+    said = f"empty: {', '.join(f'{n} 0' for n in lost)} everywhere"
+    return [Finding("empty", said, {"channels": lost})]
 
 
 def empty(evidence: Evidence) -> Iterator[Explanation]:
@@ -188,7 +183,7 @@ def exchanged_layers(evidence: Evidence) -> Iterator[Explanation]:
     """Layers in the place of each other, or A without one of its layers."""
     own = [(name.rpartition(".")[0], name.rpartition(".")[2]) for name in evidence.names]
     prefixes = list(dict.fromkeys(n.rpartition(".")[0] for n in evidence.pixels.names if "." in n))
-    views = [_other_view(name) for name in evidence.names]
+    views = [f"{other_view(p)}.{c}".lstrip(".") for p, c in own]
     tried = {"left and right swapped": (views, "")}
     if len({prefix for prefix, _ in own}) == 2:
         one, other = dict.fromkeys(prefix for prefix, _ in own)
@@ -206,14 +201,6 @@ def exchanged_layers(evidence: Evidence) -> Iterator[Explanation]:
             old = evidence.sampled[0] - evidence.at("a", *evidence.places, sources)
             left = evidence.left(np.maximum(old, 0) if (evidence.sampled[0] >= 0).all() else old)
             yield Explanation(left, "missing layer", f": {prefix}", {"layer": prefix}, -0.005)
-
-
-def _other_view(name: str) -> str:
-    for here, there in (("left", "right"), ("right", "left")):
-        for spelling in (str.lower, str.capitalize, str.upper):
-            if spelling(here) in name:
-                return name.replace(spelling(here), spelling(there))
-    return name
 
 
 def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
@@ -340,9 +327,7 @@ def _of_screen(evidence: Evidence) -> _Scale:
 
 def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
     """The slope of the scale of differences at some light, 0 where a sample chooses nothing."""
-    magnitude = np.maximum(np.abs(light), 0.003)
-    slopes = np.where(magnitude < 1.0, magnitude ** (1 / 2.4 - 1), 1.0 / magnitude)
-    return np.asarray(slopes * evidence.fits)
+    return np.asarray(steepness(light) * evidence.fits)
 
 
 def _solved(

@@ -15,6 +15,7 @@ from defocus_core.compare.findings.evidence import (
     Explanation,
     blocks_in_turn,
     fitted_in_parts,
+    steepness,
     sums_of_parts,
     unexplained,
 )
@@ -139,8 +140,10 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
                 or not measured.any()
             ):
                 continue
-            rest = np.square((b - a - min(opacity, 1.0) * toward)[:, measured]).sum()
-            left = math.sqrt(float(rest / np.square((b - a)[:, measured]).sum()))
+            own = np.where(chosen, min(opacity, 1.0), each.clip(0, min(opacity, 1.0)))  # rims
+            kept = ~turn[changed]
+            rest = np.square((b - a - own * toward)[:, kept]).sum()
+            left = math.sqrt(float(rest / np.square((b - a)[:, kept]).sum()))
             said = " ".join(f"{v:.2g}" for v in color[:, 0])
             top, first, bottom, last = evidence.window
             where = f"within {last - first}x{bottom - top} at {first},{top}"
@@ -223,7 +226,7 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
 def gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Each tile is a multiple of A of its own: one for all, and a grid aside, explain less."""
     a, b = evidence.framed
-    slope = 1 / np.maximum(np.abs(a), 0.003) ** 0.58
+    slope = steepness(a)
     turn = blocks_in_turn(a.shape, 4)
 
     def left(side: int, start: list[int]) -> float:
@@ -246,8 +249,10 @@ def gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
         starts = [
             [(offset - cut.start) % side for cut in evidence.frame] for offset in (0, side // 2)
         ]
-        on_grid, aside = (left(side, start) for start in starts)
-        if on_grid < min(_GAIN_LEFT, 0.6 * aside, 0.6 * left(max(a.shape), [0, 0])):
+        on_grid = left(side, starts[0])
+        if on_grid < _GAIN_LEFT and on_grid < 0.6 * min(
+            left(side, starts[1]), left(max(a.shape), [0, 0])
+        ):
             how = f" at multiples of {side} px: each tile has another exposure"
             yield Explanation(on_grid, "seams", how, {"period": side}, 0.02 + 0.5 / side)
 

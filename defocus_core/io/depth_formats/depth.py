@@ -204,6 +204,7 @@ def read_depth(
     if own and (not reading.says_scale or NAMES[own].unitless):
         reading = replace(reading, depth_format=own)
     row, stored = reading.row, size
+    idle_turn = reading.turn_depth is not None and orientation == 1
     orientation = orientation if reading.turn_depth is not None else 1
     if size is not None and orientation > _UPSIDE_DOWN:
         stored = size[::-1]
@@ -226,10 +227,7 @@ def read_depth(
         marks = (*marks, turned)
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
-        from defocus_core.io.depth_formats.file_types import refuse_named
-
-        refuse_named(path, values)
-        _refuse_scaled(path, values)
+        _refuse_assumed(path, values)
     words = (samples.words, division, completed.words, *marks)
     note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
     depth = Depth(
@@ -247,7 +245,7 @@ def read_depth(
         is_relative=reading.relative,
         inverted=reading.invert is not None,
     )
-    depth = replace(depth, told=tuple(_told(depth, reading, samples, idle_sky=idle_sky)))
+    depth = replace(depth, told=tuple(_told(depth, reading, samples, idle_sky, idle_turn)))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
 
@@ -273,8 +271,11 @@ def read_numbers(
     return samples
 
 
-def _refuse_scaled(path: Path, values: Any) -> None:
-    """Refuse 16 bits as millimetres that have both ends: they are scaled to the file."""
+def _refuse_assumed(path: Path, values: Any) -> None:
+    """Refuse 16 bits as millimetres that have a name, or both ends: they are scaled to the file."""
+    from defocus_core.io.depth_formats.file_types import refuse_named
+
+    refuse_named(path, values)
     ends = [end for rows in bands(values.shape) for end in (values[rows].min(), values[rows].max())]
     if min(ends) == 0 and max(ends) == _TOP:
         problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
@@ -334,11 +335,18 @@ def _is_behind(depth: Depth) -> bool:
 
 
 def _told(
-    depth: Depth, reading: DepthReading, samples: DepthNumbers, *, idle_sky: bool
+    depth: Depth,
+    reading: DepthReading,
+    samples: DepthNumbers,
+    idle_sky: bool,
+    idle_turn: bool,
 ) -> Iterator[str]:
     """What is said of options without effect, and of what the program wrote that made the file."""
+    name = depth.path.name
     if idle_sky:
-        yield f"{depth.path.name}: ‹sky› {reading.sky:g} marks no pixel"
+        yield f"{name}: ‹sky› {reading.sky:g} marks no pixel"
+    if idle_turn:
+        yield f"{name}: ‹turn-depth› turns nothing: the colour names no orientation"
     if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
         yield f"{depth.path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres"
@@ -394,7 +402,8 @@ def _replaced(depth: Depth, how: str) -> Depth:
     shape = depth.metres.shape
     count, _ = count_of((~depth.valid(rows), rows.start) for rows in bands(shape))
     if not count:
-        return depth
+        words = f"{depth.path.name}: ‹invalid› {how} finds no invalid pixel"
+        return replace(depth, told=(*depth.told, words))
     if depth.is_radius and not depth.is_relative:
         problem = f"is NaN or infinite in {counted(count, 'pixel')}"
         remedy = "radii have no far: mend them, leave ‹invalid› out"
@@ -409,7 +418,8 @@ def _replaced(depth: Depth, how: str) -> Depth:
     if how == "far":
         ends = depth.ends if depth.is_relative else None
         set_far(depth.metres, depth.valid, float(farther.reduce(ends)) if ends else math.inf)
-        words = f"{counted(count, 'invalid pixel')} taken as infinitely far"
+        taken = "the farthest number" if depth.is_relative else "infinitely far"
+        words = f"{counted(count, 'invalid pixel')} taken as {taken}"
     else:
         fill_from_farther(depth.metres, depth.valid, farther)
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"

@@ -27,7 +27,7 @@ from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, NoDepthCha
 from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
 from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
 from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers, Mark
-from defocus_core.io.depth_formats.sidecars import completed
+from defocus_core.io.depth_formats.sidecars import with_sidecar
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.raster import (
     Raster,
@@ -82,7 +82,7 @@ def _from_photo(path: Path, photo: DepthNumbers, reading: DepthReading) -> Depth
     if not reading.relative:
         return photo
     row = replace(reading.row, sidecar=photo.type.lower())
-    row = completed(row, path, {"Units": "m", **photo.metadata})
+    row = with_sidecar(row, path, {"Units": "m", **photo.metadata})
     numbers = photo.values.astype(np.float32) * row.scale + row.shift
     near = np.float32(1) / numbers if row.rule == "scale" else numbers
     return replace(photo, values=near.astype(np.float32))
@@ -206,7 +206,8 @@ def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
     """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
     if raster.type == "uint8" and not reading.says_scale:
         problem = "has 8 bits, too few for depth and without a metric scale"
-        remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›"
+        remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›; "
+        remedy += "or take it as relative with ‹blur› 20px ‹focus-at› X,Y instead of a lens"
         raise InputError("unknown-unit", problem, remedy, path=path)
     if raster.channels[0] in NO_DEPTH and not reading.says_scale:
         problem = f"has no depth channel, only {raster.channels[0]}"

@@ -221,7 +221,7 @@ def refuse_idle(declared: Declared, rule: str) -> None:
         kind = "disparity" if disparity else row.name
         if reading.depth_format is None and not disparity:
             kind = "planar depth"
-        raise UsageProblem("idle-option", f"means nothing for {kind}", "leave it out", field=option)
+        raise UsageProblem("idle-option", f"has no effect on {kind}", "leave it out", field=option)
     if reading.depth_range is None:
         return
     for option in ("depth_unit", "depth_scale", "baseline", "doffs"):
@@ -293,9 +293,9 @@ def resolved(
         return replace(FORMATS["coc"], words=f"relative disparity, {near} near")
     row = reading.row
     if row.sidecar:
-        from defocus_core.io.depth_formats.sidecars import completed
+        from defocus_core.io.depth_formats.sidecars import with_sidecar
 
-        row = completed(row, path, samples.metadata)
+        row = with_sidecar(row, path, samples.metadata)
     declared = Declared(path, reading, row, samples)
     rule = _rule(declared)
     refuse_idle(declared, rule)

@@ -29,7 +29,7 @@ _LONGEST = 1 << 20  # bytes of a sidecar
 _CHECK = "check the file"
 
 
-def completed(row: DepthFormat, path: Path, metadata: Mapping[str, Any]) -> DepthFormat:
+def with_sidecar(row: DepthFormat, path: Path, metadata: Mapping[str, Any]) -> DepthFormat:
     """A format with what the sidecar of a depth file says; as it is if there is no such file."""
     own = row.sidecar in _METADATA_READERS
     place = path if own else _sidecar(row, path)

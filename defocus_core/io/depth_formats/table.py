@@ -214,7 +214,7 @@ RENDERERS = (
         "blender",
         "Blender, pass Z",
         channels=("*.Depth.Z", "Depth.Z", "Z", "*.Depth.V", "Depth.V", "V"),
-        note=f"{_SCENE}; the pass Mist is no depth",
+        note=f"{_SCENE}; the pass Mist is not depth",
     ),
     DepthFormat(
         "blenderproc",

@@ -84,7 +84,7 @@ def write_image(
     if isinstance(pixels, tuple):
         pixels = stacked(pixels)
     if path.suffix.lower() not in FORMATS:
-        problem = "has a suffix of no format that can be written"
+        problem = "has the suffix of a format that is not written"
         raise UsageProblem("wrong-type", problem, f"use .exr, {', '.join(FORMATS)}", path=path)
     codec = FORMATS[path.suffix.lower()]
     metadata = {

@@ -79,7 +79,7 @@ def _values(path: Path) -> NDArray[np.float32]:
         problem, remedy = "has colours, and a matte is grey", "give the matte, not the picture"
         raise InputError("not-one-channel", problem, remedy, path=path)
     if not ((values >= 0) & (values <= 1)).all():
-        problem = "has numbers beyond 0 to 1, which are no coverage"
+        problem = "has numbers beyond 0 to 1, which are not coverage"
         raise InputError("out-of-range", problem, "scale it to 0 to 1", path=path)
     return values
 

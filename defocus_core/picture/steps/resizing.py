@@ -15,7 +15,6 @@ from defocus_core.io.images.color import Color
 from defocus_core.picture.pair import stretch_words
 from defocus_core.picture.sources import windows
 from defocus_core.picture.take import InputPair
-from defocus_core.system.text import note as say
 
 
 def pair(given: InputPair) -> InputPair:
@@ -38,7 +37,8 @@ def pair(given: InputPair) -> InputPair:
     resized = f"{columns}x{rows} px resized"
     metres = given.keeping.new((height, width), np.float32)
     if reading.resize_depth is None:
-        say(f"defocus: {depth.path}: {resized} to {width}x{height} px, guided by the colours")
+        words = f"{depth.path.name}: {resized} to {width}x{height} px, guided by the colours"
+        depth = replace(depth, told=(*depth.told, words))
     if reading.resize_depth != "nearest":
         require_valid(depth)
         _fill_guided(metres, depth, color)

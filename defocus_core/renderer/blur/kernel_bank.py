@@ -368,7 +368,7 @@ class TransformWindow:
         return [self.kernels[n] for n in slice_indices]
 
 
-def windows(
+def transform_windows(
     radii: tuple[float, ...],  # radii of the slices in px
     spreads: list[Spread],
     layers: list[int],

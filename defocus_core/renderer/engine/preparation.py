@@ -15,7 +15,13 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
-from defocus_core.renderer.blur.kernel_bank import Spread, merged_layers, reach, spreads_of, windows
+from defocus_core.renderer.blur.kernel_bank import (
+    Spread,
+    merged_layers,
+    reach,
+    spreads_of,
+    transform_windows,
+)
 from defocus_core.renderer.compositing.highlights import reached_by, threshold
 from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
@@ -457,7 +463,7 @@ def _slicing(
 ) -> Slicing:
     """The slices of a surface at a resolution; sizes (height, width) are of a tile and a region."""
     level, spreads, reaches = resolution
-    slice_windows = windows(
+    slice_windows = transform_windows(
         tuple(r / (1 << level) for r in radii),
         spreads,
         layer_of,

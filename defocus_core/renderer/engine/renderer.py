@@ -36,7 +36,7 @@ from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
 from defocus_core.renderer.engine.settings import STANDARD, Settings
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.layers.quality import Quality, find
-from defocus_core.renderer.layers.slice_radii import SHARP
+from defocus_core.renderer.layers.slice_radii import SHARP, plane_of
 from defocus_core.tensors.derived import chosen
 from defocus_core.tensors.device_plan import launches_cost, tile_pixels
 from defocus_core.tensors.neighbourhoods import range_of
@@ -98,7 +98,7 @@ def batches(
     for number, (content, own) in enumerate(zip(contents, settings, strict=True)):
         key = content.double, *_pupil(own, quality)
         alone = content.highlights or content.minimum < 0 or _is_opaque(content, own, pixels)
-        plane = content.limits[0] if content.limits[0] == content.limits[1] else None
+        plane = plane_of(*content.limits)
         alike.setdefault((*key, plane, number if alone else None), []).append(number)
     return [
         _batch(numbers, pixels, signed_radius, repairs, contents, settings)

@@ -29,19 +29,31 @@ SHARP, SOFT = 0.15, 0.25
 ALONE = 2.0
 # Px by which radii exceed the first and the last slice at most: less may be rounding.
 _ROUNDING = 1e-6
+# Range in px of the radii of a plane: more than rounding, less than shows.
+_FLAT = 1 / 64
 _PX = "radii are in px, negative nearer than focus"
+
+
+def plane_of(minimum: float, maximum: float) -> float | None:
+    """The radius of a frame that is one plane out of focus, as far as it shows; else None.
+
+    All of it is blurred by one kernel, its lights as all else. It is rounded, so that it stays when
+    the radii change by less than shows.
+    """
+    middle = round((minimum + maximum) / 2 / _FLAT) * _FLAT
+    is_plane = maximum - minimum <= _FLAT and abs(middle) > 2 * SOFT
+    return middle if is_plane else None
 
 
 def slice_radii(minimum: float, maximum: float, quality: Quality) -> tuple[float, ...]:
     """The slice radii that hold radii from least to most.
 
     It begins and ends on slice radii that are an even number from focus, and has three at least:
-    every other one gives such radii over the same range. One radius out of focus is a slice radius
-    itself: all of a plane is blurred by one kernel, its lights as all else.
+    every other one gives such radii over the same range. That of a plane is a slice radius itself.
     """
-    if minimum == maximum and abs(minimum) > 2 * SOFT:
-        step = max(quality.near_spacing, quality.far_spacing * abs(minimum))
-        return (minimum - step, minimum, minimum + step)
+    if (plane := plane_of(minimum, maximum)) is not None:
+        step = max(quality.near_spacing, quality.far_spacing * abs(plane))
+        return (plane - step, plane, plane + step)
     minimum, maximum = minimum + _ROUNDING, maximum - _ROUNDING
     reach = max(abs(minimum), abs(maximum))
     side = [0.0]

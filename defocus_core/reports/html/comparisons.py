@@ -17,7 +17,14 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.compare.metrics import METRICS
-from defocus_core.compare.record import DIFFERENT, STATUSES, WARNING, CompareSettings, Comparison
+from defocus_core.compare.record import (
+    DIFFERENT,
+    STATUSES,
+    UNREADABLE,
+    WARNING,
+    CompareSettings,
+    Comparison,
+)
 from defocus_core.compare.thresholds import OVER, Rules
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
@@ -110,7 +117,7 @@ def _facts(record: Comparison, b: str) -> Iterable[tuple[str, str]]:
     metrics = ", ".join(number_words(name, value) for name, value in record.metrics.items())
     rows = [
         ("What happened", "; ".join(finding.text for finding in record.findings)),
-        ("Cannot be read", record.error),
+        ("Cannot be read" if record.status == UNREADABLE else "No pair", record.error),
         ("Worst pixel", "" if record.worst is None else worst_words(record.worst)),
         ("Where", window),
         ("Fails", ", ".join(record.failed)),
@@ -186,12 +193,10 @@ def keep_check(
 
 
 def write_checks(folder: Path, path: Path) -> None:
-    """Write the report of the checks in a folder, if there are any."""
+    """Write the report of the checks in a folder."""
     kept: list[tuple[Comparison, str]] = [
         pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))
     ]
-    if not kept:
-        return
     tests = {id(record): test for record, test in kept}
 
     def commands(record: Comparison) -> list[tuple[str, str]]:

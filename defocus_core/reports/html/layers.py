@@ -29,6 +29,7 @@ from defocus_core.compare.picture import (
 from defocus_core.compare.record import Comparison
 from defocus_core.errors import InputError
 from defocus_core.io.images.describe import describe
+from defocus_core.picture.preview import largest
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import HEAT, LIGHT, PLAIN, SHARE, SIGNED, Layer, StoredHalves
 from defocus_core.request.output_kinds import KINDS
@@ -42,46 +43,34 @@ _LARGEST = 65504.0  # of half
 _LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
 VIEWS = ("left", "right")
 MAX_DRAWN = 2**27  # numbers of a file: 8192 x 4096 px of four channels
+_USUAL = 95  # per cent of the pixels that differ have less than the hottest colour
 _VIEW_SIDE = 960  # px of the thumbnails of views beside values
 
 
 def common_scale(planes: Sequence[NDArray[Any]]) -> float:
     """The factor from halves to the values of planes, which may be beyond the greatest half."""
-    maximum = _largest(planes)
+    maximum = max(map(largest, planes), default=0.0)
     return 2.0 ** math.ceil(math.log2(maximum / _LARGEST)) if maximum > _LARGEST else 1.0
 
 
 def unit_scale(planes: Sequence[NDArray[Any]]) -> float:
     """The factor that brings the greatest value of planes to between ½ and 1."""
-    maximum = _largest(planes)
+    maximum = max(map(largest, planes), default=0.0)
     return 2.0 ** math.ceil(math.log2(maximum)) if maximum else 1.0
-
-
-def _largest(planes: Sequence[NDArray[Any]]) -> float:
-    """The largest finite magnitude."""
-    maximum = 0.0
-    for plane in planes:
-        size = np.abs(plane)
-        maximum = max(maximum, float(np.max(size, where=np.isfinite(size), initial=0.0)))
-    return maximum
 
 
 def is_exact(planes: Sequence[NDArray[Any]], scale: float) -> bool:
     """Whether halves hold the values of planes."""
+    halves = zip(half_bits(planes, scale).view(np.float16), planes, strict=True)
     with np.errstate(all="ignore"):
-        for plane in planes:
-            scaled = _scaled(plane, scale)
-            if not np.array_equal(scaled, scaled.astype(np.float16), equal_nan=True):
-                return False
-    return True
+        return all(np.array_equal(h, _scaled(p, scale), equal_nan=True) for h, p in halves)
 
 
 def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16]:
     """The bits of planes [H, W] as halves, [C, H, W]."""
     with np.errstate(all="ignore"):
-        return np.stack([_scaled(plane, scale).astype(np.float16) for plane in planes]).view(
-            np.uint16
-        )
+        halves = np.stack([_scaled(plane, scale).astype(np.float16) for plane in planes])
+    return halves.view(np.uint16)
 
 
 def _scaled(plane: NDArray[Any], scale: float) -> NDArray[Any]:
@@ -324,9 +313,11 @@ def _greatest(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[A
 
 
 def _full(greatest: NDArray[Any]) -> float:
-    """The power of 2 at which colours of heat end; 0 where nothing differs."""
+    """The power of 2 at which colours of heat end; 0 where nothing differs.
+
+    It is of the pixels that differ, so that a few lights, or many equal pixels, do not set it.
+    """
     finite = greatest[np.isfinite(greatest)]
     if finite.size == 0 or not finite.any():
         return 0.0 if finite.size == greatest.size else 1.0
-    maximum = float(np.percentile(finite, 99.9)) or float(finite.max())
-    return float(2.0 ** np.ceil(np.log2(maximum)))
+    return float(2.0 ** np.ceil(np.log2(np.percentile(finite[finite > 0], _USUAL))))

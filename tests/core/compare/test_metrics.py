@@ -9,7 +9,7 @@ import pytest
 import torch
 from planted_faults import HEIGHT, WIDTH, scene
 
-from defocus_core.compare.metrics import METRICS, measure, measure_edges
+from defocus_core.compare.metrics import METRICS, measure, measure_edges, measure_flip
 from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.selection import widened
 from defocus_core.evaluation import metrics as core
@@ -104,3 +104,16 @@ def test_widening_reaches_as_far_as_it_says(reach):
     y, x = np.mgrid[0:30, 0:40]
     apart = np.maximum(abs(y[..., None] - rows), abs(x[..., None] - columns)).min(axis=2)
     assert np.array_equal(wide, apart <= reach)
+
+
+@pytest.mark.parametrize("box", [(slice(40, 44), slice(60, 63)), (slice(0, 2), slice(-3, None))])
+def test_flip_looks_at_what_changed_alone_and_is_as_of_the_whole(box, monkeypatch):
+    a = scene().astype(np.float32)
+    a[5:7, 5:7] = 40.0  # which sets the exposures
+    b = a.copy()
+    b[box] *= 0.5
+    cut = measure_flip(pixels(a, b))
+    whole = (slice(None), slice(None))
+    monkeypatch.setattr("defocus_core.compare.metrics._around", lambda changed: whole)
+    assert cut == pytest.approx(measure_flip(pixels(a, b)), rel=1e-5)
+    assert cut["flip-max"] > 0.05

@@ -56,7 +56,8 @@ def test_the_help_has_the_rows_of_the_table():
 _STRONG = (
     *("depth normalised", "text", "watermark, PNG", "6 bits in 8", "line of garbage"),
     *("radial depth", "lift, PNG", "alpha eroded", "specular missing", "chromatic aberration"),
-    *("light missing", "cropped to black", "overscan cropped"),
+    *("light missing", "cropped to black", "overscan cropped", "right half moved", "blurred tile"),
+    *("grey object", "resized and back"),
 )
 
 

@@ -7,6 +7,7 @@ import pytest
 from command_line import write_exr
 
 from defocus_core.compare import comparison
+from defocus_core.compare.comparison import compare_images
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings
@@ -88,9 +89,9 @@ def test_a_pattern_without_a_slash_means_names_in_any_folder():
     [
         ("fial = ['psnr<45']", "did you mean fail?"),
         ("fail = ['psnr>45']", "write psnr<45"),
-        ("fail = [45]", "is no list of rules"),
-        ("over = -1", "no difference of 0 or more"),
-        ("over = true", "no difference of 0 or more"),
+        ("fail = [45]", "is not a list of rules"),
+        ("over = -1", "not a difference of 0 or more"),
+        ("over = true", "not a difference of 0 or more"),
         ("[override]\nfiles = '*'", "write [[override]]"),
         ("[[override]]\nfail = ['psnr<45']", "[override 1] files: is missing"),
         ("[[override]]\nfiles = '*'\nfails = []", "did you mean fail?"),
@@ -126,3 +127,34 @@ def test_causes_are_looked_for_only_where_a_rule_needs_one(tmp_path):
         rules = Rules(fail=(rule("max>1"),), warn=(rule("max>1e-6"), rule("hdr-max>0.01")))
         warned = record(("a", other), rules)
         assert (bool(warned.findings), warned.status) == (found, "warning")
+
+
+def clear_left(color=0.5, alpha=1.0):
+    image = np.full((24, 32, 4), 0.5, np.float32)
+    image[:, :16, 3], image[:, 16:, 3] = 0.0, alpha
+    image[:, :16, :3] = color
+    return image
+
+
+@pytest.mark.parametrize(
+    ("changed", "like", "passes"),
+    [
+        (clear_left(color=0.9), "render", True),
+        (clear_left(color=0.9), "encoder", True),
+        (clear_left(color=0.9), "golden", False),
+        (clear_left(color=0.9), None, False),
+        (clear_left(color=np.nan), "encoder", False),  # which spreads when it is composited
+        (clear_left(alpha=0.0), "encoder", False),
+        (clear_left(alpha=0.99), "render", True),
+    ],
+)
+def test_colours_that_are_invisible_do_not_fail_and_a_lost_alpha_does(changed, like, passes):
+    record = compare_images(clear_left(), changed, like=like)
+    assert record.passes == passes
+    if passes and changed[0, 0, 0] != 0.5:
+        assert record.notes == ("other colours in 384 pixels where A is 0",)
+
+
+def test_a_lost_alpha_is_different_by_any_rule_but_within_a_mask():
+    record = compare_images(clear_left(), clear_left(alpha=0.0), fail=["max>9"])
+    assert (record.status, record.findings[0].name) == ("different", "empty")

@@ -134,6 +134,11 @@ def test_the_renderer_passes_at_standard_quality(sound):
     assert [check for check in chain(*sound) if not check.ok] == []
 
 
+def test_a_point_is_a_sharp_disc_of_its_radius_at_the_highest_quality():
+    laws = lens_laws.psf_radius, lens_laws.sharp_rim
+    assert all(check.ok for check in all_checks(LawSetting(quality="reference"), laws))
+
+
 @pytest.mark.parametrize(
     "quality", ["draft", "high", pytest.param("reference", marks=pytest.mark.bench)]
 )

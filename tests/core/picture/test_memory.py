@@ -44,7 +44,7 @@ def scratch(monkeypatch):
 
     monkeypatch.setattr(Scratch, "__init__", spy)
     monkeypatch.setattr(memory_budget, "FOR_ARRAYS", 0.0)
-    monkeypatch.setattr(arrays.bands, "__defaults__", (1000,))
+    monkeypatch.setattr(arrays, "BAND", 1000)
     return made
 
 

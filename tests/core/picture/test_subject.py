@@ -60,6 +60,7 @@ def test_any_depth_has_a_subject():
     assert found(np.full((1, 1), 7), **RELATIVE) == 7
     assert found(np.linspace(0, 1, 64 * 64).reshape(64, 64), **RELATIVE) > 0.5
     assert np.isinf(found(np.full((9, 9), np.inf)))
+    assert found(-np.ones((9, 9))) == -1, "of none that is valid the middle"
 
 
 def person(soft=0.0):

@@ -12,6 +12,7 @@ from torch.utils.data import DataLoader, Dataset
 
 from defocus_core import Aperture, DefocusLens, Distribution, RandomDefocus, render
 from defocus_core.optics.distributions import ATTEMPTS
+from defocus_core.renderer.random_defocus import OPTIONS, Lenses
 
 SIZE = (12, 18)  # H, W
 
@@ -292,3 +293,9 @@ def test_blades_that_are_drawn_away_have_no_curvature():
 def test_a_look_that_makes_no_sense_is_refused(options, words):
     with pytest.raises(ValueError, match=words):
         RandomDefocus(**options)
+
+
+def test_lenses_have_each_option_and_another_is_refused():
+    assert Lenses._fields == ("signed_radius", *OPTIONS)
+    with pytest.raises(TypeError, match="no option fnumber; choose from foclen"):
+        RandomDefocus(fnumber=2.0)

@@ -25,7 +25,7 @@ REFUSED = (
     (quantities.length, ["", "m", "two metres", "1.2.3m", "nan", "inf"], "is not a length"),
     (quantities.length, ["2yd"], "has an unknown unit"),
     (quantities.length, ["0mm", "-2m"], "is not positive"),
-    (quantities.length, ["1e300mm", "1e31mm", "1e-40m"], "is no length from 1e-30 to 1e30 mm"),
+    (quantities.length, ["1e300mm", "1e31mm", "1e-40m"], "is not a length from 1e-30 to 1e30 mm"),
     (quantities.fnumber, ["0", "-1", "1.4mm", "bright", "nan"], "1.4"),
     (quantities.angle, ["361", "-1e300deg"], "more than a turn"),
     (quantities.angle, ["0.3rad", "x"], "15deg"),

@@ -5,7 +5,7 @@ const body = document.querySelector("#rows tbody");
 const rows = [...body.rows];
 // What is shown, and how; it stays while items change. Place and zoom are in px of the picture.
 const view = {
-  item: -1, order: items.map((_, n) => n), mode: "slider", shown: "slider", wiggling: false, first: "", second: "",
+  item: -1, order: items.map((_, n) => n), mode: "slider", shown: "slider", first: "", second: "",
   overlay: "", stops: 0, split: 0.5, zoom: 0, x: 0, y: 0, size: "", turn: false,
 };
 const MAX_ZOOM = 64, PERIOD = 500, FRAME = 1000 / 12;
@@ -24,22 +24,6 @@ function number(half) {
 }
 const HALVES = Float64Array.from({ length: 65536 }, (_, half) => number(half));
 
-// Bits of halves: differences to the left neighbour or to another layer; low bytes, then high ones.
-async function unpack(owner, layer) {
-  const { payload, size: [width, height], base } = layer.values, channels = layer.channels.length;
-  const count = width * height, total = count * channels, bits = new Uint16Array(total);
-  const stream = new Blob([await bytesOf(payload)]).stream().pipeThrough(new DecompressionStream("deflate"));
-  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
-  const other = base && (await valuesOf(owner, owner.layers.find(each => each.key === base)));
-  for (let channel = 0, n = 0; channel < channels; channel++) {
-    for (let pixel = 0, place = channel; pixel < count; pixel++, n++, place += channels) {
-      const before = other ? other[place] : pixel % width ? bits[place - channels] : 0;
-      bits[place] = before + bytes[n] + (bytes[n + total] << 8);
-    }
-  }
-  return bits;
-}
-
 function kept(map, key, most, make) {
   if (!map.has(key)) map.set(key, make());
   const value = map.get(key);
@@ -49,16 +33,27 @@ function kept(map, key, most, make) {
   return value;
 }
 
-const unpacked = new Map(), decoded = new Map(), tables = new Map();
-const valuesOf = (owner, layer) => kept(unpacked, layer.values.payload, 16, () => unpack(owner, layer));
+// What is decoded, as a promise, and made when it is there; the picture is drawn again then.
+const decoded = new Map(), tables = new Map();
+const soon = (name, make) => kept(decoded, name, 24, () => {
+  const entry = { made: null, promise: make() };
+  entry.promise.then(made => { entry.made = made; draw(); }, error => fail(`A picture cannot be shown: ${error.message}`));
+  return entry;
+});
 
-// What is decoded, or null until then; the picture is drawn again when it is there.
-function soon(name, make) {
-  return kept(decoded, name, 24, () => {
-    const entry = { made: null };
-    make().then(made => { entry.made = made; draw(); }, error => fail(`A picture cannot be shown: ${error.message}`));
-    return entry;
-  }).made;
+// Bits of halves: differences to the left neighbour or to another layer; low bytes, then high ones.
+async function unpack(owner, { values: { payload, size: [width, height], base }, channels: { length: channels } }) {
+  const count = width * height, total = count * channels, bits = new Uint16Array(total);
+  const stream = new Blob([await bytesOf(payload)]).stream().pipeThrough(new DecompressionStream("deflate"));
+  const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
+  const other = base && (await valuesSoon(owner.layers.find(each => each.key === base), owner).promise).data;
+  for (let channel = 0, n = 0; channel < channels; channel++) {
+    for (let pixel = 0, place = channel; pixel < count; pixel++, n++, place += channels) {
+      const before = other ? other[place] : pixel % width ? bits[place - channels] : 0;
+      bits[place] = before + bytes[n] + (bytes[n + total] << 8);
+    }
+  }
+  return bits;
 }
 
 // Numbers of a layer in a box of the picture: of its thumbnail, of its values; how they are decoded.
@@ -67,16 +62,13 @@ const thumbOf = layer => layer && layer.thumbnail && soon(layer.thumbnail, async
   const [low, high] = ["light", "heat"].includes(layer.kind) ? [0, 1] : layer.ends;
   const numbers = Float64Array.from({ length: 256 }, (_, grey) => low + grey / 255 * (high - low));
   return { data, width, height, stride: 4, box: [0, 0, ...layer.size], gamma: null, scale: "thumbnail", numbers };
+}).made;
+const valuesSoon = (layer, owner = item()) => soon(layer.values.payload, async () => {
+  const { corner, size: [width, height], scale } = layer.values, numbers = HALVES.map(each => each * scale);
+  const data = await unpack(owner, layer), box = [...corner, width, height];
+  return { data, width, height, stride: layer.channels.length, box, gamma: layer.gamma, scale, numbers };
 });
-
-function valuesGrid(layer) {
-  const owner = item();
-  return layer && layer.values && !(film && layer.thumbnail) && soon(layer.values.payload, async () => {
-    const { corner, size: [width, height], scale } = layer.values, numbers = HALVES.map(each => each * scale);
-    const data = await valuesOf(owner, layer), box = [...corner, width, height];
-    return { data, width, height, stride: layer.channels.length, box, gamma: layer.gamma, scale, numbers };
-  });
-}
+const valuesGrid = layer => layer && layer.values && !(film && layer.thumbnail) && valuesSoon(layer).made;
 
 // The greatest difference of each pixel: of two layers, or of the layer that has it where halves do not tell it.
 function differences(first, second) {
@@ -93,7 +85,7 @@ function differences(first, second) {
       }
     }
     return { ...b, data, stride: 1 };
-  });
+  }).made;
 }
 
 // ---- colours of numbers
@@ -201,6 +193,7 @@ function paint() {
   else drawLayer(mode === "first" || (mode === "flicker" && !view.turn) ? first : second, 0, width);
   const overlay = layerOf(view.overlay);
   if (overlay) drawLayer(overlay, 0, width, true);
+  if (view.pointer) read(...view.pointer);
   canvas.dataset.drawn = [first, second].every(layer => !layer.values || valuesGrid(layer)) ? view.item : "";
 }
 
@@ -245,28 +238,20 @@ function goTo([x, y]) {
 
 const shortly = value => Number.isFinite(value) ? String(+value.toPrecision(4)) : String(value);
 
-async function valuesAt(layer, x, y) {
-  const { corner: [left, top], size: [width, height], scale } = layer.values;
-  if (x < left || y < top || x >= left + width || y >= top + height) return null;
-  const bits = await valuesOf(item(), layer), count = layer.channels.length;
-  const start = ((y - top) * width + x - left) * count;
-  return Array.from(bits.slice(start, start + count), half => HALVES[half] * scale);
-}
-
-let latest = 0;
-async function read(x, y) {
-  const layers = item().layers, turn = ++latest, parts = [`${x}, ${y}`];
-  const whole = layers[0] && layers[0].size;
-  if (!whole || x < 0 || y < 0 || x >= whole[0] || y >= whole[1]) return;
-  for (const layer of layers) {
-    if (!layer.values) continue;
-    const values = await valuesAt(layer, x, y);
-    if (values) parts.push(`${layer.title} ${values.map(shortly).join(" ")}${layer.key === "coc" ? " px" : ""}`);
-  }
-  if (turn !== latest) return;
-  const names = (layerOf(view.first) || layers[0]).channels.join(" ");
-  $("readout").textContent = parts.length > 1 ? `${parts.join("  ·  ")}  (${names})`
-    : `${x}, ${y}  ·  ${layers.some(each => each.values) ? "values are kept of another part of this picture" : "a thumbnail: its values are not in this report"}`;
+// The values of all layers at a pixel, those that are decoded already; they are read again when others are.
+function read(x, y) {
+  const layers = item().layers, [width, height] = layers.length ? layers[0].size : [0, 0];
+  view.pointer = [x, y];
+  if (x < 0 || y < 0 || x >= width || y >= height) return;
+  const parts = layers.map(layer => {
+    const { data, stride, numbers, box: [left, top, wide, high] } = valuesGrid(layer) || { box: [0, 0, 0, 0] };
+    if (x < left || y < top || x >= left + wide || y >= top + high) return "";
+    const start = ((y - top) * wide + x - left) * stride, values = Array.from(data.slice(start, start + stride), half => numbers[half]);
+    return `${layer.title} ${values.map(shortly).join(" ")}${layer.key === "coc" ? " px" : ""}`;
+  }).filter(Boolean);
+  const none = layers.some(each => each.values) ? "values are kept of another part of this picture" : "a thumbnail: its values are not in this report";
+  const names = parts.length ? `  (${(layerOf(view.first) || layers[0]).channels.join(" ")})` : "";
+  $("readout").textContent = [`${x}, ${y}`, ...(parts.length ? parts : [none])].join("  ·  ") + names;
 }
 
 // ---- an item, and the ways to look at it
@@ -282,12 +267,10 @@ function show(number, quietly) {
   const before = rows[view.item];
   if (before) before.removeAttribute("aria-current");
   view.item = number;
-  const { layers, wiggle } = item(), keys = pictured().map(each => each.key);
+  const { layers } = item(), keys = pictured().map(each => each.key);
   rows[number].setAttribute("aria-current", "true");
   if (!quietly) rows[number].scrollIntoView({ block: "nearest" });
-  if (view.wiggling && wiggle.length) [view.first, view.second] = wiggle;
-  else if (view.wiggling || !keys.includes(view.first) || !keys.includes(view.second) || keys.includes("a") && !view.chosen) {
-    view.wiggling = false;
+  if (!keys.includes(view.first) || !keys.includes(view.second) || (keys.includes("a") && !view.chosen)) {
     [view.first, view.second] = [keys[0] || "", keys[1] || keys[0] || ""];
   }
   if (!keys.includes(view.overlay)) view.overlay = "";
@@ -316,47 +299,39 @@ function position() {
 }
 
 function details() {
-  const { words, status, facts, commands, metrics, facets } = item();
-  const terms = [...facts, ...Object.entries(facets)];
-  const list = document.createElement("dl");
-  for (const [term, text] of terms) {
+  const { facts, commands, facets } = item(), list = document.createElement("dl");
+  for (const [term, text] of [...facts, ...Object.entries(facets)]) {
     const name = document.createElement("dt"), what = document.createElement("dd");
     name.textContent = term;
     what.textContent = text;
     list.append(name, what);
   }
-  const lines = commands.map(([title, line]) => commandLine(title, line));
-  $("details").replaceChildren(...lines, list);
+  $("details").replaceChildren(...commands.map(each => commandLine(...each)), list);
 }
 
-function hasDifference() {
-  const [first, second] = [layerOf(view.first), layerOf(view.second)];
-  const valued = first && second && first !== second && first.values && second.values;
-  return Boolean(valued || (ofPair() && layerOf("difference")));
-}
+const hasDifference = () => [view.first, view.second].every(key => layerOf(key)?.values) || Boolean(ofPair() && layerOf("difference"));
 
 function modes() {
   const two = view.first !== view.second, able = {
-    first: true, second: two, slider: two, flicker: two, difference: hasDifference(),
+    first: true, second: two, slider: two, flicker: two, difference: two && hasDifference(),
   };
-  const wanted = view.mode;
-  const mode = view.shown = able[wanted] ? wanted : "second";
+  const mode = view.shown = able[view.mode] ? view.mode : "second";
   for (const button of document.querySelectorAll("[data-mode]")) {
-    button.disabled = !able[button.dataset.mode] && !(button.dataset.mode === "second");
-    button.setAttribute("aria-pressed", String(button.dataset.mode === mode && !view.wiggling));
+    button.disabled = !able[button.dataset.mode] && button.dataset.mode !== "second";
+    button.setAttribute("aria-pressed", String(button.dataset.mode === mode && !wiggles()));
   }
   const titles = ["first", "second"].map(name => (layerOf(view[name]) || { title: "" }).title);
   document.querySelector("[data-mode=first]").textContent = titles[0] || "A";
   document.querySelector("[data-mode=second]").textContent = titles[1] || "B";
   $("wiggle").disabled = !item().wiggle.length;
-  $("wiggle").setAttribute("aria-pressed", String(view.wiggling));
+  $("wiggle").setAttribute("aria-pressed", String(wiggles()));
   $("split").hidden = mode !== "slider";
   $("legend").hidden = mode !== "difference";
   $("full").textContent = shortly(fullNow() / 2 ** view.stops);
   $("stops").textContent = `${view.stops > 0 ? "+" : ""}${view.stops} EV`;
   badge(titles, mode);
   clearInterval(flickering);
-  flickering = mode === "flicker" ? setInterval(() => { view.turn = !view.turn; badge(titles, mode); draw(); }, view.wiggling ? PERIOD / 2 : PERIOD) : 0;
+  flickering = mode === "flicker" ? setInterval(() => { view.turn = !view.turn; badge(titles, mode); draw(); }, PERIOD) : 0;
   draw();
 }
 
@@ -369,22 +344,17 @@ function badge(titles, mode) {
 }
 
 function setMode(mode) {
-  if (view.wiggling) {
-    view.wiggling = view.chosen = false;
-    view.mode = mode;
-    show(view.item, true);
-  }
   view.mode = mode;
   modes();
-  tell(`${$("badge").textContent}`);
+  tell($("badge").textContent);
 }
+
+// Whether the left and the right view flicker.
+const wiggles = () => view.shown === "flicker" && item().wiggle.length > 0 && [view.first, view.second].join() === item().wiggle.join();
 
 function wiggle() {
   if (!item().wiggle.length) return;
-  view.wiggling = !view.wiggling;
-  view.mode = view.wiggling ? "flicker" : "slider";
-  view.chosen = false;
-  if (!view.wiggling) view.first = "";
+  [view.mode, view.first, view.second] = wiggles() ? ["slider", "", ""] : ["flicker", ...item().wiggle];
   show(view.item, true);
 }
 
@@ -480,7 +450,7 @@ const watcher = new IntersectionObserver(entries => {
 const KEYS = {
   ArrowLeft: () => step(-1), ArrowUp: () => step(-1), ArrowRight: () => step(1), ArrowDown: () => step(1),
   1: () => setMode("first"), 2: () => setMode("second"), s: () => setMode("slider"),
-  f: () => setMode(view.mode === "flicker" && !view.wiggling ? "slider" : "flicker"),
+  f: () => setMode(view.mode === "flicker" ? "slider" : "flicker"),
   d: () => setMode(view.mode === "difference" ? "slider" : "difference"),
   w: wiggle, c: overlay, "[": () => expose(view.stops - 0.5), "]": () => expose(view.stops + 0.5),
   "+": () => zoomBy(1.5), "=": () => zoomBy(1.5), "-": () => zoomBy(1 / 1.5), 0: fit,
@@ -510,19 +480,15 @@ for (const button of document.querySelectorAll("[data-sort]")) button.onclick = 
 for (const button of document.querySelectorAll("[data-mode]")) button.onclick = () => setMode(button.dataset.mode);
 $("filters").addEventListener("input", list_rows);
 $("filters").addEventListener("submit", event => event.preventDefault());
-$("previous").onclick = () => step(-1);
-$("next").onclick = () => step(1);
-$("play").onclick = play;
-$("wiggle").onclick = wiggle;
-$("fit").onclick = fit;
-$("in").onclick = () => zoomBy(1.5);
-$("out").onclick = () => zoomBy(1 / 1.5);
-$("worst").onclick = KEYS.g;
+const CLICKS = {
+  previous: () => step(-1), next: () => step(1), play, wiggle, fit, in: () => zoomBy(1.5), out: () => zoomBy(1 / 1.5), worst: KEYS.g,
+};
+for (const [name, act] of Object.entries(CLICKS)) $(name).onclick = act;
 $("exposure").oninput = event => expose(Number(event.target.value));
 $("split").oninput = event => { view.split = event.target.value / 1000; draw(); };
 $("overlay").onchange = event => { view.overlay = event.target.value; draw(); };
 for (const name of ["first", "second"]) $(name).onchange = event => {
-  [view[name], view.wiggling, view.chosen] = [event.target.value, false, true];
+  [view[name], view.chosen] = [event.target.value, true];
   modes();
 };
 

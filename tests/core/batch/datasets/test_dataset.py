@@ -1,5 +1,6 @@
 """From a jobs file to a data set: what is swept and drawn is rendered, journalled and indexed."""
 
+import io
 import itertools
 import json
 import random
@@ -7,19 +8,23 @@ import subprocess
 import sys
 from contextlib import suppress
 
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import header, read_exr
+from command_line import run as run_command
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
 from records import write_index
 
 from defocus_cli.words import batch as batch_report
-from defocus_core import run_batch
+from defocus_core import BatchDataset, run_batch
 from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.errors import InputError
+from defocus_core.io.images.color_space import linear_to_srgb
 
 DRAFT = '[machine]\nquality = "draft"\n'
 
@@ -138,6 +143,69 @@ def test_effects_are_absent_where_the_draw_says_so(tmp_path):
     assert len({(lens["noise"], lens["obstruction"]) for lens in lenses}) > 2
     read = [sample.lens.noise for sample in samples(tmp_path / "out")]
     assert read == [lens["noise"] and (4000.0, 3.0) for lens in lenses]
+
+
+def read_by_samples(out):
+    for each in samples(out):
+        yield each.sample_id, each.record["split"], each.lens.fnum, shown(each.files["render"])
+
+
+def read_by_torch(out):
+    for split in ("train", "test"):
+        for item in BatchDataset(out, split=split):
+            light = item["render"].permute(1, 2, 0).numpy()
+            told = np.rint(255 * linear_to_srgb(light)).astype(np.uint8)
+            yield item["sample_id"], split, float(item["lens"]["fnum"]), told
+
+
+def read_by_hugging_face(out):
+    pytest.importorskip("PIL")
+    loader = pytest.importorskip("datasets").load_dataset
+    for split, rows in loader(str(out), cache_dir=str(out.parent / "cache")).items():
+        for row in rows:
+            yield row["sample_id"], split, row["lens"]["fnumber"], np.asarray(row["image"])
+
+
+def read_by_webdataset(out):
+    image = pytest.importorskip("PIL.Image")
+    webdataset = pytest.importorskip("webdataset", reason="needs webdataset; pip install it")
+    tars = sorted(map(str, (out / "shards").glob("*.tar")))
+    for each in webdataset.WebDataset(tars, shardshuffle=False):
+        told = json.loads(each["json"])
+        picture = np.asarray(image.open(io.BytesIO(each["render.png"])))
+        yield told["sample_id"], told["split"], told["lens"]["fnumber"], picture
+
+
+def shown(path):
+    buffer = oiio.ImageBuf(str(path))
+    return buffer.get_pixels(oiio.UINT8)
+
+
+@pytest.fixture(scope="module")
+def batch(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("batch")
+    pictures(folder)
+    text = LENS + "focus = '2m'\n[sweep]\nfnumber = [2, 4]\n[split]\ntrain = 0.5\ntest = 0.5\n"
+    text += "[outputs]\nkinds = ['render', 'coc']\nformat = 'png'\n"
+    jobs = jobs_file(folder, text + DRAFT, inputs=INPUTS)
+    words = ("--processes", "1", "--threads", "1", "--shards-size", "1MB")
+    assert run_command("batch", jobs, "-o", folder / "out", *words).code == 0
+    return folder / "out"
+
+
+@pytest.mark.parametrize(
+    "read", [read_by_samples, read_by_torch, read_by_hugging_face, read_by_webdataset]
+)
+def test_each_way_to_read_a_batch_gives_its_samples(read, batch):
+    found = {name: told for name, *told in read(batch)}
+    lines = map(json.loads, (batch / "metadata.jsonl").read_text().splitlines())
+    wanted = {line["sample_id"]: line for line in lines}
+    assert len(wanted) == 4
+    assert {*found} == {*wanted}
+    for name, (split, fnum, picture) in found.items():
+        line = wanted[name]
+        assert (split, fnum) == (line["split"], line["lens"]["fnumber"])
+        assert np.array_equal(picture, shown(batch / line["file_name"]))
 
 
 @pytest.mark.bench

@@ -21,22 +21,22 @@ NEEDED = (
 WRONG = [
     ({"status": "done"}, "has the status 'done', not one of ok, rejected, failed"),
     ({"status": []}, "has the status [], which is of a wrong type"),
-    ({"finished": "yesterday"}, "finished at 'yesterday', which is no time with a zone"),
-    ({"finished": "2026-01-01T00:00:00"}, "which is no time with a zone"),
+    ({"finished": "yesterday"}, "finished at 'yesterday', which is not a time with a zone"),
+    ({"finished": "2026-01-01T00:00:00"}, "which is not a time with a zone"),
     ({"outputs": {"render": "a.png"}}, "has no path of render"),
     ({"inputs": {"depth": {"path": "z.exr"}}}, "has no colour among its inputs"),
     ({"size": [4]}, "has the size [4], not two numbers"),
     ({"coc_px": ["a", "b"]}, "not two numbers"),
     ({"seconds": {}}, "has no seconds.render"),
     ({"lens": {"fnumber": 2.0}}, "has no lens.focal_length_mm"),
-    ({"warnings": [[]]}, "has a warning that is no text"),
+    ({"warnings": [[]]}, "has a warning that is not a text"),
     ({"sample_id": "../a"}, "has a sample_id with a slash"),
     ({"coc_px": [float("nan"), 1]}, "is broken"),
     ({"size": [0, 3]}, "has the size [0, 3]"),
     ({"inputs": {"color": {"path": "c.exr", "size": "4"}}}, "has the color.size '4'"),
     ({"measures": {"coc_mean_px": "1"}}, "has the measures.coc_mean_px '1'"),
     ({"settings": {"lens": []}}, "has the settings.lens []"),
-    ({"message": "\ud800"}, "has a text that is none"),
+    ({"message": "\ud800"}, "surrogate pair"),
 ]
 OUTSIDE = (
     *("../../etc/passwd", "/etc/passwd", "render/../../secret", "render/..", "render", "secret"),
@@ -108,7 +108,7 @@ def test_a_value_that_is_wrong_is_told(change, message, tmp_path):
 @pytest.mark.parametrize("path", OUTSIDE)
 def test_an_output_that_is_no_file_of_out_is_refused(path, tmp_path):
     journal_of(tmp_path, record(tmp_path, "b"), record(tmp_path, "a", **output(path)))
-    with refuses("damaged", "line 2", "no file of a kind"):
+    with refuses("damaged", "line 2", "not a file of a kind"):
         Ledger(tmp_path)
 
 

@@ -37,7 +37,7 @@ def test_a_camera_of_nuke_gives_its_field_of_view(tmp_path):
         ("frame,focus\n1\n", "malformed", "line 2"),
         ("frame,focus\na,1m\n", "malformed", "line 2"),
         ("frame,focus\n1,1m\n1,2m\n", "duplicate", "focus"),
-        ('frame,focus\n1,"1m\n', "malformed", ""),
+        ('frame,focus\n1,"1m\n', "malformed", "line 2"),
         ("\0", "wrong-type", ""),
         ("1001,1.5\n1005,2.5\n", "malformed", "line 1"),
     ],

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
@@ -42,8 +43,7 @@ def folder(tmp_path_factory):
     png(root / "z.png", numbers(), np.uint8)
     color_exr(root / "rgb.exr", color)
     depth_exr(root / "z.exr", (100 / numbers()).astype(np.float32))
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.chdir(root)
+    with chdir(root):
         ran = run("choose", "a b.png", "z.png", "-o", "photo.html", "--blur", "4px", "-q")
         assert ran.code == 0, ran.err
         lens = ("--lens", "@portrait-85", "--focus", "0.5m")
@@ -80,12 +80,12 @@ class Choice(Page):
         return shlex.split(self.text("#details code"))
 
 
-def rendered(words, folder, monkeypatch):
+def rendered(words, folder):
     """What the command of a page renders, in sRGB."""
-    monkeypatch.chdir(folder)
-    ran = run(*words[1:], "--quality", "draft")
-    assert ran.code == 0, ran.err
-    pixels = read_color(Path(words[words.index("-o") + 1])).pixels
+    with chdir(folder):
+        ran = run(*words[1:], "--quality", "draft")
+        assert ran.code == 0, ran.err
+        pixels = read_color(Path(words[words.index("-o") + 1])).pixels
     return linear_to_srgb(np.clip(pixels, 0, 1))
 
 
@@ -96,16 +96,14 @@ def rendered(words, folder, monkeypatch):
         ("exr.html", ("--fnumber 1.4 --focus 0.5m", "--fnumber 0.7 --focus 2.5m")),
     ],
 )
-def test_a_click_shows_the_picture_of_the_command_below_it(
-    page, options, folder, browser, monkeypatch
-):
+def test_a_click_shows_the_picture_of_the_command_below_it(page, options, folder, browser):
     opened, pictures = Choice(browser, folder / page), []
     for x, strength, said in zip((0.255, 0.755), "23", options, strict=True):
         opened.click(x, 0.505)
         opened.page.fill("#strength", strength)
         assert shlex.join(opened.command).endswith(said)
         pictures.append(opened.shown)
-        made = rendered(opened.command, folder, monkeypatch)
+        made = rendered(opened.command, folder)
         assert np.sqrt(((made - pictures[-1]) ** 2).mean()) < 0.04  # of a JPEG of noise
         assert "nearest of 2 × 5 small drafts" in opened.text("#shown")
     (near, far), half = pictures, WIDTH // 2

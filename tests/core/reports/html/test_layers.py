@@ -7,6 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
+from defocus_core.compare.comparison import of_planes
 from defocus_core.reports.html import layers
 
 
@@ -63,3 +64,12 @@ def test_a_tiny_difference_keeps_its_digits():
     scale = layers.unit_scale([plane])
     packed = layers.pack(layers.half_bits([plane], scale), (0, 0), scale)
     assert unpacked(packed, 1)[0] == pytest.approx(plane, rel=1e-3)
+
+
+def test_heat_has_the_range_of_what_differs_and_not_of_a_few_lights():
+    """Half differ by 0.02, two in a hundred, lamps, by 4."""
+    a = np.zeros((100, 100), np.float32)
+    b = a.copy()
+    b[:50], b[:2] = 0.02, 4.0
+    drawn = [layers.draw("x", "x", of_planes({"Y": each}, "x"), ["Y"]) for each in (a, b)]
+    assert layers.difference_of(*drawn)[1] == 2**-5

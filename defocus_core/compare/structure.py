@@ -1,0 +1,184 @@
+"""How two files differ apart from their pixels: size, channels, samples, primaries, metadata.
+
+Another number type, order of channels, codec or data window is a note. Metadata that differs is
+listed apart.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from fnmatch import fnmatchcase
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.picture import DecodedPicture, color_layers
+from defocus_core.io.images.primaries import primaries_name, same_primaries
+from defocus_core.system.text import counted
+
+# Attributes that differ from run to run: times, and the program that wrote a file.
+_OF_A_RUN = ("capdate", "*date", "date*", "*datetime*", "time", "*time*", "software", "utcoffset")
+_DEPTHS = ("Z", "ZBack")  # channels of deep samples
+
+
+def of_structure(
+    a: DecodedPicture, b: DecodedPicture, resized: Sequence[str], lone: Sequence[str]
+) -> Iterator[Finding]:
+    """Another size, missing and further channels; but for those of depth that are alone."""
+    if (a.width, a.height) != (b.width, b.height):
+        text = f"another size: {b.width}x{b.height} instead of {a.width}x{a.height}"
+        values = {"a": [a.width, a.height], "b": [b.width, b.height]}
+        yield Finding("another size", text, values)
+    elif resized:
+        text = f"another size of {_list(resized)}"
+        yield Finding("another size", text, {"channels": list(resized)})
+    for word, one, other in (("missing", a, b), ("further", b, a)):
+        names = [n for n in one.planes if n not in other.planes and n not in lone]
+        if names:
+            text = f"{word} channel{'s' * (len(names) > 1)} {_list(names)}"
+            yield Finding(f"{word} channel", text, {"channels": names})
+
+
+def compare_primaries(
+    a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str] = ()
+) -> Finding | None:
+    """Whether two pictures declare other primaries, by which equal numbers are other colours."""
+    counts = _heeded({"chromaticities": ""}, ignored)
+    if not counts or same_primaries(a.primaries, b.primaries) or not any(color_layers([*a.planes])):
+        return None
+    old, new = (primaries_name(each.primaries) for each in (a, b))
+    text = f"other primaries declared: {new} instead of {old}"
+    return Finding("other primaries declared", text, {"a": old, "b": new})
+
+
+def compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
+    """How the samples of two deep pictures differ; None if they do not, or one is flat."""
+    if not a.samples or not b.samples:
+        return None
+    old, new = (each.samples[""] for each in (a, b))
+    if not np.array_equal(old, new):
+        places, owners = np.unique(np.concatenate([old, new]), return_inverse=True)
+        counts = [np.bincount(of, minlength=len(places)) for of in np.split(owners, [len(old)])]
+        pixels = int(np.count_nonzero(counts[0] != counts[1]))
+        text = f"deep samples: another number in {counted(pixels, 'pixel')}"
+        return Finding("deep samples", text, {"pixels": pixels})
+    greatest = {
+        name: float(np.abs(b.samples[name].astype("f8") - values).max(initial=0.0))
+        for name, values in a.samples.items()
+        if name in b.samples and not np.array_equal(values, b.samples[name], equal_nan=True)
+    }
+    if not greatest:
+        return None
+    each = ", ".join(f"{name} by up to {maximum:.3g}" for name, maximum in greatest.items())
+    return Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
+
+
+def depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:
+    """Channels of depth that a deep picture must have, and that the other lacks as it is flat."""
+    if bool(a.samples) == bool(b.samples):
+        return []
+    deep, flat = (a, b) if a.samples else (b, a)
+    names = set(deep.planes) - set(flat.planes)
+    return sorted(name for name in names if name.rpartition(".")[2] in _DEPTHS)
+
+
+def changed_metadata(a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str]) -> list[str]:
+    """The attributes that count and differ, in words."""
+    return _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
+
+
+def _heeded(metadata: Mapping[str, str], ignored: Sequence[str]) -> dict[str, str]:
+    """The attributes that count."""
+    patterns = [pattern.lower() for pattern in (*_OF_A_RUN, *ignored)]
+
+    def counts(name: str) -> bool:
+        full = name.lower()
+        return not any(
+            fnmatchcase(full, p) or fnmatchcase(re.split("[/:]", full)[-1], p) for p in patterns
+        )
+
+    return {name: text for name, text in metadata.items() if counts(name)}
+
+
+def _list(names: Sequence[str]) -> str:
+    more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+    return ", ".join(names[:8]) + more
+
+
+def notes_of(a: DecodedPicture, b: DecodedPicture, lone: Sequence[str]) -> list[str]:
+    """What changes no pixel, in words; ``lone`` are channels of depth that only a deep file has."""
+    types: dict[tuple[str, str], list[str]] = {}
+    for name in a.planes:
+        old, new = a.types[name], b.types.get(name)
+        if new is not None and new != old:
+            types.setdefault((old, new), []).append(name)
+    notes = [f"{_list(names)} {new} instead of {old}" for (old, new), names in types.items()]
+    flat = [f"flattened, without {_list(lone)}"] if lone else []
+    if a.layout.get("format") != b.layout.get("format"):
+        return [*notes, f"{b.layout.get('format')} instead of {a.layout.get('format')}", *flat]
+    said = {"channel order"} if set(a.planes) != set(b.planes) else set()
+    if (a.width, a.height) != (b.width, b.height):
+        said |= {key for key in a.layout if "window" in key}
+    layouts = ({k: v for k, v in each.layout.items() if k not in said} for each in (a, b))
+    return [*notes, *_differing(*layouts), *flat]
+
+
+def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
+    """Each key whose values differ, in words."""
+    lines = []
+    for key in sorted({*a, *b}):
+        if a.get(key) != b.get(key):
+            old, new = (_short(d[key]) if key in d else "nothing" for d in (a, b))
+            lines.append(f"{key} {new} instead of {old}")
+    return lines
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:57]}…"
+
+
+def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
+    """How a picture of another size comes from A, if that is seen: as a crop, or turned by 90°."""
+    sides = []
+    for side in (a, b):
+        size = (side.height, side.width)
+        sides.append({n: plane for n, plane in side.planes.items() if plane.shape == size})
+    names = [name for name in sides[0] if name in sides[1]]
+    if not names:
+        return
+    old, new = (np.stack([np.nan_to_num(side[name]) for name in names]) for side in sides)
+    if old.shape[1:] == new.shape[:0:-1]:
+        turned = {
+            "to the left": np.rot90(old, 1, (1, 2)),
+            "to the right": np.rot90(old, -1, (1, 2)),
+        }
+        for way, planes in turned.items():
+            if np.array_equal(planes, new):
+                yield Finding("rotated", f"rotated by 90° {way}")
+    large, small = (old, new) if old.shape[1] >= new.shape[1] else (new, old)
+    (height, width), (high, wide) = large.shape[1:], small.shape[1:]
+    if (high, wide) == (height, width) or high > height or wide > width:
+        return
+    for x, y in _corners(large, small):
+        if np.array_equal(large[:, y : y + high, x : x + wide], small):
+            whole = f"{width}x{height}"
+            text = f"a crop: {wide}x{high} at {x},{y} of {whole}"
+            if large is new:
+                text = f"A is a crop of B: {wide}x{high} at {x},{y} of {whole}"
+            yield Finding("crop", text, {"window": [x, y, wide, high]})
+            return
+
+
+def _corners(large: NDArray[Any], small: NDArray[Any]) -> Iterator[tuple[int, int]]:
+    """Where a smaller picture may lie in a larger one: where 81 pixels of it match."""
+    (height, width), (high, wide) = large.shape[1:], small.shape[1:]
+    same = np.ones((height - high + 1, width - wide + 1), bool)
+    rows, columns = (np.linspace(0, side - 1, 9).astype(int) for side in (high, wide))
+    for row, column in product(rows, columns):
+        part = large[:, row : row + len(same), column : column + len(same[0])]
+        same &= (part == small[:, row, column][:, None, None]).all(axis=0)
+    yield from ((int(x), int(y)) for y, x in np.argwhere(same)[:64])

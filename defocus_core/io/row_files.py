@@ -1,0 +1,107 @@
+"""Files of rows: CSV with a header, or JSONL, a JSON object a line. Lines of # are comments."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from io import TextIOWrapper
+from itertools import count
+from pathlib import Path
+from typing import Any, TextIO
+
+from defocus_core.errors import InputError, Place, cannot_read, reason
+from defocus_core.io.below import open_plain
+
+_LONGEST_LINE = 2**20
+Row = tuple[Place, Mapping[str, Any]]  # for errors, and values
+Columns = Callable[[list[str], Place], list[str]]
+
+
+def read_rows(
+    file: Path,
+    what: str,
+    example: str,
+    header: str = "color,depth",
+    columns: Columns = lambda cells, _: cells,
+) -> Iterator[Row]:
+    """Place and values of each row, without those that are empty or null.
+
+    `what`: the file, in words; `example`, `header`: a row of JSON, empty where a file is none, and
+    a header of CSV; `columns`: the keys that cells of a header name, at its place.
+    """
+    suffix, known = file.suffix.lower(), (".csv", ".jsonl") if example else (".csv",)
+    if suffix not in known:
+        remedy = f"name it after its type, {' or '.join(known)}"
+        raise InputError("wrong-type", f"is not a {what} by its name", remedy, path=file)
+    try:
+        with TextIOWrapper(open_plain(file), encoding="utf-8-sig", newline="") as opened:
+            if suffix == ".csv":
+                yield from _csv_rows(file, opened, header, columns)
+            else:
+                yield from _json_rows(file, opened, example)
+    except OSError as error:
+        raise cannot_read(file, error, "check the path") from None
+    except UnicodeDecodeError:
+        raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
+
+
+def _csv_rows(file: Path, opened: TextIO, example: str, columns: Columns) -> Iterator[Row]:
+    reader = csv.reader(opened, strict=True)
+    keys: list[str] = []
+    try:
+        for cells in reader:
+            values = [cell.strip() for cell in cells]
+            if not any(values) or values[0].startswith("#"):
+                continue
+            place = Place(file, f"line {reader.line_num}")
+            if "\0" in "".join(values):
+                problem, remedy = "has a zero byte, and so is not CSV", "save it as text"
+                raise InputError("wrong-type", problem, remedy, path=file)
+            if not keys:
+                keys = columns(values, place)
+                if len(keys) == 1 and ";" in keys[0]:
+                    raise _malformation(
+                        file, reader.line_num, "has semicolons between its cells", "write commas"
+                    )
+                if twice := [key for key, times in Counter(keys).items() if times > 1]:
+                    problem, remedy = f"names '{twice[0]}' twice", "remove one of the columns"
+                    raise InputError("duplicate", problem, remedy, path=place)
+            elif len(values) != len(keys):
+                problem = f"has {len(values)} cells, but the header names {len(keys)}"
+                raise _malformation(file, reader.line_num, problem, "mend that line")
+            else:
+                row = zip(keys, values, strict=True)
+                filled = {key: value for key, value in row if value}
+                yield place, filled
+    except csv.Error as error:
+        problem = f"is not CSV: {reason(error)}"
+        raise _malformation(file, reader.line_num, problem, "mend that line") from None
+    if not keys:
+        raise InputError("empty", "is empty", f"begin it with a line like {example}", path=file)
+
+
+def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
+    for number in count(1):
+        text = opened.readline(_LONGEST_LINE)
+        if not text:
+            return
+        if not text.strip():
+            continue
+        remedy = f"write it like {example}"
+        try:
+            row = json.loads(text)
+        except (ValueError, RecursionError) as error:
+            problem = f"is not JSON: {reason(error)}"
+            raise _malformation(file, number, problem, remedy) from None
+        if not isinstance(row, dict):
+            raise _malformation(file, number, "is not a JSON object", remedy)
+        yield (
+            Place(file, f"line {number}"),
+            {key: value for key, value in row.items() if value not in (None, "")},
+        )
+
+
+def _malformation(file: Path, line: int, problem: str, remedy: str) -> InputError:
+    return InputError("malformed", problem, remedy, path=file, field=f"line {line}")

@@ -1,0 +1,117 @@
+"""`defocus help json` names each field that commands print, and no other."""
+
+import re
+import shutil
+
+import pytest
+from command_line import LENS, depth_exr, photograph, run, succeed, write_exr
+from deep_files import write_deep_samples
+from elements import disc, element
+from jobs_files import FIXED, INPUTS, jobs_file, pictures
+
+from defocus_cli.commands.help import text
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.picture.repair_words import repair_record
+from defocus_core.request.parameters import EFFECT_OPTIONS, RECORDED
+
+SECTIONS = dict(re.findall(r"(?ms)^## (.*?)\n(.*?)(?=^## |\Z)", text("json")))
+COMMANDS = [
+    name.strip("`").removeprefix("defocus ")
+    for name in SECTIONS
+    if "`" in name and "bench" not in name
+]
+CREW = ("--processes", "1", "--threads", "1")
+
+
+def documented(section):
+    """The fields that the topic names; ``x.*`` are names that may be any."""
+    cells = re.findall(r"(?m)^\| (`.*?) \|", SECTIONS[section])
+    return {name for cell in cells for name in re.findall(r"`([\w.*]+)`", cell)}
+
+
+def fields(value, known, at=""):
+    """The fields of a document that hold no others, as the topic writes them."""
+    if isinstance(value, list) and any(isinstance(each, dict) for each in value):
+        return set().union(*(fields(each, known, at) for each in value))
+    if f"{at}.*" in known:
+        return {f"{at}.*"}
+    if not isinstance(value, dict):
+        return {at}
+    below = (fields(each, known, f"{at}.{name}" if at else name) for name, each in value.items())
+    return set().union(*below)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory):
+    """Inputs of all commands, and what some of them made."""
+    desk = tmp_path_factory.mktemp("desk")
+    pictures(desk)
+    photograph(
+        desk / "a_rgb.exr", desk / "a_z.exr", "-o", desk / "out", "--outputs", "render,coc,trust"
+    )
+    write_deep_samples(desk / "deep.exr", [[[dict.fromkeys("RGBAZ", 0.5)]] * 9] * 9)
+    write_exr(desk / "element.exr", **element(disc()))
+    for number in (1, 2):
+        depth_exr(desk / f"d.{number:04}.exr")
+    (desk / "bad.exr").write_bytes(b"no picture")
+    for role, path in (
+        ("sharp", "a_rgb.exr"),
+        ("depth", "a_z.exr"),
+        ("blurred", "out/render/a_rgb.exr"),
+    ):
+        (desk / role).mkdir()
+        shutil.copy(desk / path, desk / role / "a.exr")
+        shutil.copy(desk / ("bad.exr" if role == "depth" else path), desk / role / "b.exr")
+    jobs = jobs_file(desk, FIXED, inputs=INPUTS)
+    for name in ("failing", "other"):
+        (desk / name).mkdir()
+    jobs_file(desk / "failing", FIXED)
+    succeed("golden", "update", jobs, desk / "goldens", "--accept", *CREW)
+    succeed("batch", jobs, "-o", desk / "b", *CREW)
+    other = FIXED.replace("= 2", "= 4")
+    jobs_file(desk / "other", other, inputs=INPUTS.replace('"*', '"../*'))
+    succeed("batch", desk / "other" / "jobs.toml", "-o", desk / "c", *CREW)
+    run("batch", desk / "failing" / "jobs.toml", "-o", desk / "f", *CREW)
+    return desk
+
+
+def lines(command, desk):
+    """Command lines that together print all fields of a command."""
+    pair, out = (desk / "a_rgb.exr", desk / "a_z.exr"), desk / "out"
+    jobs, taken = desk / "jobs.toml", out / "render" / "a_rgb.exr"
+    return {
+        "render": [(*pair, *LENS, "-o", desk / "r")],
+        "render --dry-run": [(*pair, *LENS, "-o", desk / "r2")],
+        "batch": [(jobs, "-o", desk / "b3", *CREW)],
+        "batch --dry-run": [(jobs, "-o", desk / "b2", *CREW)],
+        "status": [(desk / "b",), (desk / "f",)],
+        "report": [(desk / "b",)],
+        "merge": [(desk / "b",)],
+        "info": [
+            (*LENS, *pair, desk / "bad.exr"),
+            (*LENS, desk / "deep.exr", desk / "element.exr"),
+            (*LENS, out / "coc" / "a_rgb.exr", out / "trust" / "a_rgb.exr"),
+            (*LENS, taken, pair[1]),
+            (*LENS, desk / "d.####.exr"),
+        ],
+        "depth": [(pair[1], desk / "bad.exr", "-o", desk / "depths")],
+        "lenses": [()],
+        "fit": [tuple(desk / role for role in ("sharp", "depth", "blurred"))],
+        "compare": [(pair[0], taken), (desk / "b", desk / "c")],
+        "verify": [()],
+    }[command]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_the_topic_names_each_field_of_a_command_and_no_other(command, desk):
+    known, found = documented(f"`defocus {command}`"), set()
+    for line in lines(command, desk):
+        found |= fields(run(*command.split(), "--json", *line).json, known)
+    held = {name for name in {*known, *found} if any(x.startswith(f"{name}.") for x in known)}
+    assert found - {"defocus"} - held == known - held
+
+
+def test_the_topic_names_each_value_of_a_lens_and_of_a_repair():
+    beside = {"focus_at_px", "focus_percentile", "max_coc_px", "draw"}
+    assert documented("A lens") == {*RECORDED, *EFFECT_OPTIONS} | beside
+    assert documented("A repair of depth") == repair_record(DepthRepair()).keys()
