@@ -76,10 +76,7 @@ def backdrop_of(
     H, W = signed_radius.shape[-2:]
     device = signed_radius.device
     dtype = dtype or pixels.dtype
-    if limits is None:
-        band_ranges = torch.stack([range_of(b) for b in banded(signed_radius)])
-        limits = (float(band_ranges.amin()), float(band_ranges.amax()))
-    minimum, maximum = limits
+    minimum, maximum = limits or _limits_of(signed_radius)
     grain = grain_of(minimum, maximum)
     fine = axes((H, W))
     half = halves(H, fine[0])
@@ -126,6 +123,12 @@ def backdrop_of(
     spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0] if batch else None
     reach = reach_of(edges, grain, maximum - minimum, fine)
     return Backdrop(half_level, levels, reach, fine, (H, W), mixed, spans)
+
+
+def _limits_of(signed_radius: Pixels) -> tuple[float, float]:
+    """The least and the greatest radius in px."""
+    ranges = torch.stack([range_of(band) for band in banded(signed_radius)])
+    return float(ranges.amin()), float(ranges.amax())
 
 
 class _Band(NamedTuple):
