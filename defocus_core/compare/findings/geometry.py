@@ -35,6 +35,7 @@ _MOST_ERODED, _TOWARDS = 5, 0.97  # px; left by less of it than there is
 _SMALL_LEFT, _ALMOST_WHOLE = 0.35, 0.9  # of a difference, by a shift of less than so many px
 _TILES = (16, 32, 64, 128, 256, 512)  # px; each twice the one before
 _MOST_TILES = 1500  # that may have been exchanged
+_SCALED_ALIKE = 0.2  # of a growth, by which those of channels differ
 _CHOSEN, _STEPS = 1600, 6  # samples that choose a small move, and steps to it
 _AROUND = 1e-4  # px by which kernels of interpolation are moved for their slope
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
@@ -229,7 +230,8 @@ def _chromatic(evidence: Evidence) -> Iterator[Explanation]:
         predicted.append(back(sums[0])[0])
         growths[name], within = 1 + move[1] / _far(evidence), within & inside
     factors = [*growths.values(), *([1.0] if len(names) < 3 else [])]
-    if np.ptp(factors) * _far(evidence) > 5 * _LEAST_PART:
+    alike = _SCALED_ALIKE * max(abs(factor - 1) for factor in factors)
+    if np.ptp(factors) > max(5 * _LEAST_PART / _far(evidence), alike):
         said = ", ".join(f"{name} scaled by {scale:.5g}" for name, scale in growths.items())
         left = evidence.left(np.stack(predicted), within)
         yield Explanation(left, "chromatic aberration", f": {said}", {"scales": growths}, 0.05)
