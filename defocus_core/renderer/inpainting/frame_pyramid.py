@@ -74,7 +74,6 @@ def backdrop_of(
 ) -> Backdrop:
     """The pyramid of a frame, the reach of its edges, and its mixed pixels taken apart."""
     H, W = signed_radius.shape[-2:]
-    device = signed_radius.device
     dtype = dtype or pixels.dtype
     minimum, maximum = limits or _limits_of(signed_radius)
     grain = grain_of(minimum, maximum)
@@ -105,7 +104,10 @@ def backdrop_of(
         in_level = level, first + middle, last + middle
         return _Band((halved, start, end), in_level, edges[..., start:end, :], mixed)
 
-    batch, rows = len(signed_radius.shape) > 2, max(1, pieces(device, _BYTES_EACH) // (W << 2))
+    batch, rows = (
+        len(signed_radius.shape) > 2,
+        max(1, pieces(signed_radius.device, _BYTES_EACH) // (W << 2)),
+    )
     rows = quarter.length if batch else rows
     cuts = [*range(0, quarter.length, rows), quarter.length]
     bands = list(threaded(band_of, list(pairwise(cuts)), threads))
@@ -116,7 +118,6 @@ def backdrop_of(
         level = stacked((band.quarter for band in bands), quarter.length, quarter.axis)
         edges = torch.cat([band.edges for band in bands])
         mixed = MixedPixels.joined([band.mixed for band in bands])
-    del bands
     levels = [level]
     while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
