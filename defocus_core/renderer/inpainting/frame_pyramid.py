@@ -26,7 +26,7 @@ from defocus_core.renderer.layers.layer import layers_of, mixed_within
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
-from defocus_core.tensors.pyramid import Axis, axes, halves
+from defocus_core.tensors.pyramid import Axis, AxisHalving, axes, halves
 from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.sparse_masks import exceeding, positions_of
 from defocus_core.tensors.threads import threaded
@@ -104,26 +104,31 @@ def backdrop_of(
         in_level = level, first + middle, last + middle
         return _Band((halved, start, end), in_level, edges[..., start:end, :], mixed)
 
-    batch, rows = (
-        len(signed_radius.shape) > 2,
-        max(1, pieces(signed_radius.device, _BYTES_EACH) // (W << 2)),
-    )
+    batch = len(signed_radius.shape) > 2
+    rows = max(1, pieces(signed_radius.device, _BYTES_EACH) // (W << 2))
     rows = quarter.length if batch else rows
     cuts = [*range(0, quarter.length, rows), quarter.length]
     bands = list(threaded(band_of, list(pairwise(cuts)), threads))
-    half_level, level = bands[0].half[0], bands[0].quarter[0]
-    edges, mixed = bands[0].edges, bands[0].mixed
-    if len(bands) > 1:
-        half_level = stacked((band.half for band in bands), half.length, half.axis)
-        level = stacked((band.quarter for band in bands), quarter.length, quarter.axis)
-        edges = torch.cat([band.edges for band in bands])
-        mixed = MixedPixels.joined([band.mixed for band in bands])
+    half_level, level, edges, mixed = _put_together(bands, half, quarter)
     levels = [level]
     while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
     spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0] if batch else None
     reach = reach_of(edges, grain, maximum - minimum, fine)
     return Backdrop(half_level, levels, reach, fine, (H, W), mixed, spans)
+
+
+def _put_together(
+    bands: list[_Band], half: AxisHalving, quarter: AxisHalving
+) -> tuple[PyramidLevel, PyramidLevel, Tensor, MixedPixels]:
+    """The levels of half and of quarter resolution, the coarse edges and mixed pixels of bands."""
+    first = bands[0]
+    if len(bands) == 1:
+        return first.half[0], first.quarter[0], first.edges, first.mixed
+    half_level = stacked((band.half for band in bands), half.length, half.axis)
+    level = stacked((band.quarter for band in bands), quarter.length, quarter.axis)
+    edges = torch.cat([band.edges for band in bands])
+    return half_level, level, edges, MixedPixels.joined([band.mixed for band in bands])
 
 
 def _limits_of(signed_radius: Pixels) -> tuple[float, float]:
