@@ -99,7 +99,7 @@ def command(
 
         dry_runs.report_batch(jobs, out, execution, crew.count, as_json=as_json, verbose=verbose)
         return
-    report = batch_report.BatchReport(each=verbose, verbose=verbose)
+    report = batch_report.BatchReport(each=verbose, keep=as_json, verbose=verbose)
     with report.bar("job"):
         summary = run.run(jobs, out, execution, report)
     for line in batch_report.summary_lines(summary):
@@ -111,6 +111,6 @@ def command(
         batches.write(out, html, {job.sample_id for job in jobs}, cores())
         written.append(html)
     if as_json:
-        record = batch_report.summary_record(summary)
+        record = batch_report.run_record(summary, report, jobs)
         console.print_json(**record, written=[str(path) for path in written])
     batch_report.end(summary)

@@ -122,13 +122,7 @@ def command(
     if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
         console.stderr(f"contact sheet -> {sheet}")
     if as_json:
-        records = [report.records[job.sample_id] for job in jobs if job.sample_id in report.records]
-        console.print_json(
-            dry_run=False,
-            **batch_report.summary_record(summary),
-            pictures=records,
-            **batch_report.error_record(summary),
-        )
+        console.print_json(**batch_report.run_record(summary, report, jobs))
     batch_report.end(summary)
 
 

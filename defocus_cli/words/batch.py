@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -136,9 +136,11 @@ def reasons_words(reasons: Mapping[str, int]) -> str:
     return ", ".join(f"{reason} {count}" for reason, count in sorted(reasons.items()))
 
 
-def summary_record(summary: Summary) -> dict[str, Any]:
-    """Counts, reasons and time of a batch that ended, for JSON."""
+def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> dict[str, Any]:
+    """A run that ended, for JSON: counts, reasons, time, its pictures, the error of a lone one."""
+    ended = (report.records.get(job.sample_id) for job in jobs)
     return {
+        "dry_run": False,
         "jobs": summary.jobs,
         "done_before": summary.skipped,
         "left": summary.left,
@@ -150,10 +152,12 @@ def summary_record(summary: Summary) -> dict[str, Any]:
         "warnings": summary.warnings.counts,
         "seconds": summary.seconds,
         "interrupted": summary.interrupted,
+        "pictures": [record for record in ended if record is not None],
+        **_error_record(summary),
     }
 
 
-def error_record(summary: Summary) -> dict[str, Any]:
+def _error_record(summary: Summary) -> dict[str, Any]:
     """The error that ended a lone picture, as of a command that has no result."""
     error = summary.error
     if error is None:

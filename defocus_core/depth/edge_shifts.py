@@ -1,10 +1,11 @@
 """Edges of depth moved to the edges of the colours: estimated depth is some px too fat or too thin.
 
 Beside a sharp subject a strip of the background would stay sharp, or the subject's own rim would be
-blurred. The costs of all displacements, from profiles of colour, are averaged along a silhouette
-before the least is chosen, so that it stays smooth (as in stereo, Hosni et al. 2013), and chosen
-softly, so that it holds still (Kendall et al. 2017). A displacement that is rare in the picture
-needs more evidence.
+blurred. Some px within both surfaces their colours are known, as normal distributions along the
+silhouette; a displacement costs the pixels across it that would be left on the wrong side. The
+costs of all displacements are averaged along a silhouette before the least is chosen, so that it
+stays smooth (as in stereo, Hosni et al. 2013), and chosen softly, so that it holds still (Kendall
+et al. 2017). A displacement that is rare in the picture needs more evidence.
 """
 
 from __future__ import annotations
@@ -18,17 +19,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, embedding_bag, grid_sample
 
-from defocus_core.depth.color_profiles import (
-    FARTHEST,
-    NORMAL,
-    REACH,
-    Silhouette,
-    color_moments,
-    displacement_costs,
-    edges_of,
-    profiles_of,
-    silhouette_at,
-)
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
 from defocus_core.depth.soft_edges import slope_of_soft_edges
@@ -43,9 +33,35 @@ from defocus_core.tensors.neighbourhoods import (
     squares_around,
 )
 from defocus_core.tensors.source import Pixels, banded, bands
-from defocus_core.tensors.sparse_masks import flat_nonzero, positions_of, sums_of_each, tally
+from defocus_core.tensors.sparse_masks import (
+    exceeding,
+    flat_nonzero,
+    positions_of,
+    sums_of_each,
+    tally,
+)
 from defocus_core.tensors.threads import threaded
 
+# Greatest displacement in px; greatest depth in px from which on the colours of a surface are
+# sampled, which is the displacement that a profile shows for certain; and over how many px.
+FARTHEST, _DEEPEST, _SPAN = 8, 6, 5
+# Reach of a profile across a silhouette, in px to both sides.
+REACH = _DEEPEST + _SPAN + 1
+# Half width in px of the square around a pixel in which the normal is found, and its deviation.
+NORMAL, _NORMAL_DEVIATION = 3, 1.5
+# Least step of an edge, as a share of the greatest one within FARTHEST px: less is the foot of a
+# ramp.
+_FOOT = 0.1251
+# Light beyond which sums of it would be infinite.
+_BRIGHTEST = 1e30
+# Least deviation of the colours of a surface, as a share of their mean; how many times wider they
+# vary than the few samples of one profile do.
+_DEVIATION, _WIDER = 0.04, 4.8
+# Logarithm of the density of other colours on a surface, in least deviations; by how much it is
+# greater on the nearer one, whose rims differ, while the farther one goes on unchanged behind it.
+_OTHER, _RIM = -13.66, 2.0
+# Difference of logarithms that is sure; and greatest cost of a displacement in px.
+_SURE, _MAXIMUM = 4.0, 6.0
 # Share of profiles that count from which evidence counts in full.
 _ENOUGH = 0.1
 # Rounds in which distributions of colours, costs, and then displacements, are averaged over 5×5 px
@@ -72,9 +88,9 @@ _MIN_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
 _VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
-# Displacement that is looked for, as a share of the longer side of a picture; the one in px that a
-# profile shows for certain; shorter side in px of the smallest level.
-_FRACTION, _DEEPEST, _SMALLEST = 0.01, 6, 32
+# Displacement that is looked for, as a share of the longer side of a picture; shorter side in px of
+# the smallest level.
+_FRACTION, _SMALLEST = 0.01, 32
 # Px around a pixel that decide whether it is on a silhouette; and what it becomes.
 AROUND_EDGE = NORMAL + FARTHEST + 3
 AROUND = REACH + 2 * (2 * _ROUNDS + _SMOOTHING) + FARTHEST + AROUND_EDGE + AROUND_BY_COLOR
@@ -142,7 +158,7 @@ def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeS
     at, of = at[examined], every[examined]
     if not len(at):
         return [None] * B
-    found = _evidence(silhouette_at(at, radii), radii, colors, along=False, rims=False)
+    found = _evidence(_silhouette_at(at, radii), radii, colors, along=False, rims=False)
     votes = torch.cat([_votes(found, of, B), sums_of_each(found.fraction, of, B)], 1).cpu()
     return [
         None if float(own[-1]) <= _VOTES * chance else _shifts(own[:-1], step, None)
@@ -237,7 +253,7 @@ def _evidence_of_some(
         at = at - sent([above, 0], at)
         if maximum < 1:
             at = at[_hashes(at, radii, colors) < maximum]
-        return _evidence(silhouette_at(at, radii), radii, colors, along=False, rims=rims)
+        return _evidence(_silhouette_at(at, radii), radii, colors, along=False, rims=rims)
 
     def of_all(maximum: float) -> ShiftEvidence:
         parts = threaded(partial(evidence_of, maximum=maximum), range(len(every)), threads)
@@ -260,11 +276,6 @@ def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
     mixed = (bits * _FACTORS[0] * factor.view(len(around), 1, -1)).sum((0, 2))
     mixed = (mixed ^ (mixed >> 32)) * _FACTORS[1]
     return ((mixed >> 40) & 0xFFFFFF).double() / (1 << 24)
-
-
-def _profiles(like: Tensor) -> int:
-    """The number of profiles to examine at once."""
-    return pieces(like.device, _BYTES_EACH)
 
 
 def _median(votes: Tensor) -> tuple[float, float]:
@@ -384,13 +395,13 @@ def _levels_of(
     """Radii [h, w] px and colours [C, h, w] of each level of reduced resolution from 1 on."""
     found, radii, colors = [], signed_radius, pixels
     for level in range(1, levels + 1):
-        both = [halved_rows(radii, colors, rows) for rows in bands(radii)]
+        both = [_halved_rows(radii, colors, rows) for rows in bands(radii)]
         radii, colors = (torch.cat(part, -2) for part in zip(*both, strict=True))
         found.append((level, (radii, colors)))
     return found
 
 
-def halved_rows(
+def _halved_rows(
     signed_radius: Pixels, pixels: Pixels, rows: tuple[int, int]
 ) -> tuple[Tensor, Tensor]:
     """Radii and mean colours of the coarse pixels whose first rows are among some rows.
@@ -430,7 +441,7 @@ def _field_of(silhouette: Silhouette, shift: Tensor, radii: Tensor) -> Tensor:
 def _silhouette_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Silhouette | None:
     """The silhouette in radii [H, W] px; None without edges."""
     at = positions_of(edges_of(radii, step, scale))
-    return silhouette_at(at, radii) if len(at) else None
+    return _silhouette_at(at, radii) if len(at) else None
 
 
 def _moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tensor:
@@ -463,15 +474,16 @@ def _evidence(
 
     `radii`: [H, W] px; `pixels`: [C, H, W] linear.
     """
-    step, beside = _profiles(radii), _beside(silhouette.at, radii) if along else None
+    step = pieces(radii.device, _BYTES_EACH)  # profiles to examine at once
+    beside = _beside(silhouette.at, radii) if along else None
     parts = (torch.split(x, step, d) for x, d in zip(silhouette, (0, 0, 1), strict=True))
-    profiles = [profiles_of(Silhouette(*part), radii) for part in zip(*parts, strict=True)]
-    moments = torch.cat([color_moments(each, pixels) for each in profiles])
+    profiles = [_profiles_of(Silhouette(*part), radii) for part in zip(*parts, strict=True)]
+    moments = torch.cat([_color_moments(each, pixels) for each in profiles])
     if beside is not None:
         moments = _averaged(moments, beside, _ROUNDS)
     costs = torch.cat(
         [
-            displacement_costs(*each, pixels, alone=not along, rims=rims)
+            _displacement_costs(*each, pixels, alone=not along, rims=rims)
             for each in zip(profiles, torch.split(moments, step), strict=True)
         ]
     )
@@ -569,3 +581,159 @@ def _owners(at: Tensor, shift: Tensor, size: tuple[int, int]) -> tuple[Tensor, T
         owner.index_copy_(0, index, closest)
     known = closest < n
     return index[known], closest[known], minimum[known].sqrt()
+
+
+class Silhouette(NamedTuple):
+    """The pixels on the nearer side of edges."""
+
+    at: Tensor  # [n, 2] rows and columns
+    far: Tensor  # [n] number of the farthest pixel beside each
+    normal: Tensor  # [2, n] direction (y, x) to the farther surface
+
+
+def edges_of(radii: Tensor, step: float | Tensor, scale: DistanceScale | None) -> Tensor:
+    """The pixels [..., H, W] beside which the radius is greater by more than a step.
+
+    Given a scale of distance, so is the distance: few levels of distance are many px of radius.
+    Of a batch the step is a number for each picture, [B, 1, 1].
+    """
+    height = torch.zeros_like(radii)
+    for dim in (-2, -1):
+        rise = _rise(radii, dim, scale)
+        for first, sign in ((0, 1), (1, -1)):
+            part = height.narrow(dim, first, rise.shape[dim])
+            torch.maximum(part, sign * rise, out=part)
+    edges = exceeding(height, step)
+    if bool(edges.any()):
+        edges &= height > _FOOT * extreme_around(height, FARTHEST, torch.maximum)
+    return edges
+
+
+def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:
+    """The rise in px from each pixel to the next, of radius or of distance, whichever is less."""
+    rise = radii.diff(dim=dim)
+    if scale is None:
+        return rise
+    of_distance = scale.of(radii).diff(dim=dim)
+    return torch.where(of_distance.abs() < rise.abs(), of_distance, rise)
+
+
+def _silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
+    """The silhouette at pixels [n, 2] of radii [..., H, W]."""
+    size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
+    beside = squares_around(at, size).flatten(1)[:, [1, 3, 5, 7]]  # along the axes
+    maximum, which = flat[beside].max(1)
+    far = beside.gather(1, which[:, None])[:, 0]
+    own = flat[at[:, 0] * size[1] + at[:, 1]]
+    offset = torch.arange(-NORMAL, NORMAL + 1, device=at.device, dtype=torch.float64)
+    y, x = torch.meshgrid(offset, offset, indexing="ij")
+    weight = torch.exp((y * y + x * x) / (-2 * _NORMAL_DEVIATION**2))
+    farther = flat[squares_around(at, size, NORMAL)] > halfway(own, maximum)[:, None, None]
+    normal = torch.stack([(farther * (weight * axis)).sum((1, 2)) for axis in (y, x)])
+    return Silhouette(at, far, normal / normal.norm(dim=0).clamp(min=1e-6))
+
+
+class _Profiles(NamedTuple):
+    """Lines of pixels across silhouettes, from REACH px within the nearer surface to REACH out."""
+
+    positions: Tensor  # [n, 2 * REACH + 1] numbers of pixels
+    inwards: Tensor  # [n] number of px that go on without a gap within the nearer surface
+    outwards: Tensor  # [n] number of px that go on without a gap beyond it
+
+    @property
+    def is_seen(self) -> Tensor:
+        """[n] bool, whether both surfaces are seen beside the silhouette."""
+        return (self.inwards >= 2) & (self.outwards >= 2)
+
+    def depths(self) -> tuple[Tensor, Tensor]:
+        """Px [n] to the nearer and the farther surface, where their colours are sampled."""
+        # the middle of a thin surface is as deep as one can get
+        near, far = (
+            (count.double() / 2).clamp(max=_DEEPEST) for count in (self.inwards, self.outwards)
+        )
+        return near, far
+
+
+def _profiles_of(silhouette: Silhouette, radii: Tensor) -> _Profiles:
+    """The profiles across a silhouette of radii [..., H, W]."""
+    at, far, normal = silhouette
+    (H, W), flat = radii.shape[-2:], radii.flatten()
+    row = at[:, :1].remainder(H)
+    y, x = (
+        start + (normal[d, :, None] * _along(at)).round().long()
+        for d, start in enumerate((row, at[:, 1:]))
+    )
+    inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
+    index = (at[:, :1] - row + y.clamp(0, H - 1)) * W + x.clamp(0, W - 1)
+    is_near = flat[index] < halfway(flat[at[:, 0] * W + at[:, 1]], flat[far])[:, None]
+    inwards = (is_near & inside)[:, : REACH + 1].flip(1).long().cumprod(1).sum(1)
+    outwards = (~is_near & inside)[:, REACH + 1 :].long().cumprod(1).sum(1)
+    return _Profiles(index, inwards, outwards)
+
+
+def _color_moments(profiles: _Profiles, pixels: Tensor) -> Tensor:
+    """Sums over the samples of both surfaces, [n, 2 * (1 + C + C²)]: of 1, colour, and products.
+
+    Averaged along a silhouette they say how the colours of both surfaces are distributed there.
+    """
+    color, along = _colors(pixels, profiles.positions), _along(pixels)  # [C, n, 2 * REACH + 1]
+    moments = []
+    counts = (profiles.inwards, profiles.outwards)
+    for side, depth, count in zip((-1, 1), profiles.depths(), counts, strict=True):
+        deepest = torch.minimum(depth + _SPAN, torch.maximum(count - 1.0, depth))
+        within = (side * along >= depth[:, None] - 0.5) & (side * along <= deepest[:, None] + 0.5)
+        samples = color * within
+        products = torch.einsum("cnt,dnt->ncd", samples, color).flatten(1)
+        moments += [within.double().sum(1, keepdim=True), samples.sum(2).T, products]
+    return torch.cat(moments, 1)
+
+
+def _displacement_costs(
+    profiles: _Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
+) -> Tensor:
+    """The cost in px [n, 2 * FARTHEST + 1] of each displacement, 0 for the best one.
+
+    Each pixel that a displacement leaves on the wrong side costs up to 1, by how much more likely
+    its colour is on the other side; where the colours of both surfaces are alike, nothing.
+
+    `pixels`: [C, H, W] linear.
+    """
+    color, along, C = _colors(pixels, profiles.positions), _along(pixels), len(pixels)
+    sides = torch.split(moments, 1 + C + C * C, 1)
+    means = [side[:, 1 : 1 + C] / side[:, :1].clamp(min=1e-9) for side in sides]
+    scale = ((means[0] + means[1]) / 2).amax(1).clamp(min=torch.finfo(color.dtype).tiny ** 0.25)
+    likely = []
+    for side, mean in zip(sides, means, strict=True):
+        square = side[:, 1 + C :].view(-1, C, C) / side[:, :1, None].clamp(min=1e-9)
+        spread = square - mean[:, :, None] * mean[:, None, :]
+        spread = spread * (_WIDER if alone else 1.0) / scale.square()[:, None, None]
+        spread = spread + _DEVIATION**2 * torch.eye(C, dtype=color.dtype, device=color.device)
+        root = torch.linalg.cholesky_ex(spread).L
+        off = (color.transpose(0, 1) - mean[:, :, None]) / scale[:, None, None]  # [n, C, ...]
+        off = torch.linalg.solve_triangular(root, off, upper=False)
+        # in least deviations, so that a channel without light changes nothing
+        volume = (root.diagonal(dim1=1, dim2=2) / _DEVIATION).log().sum(1, keepdim=True)
+        likely.append(off.square().sum(1) / -2 - volume)
+    near, far = sent([_OTHER + rims * _RIM, _OTHER], color)
+    nearer = torch.logaddexp(likely[0], near) - torch.logaddexp(likely[1], far)
+    near_depth, far_depth = profiles.depths()
+    valid = (along >= -near_depth[:, None]) & (along <= far_depth[:, None] + 0.5)
+    nearer = (nearer / _SURE).nan_to_num().clamp(-1, 1) * valid  # [n, 2 * REACH + 1] of each px
+    costs = -nearer.cumsum(1)[:, REACH - FARTHEST : REACH + FARTHEST + 1].flip(1)
+    by = torch.arange(-FARTHEST, FARTHEST + 1, device=costs.device)
+    possible = (by <= near_depth[:, None]) & (-by <= far_depth[:, None])
+    costs = costs - torch.where(possible, costs, torch.inf).amin(1, keepdim=True)
+    return torch.where(possible, costs.clamp(max=_MAXIMUM), _MAXIMUM)
+
+
+def _along(like: Tensor) -> Tensor:
+    """Px [2 * REACH + 1] from a silhouette to the pixels of a profile."""
+    return torch.arange(-REACH, REACH + 1, device=like.device, dtype=torch.float64)
+
+
+def _colors(pixels: Tensor, index: Tensor) -> Tensor:
+    """Square roots of colours [C, ...] of pixels, in double precision.
+
+    Whatever the precision of a picture, its edges are the same.
+    """
+    return pixels.flatten(1)[:, index].double().nan_to_num().clamp(0, _BRIGHTEST).sqrt()

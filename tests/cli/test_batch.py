@@ -206,6 +206,14 @@ def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path, out):
     assert len(records(out)) == 8
 
 
+def test_json_has_each_picture_as_it_ended_or_was_done_before(tmp_path, out):
+    path = jobs_file(tmp_path)
+    for done in (False, True):
+        told = run("batch", path, "-o", out, "--json").json
+        found = [(p["stem"], p["status"], p["done_before"]) for p in told["pictures"]]
+        assert found == [(name, "ok", done) for name in NAMES]
+
+
 def test_a_dry_run_of_what_would_be_rejected_is_no_failure(tmp_path, out):
     ran = succeed("batch", jobs_file(tmp_path, text=REJECTING), "-o", out, "--dry-run")
     assert "4 of 4 that were looked at would not be done" in ran.out

@@ -11,12 +11,14 @@ import logging
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.journal import identity
-from defocus_core.batch.journal.record import Failed
+from defocus_core.batch.journal.record import End
 from defocus_core.batch.workers import job_result
+from defocus_core.batch.workers.dispatch import Lost, dispatch
 from defocus_core.batch.workers.plan import Chunk, Done, Execute, sent
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.request.job import Job
@@ -45,6 +47,7 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
         # Its client would log each worker that dies; the journal says what became of the jobs.
         logging.getLogger("distributed.client").setLevel(logging.ERROR)
         make_client: Any = distributed.Client  # without types
+        make_completed: Any = distributed.as_completed
 
         try:
             client = make_client(address, timeout=CONNECT)
@@ -54,65 +57,44 @@ def execute_at(address: str, *, threads: int | None) -> Execute:
                 "unreachable", problem, "start one, or check the address", path=address
             ) from None
         with client:
-            _Submitted(client, chunks, done, stopped, threads).run()
+            cluster = _Cluster(client, make_completed(), threads)
+            dispatch(cluster, chunks, done, stopped)
 
     return execute
 
 
-class _Submitted:
-    """Chunks that are submitted to a scheduler."""
+class _Cluster:
+    """Chunks that are submitted to a scheduler, which blames all that waited for a dead worker."""
 
-    def __init__(
-        self,
-        client: Any,
-        chunks: Iterator[Chunk],
-        done: Done,
-        stopped: Callable[[], bool],
-        threads: int | None,
-    ) -> None:
-        self.client, self.chunks, self.done, self.stopped = client, chunks, done, stopped
+    strikes = 2
+    apart = 1
+
+    def __init__(self, client: Any, completed: Any, threads: int | None) -> None:
+        self.client, self.completed, self.threads = client, completed, threads
         self.address = client.scheduler.address
-        self.threads = threads
         self.flight: dict[Any, Chunk] = {}
-        self.suspects: Chunk = []  # of workers that died; done one by one, after all others
-        self.alone = False
+        self.serial = count()  # what failed under a name keeps it
 
-    def run(self) -> None:
-        """Do all jobs, or until stopped."""
-        import distributed
-
-        make: Any = distributed.as_completed  # without types
-        completed = make()
-        try:
-            self._submit(completed)
-            while self.flight:
-                future = next(completed)
-                self._take(future, self.flight.pop(future))
-                self._submit(completed)
-        finally:
-            self.client.cancel(list(self.flight))
-
-    def _submit(self, completed: Any) -> None:
+    def has_room(self) -> bool:
+        """Whether another chunk can be submitted."""
         workers = len(self.client.scheduler_info(n_workers=-1)["workers"])
         if not workers and not self.flight:
             note(f"{self.address}: has no workers; waiting for some")
-        room = AT_ONCE * max(1, workers)
-        while len(self.flight) < room and not self.stopped():
-            chunk = next(self.chunks, None)
-            if chunk is None and self.suspects and not self.flight:
-                chunk, room, self.alone = [self.suspects.pop()], 1, True
-            if chunk is None:
-                return
-            number, job = chunk[0]
-            alone = "-alone" if self.alone else ""  # what failed under a name keeps it
-            key = f"{job.sample_id}-{identity.recipe(job)}-{number}-{len(chunk)}{alone}"
-            jobs = [_absolute(job) for _, job in chunk]
-            future = self.client.submit(do, jobs, self.threads or 1, key=key, pure=False)
-            self.flight[future] = chunk
-            completed.add(future)
+        return len(self.flight) < AT_ONCE * max(1, workers)
 
-    def _take(self, future: Any, chunk: Chunk) -> None:
-        """Hand on the results of a chunk, or do its jobs one by one if its worker died."""
+    def submit(self, chunk: Chunk) -> None:
+        """Give the scheduler a chunk."""
+        job = chunk[0][1]
+        key = f"{job.sample_id}-{identity.recipe(job)}-{next(self.serial)}"
+        jobs = [_absolute(job) for _, job in chunk]
+        future = self.client.submit(do, jobs, self.threads or 1, key=key, pure=False)
+        self.flight[future] = chunk
+        self.completed.add(future)
+
+    def collect(self) -> Iterator[tuple[int, End] | Lost]:
+        """Wait for the results of a chunk, or for the death of its workers."""
+        future = next(self.completed)
+        chunk = self.flight.pop(future)
         if future.cancelled():  # not by us
             remedy = "start it again, and run the same command to go on"
             raise InputError(
@@ -122,9 +104,10 @@ class _Submitted:
         if error is None:
             answer = future.result()
             self._require_same_version(answer["versions"])
-            for (number, _), result in zip(chunk, answer["results"], strict=True):
-                self.done(number, result)
-        elif type(error).__name__ != "KilledWorker":
+            yield from zip((number for number, _ in chunk), answer["results"], strict=True)
+        elif type(error).__name__ == "KilledWorker":
+            yield Lost(chunk, "several Dask workers that worked on it died")
+        else:
             problem = f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
             raise InputError(
                 "other-version",
@@ -132,13 +115,13 @@ class _Submitted:
                 "install the same defocus on all of them",
                 path=self.address,
             )
-        elif not self.alone:  # Dask blames all that waited for a worker, too: see which it was
-            self.suspects += chunk
-        else:
-            number, job = chunk[0]
-            problem = f"{job.picture.color}: several Dask workers that worked on it died"
-            message = f"{problem}; see if it is damaged"
-            self.done(number, Failed("failed", "worker-died", message))
+
+    def stop(self) -> None:
+        """What has been submitted is done."""
+
+    def close(self) -> None:
+        """Take back what is submitted."""
+        self.client.cancel(list(self.flight))
 
     def _require_same_version(self, theirs: Mapping[str, Any]) -> None:
         own = identity.versions()

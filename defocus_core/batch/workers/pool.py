@@ -1,8 +1,6 @@
 """Jobs of a batch in worker processes on this machine.
 
-A process that dies (a crash in a decoder, the system short of memory) is replaced. Which of the
-jobs it had was to blame is not known, so each of them is done again with a process to itself; one
-that has seen `STRIKES` processes die has failed.
+A process that dies is replaced when there is work for another; `dispatch` does its jobs again.
 """
 
 from __future__ import annotations
@@ -11,7 +9,6 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
@@ -23,9 +20,10 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from defocus_core.batch.journal.record import End, Failed
+from defocus_core.batch.journal.record import End
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.dask_pool import execute_at
+from defocus_core.batch.workers.dispatch import Lost, dispatch
 from defocus_core.batch.workers.plan import Chunk, Done, Execute, sent
 from defocus_core.errors import InputError
 from defocus_core.picture import memory_budget, plain_path
@@ -84,121 +82,76 @@ def _received(connection: Connection, stopped: threading.Event) -> Iterator[tupl
     return iter(queue.get, None)
 
 
-class Pool:
-    """Processes that do jobs."""
+class Processes:
+    """Processes that do jobs, each of which starts with its first chunk."""
 
-    def __init__(
-        self,
-        processes: int,
-        chunks: Iterator[Chunk],
-        done: Done,
-        stopped: Callable[[], bool],
-        serve: Serve = serve,
-    ) -> None:
-        self.serve = serve
-        self.processes, self.chunks, self.done, self.stopped = processes, chunks, done, stopped
+    strikes = STRIKES
+
+    def __init__(self, processes: int, serve: Serve = serve) -> None:
+        self.serve, self.apart = serve, processes
         self.workers: list[_Worker] = []
-        self.returned: deque[Chunk] = deque()  # of workers that died when they started
-        self.suspects: deque[tuple[int, Job]] = deque()
-        self.strikes: Counter[int] = Counter()
         self.failed_starts = 0
 
-    def run(self) -> None:
-        """Do all jobs, or until stopped."""
-        try:
-            self._start_workers()
-            while self.workers:
-                for each in self.workers:
-                    self._send_jobs(each)
-                for each in [each for each in self.workers if self._is_over(each)]:
-                    each.finish()
-                    self.workers.remove(each)
-                self._receive()
-                self._start_workers()
-        finally:
-            for each in self.workers:
-                each.kill()
+    def has_room(self) -> bool:
+        """Whether another chunk can be submitted."""
+        return len(self.workers) < self.apart or any(each.has_room for each in self.workers)
 
-    def _start_workers(self) -> None:
-        """Start as many processes as there is work for, each with a chunk of its own."""
-        while len(self.workers) < self.processes and not self.stopped():
-            without_jobs = sum(not each.flight for each in self.workers)
-            chunk = [] if len(self.suspects) > without_jobs else self._next_chunk()
-            if chunk is None:
-                return
-            self.workers.append(_Worker(self.serve, chunk))
+    def submit(self, chunk: Chunk) -> None:
+        """Give a chunk to an idle process, to a new one, or to one that waits soon."""
+        ready = [each for each in self.workers if each.has_room]
+        least = min(ready, key=lambda each: len(each.flight), default=None)
+        if least is None or (least.flight and len(self.workers) < self.apart):
+            self.workers.append(least := _Worker(self.serve))
+        least.send(chunk)
 
-    def _next_chunk(self) -> Chunk | None:
-        """Jobs that no worker has; None if there are no more."""
-        return self.returned.popleft() if self.returned else next(self.chunks, None)
-
-    def _send_jobs(self, each: _Worker) -> None:
-        """Send a worker the jobs that it can take."""
-        if self.stopped():
-            self.suspects.clear()
-            each.stop()
-        elif self.suspects:
-            if each.ready and not each.flight:
-                each.alone = True
-                each.send([self.suspects.popleft()])
-        elif each.ready and not each.alone and len(each.flight) < AT_ONCE:
-            each.send(self._next_chunk() or [])
-
-    def _is_over(self, each: _Worker) -> bool:
-        """Whether a worker has nothing to do; before it is ready, it has begun nothing."""
-        return not each.flight if each.ready else self.stopped()
-
-    def _receive(self) -> None:
-        """Wait until a worker sends a result or dies."""
-        if not self.workers:
-            return
+    def collect(self) -> Iterator[tuple[int, End] | Lost]:
+        """Wait a while until a process sends a result or dies."""
         handles: dict[Any, _Worker] = {each.connection: each for each in self.workers}
         handles |= {each.process.sentinel: each for each in self.workers}
         for each in dict.fromkeys(handles[handle] for handle in wait(list(handles), _GLANCE)):
             try:
                 while each.connection.poll():
-                    self._handle(each, each.connection.recv())
+                    message = each.connection.recv()
+                    if message == READY:
+                        each.ready, self.failed_starts = True, 0
+                    else:
+                        each.flight.pop(message[0], None)
+                        yield message
             except (EOFError, OSError):
-                self._replace(each)
+                yield self._lost(each)
 
-    def _handle(self, each: _Worker, message: Any) -> None:
-        if message == READY:
-            each.ready, self.failed_starts = True, 0
-            return
-        number, result = message
-        if each.flight.pop(number, None) is not None:
-            each.alone = False
-            self.done(number, result)
-
-    def _replace(self, each: _Worker) -> None:
-        """A worker has died: jobs that it may have begun are done again, each by itself."""
+    def _lost(self, each: _Worker) -> Lost:
+        """The jobs of a process that has died."""
         self.workers.remove(each)
         each.kill()
-        if each.stopping:  # and let go of what it had not begun
-            return
-        if not each.ready:
-            self.failed_starts += 1
-            if self.failed_starts >= _FAILED_STARTS:
-                problem = f"die when they start (exit code {each.process.exitcode})"
-                raise InputError(
-                    "worker-died", problem, "see if 'defocus render' works", path="worker processes"
-                )
-            if each.flight:
-                self.returned.append(list(each.flight.items()))
-            return
-        for number, job in each.flight.items():
-            self.strikes[number] += 1
-            if self.strikes[number] < STRIKES:
-                self.suspects.append((number, job))
-                continue
-            message = f"{job.picture.color}: {_death(each.process.exitcode, self.strikes[number])}"
-            self.done(number, Failed("failed", "worker-died", message))
+        self.failed_starts += not (each.ready or each.stopping)
+        if self.failed_starts >= _FAILED_STARTS:
+            problem = f"die when they start (exit code {each.process.exitcode})"
+            raise InputError(
+                "worker-died", problem, "see if 'defocus render' works", path="worker processes"
+            )
+        return Lost([*each.flight.items()], _death(each.process.exitcode) if each.ready else "")
+
+    def stop(self) -> None:
+        """Begin no further job; a process that is not ready has begun none, and ends."""
+        for each in self.workers:
+            each.stop()
+            if not each.ready:
+                each.process.kill()
+
+    def close(self) -> None:
+        """End all processes: at once those that have jobs."""
+        for each in self.workers:
+            if each.ready and not each.flight:
+                each.stop()
+                each.process.join(_GRACE)
+            each.kill()
 
 
 class _Worker:
     """A process, and the jobs that it has; the first of them wait until it has started."""
 
-    def __init__(self, serve: Serve, chunk: Chunk) -> None:
+    def __init__(self, serve: Serve) -> None:
         context = multiprocessing.get_context("spawn")
         self.connection, theirs = context.Pipe()
         self.process: SpawnProcess = context.Process(
@@ -209,14 +162,17 @@ class _Worker:
         theirs.close()
         self.flight: dict[int, Job] = {}
         self.ready = False
-        self.alone = False
         self.stopping = False
-        self.send(chunk)
+
+    @property
+    def has_room(self) -> bool:
+        """Whether it takes another chunk."""
+        return self.ready and not self.stopping and len(self.flight) < AT_ONCE
 
     def send(self, chunk: Chunk) -> None:
         """Give it jobs."""
         self.flight |= dict(chunk)
-        with suppress(OSError):  # it is dead, which `_receive` sees
+        with suppress(OSError):  # it is dead, which `collect` sees
             for numbered in chunk:
                 self.connection.send(numbered)
 
@@ -227,13 +183,6 @@ class _Worker:
             with suppress(OSError):
                 self.connection.send(None)
 
-    def finish(self) -> None:
-        """Let it end, as it has nothing to do."""
-        if self.ready:
-            self.stop()
-            self.process.join(_GRACE)
-        self.kill()
-
     def kill(self) -> None:
         """End it now."""
         self.connection.close()
@@ -241,12 +190,12 @@ class _Worker:
         self.process.join(_GRACE)
 
 
-def _death(code: int | None, times: int) -> str:
+def _death(code: int | None) -> str:
     how = f"with exit code {code}"
     if code is not None and code < 0:
         with suppress(ValueError):
             how = f"by {signal.Signals(-code).name}"
-    return f"{times} processes that worked on it died, the last {how}; see if it is damaged"
+    return f"{{times}} processes that worked on it died, the last {how}"
 
 
 @contextmanager
@@ -327,7 +276,7 @@ class WorkerConfig:
             if [len(chunk) for chunk in first] == [1]:  # a process takes longer to start than a job
                 pipeline.execute(iter(first), done, stopped)
             elif first:
-                Pool(self.count, chain(first, chunks), done, stopped).run()
+                dispatch(Processes(self.count), chain(first, chunks), done, stopped)
 
         return execute
 

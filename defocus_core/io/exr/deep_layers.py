@@ -24,10 +24,8 @@ from numpy.typing import NDArray
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.channel_choice import is_depth
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
-from defocus_core.io.exr.header import Header
+from defocus_core.io.exr.header import DTYPES, Header
 from defocus_core.io.exr.windows import Overscan, Window
-
-_DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
 
 @dataclass(frozen=True)
@@ -46,9 +44,7 @@ def flat_channels(
     frame = header.display.grown(overscan)
     light = {n for n, kind in names.items() if kind != "uint" and not is_depth(n)}
     planes = {
-        name: keeping.new(
-            (frame.height, frame.width), "float32" if name in light else _DTYPES[kind]
-        )
+        name: keeping.new((frame.height, frame.width), "float32" if name in light else DTYPES[kind])
         for name, kind in names.items()
     }
     for strip in strips(path, header):
@@ -83,9 +79,7 @@ def deep_layers(
         while len(layers) < max(1, strip.maximum):
             layers.append(
                 {
-                    name: keeping.new(
-                        (frame.height, frame.width), _DTYPES[kinds.get(name, "float")]
-                    )
+                    name: keeping.new((frame.height, frame.width), DTYPES[kinds.get(name, "float")])
                     for name in wanted
                 }
             )

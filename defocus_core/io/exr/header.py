@@ -22,6 +22,7 @@ from defocus_core.io.safe_files import check_size, damaged, once, read_head
 MAGIC = b"\x76\x2f\x31\x01"
 PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}
 _BYTES = {"uint": 4, "half": 2, "float": 4}
+DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}  # of NumPy
 _LONG_NAMES, _DEEP, MULTIPART = 0x400, 0x800, 0x1000
 _SHORT_NAME, _LONGEST_NAME = 31, 255
 _LONGEST_VALUE = 2**24  # bytes of an attribute
@@ -256,11 +257,14 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
     missing = {"channels", "dataWindow", "displayWindow"} - values.keys()
     if missing:
         raise ValueError(f"no {min(missing)}")
+    channels = tuple(channels_of(values["channels"]))
+    if not channels:
+        raise ValueError("no channels")
     (aspect,) = struct.unpack("<f", values.get("pixelAspectRatio", struct.pack("<f", 1.0)))
     return Header(
         index=index,
         name=values.get("name", b"").decode("utf-8", "replace"),
-        channels=_some(channels_of(values["channels"])),
+        channels=channels,
         data=Window(*struct.unpack("<4i", values["dataWindow"])),
         display=Window(*struct.unpack("<4i", values["displayWindow"])),
         deep=values["type"].startswith(b"deep") if "type" in values else deep,
@@ -269,12 +273,6 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
         multi_view=tuple(map(bytes.decode, _texts(values.get("multiView", b"")))),
         attributes={name: raw for name, raw in attributes.items() if name not in STRUCTURAL},
     )
-
-
-def _some(channels: list[Channel]) -> tuple[Channel, ...]:
-    if not channels:
-        raise ValueError("no channels")
-    return tuple(channels)
 
 
 def channels_of(value: bytes) -> list[Channel]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import IN_MEMORY, Keeping
-from defocus_core.io.exr.header import Header, read_headers
+from defocus_core.io.exr.header import DTYPES, Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.safe_files import damaged, decoding, quiet
 from defocus_core.system.interrupts import delayed_signals
@@ -50,7 +50,6 @@ def opened(path: Path) -> Iterator[Any]:
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
 _LIMITS = ("limits:imagesize_MB", "limits:channels")  # of OpenImageIO: all of memory, and 1024
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
-_DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ def _part(
         return ExrPart(header, flat)
     frame = header.display.grown(overscan)
     size = (frame.height, frame.width)
-    channels = {name: keeping.new(size, _DTYPES[kind]) for name, kind in types.items()}
+    channels = {name: keeping.new(size, DTYPES[kind]) for name, kind in types.items()}
     if channels:
         for window, piece in _pieces(path, file, header, types, keeping):
             place, shown = frame.cut(window), window.cut(frame)

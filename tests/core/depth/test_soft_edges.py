@@ -8,10 +8,15 @@ from measures import worst
 from scenes import RADII, pattern
 from torch.nn.functional import max_pool2d
 
-from defocus_core.depth.color_profiles import FARTHEST, edges_of
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
-from defocus_core.depth.edge_shifts import EdgeShifts, measured_shifts, with_shifted_edges
+from defocus_core.depth.edge_shifts import (
+    FARTHEST,
+    EdgeShifts,
+    edges_of,
+    measured_shifts,
+    with_shifted_edges,
+)
 from defocus_core.depth.repair import repair_depth
 from defocus_core.depth.soft_edges import (
     hard_steps,

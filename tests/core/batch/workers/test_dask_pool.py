@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import Mock
 
 import fake_worker
 import pytest
@@ -81,10 +82,11 @@ def test_nothing_new_is_begun_when_stopped(cluster, tmp_path, monkeypatch):
 
 def test_a_scheduler_that_goes_away_is_told_of(tmp_path):
     client: Any = SimpleNamespace(scheduler=SimpleNamespace(address="tcp://head:8786"))
-    gone: Any = SimpleNamespace(cancelled=lambda: True)
-    submitted = dask_pool._Submitted(client, iter([]), print, lambda: False, None)
+    gone = Mock(cancelled=lambda: True)
+    cluster = dask_pool._Cluster(client, iter([gone]), None)
+    cluster.flight[gone] = []
     with pytest.raises(InputError, match=r"tcp://head:8786: the Dask scheduler went away; start"):
-        submitted._take(gone, [])
+        next(cluster.collect())
 
 
 def test_nobody_waits_for_workers_without_knowing(tmp_path, caplog):
@@ -94,12 +96,11 @@ def test_nobody_waits_for_workers_without_knowing(tmp_path, caplog):
         scheduler_info=lambda n_workers: {"workers": {}},
         submit=lambda *_, key, **__: key,
     )
-    chunks = chunks_of(tmp_path, "a", "b", "c")
-    submitted = dask_pool._Submitted(client, chunks, print, lambda: False, None)
-    completed: Any = set()
-    submitted._submit(completed)
-    assert len(completed) == dask_pool.AT_ONCE
-    submitted._submit(completed)
+    cluster = dask_pool._Cluster(client, set(), None)
+    for chunk in chunks_of(tmp_path, "a", "b", "c"):
+        if cluster.has_room():
+            cluster.submit(chunk)
+    assert len(cluster.completed) == dask_pool.AT_ONCE
     assert caplog.messages == ["tcp://head:8786: has no workers; waiting for some"]
 
 

@@ -11,7 +11,8 @@ import fake_worker
 import pytest
 from jobs_files import chunks_of
 
-from defocus_core.batch.workers.pool import STRIKES, Pool
+from defocus_core.batch.workers.dispatch import dispatch
+from defocus_core.batch.workers.pool import STRIKES, Processes
 from defocus_core.errors import InputError
 from defocus_core.request.lens import Lens
 
@@ -25,7 +26,7 @@ def results_of(chunks, processes=2, stopped=lambda done: False, serve=fake_worke
         assert number not in results, "told twice"
         results[number] = result
 
-    Pool(processes, chunks, done, lambda: stopped(results), serve).run()
+    dispatch(Processes(processes, serve), chunks, done, lambda: stopped(results))
     return results
 
 
@@ -84,7 +85,7 @@ def test_ctrl_c_is_kept_from_the_first_process_too(tmp_path):
     script = (
         "import sys; sys.path.insert(0, sys.argv[1]); import fake_worker\n"
         "from defocus_core.batch.workers.pool import _Worker\n"
-        "print(_Worker(fake_worker.serve_mask, []).connection.recv())"
+        "print(_Worker(fake_worker.serve_mask).connection.recv())"
     )
     words = [sys.executable, "-c", script, str(Path(__file__).parents[3] / "support")]
     ran = subprocess.run(words, stdout=subprocess.PIPE, text=True, check=True)
@@ -125,7 +126,7 @@ def test_what_cannot_be_recorded_stops_all(tmp_path):
     def done(number, result):
         raise InputError("", "is full", path="disk")
 
-    pool = Pool(2, chunks_of(tmp_path, *"abcdef"), done, lambda: False, fake_worker.serve)
+    pool = Processes(2, fake_worker.serve)
     with pytest.raises(InputError, match="is full"):
-        pool.run()
+        dispatch(pool, chunks_of(tmp_path, *"abcdef"), done, lambda: False)
     assert all(each.process.exitcode is not None for each in pool.workers)
