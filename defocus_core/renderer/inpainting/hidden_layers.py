@@ -192,7 +192,7 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
         tensor = tensor + (more[-3:] if exists is None else more[-3:] * exists)
     rest = list(zip(levels[_DIRECTIONS:], exist[_DIRECTIONS:], strict=True))
     together = launches_cost(asked.at.device)
-    for first in range(0, len(rest), len(rest) if together else 1):
+    for first in range(0, len(rest), max(1, len(rest)) if together else 1):
         some = rest[first : len(rest) if together else first + 1]
         lacking = flat_nonzero(weight < _ENOUGH)
         if not len(lacking):
