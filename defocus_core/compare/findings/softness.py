@@ -73,7 +73,8 @@ class Softened:
         a, b = self.evidence.framed
         if not self.shown:
             return a, b
-        return tuple(self.evidence.scaled_light(v).astype("f8") for v in (a, b))  # type: ignore
+        shown_a, shown_b = (self.evidence.scaled_light(v).astype("f8") for v in (a, b))
+        return shown_a, shown_b
 
     @cached_property
     def piece(self) -> tuple[slice, slice]:
