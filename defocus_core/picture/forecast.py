@@ -157,10 +157,8 @@ def _counted(take: Take, device: str, *, repairs: bool) -> tuple[Take, float, fl
         maximum = max(maximum, memory_mb)
     if repairs:
         return replace(take, repair=renderer.repair), work, maximum, len(passes)
-    maximum += (
-        math.prod(take.shown.shape) * _RADIUS_BYTES / memory.MB
-    )  # if it is repaired after all
-    return take, work, maximum, len(passes)
+    repaired = math.prod(take.shown.shape) * _RADIUS_BYTES / memory.MB  # as it may be
+    return take, work, maximum + repaired, len(passes)
 
 
 def record(forecast: Forecast) -> dict[str, Any]:

@@ -349,7 +349,7 @@ def _told(
         yield f"{name}: ‹turn-depth› turns nothing: the colour names no orientation"
     if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
-        yield f"{depth.path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres"
+        yield f"{name}: {problem}; say ‹depth-format› nuke-scanline, or metres"
 
 
 def _has_sky(values: Any, completed: DepthFormat) -> bool:
