@@ -11,7 +11,7 @@ from typing import Any
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import Interrupted, SomeFailed, exit_code_of
-from defocus_core.batch.journal.left import Progress
+from defocus_core.batch.journal.progress import Progress
 from defocus_core.batch.journal.record import Record, error_line
 from defocus_core.batch.journal.resume import counted_reasons
 from defocus_core.batch.workers.plan import Plan

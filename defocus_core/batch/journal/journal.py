@@ -263,11 +263,11 @@ class Ledger:
         self._begins, self._of, self._kind = array("Q"), array("L"), array("L")
         self._seconds = array("f")
         self._files, self._own, self._pictures = array("H"), array("H"), array("H")
-        runs = [] if is_empty else [None, *shards(out)]
-        self._journals = [JournalFile(journal_path(out, run)) for run in runs]
+        parts = [] if is_empty else [None, *shards(out)]
+        self._journals = [JournalFile(journal_path(out, part)) for part in parts]
         numbers: dict[Outcome, int] = {}
         with without_collections():
-            for place, (run, reader) in enumerate(zip(runs, self._journals, strict=True)):
+            for place, (part, reader) in enumerate(zip(parts, self._journals, strict=True)):
                 for begin, values, _ in reader.lines():
                     kind = Outcome(values["status"], values["reason"], values.get("renderer"))
                     if kind not in numbers:
@@ -275,7 +275,7 @@ class Ledger:
                         self._kinds.append(kind)
                     self._add(values, begin, place, numbers[kind])
                     if seen is not None:
-                        seen(run, values["sample_id"], values["finished"])
+                        seen(part, values["sample_id"], values["finished"])
 
     def _add(self, values: Values, begin: int, place: int, kind: int) -> None:
         number, is_ok = len(self._begins), values["status"] == "ok"

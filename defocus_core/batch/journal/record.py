@@ -10,11 +10,12 @@ shards, and removed when they are replaced. Index and ``--json`` are views of re
 from __future__ import annotations
 
 import errno
+import time
 import traceback
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -50,7 +51,7 @@ FAILURES = {
     "fault": "a fault of defocus itself",
 }
 STATUSES = ("ok", "rejected", "failed")
-Step = Literal["read", "render", "write"]
+Stage = Literal["read", "render", "write"]
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -168,6 +169,11 @@ class Field(NamedTuple):
     named: bool = False  # it is a table of such tables, each by its name
     items: tuple[type, ...] = ()  # what a list holds
     check: _Check | None = None  # of what has these types
+
+
+def now() -> str:
+    """The time, UTC, as records have it."""
+    return datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
 
 
 def is_moment(text: str) -> bool:
@@ -435,11 +441,11 @@ def values_of(record: Record) -> dict[str, Any]:
     return values
 
 
-def failure(error: Exception, step: Step, inputs: Stamps) -> Failed:
-    """The end of a job of which an exception ended a step."""
+def failure(error: Exception, stage: Stage, inputs: Stamps) -> Failed:
+    """The end of a job of which an exception ended a stage."""
     if isinstance(error, Rejected) and error.code in REJECTIONS:
         return Failed("rejected", error.code, str(error), inputs, error=error)
-    reason = _reason(error, step)
+    reason = _reason(error, stage)
     trace = "".join(traceback.format_exception(error)) if reason == "fault" else ""
     return Failed("failed", reason, error_line(error), inputs, trace=trace, error=error)
 
@@ -453,7 +459,7 @@ def error_line(error: BaseException) -> str:
     return f"unexpected {type(error).__name__}: {reason(error)}"
 
 
-def _reason(error: BaseException, step: Step) -> str:
+def _reason(error: BaseException, stage: Stage) -> str:
     system = error if isinstance(error, OSError) else error.__cause__
     if isinstance(system, OSError) and system.errno in _FULL:
         return "no-space"
@@ -462,5 +468,5 @@ def _reason(error: BaseException, step: Step) -> str:
     if isinstance(error, UsageProblem):
         return "settings-unusable"
     if isinstance(error, InputError | OSError):
-        return "output-unwritable" if step == "write" else "input-unusable"
+        return "output-unwritable" if stage == "write" else "input-unusable"
     return "fault"

@@ -11,16 +11,14 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Protocol
 
 from defocus_core.batch.datasets import update
-from defocus_core.batch.journal import identity, left
+from defocus_core.batch.journal import identity, progress
 from defocus_core.batch.journal.journal import Journal, input_path, journal_path
-from defocus_core.batch.journal.left import RunPlan
 from defocus_core.batch.journal.lock import locked
-from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Taken
+from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Taken, now
 from defocus_core.batch.journal.resume import moved_record
 from defocus_core.batch.workers.plan import (
     Chunk,
@@ -102,9 +100,9 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
                 state.carry_out(done)
                 require_lock()
             if has_journal and execution.shard is None:
-                left.sweep_up(out)
+                progress.sweep_up(out)
         elif has_journal and execution.shard is None:
-            left.run_path(out).unlink(missing_ok=True)
+            progress.run_path(out).unlink(missing_ok=True)
     if has_journal:
         _index({job.sample_id for job in jobs}, state)
     return state.summary
@@ -113,10 +111,10 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
 def _clear(out: Path, execution: Execution) -> None:
     """What runs that were killed left half-written goes; the journals of shards become one."""
     if execution.shard is None:
-        left.sweep_up(out)
-        left.gather(out)
+        progress.sweep_up(out)
+        progress.gather(out)
     else:  # others of its division write to OUT, too
-        left.refuse_other_division(out, execution.shard)
+        progress.refuse_other_division(out, execution.shard)
 
 
 def _unrecorded(_: Record) -> None:
@@ -128,10 +126,7 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
     """Append records; the run is noted in OUT in the block, and after it if jobs are left."""
     plan, shard = state.plan, state.execution.shard
     out = plan.ledger.out
-    path = left.run_path(out, shard)
-    RunPlan(_now(), [job.sample_id for job in plan.unfinished]).write(path)
-    if shard is None:
-        left.forget_shards(out)
+    path = progress.note_run(out, shard, (job.sample_id for job in plan.unfinished))
     changing = {job.sample_id for _, job in plan.todo}
     state.withdrawn = update.withdraw(out, changing, alone=shard is None)
     try:
@@ -263,7 +258,7 @@ class _State:
             settings=identity.settings(job),
             quality=job.machine.quality,
             **identity.versions(),
-            finished=_now(),
+            finished=now(),
             end=replace(end, inputs=inputs, outputs=outputs),
         )
         if isinstance(end, Failed):
@@ -306,7 +301,3 @@ class _State:
             stamp = next((s for s in stamps if s.path == path), Stamp())
             if identity.unchanged(ledger.out / path, stamp):
                 Folder(ledger.out).remove(path)
-
-
-def _now() -> str:
-    return datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")

@@ -9,9 +9,8 @@ from refusals import refuses
 
 import defocus_core
 from defocus_core.batch.datasets import update
-from defocus_core.batch.journal import left
 from defocus_core.batch.journal.journal import Ledger, journal_path
-from defocus_core.batch.journal.left import progress
+from defocus_core.batch.journal.progress import open_run, progress, run_path
 from defocus_core.batch.journal.record import FIELDS, fault_of, record_of, values_of
 
 NEEDED = (
@@ -148,25 +147,25 @@ def test_a_link_in_place_of_an_output_is_not_packed(tmp_path):
     assert not list(tmp_path.glob("shards/*.tar"))
 
 
-PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": ["a"]}
+NOTE = {"begun": "2026-01-01T00:00:00+00:00", "jobs": ["a"]}
 
 
 @pytest.mark.parametrize(
-    "plan",
+    "note",
     [
         "",
         "[]",
-        json.dumps({"begun": PLAN["begun"]}),
-        json.dumps({**PLAN, "begun": ""}),
-        json.dumps({**PLAN, "begun": 5}),
-        json.dumps({**PLAN, "jobs": 1}),
-        json.dumps({**PLAN, "jobs": [[1]]}),
+        json.dumps({"begun": NOTE["begun"]}),
+        json.dumps({**NOTE, "begun": ""}),
+        json.dumps({**NOTE, "begun": 5}),
+        json.dumps({**NOTE, "jobs": 1}),
+        json.dumps({**NOTE, "jobs": [[1]]}),
     ],
 )
-def test_a_broken_plan_of_a_run_is_refused(plan, tmp_path):
-    left.run_path(tmp_path).write_text(plan)
+def test_a_broken_note_of_a_run_is_refused(note, tmp_path):
+    run_path(tmp_path).write_text(note)
     with refuses("malformed"):
-        left.plan_of(tmp_path)
+        open_run(tmp_path)
 
 
 def test_the_help_has_the_table_of_fields_and_a_record_no_other(tmp_path):
