@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
-from defocus_core.compare.comparison import of_planes
+from defocus_core.compare.picture import of_planes
 from defocus_core.reports.html import layers
 
 
