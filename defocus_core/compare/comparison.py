@@ -16,7 +16,8 @@ from defocus_core.compare import verdict
 from defocus_core.compare.findings.choice import diagnose
 from defocus_core.compare.findings.finding import is_place
 from defocus_core.compare.findings.tone import clipped_light, lost_channels
-from defocus_core.compare.metrics import equal_metrics, measure, measure_edges, measure_flip
+from defocus_core.compare.flip import measure_flip
+from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import (
     DecodedPicture,
