@@ -177,14 +177,14 @@ class Residual:
             interpolate((common * modelled * each).sum(1, keepdim=True), size, mode="area").double()
             for each in (modelled, observed)
         )
-        terms = (torch.ones(degree + 1, degree + 1).triu().fliplr() > 0).nonzero().unbind(1)
-        base = torch.einsum("ih,jw->ijhw", *(_powers(n, degree) for n in size))[terms]
+        i, j = torch.ones(degree + 1, degree + 1).triu().fliplr().nonzero().unbind(1)
+        base = torch.einsum("ih,jw->ijhw", *(_powers(n, degree) for n in size))[i, j]
         normal = torch.einsum("ihw,jhw,vchw->vij", base, base, squares)
         right = torch.einsum("ihw,vchw->vi", base, products)
         ridge = 1e-9 * normal.diagonal(dim1=1, dim2=2).amax().clamp_min(1e-30)
         ridges = ridge * torch.eye(len(base), dtype=normal.dtype)
         factors = normal.new_zeros(len(modelled), degree + 1, degree + 1)
-        factors[:, *terms] = torch.linalg.solve(normal + ridges, right)
+        factors[:, i, j] = torch.linalg.solve(normal + ridges, right)
         return factors.to(modelled.dtype)
 
     def compressed(self, light: Tensor) -> Tensor:
