@@ -217,7 +217,7 @@ class Golden:
             InputError: the file of thresholds cannot be read.
             UsageProblem: a region is not within the picture, or the file makes no sense.
         """
-        from defocus_core.compare.comparison import planes_of
+        from defocus_core.compare.picture import planes_of
         from defocus_core.compare.record import EXTRA, CompareSettings, Comparison
         from defocus_core.compare.selection import CropRegion
         from defocus_core.reports.comparison_words import line
@@ -262,8 +262,8 @@ class Golden:
         self, golden: Path, image: Any, name: str, rules: Rules, settings: CompareSettings
     ) -> Comparison:
         """The record of a file, or of channels, and its golden."""
-        from defocus_core.compare.comparison import compare_pictures, of_planes
-        from defocus_core.compare.picture import read_picture
+        from defocus_core.compare.comparison import compare_pictures
+        from defocus_core.compare.picture import of_planes, read_picture
         from defocus_core.compare.record import UNREADABLE, Comparison
         from defocus_core.errors import InputError
 

@@ -34,7 +34,7 @@ _SHOWN = [name for name in LENS_OPTIONS if not name.startswith("dp-")]  # there 
 )
 @shot_lens_options(required=True, names=_SHOWN, moving=False)
 @reading_options
-@shared.draft_options
+@shared.machine_options("device", "threads")
 @shared.verbose_option
 def command(
     color: Path,

@@ -4,10 +4,6 @@ PSNR and SSIM look at sRGB-encoded values, clipped to 0…1, of the colour chann
 light beyond 1, too: sRGB up to 1 and logarithmic beyond. The other metrics look at all channels, in
 the values of the file: linear light in an EXR, 0…1 in a file of integers. Pixels that are NaN or
 infinite in A or B are left out here, since they are judged apart.
-
-FLIP (Andersson et al. 2020 and 2021) predicts what a person sees who flips between A and B; it is
-computed by OpenImageIO. Its range of exposures comes from the luminance of A: with OpenImageIO's
-own, an error in light beyond 2 is not seen.
 """
 
 from __future__ import annotations
@@ -22,13 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.pixels import Pixels, halves
-from defocus_core.errors import UsageProblem
 from defocus_core.evaluation.similarity import EQUAL, REACH, psnr, similarity
-from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
-from defocus_core.io.safe_files import quiet
+from defocus_core.io.images.color_space import linear_to_srgb
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
-_BLACK = 1e-6  # a luminance that is as good as 0
 
 
 @dataclass(frozen=True)
@@ -85,7 +78,6 @@ METRICS = {metric.name: metric for metric in _ROWS}
 _LUMA = {**dict(zip("RGB", LUMINANCE, strict=True)), "Y": 1.0}
 COSTLY = 2**21  # pixels beyond which metrics of a screen and of hdr are measured if rules ask
 _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the cache
-_FLIP_REACH = 20  # pixels, twice that of its filters: what is farther from a change is 0
 _APART = 101  # pixels from one to the next of a sample
 
 
@@ -265,80 +257,3 @@ def equal_metrics(pixels: Pixels) -> Mapping[str, float]:
     if pixels.color:
         metrics |= {"psnr": EQUAL, "ssim": 1.0}
     return metrics
-
-
-def measure_flip(pixels: Pixels) -> dict[str, float]:
-    """Mean and maximum of FLIP over the compared, finite pixels; none without colour."""
-    means, greatest = [], []
-    for layer in pixels.color:
-        a, b = (_light(pixels, side, layer) for side in ("a", "b"))
-        errors = _flip(a, b)
-        if pixels.finite is not None:
-            errors = errors[pixels.finite]
-        if not errors.size:
-            return {}
-        if not np.isfinite(errors).all():
-            raise UsageProblem(
-                "not-numbers", "is not a number for these pixels", "leave it out", field="flip"
-            )
-        means.append(float(errors.mean(dtype=np.float64)))
-        greatest.append(float(errors.max()))
-    return {"flip": max(means), "flip-max": max(greatest)} if means else {}
-
-
-def _light(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float32]:
-    """Linear light [H, W, 3], 0 where a pixel is not finite or negative."""
-    values = np.stack([pixels.plane(side, name) for name in layer], axis=2).astype(np.float32)
-    values = values.repeat(3 // values.shape[2], axis=2)
-    if pixels.finite is not None:
-        values[~pixels.finite] = 0.0
-    values = np.maximum(values, 0.0)
-    if pixels.gamma is None:
-        values = srgb_to_linear(values).astype(np.float32)
-    return values if pixels.gamma in (None, 1.0) else values ** np.float32(pixels.gamma)
-
-
-def _flip(a: NDArray[np.float32], b: NDArray[np.float32]) -> NDArray[np.float32]:
-    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
-    if not hasattr(oiio.ImageBufAlgo, "FLIP_diff"):
-        raise UsageProblem(
-            "needs-extra", "needs OpenImageIO 3.2", "leave it out, or install that", field="flip"
-        )
-    luminance = (a * np.asarray(LUMINANCE, np.float32)).sum(axis=2)
-    hdr = int(max(float(a.max()), float(b.max())) > 1.0)
-    maximum = max(float(luminance.max()), _BLACK)
-    # The median of what is not black: exposures are chosen for what can be seen.
-    lit = luminance[luminance > _BLACK]
-    middle = float(np.median(lit)) if lit.size else maximum
-    flip, cut = np.zeros(luminance.shape, np.float32), _around((a != b).any(axis=2))
-    if cut is None:
-        return flip
-    with quiet():
-        sides = _buffer(a[cut]), _buffer(b[cut])
-        errors = oiio.ImageBufAlgo.FLIP_diff(*sides, hdr, maximum, middle)
-        if errors.has_error:
-            raise UsageProblem(
-                "not-numbers", f"failed: {errors.geterror()}", "leave it out", field="flip"
-            )
-        values: Any = errors.get_pixels(oiio.FLOAT)
-    flip[cut] = values[:, :, 0]
-    return flip
-
-
-def _around(changed: NDArray[np.bool_]) -> tuple[slice, slice] | None:
-    """What FLIP has to look at: the rectangle of what changed, and around it; None for nothing."""
-    if not changed.any():
-        return None
-    ends = [np.flatnonzero(changed.any(axis=1 - axis))[[0, -1]].tolist() for axis in (0, 1)]
-    rows, columns = (slice(max(0, low - _FLIP_REACH), high + _FLIP_REACH + 1) for low, high in ends)
-    return rows, columns
-
-
-def _buffer(pixels: NDArray[np.float32]) -> Any:
-    import OpenImageIO as oiio  # noqa: N813
-
-    height, width, channels = pixels.shape
-    buffer = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
-    buffer.set_pixels(oiio.ROI(), np.ascontiguousarray(pixels))
-    return buffer

@@ -39,6 +39,7 @@ _NUMBERS = {
     **dict.fromkeys(("double", "v2d", "v3d", "m33d", "m44d"), "d"),
     **dict.fromkeys(("int", "v2i", "v3i", "box2i", "rational"), "i"),
 }
+_CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
 _LONGEST = 80  # characters of a metadata value that are shown
 
 
@@ -99,6 +100,37 @@ def _refuse_damaged_png(path: Path) -> None:
             "write or copy it again",
             path=path,
         )
+
+
+def of_planes(planes: dict[str, Any], name: str) -> DecodedPicture:
+    """Channels [H, W] of linear light as a picture of that name."""
+    height, width = next(iter(planes.values())).shape
+    types = {channel: plane.dtype.name for channel, plane in planes.items()}
+    return DecodedPicture(Path(name), width, height, planes, types)
+
+
+def planes_of(image: Any) -> dict[str, Any]:
+    """Channels [H, W], half or float, of an array or a tensor."""
+    if hasattr(image, "detach"):  # a tensor, whose channels come first
+        values = np.asarray(image.detach().cpu().numpy())
+        values = values[0] if values.ndim == 4 and values.shape[0] == 1 else values
+        values = np.moveaxis(values, 0, -1) if values.ndim == 3 else values
+    else:
+        values = np.asarray(image)
+    if values.dtype.kind not in "fiub":
+        raise ValueError(f"image must have real numbers, got {values.dtype}")
+    if values.dtype != np.float16:
+        wide = values
+        with np.errstate(over="ignore"):
+            values = values.astype(np.float32)
+        if np.any(np.isinf(values) & np.isfinite(wide)):
+            raise ValueError(f"image must have values of 32 bits, got {np.nanmax(np.abs(wide)):g}")
+    values = values[..., None] if values.ndim == 2 else values
+    if values.ndim != 3 or values.shape[2] not in _CHANNELS or not values.size:
+        wanted = "[H, W], [H, W, C] or, as a tensor, [C, H, W] with 1 to 4 channels"
+        raise ValueError(f"image must be {wanted}, got {list(np.shape(image))}")
+    names = _CHANNELS[values.shape[2]]
+    return {name: np.ascontiguousarray(values[..., k]) for k, name in enumerate(names)}
 
 
 def color_layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:

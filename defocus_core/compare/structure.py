@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from itertools import product
 from typing import Any
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.picture import DecodedPicture, color_layers
+from defocus_core.compare.record import CompareSettings
 from defocus_core.io.images.primaries import primaries_name, same_primaries
 from defocus_core.system.text import counted
 
@@ -25,7 +27,45 @@ _OF_A_RUN = ("capdate", "*date", "date*", "*datetime*", "time", "*time*", "softw
 _DEPTHS = ("Z", "ZBack")  # channels of deep samples
 
 
-def of_structure(
+@dataclass(frozen=True)
+class Structure:
+    """How two files differ apart from the pixels that are compared."""
+
+    common: tuple[str, ...]  # channels that both have, in the size of the picture
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]  # what changes no pixel, in words
+    metadata: tuple[str, ...]  # attributes that differ, in words
+    strict: bool  # whether B is different for it, whatever its pixels are
+
+
+def compare_structure(
+    a: DecodedPicture, b: DecodedPicture, settings: CompareSettings, *, ruled: bool
+) -> Structure:
+    """The structure of two files; `ruled`: whether rules decide about values."""
+    both = [name for name in a.planes if name in b.planes]
+    resized = [name for name in both if a.planes[name].shape != b.planes[name].shape]
+    common = [n for n in both if n not in resized and a.planes[n].shape == (a.height, a.width)]
+    lone = _depths_of_samples(a, b)
+    findings = [*_of_channels(a, b, resized, lone)]
+    others = [name for name in both if name not in (*resized, *common)]  # as those of a thumbnail
+    if apart := [name for name in others if not _equal(a.planes[name], b.planes[name])]:
+        text = f"other values in {', '.join(apart)}, which is of another size than the picture"
+        findings.append(Finding("apart", text))
+    ignored = settings.ignore_metadata
+    metadata = _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
+    samples = _compare_samples(a, b)
+    strict = bool(findings) or (settings.metadata and bool(metadata))
+    strict |= samples is not None and not ruled
+    findings += [each for each in (_compare_primaries(a, b, ignored), samples) if each]
+    notes = _notes_of(a, b, lone)
+    return Structure(tuple(common), tuple(findings), tuple(notes), tuple(metadata), strict)
+
+
+def _equal(a: Any, b: Any) -> bool:
+    return bool(np.array_equal(a, b, equal_nan=a.dtype.kind == "f" and b.dtype.kind == "f"))
+
+
+def _of_channels(
     a: DecodedPicture, b: DecodedPicture, resized: Sequence[str], lone: Sequence[str]
 ) -> Iterator[Finding]:
     """Another size, missing and further channels; but for those of depth that are alone."""
@@ -43,8 +83,8 @@ def of_structure(
             yield Finding(f"{word} channel", text, {"channels": names})
 
 
-def compare_primaries(
-    a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str] = ()
+def _compare_primaries(
+    a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str]
 ) -> Finding | None:
     """Whether two pictures declare other primaries, by which equal numbers are other colours."""
     counts = _heeded({"chromaticities": ""}, ignored)
@@ -55,7 +95,7 @@ def compare_primaries(
     return Finding("other primaries declared", text, {"a": old, "b": new})
 
 
-def compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
+def _compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
     """How the samples of two deep pictures differ; None if they do not, or one is flat."""
     if not a.samples or not b.samples:
         return None
@@ -77,18 +117,13 @@ def compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
     return Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
 
 
-def depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:
+def _depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:
     """Channels of depth that a deep picture must have, and that the other lacks as it is flat."""
     if bool(a.samples) == bool(b.samples):
         return []
     deep, flat = (a, b) if a.samples else (b, a)
     names = set(deep.planes) - set(flat.planes)
     return sorted(name for name in names if name.rpartition(".")[2] in _DEPTHS)
-
-
-def changed_metadata(a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str]) -> list[str]:
-    """The attributes that count and differ, in words."""
-    return _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
 
 
 def _heeded(metadata: Mapping[str, str], ignored: Sequence[str]) -> dict[str, str]:
@@ -109,7 +144,7 @@ def _list(names: Sequence[str]) -> str:
     return ", ".join(names[:8]) + more
 
 
-def notes_of(a: DecodedPicture, b: DecodedPicture, lone: Sequence[str]) -> list[str]:
+def _notes_of(a: DecodedPicture, b: DecodedPicture, lone: Sequence[str]) -> list[str]:
     """What changes no pixel, in words; ``lone`` are channels of depth that only a deep file has."""
     types: dict[tuple[str, str], list[str]] = {}
     for name in a.planes:

@@ -21,8 +21,9 @@ from functools import lru_cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
-from defocus_core.errors import InputError, reason
+from defocus_core.errors import InputError, first_line, reason
 from defocus_core.io.below import Folder, Replacement, open_plain, sync_names
+from defocus_core.system.interrupts import delayed_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -311,6 +312,30 @@ def needs_extra(path: Path, kind: str, library: str, extra: str) -> InputError:
     """The error for a file that is read with a library that is not installed."""
     problem = f"is {kind} file, which is read with {library}, and {library} is not installed"
     return InputError("needs-extra", problem, f"run: pip install 'defocus[{extra}]'", path=path)
+
+
+@contextmanager
+def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[Any]:
+    """OpenImageIO's input of a file, which gives samples as they are: alpha is not multiplied in.
+
+    Its own limits are lifted, since `check_size` looks at the size that a header claims; what it
+    does not open is refused for the reason that it gives.
+    """
+    with delayed_signals():
+        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    for name in ("limits:imagesize_MB", "limits:channels"):  # all of memory, and 1024
+        oiio.attribute(name, 0)
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    file = oiio.ImageInput.open(str(path), config)
+    if not file:
+        raise refusal(first_line(path, oiio.geterror()))
+    try:
+        yield file
+    finally:
+        file.close()
+        oiio.geterror()  # or the next file would be blamed
 
 
 @contextmanager

@@ -228,7 +228,7 @@ B jobs.toml --scheduler head → 2 malformed --scheduler: 'head' is not a schedu
 merge held → 3 in-use held/.journal.lock: held is being written by process …
 R --quality best → \
 2 unknown-name --quality: 'best' is not known; choose from draft, standard, high, reference
-R --threads 0 → 2 - --threads: 0 is not in the range 1<=x<=1024; see 'defocus render --help'
+R --threads 0 → 2 malformed --threads: 0 is not in the range 1 to 1024; give one that is
 R --focal-lenght 50mm → 2 - --focal-lenght: no such option; did you mean --focal-length or …
 R more → 2 - command line: Got unexpected extra argument (more); see 'defocus render --help'
 R --fnumber → 2 - --fnumber: requires an argument; see 'defocus render --help'

@@ -6,7 +6,7 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -16,22 +16,16 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
-from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
-from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading, own_format, resolved
-from defocus_core.io.depth_formats.rules import (
-    HALF_MAX,
-    DepthFormat,
+from defocus_core.io.depth_formats.file_types import read_numbers, refuse_named
+from defocus_core.io.depth_formats.reading import (
+    AS_IT_IS,
     DepthNumbers,
-    Mark,
-    decoded,
-    divided,
-    is_sky,
-    unpacked,
+    DepthReading,
+    own_format,
 )
-from defocus_core.io.depth_formats.table import NAMES
-from defocus_core.io.exr.header import is_exr
+from defocus_core.io.depth_formats.rules import HALF_MAX, decoded, is_sky, resolved
+from defocus_core.io.depth_formats.table import NAMES, DepthFormat
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
-from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
 Valid = Callable[[slice], NDArray[np.bool_]]  # where some rows have a depth
@@ -201,41 +195,34 @@ def read_depth(
     its file stores it, by which a depth stored alike is turned.
     """
     own = "" if reading.depth_format or reading.relative else own_format(path)
-    if own and (not reading.says_scale or NAMES[own].unitless):
+    if own and (not reading.says_scale or "depth-unit" in NAMES[own].takes):
         reading = replace(reading, depth_format=own)
-    row, stored = reading.row, size
-    idle_turn = reading.turn_depth is not None and orientation == 1
-    orientation = orientation if reading.turn_depth is not None else 1
-    if size is not None and orientation > _UPSIDE_DOWN:
-        stored = size[::-1]
+    turn = orientation if reading.turn_depth is not None else 1
+    stored = size[::-1] if size is not None and turn > _UPSIDE_DOWN else size
     samples = read_numbers(path, reading, keeping, stored, overscan)
-    if row.weights or row.bits:
-        samples = DepthNumbers(
-            unpacked(samples.values[:], row), samples.type, samples.words, metadata=samples.metadata
-        )
-    if row.stride != 1:
-        samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
-    values, division = divided(path, samples.values, alpha, reading.unpremultiply_depth, keeping)
-    completed = resolved(path, reading, samples, lens_focal=lens_focal)
-    idle_sky = reading.sky is not None and not _has_sky(values, completed)
-    metres, half_sky = _decode(replace(samples, values=values), completed, keeping, overscan)
-    marks = _apply_marks(path, row, samples.marks, metres)
-    if orientation != 1:
-        from defocus_core.io.images.raster import upright
-
-        metres, turned = upright(metres[:], orientation), "turned as its colour"
-        marks = (*marks, turned)
+    row = resolved(reading, samples, lens_focal)
+    values, division = divided(samples, alpha, reading.unpremultiply_depth, keeping)
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
         _refuse_assumed(path, values)
-    words = (samples.words, division, completed.words, *marks)
-    note = f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}"
+    told = []
+    if reading.sky is not None and not _has_sky(values, row):
+        told.append(f"{path.name}: ‹sky› {reading.sky:g} marks no pixel")
+    if reading.turn_depth is not None and orientation == 1:
+        told.append(f"{path.name}: ‹turn-depth› turns nothing: the colour names no orientation")
+    metres, half_sky = _decode(values, row, keeping, overscan)
+    words = [samples.words, division, row.words, *_apply_marks(samples, row, metres)]
+    if turn != 1:
+        from defocus_core.io.images.raster import upright
+
+        metres = upright(metres[:], turn)
+        words.append("turned as its colour")
     depth = Depth(
         metres,
         path,
         samples.channel,
-        note,
-        is_radius=completed.rule == "radius",
+        f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}",
+        is_radius=row.rule == "radius",
         is_assumed=is_assumed,
         is_integer=samples.is_integer,
         named=reading.depth_format is not None,
@@ -245,36 +232,15 @@ def read_depth(
         is_relative=reading.relative,
         inverted=reading.invert is not None,
     )
-    depth = replace(depth, told=tuple(_told(depth, reading, samples, idle_sky, idle_turn)))
+    if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
+        problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
+        told.append(f"{path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres")
+    depth = replace(depth, told=tuple(told))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
-
-
-def read_numbers(
-    path: Path,
-    reading: DepthReading,
-    keeping: Keeping,
-    size: tuple[int, int] | None,
-    overscan: Overscan = NO_OVERSCAN,
-) -> DepthNumbers:
-    """The numbers of a depth file, of a type that the named format comes in."""
-    row = reading.row
-    if row.files != ("headerless",) and is_exr(read_head(path, 32)):
-        samples = exr_depth_numbers(path, reading, keeping, overscan, size)
-    else:
-        from defocus_core.io.depth_formats.file_types import numbers_of
-
-        samples = numbers_of(path, reading, keeping, size)
-    if reading.depth_format is not None and samples.type not in row.files:
-        files = ", ".join(row.files)
-        problem = f"is read as {samples.words}, and {row.name} comes as {files}"
-        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
-    return samples
 
 
 def _refuse_assumed(path: Path, values: Any) -> None:
     """Refuse 16 bits as millimetres that have a name, or both ends: they are scaled to the file."""
-    from defocus_core.io.depth_formats.file_types import refuse_named
-
     refuse_named(path, values)
     ends = [end for rows in bands(values.shape) for end in (values[rows].min(), values[rows].max())]
     if min(ends) == 0 and max(ends) == _TOP:
@@ -334,64 +300,41 @@ def _is_behind(depth: Depth) -> bool:
     return has_negative
 
 
-def _told(
-    depth: Depth,
-    reading: DepthReading,
-    samples: DepthNumbers,
-    idle_sky: bool,
-    idle_turn: bool,
-) -> Iterator[str]:
-    """What is said of options without effect, and of what the program wrote that made the file."""
-    name = depth.path.name
-    if idle_sky:
-        yield f"{name}: ‹sky› {reading.sky:g} marks no pixel"
-    if idle_turn:
-        yield f"{name}: ‹turn-depth› turns nothing: the colour names no orientation"
-    if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
-        problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
-        yield f"{name}: {problem}; say ‹depth-format› nuke-scanline, or metres"
-
-
-def _has_sky(values: Any, completed: DepthFormat) -> bool:
+def _has_sky(values: Any, row: DepthFormat) -> bool:
     """Whether a number is sky."""
-    found = (is_sky(values[rows], completed) for rows in bands(values.shape))
-    return any(sky is not None and sky.any() for sky in found)
+    return any(is_sky(values[rows], row).any() for rows in bands(values.shape))
 
 
 def _decode(
-    samples: DepthNumbers, completed: DepthFormat, keeping: Keeping, overscan: Overscan
+    values: Any, row: DepthFormat, keeping: Keeping, overscan: Overscan
 ) -> tuple[Any, bool]:
     """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
-    values = samples.values
     own = isinstance(values, Scratch) or (values.flags.owndata and values.flags.writeable)
     # Numbers that were read are not needed any more: metres take their place.
     metres = values if own and values.dtype == "=f4" else keeping.new(values.shape, np.float32)
-    half = values.dtype.newbyteorder("=") == np.float16 and completed.sky <= HALF_MAX
+    half = values.dtype.newbyteorder("=") == np.float16 and row.sky <= HALF_MAX
     half_sky, frame = False, (values.shape[0], values.shape[1])
     for rows in bands(values.shape):
         numbers = values[rows]
         half_sky |= half and bool((numbers == HALF_MAX).any())
-        metres[rows] = decoded(
-            numbers, completed, first_row=rows.start, frame=frame, overscan=overscan
-        )
+        metres[rows] = decoded(numbers, row, first_row=rows.start, frame=frame, overscan=overscan)
     return metres, half_sky
 
 
-def _apply_marks(
-    path: Path, row: DepthFormat, marks: Sequence[Mark], metres: Any
-) -> tuple[str, ...]:
+def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterator[str]:
     """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
-    words = ""
+    marks = list(samples.marks)
     if row.mask is not None:
         from defocus_core.io.depth_formats.sidecars import mask_beside
 
-        mask = mask_beside(row.mask, path, metres.shape)
-        marks = (*marks, mask) if mask is not None else marks
-        words = "no mask beside it" if mask is None else ""
+        if (mask := mask_beside(row.mask, samples.path, metres.shape)) is not None:
+            marks.append(mask)
+        else:
+            yield "no mask beside it"
     for mark in marks:
         for rows in bands(metres.shape):
             metres[rows] = np.where(mark.pixels[rows], np.float32(mark.depth), metres[rows])
-    return *(mark.words for mark in marks), words
+        yield mark.words
 
 
 def _replaced(depth: Depth, how: str) -> Depth:
@@ -425,3 +368,52 @@ def _replaced(depth: Depth, how: str) -> Depth:
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
     note = f"{depth.note}, {words}"
     return replace(depth, note=note, replaced=count, replaced_words=words)
+
+
+# Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.
+_EDGE, _WHOLE = (0.05, 0.9), 0.995
+# Edge pixels that are enough to judge by, and the share of them that must look multiplied.
+_ENOUGH, _MAXIMUM = 12, 0.8
+
+
+def divided(samples: DepthNumbers, alpha: Any, how: str, keeping: Keeping) -> tuple[Any, str]:
+    """The numbers of a depth file without the alpha in them, and what was done, in words.
+
+    `alpha`: [H, W] of the colour; None if it has none.
+    """
+    values = samples.values
+    usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
+    if how == "on" and not usable:
+        problem = "cannot be divided by alpha: the colour has no alpha of its size"
+        remedy = "leave ‹unpremultiply-depth› out"
+        raise InputError("no-such-channel", problem, remedy, path=samples.path)
+    if not usable or how == "off" or (how == "auto" and not _is_multiplied(values, alpha)):
+        return values, ""
+    result = keeping.new(tuple(values.shape), np.float32)
+    for rows in bands(values.shape):
+        fraction = np.asarray(alpha[rows], np.float32)
+        numbers = np.asarray(values[rows], np.float32)
+        result[rows] = np.divide(numbers, fraction, out=numbers.copy(), where=fraction > 0)
+    return result, "divided by alpha"
+
+
+def _is_multiplied(values: Any, alpha: Any) -> bool:
+    """Whether edges have the depth beside them times alpha, and not the depth itself."""
+    multiplied = plain = 0
+    for rows in bands(values.shape):
+        wide = slice(rows.start, rows.stop + 2)  # with two rows of the next band
+        fraction, numbers = (np.asarray(each[wide], np.float32) for each in (alpha, values))
+        edge = (fraction > _EDGE[0]) & (fraction < _EDGE[1])
+        if not edge.any():
+            continue
+        whole = (fraction >= _WHOLE) & np.isfinite(numbers) & (numbers > 0)
+        for step in (1, 2):
+            for axis in (0, 1):
+                for away in (-step, step):
+                    at = edge & np.roll(whole, away, axis)
+                    beside, own = np.roll(numbers, away, axis)[at], numbers[at]
+                    times = fraction[at] * beside
+                    nearer = np.abs(own - times) < np.abs(own - beside)
+                    multiplied += int(np.count_nonzero(nearer & (own > 0)))
+                    plain += int(np.count_nonzero(~nearer & (own > 0)))
+    return multiplied >= _ENOUGH and multiplied > _MAXIMUM * (multiplied + plain)

@@ -12,8 +12,7 @@ import numpy as np
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping, bands
-from defocus_core.io.depth_formats.reading import DepthReading, require_size
-from defocus_core.io.depth_formats.rules import DepthNumbers, Mark
+from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading, Mark, require_size
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     by_name,
@@ -27,7 +26,7 @@ from defocus_core.io.exr.channel_choice import (
 from defocus_core.io.exr.header import Header, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.views import in_view
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.exr.windows import Overscan
 
 _DEPTH_NAMES = frozenset({"depth", "zdepth"})  # of channels, whatever their layer
 _DEPTH_LAYERS = ("depth", "zdepth", "worlddepth")  # how the names of layers end
@@ -42,10 +41,10 @@ def exr_depth_numbers(
     path: Path,
     reading: DepthReading,
     keeping: Keeping,
-    overscan: Overscan = NO_OVERSCAN,
-    size: tuple[int, int] | None = None,
+    size: tuple[int, int] | None,
+    overscan: Overscan,
 ) -> DepthNumbers:
-    """Read the depth channel of an EXR file."""
+    """Read the depth channel of an EXR file; `size`: (width, height) of its colour."""
     headers = in_view(path, read_headers(path), reading.view)
     chosen, grey, lacks = _chosen(path, headers, reading)
     header = chosen.header
@@ -71,6 +70,7 @@ def exr_depth_numbers(
         empty = parts[header.index].channels[alpha][:] == 0
         marks.append(Mark(empty, np.inf, "sky where alpha is 0"))
     return DepthNumbers(
+        path,
         pixels,
         "integer EXR" if pixels.dtype.kind in "iu" else "EXR",
         ", ".join(filter(None, words)),

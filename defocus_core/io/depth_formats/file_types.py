@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,75 +23,109 @@ from defocus_core.io.array_files import (
     wrong_shape,
 )
 from defocus_core.io.arrays import Keeping, bands
-from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, NoDepthChannel
-from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
-from defocus_core.io.depth_formats.reading import DepthReading, own_format, require_size
-from defocus_core.io.depth_formats.rules import DepthFormat, DepthNumbers, Mark
-from defocus_core.io.depth_formats.sidecars import with_sidecar
-from defocus_core.io.exr.channel_choice import require_part
-from defocus_core.io.images.raster import (
-    Raster,
-    choose_page,
-    pnm_top,
-    read_pages,
-    read_samples,
-    text_of,
+from defocus_core.io.depth_formats.exr_depth_channel import (
+    NO_DEPTH,
+    NoDepthChannel,
+    exr_depth_numbers,
 )
+from defocus_core.io.depth_formats.reading import (
+    DepthNumbers,
+    DepthReading,
+    Mark,
+    holds_gdepth,
+    require_size,
+)
+from defocus_core.io.depth_formats.table import DepthFormat
+from defocus_core.io.exr.channel_choice import require_part
+from defocus_core.io.exr.header import is_exr
+from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.safe_files import decoding, is_heic, is_jpeg, read_head
 from defocus_core.system.text import percent
+
+if TYPE_CHECKING:
+    from defocus_core.io.images.raster import Raster
 
 # Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma.
 _CHROMA_NOISE, _LUMA = 24, (0.299, 0.587, 0.114)
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
 
-def numbers_of(
-    path: Path, reading: DepthReading, keeping: Keeping, size: tuple[int, int] | None
+Size = tuple[int, int] | None  # (width, height) of the colour of a depth file, if it has one
+
+
+def read_numbers(
+    path: Path,
+    reading: DepthReading,
+    keeping: Keeping,
+    size: Size,
+    overscan: Overscan = NO_OVERSCAN,
 ) -> DepthNumbers:
-    """The numbers of a depth file that is no EXR; `size`: (width, height) of its colour."""
-    row, head = reading.row, read_head(path, 32)
-    if row.files == ("headerless",):
-        width, height = size or row.size or (0, 0)
-        return DepthNumbers(read_headerless(path, (width, height)), "headerless", "float32 rows")
-    if path.suffix.lower() == ".exr":
-        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
-    kind = array_type(head)
-    if reading.depth_channel is not None and kind not in NAMED:
+    """The numbers of a depth file, of a type that the named format comes in."""
+    row, kind = reading.row, _type_of(path, reading)
+    if reading.depth_channel is not None and kind not in ("EXR", *NAMED):
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
-    if kind:
-        return _from_arrays(path, reading, kind, size)
-    if is_heic(head):
-        samples = _from_photo(path, read_heic(path), reading)
-    elif is_jpeg(head) and (
-        "GDepth" in row.files or (not reading.depth_format and own_format(path))
-    ):
-        samples = _from_photo(path, read_gdepth(path), reading)
-    else:
-        samples = _from_raster(path, reading, keeping, size)
-    require_size(path, reading, samples.values.shape, size)
+    samples = _READERS.get(kind, _from_arrays)(path, reading, keeping, size, overscan)
+    if reading.depth_format is not None and samples.type not in row.files:
+        files = ", ".join(row.files)
+        problem = f"is read as {samples.words}, and {row.name} comes as {files}"
+        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
+    if row.stride != 1:
+        samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
     return samples
 
 
-def _from_photo(path: Path, photo: DepthNumbers, reading: DepthReading) -> DepthNumbers:
+def _type_of(path: Path, reading: DepthReading) -> str:
+    """The type by which a file is read: a key of `_READERS`, or a type of arrays."""
+    row, head = reading.row, read_head(path, 32)
+    if row.files == ("headerless",):
+        return "headerless"
+    if is_exr(head):
+        return "EXR"
+    if path.suffix.lower() == ".exr":
+        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
+    if is_heic(head):
+        return "HEIC"
+    is_photo = "GDepth" in row.files or (reading.depth_format is None and holds_gdepth(path))
+    return array_type(head) or ("GDepth" if is_jpeg(head) and is_photo else "picture")
+
+
+def _headerless(
+    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
+) -> DepthNumbers:
+    width, height = size or reading.row.size or (0, 0)
+    return DepthNumbers(path, read_headerless(path, (width, height)), "headerless", "float32 rows")
+
+
+def _from_photo(
+    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
+) -> DepthNumbers:
     """Numbers of a depth image in a photograph; relative ones as 1 / z."""
+    from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
+    from defocus_core.io.depth_formats.rules import linear
+    from defocus_core.io.depth_formats.sidecars import with_sidecar
+
+    photo = read_heic(path) if is_heic(read_head(path)) else read_gdepth(path)
     if not reading.relative and photo.type == "GDepth" and "Units" not in photo.metadata:
         problem = "has GDepth without Units, which is relative"
         remedy = "say ‹blur› 20px ‹focus-at› X,Y instead of a lens"
         raise InputError("unknown-unit", problem, remedy, path=path)
+    require_size(path, reading, photo.values.shape, size)
     if not reading.relative:
         return photo
     row = replace(reading.row, sidecar=photo.type.lower())
-    row = with_sidecar(row, path, {"Units": "m", **photo.metadata})
-    numbers = photo.values.astype(np.float32) * row.scale + row.shift
+    row = with_sidecar(row, replace(photo, metadata={"Units": "m", **photo.metadata}))
+    assert row.ends is not None
+    scale, shift = linear(*row.ends, photo.top)
+    numbers = photo.values.astype(np.float32) * scale + shift
     near = np.float32(1) / numbers if row.rule == "scale" else numbers
     return replace(photo, values=near.astype(np.float32))
 
 
 def _from_arrays(
-    path: Path, reading: DepthReading, kind: str, size: tuple[int, int] | None
+    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
 ) -> DepthNumbers:
-    row, entries = reading.row, read_entries(path)
+    row, entries, kind = reading.row, read_entries(path), array_type(read_head(path, 32))
     name = _array_name(path, entries, reading)
     values = _frame(path, entries[name], kind, reading, size)
     marks: tuple[Mark, ...] = ()
@@ -100,7 +134,7 @@ def _from_arrays(
         marks = (Mark(holes, np.nan, f"holes of {row.holes}"),)
     words = f"{kind} array {name}" if name else kind
     kind = "integer NPY" if kind == "NPY" and values.dtype.kind in "iu" else kind
-    return DepthNumbers(values, kind, words, channel=name, marks=marks)
+    return DepthNumbers(path, values, kind, words, channel=name, marks=marks)
 
 
 def _array_name(path: Path, entries: Mapping[str, ArrayEntry], reading: DepthReading) -> str:
@@ -122,7 +156,7 @@ def _array_name(path: Path, entries: Mapping[str, ArrayEntry], reading: DepthRea
 
 
 def _frame(
-    path: Path, entry: ArrayEntry, kind: str, reading: DepthReading, size: tuple[int, int] | None
+    path: Path, entry: ArrayEntry, kind: str, reading: DepthReading, size: Size
 ) -> NDArray[Any]:
     """One map of an array in a file, of which no more than that is loaded."""
     row, shape, index = reading.row, entry.shape, None
@@ -154,38 +188,57 @@ def _chosen_frame(path: Path, count: int, part: int | None) -> int:
     return part
 
 
-def _from_raster(
-    path: Path, reading: DepthReading, keeping: Keeping, picture: tuple[int, int] | None
+def _from_picture(
+    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
 ) -> DepthNumbers:
     """Numbers of a PNG, TIFF or JPEG: one channel, or the bits of a pixel of several."""
+    from defocus_core.io.images import raster
+
     row = reading.row
-    raster = choose_page(path, read_pages(path, wanted=WANTED), reading.part)
-    if raster.deep:
+    page = raster.choose_page(path, raster.read_pages(path, wanted=WANTED), reading.part)
+    if page.deep:
         raise InputError("deep-data", "holds deep data", "flatten it first", path=path)
-    bits = {"uint8": "8-bit", "uint16": "16-bit"}.get(raster.type, raster.type)
-    kind = f"{bits} {path.suffix[1:].upper()}"
-    dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
-    dtype = dtypes.get(raster.type, np.float32)
-    size = raster.height, raster.width
-    require_size(path, reading, size, picture)
+    bits = {"uint8": "8-bit", "uint16": "16-bit"}.get(page.type, page.type)
+    kind, shape = f"{bits} {path.suffix[1:].upper()}", (page.height, page.width)
+    require_size(path, reading, shape, size)
     if row.weights or row.bits == "float32":
-        packed = np.empty((*size, len(raster.channels)), dtype)
-        for window, samples in read_samples(path, raster.page):
-            packed[window] = samples
-        several = len(raster.channels) in (3, 4) and raster.type == "uint8"
-        file_type = f"8-bit {'RGBA' if len(raster.channels) == 4 else 'RGB'}" if several else kind
-        return DepthNumbers(packed, file_type, kind)
-    _refuse_unsuited(path, raster, reading)
-    values = keeping.new(size, dtype)
-    for window, samples in read_samples(path, raster.page):
-        values[window] = samples[:, :, 0] if len(raster.channels) < 3 else _grey(path, samples)
-    if (top := pnm_top(path)) is not None:
-        values = np.rint(values[:] * (top / (255 if raster.type == "uint8" else 65535))).astype(
-            dtype
-        )
-    file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(raster.type, "float TIFF")
-    metadata = text_of(path) if row.sidecar == "text-chunks" else {}
-    return DepthNumbers(values, file_type, kind, metadata=metadata)
+        several = len(page.channels) in (3, 4) and page.type == "uint8"
+        file_type = f"8-bit {'RGBA' if len(page.channels) == 4 else 'RGB'}" if several else kind
+        values = raster.read_whole(path, page)
+        return DepthNumbers(path, _unpacked(values, row) if several else values, file_type, kind)
+    _refuse_unsuited(path, page, reading)
+    dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
+    values = keeping.new(shape, dtypes.get(page.type, np.float32))
+    for window, samples in raster.read_samples(path, page.page):
+        values[window] = samples[:, :, 0] if len(page.channels) < 3 else _grey(path, samples)
+    if (top := raster.pnm_top(path)) is not None:
+        factor = top / (255 if page.type == "uint8" else 65535)
+        values = np.rint(values[:] * factor).astype(values.dtype)
+    if row.bits == "float16":
+        values = np.ascontiguousarray(values[:].astype(np.uint16)).view(np.float16)
+    file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(page.type, "float TIFF")
+    metadata = raster.text_of(path) if row.sidecar == "text-chunks" else {}
+    return DepthNumbers(path, values, file_type, kind, metadata=metadata)
+
+
+def _unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
+    """Numbers [H, W] of the pixels [H, W, C] of 8 bits that hold one number each."""
+    if row.weights:
+        planes = samples[..., : len(row.weights)].astype(np.float64)
+        numbers: NDArray[Any] = planes @ np.array(row.weights)
+        return numbers
+    # OpenCV reads B, G, R, A: these are its bytes, little endian
+    return np.ascontiguousarray(samples[..., [2, 1, 0, 3]]).view("<f4")[..., 0]
+
+
+# How a file of each type is read; those of arrays by `_from_arrays`.
+_READERS = {
+    "headerless": _headerless,
+    "EXR": exr_depth_numbers,
+    "HEIC": _from_photo,
+    "GDepth": _from_photo,
+    "picture": _from_picture,
+}
 
 
 def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:

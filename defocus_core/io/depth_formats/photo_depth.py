@@ -11,22 +11,19 @@ import base64
 import re
 import struct
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
-from defocus_core.io.depth_formats.reading import holds_gdepth
-from defocus_core.io.depth_formats.rules import DepthNumbers
+from defocus_core.io.depth_formats.reading import DepthNumbers, holds_gdepth
 from defocus_core.io.images.raster import (
     HEIC_DAMAGE,
     open_heic,
     read_pages,
-    read_samples,
+    read_whole,
     upright,
 )
 from defocus_core.io.safe_files import decoding, quiet, read_head
@@ -63,7 +60,8 @@ def read_heic(path: Path) -> DepthNumbers:
         remedy = "take the photograph in portrait mode"
         raise InputError("no-depth", "has no depth image", remedy, path=path)
     values = values if values.ndim == 2 else values[:, :, 0]
-    return _numbers(values, "HEIC", images[0].info["metadata"] or {})
+    metadata = images[0].info["metadata"] or {}
+    return DepthNumbers(path, values, "HEIC", "HEIC depth image", metadata=metadata)
 
 
 def read_gdepth(path: Path) -> DepthNumbers:
@@ -80,18 +78,14 @@ def read_gdepth(path: Path) -> DepthNumbers:
         remedy = "check what took or edited it"
         raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
     try:
-        values = _decode(base64.b64decode(metadata.pop("Data"), validate=False))
+        with _unpack(base64.b64decode(metadata.pop("Data"), validate=False)) as image:
+            values = read_whole(image, read_pages(image)[0])[:, :, 0]
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
         problem = f"has a damaged GDepth image ({why})"
         raise InputError("damaged", problem, "copy the photograph again", path=path) from error
-    return _numbers(upright(values, read_pages(path)[0].orientation), "GDepth", metadata)
-
-
-def _numbers(values: NDArray[Any], file_type: str, metadata: Mapping[str, Any]) -> DepthNumbers:
-    top = 2.0 ** (8 * values.itemsize) - 1
-    words = f"{file_type} depth image"
-    return DepthNumbers(values, file_type, words, metadata={**metadata, "top": top})
+    values = upright(values, read_pages(path)[0].orientation)
+    return DepthNumbers(path, values, "GDepth", "GDepth depth image", metadata=metadata)
 
 
 def _properties(path: Path) -> dict[str, str]:
@@ -128,14 +122,3 @@ def _unpack(data: bytes) -> Iterator[Path]:
         file.write(data)
         file.flush()
         yield Path(file.name)
-
-
-def _decode(data: bytes) -> NDArray[Any]:
-    """First channel [H, W] of an encoded image, 8 or 16 bit."""
-    with _unpack(data) as image:
-        page = read_pages(image)[0]
-        dtype = np.uint16 if page.type == "uint16" else np.uint8
-        values = np.empty((page.height, page.width), dtype)
-        for window, samples in read_samples(image):
-            values[window] = samples[:, :, 0]
-    return values

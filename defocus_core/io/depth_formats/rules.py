@@ -1,206 +1,301 @@
-"""Depth formats as data: numbers of a file, the fields of a row, and functions that decode by them.
+"""Rules by which numbers become depth: which options each takes, and what it makes of numbers.
 
-Four kinds of rule are enough for every row. Numbers v of the file become
-  scale     depth  scale · v + shift
-  inverse   depth  focal · baseline / (scale · v + shift), or 1 / (scale · v + shift)
-  log       depth  exp(scale · v + shift)
-  bits      numbers v first: float32 in the four bytes of a pixel, float16 in 16 bits, or an integer
-            spread over R, G and B; then one of the above
+A row of the table names a rule; its sidecar and the user complete the row. Numbers v become
+  scale      depth  scale · v + shift
+  log        depth  exp(scale · v + shift)
+  inverse    depth  1 / (scale · v + shift), v a disparity in px of two cameras
+  per-metre  depth  1 / (scale · v + shift), v a disparity in 1 / m
+  radius     signed CoC radius in px, v itself
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, NamedTuple
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError
-from defocus_core.io.arrays import Keeping, bands
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.arrays import bands
+from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading
+from defocus_core.io.depth_formats.table import FORMATS, UNIT_WORDS, UNITS, DepthFormat
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 
-# Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.
-_EDGE, _WHOLE = (0.05, 0.9), 0.995
-# Edge pixels that are enough to judge by, and the share of them that must look multiplied.
-_ENOUGH, _MAXIMUM = 12, 0.8
-
-
-class Mark(NamedTuple):
-    """Pixels whose depth another channel, array or file says."""
-
-    pixels: NDArray[np.bool_]  # [H, W]
-    depth: float  # inf is sky, NaN no depth
-    words: str  # for people; empty if they need not know
-
-
-@dataclass(frozen=True)
-class DepthNumbers:
-    """The numbers of a depth file."""
-
-    # [H, W], or [H, W, C] of pixels that are bits; of the type they have in the file, an array
-    # or something else that rows can be cut from
-    values: Any
-    type: str  # of the file and its numbers, as the rows of the table have it
-    words: str  # type of the file and of its numbers, for people
-    channel: str = ""  # name in the file; empty where it has none
-    metadata: Mapping[str, Any] = field(default_factory=dict)  # of the file, by key
-    marks: tuple[Mark, ...] = ()  # in order: a later one wins
-    data_window: str = ""  # its data window in words, if it does not cover the picture
-    is_deep: bool = False  # whether they are those of the nearest samples of deep pixels
-
-    @property
-    def width(self) -> int:
-        """Of the map in px."""
-        return int(self.values.shape[1])
-
-    @property
-    def top(self) -> float:
-        """The greatest number of the type: 255, 65535, …; 1 of floats."""
-        dtype = np.dtype(self.values.dtype)
-        return 1.0 if dtype.kind == "f" else float(np.iinfo(dtype).max)
-
-    @property
-    def is_of_nuke(self) -> bool:
-        """Whether the header says that Nuke wrote it."""
-        return any(name.startswith("nuke/") for name in self.metadata)
-
-    @property
-    def is_integer(self) -> bool:
-        """Whether the numbers are integers."""
-        return self.values.dtype.kind in "iu"
-
-
-def divided(path: Path, values: Any, alpha: Any, how: str, keeping: Keeping) -> tuple[Any, str]:
-    """The numbers of a depth file without the alpha in them, and what was done, in words.
-
-    `values`: its numbers [H, W]; `alpha`: [H, W] of the colour; None if it has none.
-    """
-    usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
-    if how == "on" and not usable:
-        problem = "cannot be divided by alpha: the colour has no alpha of its size"
-        raise InputError("no-such-channel", problem, "leave ‹unpremultiply-depth› out", path=path)
-    if not usable or how == "off" or (how == "auto" and not _is_multiplied(values, alpha)):
-        return values, ""
-    result = keeping.new(tuple(values.shape), np.float32)
-    for rows in bands(values.shape):
-        fraction = np.asarray(alpha[rows], np.float32)
-        numbers = np.asarray(values[rows], np.float32)
-        result[rows] = np.divide(numbers, fraction, out=numbers.copy(), where=fraction > 0)
-    return result, "divided by alpha"
-
-
-def _is_multiplied(values: Any, alpha: Any) -> bool:
-    """Whether edges have the depth beside them times alpha, and not the depth itself."""
-    multiplied = plain = 0
-    for fraction, numbers in _overlapping(alpha, values):
-        edge = (fraction > _EDGE[0]) & (fraction < _EDGE[1])
-        if not edge.any():
-            continue
-        whole = (fraction >= _WHOLE) & np.isfinite(numbers) & (numbers > 0)
-        for step in (1, 2):
-            for axis in (0, 1):
-                for away in (-step, step):
-                    at = edge & np.roll(whole, away, axis)
-                    beside, own = np.roll(numbers, away, axis)[at], numbers[at]
-                    times = fraction[at] * beside
-                    nearer = np.abs(own - times) < np.abs(own - beside)
-                    multiplied += int(np.count_nonzero(nearer & (own > 0)))
-                    plain += int(np.count_nonzero(~nearer & (own > 0)))
-    return multiplied >= _ENOUGH and multiplied > _MAXIMUM * (multiplied + plain)
-
-
-def _overlapping(*arrays: Any) -> Iterator[list[NDArray[np.float32]]]:
-    """Bands of arrays [H, W], each with two rows of the next."""
-    for rows in bands(arrays[0].shape):
-        wide = slice(rows.start, rows.stop + 2)
-        yield [np.asarray(array[wide], np.float32) for array in arrays]
-
-
 HALF_MAX = 65504.0  # the largest number that half can hold
-SKY = 1e10  # Blender's far clip: numbers from this one on are sky in every format of depth
-FLOATS = ("EXR", "PFM", "NPY", "NPZ", "float TIFF")
-# R, G and B of it are equal, A is 1; a fault of its writer spoils what follows the dot.
-UNREAL_DEPTH = tuple(
-    f"FinalImage{writer}WorldDepth{end}"
-    for writer in ("MovieRenderQueue_", "PW")
-    for end in (".R", "*")
-)
-ANY = (*FLOATS, "16-bit PNG", "8-bit PNG", "8-bit RGB", "integer EXR", "integer NPY", "HDF5")
+MM_PER_M = 1000.0
+# Options that say how numbers become depth, in the order in which they are refused.
+_OPTIONS = ("depth-unit", "depth-range", "depth-scale", "baseline", "doffs", "focal-px", "fov")
+_CALIBRATION = {"focal-px": "‹focal-px› PX", "baseline": "‹baseline› 65mm"}
 
 
-@dataclass(frozen=True)
-class Mask:
-    """An image or array beside the depth file that marks pixels without depth, or sky."""
+class DepthRule(NamedTuple):
+    """A way from numbers to depth."""
 
-    # Where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of the depth
-    # file, ``{folder}`` the name of its folder, ``{number}`` the last digits of the stem
-    places: tuple[str, ...]
-    zeros: bool = False  # whether it marks them by 0, or by any other number
-    sky: int | None = None  # the number of the class that is sky; None if it marks no sky
-
-
-@dataclass(frozen=True)
-class DepthFormat:
-    """A depth convention: a row of the table, which sidecar and user complete for a file."""
-
-    name: str  # as ``depth_format`` has it
-    title: str  # which data set, renderer or network writes it
-    files: tuple[str, ...]  # types of file it may come in, as `DepthNumbers.type` has them
-    # Scale, inverse, log, or radius, whose numbers are signed CoC radii in px; empty where
-    # ``depth_kind`` must say whether they are depth or disparity
-    rule: str = "scale"
-    scale: float = 1.0  # what 1 in the file is: metres of depth, px of disparity
-    shift: float = 0.0  # added to numbers that were scaled
-    integer_scale: float | None = None  # what 1 is where the numbers are integers; None for `scale`
-    per_metre: bool = False  # whether disparity is in 1/m rather than in px
-    bits: str = ""  # ``float32`` or ``float16`` where the bits of a pixel are those of a float
-    weights: tuple[float, ...] = ()  # of R, G and B, where a pixel is an integer spread over them
-    # Names of EXR channels and of arrays in a container, patterns allowed, the first that is
-    # there wins; empty for the usual names
-    channels: tuple[str, ...] = ()
-    holes: str = ""  # name of the array in the same file whose zeros are invalid
-    radial_channels: tuple[str, ...] = ()  # which of these hold the distance to the point
-    # Which entry of a last axis of several; of EXR channels in the order of the file
-    plane: int | None = None
-    axes: str = "HW"  # order of axes in the file, N for frames
-    stride: int = 1  # every so many rows and columns are taken
-    size: tuple[int, int] | None = None  # width and height of a file without a header
-    geometry: str = "planar"  # planar, radial, or ask where the user must say it
-    # Numbers that mean no depth, beside NaN and what is not in front of the camera
-    invalid: tuple[float, ...] = ()
-    invalid_infinity: bool = False  # whether +inf means no depth rather than sky
-    # Numbers from this one on are sky; of a completed row, towards the far end
-    sky: float = SKY
-    sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
-    # Focal length in px of its pictures, where it is fixed; of a completed row, of this one
-    focal_px: float | None = None
-    # Width of the pictures that `focal_px` is of; None for any width
-    focal_width: int | None = None
-    baseline: float | None = None  # metres between its two cameras, where it is fixed
-    sidecar: str = ""  # name of what else holds a part of the rule, as `sidecars` has it
-    words: str = ""  # what completed the row, and in the end its rule, for people
-    mask: Mask | None = None
-    alpha: bool = False  # whether nothing is where the alpha of the EXR is 0
-    needs: tuple[str, ...] = ()  # options without which it cannot be decoded
-    unitless: bool = False  # whether its unit is that of a scene, so that ``depth_unit`` may say it
-    note: str = ""  # what else a user should know
-    aliases: tuple[str, ...] = field(default=())
+    holds: str  # what the numbers are: depth, disparity or radii
+    options: tuple[str, ...]  # those that mean something by it, beside what the row takes
+    # The row with scale, shift and words, by what the user says
+    complete: Callable[[DepthReading, DepthFormat, DepthNumbers], DepthFormat]
+    depth: Callable[[NDArray[np.float64]], NDArray[np.float64]]  # of scaled numbers
 
 
-def unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
-    """Numbers [H, W] of the samples [H, W] or [H, W, C] of a file whose bits a row explains."""
-    if row.weights:
-        planes = samples[..., : len(row.weights)].astype(np.float64)
-        numbers: NDArray[Any] = planes @ np.array(row.weights)
-        return numbers
-    if row.bits == "float32":  # OpenCV reads B, G, R, A: these are its bytes, little endian
-        return np.ascontiguousarray(samples[..., [2, 1, 0, 3]]).view("<f4")[..., 0]
-    if row.bits == "float16":
-        return np.ascontiguousarray(samples.astype(np.uint16)).view(np.float16)
-    return samples
+def resolved(
+    reading: DepthReading, samples: DepthNumbers, lens_focal: float | None = None
+) -> DepthFormat:
+    """The format of a file, completed by its sidecar and the user.
+
+    `lens_focal`: focal length of the lens in widths of its sensor, None if there is no lens.
+    """
+    if reading.relative:
+        near = "black" if reading.invert else "white"
+        return replace(FORMATS["coc"], words=f"relative disparity, {near} near")
+    row = reading.row
+    if row.sidecar:
+        from defocus_core.io.depth_formats.sidecars import with_sidecar
+
+        row = with_sidecar(row, samples)
+    row = _ruled(reading, row)
+    radial = samples.channel in row.radial_channels
+    row = replace(row, geometry=reading.geometry or ("radial" if radial else row.geometry))
+    _refuse_idle(reading, row)
+    if reading.depth_range is not None:
+        row = _by_range(reading, row, samples)
+    elif row.ends is not None:
+        scale, shift = linear(*row.ends, samples.top)
+        row = replace(row, scale=scale, shift=shift, words=f"{row.name}, {row.words}")
+    else:
+        row = RULES[row.rule].complete(reading, row, samples)
+    row = replace(row, sky=_sky(reading, row, samples))
+    focal = None if row.rule == "radius" else _focal(reading, row, samples, lens_focal)
+    if focal is None:
+        return replace(row, geometry="planar")
+    words = f"{row.words}, radial with {_focal_words(focal, samples.width)}"
+    return replace(row, focal_px=focal, words=words)
+
+
+def _ruled(reading: DepthReading, row: DepthFormat) -> DepthFormat:
+    """The row with a rule: its own, or the one of ``depth_kind``."""
+    kind = reading.depth_kind
+    if not row.rule:
+        if kind is None:
+            _ask(reading, row, "depth-kind", "depth or disparity")
+        if kind == "depth":
+            return replace(row, rule="scale")
+        return replace(row, rule="inverse", needs=("depth-range",))  # a network's has no scale
+    holds = RULES[row.rule].holds
+    if kind not in (None, holds):
+        what = row.title if holds == "radii" else holds
+        problem = f"contradicts ‹depth-format› {row.name}, which is {what}"
+        raise UsageProblem("contradiction", problem, "leave one of them out", field="depth-kind")
+    if reading.depth_range is not None and reading.depth_format is None and kind is None:
+        problem = "does not say whether the numbers are depth or disparity"
+        remedy = "add ‹depth-kind› disparity, or depth"
+        raise UsageProblem("missing-option", problem, remedy, field="depth-range")
+    return row
+
+
+def _refuse_idle(reading: DepthReading, row: DepthFormat) -> None:
+    """Refuse options that would mean nothing for the rule, or contradict one another."""
+    rule = RULES[row.rule]
+    takes = {*row.takes, *row.needs, *(() if row.ends else rule.options)}
+    takes |= {"focal-px", "fov"} if row.geometry == "radial" else set()
+    said = [each for each in _OPTIONS if getattr(reading, each.replace("-", "_")) is not None]
+    idle = [each for each in said if each not in takes]
+    idle += ["radial"] * (reading.geometry == "radial" and rule.holds != "depth")
+    if idle:
+        what = rule.holds if rule.holds == "disparity" else row.name
+        if reading.depth_format is None and rule.holds == "depth":
+            what = "planar depth"
+        raise UsageProblem("idle-option", f"has no effect on {what}", "leave it out", field=idle[0])
+    other = set(said) & {"depth-unit", "depth-scale", "baseline", "doffs"}
+    if reading.depth_range is not None and other:
+        problem, field = "stands beside ‹depth-range›", min(other, key=said.index)
+        raise UsageProblem("contradiction", problem, "give one of them", field=field)
+
+
+def _ask(reading: DepthReading, row: DepthFormat, option: str, value: str) -> NoReturn:
+    """Ask for an option that the format cannot do without."""
+    problem = f"leaves ‹{option}› open" + (f": {row.note}" if row.note else "")
+    raise UsageProblem("missing-option", problem, f"add ‹{option}› {value}", **reading.asked_by)
+
+
+def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
+    """A format whose numbers are linear in depth, or in disparity, between two distances."""
+    assert reading.depth_range is not None
+    near, far = (end / MM_PER_M for end in reading.depth_range)
+    if near == far:
+        problem = "has the same distance twice"
+        raise UsageProblem("out-of-range", problem, "give two distances", field="depth-range")
+    holds = RULES[row.rule].holds
+    ends, shown = (
+        ((near, far), (near, far)) if holds == "depth" else ((1 / far, 1 / near), (far, near))
+    )
+    top, which = samples.top, ""
+    if not samples.is_integer:
+        top, which = _top_of_floats(row, samples)
+    scale, shift = linear(*ends, top)
+    words = f"{holds}, 0 is {shown[0]:.6g} m and {top:.6g}{which} is {shown[1]:.6g} m"
+    return replace(row, scale=scale, shift=shift, words=words)
+
+
+def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]:
+    """The float at the other end of a range than 0, and what it is, in words.
+
+    1; disparity of a network has no other end than its greatest. Else floats beyond 0 and 1, of
+    which nothing is known, are refused.
+    """
+    minimum, maximum = math.inf, -math.inf
+    for rows in bands(samples.values.shape):
+        band = samples.values[rows]
+        finite = band[np.isfinite(band)]
+        if finite.size:
+            minimum, maximum = min(minimum, float(finite.min())), max(maximum, float(finite.max()))
+    is_of_network = "depth-range" in row.needs and row.rule == "inverse"
+    if is_of_network and minimum >= 0 and maximum > 1 + 1e-3:
+        return maximum, ", the greatest of the file,"
+    if minimum < -1e-3 or maximum > 1 + 1e-3:
+        problem = f"has floats from {minimum:.4g} to {maximum:.4g}, and ‹depth-range› is of 0 and 1"
+        remedy = "give ‹depth-scale› and ‹doffs› instead"
+        raise InputError("out-of-range", problem, remedy, path=samples.path)
+    return 1.0, ""
+
+
+def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
+    """A format of depth, by the unit and the scale of its numbers."""
+    if "depth-range" in row.needs:
+        _ask(reading, row, "depth-range", "NEAR FAR, like 1m 20m")
+    if "depth-scale" in row.needs and reading.depth_scale is None:
+        _ask(reading, row, "depth-scale", "METRES")
+    unit = reading.depth_unit
+    if reading.depth_format is None and unit is None:
+        unit = "mm" if samples.type == "16-bit PNG" else "m"  # the custom
+        if reading.depth_scale is not None:
+            unit = "m"
+        elif samples.is_integer and unit == "m":
+            numbers = f"has {samples.channel} in whole numbers"
+            if not samples.channel:
+                numbers = f"holds {samples.values.dtype} numbers"
+            problem = f"{numbers}, whose unit is unknown"
+            named = samples.type == "HEIC"
+            remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
+            raise InputError("unknown-unit", problem, remedy, path=samples.path)
+    own = row.integer_scale if samples.is_integer else None
+    scale = (row.scale if own is None else own) * UNITS[unit or "m"]
+    words = [UNIT_WORDS.get(unit or "", "")]
+    if reading.depth_scale is not None:
+        scale *= reading.depth_scale
+        words.append(f"× {reading.depth_scale:g}")
+    if reading.depth_format is not None:
+        words = [row.name, row.words, *words]
+    return replace(row, scale=scale, words=", ".join(filter(None, words)))
+
+
+def _by_cameras(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
+    """A format of disparity in px, by focal length and baseline, or by a scale."""
+    scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
+    if "depth-range" in row.needs and reading.depth_scale is None:
+        remedy = "NEAR FAR, like 1m 20m; or ‹depth-scale› and ‹doffs›, as 1/z = scale v + doffs"
+        _ask(reading, row, "depth-range", remedy)
+    focal = row.focal_px if reading.focal_px is None else reading.focal_px
+    baseline = row.baseline if reading.baseline is None else reading.baseline / MM_PER_M
+    doffs = row.shift if reading.doffs is None else reading.doffs
+    if focal is not None and baseline is not None:
+        across = _focal_words(focal, samples.width).partition("px, ")[2]
+        source = f" by {row.words}" if row.words else ""
+        words = f"{row.name}, {focal:.6g} px ({across}) × {baseline:.6g} m{source}"
+        scale, doffs = scale / (focal * baseline), doffs / (focal * baseline)
+        return replace(row, scale=scale, shift=doffs, words=words)
+    if focal is None and baseline is None and reading.depth_scale is not None:
+        words = f"disparity, 1/z = {scale:g} v{f' + {doffs:g}' if doffs else ''}"
+        return replace(row, scale=scale, shift=doffs, words=words)
+    missing = [n for n, value in zip(_CALIBRATION, (focal, baseline), strict=True) if value is None]
+    names = " and ".join(f"‹{name}›" for name in missing)
+    why = f": there is no {row.sidecar} beside {samples.path}" if row.sidecar else ""
+    remedy = f"add {' and '.join(_CALIBRATION[name] for name in missing)}"
+    if row.name == "disparity":
+        remedy += ", or ‹depth-range› NEAR FAR, or ‹depth-scale›"
+    raise UsageProblem("missing-option", f"leaves {names} open{why}", remedy, **reading.asked_by)
+
+
+def _per_metre(reading: DepthReading, row: DepthFormat, _: DepthNumbers) -> DepthFormat:
+    """A format of 1 / z, in the unit of the scene."""
+    scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
+    return replace(row, scale=scale / UNITS[reading.depth_unit or "m"], words=f"{row.name}, 1 / z")
+
+
+def _sky(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> float:
+    """The number from which on, towards the far end, the numbers of a file are sky."""
+    if reading.sky is not None:
+        return reading.sky
+    if RULES[row.rule].holds == "disparity":
+        return -math.inf if row.scale > 0 else math.inf
+    sky = min(row.sky, HALF_MAX) if samples.is_half else row.sky
+    return -sky if row.scale < 0 else sky
+
+
+def _focal(
+    reading: DepthReading, row: DepthFormat, samples: DepthNumbers, lens_focal: float | None
+) -> float | None:
+    """Focal length in px of the depth map where it holds distances to the point, else None."""
+    if row.geometry == "ask":
+        problem = "leaves open whether the numbers are depth or the distance to the point"
+        problem += f" ({row.note})" if row.note else ""
+        remedy = "add ‹planar› or ‹radial›"
+        raise UsageProblem("missing-option", problem, remedy, **reading.asked_by)
+    if row.geometry == "planar":
+        return None
+    if reading.fov is not None and reading.focal_px is not None:
+        remedy = "give one of them"
+        raise UsageProblem("contradiction", "stands beside ‹focal-px›", remedy, field="fov")
+    if reading.focal_px is not None:
+        return reading.focal_px
+    if reading.fov is not None:
+        return samples.width / 2 / math.tan(math.radians(reading.fov) / 2)
+    if row.focal_px is not None:
+        return row.focal_px * (samples.width / row.focal_width if row.focal_width else 1.0)
+    if lens_focal is not None:
+        return lens_focal * samples.width
+    by = {"field": "radial"} if reading.geometry else reading.asked_by
+    problem = "is the distance to the point, and nothing says the field of view"
+    raise UsageProblem("missing-option", problem, "add ‹fov› 60deg or ‹focal-px› PX", **by)
+
+
+def _focal_words(focal: float, width: int) -> str:
+    """A focal length in px, and the field of view that it is."""
+    degrees = 2 * math.degrees(math.atan(width / 2 / focal))
+    return f"a focal length of {focal:.6g} px, {degrees:.3g}° across"
+
+
+def linear(at_zero: float, at_top: float, top: float) -> tuple[float, float]:
+    """Scale and shift with which number 0 is one value, and `top` another."""
+    return (at_top - at_zero) / top, at_zero
+
+
+def _radii(_: DepthReading, row: DepthFormat, __: DepthNumbers) -> DepthFormat:
+    return replace(row, words="signed CoC radius in px")
+
+
+def _same(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    return scaled
+
+
+def _inverted(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Depth by disparity: no point in front of both cameras has a negative one."""
+    with np.errstate(divide="ignore"):
+        return np.where(scaled < 0, np.nan, 1 / np.abs(scaled))
+
+
+RULES = {
+    "scale": DepthRule("depth", ("depth-scale",), _by_unit, _same),
+    "log": DepthRule("depth", (), _by_unit, np.exp),
+    "inverse": DepthRule(
+        "disparity", ("depth-scale", "baseline", "doffs", "focal-px"), _by_cameras, _inverted
+    ),
+    "per-metre": DepthRule("disparity", ("depth-scale",), _per_metre, _inverted),
+    "radius": DepthRule("radii", (), _radii, _same),
+}
 
 
 def decoded(
@@ -215,7 +310,7 @@ def decoded(
 
     `row`: completed; `frame`: rows and columns of the frame; None if `numbers` has all of them.
     """
-    with np.errstate(over="ignore"):  # as below
+    with np.errstate(over="ignore"):  # a double beyond float32 is sky
         metres = _metres(numbers, row)
     if row.geometry == "radial":
         assert row.focal_px is not None
@@ -227,50 +322,36 @@ def decoded(
             size=(rows.stop - rows.start, columns.stop - columns.start),
         )
         metres = (metres.astype(np.float64) * cosine).astype(np.float32)
-    for marked, value in ((is_sky, np.inf), (is_marked_invalid, np.nan)):
-        pixels = marked(numbers, row)
-        if pixels is not None and pixels.any():
+    invalid = np.isin(numbers, row.invalid) if row.invalid else np.False_
+    if row.invalid_infinity:
+        invalid = invalid | np.isposinf(numbers)
+    for pixels, value in ((is_sky(numbers, row), np.inf), (invalid, np.nan)):
+        if pixels.any():
             metres = np.where(pixels, np.float32(value), metres)
     return metres
 
 
-def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_] | None:
-    """Which numbers stand for sky; None if none can."""
-    if row.rule == "radius":
-        return None
-    falls = (row.scale < 0) != (row.rule == "inverse")  # the farther, the less
-    with np.errstate(over="ignore"):  # a double beyond float32 is sky
+def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_]:
+    """Which numbers stand for sky; radii have none."""
+    holds = RULES[row.rule].holds
+    if holds == "radii":
+        return np.zeros(numbers.shape, bool)
+    falls = (row.scale < 0) != (holds == "disparity")  # the farther, the less
+    with np.errstate(over="ignore"):
         values, end = numbers.astype(np.float32, copy=False), np.float32(row.sky)
     sky: NDArray[np.bool_] = values <= end if falls else values >= end
-    for number in row.sky_numbers:
-        sky |= numbers == number
-    return sky
-
-
-def is_marked_invalid(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_] | None:
-    """Which numbers the format marks as invalid; None if none. NaN stays NaN by any rule."""
-    marked = [numbers == number for number in row.invalid]
-    if row.invalid_infinity:
-        marked.append(np.isposinf(numbers))
-    return np.logical_or.reduce(marked) if marked else None
+    return sky | np.isin(numbers, row.sky_numbers) if row.sky_numbers else sky
 
 
 def _metres(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.float32]:
     """Depth, or distance to the point, in metres."""
-    plain = row.rule in ("scale", "radius") and (row.scale, row.shift) == (1, 0)
-    if plain:
+    depth = RULES[row.rule].depth
+    if depth is _same and (row.scale, row.shift) == (1, 0):
         return numbers.astype(np.float32, copy=False)
     scaled: NDArray[np.float64] = numbers.astype(np.float64) * row.scale
     if row.shift:
         scaled += row.shift
-    if row.rule in ("scale", "radius"):
-        return scaled.astype(np.float32)
-    if row.rule == "log":
-        return np.exp(scaled).astype(np.float32)
-    # No point in front of both cameras has a negative disparity.
-    with np.errstate(divide="ignore"):
-        depth = np.where(scaled < 0, np.nan, 1 / np.abs(scaled))
-    return depth.astype(np.float32)
+    return depth(scaled).astype(np.float32)
 
 
 def _cosine(
@@ -289,8 +370,3 @@ def _cosine(
     )
     cosine: NDArray[np.float64] = focal_px / np.sqrt(x**2 + y[:, None] ** 2 + focal_px**2)
     return cosine
-
-
-def linear(at_zero: float, at_top: float, top: float) -> tuple[float, float]:
-    """Scale and shift with which number 0 is one value, and `top` another."""
-    return (at_top - at_zero) / top, at_zero

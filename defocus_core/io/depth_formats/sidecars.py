@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import read_plain
-from defocus_core.io.depth_formats.rules import DepthFormat, Mark, Mask, linear
-from defocus_core.io.images.raster import choose_page, read_pages, read_samples
+from defocus_core.io.depth_formats.reading import DepthNumbers, Mark
+from defocus_core.io.depth_formats.table import DepthFormat, Mask
+from defocus_core.io.images.raster import choose_page, read_pages, read_whole
 from defocus_core.io.safe_files import MALFORMED, decoding
 
 # What a reader raises that meets another content than it expects.
@@ -29,18 +30,18 @@ _LONGEST = 1 << 20  # bytes of a sidecar
 _CHECK = "check the file"
 
 
-def with_sidecar(row: DepthFormat, path: Path, metadata: Mapping[str, Any]) -> DepthFormat:
+Found = Mapping[str, Any]  # fields of a `DepthFormat`
+
+
+def with_sidecar(row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
     """A format with what the sidecar of a depth file says; as it is if there is no such file."""
-    own = row.sidecar in _METADATA_READERS
-    place = path if own else _sidecar(row, path)
+    place = _sidecar(row, samples.path)
     if place is None:
         return row
     try:
-        if own:
-            return _METADATA_READERS[row.sidecar](row, metadata)
-        return _SIDECARS[row.sidecar].read(row, place, path)
+        return replace(row, **_SIDECARS[row.sidecar].read(place, samples))
     except (*_FAULTS, configparser.Error) as error:
-        problem = f"does not say what {row.sidecar} of {path.name} should ({reason(error)})"
+        problem = f"does not say what {row.sidecar} of {samples.path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
 
 
@@ -48,44 +49,45 @@ def _text(path: Path) -> str:
     return read_plain(path, _LONGEST).decode("utf-8", "replace")
 
 
-def _calib(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
+def _calib(place: Path, _: DepthNumbers) -> Found:
     """Middlebury: ``cam0=[f 0 cx; 0 f cy; 0 0 1]``, ``doffs=``, ``baseline=`` in mm."""
-    lines = dict(line.split("=", 1) for line in _text(path).splitlines() if "=" in line)
+    lines = dict(line.split("=", 1) for line in _text(place).splitlines() if "=" in line)
     focal = float(lines["cam0"].strip(" []").split()[0])
-    baseline = float(lines["baseline"]) / 1000
-    return _calibrated(row, path.name, focal, baseline, float(lines.get("doffs", 0)))
+    return _calibrated(
+        place.name, focal, float(lines["baseline"]) / 1000, float(lines.get("doffs", 0))
+    )
 
 
-def _dmin(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
+def _dmin(place: Path, _: DepthNumbers) -> Found:
     """Middlebury 2005 and 2006, whose camera is one: px by which the crops differ, of full size."""
-    return _calibrated(row, path.name, 3740.0, 0.16, float(_text(path)))
+    return _calibrated(place.name, 3740.0, 0.16, float(_text(place)))
 
 
-def _parameters(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
+def _parameters(place: Path, _: DepthNumbers) -> Found:
     """4D light field benchmark: disparity is 0 at the focus distance."""
     parser = configparser.ConfigParser(interpolation=None)
-    parser.read_string(_text(path))
+    parser.read_string(_text(place))
     values = {key: value for section in parser.values() for key, value in section.items()}
     width = max(float(values[f"image_resolution_{axis}_px"]) for axis in "xy")
     focal = float(values["focal_length_mm"]) / float(values["sensor_size_mm"]) * width
     baseline = float(values["baseline_mm"]) / 1000
     focus = _positive(float(values["focus_distance_m"]))
-    return _calibrated(row, path.name, focal, baseline, focal * baseline / focus)
+    return _calibrated(place.name, focal, baseline, focal * baseline / focus)
 
 
-def _cityscapes(row: DepthFormat, path: Path, _: Path) -> DepthFormat:
+def _cityscapes(place: Path, _: DepthNumbers) -> Found:
     """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
-    camera = json.loads(_text(path))
+    camera = json.loads(_text(place))
     focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
-    return _calibrated(row, path.name, focal, baseline, -1 / 256)
+    return _calibrated(place.name, focal, baseline, -1 / 256)
 
 
-def _extrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
+def _extrinsics(place: Path, samples: DepthNumbers) -> Found:
     """UnrealStereo4K: a line of intrinsics, 3×3, and one of world to camera, 3×4, a camera."""
-    own = f"Extrinsics{'1' if depth.parent.name.endswith('1') else '0'}"
+    own = f"Extrinsics{'1' if samples.path.parent.name.endswith('1') else '0'}"
     poses, focal = [], 0.0
     for number in "01":
-        file = path.parent.parent / f"Extrinsics{number}" / path.name
+        file = place.parent.parent / f"Extrinsics{number}" / place.name
         intrinsics, pose = _text(file).splitlines()[:2]
         if file.parent.name == own:
             focal = float(intrinsics.split()[0])
@@ -93,72 +95,64 @@ def _extrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
         matrix[:3] = np.array([float(word) for word in pose.split()]).reshape(3, 4)
         poses.append(np.linalg.inv(matrix))
     baseline = abs(float((np.linalg.inv(poses[0]) @ poses[1])[0, 3]))
-    return _calibrated(row, f"{own}/{path.name}", focal, baseline, 0.0)
+    return _calibrated(f"{own}/{place.name}", focal, baseline, 0.0)
 
 
 _STEPS = 65533  # of MoGe, between the numbers 1 and 65534
 
 
-def _text_chunks(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
+def _text_chunks(_: Path, samples: DepthNumbers) -> Found:
     """MoGe: near and far, and a unit in files of its first version; steps of the logarithm."""
-    unit = float(metadata.get("unit", 1))
-    near, far = (math.log(_positive(float(metadata[key]) * unit)) for key in ("near", "far"))
+    unit = float(samples.metadata.get("unit", 1))
+    near, far = (
+        math.log(_positive(float(samples.metadata[key]) * unit)) for key in ("near", "far")
+    )
     scale = (far - near) / _STEPS
-    return replace(row, words="text chunks near and far", scale=scale, shift=near - scale)
+    return {"words": "text chunks near and far", "scale": scale, "shift": near - scale}
 
 
-def _intrinsics(row: DepthFormat, path: Path, depth: Path) -> DepthFormat:
+def _intrinsics(place: Path, samples: DepthNumbers) -> Found:
     """Spring: a line ``fx fy cx cy`` for each frame, the first of which is 1."""
-    frame = int(re.findall(r"\d+", depth.stem)[-1])
-    line = [line for line in _text(path).splitlines() if line.strip()][max(frame - 1, 0)]
+    frame = int(re.findall(r"\d+", samples.path.stem)[-1])
+    line = [line for line in _text(place).splitlines() if line.strip()][max(frame - 1, 0)]
     focal = _positive(float(line.split()[0]))
-    return replace(row, words=f"{path.name}, frame {frame}", focal_px=focal)
+    return {"words": f"{place.name}, frame {frame}", "focal_px": focal}
 
 
-def _heic(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
+def _heic(_: Path, samples: DepthNumbers) -> Found:
     """HEIC: steps of 1/z from far to near (0), of disparity in 1/m (1), or of z (2)."""
+    metadata = samples.metadata
     kind = int(metadata.get("representation_type", 1))
-    if kind in (0, 2):
-        near, far = (_positive(float(metadata[key])) for key in ("z_near", "z_far"))
-        ends = (near, far) if kind == 2 else (1 / far, 1 / near)
-        return _linear(row, "z_near and z_far", ends, metadata, "scale" if kind == 2 else "inverse")
-    if kind != 1:
+    if kind not in (0, 1, 2):
         raise ValueError(f"representation_type {kind}, which is none of 0, 1 and 2")
-    ends = float(metadata["d_min"]), float(metadata["d_max"])
-    return _linear(row, "d_min and d_max", ends, metadata, "inverse")
+    if kind == 1:
+        ends = float(metadata["d_min"]), float(metadata["d_max"])
+        return {"words": "d_min and d_max", "rule": "per-metre", "ends": ends}
+    near, far = (_positive(float(metadata[key])) for key in ("z_near", "z_far"))
+    if kind == 2:
+        return {"words": "z_near and z_far", "rule": "scale", "ends": (near, far)}
+    return {"words": "z_near and z_far", "rule": "per-metre", "ends": (1 / far, 1 / near)}
 
 
-def _gdepth(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
+def _gdepth(_: Path, samples: DepthNumbers) -> Found:
     """GDepth: RangeInverse is linear in 1/z, RangeLinear in z; Near and Far in m or mm."""
+    metadata = samples.metadata
     unit = {"m": 1.0, "mm": 1e-3}[str(metadata["Units"])]
     near, far = (_positive(float(metadata[key]) * unit) for key in ("Near", "Far"))
-    row = replace(row, geometry="radial") if metadata.get("MeasureType") == "OpticRay" else row
-    source = f"GDepth {metadata['Format']}"
-    if metadata["Format"] == "RangeInverse":
-        return _linear(row, source, (1 / near, 1 / far), metadata, "inverse")
-    if metadata["Format"] != "RangeLinear":
-        raise ValueError(f"Format {metadata['Format']}")
-    return _linear(row, source, (near, far), metadata, "scale")
+    rules = {
+        "RangeInverse": ("per-metre", (1 / near, 1 / far)),
+        "RangeLinear": ("scale", (near, far)),
+    }
+    rule, ends = rules[metadata["Format"]]
+    geometry = "radial" if metadata.get("MeasureType") == "OpticRay" else "planar"
+    words = f"GDepth {metadata['Format']}"
+    return {"words": words, "rule": rule, "ends": ends, "geometry": geometry}
 
 
-def _linear(
-    row: DepthFormat,
-    source: str,
-    ends: tuple[float, float],
-    metadata: Mapping[str, Any],
-    rule: str,
-) -> DepthFormat:
-    """A format whose numbers are linear in z, or 1/z, from that of 0 to that of the greatest."""
-    scale, shift = linear(*ends, float(metadata["top"]))
-    return replace(row, words=source, rule=rule, scale=scale, shift=shift, per_metre=True)
-
-
-def _calibrated(
-    row: DepthFormat, source: str, focal: float, baseline: float, doffs: float
-) -> DepthFormat:
-    """A format with focal length in px, baseline in metres and px added to the disparity."""
+def _calibrated(words: str, focal: float, baseline: float, doffs: float) -> Found:
+    """Focal length in px, baseline in metres and px added to the disparity."""
     focal, baseline = _positive(focal), _positive(baseline)
-    return replace(row, words=source, focal_px=focal, baseline=baseline, shift=doffs)
+    return {"words": words, "focal_px": focal, "baseline": baseline, "shift": doffs}
 
 
 def _positive(value: float) -> float:
@@ -167,14 +161,14 @@ def _positive(value: float) -> float:
     return value
 
 
-def _alicevision(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
-    """AliceVision: the camera in px of the map, or its inverse; as it is if there is neither.
+def _alicevision(_: Path, samples: DepthNumbers) -> Found:
+    """AliceVision: the camera in px of the map, or its inverse; nothing if there is neither.
 
     Either is stored by rows or by columns: that is meant whose principal point is in the middle.
     """
-    width, height = metadata["size"]
+    width, height = samples.metadata["size"]
     for name, is_inverse in (("iCamArr", True), ("P", False)):
-        if (raw := metadata.get(f"AliceVision:{name}")) is None:
+        if (raw := samples.metadata.get(f"AliceVision:{name}")) is None:
             continue
         numbers = np.frombuffer(raw.value, "<f8" if raw.kind.endswith("d") else "<f4")
         matrix = numbers.astype(float).reshape((math.isqrt(len(numbers)),) * 2)[:3, :3]
@@ -184,22 +178,18 @@ def _alicevision(row: DepthFormat, metadata: Mapping[str, Any]) -> DepthFormat:
             squares = squares / squares[2, 2]
             x, y, focal = squares[0, 2], squares[1, 2], squares[0, 0] - squares[0, 2] ** 2
             if abs(x - width / 2) < width / 4 and abs(y - height / 2) < height / 4 and focal > 0:
-                return replace(row, words=f"camera of {name}", focal_px=math.sqrt(focal))
-    return row
-
-
-_METADATA_READERS = {"text-chunks": _text_chunks, "heic": _heic, "gdepth": _gdepth}
-_METADATA_READERS["alicevision"] = _alicevision
+                return {"words": f"camera of {name}", "focal_px": math.sqrt(focal)}
+    return {}
 
 
 class _Sidecar(NamedTuple):
     """How a sidecar is read, and where it may lie."""
 
-    # The format that it completes, its place, and that of the depth file
-    read: Callable[[DepthFormat, Path, Path], DepthFormat]
+    read: Callable[[Path, DepthNumbers], Found]  # by its place and the numbers of the depth file
     # Relative to the depth file's folder: ``{stem}`` is the stem of the depth file, ``{scene}`` it
-    # without its last word, ``{folder}`` and ``{above}`` the names of its folder and the one above
-    places: tuple[str, ...]
+    # without its last word, ``{folder}`` and ``{above}`` the names of its folder and the one above;
+    # none of metadata of the file itself
+    places: tuple[str, ...] = ()
 
 
 _SIDECARS = {
@@ -212,6 +202,10 @@ _SIDECARS = {
         ("{scene}_camera.json", "../../../camera/{above}/{folder}/{scene}_camera.json"),
     ),
     "Extrinsics": _Sidecar(_extrinsics, ("../Extrinsics0/{stem}.txt", "Extrinsics0/{stem}.txt")),
+    "text-chunks": _Sidecar(_text_chunks),
+    "heic": _Sidecar(_heic),
+    "gdepth": _Sidecar(_gdepth),
+    "alicevision": _Sidecar(_alicevision),
 }
 
 
@@ -230,18 +224,20 @@ def _found(places: tuple[str, ...], path: Path) -> Path | None:
 
 
 def _sidecar(row: DepthFormat, path: Path) -> Path | None:
-    """The sidecar of a depth file; None if there is none."""
-    return _found(_SIDECARS[row.sidecar].places, path) if row.sidecar in _SIDECARS else None
+    """The sidecar of a depth file, or itself; None if there is none."""
+    places = _SIDECARS[row.sidecar].places
+    return _found(places, path) if places else path
 
 
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     """Files beside a depth file by which it is read, by role; empty if there are none."""
-    sidecar, right = _sidecar(row, path), None
+    sidecar = _sidecar(row, path) if row.sidecar else None
+    right = None
     if sidecar is not None and row.sidecar == "Extrinsics":
         right = sidecar.parent.parent / "Extrinsics1" / sidecar.name
     mask = _found(row.mask.places, path) if row.mask is not None else None
     files = {"depth_sidecar": sidecar, "depth_sidecar_right": right, "depth_mask": mask}
-    return {role: file for role, file in files.items() if file is not None}
+    return {role: file for role, file in files.items() if file not in (None, path)}
 
 
 def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark | None:
@@ -264,14 +260,9 @@ def _mask_values(path: Path, shape: tuple[int, int], depth: Path) -> NDArray[Any
             values = values.reshape(values.shape[:2]) if values.ndim == 3 else values
             rows, columns = values.shape
     else:
-        page = choose_page(path, read_pages(path), None)
-        rows, columns = page.height, page.width
+        values = read_whole(path, choose_page(path, read_pages(path), None))[:, :, 0]
+        rows, columns = values.shape
     if (rows, columns) != shape:
         problem = f"is {columns}x{rows} px and {depth} is {shape[1]}x{shape[0]} px"
         raise InputError("wrong-size", problem, _CHECK, path=path)
-    if path.suffix == ".npy":
-        return values
-    values = np.empty(shape, np.float32)
-    for window, samples in read_samples(path, page.page):
-        values[window] = samples[:, :, 0]
     return values

@@ -4,25 +4,88 @@ Nothing is read off the range of the values. A file without a named format follo
 type: floats are metres, and 16-bit integers of PNG and TIFF millimetres; integers of EXR and NPY
 have no custom, so that their unit must be set (``depth_unit``).
 
-A new format is a row, and a line of ``help/depth.md``, which a test compares; its fields are in
-`rules`. The rows are of stereo data sets, networks, renderers, data sets of depth.
+A new format is a row, and a line of ``help/depth.md``, which a test compares. The rows are of
+stereo data sets, networks, renderers, data sets of depth.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 
-from defocus_core.io.depth_formats.rules import (
-    ANY,
-    FLOATS,
-    UNREAL_DEPTH,
-    DepthFormat,
-    Mask,
+SKY = 1e10  # Blender's far clip: numbers from this one on are sky in every format of depth
+FLOATS = ("EXR", "PFM", "NPY", "NPZ", "float TIFF")
+# R, G and B of it are equal, A is 1; a fault of its writer spoils what follows the dot.
+UNREAL_DEPTH = tuple(
+    f"FinalImage{writer}WorldDepth{end}"
+    for writer in ("MovieRenderQueue_", "PW")
+    for end in (".R", "*")
 )
+ANY = (*FLOATS, "16-bit PNG", "8-bit PNG", "8-bit RGB", "integer EXR", "integer NPY", "HDF5")
+
+
+@dataclass(frozen=True)
+class Mask:
+    """An image or array beside the depth file that marks pixels without depth, or sky."""
+
+    # Where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of the depth
+    # file, ``{folder}`` the name of its folder, ``{number}`` the last digits of the stem
+    places: tuple[str, ...]
+    zeros: bool = False  # whether it marks them by 0, or by any other number
+    sky: int | None = None  # the number of the class that is sky; None if it marks no sky
+
+
+@dataclass(frozen=True)
+class DepthFormat:
+    """A depth convention: a row of the table, which sidecar and user complete for a file."""
+
+    name: str  # as ``depth_format`` has it
+    title: str  # which data set, renderer or network writes it
+    files: tuple[str, ...]  # types of file it may come in, as `DepthNumbers.type` has them
+    # A name of `rules.RULES`; empty where ``depth_kind`` must say if they are depth or disparity
+    rule: str = "scale"
+    takes: tuple[str, ...] = ()  # options that mean something, beside those of the rule
+    needs: tuple[str, ...] = ()  # those without which it cannot be decoded
+    scale: float = 1.0  # what 1 in the file is: metres of depth, px of disparity
+    shift: float = 0.0  # added to numbers that were scaled
+    # What 0 and the greatest number of the type are, in m or 1/m, where the file says it
+    ends: tuple[float, float] | None = None
+    integer_scale: float | None = None  # what 1 is where the numbers are integers; None for `scale`
+    bits: str = ""  # ``float32`` or ``float16`` where the bits of a pixel are those of a float
+    weights: tuple[float, ...] = ()  # of R, G and B, where a pixel is an integer spread over them
+    # Names of EXR channels and of arrays in a container, patterns allowed, the first that is
+    # there wins; empty for the usual names
+    channels: tuple[str, ...] = ()
+    holes: str = ""  # name of the array in the same file whose zeros are invalid
+    radial_channels: tuple[str, ...] = ()  # which of these hold the distance to the point
+    # Which entry of a last axis of several; of EXR channels in the order of the file
+    plane: int | None = None
+    axes: str = "HW"  # order of axes in the file, N for frames
+    stride: int = 1  # every so many rows and columns are taken
+    size: tuple[int, int] | None = None  # width and height of a file without a header
+    geometry: str = "planar"  # planar, radial, or ask where the user must say it
+    # Numbers that mean no depth, beside NaN and what is not in front of the camera
+    invalid: tuple[float, ...] = ()
+    invalid_infinity: bool = False  # whether +inf means no depth rather than sky
+    # Numbers from this one on are sky; of a completed row, towards the far end
+    sky: float = SKY
+    sky_numbers: tuple[float, ...] = ()  # single numbers that are sky
+    # Focal length in px of its pictures, where it is fixed; of a completed row, of this one
+    focal_px: float | None = None
+    # Width of the pictures that `focal_px` is of; None for any width
+    focal_width: int | None = None
+    baseline: float | None = None  # metres between its two cameras, where it is fixed
+    sidecar: str = ""  # name of what else holds a part of the rule, as `sidecars` has it
+    words: str = ""  # what completed the row, and in the end its rule, for people
+    mask: Mask | None = None
+    alpha: bool = False  # whether nothing is where the alpha of the EXR is 0
+    note: str = ""  # what else a user should know
+    aliases: tuple[str, ...] = ()
+
 
 # What rows have in common: 16 bits of which 0 is a hole, and EXR in units of a scene.
 _png16 = partial(DepthFormat, files=("16-bit PNG",), invalid=(0,))
-_exr = partial(DepthFormat, files=("EXR",), unitless=True)
+_exr = partial(DepthFormat, files=("EXR",), takes=("depth-unit",))
 
 STEREO_DATASETS = (
     DepthFormat(
@@ -145,6 +208,7 @@ NETWORKS = (
         "Video Depth Anything",
         ("NPZ", "EXR"),
         rule="",
+        takes=("depth-range",),
         channels=("depths", "depth", "Z", "*"),
         axes="NHW",
         note="the metric model writes depth, the others disparity; ‹part› N chooses the frame",
@@ -156,7 +220,7 @@ NETWORKS = (
         channels=("depth", "*"),
         axes="NHW",
         geometry="ask",
-        unitless=True,
+        takes=("depth-unit",),
         note="whether z or the length of the ray is open; units of the network",
     ),
     DepthFormat(
@@ -166,8 +230,7 @@ NETWORKS = (
         "apple-heic",
         "iPhone portrait, HEIC",
         ("HEIC",),
-        rule="inverse",
-        per_metre=True,
+        rule="per-metre",
         sidecar="heic",
     ),
     _exr(
@@ -191,7 +254,7 @@ RENDERERS = (
         "any file of depth, in the unit of ‹depth-unit›: BlendedMVS, Habitat's pinhole camera, "
         "Depth Anything V2 metric (*_raw_depth_meter.npy), …",
         ANY,
-        unitless=True,
+        takes=("depth-unit", "depth-range"),
         aliases=("blendedmvs", "habitat", "depth-anything-v2-metric"),
     ),
     DepthFormat(
@@ -199,6 +262,7 @@ RENDERERS = (
         "any file of disparity",
         ANY,
         rule="inverse",
+        takes=("depth-range",),
         note="0 is infinitely far; a scale, a range, or focal length and baseline must be said",
         aliases=("inverse",),
     ),
@@ -269,9 +333,8 @@ RENDERERS = (
     _exr(
         "nuke-scanline",
         "Nuke, ScanlineRender, 1/z",
-        rule="inverse",
+        rule="per-metre",
         channels=("depth.Z", "Z"),
-        per_metre=True,
     ),
     _exr(
         "arnold",
@@ -297,7 +360,9 @@ RENDERERS = (
         needs=("depth-range",),
         note="‹depth-range› is the distance of black, then of white",
     ),
-    DepthFormat("colmap", "COLMAP, depth_maps/*.bin", ("COLMAP",), unitless=True, note=_SCENE),
+    DepthFormat(
+        "colmap", "COLMAP, depth_maps/*.bin", ("COLMAP",), takes=("depth-unit",), note=_SCENE
+    ),
 )
 
 

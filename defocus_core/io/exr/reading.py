@@ -7,8 +7,9 @@ are 0. OpenImageIO decodes a strip of rows or tiles at a time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
+from functools import partial
 from itertools import groupby, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,36 +20,13 @@ from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.exr.header import DTYPES, Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
-from defocus_core.io.safe_files import damaged, decoding, quiet
-from defocus_core.system.interrupts import delayed_signals
+from defocus_core.io.safe_files import damaged, decoding, opened_image, quiet
 
 if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
 
 
-@contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """OpenImageIO's input: to open a file reads the headers of all its parts.
-
-    Its own limits are lifted: `read_headers` has checked the size of the pictures.
-    """
-    with delayed_signals():
-        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-
-    for name in _LIMITS:
-        oiio.attribute(name, 0)
-    file = oiio.ImageInput.open(str(path))
-    if not file:
-        raise damaged(path, first_line(path, oiio.geterror()))
-    try:
-        yield file
-    finally:
-        file.close()
-        oiio.geterror()  # or the next file would be blamed
-
-
 _LARGEST_TILE = 1 << 26  # bytes, decoded at once
-_LIMITS = ("limits:imagesize_MB", "limits:channels")  # of OpenImageIO: all of memory, and 1024
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
 
 
@@ -71,7 +49,11 @@ def read_parts(
 ) -> tuple[ExrPart, ...]:
     """All parts of an EXR file, decoded."""
     headers = read_headers(path) if headers is None else headers
-    opening = nullcontext() if all(header.deep for header in headers) else opened(path)
+    opening = (
+        nullcontext()
+        if all(header.deep for header in headers)
+        else opened_image(path, partial(damaged, path))
+    )
     with decoding(path), quiet(), opening as file:
         return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
 

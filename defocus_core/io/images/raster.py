@@ -27,10 +27,10 @@ from defocus_core.io.safe_files import (
     decoding,
     is_heic,
     needs_extra,
+    opened_image,
     quiet,
     read_head,
 )
-from defocus_core.system.interrupts import delayed_signals
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
@@ -154,6 +154,15 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
             yield _place(spec, rows), upright(samples, spec.get_int_attribute("Orientation", 1))
 
 
+def read_whole(path: Path, page: Raster) -> NDArray[Any]:
+    """All samples [H, W, C] of an image of a file, as `read_samples` gives them."""
+    pieces = list(read_samples(path, page.page))
+    every = np.empty((page.height, page.width, len(page.channels)), pieces[0][1].dtype)
+    for window, samples in pieces:
+        every[window] = samples
+    return every
+
+
 def _undecoded(path: Path, why: str) -> InputError:
     """The error for samples that are not decoded: for want of a codec, or as they are damaged."""
     if not any(words in why for words in _NO_CODEC):
@@ -206,25 +215,17 @@ def _heic_samples(path: Path) -> NDArray[Any]:
 @contextmanager
 def _open(path: Path, formats: str) -> Iterator[Any]:
     """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
-    with delayed_signals():
-        import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    config = oiio.ImageSpec()
-    config.attribute("oiio:UnassociatedAlpha", 1)
-    file = oiio.ImageInput.open(str(path), config)
-    if not file:
-        error = oiio.geterror()
-        why = "unknown format" if "format reader" in error else first_line(path, error)
+    def refusal(why: str) -> InputError:
+        why = "unknown format" if "format reader" in why else why
         problem = f"is not an image that can be read ({why})"
-        raise InputError("unreadable", problem, f"use {formats}", path=path)
-    try:
+        return InputError("unreadable", problem, f"use {formats}", path=path)
+
+    with opened_image(path, refusal) as file:
         if file.format_name() not in _KINDS:
             problem = f"is of type {file.format_name().upper()}, which is not read"
             raise InputError("wrong-type", problem, f"use {formats}", path=path)
         yield file
-    finally:
-        file.close()
-        oiio.geterror()  # or the next file would be blamed
 
 
 def _strips(spec: Any) -> Iterator[slice]:

@@ -14,8 +14,8 @@ import numpy as np
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import bands, count_of
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.io.depth_formats.reading import resolved
-from defocus_core.io.depth_formats.rules import DepthNumbers, decoded
+from defocus_core.io.depth_formats.reading import DepthNumbers
+from defocus_core.io.depth_formats.rules import decoded, resolved
 from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.deep_layers import deep_layers
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH
@@ -114,13 +114,9 @@ def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> 
 
 def _metres(numbers: Any, pair: InputPair) -> Any:
     """Metres [H, W] of the numbers of a layer, read as those of the first surface."""
-    like, samples = pair.depth, DepthNumbers(numbers, "EXR", "", channel=pair.depth.channel)
-    decoding = resolved(
-        like.path,
-        replace(pair.reading, part=None),
-        samples,
-        lens_focal=pair.lens_focal,
-    )
+    like = pair.depth
+    samples = DepthNumbers(like.path, numbers, "EXR", "", channel=like.channel)
+    decoding = resolved(pair.reading, samples, pair.lens_focal)
     metres = pair.keeping.new(numbers.shape, "float32")
     frame = (numbers.shape[0], numbers.shape[1])
     for rows in bands(numbers.shape):

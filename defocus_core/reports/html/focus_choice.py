@@ -7,11 +7,11 @@ page shows the one nearest to what is chosen.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,9 @@ from defocus_core.picture.pair import read
 from defocus_core.picture.plain_path import compute, load
 from defocus_core.picture.subject import on_ramp, subject_of
 from defocus_core.picture.take import InputPair, Inputs
-from defocus_core.reports.html.page import Payloads, write_page
+from defocus_core.reports.html.item import LIGHT, PLAIN, Item, Layer
+from defocus_core.reports.html.layers import pack
+from defocus_core.reports.html.page import KEYS, Payloads, plain, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
@@ -42,14 +44,13 @@ _STRENGTHS = (0.25, 0.5, 1.0, 2.0, 4.0)  # of the blur that is asked for
 _ASKED = _STRENGTHS.index(1.0)
 _PIXELS, _WIDEST = 420_000, 1000  # of a picture, and px of its width
 _JPEG = "jpeg:85"  # of a photograph, a page of a few MB; of noise, of less than 30
-_TOP = 65535  # of the numbers of the map
+_TOP = 65535  # steps of the map
 _BINS = 256
 _MM_PER_M = 1000.0
 _KEYS = (
     ("← →", "focus nearer or farther"),
     ("↑ ↓", "more or less blur"),
     ("c", "copy the command"),
-    ("?", "this help"),
 )
 
 
@@ -82,40 +83,35 @@ def write_choice(
     if not shows_surface.any():
         shows_surface[:] = True
     focuses, strengths = focuses_of(small.disparity[shows_surface]), _strengths(lens)
-    jobs = [
-        [replace(job, lens=_at(strength, focus, small.scale)) for strength in strengths]
-        for focus in focuses
-    ]
-    shown = []
-    for row in jobs:
-        for each in row:
-            shown.append(_samples(compute(each, small.inputs).images["render"], small.inputs.color))
+    layer = Layer("draft", "draft", LIGHT, ("R", "G", "B"), depth.size, None)
+    sharp = replace(layer, key="input", title="input", thumbnail=_jpeg(small.inputs.color))
+    drafts = []
+    for done, focus in enumerate(focuses):
+        drafts.append([layer] * len(strengths))
+        for n, strength in enumerate(strengths):
+            each = replace(job, lens=_at(strength, focus, small.scale))
+            image = compute(each, small.inputs).images["render"]
+            made = _jpeg(replace(small.inputs.color, planes=tuple(image)))
+            drafts[-1][n] = replace(layer, thumbnail=made)
             if progress:
-                progress(len(shown), len(focuses) * len(strengths))
+                progress(done * len(strengths) + n + 1, len(focuses) * len(strengths))
+    item = Item(picture.color.name, "", passes=True, layers=[sharp, _depth_layer(small, depth)])
     payloads = Payloads()
-    names = [payloads.add(encoded(each, "jpeg", {"Compression": _JPEG})) for each in shown]
-    low, high = float(small.disparity.min()), float(small.disparity.max())
-    if high - low <= _TOP and (small.disparity == small.disparity.round()).all():
-        high = low + _TOP  # so that numbers are those of the file
-    share = (small.disparity - low) / ((high - low) or 1.0)
-    chosen = _first_place(lens, depth)
     data = {
-        "size": depth.size,
-        "map": payloads.add(_map(np.round(share * _TOP).astype(np.uint16))),
-        "ends": [low, high],
+        "items": [plain(item, payloads)],
+        "drafts": plain(drafts, payloads),
         "metric": not depth.is_relative,
         "focuses": [
             {"value": value, "place": _place_of(small, value, shows_surface)} for value in focuses
         ],
         "strengths": [_strength_words(each) for each in strengths],
-        "names": [names[n : n + len(strengths)] for n in range(0, len(names), len(strengths))],
-        "place": chosen,
+        "place": list(lens.focus_at or subject_of(depth).within(depth.size)),
         "strength": _ASKED,
         "near": -1 if depth.inverted else 1,
         "command": _command(job, small.inputs.color),
     }
     title = f"Focus and blur of {printable(picture.color.name)}"
-    write_page(path, "choose", data=data, payloads=payloads, title=title, keys=_KEYS)
+    write_page(path, "choose", data=data, payloads=payloads, title=title, keys=_KEYS + KEYS)
 
 
 def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
@@ -183,23 +179,30 @@ def _reduced(job: Job, color: Color, depth: Depth) -> _Small:
     return _Small(inputs, size[1] / width, disparity)
 
 
-def _samples(planes: Sequence[Any], color: Color) -> NDArray[np.uint8]:
-    """A picture as a screen shows it, [H, W, 3]."""
-    channels = color.channels
+def _jpeg(color: Color) -> bytes:
+    """A picture as a screen shows it."""
     samples: NDArray[np.uint8] = display_encoded(
-        np.stack([plane[:] for plane in planes], axis=2),
-        channels,
+        np.stack([plane[:] for plane in color.planes], axis=2),
+        color.channels,
         8,
         keep_alpha=False,
-        to_srgb=srgb_matrix(color.path, channels, color.attributes),
+        to_srgb=srgb_matrix(color.path, color.channels, color.attributes),
     )[0]
-    return np.repeat(samples, 3, axis=2) if samples.shape[2] == 1 else samples
+    samples = np.repeat(samples, 3, axis=2) if samples.shape[2] == 1 else samples
+    return encoded(samples, "jpeg", {"Compression": _JPEG})
 
 
-def _map(numbers: NDArray[np.uint16]) -> bytes:
-    """Numbers [H, W] of 16 bits as a PNG that a browser reads: high bytes red, low ones green."""
-    planes = (numbers >> 8, numbers & 255, np.zeros_like(numbers))
-    return encoded(np.stack(planes, axis=2).astype(np.uint8), "png")
+def _depth_layer(small: _Small, depth: Depth) -> Layer:
+    """The disparity of a picture in 65536 steps, those of the file where its numbers are whole."""
+    low, high = ends = float(small.disparity.min()), float(small.disparity.max())
+    if high - low <= _TOP and (small.disparity == small.disparity.round()).all():
+        high = low + _TOP
+    share = (small.disparity - low) / ((high - low) or 1.0)
+    steps = pack(np.round(share * _TOP).astype(np.uint16)[None], (0, 0, *depth.size))
+    values = replace(steps, ends=(low, high), inverse=not depth.is_relative)
+    unit = "" if depth.is_relative else "m"
+    names = ("depth", "depth", PLAIN, ("depth",))
+    return Layer(*names, depth.size, ends=ends, values=values, unit=unit)
 
 
 def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> list[int]:
@@ -207,11 +210,6 @@ def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> 
     rows, columns = np.nonzero((small.disparity == value) & shows_surface)
     best = np.argmin(np.hypot(rows - rows.mean(), columns - columns.mean()))
     return [int((each[best] + 0.5) / small.scale) for each in (columns, rows)]
-
-
-def _first_place(lens: Lens, depth: Depth) -> list[int]:
-    """The pixel that is in focus at first: where the lens is focused at, or the subject."""
-    return list(lens.focus_at or subject_of(depth).within(depth.size))
 
 
 def _strength_words(lens: Lens) -> dict[str, str]:

@@ -18,13 +18,15 @@ HEAT = "heat"  # a difference: its thumbnail has colours already
 
 
 @dataclass(frozen=True)
-class StoredHalves:
-    """Values of a layer as half floats, packed."""
+class StoredValues:
+    """Values of a layer in numbers of 16 bits, packed: halves, or steps between two ends."""
 
     payload: bytes  # as `defocus_core.reports.html.layers` packs them
-    corner: tuple[int, int]  # column and row of the first pixel in the layer
-    size: tuple[int, int]  # width and height in px
+    box: tuple[int, int, int, int]  # column, row, width and height in px of what they are of
+    size: tuple[int, int]  # how many they are across and down
     scale: float = 1.0  # factor from a half to the value of the file
+    ends: tuple[float, float] | None = None  # the values of steps 0 and 65535; none of halves
+    inverse: bool = False  # whether people read 1 / value, as metres of a disparity
     # Key of the layer whose bits were subtracted; empty if the left neighbour's were
     base: str = ""
 
@@ -43,7 +45,8 @@ class Layer:
     # The values of black and white in the thumbnail of a map
     ends: tuple[float, float] = (0.0, 1.0)
     thumbnail: bytes = b""  # the bytes of a JPEG or PNG; empty if there is none
-    values: StoredHalves | None = None  # none if they are not wanted
+    values: StoredValues | None = None  # none if they are not wanted
+    unit: str = ""  # of its values
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.images.describe import describe
 from defocus_core.picture.preview import largest
 from defocus_core.reports.html import thumbnails
-from defocus_core.reports.html.item import HEAT, LIGHT, PLAIN, SHARE, SIGNED, Layer, StoredHalves
+from defocus_core.reports.html.item import HEAT, LIGHT, PLAIN, SHARE, SIGNED, Layer, StoredValues
 from defocus_core.request.output_kinds import KINDS
 
 WHOLE = 1 << 21  # px up to which all values are kept: 1920 x 1080
@@ -80,15 +80,15 @@ def _scaled(plane: NDArray[Any], scale: float) -> NDArray[Any]:
 
 def pack(
     values: NDArray[np.uint16],
-    corner: tuple[int, int],
-    scale: float,
+    box: Box,
+    scale: float = 1.0,
     base: tuple[str, NDArray[np.uint16]] | None = None,
-) -> StoredHalves:
+) -> StoredValues:
     """Pack bits [C, H, W], in the shorter way if there is a base."""
     _, height, width = values.shape
     first = values.copy()
     first[:, :, 1:] -= values[:, :, :-1]
-    packed = StoredHalves(_deflated(first), corner, (width, height), scale)
+    packed = StoredValues(_deflated(first), box, (width, height), scale)
     if base is None or base[1].shape != values.shape:
         return packed
     other = _deflated(values - base[1])
@@ -144,6 +144,7 @@ def draw(
     layer = Layer(
         *(key, title, kind, tuple(names), (width, height), picture.gamma, value_range),
         thumbnail=thumbnail,
+        unit=KINDS[names[0]].unit if names[0] in KINDS else "",
     )
     return Drawn(layer, planes)
 
@@ -195,7 +196,7 @@ def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
         is_pair = layer.key in (A, B)
         scale = shared if is_pair else common_scale(planes)
         bits = half_bits(planes, scale)
-        packed = pack(bits, box[:2], scale, base if layer.key == B else None)
+        packed = pack(bits, box, scale, base if layer.key == B else None)
         base = (layer.key, bits) if layer.key == A else base
         layers.append(replace(layer, values=packed))
     return layers
@@ -210,7 +211,7 @@ def _difference(
     with np.errstate(all="ignore"):
         planes = [np.subtract(b, a, dtype=np.float64) for a, b in zip(cut[A], cut[B], strict=True)]
     step = unit_scale(planes)
-    return replace(layer, values=pack(half_bits(planes, step), box[:2], step))
+    return replace(layer, values=pack(half_bits(planes, step), box, step))
 
 
 def _within(planes: Sequence[NDArray[Any]], box: Box) -> list[NDArray[Any]]:

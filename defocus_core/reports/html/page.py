@@ -2,7 +2,8 @@
 
 Nothing is loaded: the style, the script and all pictures are in the file. What comes from names of
 files is escaped, and the browser runs no script but ours (by its hash, Content-Security-Policy).
-What pages share is in ``templates/page.*``.
+What pages share is in ``templates/page.*``, and the viewer of pictures that all of them have in
+``viewer.js``.
 
 A file has a bounded size: thumbnails of the first two layers and their difference come first, up to
 a half of the room; then the values of the items in their order, each with all its layers; then the
@@ -30,20 +31,23 @@ from defocus_core.reports.html.layers import DIFFERENCE, WHOLE, B
 from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import counted
 
-_KEYS = (
-    ("← → ↑ ↓", "previous or next item"),
+# Keys of every page, and those of a report, with what they do.
+KEYS = (
     ("1 2", "first or second picture alone"),
     ("s", "slider between the two"),
     ("f", "flicker between the two"),
     ("d", "heat map of their difference"),
-    ("w", "wiggle: left and right view in turn"),
-    ("c", "CoC over the picture; again: other maps, none"),
     ("[ ]", "exposure down or up by half a stop"),
     ("+ − 0", "zoom in, zoom out, whole picture"),
+    ("?", "this help"),
+)
+_REPORT_KEYS = (
+    ("← → ↑ ↓", "previous or next item"),
+    ("w", "wiggle: left and right view in turn"),
+    ("c", "CoC over the picture; again: other maps, none"),
     ("g", "go to the worst pixel"),
     ("space", "play the items as a film"),
     ("/", "filter"),
-    ("?", "this help"),
 )
 # How a status looks: well, to be looked at, or bad.
 _TONES = {"same": "good", "done": "good", "ok": "good", "warning": "fair"}
@@ -62,12 +66,7 @@ def write_report(path: Path, report: Report) -> None:
     write_page(
         path,
         "report",
-        data={
-            "items": drawn,
-            "heats": thumbnails.HEATS,
-            "signed": thumbnails.SIGNED_COLORS,
-            "nonfinite": thumbnails.NONFINITE,
-        },
+        data={"items": drawn},
         payloads=payloads,
         title=printable(report.title),
         report={
@@ -81,7 +80,7 @@ def write_report(path: Path, report: Report) -> None:
         facets=[(f, sorted({d["facets"][f] for d in drawn if f in d["facets"]})) for f in facets],
         pictures=[list(_row_pictures(item)) for item in drawn],
         number=_number,
-        keys=_KEYS,
+        keys=_REPORT_KEYS + KEYS,
     )
 
 
@@ -220,8 +219,10 @@ class Payloads:
         return name
 
 
-def write_page(path: Path, name: str, *, data: object, payloads: Payloads, **values: Any) -> None:
-    """Write the page of a template, whole or not at all."""
+def write_page(
+    path: Path, name: str, *, data: Mapping[str, Any], payloads: Payloads, **values: Any
+) -> None:
+    """Write the page of a template, whole or not at all; `data`: items, and what is the page's."""
     import jinja2
 
     folder = files("defocus_core.reports.html") / "templates"
@@ -229,7 +230,12 @@ def write_page(path: Path, name: str, *, data: object, payloads: Payloads, **val
     def source(file: str) -> str:
         return (folder / file).read_text("utf-8")
 
-    style, script = (source(f"page.{kind}") + source(f"{name}.{kind}") for kind in ("css", "js"))
+    style, script = source("page.css"), source("viewer.js") + source(f"{name}.js")
+    colors = {
+        "heats": thumbnails.HEATS,
+        "signed": thumbnails.SIGNED_COLORS,
+        "nonfinite": thumbnails.NONFINITE,
+    }
     environment = jinja2.Environment(
         loader=jinja2.FunctionLoader(source),
         autoescape=True,
@@ -243,7 +249,7 @@ def write_page(path: Path, name: str, *, data: object, payloads: Payloads, **val
         style_hash=_hash(style),
         script=safe(script),
         script_hash=_hash(script),
-        data=safe(_in_script(data)),
+        data=safe(_in_script({**data, **colors})),
         payloads=payloads.texts.items(),
         **values,
     )

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
-from defocus_core.io.depth_formats.depth import read_depth, read_numbers
-from defocus_core.io.depth_formats.reading import DepthReading, holds_gdepth
-from defocus_core.io.depth_formats.rules import FLOATS, DepthNumbers
-from defocus_core.io.depth_formats.table import ROWS
+from defocus_core.io.depth_formats.depth import read_depth
+from defocus_core.io.depth_formats.file_types import read_numbers
+from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading, holds_gdepth
+from defocus_core.io.depth_formats.table import FLOATS, ROWS
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import FileInfo
 from defocus_core.io.safe_files import is_heic, read_head

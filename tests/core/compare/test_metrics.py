@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 import torch
 from planted_faults import HEIGHT, WIDTH, scene
 
-from defocus_core.compare.metrics import METRICS, measure, measure_edges, measure_flip
+from defocus_core.compare.flip import measure_flip
+from defocus_core.compare.metrics import LUMINANCE, METRICS, measure, measure_edges
 from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.selection import widened
 from defocus_core.evaluation import metrics as core
@@ -106,14 +108,28 @@ def test_widening_reaches_as_far_as_it_says(reach):
     assert np.array_equal(wide, apart <= reach)
 
 
-@pytest.mark.parametrize("box", [(slice(40, 44), slice(60, 63)), (slice(0, 2), slice(-3, None))])
-def test_flip_looks_at_what_changed_alone_and_is_as_of_the_whole(box, monkeypatch):
-    a = scene().astype(np.float32)
-    a[5:7, 5:7] = 40.0  # which sets the exposures
-    b = a.copy()
-    b[box] *= 0.5
-    cut = measure_flip(pixels(a, b))
-    whole = (slice(None), slice(None))
-    monkeypatch.setattr("defocus_core.compare.metrics._around", lambda changed: whole)
-    assert cut == pytest.approx(measure_flip(pixels(a, b)), rel=1e-5)
-    assert cut["flip-max"] > 0.05
+@pytest.mark.parametrize("brightest", [1.0, 40.0, 1e5])
+@pytest.mark.parametrize("size", [(5, 9), (70, 120)])
+def test_flip_is_that_of_openimageio_to_1e_4(size, brightest):
+    """By its own two ways: as a screen shows light, and through exposures of light beyond 1."""
+    rng = np.random.default_rng(3)
+    a = (scene()[: size[0], : size[1]] / 6).astype(np.float32)
+    a[2:4, 2:4] = brightest
+    b = a * rng.uniform(0.9, 1.1, a.shape).astype(np.float32)
+    b[: size[0] // 2, : size[1] // 3] = a[: size[0] // 2, : size[1] // 3]
+    sides = [side.clip(0, brightest) for side in (a, b)]
+    luminance = sides[0] @ np.float32(LUMINANCE)
+    buffers = [oiio.ImageBuf(oiio.ImageSpec(*size[::-1], 3, oiio.FLOAT)) for _ in sides]
+    for buffer, side in zip(buffers, sides, strict=True):
+        buffer.set_pixels(oiio.ROI(), np.ascontiguousarray(side))
+    ends = float(luminance.max()), float(np.median(luminance))
+    aim = oiio.ImageBufAlgo.FLIP_diff(*buffers, brightest > 1, *ends).get_pixels(oiio.FLOAT)
+    found = measure_flip(pixels(*sides))
+    assert found["flip"] == pytest.approx(aim.mean(), abs=1e-4)
+    assert found["flip-max"] == pytest.approx(aim.max(), abs=1e-4)
+    assert 0.01 < found["flip"] < found["flip-max"]
+
+
+def test_flip_of_light_beyond_all_bounds_is_a_number():
+    a = np.full((8, 8, 3), 3e38, np.float32)
+    assert math.isfinite(measure_flip(pixels(a, a / 2))["flip"])

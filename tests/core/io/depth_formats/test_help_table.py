@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from defocus_cli.commands.help import text
 from defocus_core.errors import with_dashes
-from defocus_core.io.depth_formats.rules import ANY, FLOATS, SKY
-from defocus_core.io.depth_formats.table import ROWS
+from defocus_core.io.depth_formats.table import ANY, FLOATS, ROWS, SKY
 
 
 def number(value):
@@ -19,9 +18,13 @@ def facts(row):
     kinds = [kind for kind in row.files if kind not in FLOATS or not set(FLOATS) <= set(row.files)]
     floats = ["floats"] * (len(kinds) < len(row.files))
     yield "any" if set(row.files) == set(ANY) else ", ".join([*floats, *kinds])
-    yield {"scale": "", "inverse": "/", "radius": "px of radius", "log": "near^(1−t) far^t"}.get(
-        row.rule, "depth or"
-    )
+    yield {
+        "scale": "",
+        "inverse": "/",
+        "per-metre": "/",
+        "radius": "px of radius",
+        "log": "near^(1−t) far^t",
+    }.get(row.rule, "depth or")
     yield row.bits
     yield from (
         f"{number(weight)} {c}"

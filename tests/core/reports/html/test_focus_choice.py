@@ -20,13 +20,10 @@ from defocus_core.io.images.color_space import linear_to_srgb
 from defocus_core.reports.html.focus_choice import focuses_of
 
 WIDTH, HEIGHT = 96, 64
-SHOWN = """() => {
-  const image = document.getElementById("picture"), canvas = document.createElement("canvas");
-  [canvas.width, canvas.height] = [image.naturalWidth, image.naturalHeight];
-  const context = canvas.getContext("2d");
-  context.drawImage(image, 0, 0);
-  return [...context.getImageData(0, 0, canvas.width, canvas.height).data];
-}"""
+PIXELS = """(async () => {
+  await thumbOf(layerOf("draft"));
+  return [...bestGrid(layerOf("draft")).data];
+})()"""
 
 
 def numbers():
@@ -60,20 +57,21 @@ def browser():
 class Choice(Page):
     """A page to choose on that is open."""
 
-    def settle(self):
-        self.wait("document.getElementById('picture').dataset.shown")
-        self.page.wait_for_timeout(200)
-
     def click(self, x, y):
+        """Click on a place of the picture, in parts of its width and height."""
         self.settle()
-        box = self.page.locator("#picture").bounding_box()
-        self.page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])
+        place = self.page.evaluate(
+            "([x, y]) => [canvas.clientWidth / 2 + (x - view.x) * zoomNow(),"
+            " canvas.clientHeight / 2 + (y - view.y) * zoomNow()]",
+            [x * WIDTH, y * HEIGHT],
+        )
+        self.page.locator("#canvas").click(position=dict(zip("xy", place, strict=True)))
         self.settle()
 
     @property
     def shown(self):
         self.settle()
-        return np.reshape(self.page.evaluate(SHOWN), (HEIGHT, WIDTH, 4))[..., :3] / 255
+        return np.reshape(self.page.evaluate(PIXELS), (HEIGHT, WIDTH, 4))[..., :3] / 255
 
     @property
     def command(self):
@@ -105,11 +103,30 @@ def test_a_click_shows_the_picture_of_the_command_below_it(page, options, folder
         pictures.append(opened.shown)
         made = rendered(opened.command, folder)
         assert np.sqrt(((made - pictures[-1]) ** 2).mean()) < 0.04  # of a JPEG of noise
-        assert "nearest of 2 × 5 small drafts" in opened.text("#shown")
+        assert "nearest of 2 × 5 small drafts" in opened.text("#details")
     (near, far), half = pictures, WIDTH // 2
     for one, other, columns in ((near, far, slice(8, half - 8)), (far, near, slice(half + 8, -8))):
         assert one[:, columns].std() > 2 * other[:, columns].std(), "in focus is sharp"
     opened.close()
+
+
+def test_the_page_has_the_tools_of_every_report(folder, browser):
+    """Exposure, the values under the pointer, the wipe and the difference."""
+    for name, value in (("photo.html", "depth 200"), ("exr.html", "depth 0.5 m")):
+        opened = Choice(browser, folder / name)
+        opened.click(0.25, 0.5)
+        opened.wait(f"document.getElementById('readout').textContent.endsWith('{value}  (R G B)')")
+        alone = opened.pixel(0.3, 0.4)
+        opened.press("s")
+        assert opened.text("#badge").startswith("input | draft")
+        opened.page.fill("#split", "200")
+        assert opened.pixel(0.3, 0.4) == alone
+        opened.press("[", "[")
+        assert opened.text("#stops") == "-1 EV"
+        assert sum(opened.pixel(0.3, 0.4)[:3]) < sum(alone[:3])
+        opened.press("d")
+        assert not opened.page.is_hidden("#legend")
+        opened.close()
 
 
 def test_keys_do_all_of_it(folder, browser):
@@ -119,7 +136,7 @@ def test_keys_do_all_of_it(folder, browser):
     assert opened.command[-4:] == ["--blur", "2px", "--focus-at", "71,31"]
     opened.press("ArrowLeft", "ArrowLeft", "ArrowUp", "ArrowUp", "ArrowUp")
     assert opened.command[-4:-1] == ["--blur", "16px", "--focus-at"]
-    assert "the number 200 of the depth" in opened.text("#focus")
+    assert "the number 200 of the depth" in opened.text("#details")
     opened.page.keyboard.press("?")
     assert opened.page.locator("#help").is_visible()
     opened.close()
@@ -161,5 +178,5 @@ def test_focuses_are_numbers_of_the_file_on_surfaces_up_to_four_times_the_blur(t
         "blur 16px",
     ]
     assert {each["value"] for each in data["focuses"]} <= {23, 24, 25, 26, 197, 198, 199, 200}
-    low, high = data["ends"]
+    low, high = data["items"][0]["layers"][1]["values"]["ends"]
     assert (low, high - low) == (23, 65535), "a step of the map is one of the file"

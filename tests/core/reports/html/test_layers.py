@@ -7,7 +7,7 @@ import zlib
 import numpy as np
 import pytest
 
-from defocus_core.compare.comparison import of_planes
+from defocus_core.compare.picture import of_planes
 from defocus_core.reports.html import layers
 
 
@@ -30,17 +30,17 @@ def planes():
 
 
 def test_values_come_back_exactly(planes):
-    packed = layers.pack(layers.half_bits(planes, 1.0), (5, 7), 1.0)
+    packed = layers.pack(layers.half_bits(planes, 1.0), (5, 7, 34, 21), 1.0)
     assert np.array_equal(unpacked(packed, 3), np.stack(planes), equal_nan=True)
-    assert (packed.corner, packed.size, packed.base) == ((5, 7), (34, 21), "")
+    assert (packed.box, packed.size, packed.base) == ((5, 7, 34, 21), (34, 21), "")
 
 
 def test_a_layer_like_another_is_stored_as_their_difference(planes):
     bits = layers.half_bits(planes, 1.0)
     changed = [plane.copy() for plane in planes]
     changed[1][4:6, 4:6] = 7.0
-    packed = layers.pack(layers.half_bits(changed, 1.0), (0, 0), 1.0, ("a", bits))
-    alone = layers.pack(layers.half_bits(changed, 1.0), (0, 0), 1.0)
+    packed = layers.pack(layers.half_bits(changed, 1.0), (0, 0, 34, 21), 1.0, ("a", bits))
+    alone = layers.pack(layers.half_bits(changed, 1.0), (0, 0, 34, 21), 1.0)
     assert packed.base == "a"
     assert len(packed.payload) < len(alone.payload) / 5
     assert np.array_equal(unpacked(packed, 3, bits), np.stack(changed), equal_nan=True)
@@ -49,20 +49,20 @@ def test_a_layer_like_another_is_stored_as_their_difference(planes):
 def test_another_base_is_used_only_where_it_is_shorter(planes):
     flat = [np.ones_like(plane) for plane in planes]
     base = ("a", layers.half_bits(planes, 1.0))
-    assert layers.pack(layers.half_bits(flat, 1.0), (0, 0), 1.0, base).base == ""
+    assert layers.pack(layers.half_bits(flat, 1.0), (0, 0, 34, 21), 1.0, base).base == ""
 
 
 def test_what_is_beyond_half_is_scaled_and_not_clamped():
     plane = np.array([[1e9, -3e7, 0.0]])
     scale = layers.common_scale([plane])
-    packed = layers.pack(layers.half_bits([plane], scale), (0, 0), scale)
+    packed = layers.pack(layers.half_bits([plane], scale), (0, 0, 3, 1), scale)
     assert unpacked(packed, 1)[0] == pytest.approx(plane, rel=1e-3)
 
 
 def test_a_tiny_difference_keeps_its_digits():
     plane = np.array([[3e-9, 1e-9, 0.0]])
     scale = layers.unit_scale([plane])
-    packed = layers.pack(layers.half_bits([plane], scale), (0, 0), scale)
+    packed = layers.pack(layers.half_bits([plane], scale), (0, 0, 3, 1), scale)
     assert unpacked(packed, 1)[0] == pytest.approx(plane, rel=1e-3)
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from defocus_core.reports.html import page
-from defocus_core.reports.html.item import LIGHT, Item, Layer, StoredHalves
+from defocus_core.reports.html.item import LIGHT, Item, Layer, StoredValues
 
 
 def item(name, thumbnail, values):
-    halves = StoredHalves(b"v" * values, (0, 0), (1, 1)) if values else None
+    halves = StoredValues(b"v" * values, (0, 0, 1, 1), (1, 1)) if values else None
     layers = [
         Layer(key, key, LIGHT, ("R", "G", "B"), (9, 9), thumbnail=b"t" * thumbnail, values=halves)
         for key in ("a", "b", "left")

@@ -1,0 +1,112 @@
+"""The verdict of a pair: what its rules say of its metrics and of what was found.
+
+Without rules, B is the same if all values are equal over the display window; −0 equals 0, and NaN
+equals NaN. With rules to fail, the rules decide about values. Another size, another set of
+channels, and NaN or infinity on one side only are never the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from defocus_core.compare.findings.tone import may_be_cut_below
+from defocus_core.compare.pixels import Pixels
+from defocus_core.compare.record import DIFFERENT, SAME, WARNING
+from defocus_core.compare.thresholds import ROUNDING, Rule, Rules
+
+# Findings that are a warning if no rule fails.
+_NEVER_SILENT = ("clipped", "deep samples", "other primaries declared")
+_SMALL = 0.1  # scale of values below which rounding is a share of it
+_SEEN = 0.5 / 255  # half a step of 8 bits, on the scale of hdr
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What rules say of a pair; attributes as of `Comparison`."""
+
+    status: str
+    failed: tuple[str, ...]
+    warned: tuple[str, ...]
+    unmeasured: tuple[str, ...]
+
+
+def judge(
+    rules: Rules,
+    metrics: Mapping[str, float],
+    found: Collection[str],  # names of findings
+    *,
+    differs: bool,  # whether values do
+    strict: bool,  # whether B is different whatever rules say
+) -> Verdict:
+    """The verdict by metrics and names of findings."""
+    failed, warned = (_met(each, metrics, found) for each in (rules.fail, rules.warn))
+    if not failed and not warned:
+        warned = tuple(f"found:{name}" for name in found if name.startswith(_NEVER_SILENT))
+    unmeasured = [each for each in rules.fail if each.metric and each.metric not in metrics]
+    if strict or failed or (differs and not _decide(rules, metrics)):
+        status = DIFFERENT
+    else:
+        status = WARNING if warned else SAME
+    return Verdict(status, failed, warned, tuple(each.text for each in unmeasured))
+
+
+def _met(
+    rules: Sequence[Rule], metrics: Mapping[str, float], found: Collection[str]
+) -> tuple[str, ...]:
+    return tuple(each.text for each in rules if each.is_met(metrics, found))
+
+
+def _decide(rules: Rules, metrics: Mapping[str, float]) -> bool:
+    """Whether rules to fail decide about values: one is on what is known of the pair."""
+    return any(each.found or each.metric in metrics for each in rules.fail)
+
+
+def asks_for_cause(rules: Rules, found: Collection[str], pixels: Pixels) -> bool:
+    """Whether only a diagnosis says if a finding is there that a rule is about."""
+    return any(
+        # Light that is cut off above is always found.
+        (each.found != "clipped" or may_be_cut_below(pixels)) and not each.is_met({}, found)
+        for each in (*rules.fail, *rules.warn)
+        if each.found
+    )
+
+
+def is_suspect(rules: Rules, metrics: Mapping[str, float], found: Collection[str]) -> bool:
+    """Whether values that differ fail, or get a warning for what a screen of 8 bits can show."""
+    if not _decide(rules, metrics) or _met(rules.fail, metrics, found):
+        return True
+    seen = not metrics.get("hdr-max", math.inf) < _SEEN
+    return seen and bool(_met(rules.warn, metrics, found))
+
+
+def of_small_values(rules: Rules, pixels: Pixels) -> Rules:
+    """Rules whose bound for rounding follows the scale of A, where all its values are small."""
+    if ROUNDING not in rules.fail:
+        return rules
+    finite = (np.abs(plane[np.isfinite(plane)]) for plane in pixels.a)
+    scales = [np.percentile(values, 99.9) for values in finite if values.size]
+    scale = max(map(float, scales), default=0.0)
+    if not 0 < scale < _SMALL:
+        return rules
+    bound = ROUNDING.bound * scale
+    small = replace(ROUNDING, bound=bound, text=f"{ROUNDING.metric}>{bound:.2g}")
+    return replace(rules, fail=tuple(small if each == ROUNDING else each for each in rules.fail))
+
+
+def proposal(rules: Rules, metrics: Mapping[str, float]) -> str:
+    """The tightest rule of two digits that lets a pair pass; none if a black B passed, too.
+
+    None either, if rules are given.
+    """
+    greatest, relative = metrics.get("max"), metrics.get("rel-rmse")
+    given = any(each != ROUNDING for each in rules.fail)
+    if given or not greatest or not relative or not math.isfinite(greatest):
+        return ""
+    digit = 10.0 ** (math.floor(math.log10(greatest)) - 1)
+    bound = math.ceil(greatest / digit) * digit
+    level = metrics["rmse"] / relative  # the mean of A
+    return f"max>{bound:.3g}" if bound < level else ""
