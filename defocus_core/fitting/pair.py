@@ -298,7 +298,8 @@ def fit(
         crosstalk: Whether the crosstalk of a pair is to be found.
         focus: The disparity in focus, if it is known.
         strength: The strength by the disparity in focus, if it is known.
-        exposure: Whether each channel may have a factor between the two pictures.
+        exposure: Whether each channel may have a factor between the two pictures, and each blurred
+            one a falloff of light over the frame.
         side_shading: Whether left and right may have a factor each, a plane over the frame.
         gamma: Whether the power is to be found by which the pictures are linear light.
         shift: Whether the blurred picture may be shifted by up to 16 px, and magnified by 2 %.
