@@ -114,7 +114,10 @@ def summary_lines(summary: Summary) -> Iterator[str]:
         line += f", {summary.warned} with warnings in the journal"
     done = sum(counts.values())
     if done and summary.seconds:
-        line += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
+        pace = f"{done / summary.seconds:.3g} a second"
+        if done < summary.seconds:
+            pace = f"{summary.seconds / done:.1f} s each"
+        line += f"; {summary.seconds:.1f} s, {pace}"
     yield line
     kinds = list(summary.warnings.counts.items())
     for example, count in kinds[:_WARNINGS]:

@@ -261,18 +261,18 @@ def _doubts(fitted: FittedLens, disparity: Tensor, errors: dict[str, float]) -> 
         "the focus lies beyond all depths of the picture, and is extrapolated": (
             "focus" in errors and not farthest <= point.focus <= nearest
         ),
-        "the strength is known to more than 10 % only": errors.get("strength", 0.0) > 0.1,
-        "the focus is known to a tenth of the range of disparity only": (
+        "the strength may be off by more than 10 %": errors.get("strength", 0.0) > 0.1,
+        "the focus may be off by more than a tenth of the range of disparity": (
             errors.get("focus", 0.0) > 0.1 * (nearest - farthest)
         ),
-        "the gamma is known to more than 10 % only": errors.get("gamma", 0.0) > 0.1,
-        "the rotation of the blades is known to 10 degrees or less well": (
+        "the gamma may be off by more than 10 %": errors.get("gamma", 0.0) > 0.1,
+        "the rotation of the blades may be off by more than 10 degrees": (
             errors.get("rotation", 0.0) > 10
         ),
         "left and right are exchanged: the first is what the right photodiodes saw": (
             point.separation < 0
         ),
-        "the crosstalk is known to 0.1 or less well": errors.get("separation", 0.0) > 0.2,
+        "the crosstalk may be off by more than 0.1": errors.get("separation", 0.0) > 0.2,
         "hardly anything is blurred: strength and focus are uncertain": (
             maximum < 1.5 and not errors.keys().isdisjoint({"strength", "focus"})
         ),

@@ -79,7 +79,7 @@ def refusals_of(
         yield Refusal(
             "not-explained",
             "the pictures do not differ: nothing is blurred",
-            "give a picture that is",
+            "give a picture that is blurred",
         )
         return
     of_small = _small_correlation(evidence.sharp, evidence.observed)
