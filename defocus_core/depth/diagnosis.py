@@ -25,6 +25,8 @@ from defocus_core.depth.soft_edges import (
     STEEP,
     are_steeper,
     hard_steps,
+    reduced,
+    reduction,
     slope_of_soft_edges,
     softness,
     steepness,
@@ -205,6 +207,8 @@ class DepthRepair(NamedTuple):
             distance, infinity if they average disparity; None if edges are no averages.
         soft_edges: Least slope in px per px of ramps that become steps, where most edges are soft
             or averages; None where most are hard.
+        wide_edges: The same of a picture reduced to a common size, in which an edge is as soft as a
+            network drew it; None where most edges of that are hard.
         ramps: Whether steep ramps between surfaces become steps.
         edge_shifts: The displacements of edges from those of the colours, which are undone; None
             if edges stay where they are.
@@ -224,6 +228,12 @@ class DepthRepair(NamedTuple):
     edge_width: float | None = None
     fraction: float = 0.0
     ramps_of: DistanceScale | None = None
+    wide_edges: float | None = None
+
+    @property
+    def least_slope(self) -> float | None:
+        """Least slope in px per px of edges that are soft or wide; None where they are hard."""
+        return self.wide_edges if self.soft_edges is None else self.soft_edges
 
 
 def diagnosed(
@@ -272,7 +282,34 @@ def _diagnosis(
         noise = noise_from([round(count) for count in found["scatter"]])
         if noise is not None:
             return DepthRepair(noise=noise)
-    return _repair(signed_radius, found, infinity)._replace(noise=noise)
+    repair = _repair(signed_radius, found, infinity)
+    return _with_wide_edges(repair, signed_radius, found, infinity)._replace(noise=noise)
+
+
+def _with_wide_edges(
+    repair: DepthRepair,
+    signed_radius: Pixels,
+    found: dict[str, list[float]],
+    infinity: float | None,
+) -> DepthRepair:
+    """The repair of radii [H, W] px with that of edges that are soft in the reduced picture."""
+    by, (minimum, maximum) = reduction(signed_radius.shape), found["limits"]
+    if by == 1 or not math.isfinite(maximum - minimum):
+        return repair
+    size = [length // by for length in signed_radius.shape]
+    slope = slope_of_soft_edges(minimum / by, maximum / by, size)
+    if found["softest"][0] <= slope and not repair.quantised:  # levels hide slopes
+        return repair
+    infinity = None if infinity is None else infinity / by
+    small = reduced(signed_radius, by) / by
+    wide = _repair(small, _found(small, infinity, 1)[0], infinity)
+    if wide.soft_edges is None or wide.antialiased is not None:
+        return repair
+    repair = repair._replace(wide_edges=wide.soft_edges)
+    if repair.soft_edges is not None or wide.edge_width is None:
+        return repair
+    scale = None if wide.ramps_of is None else wide.ramps_of.times(by)
+    return repair._replace(edge_width=wide.edge_width * by, ramps_of=scale)
 
 
 def _fetched(of_bands: list[_BandEvidence], count: int) -> list[dict[str, list[float]]]:

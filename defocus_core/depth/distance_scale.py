@@ -29,6 +29,10 @@ class DistanceScale(NamedTuple):
         distance = distance_of(radii, self.infinity)
         return distance * by_distance - self.farthest
 
+    def times(self, factor: float) -> DistanceScale:
+        """The scale of the same distances where all radii are so many times as great."""
+        return DistanceScale(*(px * factor for px in self))
+
     def through(self, scale: float, infinity: float) -> DistanceScale:
         """The scale of the same distances for a lens of a greater scale and another infinity."""
         return DistanceScale(infinity, self.nearest * scale, self.farthest * scale)

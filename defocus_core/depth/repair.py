@@ -33,6 +33,7 @@ from defocus_core.depth.soft_edges import (
     around_ramps,
     slope_of_soft_edges,
     without_ramps,
+    without_wide_ramps,
 )
 from defocus_core.tensors.derived import Repaired, fraction_changed, held
 from defocus_core.tensors.neighbourhoods import range_of
@@ -91,6 +92,9 @@ def repair_depth(
             repair = _as_said(repair, edge_width, radii)
         else:
             radii, repair = _muted(signed_radius, decided.noise, threads, hold=hold), decided
+        if repair.wide_edges is not None and matte is None:
+            wide = without_wide_ramps(radii, repair.wide_edges, repair.ramps_of)
+            radii = hold_all(wide, radii)
         scale = repair.ramps_of
         for steep, width in _ramps(repair, edge_width):
             repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=scale)
@@ -117,8 +121,7 @@ def _with_edges_of_colors(
     reach: float,
 ) -> tuple[Pixels, EdgeShifts | None]:
     """Radii [H, W] px with edges moved to those of the colours, coarse to fine; and how far."""
-    scale, soft = repair.ramps_of, repair.soft_edges
-    shifts = repair.edge_shifts
+    scale, soft, shifts = repair.ramps_of, repair.least_slope, repair.edge_shifts
     measure = partial(measured_shifts, pixels=image, threads=threads, soft=soft, scale=scale)
     if decided is None and soft is None:
         shifts = measure(radii)
@@ -168,12 +171,13 @@ def _as_said(repair: DepthRepair, edge_width: float | None, radii: Pixels) -> De
     if edge_width is None:
         return repair
     if edge_width == 0:
-        return repair._replace(soft_edges=None, ramps=False, edge_width=None)
+        return repair._replace(soft_edges=None, wide_edges=None, ramps=False, edge_width=None)
     limits = torch.stack([range_of(band) for band in banded(radii)])
     minimum, maximum = float(limits[:, 0].amin()), float(limits[:, 1].amax())
     slope = slope_of_soft_edges(minimum, maximum, radii.shape)
     slope = min(slope, (maximum - minimum) / (_SMALL_STEPS * edge_width))
-    return repair._replace(antialiased=None, soft_edges=slope, ramps=True, edge_width=edge_width)
+    repair = repair._replace(antialiased=None, wide_edges=None)
+    return repair._replace(soft_edges=slope, ramps=True, edge_width=edge_width)
 
 
 def repaired_each(

@@ -15,13 +15,15 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.distance_scale import DistanceScale
+from defocus_core.tensors.derived import Mapped
 from defocus_core.tensors.neighbourhoods import (
     extreme_around,
     halfway,
     squares_around,
     steps_beside,
 )
-from defocus_core.tensors.sparse_masks import exceeding, positions_of
+from defocus_core.tensors.source import Pixels
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of
 
 # Least slope of a ramp in px per px, on both sides of a pixel, whatever else the frame shows.
 STEEP = 1.513
@@ -38,6 +40,8 @@ _FOOT, FOOT_FRACTION = 10, 0.3013
 _LONGEST, _AS_STEEP = 16, 2.0**-10
 # Px of radius by which a ramp goes on beyond the end of a path at most; no round number.
 _ONE_LEVEL = 0.9013
+# Longer side in px of a picture in which wide ramps are looked for.
+_REDUCED = 640
 # Width in px of an edge of averages: depth that was filtered like colours, or resized.
 AVERAGED = 3
 
@@ -67,13 +71,30 @@ def without_ramps(
     `edge_width`: width of the widest edges in px; None if it is not known, for 16 px; `scale`: of
     distance, if ramps are ramps of distance; None if they are of disparity.
     """
+    found = _ends_of_ramps(signed_radius, steep, edge_width, scale)
+    if found is None:
+        return signed_radius
+    index, near, far = found
+    radii = signed_radius.flatten()
+    values = radii.detach() if scale is None else scale.of(radii.detach())
+    source = torch.where(values[index] < halfway(values[near], values[far]), near, far)
+    return radii.index_copy(0, index, radii[source]).reshape(signed_radius.shape)
+
+
+def _ends_of_ramps(
+    signed_radius: Tensor, steep: float, edge_width: float | None, scale: DistanceScale | None
+) -> tuple[Tensor, Tensor, Tensor] | None:
+    """The numbers [n] of pixels on ramps that are edges, and of those at both of their ends.
+
+    Arguments as for `without_ramps`; None if there is no ramp.
+    """
     longest = longest_ramp(edge_width)
     foot_of = max(_FOOT, longest // 2)
     values = signed_radius.detach() if scale is None else scale.of(signed_radius.detach())
     slope = steepness(values)
     core = torch.where(exceeding(slope, steep), slope, 0.0)
     if not bool(core.any()):
-        return signed_radius
+        return None
     ramp = slope > FOOT_FRACTION * extreme_around(core, foot_of, torch.maximum)
     if scale is not None:  # a level of distance is many px of radius near the lens
         ramp |= steepness(signed_radius) > FOOT_FRACTION * steep
@@ -82,7 +103,7 @@ def without_ramps(
         ramp |= extreme_around(ramp, 1, torch.maximum) & foot
     at, (H, W) = positions_of(ramp), signed_radius.shape
     index = at[:, 0] * W + at[:, 1]
-    radii, around = signed_radius.flatten(), squares_around(at, (H, W)).flatten(1)
+    radii, around = signed_radius.detach().flatten(), squares_around(at, (H, W)).flatten(1)
     flat = values.flatten()
     lowest = extreme_around(values, 1, torch.minimum).flatten()
     near = _least_beside(flat, ramp, _path_end(flat, lowest, around, index, longest))
@@ -94,10 +115,53 @@ def without_ramps(
     found = ~(ramp.flatten()[near] | ramp.flatten()[far])
     if scale is not None:
         along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
-        found &= (radii[far] - radii[near]).detach() > FOOT_FRACTION * steep * along
-    low, high = radii[near], radii[far]
-    limits = torch.where(flat[index] < halfway(flat[near], flat[far]), low, high)
-    return radii.index_copy(0, index, torch.where(found, limits, radii[index])).reshape(H, W)
+        found &= radii[far] - radii[near] > FOOT_FRACTION * steep * along
+    kept = flat_nonzero(found)
+    return index[kept], near[kept], far[kept]
+
+
+def without_wide_ramps(signed_radius: Pixels, steep: float, scale: DistanceScale | None) -> Mapped:
+    """Radii [H, W] px with steps in the place of the ramps that a reduced picture shows.
+
+    What is soft over the same share of a picture is made a step, whatever its resolution: a network
+    sees a small picture, and its depth is enlarged.
+    """
+    (H, W), by = signed_radius.shape, reduction(signed_radius.shape)
+    coarse = reduced(signed_radius, by)
+    ends = torch.full((2, coarse.numel()), torch.inf, dtype=coarse.dtype, device=coarse.device)
+    small = None if scale is None else scale.times(1 / by)
+    found = _ends_of_ramps(coarse / by, steep, None, small)
+    if found is not None:
+        flat = coarse.flatten()
+        ends[:, found[0]] = torch.stack([flat[found[1]], -flat[found[2]]])
+    # beside the pixels of a ramp it ends between two pixels of the reduced picture
+    ends = extreme_around(ends.view(2, *coarse.shape), 1, torch.minimum)
+
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        radii = signed_radius[slice(*rows), slice(*columns)]
+        places = [
+            (torch.arange(first, end, device=radii.device) * coarse.shape[dim]).div(
+                size, rounding_mode="floor"
+            )
+            for dim, ((first, end), size) in enumerate(((rows, H), (columns, W)))
+        ]
+        near, far = ends[:, places[0]][:, :, places[1]]
+        far, own = -far, radii.detach()
+        closer = torch.where(own < halfway(near, far), near, far)
+        return torch.where((near < own) & (own < far), closer, radii)
+
+    return Mapped(read, (H, W), signed_radius)
+
+
+def reduction(size: Sequence[int]) -> int:
+    """How many times a picture (height, width) is as large as one whose ramps are all looked at."""
+    return max(1, max(size) // _REDUCED)
+
+
+def reduced(signed_radius: Pixels, by: int) -> Tensor:
+    """Every so many pixels of radii [H, W] px, of the middle of the picture outwards."""
+    first = [(size - 1) % by // 2 for size in signed_radius.shape]
+    return signed_radius[first[0] :: by, first[1] :: by].detach()
 
 
 def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:

@@ -31,7 +31,7 @@ def _edge_words(repair: DepthRepair) -> list[str]:
     found = []
     if repair.antialiased is not None:
         found.append(f"averaged in {'disparity' if math.isinf(repair.antialiased) else 'distance'}")
-    elif repair.soft_edges is not None:
+    elif repair.least_slope is not None:
         of = "" if repair.ramps_of is None else " in distance"
         over = "" if repair.edge_width is None else f" over {repair.edge_width:.3g} px"
         found.append(f"soft{of}{over}")
@@ -55,8 +55,8 @@ def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
     kinds = {
         "noise": repair.noise is not None,
         "anti-aliased": repair.antialiased is not None,
-        "soft-edges": repair.soft_edges is not None and repair.antialiased is None,
-        "ramps": repair.ramps and repair.soft_edges is None,
+        "soft-edges": repair.least_slope is not None and repair.antialiased is None,
+        "ramps": repair.ramps and repair.least_slope is None,
         "displaced-edges": repair.edge_shifts is not None,
         "few-levels": repair.quantised,
     }

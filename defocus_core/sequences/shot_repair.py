@@ -33,6 +33,7 @@ def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> De
         noise=noise,
         antialiased=(float("inf") if of_disparity else 0.0) if averaged else None,
         soft_edges=soft,
+        wide_edges=_median([None if r.wide_edges is None else r.wide_edges / k for r, k in each]),
         ramps=_commonest([r.ramps for r, _ in each]),
         edge_shifts=_agreed_shifts([(r.edge_shifts, k) for r, k in each]),
         edge_width=_median([r.edge_width for r, _ in each]),
@@ -46,7 +47,7 @@ def repair_through(repair: DepthRepair, scale: float, infinity: float | None) ->
 
     `infinity`: signed radius in px of what is infinitely far; None if that is not known.
     """
-    soft, shifts, averaged = repair.soft_edges, repair.edge_shifts, repair.antialiased
+    shifts, averaged = repair.edge_shifts, repair.antialiased
     if averaged is not None and averaged != float("inf"):
         averaged = infinity  # of distance: known, or it would not have been found
     ramps_of = repair.ramps_of
@@ -55,10 +56,16 @@ def repair_through(repair: DepthRepair, scale: float, infinity: float | None) ->
     return repair._replace(
         noise=None if repair.noise is None else repair.noise * scale,
         antialiased=averaged,
-        soft_edges=None if soft is None else min(STEEP, max(MINIMUM, soft * scale)),
+        soft_edges=_slope_through(repair.soft_edges, scale),
+        wide_edges=_slope_through(repair.wide_edges, scale),
         edge_shifts=None if shifts is None else shifts._replace(step=shifts.step * scale),
         ramps_of=ramps_of,
     )
+
+
+def _slope_through(slope: float | None, scale: float) -> float | None:
+    """The least slope of soft edges for the frame of another lens."""
+    return None if slope is None else min(STEEP, max(MINIMUM, slope * scale))
 
 
 def _agreed_shifts(of_frames: Sequence[tuple[EdgeShifts | None, float]]) -> EdgeShifts | None:
@@ -71,6 +78,7 @@ def _agreed_shifts(of_frames: Sequence[tuple[EdgeShifts | None, float]]) -> Edge
         step=median(shifts.step / scale for shifts, scale in there),
         median=median(shifts.median for shifts, _ in there),
         rarity=tuple(sum(cost) / len(there) for cost in costs),
+        trust=median(shifts.trust for shifts, _ in there),
     )
 
 

@@ -199,6 +199,19 @@ def test_in_a_large_picture_an_edge_is_found_from_farther(fatter):
     assert repair.edge_shifts.median == pytest.approx(fatter, abs=1)
 
 
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_an_edge_is_as_soft_in_a_picture_of_any_size(times):
+    """A ramp of 12 px in 640 px, enlarged: a network sees a small picture."""
+    width, height = 640 * times, 200 * times
+    ramp = ((torch.arange(width) - width // 2) / (12 * times) + 0.5).clamp(0, 1).double()
+    radius = (20 * times * ramp).expand(height, -1).contiguous()
+    found, repair = repair_depth(radius, torch.full((3, height, width), 0.4).double())
+    assert set(found.unique().tolist()) == {0.0, 20.0 * times}
+    assert int((found - radius).abs().gt(10.01 * times).sum()) == 0
+    assert repair.edge_width == pytest.approx(12 * times, rel=0.15)
+    assert repair_depth(radius, torch.zeros(3, height, width), decided=repair)[0].equal(found)
+
+
 def test_the_foot_of_a_ramp_is_no_edge():
     radius = hard_depth()
     radius[:, MIDDLE - 4] = 0.5
