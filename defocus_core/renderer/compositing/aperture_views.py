@@ -46,17 +46,19 @@ def add_known(
 ) -> tuple[Tensor, Tensor | None]:
     """Composite the layers of all aperture parts over a tile."""
     moved, hidden_fractions = None, []
+    covered: dict[int, Tensor] = {}  # before each layer
     for number in sorted({*visible, *hidden}):
         shown, behind = visible.get(number), hidden.get(number)
-        before = None if behind is None else behind.box.of(front)[:, -1:].clone()
+        covered[number] = front[:, -1:].clone()
         if shown is not None:
             within = _of(full, shown.box)
             layer, fraction = shown_behind(shown.box.of(front), shown.layer, within)
             fraction = fraction * openings.over(shown.box).to(number)
             front = add_within(front, shown.box, layer, fraction)
             moved = with_moved(moved, front, shown, fraction)
-        if behind is not None and before is not None:
+        if behind is not None:
             room = openings.over(behind.box).to(number)
+            before = covered.get(number - 1, covered[number]), covered[number]
             fraction = _fraction_hidden(before, front, shown, behind, full, room)
             front = add_within(front, behind.box, behind.layer, fraction)
             hidden_fractions.append((behind, fraction, room))
@@ -86,7 +88,9 @@ def _of(full: Tensor | float, box: Box) -> Tensor | float:
 
 
 def _fraction_hidden(
-    before: Tensor,  # [M, 1, h, w], coverage of the front in this box before the layer
+    # [M, 1, H, W], coverage of the front before the layer before this one, with which it may share
+    # a surface, and before this one
+    before: tuple[Tensor, Tensor],
     front: Tensor,  # [M, C + 1, H, W], the front with what is visible of the layer
     shown: ShownLayer | None,
     behind: ShownLayer,
@@ -102,9 +106,10 @@ def _fraction_hidden(
         if both.height > 0 and both.width > 0:
             visible = both.seen_from(shown.box).of(shown.layer)[:, -1:].clamp(min=0)
             whole = add_within(coverage.clone(), both.seen_from(box), visible)
-    gap = (maximum - before).clamp(min=0) * room
-    expected = gap * (whole / maximum).clamp(max=1)
-    added = (expected - (box.of(front)[:, -1:] - before)).clamp(min=0)
+    earlier, now = map(box.of, before)
+    gap = (maximum - earlier).clamp(min=0) * room
+    expected = torch.minimum(gap * (whole / maximum).clamp(max=1), (maximum - now) * room)
+    added = (expected - (box.of(front)[:, -1:] - now)).clamp(min=0)
     added = torch.where(coverage > _MINIMUM, added, 0.0)
     return (added / coverage.clamp(min=_MINIMUM)).clamp(max=1)
 
@@ -241,20 +246,19 @@ class TileCompositor:
         else:
             self.invented = torch.addcmul(self.invented, covered, share)
 
-    def is_full(self, *, known: bool) -> bool:
-        """Whether no gap is left that a hidden surface, known or invented, may fill."""
-        return is_full(self.front, self._maximum(known))
+    def is_full(self) -> bool:
+        """Whether no gap is left that an invented surface may fill."""
+        return is_full(self.front, self._maximum)
 
-    def fill(self, layer: Tensor | None, *, known: bool) -> None:
-        """Add a hidden surface over the tile, [M, C + 1, h, w]; None where it is absent."""
+    def fill(self, layer: Tensor | None) -> None:
+        """Add an invented surface over the tile, [M, C + 1, h, w]; None where it is absent."""
         if layer is None:
             return
-        seen = shown_in_gaps(self.front, layer, self._maximum(known), self._groups)
+        seen = shown_in_gaps(self.front, layer, self._maximum, self._groups)
         if seen is None:
             return
         layer, fraction = seen
-        if not known:
-            self._add_invented(layer[:, -1], fraction[:, 0])
+        self._add_invented(layer[:, -1], fraction[:, 0])
         whole = Box(0, 0, *self.front.shape[-2:])
         self.front = add_within(self.front, whole, layer, fraction)
 
@@ -280,9 +284,10 @@ class TileCompositor:
         whole = torch.maximum(covered, sent(self._full, covered))
         self.front = torch.cat([color, whole], 1)
 
-    def _maximum(self, known: bool) -> Tensor | float:
-        """Greatest coverage once a hidden surface is added."""
-        return self._full if known or self._reserved is None else self._full - self._reserved
+    @property
+    def _maximum(self) -> Tensor | float:
+        """Greatest coverage once an invented surface is added."""
+        return self._full if self._reserved is None else self._full - self._reserved
 
 
 def _changed(front: Tensor, added: Tensor, factor: Tensor | None = None) -> Tensor:

@@ -65,7 +65,7 @@ class Content(NamedTuple):
 
 
 class Slicing(NamedTuple):
-    """The blur of the slices of visible, of known hidden or of invented surfaces."""
+    """The blur of the slices of visible or of invented surfaces."""
 
     stride: int  # whether every slice (1) or every other (2) is used
     level: int  # how many times resolution is halved before the blur
@@ -87,7 +87,6 @@ class Slices(NamedTuple):
     composite_order: CompositeOrder
     octaves: list[int]  # for each slice the octave of a hidden surface
     visible: Slicing  # how visible surfaces are blurred
-    known: Slicing  # how hidden surfaces that are known are blurred
     invented: Slicing  # how hidden surfaces that are invented are blurred
 
 
@@ -214,10 +213,8 @@ def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
                 clipped[id(window)] = window.seen(views)
         return of._replace(windows=[clipped[id(window)] for window in of.windows])
 
-    visible, known, invented = (
-        slicing(of) for of in (frame.slices.visible, frame.slices.known, frame.slices.invented)
-    )
-    slices = frame.slices._replace(visible=visible, known=known, invented=invented)
+    visible, invented = (slicing(of) for of in (frame.slices.visible, frame.slices.invented))
+    slices = frame.slices._replace(visible=visible, invented=invented)
     return replace(frame, slices=slices)
 
 

@@ -75,7 +75,6 @@ class Filling:
     """A hidden surface over the tiles of a region.
 
     Attributes:
-        known: Whether the surface is known, not invented.
         plan: For each tile the indices of slices that reach it, nearest first.
         windows: The window of each slice.
         level: How many times resolution is halved before the blur.
@@ -87,12 +86,10 @@ class Filling:
         grid: Grid,
         boxes: tuple[Box, Box],
         hidden: HiddenLayer,
-        *,
-        known: bool,
     ) -> None:
         """Prepare a surface that has pixels."""
-        slicing = frame.slices.known if known else frame.slices.invented
-        self.known, self.level, self._stride = known, slicing.level, slicing.stride
+        slicing = frame.slices.invented
+        self.level, self._stride = slicing.level, slicing.stride
         self.windows = slicing.windows[:: slicing.stride]
         self._octave_of_slice = frame.slices.octaves
         self._octave_of_layer = dict(zip(slicing.layers, frame.slices.octaves, strict=True))
@@ -197,11 +194,11 @@ def add_in_order(
 
     def fill(octave: int) -> None:
         for surface in hidden:
-            if surface.has(octave, index) and not compositor.is_full(known=surface.known):
+            if surface.has(octave, index) and not compositor.is_full():
                 layer, pictures = over_tile(surface).of(octave), with_octave(octave)
                 if layer is not None and pictures is not None:
                     layer = layer * pictures
-                compositor.fill(layer, known=surface.known)
+                compositor.fill(layer)
 
     def with_octave(octave: int) -> Tensor | None:
         return order.pictures_with(octave, compositor.front) if octave else None
@@ -233,8 +230,8 @@ def add_in_order(
                 compositor.close_gaps(aside, with_octave(octave))
         show({k})
     for surface in hidden:
-        if not compositor.is_full(known=surface.known):
-            compositor.fill(over_tile(surface).whole(), known=surface.known)
+        if not compositor.is_full():
+            compositor.fill(over_tile(surface).whole())
     if aside is not None:
         compositor.put_together(aside)
     return list(blurred)

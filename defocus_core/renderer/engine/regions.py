@@ -56,7 +56,7 @@ from defocus_core.renderer.engine.scene import (
     layers_within,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
-from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, known_within, separated
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, without_known
 from defocus_core.renderer.layers.layer import SampleLayer, of_slices
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import SHARP, slice_position
@@ -93,11 +93,11 @@ class _Place(NamedTuple):
         held, inner = box.grown(reach, frame.box), box.grown(reach, frame.scene)
         return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
 
-    def fills(self, surface: HiddenLayer | None, *, known: bool) -> list[Filling]:
+    def fills(self, surface: HiddenLayer | None) -> list[Filling]:
         """A hidden surface to composite; nothing if it has no pixel."""
         if surface is None or not bool(surface.mask.any()):
             return []
-        return [Filling(self.frame, self.grid, (self.held, self.inner), surface, known=known)]
+        return [Filling(self.frame, self.grid, (self.held, self.inner), surface)]
 
     def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor | None:
         """The shares [m, 1, ..., h, w] of parts that look into a box; None if all are 1."""
@@ -178,15 +178,7 @@ def _of_picture(
     if isinstance(backdrop, Backdrop):
         around = place.outer, place.inside
         invented = continued(layers[0], backdrop, *around, frame)
-    fills = list[Filling]()
-    if invented is not None and scene.hidden is not None:
-        visible = place.inside.of(signed_radius)
-        known = known_within(scene.hidden, place.held, visible, frame.dtype)
-        middle = axes(frame.size, place.held.top, place.held.left)
-        known, invented = separated(known, invented, middle)
-        fills = place.fills(known, known=True)
-    fills += place.fills(invented, known=False)
-    return _Seen(layers, positions, highlights, fills, sight=sight)
+    return _Seen(layers, positions, highlights, place.fills(invented), sight=sight)
 
 
 def _of_layers(
@@ -196,7 +188,13 @@ def _of_layers(
     frame, slices = place.frame, place.frame.slices
     stack = layered.stack(place.outer, frame.dtype)
     radius = stack.signed_radius[0]
-    layers, highlights = split(stack.visible(), len(image) - 1, frame.content.limit)
+    visible, hidden = stack.visible(), stack.hidden()
+    if layered.mixed and isinstance(backdrop, Backdrop):
+        own, *nearer = layers_within(visible[0].color, radius, backdrop, place.outer)
+        visible = (own, *visible[1:], *nearer)
+        if nearer:  # which hide a part of it
+            hidden = (own._replace(coverage=1 - own.coverage, sparse=True), *hidden[1:])
+    layers, highlights = split(visible, len(image) - 1, frame.content.limit)
     if highlights is not None:  # with an alpha of 0
         light = torch.cat([highlights.light, torch.zeros_like(highlights.light[:, :1])], 1)
         highlights = highlights._replace(light=light)
@@ -210,19 +208,17 @@ def _of_layers(
         around = place.outer, place.inside
         invented, known = continued(layers[0], backdrop, *around, frame), stack.knows_behind()
         if invented is not None and known is not None:
-            everywhere = torch.full_like(radius, torch.inf)
-            color = layers[0].color
-            behind = HiddenLayer(*map(place.inside.of, (color, everywhere, known)))
+            behind = place.inside.of(known), place.inside.of(stack.signed_radius[-1])
             middle = axes(frame.size, place.held.top, place.held.left)
-            _, invented = separated(behind, invented, middle)
-        fills = place.fills(invented, known=False)
+            invented = without_known(invented, *behind, middle)
+        fills = place.fills(invented)
     openings = Openings.of(stack.opaque(), slices.radii, slices.visible.layers)
     return _Seen(
         layers,
         slice_position(radius, slices.radii),
         highlights,
         fills,
-        behind=stack.hidden(),
+        behind=hidden,
         uncovered=uncovered,
         openings=openings.over(place.core),
         solid=(SampleLayer.whole(image[:0], stack.solid(layered.limits[1])),),
@@ -387,7 +383,7 @@ class Region:
             compositor.close(openings)
             needed = [] if compositor.is_nearly_full() else reaching
             for surface in needed:
-                compositor.fill(surface.over_tile(index).whole(), known=surface.known)
+                compositor.fill(surface.over_tile(index).whole())
         if layered is not None and not layered.blurs_alpha:
             compositor.add_alpha()
         if layered is not None and layered.open:
@@ -403,7 +399,7 @@ class Region:
         return TileCompositor(blank, self._full(index), division.groups, sight)
 
     def _reaching(self, index: int) -> list[Filling]:
-        """The hidden surfaces that reach a tile, known before invented."""
+        """The hidden surfaces that reach a tile."""
         return [surface for surface in self._hidden if surface.plan[index]]
 
     def _lit(self, views: Tensor, index: int) -> Tensor:
@@ -455,7 +451,7 @@ class Region:
             "layer_pixels": area * len(pieces),
             "layer_pixels_done": sum(piece.patch.shown.area for piece in pieces),
             "tiles_culled": int(len(needed) < len(reaching)),
-            "tiles_with_hidden": int(any(not surface.known for surface in reaching)),
+            "tiles_with_hidden": int(bool(reaching)),
         }
         pictures = math.prod(self._like.shape[1:-2])
         return {name: pictures * count for name, count in counts.items()}
@@ -539,7 +535,7 @@ def _backdrop(frame: SharedFrame, scene: Scene) -> Backdrop | SurfacesOfColors |
         frame.dtype,
         frame.settings.threads,
         content.limits,
-        unmixes=frame.quality.unmixes and layered is None,
+        unmixes=frame.quality.unmixes and (layered is None or layered.mixed),
         matte=scene.matte,
     )
 
