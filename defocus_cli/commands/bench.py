@@ -21,6 +21,7 @@ from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
 from defocus_core.io.safe_files import written_whole
 from defocus_core.request.job import DEVICES
+from defocus_core.request.job_options import MAX_THREADS
 from defocus_core.request.quantities import one_of, pixel_count, several
 from defocus_core.system.process import cores
 
@@ -62,7 +63,7 @@ def _size(word: str) -> Size:
 @option(
     "--threads N",
     "Threads to compute with.  [default: one for each core; 1 with --time]",
-    click.IntRange(1, shared.MAX_THREADS),
+    click.IntRange(1, MAX_THREADS),
 )
 @option("--device", "", DEVICES, default="auto", show_default=True)
 @shared.json_option

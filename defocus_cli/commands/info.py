@@ -47,8 +47,9 @@ def command(
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read is named, and the others are reported. Of a file of colour and one of depth, of
-    one size, it says whether the colour is blurred already.
+    cannot be read is named, and the others are reported. Of a file of colour and one of depth, the
+    blur and the repair are those of the depth at the size of the colour; of one size, it says
+    whether the colour is blurred already.
 
     Of patterns like 'shot.####.exr' the shot is summed up: frames, gaps, sizes, depth over time
     and, with a lens, where blur is largest.
@@ -73,8 +74,8 @@ def command(
     for file in files:  # each is reported before the next is read
         count = len(records)
         with failures.kept():
-            size = None if picture is None or file == picture[0] else picture[1]
-            records.append(inspect(file, reading, lens, lone=len(files) == 1, size=size))
+            of = None if picture is None or file == picture.path else picture
+            records.append(inspect(file, reading, lens, lone=len(files) == 1, of=of))
         if not as_json and len(records) > count:  # a stdout that is full ends all of it
             console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)

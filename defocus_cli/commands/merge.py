@@ -11,7 +11,7 @@ from defocus_cli.options.batch import dataset_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
-from defocus_core.batch.journal import left
+from defocus_core.batch.journal import progress
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.system.text import counted
 
@@ -34,7 +34,7 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     """  # noqa: D301  click reads the backspace
     named = {record.sample_id: record.split for record in Ledger(out).records()}
     update.refuse_foreign(out, named, packs=shards_size is not None)
-    merged = left.merge(out)
+    merged = progress.merge(out)
     written = update.index(out, shards_size)
     journals = counted(merged.journals, "journal")
     console.stderr(f"{out}: {counted(merged.jobs, 'job')}, from {journals} of shards")

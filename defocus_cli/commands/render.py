@@ -19,6 +19,7 @@ from defocus_core.batch.workers.plan import Execution, make_plan
 from defocus_core.errors import UsageProblem
 from defocus_core.picture.subject import with_blur_and_focus
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading, of_views
+from defocus_core.request.job_options import MACHINE_OPTIONS
 from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.pairing import find
@@ -64,7 +65,7 @@ Examples:
 @shared.name_option
 @shared.others_options
 @rendered_reading_options
-@shared.rendering_options
+@shared.machine_options(*MACHINE_OPTIONS)
 @shared.check_inputs_option
 @shared.json_option
 @shared.verbose_option

@@ -10,7 +10,7 @@ from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_core.batch.journal.left import progress
+from defocus_core.batch.journal.progress import progress
 from defocus_core.request.origin import KEPT
 
 

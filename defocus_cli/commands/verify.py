@@ -25,7 +25,7 @@ _WORDS = {True: "ok", False: "FAILED"}
 
 
 @click.command("verify", cls=GroupedCommand)
-@shared.machine_options
+@shared.machine_options("quality", "device", "threads")
 @shared.json_option
 def command(machine: Machine, as_json: bool) -> int:
     """Render small pictures and measure whether the laws of the lens hold on this machine.

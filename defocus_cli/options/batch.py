@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import re
+from typing import Any
 
 import click
 
-from defocus_cli.options.shared import MAX_THREADS, device_option, memory_options
+from defocus_cli.options.rows import given_options, param_option
 from defocus_cli.options.types import Command, bundle, machine_option, option
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers.pool import WorkerConfig
+from defocus_core.request.job_options import MACHINE_OPTIONS
 from defocus_core.request.quantities import QuantityError, byte_count
+from defocus_core.request.resolver import fields_of
 
 
 def crew_options(command: Command) -> Command:
@@ -29,15 +32,18 @@ def crew_options(command: Command) -> Command:
             "one for each core and 2 GB that are free; 1 with a GPU]",
             click.IntRange(min=1),
         ),
-        machine_option(
-            "--threads N",
+        param_option(
+            MACHINE_OPTIONS["threads"],
             "Threads of each process.  [default: cores / processes; 1 on Dask]",
-            click.IntRange(1, MAX_THREADS),
         ),
-        device_option(),
-        *memory_options(),
+        *(param_option(MACHINE_OPTIONS[name]) for name in ("device", "memory", "tile")),
     ]
-    return bundle("crew", WorkerConfig, options)(command)
+
+    def make(scheduler: str, processes: int | None, **values: Any) -> WorkerConfig:
+        given = fields_of(given_options(values, MACHINE_OPTIONS))
+        return WorkerConfig(scheduler, processes, **given)
+
+    return bundle("crew", make, options)(command)
 
 
 def shard_of(text: str) -> Shard:

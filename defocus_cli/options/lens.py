@@ -47,7 +47,7 @@ def lens_decorators(names: Iterable[str]) -> list[Decorator]:
 
 
 def _options_of(names: Iterable[str]) -> list[Decorator]:
-    return [param_option("Lens", LENS_OPTIONS[name]) for name in names]
+    return [param_option(LENS_OPTIONS[name]) for name in names]
 
 
 def opening_options() -> Decorator:

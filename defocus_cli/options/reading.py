@@ -41,4 +41,4 @@ def asked_reading(**_: Any) -> Reading:
 
 
 def _bundle(rows: Iterable[Param]) -> Decorator:
-    return bundle("reading", asked_reading, [param_option("Files", row) for row in rows])
+    return bundle("reading", asked_reading, list(map(param_option, rows)))

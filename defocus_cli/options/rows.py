@@ -7,23 +7,29 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.types import Decorator, option
+from defocus_cli.options.types import Decorator, FilePath, option
 from defocus_core.errors import CALLER, with_dashes
 from defocus_core.request.parameters import Param
 from defocus_core.request.quantities import read_at
 from defocus_core.request.resolver import Given, Layer, refuse_contradiction, value_of
 
 
-def param_option(heading: str, param: Param) -> Decorator:
-    """The option of a row of a table of options, whose value is a text."""
-    settings: dict[str, Any] = {"heading": heading, "is_common": param.is_common, "default": None}
+def param_option(param: Param, text: str = "") -> Decorator:
+    """The option of a row of a table of options, whose value is a text or a path.
+
+    `text`: what it does, if not what the row says.
+    """
+    settings: dict[str, Any] = {"heading": param.heading, "is_common": param.is_common}
     spelling = f"--{param.name} {param.metavar}"
     if param.toggle:
         spelling = f"--{param.name}/--no-{param.name}"
     elif not param.flag:
         spelling += f"[{'|'.join(param.choices)}]" if param.choices else ""
-        settings |= {"kind": click.STRING, "nargs": param.words}
-    return option(spelling, with_dashes(param.help), **settings)
+        settings["kind"] = FilePath() if param.is_path else click.STRING
+        settings |= {"multiple": True} if param.multiple else {"nargs": param.words}
+    if not param.multiple:
+        settings["default"] = None
+    return option(spelling, with_dashes(text or param.help), **settings)
 
 
 def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:

@@ -17,22 +17,16 @@ from defocus_cli.options.types import (
     FilePath,
     ReportPath,
     bundle,
-    files_option,
     machine_option,
     option,
     output_option,
 )
 from defocus_cli.words.console import Due
-from defocus_core.allowed_values import MIN_TILE
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.request.job import DEVICES, FIELDS, Machine, Outputs
-from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, QUALITY
-from defocus_core.request.quantities import byte_count
+from defocus_core.request.job import FIELDS, Machine, Outputs
+from defocus_core.request.job_options import INPUT_OPTIONS, MACHINE_OPTIONS, OUTPUT_OPTIONS
 from defocus_core.request.resolver import fields_of, outputs_of
 from defocus_core.system.process import cores
-
-MAX_THREADS = 1024  # more than any machine has cores for one picture
-_MAX_TILE = 1 << 14  # px
 
 
 def others_options(command: Command) -> Command:
@@ -40,35 +34,8 @@ def others_options(command: Command) -> Command:
 
     A plate may have no depth; a deep holdout and a matte have none.
     """
-    options = [
-        files_option(
-            "--hidden COLOR DEPTH",
-            "Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
-            "unknown, and invented; inf with colour is sky.",
-            FilePath(),
-            nargs=2,
-        ),
-        files_option(
-            "--over PLATE [DEPTH]",
-            "Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
-            "the EXR's own, or else infinitely far.",
-            FilePath(),
-        ),
-        files_option("--over-depth DEPTH", "Depth of the plate.", FilePath()),
-        files_option(
-            "--holdout DEEP",
-            "Deep EXR whose samples hide what is behind them and show nothing, like objects that "
-            "are composited later: colour and alpha are cut out.",
-            FilePath(),
-        ),
-        files_option(
-            "--matte FILE",
-            "Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
-            "silhouette is the edge of the depth, and hair is parted from what is behind it.",
-            FilePath(),
-        ),
-    ]
-    return bundle("others", _others, options)(command)
+    rows = [INPUT_OPTIONS[name] for name in ("hidden", "over", "over-depth", "holdout", "matte")]
+    return bundle("others", _others, list(map(param_option, rows)))(command)
 
 
 def _others(**given: Any) -> dict[str, tuple[Path, Path | None]]:
@@ -85,7 +52,7 @@ def _others(**given: Any) -> dict[str, tuple[Path, Path | None]]:
 
 def output_options(command: Command) -> Command:
     """Hand a command ``outputs``: what to write, and where."""
-    rows = [row for row in OUTPUT_OPTIONS.values() if not row.in_files]
+    rows = [row for row in OUTPUT_OPTIONS.values() if row.only != "files"]
     options = [
         output_option(
             "-o --out OUT",
@@ -95,7 +62,7 @@ def output_options(command: Command) -> Command:
             into="root",
             required=True,
         ),
-        *(param_option("Output", row) for row in rows),
+        *map(param_option, rows),
         output_option("--overwrite", "Render again and replace what is there.", is_common=True),
     ]
 
@@ -115,60 +82,14 @@ def name_option(command: Command) -> Command:
     return output_option("--name TEMPLATE", text)(command)
 
 
-def machine_options(command: Command) -> Command:
-    """Hand a command ``machine``: how to compute."""
-    return bundle("machine", _machine, _computing())(command)
+def machine_options(*names: str) -> Decorator:
+    """Hand a command ``machine``: how to compute, by some of the options of a machine."""
 
+    def make(**values: Any) -> Machine:
+        given = fields_of(given_options(values, MACHINE_OPTIONS))
+        return Machine(**{"threads": cores(), **given})
 
-def draft_options(command: Command) -> Command:
-    """Hand a command ``machine``: how to compute drafts."""
-    return bundle("machine", _machine, _computing()[1:])(command)
-
-
-def rendering_options(command: Command) -> Command:
-    """Hand a command ``machine``: how to compute pictures of any size, as accurate as wanted."""
-    return bundle("machine", _machine, [*_computing(), *memory_options()])(command)
-
-
-def _machine(quality: str | None = None, **others: Any) -> Machine:
-    return Machine(**fields_of(given_options({"quality": quality}, MACHINE_OPTIONS)), **others)
-
-
-def _computing() -> list[Decorator]:
-    return [
-        param_option("Machine", QUALITY),
-        device_option(),
-        machine_option(
-            "--threads N",
-            "Threads to compute with.  [default: one for each core]",
-            click.IntRange(1, MAX_THREADS),
-            default=cores,
-        ),
-    ]
-
-
-def device_option() -> Decorator:
-    """``--device``: where to compute."""
-    text = "Where to compute; auto takes a GPU if there is one."
-    kind = click.Choice(DEVICES)
-    return machine_option("--device", text, kind, default="auto", show_default=True)
-
-
-def memory_options() -> list[Decorator]:
-    """Bounds of memory, which change no picture by more than the last digits."""
-    return [
-        machine_option(
-            "--memory SIZE",
-            "Memory a process may take, like 2GB: what is larger goes through scratch files "
-            "in TMPDIR.  [default: most of what is free]",
-            byte_count,
-        ),
-        machine_option(
-            "--tile PX",
-            "Side of the tiles to compute in; changes the last digits.",
-            click.IntRange(min=MIN_TILE, max=_MAX_TILE),
-        ),
-    ]
+    return bundle("machine", make, [param_option(MACHINE_OPTIONS[name]) for name in names])
 
 
 def check_inputs_option(command: Command) -> Command:

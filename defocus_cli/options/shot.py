@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,60 +24,44 @@ from defocus_cli.options.types import (
 )
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
-from defocus_core.io.shots.frame_patterns import MISSING, FrameChoice, frame_choice
-from defocus_core.request.animation import INTERPOLATIONS, Animation, read_animation
-from defocus_core.request.job_options import SHOT_OPTIONS
+from defocus_core.io.shots.frame_patterns import FrameChoice
+from defocus_core.request.animation import Animation, read_animation
+from defocus_core.request.inputs import choice_of
+from defocus_core.request.job_options import ANIMATION_OPTIONS, INPUT_OPTIONS, SHOT_OPTIONS
 from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.request.picture_lenses import PictureLenses
+from defocus_core.request.resolver import Layer
 from defocus_core.request.shots import SharedDecisions, decisions_of
-
-_shot_option = partial(option, heading="Shot")
-
-_PLACES = (CALLER.at("frames"), CALLER.at("missing"))
 
 
 @dataclass(frozen=True)
 class ShotOptions:
     """The options of a shot beside its lens."""
 
-    frames: str | None  # the frames wanted, as text; None for all
-    missing: str | None
+    frames: Layer  # which are wanted
     together: SharedDecisions  # what the frames have in common
     contact: int | None = None  # number of pictures on a contact sheet; None for no sheet
 
     def choice(self, animation: Animation) -> FrameChoice:
         """The frames that are wanted."""
-        return frame_choice(self.frames, self.missing, _PLACES, animation.frames)
+        return choice_of(self.frames, CALLER.at, animation.frames)
 
 
 def shot_options(command: Command) -> Command:
     """Hand a command ``shot``."""
-    options = [
-        _shot_option(
-            "--frames LIST",
-            "Frames of patterns like 'shot.####.exr': 1001-1240, 1001-1240x2, 1001,1005; or "
-            "keys, those with a key of --animate.  [default: all that are there]",
-        ),
-        _shot_option(
-            "--missing",
-            "Frames that have no file: an error, or left out.  [default: error]",
-            MISSING,
-        ),
-        *(param_option("Shot", row) for row in SHOT_OPTIONS.values()),
-        _shot_option(
-            "--contact N",
-            "Also write N of the pictures, small, to OUT/contact.png.",
-            click.IntRange(min=1, max=400),
-        ),
-    ]
+    rows = (INPUT_OPTIONS["frames"], INPUT_OPTIONS["missing"], *SHOT_OPTIONS.values())
+    contact = option(
+        "--contact N",
+        "Also write N of the pictures, small, to OUT/contact.png.",
+        click.IntRange(min=1, max=400),
+        heading="Shot",
+    )
 
-    def make(
-        frames: str | None, missing: str | None, contact: int | None, **together: Any
-    ) -> ShotOptions:
-        shared = decisions_of(given_options(together, SHOT_OPTIONS))
-        return ShotOptions(frames, missing, shared, contact)
+    def make(contact: int | None, **values: Any) -> ShotOptions:
+        frames, together = (given_options(values, rows) for rows in (INPUT_OPTIONS, SHOT_OPTIONS))
+        return ShotOptions(frames, decisions_of(together), contact)
 
-    return bundle("shot", make, options)(command)
+    return bundle("shot", make, [*map(param_option, rows), contact])(command)
 
 
 def shot_lens_options(
@@ -88,22 +71,9 @@ def shot_lens_options(
 
     `names`: the options that show in what it makes; `moving`: whether it knows frames.
     """
-    keys = [
-        lens_option(
-            "--animate FILE",
-            "Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, or "
-            "Nuke's .chan.  ('defocus help shots')",
-            multiple=True,
-        ),
-        lens_option(
-            "--interpolate",
-            "Between keys: evenly, or slow at each key.  [default: linear]",
-            INTERPOLATIONS,
-        ),
-    ]
     options = [
         *lens_decorators(names),
-        *(keys if moving else ()),
+        *map(param_option, ANIMATION_OPTIONS.values() if moving else ()),
         lens_option(
             "--lens-from-metadata",
             "Take the lens from each colour file: OpenEXR's attributes, V-Ray's, or Exif; -v "
@@ -122,6 +92,7 @@ def shot_lens_options(
         if interpolate is not None and not animate:
             problem, remedy = "has no keys to go between", "add --animate FILE"
             raise UsageProblem("idle-option", problem, remedy, field="interpolate")
+        given_options({"interpolate": interpolate}, ANIMATION_OPTIONS)
         own = given_options(values, LENS_OPTIONS)
         if not (required or own or animate or metadata or lens_file is not None):
             return None

@@ -11,7 +11,7 @@ from typing import Any
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import Interrupted, SomeFailed, exit_code_of
-from defocus_core.batch.journal.left import Progress
+from defocus_core.batch.journal.progress import Progress
 from defocus_core.batch.journal.record import Record, error_line
 from defocus_core.batch.journal.resume import counted_reasons
 from defocus_core.batch.workers.plan import Plan
@@ -42,19 +42,19 @@ class BatchReport:
         """Say what was done before."""
         for job in plan.settled if self._keep or self._each else ():
             if self._keep:
-                done = job_report.outcome_record(job, plan.record(job), done_before=True)
+                record = plan.ledger.record_of(job.names.values())
+                done = job_report.outcome_record(job, record, done_before=True)
                 self.records[job.sample_id] = done
             if self._each:
                 console.stderr(job_report.done_before_line(job))
-        if not self._each and plan.settled:
-            console.stderr(
-                f"{counted(len(plan.settled), 'job')} done before, {len(plan.todo)} to do"
-            )
+        done_before = len(plan.jobs) - plan.due - plan.later
+        if not self._each and done_before:
+            console.stderr(f"{counted(done_before, 'job')} done before, {plan.due} to do")
         for line in reasons_lines(plan):
             console.stderr(line)
-        if self._bar is not None and plan.todo:
+        if self._bar is not None and plan.due:
             with spoken():
-                self._bar.reset(len(plan.todo))
+                self._bar.reset(plan.due)
 
     def ended(self, job: Job, record: Record) -> None:
         """Say what became of a job."""
@@ -114,7 +114,10 @@ def summary_lines(summary: Summary) -> Iterator[str]:
         line += f", {summary.warned} with warnings in the journal"
     done = sum(counts.values())
     if done and summary.seconds:
-        line += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
+        pace = f"{done / summary.seconds:.3g} a second"
+        if done < summary.seconds:
+            pace = f"{summary.seconds / done:.1f} s each"
+        line += f"; {summary.seconds:.1f} s, {pace}"
     yield line
     kinds = list(summary.warnings.counts.items())
     for example, count in kinds[:_WARNINGS]:

@@ -34,7 +34,7 @@ _MAP_BYTES = 2.4
 
 def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
     """Report each picture: what would be read and written, and the forecasts."""
-    todo = [job for job, _ in plan.todo]
+    todo = [job for _, job in plan.todo]
     done = set(plan.settled)
     samples, unusable = _forecasts(todo, alone=len(jobs) == 1)
     by_job = {todo[number]: each for number, each in samples.items()}
@@ -43,12 +43,12 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
         records = []
         for job in jobs:
             more = {"forecast": forecast.record(by_job[job])} if job in by_job else {}
-            records.append({**job_report.plan_record(job), "done_before": job in done, **more})
+            records.append({**job_report.job_record(job), "done_before": job in done, **more})
         whole = forecast.total(sampled, len(todo)) if sampled else None
         console.print_json(dry_run=True, pictures=records, forecast=whole, unusable=len(unusable))
     else:
         for job in jobs:
-            line = job_report.done_before_line if job in done else job_report.plan_line
+            line = job_report.done_before_line if job in done else job_report.job_line
             console.stdout(line(job))
             if job in by_job:
                 console.stdout(forecast.line(by_job[job]))
@@ -72,15 +72,16 @@ def report_batch(
     Jobs that would fail or be rejected are named on stderr.
     """
     plan = make_plan(jobs, out, execution)
-    todo = [job for job, _ in plan.todo]
+    todo = [job for _, job in plan.todo]
+    done_before = len(plan.jobs) - plan.due - plan.later
     by_number, unusable = _forecasts(todo)
     samples = list(by_number.values())
     whole = forecast.total(samples, len(todo)) if samples else None
     totals = {
-        "jobs": len(plan.settled) + len(todo) + plan.beyond,
-        "done_before": len(plan.settled),
+        "jobs": len(plan.jobs),
+        "done_before": done_before,
         "todo": len(todo),
-        "beyond_limit": plan.beyond,
+        "beyond_limit": plan.later,
         "looked_at": len(samples) + len(unusable),
         "processes": processes,
         "forecast": whole,
@@ -91,10 +92,10 @@ def report_batch(
         "kept": dict(plan.kept),
     }
     if as_json:
-        plans = [job_report.plan_record(job) for job in todo]
-        console.print_json(dry_run=True, **totals, samples=plans)
+        plans = [job_report.job_record(job) for job in todo]
+        console.print_json(dry_run=True, **totals, pictures=plans)
     else:
-        console.stdout(*(job_report.plan_line(job) for job in todo if verbose))
+        console.stdout(*(job_report.job_line(job) for job in todo if verbose))
         console.stdout(*_batch_lines(totals, len(samples)), *reasons_lines(plan))
     _end(unusable, len(samples), "jobs")
 
@@ -123,7 +124,7 @@ def _batch_lines(totals: Mapping[str, Any], samples: int) -> Iterator[str]:
         few = f", going by {samples} of them" if samples < todo else ""
         crew = counted(processes, "process", "processes")
         yield (
-            f"about {duration(totals['seconds'])} in {crew}, {totals['bytes'] / 10**9:.2f} GB "
+            f"about {duration(totals['seconds'])} in {crew}, {totals['bytes'] / 10**9:.2g} GB "
             f"of files, {processes * whole['peak_mb']:.0f} MB of memory{few}"
         )
 

@@ -13,7 +13,7 @@ from defocus_core.request.lens import lens_record, lens_record_words, lens_words
 from defocus_core.system.text import counted
 
 
-def plan_record(job: Job) -> dict[str, Any]:
+def job_record(job: Job) -> dict[str, Any]:
     """Inputs, lens and outputs of a job, for JSON."""
     return {
         "stem": job.sample_id,
@@ -29,7 +29,7 @@ def _own_files(job: Job) -> dict[str, Path]:
     return {role: path for role, path in job.files.items() if not role.startswith(FRAME_ROLE)}
 
 
-def plan_line(job: Job) -> str:
+def job_line(job: Job) -> str:
     """Inputs, lens and outputs of a job, in words."""
     inputs = dict.fromkeys(map(str, _own_files(job).values()))
     others = 0 if job.shot is None else len(job.shot.pictures.keys() - {job.picture.frame})
@@ -45,7 +45,7 @@ def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> di
     end, taken = record.end, record.taken
     told = {name: getattr(taken, name, None) for name in _OF_PICTURES}
     return {
-        **plan_record(job),
+        **job_record(job),
         **{"status": end.status, "reason": end.reason, "message": end.message},
         **{"warnings": list(end.warnings), "quality": record.quality},
         **told,

@@ -96,7 +96,7 @@ def refusals_of(
         yield Refusal(
             "not-explained",
             "the pictures do not differ: nothing is blurred",
-            "give a picture that is",
+            "give a picture that is blurred",
         )
         return
     of_small = _small_correlation(evidence.sharp, evidence.observed)
@@ -298,7 +298,8 @@ def fit(
         crosstalk: Whether the crosstalk of a pair is to be found.
         focus: The disparity in focus, if it is known.
         strength: The strength by the disparity in focus, if it is known.
-        exposure: Whether each channel may have a factor between the two pictures.
+        exposure: Whether each channel may have a factor between the two pictures, and each blurred
+            one a falloff of light over the frame.
         side_shading: Whether left and right may have a factor each, a plane over the frame.
         gamma: Whether the power is to be found by which the pictures are linear light.
         shift: Whether the blurred picture may be shifted by up to 16 px, and magnified by 2 %.
@@ -447,18 +448,18 @@ def _doubts(fitted: FittedLens, disparity: Tensor, errors: dict[str, float]) -> 
         "the focus lies beyond all depths of the picture, and is extrapolated": (
             "focus" in errors and not farthest <= point.focus <= nearest
         ),
-        "the strength is known to more than 10 % only": errors.get("strength", 0.0) > 0.1,
-        "the focus is known to a tenth of the range of disparity only": (
+        "the strength may be off by more than 10 %": errors.get("strength", 0.0) > 0.1,
+        "the focus may be off by more than a tenth of the range of disparity": (
             errors.get("focus", 0.0) > 0.1 * (nearest - farthest)
         ),
-        "the gamma is known to more than 10 % only": errors.get("gamma", 0.0) > 0.1,
-        "the rotation of the blades is known to 10 degrees or less well": (
+        "the gamma may be off by more than 10 %": errors.get("gamma", 0.0) > 0.1,
+        "the rotation of the blades may be off by more than 10 degrees": (
             errors.get("rotation", 0.0) > 10
         ),
         "left and right are exchanged: the first is what the right photodiodes saw": (
             point.separation < 0
         ),
-        "the crosstalk is known to 0.1 or less well": errors.get("separation", 0.0) > 0.2,
+        "the crosstalk may be off by more than 0.1": errors.get("separation", 0.0) > 0.2,
         "hardly anything is blurred: strength and focus are uncertain": (
             maximum < 1.5 and not errors.keys().isdisjoint({"strength", "focus"})
         ),

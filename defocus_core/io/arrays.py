@@ -1,12 +1,14 @@
 """Arrays [H, W] in memory or, where they would not fit, in a scratch file.
 
-A scratch file has no name, so that nothing of it stays however the process ends. Only the window
-that is read or written is in memory.
+A scratch file has no name, so that nothing of it stays however the process ends. It is mapped, and
+only a band of the window that is read or written is in memory: mapped pages count as memory of the
+process, which ‹memory› limits, until they are given back.
 """
 
 from __future__ import annotations
 
 import math
+import mmap
 import os
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -39,51 +41,40 @@ class Scratch:
         self.shape, self.dtype = shape, np.dtype(dtype)
         size, folder = math.prod(shape) * self.dtype.itemsize, scratch_folder()
         try:
-            self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115
-            if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(self._file.fileno(), 0, size)
-            else:
-                self._file.truncate(size)
+            with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
+                if hasattr(os, "posix_fallocate"):
+                    os.posix_fallocate(file.fileno(), 0, size)
+                else:  # a hole that finds no room when it is filled would end the process
+                    for start in range(0, size, BAND):
+                        file.write(bytes(min(BAND, size - start)))
+                self._mapped = np.memmap(file, self.dtype, "r+", shape=shape)
+                self._pages: Any = self._mapped.base
         except OSError as error:
-            raise _no_room(folder, size, error) from None
+            problem = f"has no room for {size / 10**6:.0f} MB of scratch: {reason(error)}"
+            remedy = "free some, let TMPDIR name another directory, or allow more ‹memory›"
+            raise InputError("no-space", problem, remedy, path=folder) from None
 
     def __getitem__(self, window: Any) -> NDArray[Any]:
         """A copy of the window [rows] or [rows, columns]."""
-        (top, below, step), (left, beside, stride) = self._cuts(window)
-        values = np.empty((max(below - top, 0), max(beside - left, 0)), self.dtype)
-        for rows, offset in self._runs(values, top, left):
-            if os.preadv(self._file.fileno(), [rows.data], offset) < rows.nbytes:
-                raise OSError("a scratch file ended early")
-        return values[::step, ::stride]
+        mapped = self._mapped[window]
+        values = np.empty(mapped.shape, self.dtype)
+        for rows in self._bands(mapped):
+            values[rows] = mapped[rows]
+        return values
 
     def __setitem__(self, window: Any, values: NDArray[Any]) -> None:
-        """Fill the window [rows] or [rows, columns], slices without steps."""
-        (top, below, _), (left, beside, _) = self._cuts(window)
-        cut = np.ascontiguousarray(np.broadcast_to(values, (below - top, beside - left)))
-        try:
-            for rows, offset in self._runs(cut.astype(self.dtype, copy=False), top, left):
-                os.pwritev(self._file.fileno(), [rows.data], offset)
-        except OSError as error:
-            raise _no_room(scratch_folder(), cut.nbytes, error) from None
+        """Fill the window [rows] or [rows, columns]."""
+        mapped = self._mapped[window]
+        values = np.broadcast_to(values, mapped.shape)
+        for rows in self._bands(mapped):
+            mapped[rows] = values[rows]
 
-    def _cuts(self, window: Any) -> list[tuple[int, int, int]]:
-        cuts = window if isinstance(window, tuple) else (window,)
-        cuts = (*cuts, *[slice(None)] * (2 - len(cuts)))
-        return [cut.indices(length) for cut, length in zip(cuts, self.shape, strict=True)]
-
-    def _runs(
-        self, values: NDArray[Any], top: int, left: int
-    ) -> Iterator[tuple[NDArray[Any], int]]:
-        """Pieces of an array that are contiguous in the file, each with its offset in bytes."""
-        if values.shape[1] == self.shape[1]:
-            count = max(1, BAND // max(1, self.shape[1]))
-            pieces = [values[y : y + count] for y in range(0, len(values), count)]
-        else:
-            count, pieces = 1, list(values)
-        for number, piece in enumerate(pieces):
-            place = (top + number * count) * self.shape[1] + left
-            if piece.size:
-                yield piece, place * self.dtype.itemsize
+    def _bands(self, mapped: NDArray[Any]) -> Iterator[slice]:
+        """Rows of a part of the file; the pages of each band are given back after it was used."""
+        height, width = mapped.shape
+        for rows in bands((height, self.shape[1])) if width else ():
+            yield rows
+            self._pages.madvise(mmap.MADV_DONTNEED)
 
 
 @dataclass(frozen=True)
@@ -176,12 +167,6 @@ def scratch_folder() -> Path:
     if not os.environ.get("TMPDIR") and os.access(_LASTING, os.W_OK):
         return _LASTING
     return Path(tempfile.gettempdir())
-
-
-def _no_room(folder: Path, size: int, error: OSError) -> InputError:
-    problem = f"has no room for {size / 10**6:.0f} MB of scratch: {reason(error)}"
-    remedy = "free some, let TMPDIR name another directory, or allow more ‹memory›"
-    return InputError("no-space", problem, remedy, path=folder)
 
 
 def sample_plane(plane: Any) -> Any:

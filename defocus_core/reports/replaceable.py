@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from defocus_core.errors import InputError, reason
+from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.below import open_plain
+from defocus_core.request.output_kinds import PICTURES
 
 # By kind: how a report begins, and what is found near its beginning.
 _MARKS = {
@@ -16,7 +17,12 @@ _HEAD = 1024  # bytes
 
 
 def refuse_other(path: Path, kind: str) -> None:
-    """Refuse to write a report over what is no report: a picture, or the jobs file itself."""
+    """Refuse to write a report over what is no report, or into a file named as a picture."""
+    if path.suffix.lower() in PICTURES:
+        remedy = f"end its name in .{'xml' if kind == 'junit' else kind}"
+        raise UsageProblem(
+            "malformed", "is the name of a picture, not of a report", remedy, path=path
+        )
     try:
         with open_plain(path) as file:
             head = file.read(_HEAD)

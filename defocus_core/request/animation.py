@@ -17,14 +17,14 @@ from typing import Any
 
 from defocus_core.errors import CALLER, InputError, UsageProblem
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
+from defocus_core.request.job_options import ANIMATION_OPTIONS, INTERPOLATIONS
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES, LensParam
 from defocus_core.request.quantities import read_at, text_of
 from defocus_core.request.reading_options import field_of_view
-from defocus_core.request.resolver import Given, alternatives, refuse_contradiction
+from defocus_core.request.resolver import Given, alternatives, keys_of, refuse_contradiction
 from defocus_core.request.toml_file import Table, read_toml, refuse_unknown
 from defocus_core.request.toml_file import table as table_of
 
-INTERPOLATIONS = ("linear", "ease")
 _FIELD_OF_VIEW = LensParam(
     name=FIELD_OF_VIEW,
     parse=field_of_view,
@@ -167,7 +167,7 @@ def _keys_of(table: Table) -> tuple[dict[str, Mapping[int, Key]], str | None]:
     """The keys of ``[animate]``, of each option a table of values by frame; its interpolation."""
     every: dict[str, Mapping[int, Key]] = {}
     for name, frames in table.values.items():
-        if name in ("file", "interpolation"):
+        if name in keys_of(ANIMATION_OPTIONS):
             continue
         if not isinstance(frames, dict) or not frames:
             remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'

@@ -17,7 +17,7 @@ its outputs are named) and any option of a lens. Paths are relative to the file 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import count
 from pathlib import Path
@@ -25,20 +25,19 @@ from typing import Any
 
 from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.row_files import Row, read_rows
-from defocus_core.io.shots.frame_patterns import MISSING, frame_choice
+from defocus_core.io.shots.frame_patterns import FrameChoice, frame_choice
 from defocus_core.request.job import OTHERS, Picture
+from defocus_core.request.job_options import INPUT_OPTIONS
 from defocus_core.request.pairing import SCENE_SUFFIXES, find
 from defocus_core.request.parameters import LENS_OPTIONS
-from defocus_core.request.resolver import Layer, layer_of
+from defocus_core.request.resolver import Layer, keys_of, layer_of
 from defocus_core.request.toml_file import Table, refuse_unknown
 from defocus_core.system.memory import without_collections
 
-COLOR_KEYS = {role: "matte" if role == "matte" else f"{role}-color" for role in OTHERS}
-_ROLES = (key for role in OTHERS for key in (COLOR_KEYS[role], f"{role}-depth"))
-FILES = ("color", "depth", *(key for key in _ROLES if key != "matte-depth"))
-KEYS = (*FILES, "frames", "missing", "list", "pictures")
-ROW_KEYS = (*FILES, "stem")
-_KNOWN = frozenset({*LENS_OPTIONS, *ROW_KEYS})
+# The options that name files, by their keys.
+_FILES = {key: row.name for key, row in keys_of(INPUT_OPTIONS).items() if row.is_path}
+_KNOWN = (*LENS_OPTIONS, *_FILES, "stem")
+_KNOWN_SET = frozenset(_KNOWN)
 _TRIED = 100  # first rows of which one file at least must exist
 _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 
@@ -57,7 +56,7 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> tuple[list[Entry],
 
     `table`: ``[inputs]``, whose patterns give pictures by name.
     """
-    table.refuse_unknown(KEYS)
+    table.refuse_unknown(tuple(keys_of(INPUT_OPTIONS)))
     entries, shot = _from_files(table, keyed)
     for name in table.texts("list"):
         file = table.file.parent / name
@@ -76,45 +75,39 @@ def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> tuple[list[Entry],
     return entries, shot
 
 
-def _paths(table: Table) -> dict[str, Path]:
-    """The paths of ``[inputs]`` by their keys."""
-    texts = {name: table.text(name) for name in FILES}
-    return {name: Path(text) for name, text in texts.items() if text is not None}
-
-
 def _others(paths: Mapping[str, Path], where: Place) -> dict[str, tuple[Path, Path | None]]:
     """Colour and depth of what belongs to each picture, by role."""
-    others = {}
     for role in OTHERS:
-        other = paths.get(COLOR_KEYS[role])
-        if other is not None:
-            others[role] = (other, paths.get(f"{role}-depth"))
-        elif f"{role}-depth" in paths:
-            problem = f"stands without {role}-color"
+        if f"{role}-depth" in paths and role not in paths:
+            problem = f"stands without {INPUT_OPTIONS[role].key}"
             path = where.at(f"{role}-depth")
             raise UsageProblem("missing-option", problem, "add that", path=path)
-    return others
+    return {role: (paths[role], paths.get(f"{role}-depth")) for role in OTHERS if role in paths}
+
+
+def choice_of(options: Layer, at: Callable[[str], Place], keyed: tuple[int, ...]) -> FrameChoice:
+    """The frames that options ask for; ``at``: the place of an option, ``keyed``: with a key."""
+    frames, missing = (
+        options[name].text if name in options else None for name in ("frames", "missing")
+    )
+    return frame_choice(frames, missing, (at("frames"), at("missing")), keyed)
 
 
 def _from_files(table: Table, keyed: tuple[int, ...]) -> tuple[list[Entry], list[Entry]]:
-    paths = _paths(table)
-    color, depth = paths.get("color"), paths.get("depth")
-    if color is None:
-        asked = (*FILES, "frames", "missing")
-        lone = next((key for key in asked if key in table.values), None)
-        if lone is not None:
-            raise UsageProblem(
-                "missing-option", "stands without color", "add color", path=table.place(lone)
-            )
+    values = {key: value for key, value in table.values.items() if key not in ("list", "pictures")}
+    options = layer_of(values, INPUT_OPTIONS, table.place)
+    paths = {name: Path(each.text) for name, each in options.items() if INPUT_OPTIONS[name].is_path}
+    if "color" not in paths:
+        if options:
+            place = next(iter(options.values())).place
+            raise UsageProblem("missing-option", "stands without color", "add color", path=place)
         return [], []
-    choice = frame_choice(
-        table.text("frames"),
-        table.choice("missing", MISSING),
-        (table.place("frames"), table.place("missing")),
-        keyed,
-    )
     found = find(
-        color, depth, _others(paths, table.place()), patterns_in=table.file.parent, frames=choice
+        paths["color"],
+        paths.get("depth"),
+        _others(paths, table.place()),
+        patterns_in=table.file.parent,
+        frames=choice_of(options, table.place, keyed),
     )
     pictures, shot = ([Entry(picture, table.place()) for picture in each] for each in found)
     return pictures, shot
@@ -149,10 +142,14 @@ def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
 
 
 def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
-    if not row.keys() <= _KNOWN:
-        refuse_unknown(row, (*LENS_OPTIONS, *ROW_KEYS), where, "a row")
+    if not _KNOWN_SET.issuperset(row):
+        refuse_unknown(row, _KNOWN, where, "a row")
     options = layer_of(row, LENS_OPTIONS, where.at)
-    paths = {key: file.parent / _path(row[key], where, key) for key in FILES if key in row}
+    paths = {
+        name: file.parent / _path(row[key], where, key)
+        for key, name in _FILES.items()
+        if key in row
+    }
     if "color" not in paths:
         raise InputError("empty", "has no color", "give it the path of a colour file", path=where)
     color = paths["color"]

@@ -146,7 +146,7 @@ class Shot:
     sample: tuple[FrameLens, ...] = ()
     # The frame and its neighbours, ascending: their depth is averaged where the scene is still,
     # and with motion vectors they show what is hidden
-    window: tuple[Picture, ...] = ()
+    neighbours: tuple[Picture, ...] = ()
     # Frames whose focus is averaged for the focus of this one; empty for its own
     focus: tuple[FrameLens, ...] = ()
     motion: str | None = None  # layer of motion vectors in the files; None if there is none
@@ -155,7 +155,7 @@ class Shot:
     def pictures(self) -> dict[int, Picture]:
         """All of these frames by number."""
         taken = (each.picture for each in (*self.sample, *self.focus))
-        return {int(p.frame): p for p in (*taken, *self.window) if p.frame is not None}
+        return {int(p.frame): p for p in (*taken, *self.neighbours) if p.frame is not None}
 
     @property
     def files(self) -> dict[str, Path]:

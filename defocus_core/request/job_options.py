@@ -1,6 +1,7 @@
-"""The tables of options of outputs, of a shot and of how pictures are computed.
+"""The tables of options of a job but those of its lens and of reading.
 
-The command line and the tables ``[outputs]``, ``[shot]`` and ``[machine]`` of jobs files have them.
+The command line and the tables ``[inputs]``, ``[animate]``, ``[shot]``, ``[outputs]`` and
+``[machine]`` of jobs files have them.
 """
 
 from __future__ import annotations
@@ -9,9 +10,10 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
-from defocus_core.allowed_values import QUALITIES
+from defocus_core.allowed_values import MIN_TILE, QUALITIES
 from defocus_core.errors import UsageProblem
-from defocus_core.request.job import LONGEST_SMOOTH, Machine, Outputs
+from defocus_core.io.shots.frame_patterns import MISSING
+from defocus_core.request.job import DEVICES, LONGEST_SMOOTH, Machine, Outputs
 from defocus_core.request.output_kinds import (
     COLOR_SPACES,
     COMPRESSIONS,
@@ -27,7 +29,14 @@ from defocus_core.request.output_kinds import (
     is_picture_name,
 )
 from defocus_core.request.parameters import Param
-from defocus_core.request.quantities import QuantityError, always, one_of, switch, whole_within
+from defocus_core.request.quantities import (
+    QuantityError,
+    always,
+    byte_count,
+    one_of,
+    switch,
+    whole_within,
+)
 
 _word = partial(one_of, code="unknown-name")
 
@@ -49,6 +58,7 @@ def image_format(text: str) -> str:
 class OutputParam(Param):
     """An option of outputs."""
 
+    heading: str = "Output"
     suits: Callable[[Outputs], bool] = lambda _: True  # whether it says anything about them
     idle: str = ""  # what is wrong where it does not, with ``{format}``
     remedy: str = "leave it out"
@@ -131,7 +141,7 @@ _ROWS = (
     ),
     OutputParam(
         name="inputs",
-        in_files=True,
+        only="files",
         parse=_word(("copy",)),
         choices=("copy",),
         help="Also write the sharp picture and its depth, kinds image and depth.",
@@ -141,6 +151,7 @@ OUTPUT_OPTIONS: Mapping[str, OutputParam] = {row.name: row for row in _ROWS}
 _SHOT = (
     Param(
         name="steady",
+        heading="Shot",
         toggle=True,
         parse=switch,
         help="Decide once for the shot how depth is repaired and where a focus lies that the "
@@ -149,27 +160,164 @@ _SHOT = (
     ),
     Param(
         name="focus-smooth",
+        heading="Shot",
         parse=whole_within(2, LONGEST_SMOOTH),
         metavar="N",
         help="Average a focus that the depth decides over N frames, in disparity, like 9.",
     ),
     Param(
         name="motion",
+        heading="Shot",
         metavar="LAYER",
         help="Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
         "what other frames have seen of what is hidden is not invented.",
     ),
 )
 SHOT_OPTIONS = {row.name: row for row in _SHOT}
-QUALITY = Param(
-    name="quality",
-    parse=_word(QUALITIES),
-    choices=QUALITIES,
-    help="Accuracy, bought with time; a draft is rendered at half of the size, and what is "
-    f"in focus gets its detail back.  [default: {Machine.quality}]",
-    is_common=True,
+_INPUTS = (
+    Param(name="color", only="files", is_path=True, help="Pictures, sharp."),
+    Param(
+        name="depth",
+        only="files",
+        is_path=True,
+        help="Their depth; without it, each colour EXR holds its own.",
+    ),
+    Param(
+        name="hidden",
+        key="hidden-color",
+        heading="Files",
+        words=2,
+        is_path=True,
+        metavar="COLOR DEPTH",
+        help="Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
+        "unknown, and invented; inf with colour is sky.",
+    ),
+    Param(name="hidden-depth", only="files", is_path=True, help="Depth of what lies behind."),
+    Param(
+        name="over",
+        key="over-color",
+        heading="Files",
+        is_path=True,
+        metavar="PLATE [DEPTH]",
+        help="Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
+        "the EXR's own, or else infinitely far.",
+    ),
+    Param(
+        name="over-depth",
+        heading="Files",
+        is_path=True,
+        metavar="DEPTH",
+        help="Depth of the plate.",
+    ),
+    Param(
+        name="holdout",
+        key="holdout-color",
+        heading="Files",
+        is_path=True,
+        metavar="DEEP",
+        help="Deep EXR whose samples hide what is behind them and show nothing, like objects that "
+        "are composited later: colour and alpha are cut out.",
+    ),
+    Param(name="holdout-depth", only="files", is_path=True, help="The same deep EXR."),
+    Param(
+        name="matte",
+        heading="Files",
+        is_path=True,
+        metavar="FILE",
+        help="Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
+        "silhouette is the edge of the depth, and hair is parted from what is behind it.",
+    ),
+    Param(
+        name="frames",
+        heading="Shot",
+        metavar="LIST",
+        help="Frames of patterns like 'shot.####.exr': 1001-1240, 1001-1240x2, 1001,1005; or "
+        "keys, those with a key of ‹animate›.  [default: all that are there]",
+    ),
+    Param(
+        name="missing",
+        heading="Shot",
+        parse=_word(MISSING),
+        choices=MISSING,
+        help="Frames that have no file: an error, or left out.  [default: error]",
+    ),
+    Param(name="list", only="files", help="CSV or JSONL files with a row for each picture."),
+    Param(name="pictures", only="files", help="Such rows in the jobs file itself."),
 )
-MACHINE_OPTIONS = {"quality": QUALITY}
+INPUT_OPTIONS = {row.name: row for row in _INPUTS}
+INTERPOLATIONS = ("linear", "ease")
+_ANIMATE = (
+    Param(
+        name="animate",
+        key="file",
+        heading="Lens",
+        multiple=True,
+        metavar="FILE",
+        help="Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, or "
+        "Nuke's .chan.  ('defocus help shots')",
+    ),
+    Param(
+        name="interpolate",
+        key="interpolation",
+        heading="Lens",
+        parse=_word(INTERPOLATIONS),
+        choices=INTERPOLATIONS,
+        help="Between keys: evenly, or slow at each key.  [default: linear]",
+    ),
+)
+ANIMATION_OPTIONS = {row.name: row for row in _ANIMATE}
+MAX_THREADS = 1024  # more than any machine has cores for one picture
+_MAX_TILE = 1 << 14  # px
+_MACHINE = (
+    Param(
+        name="quality",
+        heading="Machine",
+        parse=_word(QUALITIES),
+        choices=QUALITIES,
+        help="Accuracy, bought with time; a draft is rendered at half of the size, and what is "
+        f"in focus gets its detail back.  [default: {Machine.quality}]",
+        is_common=True,
+    ),
+    Param(
+        name="device",
+        only="commands",
+        heading="Machine",
+        parse=_word(DEVICES),
+        choices=DEVICES,
+        help=f"Where to compute; auto takes a GPU if there is one.  [default: {Machine.device}]",
+    ),
+    Param(
+        name="threads",
+        only="commands",
+        heading="Machine",
+        parse=whole_within(1, MAX_THREADS),
+        metavar="N",
+        help="Threads to compute with.  [default: one for each core]",
+    ),
+    Param(
+        name="memory",
+        only="commands",
+        heading="Machine",
+        parse=byte_count,
+        metavar="SIZE",
+        help="Memory a process may take, like 2GB: what is larger goes through scratch files "
+        "in TMPDIR.  [default: most of what is free]",
+    ),
+    Param(
+        name="tile",
+        only="commands",
+        heading="Machine",
+        parse=whole_within(MIN_TILE, _MAX_TILE),
+        metavar="PX",
+        help="Side of the tiles to compute in; changes the last digits.",
+    ),
+)
+MACHINE_OPTIONS = {row.name: row for row in _MACHINE}
+# The tables of jobs files whose keys these are.
+TABLES: Mapping[str, Mapping[str, Param]] = {
+    **{"inputs": INPUT_OPTIONS, "animate": ANIMATION_OPTIONS, "shot": SHOT_OPTIONS},
+    **{"outputs": OUTPUT_OPTIONS, "machine": MACHINE_OPTIONS},
+}
 
 
 def in_one_file(outputs: Outputs, given: Collection[str]) -> Outputs:

@@ -32,16 +32,24 @@ from typing import Any
 
 from defocus_core.errors import UsageProblem
 from defocus_core.request.animation import read_animation_table
-from defocus_core.request.inputs import COLOR_KEYS, Entry, read_inputs
+from defocus_core.request.inputs import Entry, read_inputs
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, SHOT_OPTIONS
 from defocus_core.request.lens import Lens
 from defocus_core.request.lens_files import reading_in
 from defocus_core.request.origin import JobsSource, read_origin, source_of_tables
-from defocus_core.request.parameters import LENS_OPTIONS, METADATA
+from defocus_core.request.parameters import METADATA
 from defocus_core.request.picture_lenses import PictureLenses, lens_file_of, read_lenses
 from defocus_core.request.reading_options import READING_OPTIONS
-from defocus_core.request.resolver import fields_of, layer_in, layer_of, outputs_of, reading_of
+from defocus_core.request.resolver import (
+    OPTIONS,
+    fields_of,
+    keys_of,
+    layer_in,
+    layer_of,
+    outputs_of,
+    reading_of,
+)
 from defocus_core.request.shots import decisions_of, with_shot
 from defocus_core.request.splits import read_splits
 from defocus_core.request.toml_file import Table, parsed_toml, read_bytes, refuse_unknown, table
@@ -51,20 +59,14 @@ TABLES = (
     *("reading", "outputs", "machine", "dataset"),
 )
 MAX_JOBS = 10_000_000
-_ROWS = {
-    **{"lens": LENS_OPTIONS, "reading": READING_OPTIONS, "outputs": OUTPUT_OPTIONS},
-    **{"shot": SHOT_OPTIONS, "machine": MACHINE_OPTIONS},
-}
 # Options of a single picture, and the table and key that they are here.
 KEYS = {
     **{
-        name: f"[{table}] {row.key or name}"
-        for table, rows in _ROWS.items()
-        for name, row in rows.items()
+        row.name: f"[{table}] {key}"
+        for table, rows in OPTIONS.items()
+        for key, row in keys_of(rows).items()
     },
-    **{METADATA: f"[lens] {METADATA}", "lens": "[lens] file", "animate": "[animate] file"},
-    **{role: f"[inputs] {key}" for role, key in COLOR_KEYS.items()},
-    **{key: f"[inputs] {key}" for key in ("frames", "missing")},
+    **{METADATA: f"[lens] {METADATA}", "lens": "[lens] file"},
 }
 
 

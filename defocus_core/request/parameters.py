@@ -33,7 +33,7 @@ class Param:
 
     name: str  # of the option, and of the key of a TOML file
     key: str = ""  # of a TOML file, where that is another
-    in_files: bool = False  # only files have it
+    only: str = ""  # ``files`` or ``commands``, if the others have not got it
     help: str  # what it does; other options are in angle quotes
     parse: Callable[[str], Any] = str  # makes its value of a text; raises QuantityError
     metavar: str = ""  # what help shows in the place of its value
@@ -44,10 +44,13 @@ class Param:
     separator: str = ""
     instead_of: str = ""  # the option that says the same in another way
     choices: Sequence[str] = ()  # the words that it may be, where it is one of them
+    heading: str = "Options"  # under which help shows it
     is_common: bool = False  # short help shows it
     flag: bool = False  # it has no value: a field has its name, if it is given
     toggle: bool = False  # it is on or off without a text, and neither where it is not given
     words: int = 1  # of which a command line has it
+    multiple: bool = False  # a command line may have it several times
+    is_path: bool = False  # it names a file, or files
 
     @property
     def field(self) -> str:
@@ -85,6 +88,7 @@ class Param:
 class LensParam(Param):
     """An option of a lens."""
 
+    heading: str = "Lens"
     tag: str  # what a file name calls it in a sweep
     example: str  # a value as a text
     # A lens cannot do without it, or without the option that is instead of it

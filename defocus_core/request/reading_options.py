@@ -109,6 +109,7 @@ def words(text: str) -> tuple[str, ...]:
 class ReadingParam(Param):
     """An option of reading."""
 
+    heading: str = "Files"
     of_pictures: bool = False  # a depth file alone, without a picture and a lens, has no use for it
     of_render: bool = False  # what is not written has no use for it
 

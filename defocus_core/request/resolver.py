@@ -19,12 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.errors import CALLER, Place, UsageProblem, reason
 from defocus_core.request.job import Outputs, Reading
-from defocus_core.request.job_options import (
-    MACHINE_OPTIONS,
-    OUTPUT_OPTIONS,
-    SHOT_OPTIONS,
-    in_one_file,
-)
+from defocus_core.request.job_options import OUTPUT_OPTIONS, TABLES, in_one_file
 from defocus_core.request.lens import EFFECTS, Draw, Lens
 from defocus_core.request.output_kinds import INPUTS
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, METADATA, OPENING, Param
@@ -53,13 +48,9 @@ class Given(NamedTuple):
 
 
 Layer = Mapping[str, Given]  # by the name of the option
-ROWS: Mapping[str, Param] = {
-    **LENS_OPTIONS,
-    **READING_OPTIONS,
-    **OUTPUT_OPTIONS,
-    **SHOT_OPTIONS,
-    **MACHINE_OPTIONS,
-}
+# Of jobs files by table, and of all of these.
+OPTIONS = {"lens": LENS_OPTIONS, "reading": READING_OPTIONS, **TABLES}
+ROWS: Mapping[str, Param] = {name: row for rows in OPTIONS.values() for name, row in rows.items()}
 ALTERNATIVES = tuple((row.instead_of, row.name) for row in ROWS.values() if row.instead_of)
 
 
@@ -81,8 +72,13 @@ def value_of(name: str, text: str) -> Any:
 
 def layer_in(table: Table, rows: Mapping[str, Param], *others: str) -> dict[str, Given]:
     """The options of a table of a file, which has no other keys than theirs and ``others``."""
-    table.refuse_unknown((*(row.key or name for name, row in rows.items()), *others))
+    table.refuse_unknown((*keys_of(rows), *others))
     return layer_of(table.values, rows, table.place)
+
+
+def keys_of(rows: Mapping[str, Param]) -> dict[str, Param]:
+    """The rows of options by their keys in files."""
+    return {row.key or name: row for name, row in rows.items() if row.only != "commands"}
 
 
 def layer_of(
@@ -92,7 +88,7 @@ def layer_of(
 
     `rows`: the options that count; `at`: the place of a key. Paths are relative to its file.
     """
-    named = {row.key or name: row for name, row in rows.items()}
+    named = keys_of(rows)
     layer = {
         named[key].name: given(named[key].name, value, at(key))
         for key, value in values.items()

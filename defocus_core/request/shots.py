@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 from defocus_core.errors import UsageProblem
-from defocus_core.io.shots.frame_patterns import window_of
+from defocus_core.io.shots.frame_patterns import neighbours_of
 from defocus_core.request.job import FrameLens, Job, Picture, Shot
 from defocus_core.request.lens import Lens
 from defocus_core.request.resolver import Layer, fields_of
@@ -76,15 +76,15 @@ def with_shot(
             return None
         focus: tuple[FrameLens, ...] = ()
         if _is_found(job) and (decisions.focus_smooth or moving):
-            averaged = window_of(len(every), place, decisions.focus_smooth or 1)
+            averaged = neighbours_of(len(every), place, decisions.focus_smooth or 1)
             focus = tuple(FrameLens(every[k], lens_of(every[k], job.suffix)) for k in averaged)
         repairs = steady and job.reading.depth_repair != "off"
         decides = repairs or (steady and _is_found(job) and not focus)
         around = _LOOKED_AT if decisions.motion else AVERAGED if repairs else 0
-        neighbours = window_of(len(every), place, around) if around else ()
+        neighbours = neighbours_of(len(every), place, around) if around else ()
         made = Shot(
             sample=sample(job.suffix) if decides else (),
-            window=tuple(every[k] for k in neighbours),
+            neighbours=tuple(every[k] for k in neighbours),
             focus=focus,
             motion=decisions.motion,
         )

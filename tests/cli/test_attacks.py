@@ -11,12 +11,12 @@ from batches import again, folders
 from command_line import color_exr, failed, files_under, refused, run, succeed, texture
 from counting import calls
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
-from records import record, taken
+from records import pack, record, taken
 from refusals import refuses
 
-from defocus_core.batch.datasets import finished, sample_index, tar_shards
+from defocus_core.batch.datasets import finished, sample_index
 from defocus_core.batch.journal.journal import Ledger, Shard, journal_path, shards
-from defocus_core.batch.journal.left import sweep_up
+from defocus_core.batch.journal.progress import sweep_up
 from defocus_core.compare.goldens import read_store
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
@@ -150,7 +150,7 @@ def test_shards_in_a_linked_folder_are_neither_written_nor_removed(tmp_path, min
     records = [taken(out, "a")]
     (out / "shards").symlink_to(mine.parent)
     with refuses("unwritable", "symbolic link"):
-        tar_shards.write(out, records, 1000)
+        pack(out, records, 1000)
     assert names(mine.parent) == ["mine", tar.name]
 
 

@@ -228,7 +228,7 @@ def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path, out):
     run("batch", path, "-o", out, "--limit", "1")
     told = run("batch", path, "-o", out, "--dry-run", "--limit", "2", "--json").json
     assert (told["done_before"], told["todo"], told["beyond_limit"]) == (1, 2, 1)
-    assert [sample["stem"] for sample in told["samples"]] == NAMES[1:3]
+    assert [sample["stem"] for sample in told["pictures"]] == NAMES[1:3]
     size = (out / "coc" / f"{NAMES[0]}.exr").stat().st_size
     assert told["bytes"] == pytest.approx(2 * size, rel=0.5)
     assert told["forecast"]["pictures"] == 2

@@ -212,6 +212,10 @@ depth coc.exr --depth-format coc -o z2.exr → \
 2 radii --depth-format: holds radii of a lens, and no depth; give such files to 'defocus render'
 depth z.exr coc.exr -o z2.exr → \
 2 one-file --out: is one file, and there are 2 to convert; name a directory, without .exr
+depth z.exr -o depth.png → \
+2 malformed --out: ends in .png, and depth is written as EXR; end it in .exr, or name a directory
+report done --html page.png → \
+2 malformed page.png: is the name of a picture, not of a report; end its name in .html
 depth z.exr -o small.exr → \
 3 exists small.exr: is there already; say --overwrite, or name another output
 render rgb.exr z.exr -o done LENS --outputs coc → \
@@ -228,7 +232,7 @@ B jobs.toml --scheduler head → 2 malformed --scheduler: 'head' is not a schedu
 merge held → 3 in-use held/.journal.lock: held is being written by process …
 R --quality best → \
 2 unknown-name --quality: 'best' is not known; choose from draft, standard, high, reference
-R --threads 0 → 2 - --threads: 0 is not in the range 1<=x<=1024; see 'defocus render --help'
+R --threads 0 → 2 malformed --threads: 0 is not in the range 1 to 1024; give one that is
 R --focal-lenght 50mm → 2 - --focal-lenght: no such option; did you mean --focal-length or …
 R more → 2 - command line: Got unexpected extra argument (more); see 'defocus render --help'
 R --fnumber → 2 - --fnumber: requires an argument; see 'defocus render --help'

@@ -8,7 +8,7 @@ from command_line import depth_exr, ramp, refused, run
 
 from defocus_cli.words.batch import progress_lines, progress_record
 from defocus_core.batch.journal.journal import Journal
-from defocus_core.batch.journal.left import progress
+from defocus_core.batch.journal.progress import progress
 
 
 def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path, out):

@@ -80,6 +80,18 @@ def test_left_and_right_overshoot_by_a_tenth_at_most(quality, edge_width, size):
     assert float((mean - pair.render).abs().max()) < 1e-6
 
 
+@pytest.mark.parametrize("tiny", [1e-44, 1e-39, 1e-37])
+def test_numbers_next_to_0_beside_a_light_are_as_dark_as_0(tiny):
+    """All of the picture was NaN: they were lights beyond a limit of 0, which was divided by 0."""
+    image = torch.zeros(3, *SIZE)
+    image[:, 8, 8] = 1.0
+    radius = torch.full(SIZE, 0.55)
+    expected = render(image, radius).render
+    image[:, 8, 9] = tiny
+    shown = render(image, radius).render
+    assert float((shown - expected).abs().max()) < 1e-6
+
+
 @pytest.mark.parametrize("quality", QUALITIES)
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("factor", [1e-30, 1e30])

@@ -5,8 +5,9 @@ from hashlib import blake2b
 import numpy as np
 from image_files import save
 
-from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.datasets import sample_index, tar_shards
 from defocus_core.batch.journal.record import record_of
+from defocus_core.request.origin import Origin
 from defocus_core.request.output_kinds import KINDS
 
 
@@ -16,8 +17,19 @@ def png(path, level=0):
 
 
 def write_index(out, records):
-    records = [record_of(each) if isinstance(each, dict) else each for each in records]
-    return sample_index.write(out, map(sample_index.line, sample_index.entries(records)))
+    """Write the index of records, oldest first; its path."""
+    made = [record_of(each) if isinstance(each, dict) else each for each in records]
+    made.sort(key=lambda record: record.sample_id)
+    entries = (sample_index.entry_of(each, Origin()) for each in sample_index.joined(made))
+    path = out / sample_index.NAME
+    path.write_bytes(b"".join(map(sample_index.line, entries)))
+    return path
+
+
+def pack(out, records, limit):
+    """The shards of records."""
+    write_index(out, records)
+    return tar_shards.write(out, limit)
 
 
 def taken(out, name, *of, **more):

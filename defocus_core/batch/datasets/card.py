@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import json
 import re
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from defocus_core.batch.journal.record import Record
+from defocus_core.batch.datasets import sample_index
+from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.errors import NoteKinds, one_line
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
@@ -82,52 +84,69 @@ def _is_own(out: Path, name: str, head: bytes) -> bool:
 
 
 def card_of(
-    records: Sequence[Record], entries: Sequence[Entry], origin: Origin = NO_ORIGIN
+    records: Iterable[Record],
+    origin: Origin = NO_ORIGIN,
+    see: Callable[[Entry], None] = lambda _: None,
 ) -> dict[str, Any]:
     """The card of a batch as plain values.
 
-    `records`: of its journal, oldest first.
+    `records`: of its journal by name, oldest first; `see`: called with the entry of each sample.
     """
-    ids = {entry["sample_id"] for entry in entries}
-    done = [r.taken for r in records if r.taken is not None and r.sample_id in ids]
-    asked = [r.settings for r in records if r.taken is not None and r.sample_id in ids]
-    failed = [r.end.reason or r.status for r in records if r.taken is None]
-    kinds = (kind for entry in entries for kind in entry["outputs"])
-    sizes = (f"{entry['width']}x{entry['height']}" for entry in entries)
-    repairs = [(taken.depth_repair or {}).get("kinds", []) for taken in done]
+    counts: dict[str, Counter[str]] = defaultdict(Counter)
+    read_as, warnings, pictures = NoteKinds(), NoteKinds(), set[bytes]()
+    common: dict[str, dict[str, Any]] = {}
+    for record in sample_index.joined(_counted(records, counts["failures"])):
+        taken, entry = record.end, sample_index.entry_of(record, origin)
+        assert isinstance(taken, Taken)  # of a sample
+        pictures.add(blake2b(repr([*entry["inputs_blake2b"].values()]).encode()).digest())
+        for name, words in (
+            ("splits", filter(None, [entry["split"]])),
+            ("kinds", [*entry["outputs"]]),
+            ("sizes", [f"{entry['width']}x{entry['height']}"]),
+            ("repaired", entry["depth_repaired"] or ["nothing"]),
+            ("quality", [entry["quality"]]),
+            ("versions", [f"defocus {entry['version']}, renderer {entry['renderer']}"]),
+        ):
+            counts[name].update(words)
+        read_as.add(taken.depth_note.partition(";")[0])
+        warnings.add(*taken.warnings)
+        for of in ("reading", "outputs"):
+            asked = record.settings.get(of) or {}
+            shared = common.setdefault(of, dict(asked)).items()
+            common[of] = {key: value for key, value in shared if asked.get(key) == value}
+        see(entry)
+    ordered = {
+        name: dict(sorted(each.items(), key=lambda item: (-item[1], item[0])))
+        for name, each in counts.items()
+    }
     return {
         "origin": origin.said,
-        "samples": len(entries),
-        "pictures": len({tuple(entry["inputs_blake2b"].values()) for entry in entries}),
-        "splits": _counts(entry["split"] for entry in entries if entry["split"]),
-        "kinds": _counts(kinds),
-        "sizes": _counts(sizes),
-        "depth": {
-            "read_as": NoteKinds(taken.depth_note.partition(";")[0] for taken in done).counts,
-            "repaired": _counts(kind for each in repairs for kind in each or ["nothing"]),
-        },
-        "warnings": NoteKinds(w for taken in done for w in taken.warnings).counts,
-        "failures": _counts(failed),
+        "samples": sum(counts["sizes"].values()),
+        "pictures": len(pictures),
+        **{name: ordered.get(name, {}) for name in ("splits", "kinds", "sizes")},
+        "depth": {"read_as": read_as.counts, "repaired": ordered.get("repaired", {})},
+        "warnings": warnings.counts,
+        "failures": ordered["failures"],
         "recipe": {
-            "quality": _counts(entry["quality"] for entry in entries),
-            "reading": _common(each.get("reading") for each in asked),
-            "outputs": _common(each.get("outputs") for each in asked),
+            "quality": ordered.get("quality", {}),
+            **{of: _said(common.get(of, {})) for of in ("reading", "outputs")},
         },
-        "versions": _counts(f"defocus {e['version']}, renderer {e['renderer']}" for e in entries),
+        "versions": ordered.get("versions", {}),
     }
 
 
-def _counts(words: Iterable[str]) -> dict[str, int]:
-    """How often each occurs, the commonest first."""
-    return dict(sorted(Counter(words).items(), key=lambda item: (-item[1], item[0])))
+def _counted(records: Iterable[Record], failures: Counter[str]) -> Iterator[Record]:
+    """The records that took a picture; the others are counted by reason."""
+    for record in records:
+        if record.taken is None:
+            failures[record.end.reason or record.status] += 1
+        else:
+            yield record
 
 
-def _common(settings: Iterable[Mapping[str, Any] | None]) -> dict[str, Any]:
-    """What all of some settings have in common, without what is not set."""
-    every = [each or {} for each in settings]
-    first = every[0] if every else {}
-    shared = {k: v for k, v in first.items() if all(each.get(k) == v for each in every)}
-    return {k: v for k, v in shared.items() if v not in (None, "", False, [], ())}
+def _said(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings without what is not set."""
+    return {k: v for k, v in settings.items() if v not in (None, "", False, [], ())}
 
 
 def markdown(card: Mapping[str, Any], configs: Iterable[str] = ()) -> str:

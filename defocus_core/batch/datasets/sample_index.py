@@ -15,11 +15,12 @@ from __future__ import annotations
 
 import json
 import re
-from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import ExitStack, suppress
 from dataclasses import replace
+from functools import reduce
 from hashlib import blake2b
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -36,38 +37,22 @@ NAME = "metadata.jsonl"
 _OWN = (b'"sample_id": ', b'"outputs_blake2b": ')  # what a line of ours has
 _SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)*")')
 _LONGEST_LINE = 2**24  # bytes
+DIGEST = 16  # bytes of the hash of an index
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 MM_PER_M = 1000.0
 _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR decode
 
 
-def write(out: Path, lines: Iterable[bytes]) -> Path:
-    """Write the index, whole or not at all."""
-    path = out / NAME
-    with written_whole(path) as file:
-        file.writelines(lines)
-    return path
+def joined(records: Iterable[Record]) -> Iterator[Record]:
+    """A record for each sample; those that took nothing are no samples.
 
+    Records of one sample become one if they differ in their outputs alone; else the last holds, as
+    the earlier outputs were taken by another lens.
 
-def entries(records: Iterable[Record], origin: Origin | None = None) -> Iterator[dict[str, Any]]:
-    """What the index says of each sample, sorted by sample_id.
-
-    `records`: of the journal, oldest first; those that took nothing are no samples. Records of one
-    sample are joined if they differ in their outputs alone; else the last holds, as the earlier
-    outputs were taken by another lens.
+    `records`: of the journal by name, oldest first.
     """
-    done: dict[str, Record] = {}
-    for record in filter(_is_sample, records):
-        name = record.sample_id
-        done[name] = _joined(done[name], record) if name in done else record
-    said = {key: getattr(origin, key, "") or None for key in ("licence", "source")}
-    for name in sorted(done):
-        yield {**_entry(done[name]), **said}
-
-
-def names(records: Iterable[Record]) -> set[str]:
-    """The names of the samples that the index of some records would list."""
-    return {record.sample_id for record in records if _is_sample(record)}
+    for _, mine in groupby(filter(_is_sample, records), lambda record: record.sample_id):
+        yield reduce(_joined, mine)
 
 
 def is_own(out: Path, name: str = NAME) -> bool:
@@ -120,7 +105,7 @@ def _lines(out: Path) -> Iterator[tuple[str, bytes]]:
 
 def digest(lines: Iterable[bytes]) -> str:
     """The hash of an index of these lines."""
-    hashed = blake2b(digest_size=16)
+    hashed = blake2b(digest_size=DIGEST)
     for each in lines:
         hashed.update(each)
     return hashed.hexdigest()
@@ -161,7 +146,8 @@ def line(entry: Mapping[str, Any]) -> bytes:
     return _ENCODER.encode(entry).encode("utf-8", "replace") + b"\n"
 
 
-def _entry(record: Record) -> dict[str, Any]:
+def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
+    """What the index says of a sample."""
     taken = _pictures(record)
     outputs = {kind: taken.outputs[kind] for kind in KINDS if kind in taken.outputs}
     paths = {kind: stamp.path for kind, stamp in outputs.items()}
@@ -194,6 +180,7 @@ def _entry(record: Record) -> dict[str, Any]:
         "inputs_blake2b": _hashes(record),
         "version": record.version,
         "renderer": record.renderer,
+        **{key: getattr(origin, key) or None for key in ("licence", "source")},
     }
 
 
@@ -231,21 +218,48 @@ Entry = Mapping[str, Any]
 Key = tuple[str, ...]  # of a value in a mapping, or in one within it
 
 
-def write_splits(out: Path, entries: Sequence[Entry], lines: Sequence[bytes]) -> list[Path]:
-    """Write the list of each split; none where the samples have none.
+class SplitLists:
+    """The lists of the splits of an index, whose entries are looked at as they are written."""
 
-    `lines`: of the index.
-    """
-    splits, has_pictures = _by_split(entries), bool(_folders(entries))
-    known = [_with_values(entries[n] for n in mine) for mine in splits.values()]
-    left_out = set[Key]().union(*known).difference(set[Key].intersection(*known) if known else ())
-    for split, mine in splits.items():
-        with written_whole(out / list_name(split), out) as file:
-            file.writelines(
-                line(_without(entries[n], left_out)) if left_out or has_pictures else lines[n]
-                for n in mine
-            )
-    return [out / list_name(split) for split in splits]
+    def __init__(self) -> None:
+        self._known: dict[str, set[Key]] = {}  # by split, the keys of which an entry has a value
+        self._folders: set[str] = set()  # patterns of the pictures that can be decoded
+
+    def look_at(self, entry: Entry) -> None:
+        """Note what the lists need to know of an entry."""
+        for path in filter(decoded, entry["outputs"].values()):
+            self._folders.add(f"{path.partition('/')[0]}/*.{path.rpartition('.')[2]}")
+        if entry["split"]:
+            self._known.setdefault(entry["split"], set()).update(_with_values(entry))
+
+    def write(self, out: Path) -> list[Path]:
+        """Write the list of each split of the index of OUT; none where the samples have none."""
+        every = [*self._known.values()]
+        left_out = (
+            set[Key]().union(*every).difference(every[0].intersection(*every) if every else ())
+        )
+        paths = {split: out / list_name(split) for split in self._known}
+        if paths:
+            with ExitStack() as stack, Folder(out).open(NAME) as index:
+                files = {s: stack.enter_context(written_whole(p, out)) for s, p in paths.items()}
+                for text in index:
+                    entry = json.loads(text)
+                    if entry["split"]:
+                        is_shorter = left_out or self._folders
+                        kept = line(_without(entry, left_out)) if is_shorter else text
+                        files[entry["split"]].write(kept)
+        return [*paths.values()]
+
+    def configs(self) -> Iterator[str]:
+        """Lines of YAML that tell `datasets` of the lists; of all samples if there is no split."""
+        lists = {split: list_name(split) for split in self._known} or {"train": NAME}
+        yield from ("configs:", "- config_name: default")
+        if self._folders:  # else the lists are tables
+            yield f"  metadata_filenames: {json.dumps(list(lists.values()))}"
+        yield "  data_files:"
+        for split, name in lists.items():
+            yield f"  - split: {json.dumps(split)}"
+            yield f"    path: {json.dumps([name, *sorted(self._folders)])}"
 
 
 def has_splits(out: Path, splits: Iterable[str]) -> bool:
@@ -259,55 +273,19 @@ def remove_splits(out: Path, splits: Iterable[str]) -> None:
         Folder(out).remove(list_name(split))
 
 
-def split_configs(entries: Sequence[Entry]) -> Iterator[str]:
-    """Lines of YAML that tell `datasets` of the lists; of all samples where there is no split."""
-    lists = {split: list_name(split) for split in _by_split(entries)} or {"train": NAME}
-    folders = _folders(entries)
-    yield from ("configs:", "- config_name: default")
-    if folders:  # else the lists are tables
-        yield f"  metadata_filenames: {json.dumps(list(lists.values()))}"
-    yield "  data_files:"
-    for split, name in lists.items():
-        yield f"  - split: {json.dumps(split)}"
-        yield f"    path: {json.dumps([name, *folders])}"
-
-
 def list_name(split: str) -> str:
     """The name of the list of a split."""
     # Of "train.jsonl" `datasets` would guess that it is all of a split, as of any such name.
     return f"{split}set.jsonl"
 
 
-def _by_split(entries: Sequence[Entry]) -> Mapping[str, list[int]]:
-    """The numbers of the entries of each split."""
-    splits: dict[str, list[int]] = defaultdict(list)
-    for number, entry in enumerate(entries):
-        if entry["split"]:
-            splits[entry["split"]].append(number)
-    return splits
-
-
-def _folders(entries: Iterable[Entry]) -> list[str]:
-    """Patterns of the pictures that can be decoded."""
-    paths = {path for entry in entries for path in entry["outputs"].values()}
-    pictures = filter(decoded, paths)
-    return sorted({f"{path.partition('/')[0]}/*.{path.rpartition('.')[2]}" for path in pictures})
-
-
-def _with_values(entries: Iterable[Entry], before: Key = ()) -> set[Key]:
-    """The keys of which any entry has a value."""
-    known: set[str] = set()
-    inner: dict[str, list[Entry]] = defaultdict(list)
-    for entry in entries:
-        for key, value in entry.items():
-            if key in known:
-                continue
-            if isinstance(value, dict):
-                inner[key].append(value)
-            elif value not in (None, []):
-                known.add(key)
-    within = (_with_values(each, (*before, key)) for key, each in inner.items())
-    return {(*before, key) for key in known}.union(*within)
+def _with_values(entry: Entry, before: Key = ()) -> Iterator[Key]:
+    """The keys of which an entry has a value."""
+    for key, value in entry.items():
+        if isinstance(value, dict):
+            yield from _with_values(value, (*before, key))
+        elif value not in (None, []):
+            yield (*before, key)
 
 
 def _without(entry: Entry, keys: set[Key]) -> dict[str, Any]:

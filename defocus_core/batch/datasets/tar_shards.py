@@ -19,11 +19,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import blake2b
+from itertools import accumulate, groupby
+from operator import itemgetter
 from pathlib import Path
 
 from defocus_core.batch.datasets import sample_index
-from defocus_core.batch.journal.left import SHARDS_FOLDER
-from defocus_core.batch.journal.record import Record
+from defocus_core.batch.journal.progress import SHARDS_FOLDER
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
@@ -77,14 +78,14 @@ class Listing:
     sizes: Mapping[tuple[str, str], int]
 
 
-def write(out: Path, records: Iterable[Record], limit: int) -> list[Path]:
-    """Pack the samples that are done into tars of at most ``limit`` bytes.
+def write(out: Path, limit: int) -> list[Path]:
+    """Pack the samples of the index of OUT into tars of at most ``limit`` bytes.
 
     A sample larger than that gets a tar to itself. Tars of an earlier batch that are no longer
     needed are removed.
     """
     below, before, shards = Folder(out), listed(out), []
-    for name, samples in _shards(_samples(out, records), limit):
+    for name, samples in _shards(_samples(out), limit):
         digest = sample_index.digest(sample.line for sample in samples)
         size = None
         with suppress(InputError):  # who packs it says what is in the way
@@ -141,16 +142,24 @@ def listed(out: Path) -> Listing | None:
     return None
 
 
-def _samples(out: Path, records: Iterable[Record]) -> Iterator[ShardSample]:
-    origin = origin_of(out)
-    entries = list(sample_index.entries(records, origin))
-    named = list(zip(entries, keys_of([entry["sample_id"] for entry in entries], out), strict=True))
-    if origin.shuffle is not None:
-        named.sort(key=lambda each: blake2b(f"{origin.shuffle} {each[1]}".encode()).digest())
-    for entry, key in named:
-        paths = {f"{k}{Path(path).suffix}": path for k, path in entry["outputs"].items()}
-        files = {end: (path, _size(out, path)) for end, path in paths.items()}
-        yield ShardSample(key, entry["split"] or "", sample_index.line(entry), files)
+def _samples(out: Path) -> Iterator[ShardSample]:
+    """The samples of the index by split, sorted or shuffled, each read when it is asked for."""
+    shuffle = origin_of(out).shuffle
+    with Folder(out).open(sample_index.NAME) as index:
+        begins = [0, *accumulate(len(line) for line in index)]
+        index.seek(0)
+        named = [(entry["split"] or "", entry["sample_id"]) for entry in map(json.loads, index)]
+        keys = keys_of([name for _, name in named], out)
+        places = [(split, k, at) for (split, _), k, at in zip(named, keys, begins, strict=False)]
+        if shuffle is not None:
+            places.sort(key=lambda each: blake2b(f"{shuffle} {each[1]}".encode()).digest())
+        for split, key, begin in sorted(places, key=itemgetter(0)):
+            index.seek(begin)
+            line = index.readline()
+            outputs = json.loads(line)["outputs"]
+            paths = {f"{kind}{Path(path).suffix}": path for kind, path in outputs.items()}
+            files = {end: (path, _size(out, path)) for end, path in paths.items()}
+            yield ShardSample(key, split, line, files)
 
 
 def keys_of(names: Sequence[str], out: Path) -> list[str]:
@@ -166,13 +175,10 @@ def keys_of(names: Sequence[str], out: Path) -> list[str]:
 
 def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, list[ShardSample]]]:
     """The name and the samples of each shard: as many of a split as fit."""
-    by_split: dict[str, list[ShardSample]] = {}
-    for sample in samples:
-        by_split.setdefault(sample.split, []).append(sample)
-    for split in sorted(by_split):
+    for split, mine in groupby(samples, lambda sample: sample.split):
         # "train" between two signs would tell `datasets` that the folder has that split alone.
         prefix = f"{split}set" if split else "samples"
-        for number, shard in enumerate(_filled(by_split[split], limit)):
+        for number, shard in enumerate(_filled(mine, limit)):
             yield f"{prefix}-{number:06}.tar", shard
 
 

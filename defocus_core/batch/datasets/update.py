@@ -10,15 +10,19 @@ they are packed again in their size if samples changed, and till then hold what 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
+from hashlib import blake2b
+from itertools import groupby
 from pathlib import Path
+from typing import Any
 
 from defocus_core.batch.datasets import card, sample_index, tar_shards
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.journal.record import Record
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder
+from defocus_core.io.safe_files import written_whole
 from defocus_core.request.origin import origin_of
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.memory import without_collections
@@ -40,16 +44,14 @@ def index(
     """
     if shards_size is None and unchanged is not None and _is_true(out, unchanged):
         return []
-    every = list(Ledger(out).records())
+    ledger = Ledger(out)
+    records = ledger.records(asked)
     if asked is None:
-        records = _there(out, every)
+        records = _there(out, records)
     else:
-        records = [one for one in every if one.sample_id in asked]
-        _tell_of_others(out, sample_index.names(every) - sample_index.names(records))
+        _tell_of_others(out, ledger.samples() - {*asked})
     written = _written(out, records)
-    if shards_size is None:
-        return written + _followed(out, records)
-    return written + tar_shards.write(out, records, shards_size)
+    return written + (_followed(out) if shards_size is None else tar_shards.write(out, shards_size))
 
 
 def refuse_foreign(out: Path, named: Mapping[str, str], *, packs: bool) -> None:
@@ -86,38 +88,42 @@ def refresh(out: Path, done: Collection[str], withdrawn: Collection[str] = ()) -
         listed |= set(withdrawn)
     if listed is None or listed.isdisjoint(done):
         return
-    records = list(Ledger(out).records(listed))
-    path, *_ = _written(out, records)
+    path, *_ = _written(out, Ledger(out).records(listed))
     note(f"{path}: written again, as it lists samples that were done now")
-    _followed(out, records)
+    _followed(out)
 
 
-def _there(out: Path, records: list[Record]) -> list[Record]:
-    """The records whose files are all in OUT; how many are not is said."""
-    folder = Folder(out)
-    gone = {
-        record.sample_id
-        for record in records
-        if record.taken is not None
-        and not all(folder.status(s.path) for kind, s in record.outputs.items() if kind in KINDS)
-    }
+def _there(out: Path, records: Iterable[Record]) -> Iterator[Record]:
+    """The records of samples whose files are all in OUT; how many are not is said."""
+    folder, gone = Folder(out), list[str]()
+    for name, mine in groupby(records, lambda record: record.sample_id):
+        every = [*mine]
+        files = ((kind, s.path) for r in every if r.taken for kind, s in r.outputs.items())
+        if all(folder.status(path) for kind, path in files if kind in KINDS):
+            yield from every
+        else:
+            gone.append(name)
     if gone:
-        problem = f"lacks files of {counted(len(gone), 'sample')}, like {min(gone)}"
+        problem = f"lacks files of {counted(len(gone), 'sample')}, like {gone[0]}"
         note(f"{out}: warning: {problem}; they are not listed, and 'defocus batch' does them again")
-    return [record for record in records if record.sample_id not in gone]
 
 
-def _written(out: Path, records: list[Record]) -> list[Path]:
-    """Write the index, the list of each split, and the card."""
-    origin, before = origin_of(out), card.read(out).get("splits", {})
-    entries = list(sample_index.entries(records, origin))
-    summary = card.card_of(records, entries, origin)
+def _written(out: Path, records: Iterable[Record]) -> list[Path]:
+    """Write the index, the list of each split, and last the card, which tells that all is whole."""
+    before, lists = card.read(out).get("splits", {}), sample_index.SplitLists()
+    hashed = blake2b(digest_size=sample_index.DIGEST)
+    with written_whole(out / sample_index.NAME) as file:
+
+        def see(entry: Mapping[str, Any]) -> None:
+            line = sample_index.line(entry)
+            file.write(line)
+            hashed.update(line)
+            lists.look_at(entry)
+
+        summary = card.card_of(records, origin_of(out), see)
     sample_index.remove_splits(out, before.keys() - summary["splits"].keys())
-    lines = list(map(sample_index.line, entries))
-    lists = sample_index.write_splits(out, entries, lines)
-    configs = sample_index.split_configs(entries)
-    cards = card.write(out, summary, configs, sample_index.digest(lines))
-    return [sample_index.write(out, lines), *lists, *cards]
+    paths = [out / sample_index.NAME, *lists.write(out)]
+    return paths + card.write(out, summary, lists.configs(), hashed.hexdigest())
 
 
 def _is_true(out: Path, names: Collection[str]) -> bool:
@@ -132,7 +138,7 @@ def _is_true(out: Path, names: Collection[str]) -> bool:
     return False
 
 
-def _followed(out: Path, records: list[Record]) -> list[Path]:
+def _followed(out: Path) -> list[Path]:
     """Pack existing shards again if samples changed, so that they hold what the index lists."""
     if not tar_shards.exist(out):
         return []
@@ -141,7 +147,7 @@ def _followed(out: Path, records: list[Record]) -> list[Path]:
         problem = f"may hold other samples than {sample_index.NAME}"
         note(f"{folder}: warning: {problem}; ‹shards-size› packs them again")
         return []
-    written = tar_shards.write(out, records, before.limit)
+    written = tar_shards.write(out, before.limit)
     if tar_shards.listed(out) != before:
         note(f"{folder}: packed again, as samples changed; remove it if it is not wanted")
     return written

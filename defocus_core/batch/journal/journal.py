@@ -241,27 +241,33 @@ class Ledger:
     """
 
     def __init__(
-        self, out: Path, seen: Callable[[Shard | None, str, str], None] | None = None
+        self,
+        out: Path,
+        seen: Callable[[Shard | None, str, str], None] | None = None,
+        *,
+        is_empty: bool = False,
     ) -> None:
         """Read the journals; those of shards follow, as a run on all of OUT joins them first.
 
-        `seen`: called with the shard, the sample and the time of each record, oldest first.
+        `seen`: called with the shard, the sample and the time of each record, oldest first;
+        `is_empty`: no journal counts, as beside a picture that has none.
         """
         self.out = out
         self.splits: dict[str, tuple[str, ...]] = {}
         self._last: dict[str, int] = {}  # by file, the number of the record that holds
         self._once: set[str] = set()  # files that an earlier record has as done, and the last not
         self._kinds: list[Outcome] = []
+        self._samples: list[str] = []  # the sample of each record
         # A row for each record: where its line begins, in which journal, how it ended, seconds; of
         # its files how many there are, are its own by now, and are of these no previews
         self._begins, self._of, self._kind = array("Q"), array("L"), array("L")
         self._seconds = array("f")
         self._files, self._own, self._pictures = array("H"), array("H"), array("H")
-        runs = [None, *shards(out)]
-        self._journals = [JournalFile(journal_path(out, run)) for run in runs]
+        parts = [] if is_empty else [None, *shards(out)]
+        self._journals = [JournalFile(journal_path(out, part)) for part in parts]
         numbers: dict[Outcome, int] = {}
         with without_collections():
-            for place, (run, reader) in enumerate(zip(runs, self._journals, strict=True)):
+            for place, (part, reader) in enumerate(zip(parts, self._journals, strict=True)):
                 for begin, values, _ in reader.lines():
                     kind = Outcome(values["status"], values["reason"], values.get("renderer"))
                     if kind not in numbers:
@@ -269,7 +275,7 @@ class Ledger:
                         self._kinds.append(kind)
                     self._add(values, begin, place, numbers[kind])
                     if seen is not None:
-                        seen(run, values["sample_id"], values["finished"])
+                        seen(part, values["sample_id"], values["finished"])
 
     def _add(self, values: Values, begin: int, place: int, kind: int) -> None:
         number, is_ok = len(self._begins), values["status"] == "ok"
@@ -286,6 +292,7 @@ class Ledger:
             self._last[path] = number
         pictures = sum(not path.endswith(_PREVIEW) for path in paths)
         seconds = values["seconds"]["render"] if is_ok else 0.0
+        self._samples.append(values["sample_id"])
         self._begins.append(begin)
         self._of.append(place)
         self._kind.append(kind)
@@ -325,6 +332,12 @@ class Ledger:
         reader = self._journals[self._of[number]]
         return reader.record(self._begins[number])
 
+    def record_of(self, paths: Iterable[str]) -> Record:
+        """The record that holds for all of these files, which there is."""
+        number = self.number_of(paths)
+        assert number is not None
+        return self.record(number)
+
     def live(self) -> Iterator[int]:
         """The numbers of the records that are not superseded, oldest first."""
         for number, (files, own) in enumerate(zip(self._files, self._own, strict=True)):
@@ -332,15 +345,19 @@ class Ledger:
             if is_whole or (self._pictures[number] and self.kind(number).status == "ok"):
                 yield number
 
+    def samples(self) -> set[str]:
+        """The names of the samples that have pictures."""
+        return {self._samples[n] for n in self.live() if self.kind(n).status == "ok"}
+
     def records(self, only: Collection[str] | None = None) -> Iterator[Record]:
-        """The records that are not superseded, oldest first, with the outputs that are theirs.
+        """The records that are not superseded by name, oldest first, with the outputs of theirs.
 
         `only`: names of samples; None for all.
         """
-        for number in self.live():
+        samples = self._samples
+        wanted = (n for n in self.live() if only is None or samples[n] in only)
+        for number in sorted(wanted, key=samples.__getitem__):
             record = self.record(number)
-            if only is not None and record.sample_id not in only:
-                continue
             if self._own[number] < self._files[number]:
                 outputs = record.outputs.items()
                 own = {name: s for name, s in outputs if self._last[s.path] == number}

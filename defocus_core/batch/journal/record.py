@@ -1,23 +1,24 @@
 """The record of a job, a line of a journal: what it was asked, what it was made of, how it ended.
 
-`read` makes a `Record` of a line and `written` a line of a `Record`; nothing else knows the keys.
+`record_of` makes a `Record` of a line and `values_of` the values of one; `FIELDS` has all fields,
+and those of the tables in them: what each may hold, and what it is, for the help, too.
 A journal may come from anywhere, so each value is checked: its type, its range, that it is finite.
 An output is a file in the folder of its kind in OUT, and no other file: outputs are packed into
-shards, and removed when they are replaced. Index and ``--json`` are views of records; `FIELDS` says
-what each field is, for the help, too.
+shards, and removed when they are replaced. Index and ``--json`` are views of records.
 """
 
 from __future__ import annotations
 
 import errno
+import time
 import traceback
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from datetime import datetime
-from operator import itemgetter
+from dataclasses import dataclass, field, fields, replace
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from types import MappingProxyType
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from defocus_core.errors import (
     DefocusError,
@@ -50,7 +51,7 @@ FAILURES = {
     "fault": "a fault of defocus itself",
 }
 STATUSES = ("ok", "rejected", "failed")
-Step = Literal["read", "render", "write"]
+Stage = Literal["read", "render", "write"]
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -71,7 +72,7 @@ class Stamp(NamedTuple):
 Stamps = Mapping[str, Stamp]  # by role of an input, or kind of an output and kind.preview
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Taken:
     """A picture that was taken: its outputs are in place."""
 
@@ -80,11 +81,11 @@ class Taken:
     lens: Mapping[str, Any]  # what it turned out to be, as `lens_record`
     size: tuple[int, int]
     coc_px: tuple[float, float]
-    color_note: str
+    color_note: str = ""
     depth_note: str
-    depth_repair: Mapping[str, Any] | None
+    depth_repair: Mapping[str, Any] | None = None
     device: str
-    measures: Mapping[str, Any]
+    measures: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...]
     seconds: Mapping[str, float]
     stats: Mapping[str, float] = field(default_factory=dict)  # of the renderer; not in the journal
@@ -105,22 +106,23 @@ class Failed:
     trace: str = ""  # the traceback of a fault; not in the journal
     error: Exception | None = None  # in the process that raised it; not in the journal
     warnings = ()
+    seconds: ClassVar[Mapping[str, float]] = {}
 
 
 End = Taken | Failed
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Record:
     """How a job ended."""
 
     sample_id: str
-    split: str  # empty for none
+    split: str = ""  # empty for none
     recipe: str
     settings: Mapping[str, Any]
     quality: str
     version: str
-    renderer: int | None
+    renderer: int | None = None
     finished: str
     end: End
 
@@ -154,105 +156,220 @@ class Record:
         return replace(self, end=end)
 
 
+_Check = tuple[Callable[[Any], bool], str]  # whether a value is right, and what is wrong if not
+
+
 class Field(NamedTuple):
-    """A field of records: its types in JSON, and what it is."""
+    """A field of records, or of a table within them: what it may hold, and what it is."""
 
-    types: tuple[type, ...]
-    help: str
-    of: str = ""  # ok: of pictures alone; old: of those of early versions not
+    types: tuple[type, ...]  # in JSON
+    help: str = ""
+    of: str = ""  # ok: of pictures alone; old: it may be missing, as early versions had it not
+    fields: Mapping[str, Field] = MappingProxyType({})  # of a table those that are known
+    named: bool = False  # it is a table of such tables, each by its name
+    items: tuple[type, ...] = ()  # what a list holds
+    check: _Check | None = None  # of what has these types
 
 
-_NONE, _NUMBER, _TEXT = type(None), (int, float), (str,)
+def now() -> str:
+    """The time, UTC, as records have it."""
+    return datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
+
+
+def is_moment(text: str) -> bool:
+    """Whether a text is a time with its zone: one without cannot be compared."""
+    try:
+        return datetime.fromisoformat(text).tzinfo is not None
+    except ValueError:
+        return False
+
+
+def _is_said(lens: Mapping[str, Any]) -> bool:
+    """Whether words can be made of a lens: what its effects hold, their rows know."""
+    if len({lens[key] is None for key in _OPTICS}) > 1:
+        return False
+    if effects := lens.keys() - _LENS.keys():
+        if any(type(lens[key]) not in (*_NUMBER, str, bool, _NONE) for key in effects):
+            return False
+        with suppress(*MALFORMED):
+            return bool(lens_record_words(lens))
+        return False
+    return True
+
+
+def _are_measures(measures: Mapping[str, Any] | None) -> bool:
+    numbers = (v for k, v in (measures or {}).items() if k.endswith(("_px", "_share")))
+    return all(type(number) in (*_NUMBER, _NONE) for number in numbers)
+
+
+_NONE, _NUMBER, _TEXT, _TABLE = type(None), (int, float), (str,), (dict,)
+_OPTICS = tuple(key for key, row in RECORDED.items() if row.is_optics)  # none beside radii
+_DRAW = {
+    **dict.fromkeys(("seed", "index", "attempt"), Field((int,))),
+    "refused_px": Field((*_NUMBER, _NONE), of="old"),
+}
+_LENS = {
+    **{key: Field((*_NUMBER, *([_NONE] if key in _OPTICS else []))) for key in RECORDED},
+    "blades": Field((int,)),
+    "focus_mm": Field(
+        (*_NUMBER, str, _NONE),
+        check=(lambda focus: focus == "inf" or type(focus) is not str, "neither a number nor inf"),
+    ),
+    "focus_at_px": Field(
+        (list,), of="old", check=(lambda place: len(place) == 2, "not two numbers")
+    ),
+    "focus_percentile": Field(_NUMBER, of="old"),
+    "max_coc_px": Field(_NUMBER, of="old"),
+    "draw": Field(_TABLE, of="old", fields=_DRAW),
+}
+_SETTINGS = {
+    **dict.fromkeys(("stem", "suffix", "quality"), Field(_TEXT, of="old")),
+    **dict.fromkeys(("lens", "reading", "outputs", "shot"), Field(_TABLE, of="old")),
+}
+_STAMP = {
+    "path": Field(_TEXT),
+    **dict.fromkeys(("size", "mtime_ns"), Field((int,), of="old")),
+    "blake2b": Field(_TEXT, of="old"),
+}
+_SECONDS = {
+    "render": Field(_NUMBER, of="ok"),
+    **dict.fromkeys(("read", "write", "cpu"), Field(_NUMBER, of="old")),
+}
 FIELDS: Mapping[str, Field] = {
-    "sample_id": Field(_TEXT, "name of the sample, the stem of its files; `stem` of `--json`"),
-    "split": Field(_TEXT, "its split, if there are any", "old"),
+    "sample_id": Field(
+        _TEXT,
+        "name of the sample, the stem of its files; `stem` of `--json`",
+        check=(lambda name: "/" not in name, "which has a slash"),
+    ),
+    "split": Field(
+        _TEXT,
+        "its split, if there are any",
+        "old",
+        check=(lambda split: not split or bool(NAME.fullmatch(split)), "which is not a name"),
+    ),
     "recipe": Field(_TEXT, "hash of all that decides its outputs but the bytes of the inputs"),
-    "status": Field(_TEXT, "`ok`, `failed` or `rejected`"),
+    "status": Field(
+        _TEXT,
+        "`ok`, `failed` or `rejected`",
+        check=(lambda status: status in STATUSES, f"not one of {', '.join(STATUSES)}"),
+    ),
     "reason": Field((str, _NONE), "a reason of `defocus help exit-codes`, null if ok"),
     "message": Field((str, _NONE), "the reason for people, empty if ok"),
-    "settings": Field((dict,), "what was asked for: lens, reading, outputs, quality"),
+    "settings": Field(
+        _TABLE, "what was asked for: lens, reading, outputs, quality", fields=_SETTINGS
+    ),
     "inputs": Field(
-        (dict,), "by role path (relative to OUT, or absolute), size, mtime_ns, blake2b"
+        _TABLE,
+        "by role path (relative to OUT, or absolute), size, mtime_ns, blake2b",
+        fields=_STAMP,
+        named=True,
+        check=(lambda inputs: "color" in inputs, "among which is no color"),
     ),
     "outputs": Field(
-        (dict,), "by kind or kind.preview path in OUT; if ok, size, mtime_ns, blake2b"
+        _TABLE,
+        "by kind or kind.preview path in OUT; if ok, size, mtime_ns, blake2b",
+        fields=_STAMP,
+        named=True,
     ),
-    "lens": Field((dict,), "the lens with its focus; lengths in mm, infinity is `inf`", "ok"),
-    "size": Field((list,), "width and height in px", "ok"),
-    "coc_px": Field((list,), "least and greatest signed radius of the blur, in px", "ok"),
+    "lens": Field(
+        _TABLE,
+        "the lens with its focus; lengths in mm, infinity is `inf`",
+        "ok",
+        fields=_LENS,
+        check=(_is_said, "of which no words can be made"),
+    ),
+    "size": Field(
+        (list,),
+        "width and height in px",
+        "ok",
+        items=(int,),
+        check=(lambda size: len(size) == 2 and min(size) > 0, "not two numbers above 0"),
+    ),
+    "coc_px": Field(
+        (list,),
+        "least and greatest signed radius of the blur, in px",
+        "ok",
+        items=_NUMBER,
+        check=(lambda ends: len(ends) == 2, "not two numbers"),
+    ),
     "color_note": Field(_TEXT, "how the colour was read", "old"),
     "depth_note": Field(_TEXT, "how the depth was read and repaired", "ok"),
-    "depth_repair": Field((dict, _NONE), "what was repaired, in numbers", "old"),
+    "depth_repair": Field(
+        (dict, _NONE),
+        "what was repaired, in numbers",
+        "old",
+        fields={"kinds": Field((list,), of="old", items=_TEXT)},
+    ),
     "device": Field(_TEXT, "where it was rendered", "ok"),
-    "measures": Field((dict, _NONE), "radii, and shares of pixels, for cards of data sets", "old"),
-    "warnings": Field((list,), "what was taken for granted"),
-    "seconds": Field((dict,), "of `read`, `render` and `write`; `cpu` of rendering"),
+    "measures": Field(
+        (dict, _NONE),
+        "radii, and shares of pixels, for cards of data sets",
+        "old",
+        check=(_are_measures, "not all of which are numbers"),
+    ),
+    "warnings": Field((list,), "what was taken for granted", items=_TEXT),
+    "seconds": Field(_TABLE, "of `read`, `render` and `write`; `cpu` of rendering", "", _SECONDS),
     "quality": Field(_TEXT, "of the rendering"),
     "version": Field(_TEXT, "of defocus"),
     "renderer": Field((int, _NONE), "version of the renderer", "old"),
-    "finished": Field(_TEXT, "when, UTC; the order of the lines decides"),
+    "finished": Field(
+        _TEXT,
+        "when, UTC; the order of the lines decides",
+        check=(is_moment, "which is not a time with a zone"),
+    ),
 }
 
 
-class _Table:
-    """Keys of values, and the types that each may have."""
+class _Checker:
+    """Checks tables of some fields; what keys and types were right is known, and not looked at."""
 
-    def __init__(self, types: Mapping[str, tuple[type, ...]], of: str = "") -> None:
-        self.types, self.of = types, of
-        self._get = itemgetter(*types)
-        self._known: set[tuple[type, ...]] = set()  # types of values that were right
+    _MOST = 10_000
 
-    def wrong(self, values: Mapping[str, Any]) -> str | None:
-        """What is missing or of a wrong type, as ``has no lens``; None if nothing is."""
-        with suppress(KeyError):
-            found = tuple(map(type, self._get(values)))
-            if found in self._known:
-                return None
-            if (fault := self.wrong_if_there(values)) is None:
-                self._known.add(found)
-            return fault
-        return next(f"has no {self.of}{key}" for key in self.types if key not in values)
+    def __init__(self, fields: Mapping[str, Field], *, is_ok: bool, before: str = "") -> None:
+        self.fields = {key: row for key, row in fields.items() if is_ok or row.of != "ok"}
+        self.before, self.known = before, set[tuple[Any, ...]]()
+        rows = self.fields.items()
+        self.checks = [(key, *row.check) for key, row in rows if row.check]
+        self.lists = [(key, {*row.items}) for key, row in rows if row.items]
+        self.within = [
+            (key, row.named, _Checker(row.fields, is_ok=is_ok, before=f"{before}{key}."))
+            for key, row in rows
+            if row.fields
+        ]
 
-    def wrong_if_there(self, values: Mapping[str, Any]) -> str | None:
-        """What is of a wrong type among the keys that values have."""
-        for key, kinds in self.types.items():
-            if key in values and type(values[key]) not in kinds:
-                return f"has the {self.of}{key} {values[key]!r:.60}, which is of a wrong type"
+    def fault(self, values: Mapping[str, Any], before: str = "") -> str | None:
+        """What is wrong with a table, as ``has no lens``; None if nothing is."""
+        before, shape = before or self.before, (*values, *map(type, values.values()))
+        if shape not in self.known:
+            for key, row in self.fields.items():
+                if key not in values and row.of != "old":
+                    return f"has no {before}{key}"
+                if key in values and type(values[key]) not in row.types:
+                    return _wrong(before, key, values, "which is of a wrong type")
+            if len(self.known) < self._MOST:
+                self.known.add(shape)
+        for key, types in self.lists:
+            if key in values and not types.issuperset(map(type, values[key])):
+                return _wrong(before, key, values, "which holds what is of a wrong type")
+        for key, is_named, checker in self.within:
+            if (tables := values.get(key)) is None:
+                continue
+            for name, table in tables.items() if is_named else [(key, tables)]:
+                if type(table) is not dict:
+                    return _wrong("", name, tables, "which is of a wrong type")
+                if fault := checker.fault(table, f"{name}." if is_named else ""):
+                    return fault
+        for key, is_right, words in self.checks:
+            if key in values and not is_right(values[key]):
+                return _wrong(before, key, values, words)
         return None
 
 
-def _fields(*of: str) -> dict[str, tuple[type, ...]]:
-    return {name: row.types for name, row in FIELDS.items() if row.of in of}
+def _wrong(before: str, key: str, values: Mapping[str, Any], words: str) -> str:
+    return f"has the {before}{key} {values[key]!r:.60}, {words}"
 
 
-_OF_ALL, _OF_PICTURE, _OLD = _Table(_fields("")), _Table(_fields("", "ok")), _Table(_fields("old"))
-_OPTICS = tuple(key for key, row in RECORDED.items() if row.is_optics)  # none beside radii
-_LENS_TYPES: Mapping[str, tuple[type, ...]] = {
-    **dict.fromkeys(RECORDED, _NUMBER),
-    **dict.fromkeys(_OPTICS, (*_NUMBER, _NONE)),
-    "focus_mm": (*_NUMBER, str, _NONE),
-    "blades": (int,),
-}
-_LENS = _Table(_LENS_TYPES, "lens.")
-_CHOSEN = _Table(
-    {"focus_at_px": (list,), "focus_percentile": _NUMBER, "max_coc_px": _NUMBER}, "lens."
-)
-_NUMBERED = frozenset({*_LENS_TYPES, *_CHOSEN.types, "draw"})  # keys of a lens but effects
-_EFFECT = (*_NUMBER, str, bool, _NONE)
-_STAMP = {"path": (str,), "size": (int,), "mtime_ns": (int,), "blake2b": (str,)}
-_DRAW = _Table(dict.fromkeys(("seed", "index", "attempt"), (int,)), "lens.draw.")
-_REFUSED = _Table({"refused_px": (*_NUMBER, _NONE)}, "lens.draw.")
-_SECONDS = _Table(
-    {"render": _NUMBER, **dict.fromkeys(("read", "write", "cpu"), _NUMBER)}, "seconds."
-)
-_SETTINGS = _Table(
-    {
-        **dict.fromkeys(("stem", "suffix", "quality"), (str,)),
-        **dict.fromkeys(("lens", "reading", "outputs", "shot"), (dict,)),
-    },
-    "settings.",
-)
-_MEASURED = ("_px", "_share")  # ends of the names of measures that are numbers
+_CHECKERS = {is_ok: _Checker(FIELDS, is_ok=is_ok) for is_ok in (False, True)}
 
 
 def linked_folders(out: Path) -> frozenset[str]:
@@ -274,165 +391,61 @@ def fault_of(values: object, linked: frozenset[str] = frozenset()) -> str | None
     if not isinstance(values, dict):
         return "is not a record of a job"
     is_ok = values.get("status") == "ok"
-    fault = (_OF_PICTURE if is_ok else _OF_ALL).wrong(values) or _OLD.wrong_if_there(values)
-    if fault is not None:
+    if fault := _CHECKERS[is_ok].fault(values):
         return fault
-    if values["status"] not in STATUSES:
-        return f"has the status {values['status']!r:.60}, not one of {', '.join(STATUSES)}"
-    if not is_moment(values["finished"]):
-        return f"finished at {values['finished']!r:.60}, which is not a time with a zone"
-    if "/" in values["sample_id"]:
-        return "has a sample_id with a slash"
     if not is_ok and values["reason"] is None:
         return "has no reason, and made nothing"
-    if (split := values.get("split")) and not NAME.fullmatch(split):
-        return f"has the split {split!r:.60}, which is not a name"
-    if not all(isinstance(warning, str) for warning in values["warnings"]):
-        return "has a warning that is not a text"
-    fault = _SETTINGS.wrong_if_there(values["settings"])
-    fault = fault or _fault_of_files(values, linked)
-    return fault or (_fault_of_picture(values) if is_ok else None)
-
-
-def is_moment(text: str) -> bool:
-    """Whether a text is a time with its zone: one without cannot be compared."""
-    try:
-        return datetime.fromisoformat(text).tzinfo is not None
-    except ValueError:
-        return False
-
-
-def _fault_of_files(values: Mapping[str, Any], linked: frozenset[str]) -> str | None:
-    if "color" not in values["inputs"]:
-        return "has no colour among its inputs"
-    for files in (values["inputs"], values["outputs"]):
-        for role, stamp in files.items():
-            if type(stamp) is not dict or "path" not in stamp:
-                return f"has no path of {role}"
-            for key, part in stamp.items():
-                if type(part) not in _STAMP.get(key, ()):
-                    return f"has the {role}.{key} {part!r:.60}, which is of a wrong type"
-    for kind, stamp in values["outputs"].items():
+    for stamp in values["outputs"].values():
         path = stamp["path"]
         if output_fault(path):
             return f"names the output {path!r}, which is not a file of a kind in OUT"
-        if path.partition("/")[0] in linked:
+        if (kind := path.partition("/")[0]) in linked:
             return f"names the output {path!r}, but {kind} is a link, and no folder of OUT"
     return None
 
 
-def _fault_of_picture(values: Mapping[str, Any]) -> str | None:
-    lens = values["lens"]
-    fault = _LENS.wrong(lens) or _seconds_fault(values["seconds"])
-    if fault is not None:
-        return fault
-    if len({lens[key] is None for key in _OPTICS}) > 1:
-        return f"has a lens with some of {', '.join(_OPTICS)}, neither all nor none"
-    if isinstance(lens["focus_mm"], str) and lens["focus_mm"] != "inf":
-        return f"has the lens.focus_mm {lens['focus_mm']!r:.60}, neither a number nor inf"
-    if "draw" in lens:
-        draw = lens["draw"]
-        if type(draw) is not dict or (fault := _DRAW.wrong(draw) or _REFUSED.wrong_if_there(draw)):
-            return fault or "has a lens.draw that names no seed"
-    if (fault := _CHOSEN.wrong_if_there(lens)) is not None:
-        return fault
-    if len(lens.get("focus_at_px", "xy")) != 2 or (lens.keys() - _NUMBERED and not _is_said(lens)):
-        return "has a lens that no words can be made of"
-    for key, kinds in (("size", (int,)), ("coc_px", _NUMBER)):
-        numbers = values[key]
-        if len(numbers) != 2 or not all(type(number) in kinds for number in numbers):
-            return f"has the {key} {numbers!r:.60}, not two numbers"
-    if min(values["size"]) < 1:
-        return f"has the size {values['size']!r}, which no picture has"
-    kinds = (values.get("depth_repair") or {}).get("kinds", [])
-    if not isinstance(kinds, list) or not all(isinstance(kind, str) for kind in kinds):
-        return "has a depth_repair of kinds that are not texts"
-    for name, value in (values.get("measures") or {}).items():
-        if name.endswith(_MEASURED) and type(value) not in (*_NUMBER, _NONE):
-            return f"has the measures.{name} {value!r:.60}, which is not a number"
-    return None
-
-
-def _seconds_fault(seconds: Mapping[str, Any]) -> str | None:
-    return _SECONDS.wrong_if_there(seconds) if "render" in seconds else "has no seconds.render"
-
-
-def _is_said(lens: Mapping[str, Any]) -> bool:
-    """Whether words can be made of a lens: what its effects hold, their rows know."""
-    if any(type(lens[key]) not in _EFFECT for key in lens.keys() - _NUMBERED):
-        return False
-    with suppress(*MALFORMED):
-        return bool(lens_record_words(lens))
-    return False
-
-
 def record_of(values: Mapping[str, Any]) -> Record:
     """The record of the values of a line of which `fault_of` tells nothing."""
-    inputs, outputs = (
-        {k: Stamp(**v) for k, v in values[of].items()} for of in ("inputs", "outputs")
-    )
-    end: End
-    if values["status"] == "ok":
-        (width, height), (near, far) = values["size"], values["coc_px"]
-        end = Taken(
-            inputs,
-            outputs,
-            values["lens"],
-            (width, height),
-            (near, far),
-            values.get("color_note", ""),
-            values["depth_note"],
-            values.get("depth_repair"),
-            values["device"],
-            values.get("measures") or {},
-            tuple(values["warnings"]),
-            values["seconds"],
-        )
-    else:
-        end = Failed(values["status"], values["reason"], values["message"] or "", inputs, outputs)
-    return Record(
-        sample_id=values["sample_id"],
-        split=values.get("split", ""),
-        recipe=values["recipe"],
-        settings=values["settings"],
-        quality=values["quality"],
-        version=values["version"],
-        renderer=values.get("renderer"),
-        finished=values["finished"],
-        end=end,
-    )
+    made = {name: value for name, value in values.items() if value is not None}
+    for of in ("inputs", "outputs"):
+        stamps = values[of].items()
+        made[of] = {name: Stamp(*map(each.get, Stamp._fields)) for name, each in stamps}
+    for name in ("size", "coc_px", "warnings"):
+        made[name] = tuple(values.get(name, ()))
+    kind = Taken if values["status"] == "ok" else Failed
+    made["message"] = values["message"] or ""
+    end: End = kind(**{name: made[name] for name in _NAMES[kind] if name in made})
+    return Record(**{name: made[name] for name in _NAMES[Record] if name in made}, end=end)
+
+
+# The fields of each type that are in the journal.
+_NAMES: Mapping[type, Sequence[str]] = {
+    kind: [each.name for each in fields(kind) if each.name in FIELDS]
+    for kind in (Taken, Failed, Record)
+}
 
 
 def values_of(record: Record) -> dict[str, Any]:
     """The values of a record, as a line of the journal has them."""
-    end, taken = record.end, record.taken
-    values: dict[str, Any] = {"sample_id": record.sample_id}
-    values |= {"split": record.split} if record.split else {}
-    values |= {"recipe": record.recipe, "status": end.status, "reason": end.reason}
-    values |= {"message": end.message, "settings": record.settings}
-    values |= {
-        of: {name: stamp.values for name, stamp in files.items()}
-        for of, files in (("inputs", end.inputs), ("outputs", end.outputs))
-    }
-    if taken is not None:
-        values |= {name: getattr(taken, name) for name in _OF_PICTURES}
-    else:
-        values |= {"warnings": [], "seconds": {}}
-    return values | {name: getattr(record, name) for name in _LAST}
+    found = (
+        (name, getattr(owner, name))
+        for name in FIELDS
+        for owner in (record, record.end)
+        if hasattr(owner, name)
+    )
+    values = dict(found)
+    for of in ("inputs", "outputs"):
+        values[of] = {name: stamp.values for name, stamp in values[of].items()}
+    if not record.split:
+        del values["split"]
+    return values
 
 
-_OF_PICTURES = (
-    *("lens", "size", "coc_px", "color_note", "depth_note", "depth_repair"),
-    *("device", "measures", "warnings", "seconds"),
-)
-_LAST = ("quality", "version", "renderer", "finished")
-
-
-def failure(error: Exception, step: Step, inputs: Stamps) -> Failed:
-    """The end of a job of which an exception ended a step."""
+def failure(error: Exception, stage: Stage, inputs: Stamps) -> Failed:
+    """The end of a job of which an exception ended a stage."""
     if isinstance(error, Rejected) and error.code in REJECTIONS:
         return Failed("rejected", error.code, str(error), inputs, error=error)
-    reason = _reason(error, step)
+    reason = _reason(error, stage)
     trace = "".join(traceback.format_exception(error)) if reason == "fault" else ""
     return Failed("failed", reason, error_line(error), inputs, trace=trace, error=error)
 
@@ -446,7 +459,7 @@ def error_line(error: BaseException) -> str:
     return f"unexpected {type(error).__name__}: {reason(error)}"
 
 
-def _reason(error: BaseException, step: Step) -> str:
+def _reason(error: BaseException, stage: Stage) -> str:
     system = error if isinstance(error, OSError) else error.__cause__
     if isinstance(system, OSError) and system.errno in _FULL:
         return "no-space"
@@ -455,5 +468,5 @@ def _reason(error: BaseException, step: Step) -> str:
     if isinstance(error, UsageProblem):
         return "settings-unusable"
     if isinstance(error, InputError | OSError):
-        return "output-unwritable" if step == "write" else "input-unusable"
+        return "output-unwritable" if stage == "write" else "input-unusable"
     return "fault"

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Ledger, input_path
-from defocus_core.batch.journal.record import Record, Stamp
+from defocus_core.batch.journal.record import Record, Stamp, Stamps
 from defocus_core.errors import InputError
 from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.request.job import Job
@@ -35,23 +35,15 @@ AGAIN = {
 class Decision(NamedTuple):
     """Whether a job is done."""
 
-    record: Record | None  # what the journal has of it; None if it is new
+    is_done: bool
     again: str = ""  # why it is done again, in words; empty if it is done, or new
-    moved: bool = False  # the record was changed, as inputs lie elsewhere or the split is another
-
-    @property
-    def settled(self) -> bool:
-        """Whether it need not be done."""
-        return self.record is not None and not self.again
-
-
-NEW = Decision(None)
+    moved: Stamps | None = None  # what its record is to say: inputs that lie elsewhere by now
 
 
 def decided(job: Job, ledger: Ledger, recipe: str, *, read_inputs: bool) -> Decision:
     """Whether a job is done: an ``ok`` or a rejection that would be the same again.
 
-    If its inputs lie elsewhere by now, or the sample is of another split, the record says so.
+    If the sample is of another split, its record is to say so, too.
 
     `read_inputs`: compare the bytes of the inputs, not only size and time.
     """
@@ -59,36 +51,40 @@ def decided(job: Job, ledger: Ledger, recipe: str, *, read_inputs: bool) -> Deci
     number = ledger.number_of(names.values())
     if number is None:
         is_known = any(map(ledger.is_known, names.values()))
-        return Decision(None, AGAIN["settings"]) if is_known else NEW
+        return Decision(False, AGAIN["settings"] if is_known else "")
     record = ledger.record(number)
-    if record.status == "failed":
-        return Decision(record, AGAIN["failed"])
-    if record.recipe != recipe and (why := _changed(job, record)):
-        return Decision(record, AGAIN[why])
-    if not _draws_alike(record, job.lens.max_coc):
-        return Decision(record, AGAIN["settings"])
+    if why := _changed(job, record, recipe):
+        return Decision(False, AGAIN[why])
     moved = _moved(job, record, ledger.out, read_inputs=read_inputs)
     if moved is None:
-        return Decision(record, AGAIN["inputs"])
+        return Decision(False, AGAIN["inputs"])
     if record.taken is not None and not in_place(ledger.out, record, names):
-        return Decision(record, AGAIN["outputs"])
+        return Decision(False, AGAIN["outputs"])
     if record.renderer != RENDERER_VERSION:
         words = AGAIN["renderer"].format(old=record.renderer, new=RENDERER_VERSION)
-        return Decision(record, words)
-    split = job.split.name
-    if moved or record.split != split:
-        record = record.with_files(inputs={**record.inputs, **moved})
-        return Decision(replace(record, split=split), moved=True)
-    return Decision(record)
+        return Decision(False, words)
+    return Decision(True, moved=moved if moved or record.split != job.split.name else None)
 
 
-def _changed(job: Job, record: Record) -> str:
-    """What of a job is not as it is recorded, but the bytes of its files; empty if nothing is."""
-    changes = identity.changed_settings(record.settings, identity.settings(job))
-    if any(name != "lens.max_coc" for name, _, _ in changes):
-        return "settings"
-    names = {role: path.name for role, path in job.files.items()}
-    return "" if names == {r: Path(s.path).name for r, s in record.inputs.items()} else "inputs"
+def moved_record(job: Job, ledger: Ledger, moved: Stamps) -> Record:
+    """The record of a job that is done, as it is now: where its inputs lie, and its split."""
+    record = ledger.record_of(job.names.values())
+    record = record.with_files(inputs={**record.inputs, **moved})
+    return replace(record, split=job.split.name)
+
+
+def _changed(job: Job, record: Record, recipe: str) -> str:
+    """Why a job is done again whatever its files hold: a key of `AGAIN`; empty if it is not."""
+    if record.status == "failed":
+        return "failed"
+    if record.recipe != recipe:
+        changes = identity.changed_settings(record.settings, identity.settings(job))
+        if any(name != "lens.max_coc" for name, _, _ in changes):
+            return "settings"
+        names = {role: path.name for role, path in job.files.items()}
+        if names != {r: Path(s.path).name for r, s in record.inputs.items()}:
+            return "inputs"
+    return "" if _draws_alike(record, job.lens.max_coc) else "settings"
 
 
 def _draws_alike(record: Record, max_coc: float | None) -> bool:

@@ -69,8 +69,8 @@ class _Cluster:
     strikes = 2
     apart = 1
 
-    def __init__(self, client: Any, completed: Any, threads: int | None) -> None:
-        self.client, self.completed, self.threads = client, completed, threads
+    def __init__(self, client: Any, futures: Any, threads: int | None) -> None:
+        self.client, self.futures, self.threads = client, futures, threads
         self.address = client.scheduler.address
         self.flight: dict[Any, Chunk] = {}
         self.serial = count()  # what failed under a name keeps it
@@ -89,11 +89,11 @@ class _Cluster:
         jobs = [_absolute(job) for _, job in chunk]
         future = self.client.submit(do, jobs, self.threads or 1, key=key, pure=False)
         self.flight[future] = chunk
-        self.completed.add(future)
+        self.futures.add(future)
 
     def collect(self) -> Iterator[tuple[int, End] | Lost]:
         """Wait for the results of a chunk, or for the death of its workers."""
-        future = next(self.completed)
+        future = next(self.futures)
         chunk = self.flight.pop(future)
         if future.cancelled():  # not by us
             remedy = "start it again, and run the same command to go on"

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from defocus_core.batch.datasets import update
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Ledger, Shard
-from defocus_core.batch.journal.record import End, Failed, Record
-from defocus_core.batch.journal.resume import AGAIN, NEW, decided, refuse_others
+from defocus_core.batch.journal.record import End, Failed, Stamps
+from defocus_core.batch.journal.resume import AGAIN, Decision, decided, refuse_others
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
 from defocus_core.request.job import Job, Outputs
@@ -52,65 +52,87 @@ class Execution:
     data_set: DataSet | None = None  # None for none; an index that lists the samples stays true
 
 
-@dataclass(frozen=True)
-class Plan:
-    """The jobs of a batch, sorted."""
+_DUE, _LATER = 1, 2  # marks of jobs that are to do, now or beyond the limit; 0 of the others
 
+
+@dataclass
+class Plan:
+    """Which jobs of a run are to do: a mark for each, of which the jobs are made when asked for."""
+
+    jobs: Sequence[Job]
     ledger: Ledger
-    todo: list[tuple[Job, str]]  # jobs to do, and the recipe of each
-    settled: list[Job]  # jobs that are done, or rejected
-    # Records to append anew, since their inputs lie elsewhere now, or their split changed
-    moved: list[Record]
-    beyond: int  # how many jobs the limit puts off
-    names: list[str]  # of the samples of all jobs to do, now or later
+    marks: bytearray = field(default_factory=bytearray)
+    # Of jobs that are done, by number: inputs that lie elsewhere now, or none if the split changed
+    moved: dict[int, Stamps] = field(default_factory=dict)
     again: Counter[str] = field(default_factory=Counter)  # why jobs are done again, in words
     kept: Counter[str] = field(default_factory=Counter)  # why those would be that are left
 
-    def record(self, job: Job) -> Record:
-        """The record of a settled job."""
-        number = self.ledger.number_of(job.names.values())
-        assert number is not None
-        return self.ledger.record(number)
+    @property
+    def due(self) -> int:
+        """How many jobs are to be done now."""
+        return self.marks.count(_DUE)
+
+    @property
+    def later(self) -> int:
+        """How many jobs the limit puts off."""
+        return self.marks.count(_LATER)
+
+    @property
+    def todo(self) -> Iterator[tuple[int, Job]]:
+        """The jobs to do now, with their numbers."""
+        return ((n, self.jobs[n]) for n, mark in enumerate(self.marks) if mark == _DUE)
+
+    @property
+    def unfinished(self) -> Iterator[Job]:
+        """The jobs to do, now or later."""
+        return (job for job, mark in zip(self.jobs, self.marks, strict=True) if mark)
+
+    @property
+    def settled(self) -> Iterator[Job]:
+        """The jobs that are done, or rejected."""
+        return (job for job, mark in zip(self.jobs, self.marks, strict=True) if not mark)
 
     def began(self) -> bool:
         """Whether an output of the jobs to do is there."""
-        return any(os.path.lexists(path) for job, _ in self.todo for path in job.written)
+        return any(os.path.lexists(path) for _, job in self.todo for path in job.written)
 
 
 @without_collections()
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
-    """Sort the jobs of a batch into those that are done and those that are to do."""
+    """Find which jobs of a batch are to do; what must not be touched is refused."""
     refuse_misplaced(jobs)
     if (wanted := execution.data_set) is not None:
         named = {job.sample_id: job.split.name for job in jobs}
         update.refuse_foreign(out, named, packs=wanted.shards_size is not None)
-    ledger, forced = Ledger(out), any(job.outputs.overwrite for job in jobs)
-    todo: list[tuple[Job, str]] = []
-    plan = Plan(ledger, [], [], [], 0, [])
+    is_file, forced = writes_file(jobs), any(job.outputs.overwrite for job in jobs)
+    ledger = Ledger(out, is_empty=is_file)
     jobs = with_recorded(jobs, {} if forced else ledger.splits)
-    for job in jobs if execution.shard is None else _part(jobs, execution.shard):
-        recipe = identity.recipe(job)
-        found = NEW
+    plan = Plan(jobs if execution.shard is None else _part(jobs, execution.shard), ledger)
+    left = len(plan.jobs) if execution.limit is None else execution.limit
+    for number, job in enumerate(plan.jobs):
+        found = Decision(False)
         if not forced:
+            recipe = identity.recipe(job)
             found = decided(job, ledger, recipe, read_inputs=execution.read_inputs)
         is_kept = execution.new_only and found.again and _has_outputs(job, ledger)
         if is_kept:
             plan.kept[found.again] += 1
         elif found.again and found.again != AGAIN["failed"]:
             plan.again[found.again] += 1
-        if found.settled or is_kept:
-            plan.settled.append(job)
-            if found.moved and found.record is not None:
-                plan.moved.append(found.record)
-        else:
-            todo.append((job, recipe))
-    plan.todo.extend(todo if execution.limit is None else todo[: execution.limit])
-    left = [job for job, _ in todo]
-    refuse_others(left, ledger, keep_lenses=execution.keep_lenses)
-    own = own_without_record(left, out, ledger.is_known)
-    refuse_unknown(left, lambda name: name in own or ledger.is_known(name))
-    plan.names.extend(job.sample_id for job in left)
-    return replace(plan, beyond=len(todo) - len(plan.todo))
+        if found.moved is not None:
+            plan.moved[number] = found.moved
+        is_settled = found.is_done or is_kept
+        plan.marks.append(0 if is_settled else _DUE if left else _LATER)
+        left -= bool(left) and not is_settled
+    refuse_others(plan.unfinished, ledger, keep_lenses=execution.keep_lenses)
+    own = _own_without_record(plan.unfinished, ledger, is_file=is_file)
+    refuse_unknown(plan.unfinished, lambda name: name in own or ledger.is_known(name))
+    return plan
+
+
+def writes_file(jobs: Sequence[Job]) -> bool:
+    """Whether a lone picture is written to a file of a name, beside which no journal stands."""
+    return any(job.outputs.file for job in jobs)
 
 
 def _has_outputs(job: Job, ledger: Ledger) -> bool:
@@ -157,9 +179,9 @@ def _outputs_of(jobs: Sequence[Job]) -> Collection[Outputs]:
     return set({id(job.outputs): job.outputs for job in jobs}.values())
 
 
-def refuse_unknown(jobs: Sequence[Job], is_known: Callable[[str], bool]) -> None:
+def refuse_unknown(jobs: Iterable[Job], is_known: Callable[[str], bool]) -> None:
     """Refuse to replace files that no job is known to have written."""
-    existing = []
+    existing, journal = list[Path](), ""
     for job in jobs:
         root, overwrite = job.outputs.root, job.outputs.overwrite
         for name in job.names.values():
@@ -169,29 +191,30 @@ def refuse_unknown(jobs: Sequence[Job], is_known: Callable[[str], bool]) -> None
                 raise InputError("wrong-type", problem, "choose another -o", path=path)
             if not overwrite and os.path.lexists(path) and not is_known(name):
                 existing.append(path)
+                journal = "" if job.outputs.file else ", and the journal does not know it"
     if existing:
-        is_lone = bool(jobs[0].outputs.file)
         others = f" (and {len(existing) - 1} more)" if len(existing) > 1 else ""
         raise InputError(
             "exists",
-            f"exists already{others}{'' if is_lone else ', and the journal does not know it'}",
+            f"exists already{others}{journal}",
             "move it away, choose another -o, or add ‹overwrite› to render all again",
             path=existing[0],
         )
 
 
-def own_without_record(jobs: Sequence[Job], out: Path, is_known: Callable[[str], bool]) -> set[str]:
+def _own_without_record(jobs: Iterable[Job], ledger: Ledger, *, is_file: bool) -> set[str]:
     """The files of jobs, relative to OUT, that this program wrote and no journal knows.
 
-    Their jobs are done again, for nothing tells how they were done; a line says it.
+    Beside a journal nothing tells how they were done: their jobs are done again, as a line says.
     """
-    if not any(out.glob("journal*.jsonl")):
+    out = ledger.out
+    if not is_file and not any(out.glob("journal*.jsonl")):
         return set()
     from defocus_core.io.images.encode import is_own
 
-    names = {name for job in jobs for name in job.names.values() if not is_known(name)}
+    names = {name for job in jobs for name in job.names.values() if not ledger.is_known(name)}
     own = {name for name in names if os.path.lexists(out / name) and is_own(out / name)}
-    if own:
+    if own and not is_file:
         note(f"{out}: the journal no longer knows {counted(len(own), 'output')}, done again")
     return own
 

@@ -222,10 +222,10 @@ class WorkerConfig:
 
     scheduler: str  # ``local``, or the address of a Dask scheduler
     processes: int | None  # on this machine; None for as many as suit it
-    threads: int | None  # of each; None for what makes use of all cores
-    device: str  # auto, cpu or cuda
-    memory: int | None  # bytes that each process may take; None for its share of what is available
-    tile: int | None  # px on a side of a tile; None for the usual
+    threads: int | None = None  # of each; None for what makes use of all cores
+    device: str = "auto"  # or cpu, or cuda
+    memory: int | None = None  # bytes of each process; None for its share of what is available
+    tile: int | None = None  # px on a side of a tile; None for the usual
 
     @property
     def machine(self) -> Machine:

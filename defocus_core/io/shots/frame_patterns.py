@@ -197,10 +197,10 @@ def in_words(numbers: Iterable[int]) -> str:
     )
 
 
-def window_of(frames: int, place: int, size: int) -> Iterator[int]:
+def neighbours_of(frames: int, place: int, size: int) -> Iterator[int]:
     """Places of the up to ``size`` frames around one of a shot, itself included, ascending.
 
-    At the ends of the shot the window is moved, not cut.
+    At the ends of the shot they are others, not fewer.
     """
     first = max(0, min(place - size // 2, frames - size))
     yield from range(first, min(first + size, frames))

@@ -120,7 +120,7 @@ def blur(take: Take) -> Take:
     neighbours = Neighbours(take)
     if noise is not None:
         averaged = neighbours.averaged_radius(noise)
-        count = min(len(shot.window), AVERAGED)
+        count = min(len(shot.neighbours), AVERAGED)
         note = f"averaged over {count} frames where the scene is still"
         take = replace(
             take, shot_note=f"{note}, {take.shot_note}", blur=take.blur._replace(px=averaged)
@@ -138,10 +138,10 @@ class Neighbours:
         job, inputs = take.job, take.inputs
         assert job.shot is not None
         self._job, self._inputs, self._lens, self._shot = job, inputs, take.lens, job.shot
-        self._window = job.shot.window
-        self._place = [picture.frame for picture in self._window].index(job.picture.frame)
+        self._neighbours = job.shot.neighbours
+        self._place = [picture.frame for picture in self._neighbours].index(job.picture.frame)
         self._radii = {self._place: take.radii.px}
-        others = (place for place in range(len(self._window)) if place != self._place)
+        others = (place for place in range(len(self._neighbours)) if place != self._place)
         self._order = sorted(others, key=lambda place: (abs(place - self._place), place))
 
     def averaged_radius(self, noise: float) -> Any:
@@ -199,7 +199,7 @@ class Neighbours:
         return chained([torch.from_numpy(each) for each in motions], radii, _STEP)
 
     def _motion(self, place: int) -> Motion:
-        picture = self._window[place]
+        picture = self._neighbours[place]
         channel = self._shot.motion
         assert channel is not None
         files, color = (picture.color, picture.depth), self._decode(place)[0]
@@ -232,7 +232,7 @@ class Neighbours:
         """Colour and depth of a frame of the window, with its own overscan."""
         if place == self._place:
             return self._inputs.color, self._inputs.depth
-        picture, keeping = self._window[place], self._inputs.holding.keeping
+        picture, keeping = self._neighbours[place], self._inputs.holding.keeping
         both: tuple[Color, Depth] = _CACHE.kept(
             (picture, self._job.reading, self._job.lens_focal),
             lambda: read(InputPair(picture, self._job.reading, keeping, self._job.lens_focal)),
@@ -245,7 +245,7 @@ class Neighbours:
 
         Beyond its own there is nothing of an element; other pictures go on as at their edge.
         """
-        picture, (color, depth) = self._window[place], self._decode(place)
+        picture, (color, depth) = self._neighbours[place], self._decode(place)
         own, wanted = color.overscan, self._inputs.color.overscan
         if own != wanted:
             dark, far = (None, None) if color.alpha is None else (0.0, np.inf)

@@ -77,7 +77,7 @@ def _frames_repair(take: Take) -> bool:
 
 def _has_neighbours(take: Take) -> bool:
     """Whether there are frames beside it."""
-    return take.job.shot is not None and len(take.job.shot.window) > 1
+    return take.job.shot is not None and len(take.job.shot.neighbours) > 1
 
 
 def _has_matte(surfaces: Surfaces) -> bool:

@@ -299,8 +299,12 @@ class Blur:
         surface, window, slice_indices = sliced.surface, piece.window, piece.slice_indices
         size = window.fitting(piece.patch.minimum)
         box = piece.patch.transformed(size, self._grid.tiles[index], window.size)
-        pixels = surface.members(slice_indices, box, piece.patch.lit)
-        spectra = torch.fft.rfft2(pixels).unbind(1)
+        # samples after the end of `lit` would wrap around into the tile
+        lit = Box.over(
+            *(Span(a.first, b.end) for a, b in zip(box.sides, piece.patch.lit.sides, strict=True))
+        )
+        pixels = surface.members(slice_indices, lit)
+        spectra = torch.fft.rfft2(pixels, s=size).unbind(1)
         tilted = [
             slice_index
             for slice_index in slice_indices
@@ -320,8 +324,8 @@ class Blur:
             k = slice_index * sliced.stride
             terms.append((spectra[i], kernels[k] if k in kernels else window.spectrum(k, size)))
         if leaning:
-            lean = surface.slopes(box)[:, None, None]
-            pairs = torch.fft.rfft2(lean * pixels[:, leaning])
+            lean = surface.slopes(lit)[:, None, None]
+            pairs = torch.fft.rfft2(lean * pixels[:, leaning], s=size)
             for i, pair in zip(leaning, pairs.unbind(2), strict=True):
                 terms += zip(
                     pair, window.leaning(slice_indices[i] * sliced.stride, size), strict=True
@@ -332,5 +336,5 @@ class Blur:
     def _sharp(self, sliced: Sliced, piece: BlurPiece) -> list[Tensor]:
         """A layer whose slices are not blurred, for each group of parts."""
         box = piece.patch.shown
-        pixels = sliced.surface.members(piece.slice_indices, box, box).sum(1)
+        pixels = sliced.surface.members(piece.slice_indices, box).sum(1)
         return [pixels.expand(g.stop - g.start, *pixels.shape) for g in self._groups]

@@ -89,7 +89,8 @@ def split(
     """
     lights = [layer.light for layer in layers]
     brightness = [light.detach()[:channels].amax(0) for light in lights]
-    bright = [each > limit for each in brightness]
+    least = torch.finfo(lights[0].dtype).tiny  # below it, some processors divide by 0
+    bright = [each > max(limit, least) for each in brightness]
     if not any(bool(each.any()) for each in bright):
         return tuple(layers), None
     rest, drawn = [], []

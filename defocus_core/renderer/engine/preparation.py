@@ -119,12 +119,13 @@ def _surveyed(
     least_of = [0, *range(4, 4 + pixels.shape[0])]
     greatest_of = [1, 2, 3, *range(4 + pixels.shape[0], every.shape[-1])]
     least, greatest = every[..., least_of].amin(0), every[..., greatest_of].amax(0)
-    extremes = torch.cat([least, greatest], 1).tolist()
-    of_each = counts.cpu() if batch else counts.cpu()[None]
-    pictures = [pixels[:, number] for number in range(len(extremes))] if batch else [pixels]
+    # one copy to the host; counts of pixels are exact in double precision
+    every = torch.cat([least.double(), greatest.double(), counts.double().view(len(least), -1)], 1)
+    extremes, of_each = every.cpu().tensor_split([least.shape[1] + greatest.shape[1]], 1)
+    pictures = [pixels[:, number] for number in range(len(least))] if batch else [pixels]
     return [
         _checked(numbers, own, picture, dtype)
-        for numbers, own, picture in zip(extremes, of_each, pictures, strict=True)
+        for numbers, own, picture in zip(extremes.tolist(), of_each.long(), pictures, strict=True)
     ]
 
 

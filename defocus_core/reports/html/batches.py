@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
-from defocus_core.batch.datasets import sample_index
 from defocus_core.batch.datasets.card import card_of, tables_of
 from defocus_core.batch.journal.journal import Ledger, require_journal
 from defocus_core.batch.journal.record import Record, Taken
@@ -41,12 +40,12 @@ def write(out: Path, path: Path, asked: Collection[str] | None, processes: int) 
     """
     require_journal(out)
     records = list(Ledger(out).records(asked))
+    tables = list(tables_of(card_of(records)))
     records.sort(key=_place)
     drawings = spread(draw_sample, list(_samples(records, out)), processes, "the report")
     items = [_item(record, layers, out) for record, layers in zip(records, drawings, strict=True)]
     counts = Counter(item.status for item in items)
     words = [f"Directory: {out}", ", ".join(f"{n} {status}" for status, n in counts.items())]
-    tables = list(tables_of(card_of(records, list(sample_index.entries(records)))))
     write_report(path, Report(f"Batch in {out}", words, items, _COLUMNS, tables))
     return len(items)
 

@@ -29,6 +29,7 @@ from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.pair import overscan_of
+from defocus_core.picture.pair import read as read_both
 from defocus_core.picture.radii import radii_of, signed_radius
 from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.steps.implausible import of_radii
@@ -75,12 +76,12 @@ def depth_figures(
     keeping: Keeping,
     lens: Lens | None,
     color: Color | None,
-    size: tuple[int, int] | None = None,
+    of: FileInfo | None = None,
 ) -> tuple[str, dict[str, Any]]:
     """How the depth would be read, and its figures; ranges are None without valid pixels.
 
     `lens`: what to say the blur of; None for none; `color`: the colour of the same file; None if it
-    has none; `size`: width and height of the picture that the depth is of; None for its own.
+    has none; `of`: the file of the picture that the depth is of; None for its own.
     """
     depth = _read(path, reading, keeping, lens, color)
     height, width = depth.metres.shape
@@ -98,20 +99,27 @@ def depth_figures(
         limits += ends_of(metres)
         finite_ends += ends_of(finite)
     invalid = height * width - valid - nothing
+    size = depth.size if of is None else (of.width, of.height)
     coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and limits:
-        lens = with_blur_reach(with_focus(lens, depth), (depth,))
+        seen = depth
+        if of is not None:
+            try:
+                seen = _beside(of, path, reading, lens)
+            except DefocusError as error:
+                warnings = (f"not rendered beside {of.path.name}: {error.problem}; {error.remedy}",)
+        lens = with_blur_reach(with_focus(lens, seen), (seen,))
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(limits), max(limits)], np.float32)
         most = math.inf if lens.clamp_blur is None else lens.clamp_blur
         coc_px = (
             list(radii_of(lens, depth, keeping).limits)
             if depth.is_radius
-            else signed_radius(lens, extremes, size or depth.size).clip(-most, most).tolist()
+            else signed_radius(lens, extremes, size).clip(-most, most).tolist()
         )
-        if not invalid and size in (None, depth.size):
-            repair, warnings = _repair(depth, lens, reading, keeping)
+        if not invalid and not warnings and seen.size == size:
+            repair, warnings = _repair(seen, lens, reading, keeping)
     reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
     return depth.note, {
         "range_m": None if depth.is_radius else reach,
@@ -121,7 +129,7 @@ def depth_figures(
         "nothing_pixels": nothing,
         "lens": lens_record(lens) if lens else None,
         "coc_px": coc_px,
-        "coc_of": list(size or depth.size) if coc_px else None,
+        "coc_of": list(size) if coc_px else None,
         "repair": repair_words(repair),
         "depth_repair": repair_record(repair),
         "warnings": list(warnings),
@@ -145,6 +153,14 @@ def _read(
     return element_depth(depth, color, keeping)
 
 
+def _beside(of: FileInfo, path: Path, reading: Reading, lens: Lens) -> Depth:
+    """The depth of a file as it is rendered beside its colour."""
+    keeping = Keeping(scratch=4 * of.pixels > NUMBERS_IN_MEMORY)
+    lens_focal = lens.foclen / lens.sensor_width
+    wanted = InputPair(Picture("", of.path, path), reading, keeping, lens_focal)
+    return read_both(wanted)[1]
+
+
 def _repair(
     depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
@@ -161,14 +177,14 @@ def ends_of(values: NDArray[Any]) -> list[float]:
     return [float(values.min()), float(values.max())] if values.size else []
 
 
-def picture_of(files: Sequence[Path]) -> tuple[Path, tuple[int, int]] | None:
-    """The file of colour of two, and its width and height; None if there is no such pair."""
+def picture_of(files: Sequence[Path]) -> FileInfo | None:
+    """The file of colour of two; None if there is no such pair."""
     if len(files) != 2:
         return None
     with suppress(DefocusError):
         for info in map(describe, files):
             if {"R", "G", "B"} <= {name for part in info.parts for name, _ in part.channels}:
-                return info.path, (info.width, info.height)
+                return info
     return None
 
 
@@ -178,12 +194,12 @@ def inspect(
     lens: Lens | None,
     *,
     lone: bool,
-    size: tuple[int, int] | None = None,
+    of: FileInfo | None = None,
 ) -> dict[str, Any]:
     """Read a file as ``defocus render`` would, and say what is in it.
 
-    `lens`: what to say the blur of; None for none; `size`: width and height of the picture that
-    its depth is of; None for its own.
+    `lens`: what to say the blur of; None for none; `of`: the file of the picture that its depth is
+    of; None for its own.
     """
     with delayed_signals():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
@@ -201,7 +217,7 @@ def inspect(
         picture, color_note = _color_of(info, reading, keeping)
         color = picture and color_figures(picture)
         depth_note, depth = _depth_of(
-            path, reading, keeping, lens, picture, arrays=has_frames, size=size
+            path, reading, keeping, lens, picture, arrays=has_frames, of=of
         )
         maps = _maps(info, keeping)
         evidence = () if maps else evidence_of(path, reading, info, keeping)
@@ -252,13 +268,13 @@ def _depth_of(
     picture: Color | None,
     *,
     arrays: bool,
-    size: tuple[int, int] | None,
+    of: FileInfo | None,
 ) -> tuple[str, dict[str, Any] | None]:
     """How the depth of a file is read and its figures; why it has none, and None."""
     if reading.row.rule == "radius":
         return "holds signed radii in px, which 'defocus render' takes as they are", None
     try:
-        return depth_figures(path, reading, keeping, lens, picture, size)
+        return depth_figures(path, reading, keeping, lens, picture, of)
     except InputError as error:
         absent = picture is not None or arrays or error.code in _ABSENT
         if not absent or (reading.depth_channel and is_exr(read_head(path))):

@@ -148,6 +148,17 @@ def test_a_scratch_file_is_cut_and_filled_like_an_array(dtype):
     assert not made[2:4].any()
 
 
+def test_what_was_read_or_filled_of_a_scratch_file_is_in_memory_no_more():
+    shape = (4096, 8192)
+    made, before = Scratch(shape, np.float32), memory.held_mb()
+    memory.reset_peak()
+    for rows in arrays.bands(shape):
+        made[rows] = 1
+        assert made[rows, 8000:8192].all()
+    assert memory.held_mb() < before + 10, "of 134 MB"
+    assert memory.peak_mb() < before + 40
+
+
 def job(tmp_path, limit, size=SIZE, kinds="render"):
     color = color_exr(tmp_path / "c.exr", texture(*size))
     depth = depth_exr(tmp_path / "z.exr", ramp(*size))

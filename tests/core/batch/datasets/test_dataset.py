@@ -14,11 +14,10 @@ import pytest
 from command_line import header, read_exr
 from command_line import run as run_command
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
-from records import write_index
+from records import pack, write_index
 
 from defocus_cli.words import batch as batch_report
 from defocus_core import BatchDataset, run_batch
-from defocus_core.batch.datasets import tar_shards
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Ledger
@@ -51,7 +50,7 @@ def test_a_drawn_lens_is_the_same_in_file_journal_index_and_shard(tmp_path):
         radius = read_exr(sample.files["coc"])["coc"]
         assert sample.coc_px == (radius.min(), radius.max())
         assert max(map(abs, sample.coc_px)) <= 0.3
-    shards = tar_shards.write(tmp_path / "out", records, 10**9)
+    shards = pack(tmp_path / "out", records, 10**9)
     assert [path.name for path in shards] == ["samples-000000.tar"]
 
 

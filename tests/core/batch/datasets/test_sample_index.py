@@ -7,7 +7,7 @@ import pytest
 from records import record, write_index
 from refusals import refuses
 
-from defocus_core.batch.datasets import sample_index, update
+from defocus_core.batch.datasets import update
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.journal import Journal, journal_path
 from defocus_core.batch.journal.record import record_of
@@ -64,8 +64,8 @@ def test_pictures_of_two_releases_make_one_sample_if_they_have_one_renderer(
     change, kinds, tmp_path
 ):
     first, later = record(tmp_path, "a", ["render"]), record(tmp_path, "a", ["coc"], **change)
-    (entry,) = sample_index.entries(map(record_of, [first, later]))
-    assert set(entry["outputs"]) == kinds
+    (line,) = written(tmp_path, first, later)
+    assert set(line["outputs"]) == kinds
 
 
 def test_every_key_has_one_type(tmp_path):

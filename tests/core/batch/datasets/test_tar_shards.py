@@ -4,7 +4,7 @@ import json
 import os
 import tarfile
 
-from records import taken
+from records import pack, taken
 from refusals import refuses
 
 from defocus_core.batch.datasets import tar_shards
@@ -18,7 +18,7 @@ def names(path):
 
 
 def packed(out, count, limit=LARGE):
-    return tar_shards.write(out, [taken(out, f"a_f1.4_s{i:03}") for i in range(count)], limit)
+    return pack(out, [taken(out, f"a_f1.4_s{i:03}") for i in range(count)], limit)
 
 
 def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path):
@@ -36,7 +36,7 @@ def test_a_sample_is_its_outputs_and_its_line_of_the_index(tmp_path):
 def test_samples_that_a_tar_cannot_tell_apart_are_refused(tmp_path):
     records = [taken(tmp_path, name) for name in ("a.1", "a_1")]
     with refuses("duplicate", "a.1 and a_1"):
-        tar_shards.write(tmp_path, records, LARGE)
+        pack(tmp_path, records, LARGE)
     assert not list(tmp_path.glob("shards/*"))
 
 
@@ -44,7 +44,7 @@ def test_the_bytes_depend_on_the_samples_alone(tmp_path):
     one = packed(tmp_path / "one", 3)[0]
     records = [taken(tmp_path / "two", f"a_f1.4_s{i:03}", seconds={"render": i}) for i in (2, 0, 1)]
     os.utime(tmp_path / "two/render/a_f1.4_s001.png", (1, 1))
-    two = tar_shards.write(tmp_path / "two", records, LARGE)[0]
+    two = pack(tmp_path / "two", records, LARGE)[0]
     assert one.read_bytes() == two.read_bytes()
 
 
@@ -71,12 +71,12 @@ def test_a_sample_that_is_too_large_has_a_shard_to_itself_and_what_is_not_needed
 
 def test_a_shard_is_packed_again_only_if_something_of_it_changed(tmp_path):
     records = [taken(tmp_path, name) for name in "abc"]
-    shards = tar_shards.write(tmp_path, records, 1)
+    shards = pack(tmp_path, records, 1)
     for path in shards:
         os.utime(path, (1, 1))
     records[1] = taken(tmp_path, "b", level=9)
     shards[2].write_bytes(b"cut")
-    tar_shards.write(tmp_path, records, 1)
+    pack(tmp_path, records, 1)
     assert [path.stat().st_mtime == 1 for path in shards] == [True, False, False]
     assert [len(names(path)) for path in shards] == [3, 3, 3]
 
@@ -85,7 +85,7 @@ def test_an_output_that_is_gone_is_told_and_no_shard_is_begun(tmp_path):
     records = [taken(tmp_path, name) for name in "ab"]
     (tmp_path / "coc" / "b.exr").unlink()
     with refuses("unreadable"):
-        tar_shards.write(tmp_path, records, LARGE)
+        pack(tmp_path, records, LARGE)
     assert not list(tmp_path.glob("shards/*"))
 
 
@@ -99,7 +99,7 @@ def test_an_output_that_shrinks_while_it_is_packed_leaves_no_shard(tmp_path, mon
 
     monkeypatch.setattr(tar_shards, "written_whole", shrunk)
     with refuses("changed"):
-        tar_shards.write(tmp_path, records, LARGE)
+        pack(tmp_path, records, LARGE)
     assert not list(tmp_path.glob("shards/*"))
 
 

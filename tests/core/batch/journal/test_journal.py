@@ -17,7 +17,7 @@ from defocus_core.batch.journal.journal import (
     input_path,
     journal_path,
 )
-from defocus_core.batch.journal.left import gather
+from defocus_core.batch.journal.progress import gather
 from defocus_core.batch.journal.record import record_of, values_of
 
 WHOLE = {

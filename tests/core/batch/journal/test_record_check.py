@@ -4,14 +4,13 @@ import json
 from pathlib import Path
 
 import pytest
-from records import record, taken
+from records import pack, record, taken
 from refusals import refuses
 
 import defocus_core
-from defocus_core.batch.datasets import tar_shards, update
-from defocus_core.batch.journal import left
+from defocus_core.batch.datasets import update
 from defocus_core.batch.journal.journal import Ledger, journal_path
-from defocus_core.batch.journal.left import progress
+from defocus_core.batch.journal.progress import open_run, progress, run_path
 from defocus_core.batch.journal.record import FIELDS, fault_of, record_of, values_of
 
 NEEDED = (
@@ -21,21 +20,30 @@ NEEDED = (
 WRONG = [
     ({"status": "done"}, "has the status 'done', not one of ok, rejected, failed"),
     ({"status": []}, "has the status [], which is of a wrong type"),
-    ({"finished": "yesterday"}, "finished at 'yesterday', which is not a time with a zone"),
+    ({"finished": "yesterday"}, "has the finished 'yesterday', which is not a time with a zone"),
     ({"finished": "2026-01-01T00:00:00"}, "which is not a time with a zone"),
-    ({"outputs": {"render": "a.png"}}, "has no path of render"),
-    ({"inputs": {"depth": {"path": "z.exr"}}}, "has no colour among its inputs"),
+    ({"outputs": {"render": "a.png"}}, "has the render 'a.png', which is of a wrong type"),
+    (
+        {"inputs": {"depth": {"path": "z.exr"}}},
+        "has the inputs {'depth': {'path': 'z.exr'}}, among which is no color",
+    ),
     ({"size": [4]}, "has the size [4], not two numbers"),
-    ({"coc_px": ["a", "b"]}, "not two numbers"),
+    ({"coc_px": ["a", "b"]}, "has the coc_px ['a', 'b'], which holds what is of a wrong type"),
     ({"seconds": {}}, "has no seconds.render"),
     ({"lens": {"fnumber": 2.0}}, "has no lens.focal_length_mm"),
-    ({"warnings": [[]]}, "has a warning that is not a text"),
-    ({"sample_id": "../a"}, "has a sample_id with a slash"),
+    ({"warnings": [[]]}, "has the warnings [[]], which holds what is of a wrong type"),
+    ({"sample_id": "../a"}, "has the sample_id '../a', which has a slash"),
     ({"coc_px": [float("nan"), 1]}, "is broken"),
     ({"size": [0, 3]}, "has the size [0, 3]"),
     ({"inputs": {"color": {"path": "c.exr", "size": "4"}}}, "has the color.size '4'"),
-    ({"measures": {"coc_mean_px": "1"}}, "has the measures.coc_mean_px '1'"),
+    (
+        {"measures": {"coc_mean_px": "1"}},
+        "has the measures {'coc_mean_px': '1'}, not all of which are numbers",
+    ),
     ({"settings": {"lens": []}}, "has the settings.lens []"),
+    ({"depth_repair": {"kinds": [3]}}, "has the depth_repair.kinds [3]"),
+    ({"inputs": {"color": {"path": 3}}}, "has the color.path 3"),
+    ({"inputs": {"color": {}}}, "has no color.path"),
     ({"message": "\ud800"}, "surrogate pair"),
 ]
 OUTSIDE = (
@@ -63,8 +71,8 @@ def test_a_number_that_no_float_holds_and_a_seed_that_is_a_table_are_told(tmp_pa
     for lens, field in (
         (drawn(whole, seed={}), "lens.draw.seed"),
         ({**whole["lens"], "fnumber": "2"}, "lens.fnumber"),
-        ({**whole["lens"], "squeeze": {}}, "no words can be made of"),
-        ({**whole["lens"], "focus_at_px": [1]}, "no words can be made of"),
+        ({**whole["lens"], "squeeze": {}}, "of which no words can be made"),
+        ({**whole["lens"], "focus_at_px": [1]}, "lens.focus_at_px [1], not two numbers"),
     ):
         path = journal_of(tmp_path, record(tmp_path, "a", lens=lens))
         with refuses("damaged", "line 1", field, path=path):
@@ -135,29 +143,29 @@ def test_a_link_in_place_of_an_output_is_not_packed(tmp_path):
     (tmp_path / "render" / "a.png").replace(secret)
     (tmp_path / "render" / "a.png").symlink_to(secret)
     with refuses("link", path=tmp_path / "render" / "a.png"):
-        tar_shards.write(tmp_path, [sample], 1000)
+        pack(tmp_path, [sample], 1000)
     assert not list(tmp_path.glob("shards/*.tar"))
 
 
-PLAN = {"begun": "2026-01-01T00:00:00+00:00", "jobs": ["a"]}
+NOTE = {"begun": "2026-01-01T00:00:00+00:00", "jobs": ["a"]}
 
 
 @pytest.mark.parametrize(
-    "plan",
+    "note",
     [
         "",
         "[]",
-        json.dumps({"begun": PLAN["begun"]}),
-        json.dumps({**PLAN, "begun": ""}),
-        json.dumps({**PLAN, "begun": 5}),
-        json.dumps({**PLAN, "jobs": 1}),
-        json.dumps({**PLAN, "jobs": [[1]]}),
+        json.dumps({"begun": NOTE["begun"]}),
+        json.dumps({**NOTE, "begun": ""}),
+        json.dumps({**NOTE, "begun": 5}),
+        json.dumps({**NOTE, "jobs": 1}),
+        json.dumps({**NOTE, "jobs": [[1]]}),
     ],
 )
-def test_a_broken_plan_of_a_run_is_refused(plan, tmp_path):
-    left.run_path(tmp_path).write_text(plan)
+def test_a_broken_note_of_a_run_is_refused(note, tmp_path):
+    run_path(tmp_path).write_text(note)
     with refuses("malformed"):
-        left.plan_of(tmp_path)
+        open_run(tmp_path)
 
 
 def test_the_help_has_the_table_of_fields_and_a_record_no_other(tmp_path):

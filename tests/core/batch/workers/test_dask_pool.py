@@ -100,7 +100,7 @@ def test_nobody_waits_for_workers_without_knowing(tmp_path, caplog):
     for chunk in chunks_of(tmp_path, "a", "b", "c"):
         if cluster.has_room():
             cluster.submit(chunk)
-    assert len(cluster.completed) == dask_pool.AT_ONCE
+    assert len(cluster.futures) == dask_pool.AT_ONCE
     assert caplog.messages == ["tcp://head:8786: has no workers; waiting for some"]
 
 

@@ -13,7 +13,7 @@ from defocus_core.io.shots.frame_patterns import (
     gaps,
     in_words,
     is_pattern,
-    window_of,
+    neighbours_of,
 )
 
 
@@ -111,7 +111,7 @@ def test_missing_frames_are_an_error_that_names_them_or_are_left_out():
 
 
 def test_windows_of_frames_are_moved_at_the_ends_not_cut():
-    assert [*window_of(9, 4, 3)] == [3, 4, 5]
-    assert [*window_of(9, 0, 3)] == [0, 1, 2]
-    assert [*window_of(9, 8, 5)] == [4, 5, 6, 7, 8]
-    assert [*window_of(2, 1, 5)] == [0, 1]
+    assert [*neighbours_of(9, 4, 3)] == [3, 4, 5]
+    assert [*neighbours_of(9, 0, 3)] == [0, 1, 2]
+    assert [*neighbours_of(9, 8, 5)] == [4, 5, 6, 7, 8]
+    assert [*neighbours_of(2, 1, 5)] == [0, 1]

@@ -1,16 +1,15 @@
-"""What is left: the plan of a run in progress, the progress of a batch, the end of shards.
+"""How far a batch is: jobs by how they ended, open runs, and shards, made one by `merge`.
 
-A plan, ``OUT/.journal.run``, is kept until its run is done, and names all its jobs, so that others
-know what is left. The journals of shards become one by `merge`.
+A run notes the names of its jobs in ``OUT/.journal.run``, until all are done.
 """
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from hashlib import blake2b
 from pathlib import Path
@@ -25,7 +24,7 @@ from defocus_core.batch.journal.journal import (
     shards,
 )
 from defocus_core.batch.journal.lock import holder, lock_path, locked
-from defocus_core.batch.journal.record import Record, is_moment
+from defocus_core.batch.journal.record import Record, is_moment, now
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import LEFTOVER, left_in, sync_folder, written_whole
@@ -35,26 +34,34 @@ from defocus_core.system.text import note
 SHARDS_FOLDER = "shards"  # of tars
 
 
-@dataclass(frozen=True)
-class RunPlan:
-    """The jobs of a run."""
+@dataclass
+class OpenRun:
+    """A run that did not come to its end, and what it did."""
 
-    begun: str  # when it began, UTC
-    jobs: Sequence[str]  # the names of their samples
-
-    def write(self, path: Path) -> None:
-        """Write the file of the run."""
-        with written_whole(path) as file:
-            file.write(json.dumps(asdict(self)).encode() + b"\n")
+    begun: str  # when, UTC
+    left: set[str]  # samples of its jobs that did not end since
+    again: set[str] = field(default_factory=set)  # those of them that ended before
+    ended: int = 0
+    last: str = ""  # when the last of them ended
 
 
 def run_path(out: Path, shard: Shard | None = None) -> Path:
-    """The file of a run on OUT, or on a shard."""
+    """The file that notes a run on OUT, or on a shard."""
     return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
 
 
-def plan_of(out: Path, shard: Shard | None = None) -> RunPlan | None:
-    """The plan of the run on OUT, or on a shard; None if it got to its end."""
+def note_run(out: Path, shard: Shard | None, samples: Iterable[str]) -> Path:
+    """Note a run by its samples; one on all of OUT has those that runs on shards left."""
+    path = run_path(out, shard)
+    with written_whole(path) as file:
+        file.write(json.dumps({"begun": now(), "jobs": [*samples]}).encode() + b"\n")
+    for other in out.glob(".journal-*.run") if shard is None else ():
+        other.unlink(missing_ok=True)
+    return path
+
+
+def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
+    """The run on OUT, or on a shard, that is noted; None if it came to its end."""
     path = run_path(out, shard)
     try:
         text = Folder(path.parent).read(path.name)
@@ -64,17 +71,11 @@ def plan_of(out: Path, shard: Shard | None = None) -> RunPlan | None:
         raise cannot_read(path, error, "remove it") from None
     with suppress(ValueError, TypeError, KeyError, RecursionError):
         stored = json.loads(text)
-        plan = RunPlan(stored["begun"], stored["jobs"])
-        if is_moment(plan.begun) and all(isinstance(name, str) for name in plan.jobs):
-            return plan
-    remedy = "remove the file, and what the run left half-written; the next run plans anew"
-    raise InputError("malformed", "is not a plan of a run", remedy, path=path)
-
-
-def forget_shards(out: Path) -> None:
-    """Forget the runs on shards, now that one on all of OUT has noted what they left."""
-    for path in out.glob(".journal-*.run"):
-        path.unlink(missing_ok=True)
+        run = OpenRun(stored["begun"], {*stored["jobs"]})
+        if is_moment(run.begun) and all(isinstance(name, str) for name in run.left):
+            return run
+    remedy = "remove the file, and what the run left half-written; the next run begins anew"
+    raise InputError("malformed", "is not the note of a run", remedy, path=path)
 
 
 def sweep_up(out: Path) -> None:
@@ -126,39 +127,27 @@ class Progress:
         return self.left / self.rate
 
 
-@dataclass
-class _Run:
-    """A run that did not get to its end: its plan, and what it did."""
-
-    plan: RunPlan
-    left: set[str]  # jobs of its plan that did not end since it began
-    again: set[str] = field(default_factory=set)  # those of them that ended before
-    ended: int = 0
-    last: str = ""  # when the last of them ended
-
-
 def progress(out: Path, failures: int) -> Progress:
     """Read the journals of OUT as a stream, without a lock; it keeps so many failures."""
-    parts = shards(out)
-    runs = (None, *parts)
-    if not any(path(out, run).exists() for run in runs for path in (journal_path, run_path)):
+    divided = shards(out)
+    parts = (None, *divided)
+    if not any(path(out, part).exists() for part in parts for path in (journal_path, run_path)):
         raise InputError(
             "empty", "has no journal", "name the directory that a batch writes to", path=out
         )
-    plans = ((run, plan_of(out, run)) for run in runs)
-    open_runs = {run: _Run(plan, {*plan.jobs}) for run, plan in plans if plan is not None}
+    runs = {part: run for part in parts if (run := open_run(out, part)) is not None}
 
     def seen(of: Shard | None, sample: str, finished: str) -> None:
-        for run, open_run in open_runs.items():
-            is_new = finished >= open_run.plan.begun
+        for part, run in runs.items():
+            is_new = finished >= run.begun
             if is_new:
-                open_run.left.discard(sample)
-            elif sample in open_run.left:
-                open_run.again.add(sample)
-            if is_new and run == of:
-                open_run.ended, open_run.last = open_run.ended + 1, finished
+                run.left.discard(sample)
+            elif sample in run.left:
+                run.again.add(sample)
+            if is_new and part == of:
+                run.ended, run.last = run.ended + 1, finished
 
-    ledger = Ledger(out, seen if open_runs else None)
+    ledger = Ledger(out, seen if runs else None)
     state = Progress(Counter(), Counter())
     seconds, without = 0.0, list[int]()
     for number in ledger.live():
@@ -172,15 +161,15 @@ def progress(out: Path, failures: int) -> Progress:
     if state.statuses["ok"]:
         state.seconds = seconds / state.statuses["ok"]
     state.failures = [ledger.record(number) for number in without[-failures:] if failures]
-    if parts:
-        division = max(part.of for part in parts)
-        state.shards = sorted(part.number for part in parts if part.of == division), division
-    for run in runs:
-        _add_run(state, holder(lock_path(out, run)), open_runs.get(run))
+    if divided:
+        division = max(part.of for part in divided)
+        state.shards = sorted(part.number for part in divided if part.of == division), division
+    for part in parts:
+        _add_run(state, holder(lock_path(out, part)), runs.get(part))
     return state
 
 
-def _add_run(state: Progress, who: str | None, run: _Run | None) -> None:
+def _add_run(state: Progress, who: str | None, run: OpenRun | None) -> None:
     """Add the process, the jobs left and the rate of a run."""
     if who:
         state.running.append(who)
@@ -190,7 +179,7 @@ def _add_run(state: Progress, who: str | None, run: _Run | None) -> None:
     state.again += len(run.again & run.left)
     if run.ended:
         until = datetime.now(UTC) if who else datetime.fromisoformat(run.last)
-        since = (until - datetime.fromisoformat(run.plan.begun)).total_seconds()
+        since = (until - datetime.fromisoformat(run.begun)).total_seconds()
         state.rate = (state.rate or 0.0) + run.ended / max(since, 1e-3)
 
 
@@ -236,11 +225,11 @@ def gather(out: Path) -> list[Shard]:
     return parts
 
 
-def _joined(runs: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
+def _joined(parts: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
     """The lines of journals, each of them once."""
     known = set[bytes]()
-    for run in runs:
-        for line in JournalFile(journal_path(out, run)).lines():
+    for part in parts:
+        for line in JournalFile(journal_path(out, part)).lines():
             digest = blake2b(line.text.rstrip(b"\n"), digest_size=16).digest()
             if digest not in known:
                 known.add(digest)

@@ -1,0 +1,124 @@
+"""Figures of the help that are measurements are what a run measures."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from command_line import LENS, read_exr, run, succeed, write_exr
+from shots import still
+
+from defocus_core import Aperture, DualPixel, render
+
+ROOT = Path(__file__).parents[1]
+TEXT = {path.stem: path.read_text() for path in (ROOT / "defocus_cli" / "help").glob("*.md")}
+COLUMNS = ("soft", "lone", "draft", "lone_draft")
+BANDS = re.findall(
+    r"^\| (\S+) to (\S+) px \| (\S+) px \| (\S+) px \| (\S+) px \| (\S+) px \|$",
+    TEXT["quality"],
+    re.M,
+)
+SIDE = 192  # px, more than a draft has as standard
+
+
+def figure(topic, words):
+    """The number in some words of a topic, whose lines may break anywhere."""
+    pattern = re.escape(words).replace(r"\ ", r"\s+").replace("N", r"([\d.]+)")
+    (found,) = re.findall(pattern, TEXT[topic])
+    return float(found)
+
+
+def centroid(picture):
+    """Column and row of the centre of light [H, W]."""
+    light = np.asarray(picture, np.float64)
+    places = (np.arange(n) for n in light.shape[::-1])
+    return [at @ light.sum(axis) / light.sum() for axis, at in enumerate(places)]
+
+
+def lights(at, sigma=2**0.5, size=(SIDE, SIDE)):
+    """A soft light at a column and row."""
+    y, x = np.mgrid[: size[0], : size[1]] - np.reshape(at, (2, 1, 1))[::-1]
+    return np.exp(-(x**2 + y**2) / (2 * sigma**2)).astype(np.float32)
+
+
+SOFT_ON_GREY, PIXEL_ON_BLACK = (2**0.5, 0.5), (0.1, 0.0)
+
+
+def lost(r, quality="standard", light=(2**0.5, 0.0), aperture=Aperture()):  # noqa: B008
+    """How much less disparity left and right show of a light than the map says, px.
+
+    `light`: its deviation in px, and what it stands on.
+    """
+    sigma, base = light
+    image = torch.from_numpy(base + (1 - base) * lights((SIDE // 2, SIDE // 2), sigma))[None]
+    views = render(
+        *(image, torch.full(image.shape[1:], r)),
+        aperture=aperture,
+        quality=quality,
+        left_right=True,
+    )
+    left, right = (centroid(view[0].double() - base)[0] for view in views.images[1:])
+    return abs(r * DualPixel().disparity(aperture) - (right - left))
+
+
+@pytest.mark.parametrize(("low", "high", *COLUMNS), BANDS)
+def test_left_and_right_lose_as_much_as_the_table_says(low, high, soft, lone, draft, lone_draft):
+    said = {("standard", SOFT_ON_GREY): soft, ("standard", PIXEL_ON_BLACK): lone}
+    said |= {("draft", SOFT_ON_GREY): draft, ("draft", PIXEL_ON_BLACK): lone_draft}
+    radii = np.linspace(float(low), float(high), 9)[1:].tolist()
+    measured = {case: max(lost(r, *case) for r in radii) for case in said}
+    told = {case: float(text) for case, text in said.items()}
+    assert measured == pytest.approx(told, abs=0.006)
+
+
+def test_sampled_kernels_show_as_much_less_as_is_said():
+    at_3 = 3 * DualPixel().disparity(Aperture())
+    assert 100 * lost(3.0) / at_3 == pytest.approx(figure("look", "px, N % at 3 px"), abs=0.5)
+    said = figure("look", "of five blades N %")
+    assert 100 * lost(3.0, aperture=Aperture(5)) / at_3 == pytest.approx(said, abs=0.5)
+    assert all(lost(r) * r == pytest.approx(0.09, abs=0.02) for r in (2.0, 4.0, 8.0, 16.0))
+
+
+@pytest.mark.parametrize(
+    ("at", "options", "words"),
+    [
+        (
+            (10, 10),
+            ("--fnumber", "2.5", "--cat-eye", "1.05:1.5"),
+            "it is N % of the horizontal one in the corners",
+        ),
+        ((144, 96), ("--fnumber", "1.2", "--blades", "3", "--blade-rotation", "45"), "by 45°, N %"),
+    ],
+    ids=["cat-eye", "blades"],
+)
+def test_the_vertical_disparity_is_that_of_the_help(at, options, words, tmp_path):
+    color = write_exr(tmp_path / "a.exr", **dict.fromkeys("RGB", lights(at, size=(192, 288))))
+    depth = write_exr(tmp_path / "z.exr", Z=np.full((192, 288), 8, np.float32))
+    lens = ("--focal-length", "50mm", "--focus", "2m", *options)
+    succeed("render", color, depth, "-o", tmp_path, *lens, "--outputs", "left,right")
+    left, right = (centroid(read_exr(tmp_path / side / "a.exr")["G"]) for side in ("left", "right"))
+    share = (right[1] - left[1]) / (right[0] - left[0])
+    assert 100 * abs(share) == pytest.approx(figure("look", words), abs=2)
+
+
+def test_shots_are_as_steady_as_the_help_says(tmp_path):
+    patterns = still(tmp_path)
+    deviations = []
+    for words in ((), ("--no-steady",)):
+        succeed("render", *LENS, *patterns, "-o", tmp_path / "o", "--overwrite", *words)
+        files = sorted((tmp_path / "o" / "render").iterdir())
+        shown = np.stack([read_exr(file)["G"][8:-8, 8:-8] for file in files])
+        deviations.append(np.asarray(shown, np.float64).std(0).mean())
+    said = figure("shots", "deviation over time falls to N of what")
+    assert deviations[0] / deviations[1] == pytest.approx(said, abs=0.01)
+
+
+def test_the_line_of_compare_is_one_that_it_prints(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    picture = read_exr(ROOT / "sample_scenes/spheres/rgb.exr")
+    write_exr(Path("golden/render/rgb.exr"), **picture)
+    moved = {name: np.roll(plane, 1, 1) for name, plane in picture.items()}
+    write_exr(Path("new/render/rgb.exr"), **moved)
+    line = run("compare", "golden", "new").out.splitlines()[0]
+    assert line in " ".join(TEXT["compare"].split())
