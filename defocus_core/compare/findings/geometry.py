@@ -251,11 +251,10 @@ def _far(evidence: Evidence) -> float:
 # Of a move: how far down and how far right, in px: in the middle, and more by the row and by the
 # column at `_far`; and how far out at `_far`, by the cube of the distance, as lenses distort. Each
 # free parameter is a row.
-*_AFFINE, _DISTORTION = np.eye(7)
-_AFFINE = np.stack(_AFFINE)
+_AFFINE, _DISTORTION = np.split(np.eye(7), [6])
 _SHIFT, _GROWTH = _AFFINE[[0, 3]], _AFFINE[[1]] + _AFFINE[[5]]
 _SIMILAR = np.concatenate([_SHIFT, _GROWTH, _AFFINE[[4]] - _AFFINE[[2]]])
-_LENS = np.concatenate([_SIMILAR, _DISTORTION[None]])
+_LENS = np.concatenate([_SIMILAR, _DISTORTION])
 
 
 def _fitted(
