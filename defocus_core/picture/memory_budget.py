@@ -212,7 +212,8 @@ def regions_at_once(
     mb = [math.ceil(part) for part in parts]
     raise TooLarge(
         "out-of-memory",
-        f"needs {sum(mb)} MB ({mb[0]} of the program, {mb[1]} of its files, {mb[2]}) to render, "
+        f"needs {sum(mb)} MB to render ({mb[0]} for the program, {mb[1]} for its "
+        f"files, {mb[2]} for the picture), "
         f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
         _remedy(job, enough_mb(holding, bound), threads > 1 and needed(1, 1) <= room, device),
         path=job.picture.color,

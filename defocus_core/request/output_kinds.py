@@ -126,6 +126,7 @@ _UNWRITTEN = (
     "sxr dng cr2 cr3 nef arw raf ico svg pdf eps npy npz mp4 mov avi mkv webm mxf"
 )
 UNWRITTEN = frozenset(f".{word}" for word in _UNWRITTEN.split())
+PICTURES = frozenset(SUFFIXES.values()) | UNWRITTEN
 LOSSY = ("jpg", "webp")  # which have a quality
 MAP_FORMATS = ("exr", "tiff")
 COLOR_SPACES = ("srgb",)
