@@ -59,7 +59,7 @@ from defocus_core.tensors.pyramid import axes
 _SAMPLES_AT_ONCE = 1 << 17
 
 
-class Place(NamedTuple):
+class RegionPlace(NamedTuple):
     """Where a region lies; the rectangles are those of the frame unless it is said."""
 
     frame: SharedFrame
@@ -71,7 +71,7 @@ class Place(NamedTuple):
     core: Box  # its tiles within `outer`
 
     @classmethod
-    def of(cls, frame: SharedFrame, grid: Grid) -> Place:
+    def of(cls, frame: SharedFrame, grid: Grid) -> RegionPlace:
         """The place of the tiles of a region."""
         box = grid.box
         outer = box.grown(frame.margin, frame.box)
@@ -113,7 +113,7 @@ class RegionLayers(NamedTuple):
 
 
 def of_picture(
-    place: Place,
+    place: RegionPlace,
     scene: Scene,
     image: Tensor,
     signed_radius: Tensor,
@@ -143,7 +143,10 @@ def of_picture(
 
 
 def of_layers(
-    place: Place, layered: Layered, image: Tensor, backdrop: Backdrop | SurfacesOfColors | None
+    place: RegionPlace,
+    layered: Layered,
+    image: Tensor,
+    backdrop: Backdrop | SurfacesOfColors | None,
 ) -> RegionLayers:
     """What layers show and hide; `image`: [C + 1, H, W], the picture of them in focus."""
     frame, slices = place.frame, place.frame.slices
@@ -180,7 +183,7 @@ def of_layers(
     return RegionLayers((*layers, *others), positions, highlights, fills, sight)
 
 
-def samples_within(place: Place, layers: Sequence[SampleLayer]) -> SurfaceSamples:
+def samples_within(place: RegionPlace, layers: Sequence[SampleLayer]) -> SurfaceSamples:
     """The samples whose light reaches the tiles."""
     radii = place.frame.slices.radii
     layers = [layer.within(place.inside) for layer in layers]
@@ -189,7 +192,7 @@ def samples_within(place: Place, layers: Sequence[SampleLayer]) -> SurfaceSample
     return SurfaceSamples(layers, slice_position(layers[0].signed_radius, radii))
 
 
-def visible_samples(place: Place, seen: RegionLayers) -> SurfaceSamples:
+def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
     """The visible samples whose light reaches the tiles, with their slopes and shifts."""
     frame, inside, first = place.frame, place.inside, seen.layers[0]
     radii, division = frame.slices.radii, frame.division
@@ -209,9 +212,9 @@ def visible_samples(place: Place, seen: RegionLayers) -> SurfaceSamples:
 
 
 def fractions_seen(
-    place: Place, seen: RegionLayers, bounds: Box, parts: list[Part]
+    place: RegionPlace, seen: RegionLayers, bounds: Box, parts: list[Part]
 ) -> Tensor | None:
-    """As `Place.fractions`, in the mean over the visible samples of each pixel."""
+    """As `RegionPlace.fractions`, in the mean over the visible samples of each pixel."""
     first, *others = (layer.within(place.core) for layer in seen.of(VISIBLE))
     radius = first.signed_radius
     total = place.fractions(bounds, radius, parts)
@@ -229,7 +232,7 @@ def fractions_seen(
     return total
 
 
-def discs(place: Place, seen: RegionLayers, highlights: Highlights) -> Tensor:
+def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Tensor:
     """The discs of highlights behind surfaces, for each part of the aperture.
 
     Of layers, what hides a part of a light is in its coverage already.

@@ -38,8 +38,8 @@ from defocus_core.renderer.engine.frame import (
 )
 from defocus_core.renderer.engine.layer_order import Filling, add_in_order
 from defocus_core.renderer.engine.region_layers import (
-    Place,
     RegionLayers,
+    RegionPlace,
     backdrop_in,
     discs,
     fractions_seen,
@@ -77,7 +77,7 @@ def region_of(
     None if nothing is continued.
     """
     frame = frame_at(frame, grid.box)
-    place = Place.of(frame, grid)
+    place = RegionPlace.of(frame, grid)
     image, radius = (place.outer.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius))
     if frame.content.edges:  # pixels beside them are looked up by their numbers
         image, radius = image.contiguous(), radius.contiguous()
@@ -95,7 +95,11 @@ class Region:
     """A rectangle of tiles, and everything that they share."""
 
     def __init__(
-        self, place: Place, seen: RegionLayers, layered: Layered | None, fallback: Tensor | None
+        self,
+        place: RegionPlace,
+        seen: RegionLayers,
+        layered: Layered | None,
+        fallback: Tensor | None,
     ) -> None:
         """Prepare the blur of what is seen.
 
