@@ -15,7 +15,7 @@ from defocus_core.batch.journal.progress import Progress
 from defocus_core.batch.journal.record import Record, error_line
 from defocus_core.batch.journal.resume import counted_reasons
 from defocus_core.batch.workers.plan import Plan
-from defocus_core.batch.workers.run import Summary
+from defocus_core.batch.workers.run import Listener, Summary
 from defocus_core.errors import DefocusError, kind_of, with_dashes
 from defocus_core.io.safe_files import spoken
 from defocus_core.request.job import Job
@@ -26,12 +26,13 @@ _ALIKE = 5  # errors of one kind that are told
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 
 
-class BatchReport:
+class BatchReport(Listener):
     """Reports each job of a batch while it runs."""
 
     def __init__(
         self, *, each: bool, keep: bool = False, verbose: bool = False, raises: bool = False
     ) -> None:
+        super().__init__()
         self.records: dict[str, dict[str, Any]] = {}
         self._raises = raises
         self._each, self._keep, self._verbose = each, keep, verbose

@@ -19,7 +19,7 @@ from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.record import End
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.dispatch import Lost, dispatch
-from defocus_core.batch.workers.plan import Chunk, Done, Execute, sent
+from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.request.job import Job
 from defocus_core.system.text import note
@@ -141,7 +141,7 @@ def do(jobs: list[Job], threads: int) -> dict[str, Any]:
     reader, results = job_result.Reader(), []
     for each in jobs:
         job = replace(each, machine=replace(each.machine, threads=threads))
-        results.append(sent(job_result.write(job_result.compute(job, reader.read(job)))))
+        results.append(job_result.write(job_result.compute(job, reader.read(job))))
     return {"versions": identity.versions(), "results": results}
 
 

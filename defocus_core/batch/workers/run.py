@@ -12,7 +12,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
 
 from defocus_core.batch.datasets import update
 from defocus_core.batch.journal import identity, progress
@@ -41,18 +40,19 @@ from defocus_core.system.text import note
 MAX_IN_A_CHUNK = 8
 
 
-class NoSpace(InputError):  # noqa: N818 - no mistake
-    """Nothing more can be written."""
-
-
-class Listener(Protocol):
+class Listener:
     """Receives the events of a batch."""
+
+    def __init__(self, tell: Callable[[Job, Record], None] | None = None) -> None:
+        self._tell = tell
 
     def planned(self, plan: Plan) -> None:
         """Before the first job is done."""
 
     def ended(self, job: Job, record: Record) -> None:
         """A job has come to its end, and the journal has it."""
+        if self._tell is not None:
+            self._tell(job, record)
 
 
 @dataclass
@@ -142,16 +142,16 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
 
 def _index(asked: Collection[str], state: _State) -> None:
     """Write the index of the samples that are asked for, or one that lists some of them."""
-    plan, summary, wanted = state.plan, state.summary, state.execution.data_set
+    plan, summary, execution = state.plan, state.summary, state.execution
     out = plan.ledger.out
-    if wanted is not None and wanted.source is not None:
-        origin.keep(out, wanted.source)
-    if wanted is None:
+    if execution.source is not None:
+        origin.keep(out, execution.source)
+    if not execution.has_index:
         if summary.statuses["ok"]:
             update.refresh(out, asked, state.withdrawn)
-    elif state.execution.shard is None and not summary.interrupted:
+    elif execution.shard is None and not summary.interrupted:
         untouched = None if plan.due or plan.moved else state.done_before()
-        summary.written = update.index(out, wanted.shards_size, asked, untouched)
+        summary.written = update.index(out, execution.shards_size, asked, untouched)
     if not summary.error:
         _tell_mix(state)
 
@@ -264,7 +264,7 @@ class _State:
         if isinstance(end, Failed):
             if end.reason == "no-space" and not self.execution.raises:
                 path, _, problem = end.message.partition(": ")
-                raise NoSpace("no-space", problem, path=path)  # no other job will find space
+                raise InputError("no-space", problem, path=path)  # no other job will find space
             if self.execution.raises:
                 self.summary.error = end.error
                 self.count(job, record)
