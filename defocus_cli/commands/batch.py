@@ -95,7 +95,7 @@ def command(
         shards_size=shards_size,
         source=batch.source,
     )
-    jobs = batch.jobs()
+    jobs = batch.jobs
     if dry_run:
         from defocus_cli.words import dry_run as dry_runs
 

@@ -13,7 +13,6 @@ from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import Interrupted, SomeFailed, exit_code_of
 from defocus_core.batch.journal.progress import Progress
 from defocus_core.batch.journal.record import Record, error_line
-from defocus_core.batch.journal.resume import counted_reasons
 from defocus_core.batch.workers.plan import Plan
 from defocus_core.batch.workers.run import Listener, Summary
 from defocus_core.errors import DefocusError, kind_of, with_dashes
@@ -126,10 +125,9 @@ def summary_lines(summary: Summary) -> Iterator[str]:
 
 def reasons_lines(plan: Plan) -> Iterator[str]:
     """Why jobs are done again, or would be and stay as they are."""
-    if plan.again:
-        yield f"done again: {counted_reasons(plan.again)}"
-    if plan.kept:
-        yield f"stay as they are: {counted_reasons(plan.kept)}"
+    for what, reasons in (("done again", plan.again), ("stay as they are", plan.kept)):
+        if reasons:
+            yield f"{what}: {', '.join(f'{why}: {count}' for why, count in reasons.most_common())}"
 
 
 def reasons_words(reasons: Mapping[str, int]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from os import PathLike, fspath
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.batch.workers.run import Summary
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import DEVICES, Job, Machine, Outputs
-from defocus_core.request.jobs_file import batch_of, read_batch
+from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.origin import JobsSource
 
 Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
@@ -39,23 +39,17 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
 
 def _asked(jobs: Jobs, outputs: Outputs, machine: Machine) -> tuple[list[Job], JobsSource | None]:
     """The jobs of a batch, done by a machine, and what of they were made if it can be kept."""
-    if isinstance(jobs, Mapping):
-        batch = batch_of(jobs, Path("jobs"), outputs, machine)
-    elif isinstance(jobs, str | PathLike):
-        batch = read_batch(Path(fspath(jobs)), outputs, machine)
-    else:
-        return [_moved(job, outputs, machine) for job in jobs], None
-    return batch.jobs(), batch.source
-
-
-def _moved(job: Job, outputs: Outputs, machine: Machine) -> Job:
-    """A job that writes elsewhere, by another machine; its quality and its tiles stay."""
-    own = job.machine
-    return replace(
-        job,
-        outputs=replace(job.outputs, root=outputs.root, overwrite=outputs.overwrite),
-        machine=replace(machine, quality=own.quality, tile=own.tile),
-    )
+    if isinstance(jobs, str | PathLike | Mapping):
+        return read_batch(jobs if isinstance(jobs, Mapping) else Path(jobs), outputs, machine)
+    root, overwrite = outputs.root, outputs.overwrite
+    return [
+        replace(
+            job,
+            outputs=replace(job.outputs, root=root, overwrite=overwrite),
+            machine=replace(machine, quality=job.machine.quality, tile=job.machine.tile),
+        )
+        for job in jobs
+    ], None
 
 
 def run_batch(

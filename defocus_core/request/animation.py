@@ -132,11 +132,6 @@ def read_animation(
     return Animation(checked, interpolation or INTERPOLATIONS[0])
 
 
-def read_animation_table(table: Table) -> Animation:
-    """The animation of ``[animate]`` of a jobs file."""
-    return read_animation((), None, table)
-
-
 def _first(keys: Mapping[int, Key]) -> Key:
     return next(iter(keys.values()))
 

@@ -70,9 +70,9 @@ def shards(out: Path) -> list[Shard]:
     return sorted(shard for shard in found if 1 <= shard.number <= shard.of <= MAX_SHARDS)
 
 
-def require_journal(out: Path) -> None:
+def require_journal(out: Path, pattern: str = "journal*.jsonl") -> None:
     """Refuse a directory that no batch has written to."""
-    if not any(out.glob("journal*.jsonl")):
+    if not any(out.glob(pattern)):
         raise InputError(
             "empty", "has no journal", "name the directory that a batch writes to", path=out
         )
@@ -148,11 +148,6 @@ def _shared(values: Values) -> dict[str, Any]:
     """What other records may have in common with a record."""
     keys = (*_ASKED, *(_FOUND if values.get("status") == "ok" else ()))
     return {key: values[key] for key in keys if key in values}
-
-
-def _mark(shared: Values) -> str:
-    """The name of what lines share."""
-    return blake2b(_ENCODER.encode(shared).encode(), digest_size=4).hexdigest()
 
 
 def _sum(whole: Values, values: Values) -> dict[str, Any]:
@@ -410,9 +405,8 @@ class Journal:
         """
         self.path, self._began = path, began
         self._new = not path.exists()
-        self._whole: dict[
-            Any, tuple[str, Values]
-        ] = {}  # what this process wrote whole, by its keys
+        # What this process wrote whole, by its keys
+        self._whole: dict[Any, tuple[str, Values]] = {}
         try:
             self._number = Folder(path.parent).append(path.name)
             self._cut_torn_tail()
@@ -427,7 +421,7 @@ class Journal:
         keys = _keys(shared)
         mark, whole = self._whole.get(keys, ("", None))
         if whole is None:
-            mark = _mark(shared)
+            mark = blake2b(_ENCODER.encode(shared).encode(), digest_size=4).hexdigest()
         values |= {"shared": mark, **(shared if whole is None else _difference(whole, shared))}
         line = _ENCODER.encode(values).encode() + b"\n"
         end = os.fstat(self._number).st_size

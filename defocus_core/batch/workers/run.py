@@ -81,13 +81,16 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
         _output_folders({job.outputs for job in jobs}, out),
         locked(out, execution.shard) if has_journal else nullcontext(lambda: None) as require_lock,
     ):
-        if has_journal:
-            _clear(out, execution)
+        if has_journal and execution.shard is None:
+            progress.sweep_up(out)  # what runs that were killed left half-written
+            progress.gather(out)
+        elif execution.shard is not None:  # others of its division write to OUT, too
+            progress.refuse_other_division(out, execution.shard)
         plan = make_plan(jobs, out, execution)
         listener.planned(plan)
         state = _State(plan, execution, listener)
         if plan.due or plan.moved:
-            with _recording(state) if has_journal else nullcontext(_unrecorded) as append:
+            with _recording(state) if has_journal else nullcontext(lambda _: None) as append:
                 for number, stamps in plan.moved.items():
                     append(moved_record(plan.jobs[number], plan.ledger, stamps))
 
@@ -106,19 +109,6 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
     if has_journal:
         _index({job.sample_id for job in jobs}, state)
     return state.summary
-
-
-def _clear(out: Path, execution: Execution) -> None:
-    """What runs that were killed left half-written goes; the journals of shards become one."""
-    if execution.shard is None:
-        progress.sweep_up(out)
-        progress.gather(out)
-    else:  # others of its division write to OUT, too
-        progress.refuse_other_division(out, execution.shard)
-
-
-def _unrecorded(_: Record) -> None:
-    """A record that no journal has."""
 
 
 @contextmanager
