@@ -117,7 +117,8 @@ def command(
     lone = len(jobs) == 1
     report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, raises=lone)
     with report.bar("picture") if not lone else batch_report.tile_bar() as count:
-        execute = functools.partial(pipeline.execute, progress=count)
+        counting = functools.partial(pipeline.execute, progress=count)
+        execute = pipeline.execute if count is None else counting
         summary = run.run(jobs, outputs.root, execution(execute, raises=lone), report)
     if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
         console.stderr(f"contact sheet -> {sheet}")

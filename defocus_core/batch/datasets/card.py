@@ -31,6 +31,7 @@ _JSON_HEAD = b'{\n "origin": {'
 _HEAD = ("---", "# Written by defocus; without this line it stays as it is.")
 _README_HEAD = "".join(f"{line}\n" for line in _HEAD).encode()
 NO_ORIGIN = Origin()
+_UNSET: tuple[Any, ...] = (None, "", False, [], ())
 _TITLE = "Defocused pictures"
 Entry = Mapping[str, Any]
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
@@ -113,7 +114,7 @@ def card_of(
         for of in ("reading", "outputs"):
             asked = record.settings.get(of) or {}
             shared = common.setdefault(of, dict(asked)).items()
-            common[of] = {key: value for key, value in shared if asked.get(key) == value}
+            common[of] = {k: v for k, v in shared if asked.get(k) == v and v not in _UNSET}
         see(entry)
     ordered = {
         name: dict(sorted(each.items(), key=lambda item: (-item[1], item[0])))
@@ -129,7 +130,7 @@ def card_of(
         "failures": ordered["failures"],
         "recipe": {
             "quality": ordered.get("quality", {}),
-            **{of: _said(common.get(of, {})) for of in ("reading", "outputs")},
+            **{of: common.get(of, {}) for of in ("reading", "outputs")},
         },
         "versions": ordered.get("versions", {}),
     }
@@ -142,11 +143,6 @@ def _counted(records: Iterable[Record], failures: Counter[str]) -> Iterator[Reco
             failures[record.end.reason or record.status] += 1
         else:
             yield record
-
-
-def _said(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings without what is not set."""
-    return {k: v for k, v in settings.items() if v not in (None, "", False, [], ())}
 
 
 def markdown(card: Mapping[str, Any], configs: Iterable[str] = ()) -> str:

@@ -51,7 +51,8 @@ def joined(records: Iterable[Record]) -> Iterator[Record]:
 
     `records`: of the journal by name, oldest first.
     """
-    for _, mine in groupby(filter(_is_sample, records), lambda record: record.sample_id):
+    pictures = (r for r in records if r.taken and not r.outputs.keys().isdisjoint(KINDS))
+    for _, mine in groupby(pictures, lambda record: record.sample_id):
         yield reduce(_joined, mine)
 
 
@@ -109,10 +110,6 @@ def digest(lines: Iterable[bytes]) -> str:
     for each in lines:
         hashed.update(each)
     return hashed.hexdigest()
-
-
-def _is_sample(record: Record) -> bool:
-    return record.taken is not None and not record.outputs.keys().isdisjoint(KINDS)
 
 
 def _joined(before: Record, record: Record) -> Record:
@@ -260,11 +257,6 @@ class SplitLists:
         for split, name in lists.items():
             yield f"  - split: {json.dumps(split)}"
             yield f"    path: {json.dumps([name, *sorted(self._folders)])}"
-
-
-def has_splits(out: Path, splits: Iterable[str]) -> bool:
-    """Whether the lists of some splits are there."""
-    return all((out / list_name(split)).exists() for split in splits)
 
 
 def remove_splits(out: Path, splits: Iterable[str]) -> None:

@@ -148,12 +148,12 @@ def progress(out: Path, failures: int) -> Progress:
     state = Progress(Counter(), Counter())
     seconds, without = 0.0, list[int]()
     for number in ledger.live():
-        kind = ledger.kind(number)
-        state.statuses[kind.status] += 1
-        if kind.status == "ok":
-            seconds += ledger.seconds(number)
+        outcome = ledger.outcomes[number]
+        state.statuses[outcome.status] += 1
+        if outcome.status == "ok":
+            seconds += ledger.seconds[number]
         else:
-            state.reasons[str(kind.reason)] += 1
+            state.reasons[str(outcome.reason)] += 1
             without.append(number)
     if state.statuses["ok"]:
         state.seconds = seconds / state.statuses["ok"]

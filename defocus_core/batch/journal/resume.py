@@ -133,7 +133,7 @@ def refuse_others(jobs: Iterable[Job], ledger: Ledger, *, keep_lenses: bool) -> 
     for job in jobs:
         now = taken(identity.settings(job))
         for name in () if job.outputs.overwrite else job.names.values():
-            path, number = ledger.out / name, ledger.last(name)
+            path, number = ledger.out / name, ledger.last.get(name)
             if number is None or not path.exists():
                 continue
             record = ledger.record(number)

@@ -132,8 +132,7 @@ def writes_file(jobs: Sequence[Job]) -> bool:
 def _has_outputs(job: Job, ledger: Ledger) -> bool:
     """Whether a record has all files of a job as written, and they are there."""
     number = ledger.number_of(job.names.values())
-    is_ok = number is not None and ledger.kind(number).status == "ok"
-    return is_ok and all(map(os.path.exists, job.written))
+    return ledger.is_ok(number) and all(map(os.path.exists, job.written))
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:

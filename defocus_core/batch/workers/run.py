@@ -150,10 +150,9 @@ def _tell_mix(state: _State) -> None:
     """Say that pictures of another renderer stay beside those of this one."""
     ledger = state.plan.ledger
     counts = Counter(
-        ledger.kind(number).renderer
+        ledger.outcomes[number].renderer
         for number in ledger.live()
-        if number not in state.replaced
-        if ledger.kind(number).status == "ok"
+        if number not in state.replaced and ledger.is_ok(number)
     )
     counts[RENDERER_VERSION] += state.summary.statuses["ok"]
     versions = {version: count for version, count in counts.items() if count}
@@ -214,11 +213,10 @@ class _State:
     def done_before(self) -> set[str]:
         """The samples that were done before."""
         ledger = self.plan.ledger
-        numbers = ((job, ledger.last(n)) for job in self.plan.settled for n in job.names.values())
         return {
             job.sample_id
-            for job, number in numbers
-            if number is not None and ledger.kind(number).status == "ok"
+            for job in self.plan.settled
+            if any(ledger.is_ok(ledger.last.get(name)) for name in job.names.values())
         }
 
     def _chunks(self) -> Iterator[Chunk]:
@@ -267,7 +265,7 @@ class _State:
         if isinstance(end, Taken):
             self._remove_previews(job)
             names = job.names.values()
-            self.replaced |= {n for n in map(self.plan.ledger.last, names) if n is not None}
+            self.replaced |= {n for n in map(self.plan.ledger.last.get, names) if n is not None}
         summary.left -= 1
         summary.statuses[end.status] += 1
         summary.warned += bool(end.warnings)
@@ -284,7 +282,7 @@ class _State:
             return
         ledger = self.plan.ledger
         for path in replace(job.outputs, preview=True).names(job.sample_id).values():
-            number = None if path in job.names.values() else ledger.last(path)
+            number = None if path in job.names.values() else ledger.last.get(path)
             if number is None:
                 continue
             stamps = ledger.record(number).outputs.values()
