@@ -228,7 +228,6 @@ def others_options(command: Command) -> Command:
 
 
 def _others(**given: Any) -> dict[str, tuple[Path, Path | None]]:
-    """Colour and depth by role."""
     below = given.pop("over_depth")
     if given["over"] is None and below is not None:
         raise UsageProblem(

@@ -80,7 +80,6 @@ class FitOptions:
 
 
 def _photodiodes(options: FitOptions) -> list[DualPixel]:
-    """The photodiodes to choose from."""
     from defocus_core.optics.dual_pixel import DualPixel
     from defocus_core.picture.opening import measured_pair
 

@@ -150,7 +150,6 @@ def _number(
 
 
 def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "") -> Picture:
-    """The picture of a frame."""
     roles = [role for role in OTHERS if not prefix and f"{role}_color" in files]
     others = {role: _frame(files, number, f"{role}_") for role in roles}
     color, depth = (files[prefix + role][number] for role in ("color", "depth"))

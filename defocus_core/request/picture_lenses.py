@@ -174,7 +174,6 @@ class PictureLenses:
         return laid_over(below, self._keyed(picture, laid_over(below, own)), own), metadata
 
     def _of_file(self, picture: Picture | None, above: Layer) -> Layer:
-        """The options of the lens file of a picture."""
         file = self.file
         if file is not None and picture is not None and self._is_folder:
             file = file / f"{picture.stem}.toml"
@@ -186,7 +185,6 @@ class PictureLenses:
         return self._stored[file, in_pixels]
 
     def _of_metadata(self, picture: Picture) -> Layer:
-        """The options that the metadata of a picture hold."""
         if not self.metadata:
             return {}
         from defocus_core.io.shots.lens_metadata import lens_of as of_metadata

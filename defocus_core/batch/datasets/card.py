@@ -45,7 +45,7 @@ def write(out: Path, card: Mapping[str, Any], configs: Iterable[str], index: str
         + "\n"
     )
     texts = {JSON: as_json, _README: markdown(card, configs)}
-    if not _is_own(out, _README, _README_HEAD):
+    if not is_own(out, _README):
         del texts[_README]
         note(f"{out / _README}: is not of this batch, and stays; no card is written for people")
     for name, text in texts.items():
@@ -57,7 +57,7 @@ def write(out: Path, card: Mapping[str, Any], configs: Iterable[str], index: str
 def remove(out: Path) -> None:
     """Remove the card of OUT."""
     Folder(out).remove(JSON)
-    if _is_own(out, _README, _README_HEAD):
+    if is_own(out, _README):
         Folder(out).remove(_README)
 
 
@@ -70,18 +70,10 @@ def read(out: Path) -> dict[str, Any]:
     return {}
 
 
-def is_own(out: Path) -> bool:
-    """Whether card.json is ours, or missing."""
-    return _is_own(out, JSON, _JSON_HEAD)
-
-
-def _is_own(out: Path, name: str, head: bytes) -> bool:
-    """Whether a file begins as ours do, or is missing."""
-    try:
-        with Folder(out).open(name) as file:
-            return file.read(len(head)) == head
-    except OSError as error:
-        return isinstance(error, FileNotFoundError)
+def is_own(out: Path, name: str = JSON) -> bool:
+    """Whether a file of a card begins as ours do, or is missing."""
+    head = _README_HEAD if name == _README else _JSON_HEAD
+    return sample_index.is_free(out, name, lambda file: file.read(len(head)) == head)
 
 
 def card_of(

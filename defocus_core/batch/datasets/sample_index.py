@@ -15,14 +15,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import reduce
 from hashlib import blake2b
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.io.below import Folder
@@ -58,9 +58,14 @@ def joined(records: Iterable[Record]) -> Iterator[Record]:
 
 def is_own(out: Path, name: str = NAME) -> bool:
     """Whether a list of samples in OUT is of a batch, by its first line, or holds nothing."""
+    return is_free(out, name, lambda file: is_own_line(file.readline(_LONGEST_LINE)))
+
+
+def is_free(out: Path, name: str, is_own: Callable[[BinaryIO], bool]) -> bool:
+    """Whether a file of OUT is missing, or one of ours."""
     try:
         with Folder(out).open(name) as file:
-            return is_own_line(file.readline(_LONGEST_LINE))
+            return is_own(file)
     except OSError as error:
         return isinstance(error, FileNotFoundError)
 

@@ -189,5 +189,4 @@ def plain(value: Any) -> Any:
 
 @cache
 def _fields(kind: type) -> tuple[tuple[str, object], ...]:
-    """The fields of a dataclass, and their defaults."""
     return tuple((each.name, each.default) for each in dataclasses.fields(kind))

@@ -117,7 +117,6 @@ class Processes:
                 yield self._lost(each)
 
     def _lost(self, each: _Worker) -> Lost:
-        """The jobs of a process that has died."""
         self.workers.remove(each)
         each.kill()
         self.failed_starts += not (each.ready or each.stopping)

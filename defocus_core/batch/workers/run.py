@@ -207,7 +207,6 @@ class _State:
         self.summary.interrupted = self.interrupts.asked
 
     def _stopped(self) -> bool:
-        """Whether no further job is to be begun."""
         return self.stopping or self.interrupts.asked
 
     def done_before(self) -> set[str]:
