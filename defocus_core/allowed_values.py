@@ -15,7 +15,7 @@ DUAL_PIXEL_SENSORS = {
         "smooth",
         0.335,
         "Canon R6 II with RF 50 mm at f/4, fitted to a plane of Sdirt, C. He et al., ICCV 2025: "
-        "views made by Canon's DPP, less apart than the photodiodes",
+        "views made by Canon's DPP, closer together than those of its photodiodes",
     ),
 }
 # What automatic highlights stand for: threshold, in linear light, and gain.

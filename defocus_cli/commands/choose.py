@@ -57,7 +57,7 @@ def command(
     """  # noqa: D301  click reads the backspace
     pictures = find_pictures(color, depth)
     if len(pictures) > 1:
-        problem = f"holds {len(pictures)} pictures, and the page is of one"
+        problem = f"holds {len(pictures)} pictures, and the page shows one"
         raise UsageProblem("contradiction", problem, "name one file", path=color)
     typed = click.get_current_context().meta["typed"]
     one = with_blur_and_focus(lenses, pictures, reading, typed, whole_subject=False)

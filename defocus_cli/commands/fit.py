@@ -94,7 +94,8 @@ _options = [
     ),
     _fit_option(
         "--exposure",
-        "Find a factor for each colour, too: the pictures differ in exposure or white balance.",
+        "Find a factor for each colour, too: the pictures differ in exposure, white balance or "
+        "falloff.",
     ),
     _fit_option(
         "--gamma",

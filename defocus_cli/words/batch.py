@@ -114,7 +114,10 @@ def summary_lines(summary: Summary) -> Iterator[str]:
         line += f", {summary.warned} with warnings in the journal"
     done = sum(counts.values())
     if done and summary.seconds:
-        line += f"; {summary.seconds:.1f} s, {done / summary.seconds:.3g} a second"
+        line += f"; {summary.seconds:.1f} s"
+        slow = done < summary.seconds
+        pace = summary.seconds / done if slow else done / summary.seconds
+        line += f", {pace:.3g} {'s each' if slow else 'a second'}" if done > 1 else ""
     yield line
     kinds = list(summary.warnings.counts.items())
     for example, count in kinds[:_WARNINGS]:

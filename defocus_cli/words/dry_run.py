@@ -124,7 +124,7 @@ def _batch_lines(totals: Mapping[str, Any], samples: int) -> Iterator[str]:
         few = f", going by {samples} of them" if samples < todo else ""
         crew = counted(processes, "process", "processes")
         yield (
-            f"about {duration(totals['seconds'])} in {crew}, {totals['bytes'] / 10**9:.2f} GB "
+            f"about {duration(totals['seconds'])} in {crew}, {totals['bytes'] / 10**9:.2g} GB "
             f"of files, {processes * whole['peak_mb']:.0f} MB of memory{few}"
         )
 

@@ -16,6 +16,7 @@ from defocus_core.io.safe_files import written_together
 from defocus_core.picture.preview import write_depth_preview
 from defocus_core.picture.steps.implausible import of_file
 from defocus_core.request.job import Reading
+from defocus_core.request.output_kinds import PICTURES
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.text import versions
 
@@ -47,7 +48,11 @@ class Converted:
 
 def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarget]:
     """Where each file goes: to OUT itself if that ends in .exr, else to OUT/<stem>.exr."""
-    if out.suffix.lower() == ".exr":
+    if (suffix := out.suffix.lower()) in PICTURES - {".exr"}:
+        problem = f"ends in {suffix}, and depth is written as EXR"
+        remedy = "end it in .exr, or name a directory"
+        raise UsageProblem("malformed", problem, remedy, field="out")
+    if suffix == ".exr":
         if len(files) > 1:
             problem = f"is one file, and there are {len(files)} to convert"
             raise UsageProblem("one-file", problem, "name a directory, without .exr", field="out")

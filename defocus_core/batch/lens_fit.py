@@ -244,7 +244,7 @@ def _error(value: float | None, times: float = 1, unit: str = "") -> str:
     """The standard error of a number, after it; nothing if the number was given."""
     if value == 0:
         return ""
-    return f" ± {'?' if value is None else f'{times * value:.2g}'}{unit}"
+    return ", error unknown" if value is None else f" ± {float(f'{times * value:.2g}'):g}{unit}"
 
 
 def words(found: dict[str, Any]) -> list[str]:

@@ -11,7 +11,7 @@ et al. 2017). A displacement that is rare in the picture needs more evidence.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -45,8 +45,9 @@ from defocus_core.tensors.threads import threaded
 # Greatest displacement in px; greatest depth in px from which on the colours of a surface are
 # sampled, which is the displacement that a profile shows for certain; and over how many px.
 FARTHEST, _DEEPEST, _SPAN = 8, 6, 5
-# Reach of a profile across a silhouette, in px to both sides.
-REACH = _DEEPEST + _SPAN + 1
+# Reach of a profile across a silhouette, in px to both sides: beyond the samples as many px show
+# whether a surface goes on in their colours.
+REACH = _DEEPEST + 2 * _SPAN + 1
 # Half width in px of the square around a pixel in which the normal is found, and its deviation.
 NORMAL, _NORMAL_DEVIATION = 3, 1.5
 # Least step of an edge, as a share of the greatest one within FARTHEST px: less is the foot of a
@@ -64,6 +65,9 @@ _OTHER, _RIM = -13.66, 2.0
 _SURE, _MAXIMUM = 4.0, 6.0
 # Share of profiles that count from which evidence counts in full.
 _ENOUGH = 0.1
+# How well colours tell px apart that were not sampled, 1 for all, from where on they decide at all
+# and in full: those of a picture, and those of a silhouette; and how many such px each has in full.
+_OF_PICTURE, _OF_SILHOUETTE, _TOLD = (0.5, 0.65), (0.2, 0.5), 1.0
 # Rounds in which distributions of colours, costs, and then displacements, are averaged over 5×5 px
 # of a silhouette.
 _ROUNDS, _SMOOTHING = 10, 3
@@ -105,6 +109,11 @@ class ShiftEvidence(NamedTuple):
 
     costs: Tensor  # [n, 2 * FARTHEST + 1] px, of each displacement
     fraction: Tensor  # [n, 1], of the profiles around that show both surfaces
+    told: Tensor  # [n, 2], of px beyond the samples: how well they are told apart, and their number
+
+    def decided(self) -> ShiftEvidence:
+        """The evidence as far as the colours of the whole picture decide anything."""
+        return self._replace(costs=self.costs * _trust(self.told.sum(0), _OF_PICTURE))
 
 
 class EdgeShifts(NamedTuple):
@@ -113,6 +122,7 @@ class EdgeShifts(NamedTuple):
     step: float  # least step in px of an edge
     median: float  # median displacement in px; positive where depth is too fat, its edges outside
     rarity: tuple[float, ...]  # [2 * FARTHEST + 1] cost of each displacement from -FARTHEST on
+    trust: float = 1.0  # how far the picture's colours decide, from 0 to 1
 
 
 def measured_shifts(
@@ -134,7 +144,8 @@ def measured_shifts(
     found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale, rims=rims)
     if float(found.fraction.sum()) <= (_VOTES * of_all if soft is None else 0):
         return None
-    return _shifts(_votes(found)[0], step, soft)
+    trust = float(_trust(found.told.sum(0), _OF_PICTURE))
+    return _shifts(_votes(found)[0], step, soft, trust)
 
 
 def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeShifts | None]:
@@ -159,9 +170,10 @@ def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeS
     if not len(at):
         return [None] * B
     found = _evidence(_silhouette_at(at, radii), radii, colors, along=False, rims=False)
-    votes = torch.cat([_votes(found, of, B), sums_of_each(found.fraction, of, B)], 1).cpu()
+    trust = _trust(sums_of_each(found.told, of, B), _OF_PICTURE)
+    votes = torch.cat([_votes(found, of, B), trust, sums_of_each(found.fraction, of, B)], 1).cpu()
     return [
-        None if float(own[-1]) <= _VOTES * chance else _shifts(own[:-1], step, None)
+        None if float(own[-1]) <= _VOTES * chance else _shifts(own[:-2], step, None, float(own[-2]))
         for own, chance, step in zip(votes, chances, steps, strict=True)
     ]
 
@@ -179,12 +191,12 @@ def _step_of(minimum: float, maximum: float, signed_radius: Pixels, soft: float 
     return max(_MIN_STEP, _STEP * slope, soft or 0.0)
 
 
-def _shifts(votes: Tensor, step: float, soft: float | None) -> EdgeShifts | None:
+def _shifts(votes: Tensor, step: float, soft: float | None, trust: float) -> EdgeShifts | None:
     """The displacements that have votes [2 * FARTHEST + 1]; None if edges lie where they should."""
     median, agreed = _median(votes)
     if soft is None and (abs(median) < _BIASED or agreed < _AGREED):
         return None
-    return EdgeShifts(step, median, tuple(_rarity(votes).tolist()))
+    return EdgeShifts(step, median, tuple(_rarity(votes).tolist()), trust)
 
 
 def _votes(found: ShiftEvidence, of: Tensor | None = None, count: int = 1) -> Tensor:
@@ -197,11 +209,13 @@ def _votes(found: ShiftEvidence, of: Tensor | None = None, count: int = 1) -> Te
     of = torch.zeros(1, dtype=torch.long, device=found.costs.device) if of is None else of
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device)
     before = torch.exp(by.abs().double() / -_BEFORE)
-    few = _FEW + _FEW_SHARE * sums_of_each(found.fraction, of, count)
+    weight = found.fraction * _trust(found.told, _OF_SILHOUETTE)
+    weight = weight * _trust(sums_of_each(found.told, of, count), _OF_PICTURE).index_select(0, of)
+    few = _FEW + _FEW_SHARE * sums_of_each(weight, of, count)
     votes = before = before * few / before.sum()
     for _ in range(_MAXIMIZATIONS):
         likely = ((found.costs + _rarity(votes).index_select(0, of)) / -_SPREAD).softmax(1)
-        votes = before + sums_of_each(likely * found.fraction, of, count)
+        votes = before + sums_of_each(likely * weight, of, count)
     return votes
 
 
@@ -247,7 +261,7 @@ def _evidence_of_some(
         at, (first, end) = found[number], every[number]
         if not len(at):
             nothing = torch.zeros(0, 2 * FARTHEST + 1, dtype=torch.float64, device=at.device)
-            return ShiftEvidence(nothing, nothing[:, :1])
+            return ShiftEvidence(nothing, nothing[:, :1], nothing[:, :2])
         radii, above = radii_of(first - REACH, end + REACH)
         colors = pixels[..., above : end + REACH, :].detach()
         at = at - sent([above, 0], at)
@@ -296,8 +310,13 @@ def with_shifted_edges(
     if silhouette is None:
         return signed_radius
     found = _evidence(silhouette, radii, colors)
+    found = found._replace(costs=found.costs * shifts.trust)
     shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(shifts.rarity))
-    return radii_by_color(_moved(signed_radius, silhouette, shift), colors)
+    undecided = torch.zeros_like(radii, dtype=torch.bool)
+    trust = _trust(found.told, _OF_SILHOUETTE)[:, 0]
+    undecided[silhouette.at[:, 0], silhouette.at[:, 1]] = trust == 0
+    undecided = extreme_around(undecided, NORMAL, torch.maximum)
+    return radii_by_color(_moved(signed_radius, silhouette, shift), colors, ~undecided)
 
 
 class CoarseShifts(NamedTuple):
@@ -333,7 +352,7 @@ def coarse_shifts(
             continue
         evidence = _evidence(silhouette, radii, colors)
         votes = _votes(evidence)[0]
-        shift = _smooth_shifts(silhouette, radii, evidence, _rarity(votes))
+        shift = _smooth_shifts(silhouette, radii, evidence.decided(), _rarity(votes))
         field = _field_of(silhouette, shift, radii)
         found.append(CoarseShifts(level, field, _median(votes)[0] * (1 << level)))
     return found
@@ -481,20 +500,17 @@ def _evidence(
     moments = torch.cat([_color_moments(each, pixels) for each in profiles])
     if beside is not None:
         moments = _averaged(moments, beside, _ROUNDS)
-    costs = torch.cat(
-        [
-            _displacement_costs(*each, pixels, alone=not along, rims=rims)
-            for each in zip(profiles, torch.split(moments, step), strict=True)
-        ]
-    )
-    seen = torch.cat([each.is_seen for each in profiles]).to(costs.dtype)[:, None]
+    found = [
+        _of_profiles(*each, pixels, alone=not along, rims=rims)
+        for each in zip(profiles, torch.split(moments, step), strict=True)
+    ]
+    costs, seen, told = map(torch.cat, zip(*found, strict=True))
     if beside is None:
-        return ShiftEvidence(costs, seen)
-    both = _averaged(torch.cat([seen * costs, seen], 1), beside, _ROUNDS)
-    weighted, fraction = both[:, :-1], both[:, -1:]
-    return ShiftEvidence(
-        weighted / fraction.clamp(min=1e-6) * (fraction / _ENOUGH).clamp(max=1), fraction
-    )
+        return ShiftEvidence(costs, seen, told)
+    together = _averaged(torch.cat([seen * costs, seen, told], 1), beside, _ROUNDS)
+    weighted, fraction, told = together[:, :-3], together[:, -3:-2], together[:, -2:]
+    enough = (fraction / _ENOUGH).clamp(max=1) * _trust(told, _OF_SILHOUETTE)
+    return ShiftEvidence(weighted / fraction.clamp(min=1e-6) * enough, fraction, told)
 
 
 def _smooth_shifts(
@@ -653,6 +669,16 @@ class _Profiles(NamedTuple):
         )
         return near, far
 
+    def sides(self) -> Iterator[tuple[Tensor, Tensor]]:
+        """Which px [n, 2 * REACH + 1] of each surface are sampled, and which are beyond these."""
+        for side, depth, count in zip(
+            (-1, 1), self.depths(), (self.inwards, self.outwards), strict=True
+        ):
+            from_edge = side * _along(depth)
+            deepest = torch.minimum(depth + _SPAN, torch.maximum(count - 1.0, depth))[:, None]
+            sampled = (from_edge >= depth[:, None] - 0.5) & (from_edge <= deepest + 0.5)
+            yield sampled, (from_edge > deepest + 0.5) & (from_edge < count[:, None])
+
 
 def _profiles_of(silhouette: Silhouette, radii: Tensor) -> _Profiles:
     """The profiles across a silhouette of radii [..., H, W]."""
@@ -676,29 +702,44 @@ def _color_moments(profiles: _Profiles, pixels: Tensor) -> Tensor:
 
     Averaged along a silhouette they say how the colours of both surfaces are distributed there.
     """
-    color, along = _colors(pixels, profiles.positions), _along(pixels)  # [C, n, 2 * REACH + 1]
-    moments = []
-    counts = (profiles.inwards, profiles.outwards)
-    for side, depth, count in zip((-1, 1), profiles.depths(), counts, strict=True):
-        deepest = torch.minimum(depth + _SPAN, torch.maximum(count - 1.0, depth))
-        within = (side * along >= depth[:, None] - 0.5) & (side * along <= deepest[:, None] + 0.5)
-        samples = color * within
+    color, moments = _colors(pixels, profiles.positions), []  # [C, n, 2 * REACH + 1]
+    for sampled, _ in profiles.sides():
+        samples = color * sampled
         products = torch.einsum("cnt,dnt->ncd", samples, color).flatten(1)
-        moments += [within.double().sum(1, keepdim=True), samples.sum(2).T, products]
+        moments += [sampled.double().sum(1, keepdim=True), samples.sum(2).T, products]
     return torch.cat(moments, 1)
 
 
-def _displacement_costs(
+def _trust(told: Tensor, limits: tuple[float, float]) -> Tensor:
+    """How far colours decide [..., 1], from 0 to 1, by what they tell [..., 2] of other px.
+
+    Textures that are alike on both sides tell nothing, however different two samples of them are.
+    """
+    least, full = limits
+    score = (told[..., :1] + _TOLD * full) / (told[..., 1:] + _TOLD)
+    return ((score - least) / (full - least)).clamp(0, 1)
+
+
+def _of_profiles(
+    profiles: _Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
+) -> ShiftEvidence:
+    """The evidence of single profiles, by the moments of the colours of both surfaces."""
+    nearer = _nearer(profiles, moments, pixels, alone=alone, rims=rims)
+    inside, outside = (beyond for _, beyond in profiles.sides())
+    right = (nearer * inside - nearer * outside).sum(1)
+    told = torch.stack([right, (inside | outside).sum(1)], 1)
+    seen = profiles.is_seen.to(told.dtype)[:, None]
+    return ShiftEvidence(_displacement_costs(profiles, nearer), seen, told)
+
+
+def _nearer(
     profiles: _Profiles, moments: Tensor, pixels: Tensor, *, alone: bool, rims: bool
 ) -> Tensor:
-    """The cost in px [n, 2 * FARTHEST + 1] of each displacement, 0 for the best one.
-
-    Each pixel that a displacement leaves on the wrong side costs up to 1, by how much more likely
-    its colour is on the other side; where the colours of both surfaces are alike, nothing.
+    """How much more likely px [n, 2 * REACH + 1] are of the nearer surface, from -1 to 1.
 
     `pixels`: [C, H, W] linear.
     """
-    color, along, C = _colors(pixels, profiles.positions), _along(pixels), len(pixels)
+    color, C = _colors(pixels, profiles.positions), len(pixels)
     sides = torch.split(moments, 1 + C + C * C, 1)
     means = [side[:, 1 : 1 + C] / side[:, :1].clamp(min=1e-9) for side in sides]
     scale = ((means[0] + means[1]) / 2).amax(1).clamp(min=torch.finfo(color.dtype).tiny ** 0.25)
@@ -716,9 +757,18 @@ def _displacement_costs(
         likely.append(off.square().sum(1) / -2 - volume)
     near, far = sent([_OTHER + rims * _RIM, _OTHER], color)
     nearer = torch.logaddexp(likely[0], near) - torch.logaddexp(likely[1], far)
-    near_depth, far_depth = profiles.depths()
+    return (nearer / _SURE).nan_to_num().clamp(-1, 1)
+
+
+def _displacement_costs(profiles: _Profiles, nearer: Tensor) -> Tensor:
+    """The cost in px [n, 2 * FARTHEST + 1] of each displacement, 0 for the best one.
+
+    Each pixel that a displacement leaves on the wrong side costs up to 1, by how much more likely
+    its colour is on the other side; where the colours of both surfaces are alike, nothing.
+    """
+    along, (near_depth, far_depth) = _along(nearer), profiles.depths()
     valid = (along >= -near_depth[:, None]) & (along <= far_depth[:, None] + 0.5)
-    nearer = (nearer / _SURE).nan_to_num().clamp(-1, 1) * valid  # [n, 2 * REACH + 1] of each px
+    nearer = nearer * valid
     costs = -nearer.cumsum(1)[:, REACH - FARTHEST : REACH + FARTHEST + 1].flip(1)
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=costs.device)
     possible = (by <= near_depth[:, None]) & (-by <= far_depth[:, None])

@@ -179,15 +179,17 @@ def no_pixels(image: Tensor) -> MixedPixels:
     return MixedPixels(nowhere, image.new_zeros(2 * len(image) + 3, 0))
 
 
-def radii_by_color(signed_radius: Tensor, image: Tensor) -> Tensor:
+def radii_by_color(signed_radius: Tensor, image: Tensor, decided: Tensor) -> Tensor:
     """Radii [H, W] px with pixels on edges given to the surface whose colour in [C, H, W] is there.
 
     Depth that was estimated leaves pixels of a surface beside its edge to the other one.
+
+    `decided`: [H, W] bool, where colours tell both surfaces apart.
     """
     image = image.to(torch.promote_types(image.dtype, torch.float32))
     for _ in range(_BESIDE):
         indices, radii = [], []
-        for at, squares in _squares_on(_edges(signed_radius), image, signed_radius):
+        for at, squares in _squares_on(_edges(signed_radius) & decided, image, signed_radius):
             pixels = _pixels_on_edge(squares)
             other_is_there = pixels.known & (_coverage(*pixels[:4]) < 1 / 2)
             indices.append(_numbers(at, signed_radius)[other_is_there])

@@ -1,217 +1,30 @@
 """The lens of a real pair: focus and strength of the blur between a sharp and a blurred picture.
 
 Both, and what else is unknown, are found by a coarse search over small pictures, then by
-Gauss-Newton steps over larger ones. A pair that no blur explains, or something else does, is
-refused.
+Gauss-Newton steps over larger ones.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, interpolate
 
 from defocus_core.evaluation.metrics import near_edges
 from defocus_core.evaluation.similarity import psnr
-from defocus_core.fitting.pictures import Scale, offset_of, registered
+from defocus_core.fitting.pictures import Scale
+from defocus_core.fitting.refusals import JudgedPair, Refusal, refusals_of
 from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.search import MIDDLE, FittedLens, Search
-from defocus_core.fitting.unknowns import MAX_MAGNIFICATION, MAX_SHIFT, Candidate, Unknown, unknowns
+from defocus_core.fitting.unknowns import Unknown, unknowns
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import described
-
-_WIDTH = 480  # px, of the pictures that are judged
-_SMALL = 48  # px, of pictures whose blur hardly shows
-_EXPLAINED = 1 / 3  # minimum fraction of the difference that a lens explains, before much noise
-_ALL = 0.9  # fraction from which on nothing else is wrong, however much is blurred
-_ALIKE = 0.5  # least correlation of pictures of one scene
-_ONE_SCENE = 0.8  # that of pictures of one scene, of which one is put right
-_MORE = 0.6  # of the error, or of what a correlation lacks, that is left by what explains more
-_CLOSER = 0.85  # of the error of the sharp picture, that a shift leaves
-_MOVED = 0.4  # px, the least shift that is proposed
-_CHANGED = 0.02  # the least change of exposure or of gamma that is proposed; lack of correlation
-_BOUND = 1 - 1e-9  # of the greatest magnification, which rounding leaves
-_MINIMUM = 1e-6  # mean square of compressed light, that is no difference
-
-
-class Refusal(NamedTuple):
-    """Why a blur is not what two pictures differ by."""
-
-    code: str  # a word of `defocus_core.errors.CODES`
-    problem: str  # in words, without a full stop
-    remedy: str  # what to do about it; options stand in angle quotes
-
-
-class JudgedPair(NamedTuple):
-    """What a blur makes, what is observed and what is sharp, in compressed light, [C, H, W]."""
-
-    modelled: Tensor
-    observed: Tensor
-    sharp: Tensor
-    weight: Tensor  # [1, H, W]
-
-    @classmethod
-    def of(cls, residual: Residual, point: Candidate, optics: Optics) -> JudgedPair:
-        """That of a point; of a pair its mean."""
-        scale = residual.scale(_WIDTH)
-        modelled, weight, *_ = residual.modelled(point, optics, scale)
-        still = residual.modelled(_without_blur(point, scale), optics, scale).light
-        observed = torch.stack(scale.observed)
-        modelled, observed, still = (
-            residual.compressed(each.mean(0)) for each in (modelled, observed, still)
-        )
-        return cls(modelled, observed, still, weight.amin(0))
-
-    def error(self, modelled: Tensor) -> float:
-        """The mean square of what a picture differs from what is observed."""
-        total = self.weight.sum().clamp_min(1e-9) * len(modelled)
-        return float(((modelled - self.observed) ** 2 * self.weight).sum() / total)
-
-    @property
-    def explained(self) -> float:
-        """The fraction of the difference between the pictures that the blur explains."""
-        before = self.error(self.sharp)
-        return 1 - self.error(self.modelled) / before if before > _MINIMUM else 0.0
-
-
-def _without_blur(point: Candidate, scale: Scale) -> Candidate:
-    """A point of the same pictures without blur."""
-    minimum = 1e-9 / max(float(scale.disparity.abs().max()), 1e-9)
-    return replace(point, strength=minimum, focus=0.0)
-
-
-def refusals_of(
-    evidence: JudgedPair, options: dict[str, bool], point: Candidate
-) -> Iterator[Refusal]:
-    """Why a point is not the lens of two pictures, the plainest reason alone."""
-    if evidence.error(evidence.sharp) <= _MINIMUM:
-        yield Refusal(
-            "not-explained",
-            "the pictures do not differ: nothing is blurred",
-            "give a picture that is",
-        )
-        return
-    of_small = _small_correlation(evidence.sharp, evidence.observed)
-    cause = None if options["shift"] else _shift_cause(evidence, of_small)
-    if cause is None and of_small >= _ALIKE:
-        cause = _other_cause(evidence, options)
-    alike = min(of_small, _correlation(evidence))
-    if cause is not None:
-        yield cause
-    elif alike < _ALIKE and evidence.explained < _ALL:
-        problem = f"the pictures do not show one scene: correlation {alike:.2f}"
-        yield Refusal("not-one-scene", problem, "give a pair of one scene, as the camera saw it")
-    elif evidence.explained < _EXPLAINED:
-        fraction = max(evidence.explained, 0.0)
-        problem = f"a blur explains {fraction:.0%} of what the pictures differ by"
-        remedy = "see ‹shift›, ‹exposure› and ‹gamma›, or take it as it is by ‹accept›"
-        yield Refusal("not-explained", problem, remedy)
-    elif max(abs(point.across), abs(point.down)) >= MAX_SHIFT:
-        problem = f"the pictures lie {MAX_SHIFT:g} px or more apart, as far as is sought"
-        yield Refusal("out-of-range", problem, "crop them to the same place")
-    elif abs(math.log(point.magnification)) >= _BOUND * math.log(MAX_MAGNIFICATION):
-        problem = f"one picture is magnified by {MAX_MAGNIFICATION - 1:.0%} or more"
-        yield Refusal("out-of-range", f"{problem}, as far as is sought", "scale it to the other")
-
-
-def _shift_cause(evidence: JudgedPair, of_small: float) -> Refusal | None:
-    """That one of the pictures lies beside the other, if that explains more than a blur."""
-    for image, left in ((evidence.sharp, _CLOSER), (evidence.modelled, _MORE)):
-        across, down = _offset(image, evidence.observed)
-        there = registered(image[None], across, down, 1.0)[0]
-        explains = (
-            of_small >= _ALIKE and evidence.error(there) < left * evidence.error(image)
-        ) or _puts_right(of_small, _small_correlation(there, evidence.observed))
-        if math.hypot(across, down) > _MOVED and explains:
-            problem = f"a shift of ({across:.1f}, {down:.1f}) px explains more than a blur alone"
-            return Refusal("other-cause", problem, "add ‹shift›")
-    return None
-
-
-def _puts_right(before: float, after: float) -> bool:
-    """Whether a change that raises the correlation so much is what was wrong."""
-    return after > _ONE_SCENE and max(1 - after, _CHANGED) < _MORE * (1 - before)
-
-
-def _other_cause(evidence: JudgedPair, options: dict[str, bool]) -> Refusal | None:
-    """What explains more than a blur, if something does: the exposure or the gamma."""
-    # a wrong lens hides a curve that the sharp picture shows
-    images = evidence.modelled, evidence.sharp
-    tried = (_curves(image, evidence.observed, evidence.weight) for image in images)
-    before, (factor, _, scaled), (_, power, curved) = min(tried, key=lambda each: each[2][2])
-    scaled = min(before, scaled)
-    if not options["gamma"] and abs(power - 1) > _CHANGED and curved < _MORE * scaled:
-        problem = f"a gamma of {power:.2f} explains more than a blur alone"
-        return Refusal("other-cause", problem, "add ‹gamma›")
-    if not options["exposure"] and abs(factor - 1) > _CHANGED and scaled < _MORE * before:
-        problem = f"an exposure of {factor:.2f} times explains more than a blur alone"
-        return Refusal("other-cause", problem, "add ‹exposure›")
-    return None
-
-
-def _small(image: Tensor) -> Tensor:
-    """A picture [C, h, w] in which a blur hardly shows."""
-    height = max(8, round(_SMALL * image.shape[1] / image.shape[2]))
-    return interpolate(image[None], (height, _SMALL), mode="area")[0]
-
-
-def _curves(
-    modelled: Tensor, observed: Tensor, weight: Tensor
-) -> tuple[float, tuple[float, float, float], tuple[float, float, float]]:
-    """The error of small pictures; then factor, power and error by a factor, and by both."""
-    modelled, observed, weight = (_small(each) for each in (modelled, observed, weight))
-    x, y = (
-        (c / (1 - c).clamp_min(1e-6)).clamp_min(1e-4).log().double() for c in (modelled, observed)
-    )
-    w = (weight * modelled * (1 - modelled)).double()  # where compressed light changes most
-    mean_x, mean_y = ((w * each).sum() / w.sum().clamp_min(1e-12) for each in (x, y))
-    slope = (w * (x - mean_x) * (y - mean_y)).sum() / (w * (x - mean_x) ** 2).sum().clamp_min(1e-12)
-
-    def error(light: Tensor) -> float:
-        return float((weight * (torch.sigmoid(light) - observed) ** 2).sum())
-
-    lines = [(float((mean_y - k * mean_x).exp()), float(k)) for k in (1.0, slope)]
-    fits = [(a, k, error(k * x + math.log(a))) for a, k in lines]
-    return error(x), fits[0], fits[1]
-
-
-def _offset(image: Tensor, observed: Tensor) -> tuple[float, float]:
-    """The shift in px from a picture to another: whole px, then parts of them."""
-    across, down = offset_of(image, observed, int(MAX_SHIFT))
-    near = registered(image[None], across, down, 1.0)[0]
-    slopes = torch.stack(torch.gradient(near, dim=(2, 1)))  # [2, C, H, W], along x and y
-    border = int(MAX_SHIFT)
-    inner = (..., slice(border, -border), slice(border, -border))
-    slopes, away = slopes[inner].flatten(1).double(), (near - observed)[inner].flatten()
-    normal = slopes @ slopes.T + 1e-12 * torch.eye(2, dtype=torch.float64)
-    step = torch.linalg.solve(normal, slopes @ away.double()).clamp(-1, 1)
-    return across + float(step[0]), down + float(step[1])
-
-
-def _small_correlation(*pair: Tensor) -> float:
-    """That of two pictures so small that a blur hardly shows."""
-    first, second = (image - image.mean() for image in map(_small, pair))
-    return float((first * second).sum() / (first.norm() * second.norm()).clamp_min(1e-12))
-
-
-def _correlation(evidence: JudgedPair) -> float:
-    """That of what a blur makes and what is observed, without what is wider than a sixteenth."""
-    side = max(3, evidence.modelled.shape[2] // 16) | 1
-    rest = []
-    for image in (evidence.modelled, evidence.observed):
-        wide = avg_pool2d(image[None], side, 1, side // 2, count_include_pad=False)[0]
-        rest.append((image - wide) * evidence.weight.sqrt())
-    norm = (rest[0].norm() * rest[1].norm()).clamp_min(1e-12)
-    return float((rest[0] * rest[1]).sum() / norm)
-
 
 _NEAR_EDGE = 4.0  # px from a step of depth
 _MAX_CROSSTALK = 0.49  # of light, that is known from none
@@ -298,7 +111,8 @@ def fit(
         crosstalk: Whether the crosstalk of a pair is to be found.
         focus: The disparity in focus, if it is known.
         strength: The strength by the disparity in focus, if it is known.
-        exposure: Whether each channel may have a factor between the two pictures.
+        exposure: Whether each channel may have a factor between the two pictures, and each blurred
+            one a falloff of light over the frame.
         side_shading: Whether left and right may have a factor each, a plane over the frame.
         gamma: Whether the power is to be found by which the pictures are linear light.
         shift: Whether the blurred picture may be shifted by up to 16 px, and magnified by 2 %.
@@ -413,7 +227,7 @@ def _errors(
     """The standard error of each unknown; infinite where the pictures tell nothing of it."""
     if not free:
         return {}
-    hessian, gradient = search.normal(fitted, scale, free)
+    hessian, gradient = search.normal(fitted, scale, free, [each.probe for each in free])
     inverse = torch.linalg.pinv(hessian.sum(0))
     variance = (inverse @ (gradient.T @ gradient) @ inverse).diagonal().clamp_min(0)
     untold = hessian.sum(0).diagonal() <= _MIN_SLOPE * count
@@ -447,18 +261,18 @@ def _doubts(fitted: FittedLens, disparity: Tensor, errors: dict[str, float]) -> 
         "the focus lies beyond all depths of the picture, and is extrapolated": (
             "focus" in errors and not farthest <= point.focus <= nearest
         ),
-        "the strength is known to more than 10 % only": errors.get("strength", 0.0) > 0.1,
-        "the focus is known to a tenth of the range of disparity only": (
+        "the strength may be off by more than 10 %": errors.get("strength", 0.0) > 0.1,
+        "the focus may be off by more than a tenth of the range of disparity": (
             errors.get("focus", 0.0) > 0.1 * (nearest - farthest)
         ),
-        "the gamma is known to more than 10 % only": errors.get("gamma", 0.0) > 0.1,
-        "the rotation of the blades is known to 10 degrees or less well": (
+        "the gamma may be off by more than 10 %": errors.get("gamma", 0.0) > 0.1,
+        "the rotation of the blades may be off by more than 10 degrees": (
             errors.get("rotation", 0.0) > 10
         ),
         "left and right are exchanged: the first is what the right photodiodes saw": (
             point.separation < 0
         ),
-        "the crosstalk is known to 0.1 or less well": errors.get("separation", 0.0) > 0.2,
+        "the crosstalk may be off by more than 0.1": errors.get("separation", 0.0) > 0.2,
         "hardly anything is blurred: strength and focus are uncertain": (
             maximum < 1.5 and not errors.keys().isdisjoint({"strength", "focus"})
         ),

@@ -3,7 +3,8 @@
 Differences are taken of light compressed by x / (x + m), so that no light outweighs a scene.
 They count less where they are large (Huber), and not where light is clipped, where a clipped light
 is blurred, whose strength nobody knows, nor where the rendering invents. They are of the numbers of
-the pictures, not of what a gamma makes of them.
+the pictures, not of what a gamma makes of them. With an exposure each view has a falloff of its own
+over the frame: that of a wide opening is not that of a narrow one, and outweighs the blur.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
+from torch.nn.functional import interpolate
 
 from defocus_core.fitting.pictures import Scale, border_of, registered
 from defocus_core.fitting.unknowns import Candidate
@@ -27,6 +29,8 @@ _TRUSTED = 0.9  # fraction of the lens, from which on a pixel counts
 _MIN_WEIGHT = 0.05  # mean of a picture of which enough counts
 _LOST = 1e-3  # share of clipped light in a pixel of which nothing can be said
 _FAINT = 1e-7  # of a channel of lost light, which must not decide how colours are filled in
+_FALLOFF = 4  # degree of the light's falloff to the corners, as that of cos⁴
+_CELLS = 32  # along a side, within which a factor over the frame is the same
 _KEPT = 4  # renderings, as a registration needs no other
 
 
@@ -97,8 +101,11 @@ class Residual:
             gains = self._factors(light, observed, weight)
             light = light * gains[:, None, None]
         if self.side_shading:
-            shading = self._shading(light, observed, weight)
-            light = light * _planes(shading, light)
+            planes = self._smooth_factors(light, observed, weight, 1)
+            light = light * _surface(planes, light)
+            shading = planes[:, (0, 0, 1), (0, 1, 0)]
+        if self.exposure:
+            light = light * _surface(self._smooth_factors(light, observed, weight, _FALLOFF), light)
         return Modelled(light, weight, gains**point.gamma, shading)
 
     def _stored(self, point: Candidate, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor]:
@@ -160,17 +167,25 @@ class Residual:
             (0, 2, 3)
         ).clamp_min(1e-12)
 
-    def _shading(self, modelled: Tensor, observed: Tensor, weight: Tensor) -> Tensor:
-        """The factor of each view [V, 3] by least squares: its middle, and along x and y."""
-        common = (weight / (observed + self._middle) ** 2).double()
-        base = _axes(modelled)
-        normal = torch.einsum("ihw,jhw,vchw->vij", base, base, common * modelled * modelled)
-        right = torch.einsum("ihw,vchw->vi", base, common * modelled * observed)
-        ridge = 1e-9 * normal.diagonal(dim1=1, dim2=2).amax().clamp_min(1e-30)
-        solved: Tensor = torch.linalg.solve(
-            normal + ridge * torch.eye(3, dtype=normal.dtype), right
+    def _smooth_factors(
+        self, modelled: Tensor, observed: Tensor, weight: Tensor, degree: int
+    ) -> Tensor:
+        """The factor of each view by least squares: of yⁱ xʲ, i + j ≤ degree, [V, i, j]."""
+        common = weight / (observed + self._middle) ** 2
+        size = [min(_CELLS, side) for side in modelled.shape[2:]]
+        squares, products = (
+            interpolate((common * modelled * each).sum(1, keepdim=True), size, mode="area").double()
+            for each in (modelled, observed)
         )
-        return solved.to(modelled.dtype)
+        i, j = torch.ones(degree + 1, degree + 1).triu().fliplr().nonzero().unbind(1)
+        base = torch.einsum("ih,jw->ijhw", *(_powers(n, degree) for n in size))[i, j]
+        normal = torch.einsum("ihw,jhw,vchw->vij", base, base, squares)
+        right = torch.einsum("ihw,vchw->vi", base, products)
+        ridge = 1e-9 * normal.diagonal(dim1=1, dim2=2).amax().clamp_min(1e-30)
+        ridges = ridge * torch.eye(len(base), dtype=normal.dtype)
+        factors = normal.new_zeros(len(modelled), degree + 1, degree + 1)
+        factors[:, i, j] = torch.linalg.solve(normal + ridges, right)
+        return factors.to(modelled.dtype)
 
     def compressed(self, light: Tensor) -> Tensor:
         """Light in [0, 1), of which a half is the middle of what is observed."""
@@ -178,16 +193,16 @@ class Residual:
         return positive / (positive + self._middle)
 
 
-def _axes(like: Tensor) -> Tensor:
-    """1, x and y from -1 to 1 over the frame [3, H, W]."""
-    y, x = (torch.linspace(-1, 1, n, dtype=torch.float64) for n in like.shape[-2:])
-    down, across = torch.meshgrid(y, x, indexing="ij")
-    return torch.stack([torch.ones_like(across), across, down])
+def _powers(size: int, degree: int) -> Tensor:
+    """Powers [degree + 1, size] of places from -1 to 1 along a side."""
+    place = (2 * torch.arange(size, dtype=torch.float64) + 1) / size - 1
+    return place ** torch.arange(degree + 1)[:, None]
 
 
-def _planes(factors: Tensor, like: Tensor) -> Tensor:
-    """Planes over the frame [V, 1, H, W] of factors [V, 3]."""
-    return torch.einsum("vi,ihw->vhw", factors, _axes(like).to(factors))[:, None]
+def _surface(factors: Tensor, like: Tensor) -> Tensor:
+    """Factors [V, i, j] over the frame [V, 1, H, W]."""
+    rows, columns = (_powers(n, len(factors[0]) - 1).to(factors) for n in like.shape[-2:])
+    return torch.einsum("vij,ih,jw->vhw", factors, rows, columns)[:, None]
 
 
 def error_of(residual: Tensor, weight: Tensor) -> float:

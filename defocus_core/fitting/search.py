@@ -41,12 +41,10 @@ _END_RATIO = 0.999  # times the error before a step: not worth another
 _SHORTEST = 0.01  # of the difference that slopes are first taken over
 _FRACTIONS = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _DAMPING = 1e-4
-_ASIDE = (-1.5, -0.75, 0.0, 0.75, 1.5)  # px of radius that the focus is tried aside
 # Px by which a nearly sharp surface is moved, how much less error is worth it, and how often.
 _PIVOT_PX, _PIVOT_RATIO, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4), 0.9, 3
 _OTHER_SIDE_RATIO = 2.0  # times the error, that the other side of the focus may have before steps
 _TAIL = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
-_ROUNDING_RATIO = 1.002  # an error as small, by the rounding of the renderer
 _MAP_WIDTH = 320  # px, of pictures that are blurred as a whole
 _MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.15  # px; of the width; of one to the next
 _LEVELS = 256  # of disparity
@@ -171,7 +169,7 @@ class Search:
         fitted = self._choose(self._pivot(starts[0]), choices)
         if self.residual.width > MIDDLE or fitted.optics != first:
             fitted = self._descend(fitted, None, self.free(fitted.optics))
-        return fitted if self._focus is not None else self._centre(fitted)
+        return fitted
 
     @property
     def _cheap(self) -> list[Unknown]:
@@ -270,11 +268,9 @@ class Search:
         """
         scale = self.residual.scale(width)
         fitted = self._at(start.point, start.optics, scale)
-        first = probes = _probes(free)
+        first = probes = torch.tensor([unknown.probe for unknown in free], dtype=torch.float64)
         for _ in range(_STEPS[width] if free else 0):
-            residual, weight = self.residual.of(fitted.point, fitted.optics, scale)
-            slopes = self._slopes(fitted, scale, free, probes, residual)
-            step = _step(*_blocks(residual, weight, slopes), free)
+            step = _step(*self.normal(fitted, scale, free, probes.tolist()), free)
             moves = [(self._move(fitted.point, free, (f * step).tolist()), f) for f in _FRACTIONS]
             tried = ((self._at(point, fitted.optics, scale), f) for point, f in moves)
             better = ((there, f) for there, f in tried if there.error < fitted.error)
@@ -287,48 +283,18 @@ class Search:
         return fitted
 
     def normal(
-        self, fitted: FittedLens, scale: Scale, free: list[Unknown]
+        self, fitted: FittedLens, scale: Scale, free: list[Unknown], probes: list[float]
     ) -> tuple[Tensor, Tensor]:
-        """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
+        """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step.
+
+        Slopes are taken over a difference for each unknown.
+        """
         residual, weight = self.residual.of(fitted.point, fitted.optics, scale)
-        slopes = self._slopes(fitted, scale, free, _probes(free), residual)
-        return _blocks(residual, weight, slopes)
-
-    def _slopes(
-        self,
-        fitted: FittedLens,
-        scale: Scale,
-        free: list[Unknown],
-        probes: Tensor,
-        residual: Tensor,
-    ) -> Tensor:
-        """How the residual of a point changes with each unknown [P, V, C, H, W]."""
         slopes = []
-        for index, probe in enumerate(probes.tolist()):
-            steps = [0.0] * len(free)
-            steps[index] = probe
-            there, _ = self.residual.of(self._move(fitted.point, free, steps), fitted.optics, scale)
-            slopes.append((there - residual) / probe)
-        return torch.stack(slopes)
-
-    def _centre(self, fitted: FittedLens) -> FittedLens:
-        """The focus in the middle of those that are as good: within half a px all is sharp."""
-        scale, strength = self.residual.scale(None), fitted.point.strength
-        px = torch.tensor(_ASIDE, dtype=torch.float64)
-
-        def aside(by: float) -> FittedLens:
-            point = replace(fitted.point, focus=fitted.point.focus + by / strength)
-            return self._at(self._with_known_strength(point), fitted.optics, scale)
-
-        errors = [aside(by).error for by in _ASIDE]
-        if not all(map(math.isfinite, errors)):
-            return fitted
-        powers = torch.stack([px**0, px, px**2], 1)
-        _, slope, bend = torch.linalg.lstsq(powers, torch.tensor(errors).double()).solution.tolist()
-        if bend <= 0:
-            return fitted
-        there = aside(min(max(-slope / (2 * bend), -1.0), 1.0))
-        return there if there.error <= fitted.error * _ROUNDING_RATIO else fitted
+        for unknown, probe in zip(free, probes, strict=True):
+            there = self._move(fitted.point, [unknown], [probe])
+            slopes.append((self.residual.of(there, fitted.optics, scale)[0] - residual) / probe)
+        return _blocks(residual, weight, torch.stack(slopes))
 
 
 def _errors(
@@ -353,11 +319,6 @@ def _best(fitted: list[FittedLens], width: int, scale: Scale) -> list[FittedLens
             kept.append(each)
             radii.append(radius)
     return kept
-
-
-def _probes(free: list[Unknown]) -> Tensor:
-    """The differences [P] that slopes are first taken over."""
-    return torch.tensor([unknown.probe for unknown in free], dtype=torch.float64)
 
 
 def _blocks(residual: Tensor, weight: Tensor, slopes: Tensor) -> tuple[Tensor, Tensor]:

@@ -48,7 +48,10 @@ _MAGIC = {
 }
 NAMED = ("NPZ", "HDF5")  # types whose arrays have names
 # The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
-_PFM_HEADER = re.compile(rb"(Pf|PF)\s+(\S+)\s+(\S+)\s+(\S+)(?:[ \t\r]*\n|\s)")
+# Blanks, and comments as some programs write them, stand between the words.
+_PFM_HEADER = re.compile(
+    rb"(Pf|PF)W(\S+)W(\S+)W(\S+)(?:[ \t\r]*\n|\s)".replace(b"W", rb"\s(?:\s|#[^\n]*\n)*")
+)
 _COLMAP = re.compile(rb"(\d{1,7})&(\d{1,7})&(\d{1,3})&")
 _HEAD = 32  # bytes
 _NUMERIC = "fiu"  # kinds of NumPy types

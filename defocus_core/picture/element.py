@@ -8,7 +8,7 @@ the object, or an average with it: it has the depth of the solid pixels beside i
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,17 @@ from defocus_core.system.text import counted
 
 # Pixels from an edge within which a pixel has the depth that it lacks; steps to the pixels around.
 _REACH = 8
+_ALONG = 64  # the same of thin things whose edges are known to hold what lies behind
 # Width in px of an edge that a filter of the renderer makes, and the share by which depth there may
 # be beyond that of the solid pixels beside: the silhouette of a ball bends away.
 _EDGE, _BEYOND = 3, 0.02
 _WHOLE = 0.995  # least alpha of a solid pixel
+# Of neighbours by which averages are known: the least alpha, and difference of it; how many must be
+# there; the share of them that must tell one far end, and how near to it, as a share of the way.
+_LEAST, _UNLIKE, _ENOUGH, _MOST, _AGREE = 0.05, 0.1, 12, 0.7, 0.05
+_PAIRS = 1 << 14  # of a band of rows
+_HALF = 0.5  # alpha from which on an object covers the middle of a pixel
+_IMPRECISE = 0.05  # share of a depth that it may be off
 _STEPS = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0))
 
 
@@ -36,7 +43,7 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
     alpha = color.alpha
     if alpha is None or not any((alpha[rows] < 1).any() for rows in bands(alpha.shape)):
         return depth
-    filled = _fill_edges(depth, alpha)
+    filled, lost = _fill_edges(depth, alpha)
     nothing, count, glowing = keeping.new(alpha.shape, np.bool_), 0, 0
     for rows in bands(alpha.shape):
         clear = np.asarray(alpha[rows]) == 0
@@ -53,34 +60,101 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
         words.append(f"light without alpha in {counted(glowing, 'pixel')}")
     if filled:
         words.append(f"{counted(filled, 'edge pixel')} given the depth beside them")
+    told = depth.told
+    if lost:
+        held = f"{counted(lost, 'edge pixel')} hold averages of depth with what is far away"
+        told += (f"{depth.path.name}: {held}, and no depth of their own; render it unfiltered",)
     note = ", ".join(filter(None, (depth.note, *words)))
-    return replace(depth, note=note, empty=nothing if count > glowing else None)
+    return replace(depth, note=note, told=told, empty=nothing if count > glowing else None)
 
 
-def _fill_edges(depth: Depth, alpha: Any) -> int:
-    """Give pixels of an edge that have no depth that of the pixels beside; how many there were."""
-    count, above = 0, None
+class _Edges(NamedTuple):
+    """What pixels of an edge hold, by the evidence of neighbours of unlike alpha."""
+
+    # Of an average a zᵖ + (1 − a) farᵖ: p, farᵖ, and how much numbers are off; p is 0 of none
+    power: int = 0
+    far: float = 0.0
+    noise: float = 0.0
+    covered: float = 1.0  # least alpha of a pixel that holds the depth of the object
+
+    def solved(
+        self, metres: NDArray[np.float32], fraction: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """The object's depth by averages; NaN where too little of it is left in the numbers."""
+        with np.errstate(all="ignore"):
+            share = fraction.astype(np.float64)
+            own = (metres.astype(np.float64) ** self.power - (1 - share) * self.far) / share
+            own = np.where(own * share * _IMPRECISE > self.noise, own, np.nan) ** self.power
+        return np.where(fraction < 1, own, metres).astype(np.float32)
+
+
+def _evidence(depth: Depth, alpha: Any) -> _Edges:
+    """How depth goes with alpha where neighbours differ in it: as an average, or in two steps.
+
+    An average is linear in alpha: two pixels of one object tell what lies at alpha 0, and all
+    pairs tell the same. Depth that goes with alpha in no such way stays as it is.
+    """
+    pairs: list[NDArray[Any]] = []
+    for rows in bands(alpha.shape):
+        both = np.stack([np.asarray(each[rows], np.float32) for each in (alpha, depth.metres)])
+        for one, two in ((both[:, :, 1:], both[:, :, :-1]), (both[:, 1:], both[:, :-1])):
+            usable = (np.minimum(one[0], two[0]) > _LEAST) & (np.abs(one[0] - two[0]) > _UNLIKE)
+            usable &= (np.minimum(one[1], two[1]) > 0) & np.isfinite(np.maximum(one[1], two[1]))
+            y, x = np.nonzero(usable)
+            some = slice(None, None, len(y) // _PAIRS + 1)
+            pairs.append(np.concatenate([each[:, y[some], x[some]] for each in (one, two)]))
+    a, z, b, w = every = np.concatenate(pairs, axis=1, dtype=np.float64)
+    if len(a) < _ENOUGH:
+        return _Edges()
+    for power in (1, -1):
+        slope = (z**power - w**power) / (a - b)
+        ends = z**power - a * slope
+        far = max(float(np.median(ends)), 0.0)
+        agree = np.abs(ends - far) < _AGREE * np.abs(slope)
+        if np.mean(agree & (slope * power < 0)) > _MOST:
+            noise = float(np.median(np.abs(ends - far) * np.abs(a - b)))
+            return _Edges(power, far, noise + abs(far) * float(np.finfo(np.float32).eps))
+    more, less = np.where(a > b, every, every[[2, 3, 0, 1]])[[1, 3]]
+    is_farther = less > more * (1 + _BEYOND)
+    crosses = (np.minimum(a, b) < _HALF) & (np.maximum(a, b) >= _HALF)
+    is_missed = np.count_nonzero(crosses) >= _ENOUGH and np.mean(is_farther[crosses]) > _MOST
+    return _Edges(covered=_HALF if is_missed and np.mean(is_farther == crosses) > _MOST else 1.0)
+
+
+def _fill_edges(depth: Depth, alpha: Any) -> tuple[int, int]:
+    """Give pixels of an edge the depth of the object; how many got one, and how many should."""
+    count, lost, above = 0, 0, None
     height = alpha.shape[0]
     solid = min(1.0, max(float(np.max(alpha[rows])) for rows in bands(alpha.shape)))
+    edges = _Edges() if depth.is_radius else _evidence(depth, alpha)
+    reach = _REACH if edges == _Edges() else _ALONG
     for rows in bands(alpha.shape):
-        top, below = max(rows.start - _REACH, 0), min(rows.stop + _REACH, height)
+        top, below = max(rows.start - reach, 0), min(rows.stop + reach, height)
         metres = np.array(depth.metres[top:below], np.float32)
         if above is not None:
             metres[: rows.start - top] = above
         fraction = np.asarray(alpha[top:below], np.float32)
         inner = slice(rows.start - top, rows.stop - top)
-        above = metres[max(inner.stop - _REACH, 0) : inner.stop].copy()
-        known = _has_depth(depth, metres)
-        missing = (fraction > 0) & (fraction < 1) & ~known
-        is_edge = (fraction > 0) & (fraction < solid)
-        if solid >= _WHOLE and not depth.is_radius and is_edge.any():
-            missing |= known & _is_mixed(metres, fraction, known, solid)
-        if missing.any():
-            filled = _from_beside(metres, fraction, missing, depth)
-            given = (filled != metres) & missing
+        above = metres[max(inner.stop - reach, 0) : inner.stop].copy()
+        known, is_edge = _has_depth(depth, metres), (fraction > 0) & (fraction < 1)
+        filled, missing, doubted = metres, is_edge & ~known, np.zeros(known.shape, bool)
+        if edges.power:
+            filled = np.where(is_edge & known, edges.solved(metres, fraction), metres)
+            doubted = is_edge & known & ~_has_depth(depth, filled)
+        elif edges.covered < 1:
+            doubted = is_edge & known & (fraction < edges.covered)
+        elif solid >= _WHOLE and not depth.is_radius and is_edge.any():
+            doubted = known & _is_mixed(metres, fraction, known, solid)
+        if (missing | doubted).any():
+            filled = _from_beside(filled, fraction, missing | doubted, depth, reach)
+            nearer = _has_depth(depth, filled) & (filled < metres)
+            filled = np.where(doubted & ~nearer, metres, filled)
+            lost += int(np.count_nonzero((doubted & ~nearer)[inner])) if edges.power else 0
+        given = (filled != metres) & is_edge
+        if given.any():
             count += int(np.count_nonzero(given[inner]))
             depth.metres[rows] = filled[inner]
-    return count
+    return count, lost
 
 
 def _is_mixed(
@@ -111,23 +185,26 @@ def _from_beside(
     fraction: NDArray[np.float32],
     missing: NDArray[np.bool_],
     depth: Depth,
+    reach: int,
 ) -> NDArray[np.float32]:
-    """Depth in which missing pixels have that of the most opaque pixel around, `_REACH` times."""
-    filled, known = metres.copy(), _has_depth(depth, metres) & (fraction > 0) & ~missing
-    pad = ((1, 1), (1, 1))
-    for _ in range(_REACH):
-        weights = np.pad(np.where(known, fraction, 0), pad)
-        values = np.pad(filled, pad, mode="edge")
-        maximum, best = np.zeros_like(fraction), filled.copy()
-        height, width = fraction.shape
+    """Depth in which missing pixels have that of the most opaque pixel around, ``reach`` times."""
+    filled, opacity = np.pad(metres, 1, mode="edge"), np.pad(fraction, 1)
+    known = _has_depth(depth, metres) & (fraction > 0) & ~missing
+    weights, (ys, xs) = np.pad(np.where(known, fraction, 0), 1), np.nonzero(missing)
+    ys, xs = ys + 1, xs + 1
+    for _ in range(reach):
+        maximum, best = np.zeros(len(ys), np.float32), filled[ys, xs]
         for y, x in _STEPS:
-            window = (slice(1 + y, 1 + y + height), slice(1 + x, 1 + x + width))
-            better = weights[window] > maximum
-            maximum = np.where(better, weights[window], maximum)
-            best = np.where(better, values[window], best)
-        given = missing & ~known & (maximum > 0)
-        filled, known = np.where(given, best, filled), known | given
-    return filled
+            weight = weights[ys + y, xs + x]
+            best = np.where(weight > maximum, filled[ys + y, xs + x], best)
+            maximum = np.maximum(maximum, weight)
+        given = maximum > 0
+        if not given.any():
+            break
+        at = ys[given], xs[given]
+        filled[at], weights[at] = best[given], opacity[at]
+        ys, xs = ys[~given], xs[~given]
+    return filled[1:-1, 1:-1]
 
 
 def empty_where_clear(given: InputPair) -> InputPair:

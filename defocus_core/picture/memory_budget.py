@@ -189,7 +189,7 @@ def room_on(device: str, room_mb: float) -> float:
 
 def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
     """Whether the cells of a draft of a picture [C, H, W] are kept, not computed where needed."""
-    from defocus_core.evaluation.cost import coarse_bytes
+    from defocus_core.renderer.engine.memory_bound import coarse_bytes
 
     return coarse_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
 
@@ -198,7 +198,7 @@ def regions_at_once(
     job: Job, renderer: Renderer, holding: Holding, device: str
 ) -> tuple[int, float]:
     """How many regions of a picture may be computed at once, and a bound of their memory in MB."""
-    from defocus_core.evaluation.cost import memory_bound
+    from defocus_core.renderer.engine.memory_bound import memory_bound
 
     threads, room = job.machine.threads, room_on(device, holding.room_mb)
 
@@ -212,7 +212,8 @@ def regions_at_once(
     mb = [math.ceil(part) for part in parts]
     raise TooLarge(
         "out-of-memory",
-        f"needs {sum(mb)} MB ({mb[0]} of the program, {mb[1]} of its files, {mb[2]}) to render, "
+        f"needs {sum(mb)} MB to render ({mb[0]} for the program, {mb[1]} for its "
+        f"files, {mb[2]} for the picture), "
         f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
         _remedy(job, enough_mb(holding, bound), threads > 1 and needed(1, 1) <= room, device),
         path=job.picture.color,

@@ -143,8 +143,8 @@ class _Images:
         for kind in job.outputs.rows:
             if not kind.rendered:
                 continue
-            count, dtype = (channels, image_type(job)) if kind.image else (1, "float32")
-            count *= len(kind.rendered)
+            dtype = image_type(job) if kind.image else "float32"
+            count = len(kind.rendered) * (channels if kind.whole else 1)
             self.planes[kind.name] = tuple(
                 keeping.new((height, width), dtype) for _ in range(count)
             )
@@ -162,7 +162,7 @@ class _Images:
         for kind, planes in self.planes.items():
             row = KINDS[kind]
             views = [to_array(getattr(part, view)) for view in row.rendered]
-            if row.image and len(of.channels) * len(views) < len(planes):
+            if row.whole and len(of.channels) * len(views) < len(planes):
                 apart, some = len(planes) // len(views), of.channels
                 planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)
             pixels = views[0] if len(views) == 1 else np.concatenate(views)
@@ -173,6 +173,6 @@ class _Images:
                     count = int(np.count_nonzero(beyond.any(axis=0)))
                     self.clamped[kind] = self.clamped.get(kind, 0) + count
             for plane, values in zip(planes, pixels, strict=True):
-                if not (first or row.image):
+                if not (first or row.whole):
                     values = np.minimum(values, plane[rows, columns])
                 plane[rows, columns] = values

@@ -150,7 +150,7 @@ def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
         )
         for channels, px in _groups(take)
     ]
-    if len(apart) > 1 and whole.scene.layered is None:
+    if len(apart) > 1 and whole.scene.layered is None and whole.scene.hidden is None:
         offsets = [each.px for each in apart]
         settings = apart[0].settings
         shared = shared_surfaces(whole.scene, settings, offsets, keep=take.has_room)

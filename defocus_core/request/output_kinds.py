@@ -42,6 +42,11 @@ class Kind:
         return self.rendered if len(self.rendered) > 1 else ()
 
     @property
+    def whole(self) -> bool:
+        """Whether all channels are rendered: it is an image, or a part of one."""
+        return self.image or bool(self.rendered and self.source)
+
+    @property
     def signed(self) -> bool:
         """Whether its values have a sign; a preview is orange below 0, white at 0, blue above."""
         return self.source in ("radius", "disparity")
@@ -50,7 +55,8 @@ class Kind:
         """Bytes that a pixel takes in memory before it is written."""
         if not self.rendered:  # computed from the radii while it is written
             return 0
-        return channels * len(self.rendered) * sample_bytes if self.image else 4
+        sample_bytes = sample_bytes if self.image else 4
+        return sample_bytes * len(self.rendered) * (channels if self.whole else 1)
 
     def suffix(self, image_format: str, map_format: str = "exr") -> str:
         """The suffix of its files where images and maps are of two formats."""
@@ -120,6 +126,7 @@ _UNWRITTEN = (
     "sxr dng cr2 cr3 nef arw raf ico svg pdf eps npy npz mp4 mov avi mkv webm mxf"
 )
 UNWRITTEN = frozenset(f".{word}" for word in _UNWRITTEN.split())
+PICTURES = frozenset(SUFFIXES.values()) | UNWRITTEN
 LOSSY = ("jpg", "webp")  # which have a quality
 MAP_FORMATS = ("exr", "tiff")
 COLOR_SPACES = ("srgb",)

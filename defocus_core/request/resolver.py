@@ -246,6 +246,8 @@ def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) ->
     if where == CALLER:
         it = "it" if len(ways) < 2 else "them"
         remedy = f"add {', '.join(ways)}, or a ‹lens› FILE that has {it}"
+        if "focal-length" in missing:
+            remedy += "; or, of depth without a unit, ‹blur› 2% and ‹focus-at› X,Y instead"
     raise UsageProblem("missing-option", problem, remedy, path=where.at(missing[0]))
 
 

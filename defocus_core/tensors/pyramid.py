@@ -7,13 +7,11 @@ neighbours.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
-
-_Number = TypeVar("_Number", float, Tensor)
 
 
 class Axis(NamedTuple):
@@ -23,24 +21,8 @@ class Axis(NamedTuple):
     odd: bool  # whether the middle is a pixel; else it lies between two
 
 
-def positions(
-    at: Tensor, fine: tuple[Axis, Axis], coarse: tuple[Axis, Axis], level: int
-) -> list[Tensor]:
-    """Rows and columns [n] of pixels among the coarse pixels of a reduced resolution.
-
-    `at`: [n, 2] rows and columns at full resolution, also between pixels.
-    """
-    return [
-        position_of(at[:, d], fine_axis, coarse_axis, level)
-        for d, (fine_axis, coarse_axis) in enumerate(zip(fine, coarse, strict=True))
-    ]
-
-
-def position_of(pixel: _Number, fine: Axis, coarse: Axis, level: int) -> _Number:
-    """The place of a pixel among coarse pixels, along one axis.
-
-    `pixel`: row or column of the pixel, or [n] of them.
-    """
+def position_of(pixel: float, fine: Axis, coarse: Axis, level: int) -> float:
+    """The place of a pixel among coarse pixels, along one axis."""
     offset = 0.0 if fine.odd else 0.5
     return coarse.middle - offset + (pixel + offset - fine.middle) / (1 << level)
 

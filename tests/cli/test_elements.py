@@ -153,24 +153,51 @@ def test_edges_whose_depth_missed_the_object_have_that_beside_them(tmp_path):
     np.testing.assert_array_equal(pixels, rgba(expected))
 
 
+def shape_of(kind):
+    """Alpha [80, 80] of a disc of 60 px, or of hair on a head of 16 px."""
+    y, x = np.mgrid[:640, :640] / 8 + 1 / 16 - 40
+    radius = np.hypot(x, y)
+    hair = np.abs(np.sin(6 * np.arctan2(y, x) + 1)) * radius / 6 < 0.3  # 0.6 px wide: not whole
+    inside = radius < 30 if kind == "disc" else (hair & (radius < 36)) | (radius < 8)
+    return inside.reshape(80, 8, 80, 8).mean((1, 3)).astype(np.float32)
+
+
+def grey(alpha, metres):
+    planes = {name: alpha * np.float32(0.5) for name in "RGB"}
+    return planes | {"A": alpha, "Z": metres.astype(np.float32)}
+
+
 @pytest.mark.parametrize("nothing", [None, 0.0], ids=["far", "0"])
 @pytest.mark.parametrize("far", [30.0, 1e4, 1e10, None])
-@pytest.mark.parametrize("power", [1, -1], ids=["z", "1/z"])
-def test_edges_of_averaged_depth_are_those_of_the_object(power, far, nothing, tmp_path):
+@pytest.mark.parametrize(("kind", "power"), [("disc", 1), ("disc", -1), ("hair", 1), ("hair", -1)])
+def test_edges_of_averaged_depth_are_those_of_the_object(kind, power, far, nothing, tmp_path):
     """In focus, so that the output is the input; far None is a background of 12 m."""
-    y, x = np.mgrid[:640, :640] / 8 + 1 / 16
-    inside = (x - 40) ** 2 + (y - 40) ** 2 < 30**2
-    alpha = inside.reshape(80, 8, 80, 8).mean((1, 3)).astype(np.float32)
+    alpha = shape_of(kind)
     averaged = np.where(alpha < 0.5, 12.0, 4.0)
     if far is not None:
         averaged = (alpha * 4.0**power + (1 - alpha) * far**power) ** (1 / power)
     z = averaged if nothing is None else np.where(alpha > 0, averaged, nothing)
-    planes = {name: alpha * np.float32(0.5) for name in "RGB"}
-    planes |= {"A": alpha, "Z": z.astype(np.float32)}
+    planes = grey(alpha, z)
     made = write(tmp_path / "a.exr", dict(planes))
     for how in ("auto", "off"):
         seen = picture(made, tmp_path / how, "--depth-repair", how, focus="4m")
         assert np.abs(rgba(seen) - rgba(planes)).max() < 0.02
+
+
+def test_averages_of_which_no_depth_is_left_are_told(tmp_path):
+    alpha = shape_of("hair") * np.float32(0.9)  # nothing is whole
+    made = write(tmp_path / "a.exr", grey(alpha, alpha * 4 + (1 - alpha) * 1e10))
+    ran = render(made, tmp_path / "o", focus="4m")
+    assert "edge pixels hold averages of depth with what is far away" in ran.err
+
+
+def test_depth_that_does_not_go_with_alpha_stays_as_it_is(tmp_path):
+    alpha = shape_of("hair")
+    planes = grey(alpha, np.tile(np.linspace(3.8, 4.4, 80), (80, 1)))
+    ran = render(
+        write(tmp_path / "a.exr", dict(planes)), tmp_path / "o", "--outputs", "depth", "-v"
+    )
+    assert "edge pixel" not in ran.err
 
 
 def test_a_whole_pixel_without_depth_is_still_an_error(tmp_path):

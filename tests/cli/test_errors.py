@@ -212,6 +212,10 @@ depth coc.exr --depth-format coc -o z2.exr → \
 2 radii --depth-format: holds radii of a lens, and no depth; give such files to 'defocus render'
 depth z.exr coc.exr -o z2.exr → \
 2 one-file --out: is one file, and there are 2 to convert; name a directory, without .exr
+depth z.exr -o depth.png → \
+2 malformed --out: ends in .png, and depth is written as EXR; end it in .exr, or name a directory
+report done --html page.png → \
+2 malformed page.png: is the name of a picture, not of a report; end its name in .html
 depth z.exr -o small.exr → \
 3 exists small.exr: is there already; say --overwrite, or name another output
 render rgb.exr z.exr -o done LENS --outputs coc → \
@@ -359,7 +363,7 @@ UNUSABLE = {
     "socket.exr": "wrong-type wrong-type",
     "empty.exr": "empty empty",
     "empty.png": "empty empty",
-    "text.exr": "unreadable wrong-type",
+    "text.exr": "wrong-type wrong-type",
     "text.png": "unreadable unreadable",
     "text.txt": "unreadable unreadable",
     "c.bmp": "wrong-type wrong-type",

@@ -233,7 +233,11 @@ class Evidence:
         pair = rest[:, :half], rest[:, half:]
         every = _power(whole[:, :half], whole[:, half:])
         unshared = _unshared(*pair)
-        return min(unshared, max(self.lossy, _FORGIVEN * every))
+        # Detail that is no multiple of that of the other side is noise of both.
+        sides = (side[:, half:] - side[:, :half] for side in (aim - whole, aim))
+        detail = np.stack([side.ravel() for side in sides]).astype("f8")
+        alone = float(np.linalg.eigvalsh(detail @ detail.T / max(detail.shape[1], 1))[0])
+        return min(unshared, max(self.lossy, _FORGIVEN * every, alone))
 
     @cached_property
     def _still(self) -> NDArray[np.bool_]:

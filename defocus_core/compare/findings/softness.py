@@ -51,7 +51,9 @@ _COMMON, _OFF = (
     0.04,
 )  # shares that people choose
 _STEPS = (2, -2, 1, -1, 0.4, -0.4)  # px of a side by which a size is looked for
-_GLOWS = (4, 6, 9, 13, 19, 28, 40)  # px of the gaussians of bloom
+_COARSE = 4  # px of the coarse pixels of bloom
+_GLOWS = (1, 1.5, 2.2, 3.3, 5, 7, 10)  # coarse px of its gaussians
+_SOURCES = 24  # parts of a frame that have a gain of their own
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
@@ -482,31 +484,61 @@ _SMOOTH = [kernels for kernels in _RESAMPLED if kernels[1] is not _box]
 
 
 def bloom(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A, and some of its brightest light once more, spread far."""
+    """B is A, and some of its brightest light once more, spread far.
+
+    It is looked at in coarse pixels, where little rounding is left. What a file with bounds shows
+    as white may be any light: there each part of the frame has a gain of its own.
+    """
     a, b = evidence.framed
     steady = ~(evidence.at("b", *evidence.frame) > 0.996).any(axis=0) | (evidence.gamma == 1.0)
-    turn, slope = blocks_in_turn(a.shape), steepness(a) * steady
-    added = b - a
-    if float((added * slope).sum()) < 0.7 * float((np.abs(added) * slope).sum()):
+    slope = steepness(a) * steady
+    added, weights = _coarse((b - a) * slope), _coarse(slope)
+    if added.sum() < 0.7 * np.abs(added).sum():
         return
-    found: tuple[float, Any, float, float] = (math.inf, None, 0.0, 0.0)
+    turn = blocks_in_turn(added.shape, 4)
+    plain = np.stack([weights, _coarse(a * slope)])[:, turn]  # raised blacks, another exposure
+    solved = np.linalg.lstsq(plain.T, added[turn], rcond=None)[0]
+    by_plain = float(np.square(added[turn] - solved @ plain).sum())
+    found: tuple[float, Any, float, float] = (0.5 * by_plain, None, 0.0, 0.0)
     for quantile in (0.0, 0.9, 0.98):
-        bright = np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0)
-        for sigma, glow in zip(_GLOWS, smooth(bright, *_GLOWS), strict=True):
-            x, y = (glow * slope)[turn], (added * slope)[turn]
-            gain = float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
-            cost = float(np.square(y - gain * x).sum())
-            found = min(found, (cost, glow, gain, sigma), key=lambda each: each[0])
+        bright = _coarse(np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0))
+        for parts in (1, _SOURCES) if evidence.gamma != 1.0 and quantile else (1,):
+            glows = [smooth(each, *_GLOWS) for each in _brightest(bright, parts)]
+            for sigma, *own in zip(_GLOWS, *glows, strict=True):
+                design = np.stack([glow * weights for glow in own])
+                chosen, aim = design[:, turn], added[turn]
+                square = chosen @ chosen.T + np.eye(len(own)) * 1e-9
+                gains = np.linalg.solve(square, chosen @ aim).clip(0)
+                glow = np.tensordot(gains, design, 1)
+                cost = float(np.square((added - glow)[turn]).sum()) * (1 + 0.02 * len(own))
+                found = min(found, (cost, glow, float(gains[0]), sigma), key=lambda each: each[0])
     _, glow, gain, wide = found
-    if glow is None or gain <= 0:
+    if gain <= 0:
         return
-    old, new, aim = (evidence.scaled_light(v) for v in (a, a + gain * glow, b))
-    both = (~turn & steady)[:, :-1] & (~turn & steady)[:, 1:]
-    whole, rest = (((v - aim)[:, :-1][both], (v - aim)[:, 1:][both]) for v in (old, new))
-    left = unexplained(whole, rest, evidence.step, evidence.lossy)
-    how = f": {gain:.2g} of the light spread by {wide:.0f} px"
-    values = {"gain": gain, "sigma": wide}
+    both = ~turn[:, :-1] & ~turn[:, 1:]
+    whole, rest = ((v[:, :-1][both], v[:, 1:][both]) for v in (added, added - glow))
+    left = unexplained(whole, rest, evidence.step / _COARSE, evidence.lossy / _COARSE**2)
+    how = f": {gain:.2g} of the light spread by {wide * _COARSE:.0f} px"
+    values = {"gain": gain, "sigma": wide * _COARSE}
     yield Explanation(left, "bloom", how, values, 0.02)
+
+
+def _coarse(values: NDArray[Any]) -> NDArray[Any]:
+    """Means of coarse pixels of values [h, w]."""
+    down, across = (length // _COARSE for length in values.shape)
+    cut = values[: down * _COARSE, : across * _COARSE]
+    means: NDArray[Any] = cut.reshape(down, _COARSE, across, _COARSE).mean(axis=(1, 3))
+    return means
+
+
+def _brightest(bright: NDArray[Any], count: int) -> list[NDArray[Any]]:
+    """Bright light [h, w], or of each of so many parts of the frame: those that hold most of it."""
+    if count == 1:
+        return [bright]
+    rows, columns = (np.arange(length) // 8 for length in bright.shape)
+    part = rows[:, None] * (columns[-1] + 1) + columns
+    held = np.bincount(part.ravel(), bright.ravel())
+    return [np.where(part == k, bright, 0) for k in np.argsort(-held)[:count]]
 
 
 def denoised(evidence: Evidence) -> Iterator[Explanation]:

@@ -496,7 +496,7 @@ def _matrices(
     yield changed, "another saturation", how, {"factor": factor}, 0.01
     matrix = np.stack([_solved(list(old), each, w) for each, w in zip(new, weight, strict=True)])
     if not of and np.abs(matrix - np.diag(np.diag(matrix))).max() >= _MIXED:
-        yield matrix, "other primaries", _primaries(matrix), {"matrix": matrix.tolist()}, 0.03
+        yield matrix, "other primaries", _primaries(matrix), {"matrix": matrix.tolist()}, 0.12
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
@@ -535,7 +535,7 @@ def curve(evidence: Evidence) -> Iterator[Explanation]:
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
     curves = [_curved(a, b, fits)], [_curved(*sides) for sides in zip(a, b, fits, strict=True)]
-    for how, each, cost in (("", curves[0], 0.05), (" of each channel", curves[1], 0.08)):
+    for how, each, cost in (("", curves[0], 0.08), (" of each channel", curves[1], 0.16)):
         if all(curve is not None for curve in each):
             stored = evidence.unscaled(np.stack(each).reshape(a.shape))
             left = evidence.left(stored, evidence.steady)

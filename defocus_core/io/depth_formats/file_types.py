@@ -82,8 +82,6 @@ def _type_of(path: Path, reading: DepthReading) -> str:
         return "headerless"
     if is_exr(head):
         return "EXR"
-    if path.suffix.lower() == ".exr":
-        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if is_heic(head):
         return "HEIC"
     is_photo = "GDepth" in row.files or (reading.depth_format is None and holds_gdepth(path))

@@ -22,6 +22,7 @@ from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.images.color_space import ColorSpace, color_space, profiled_space
 from defocus_core.io.images.primaries import REC_709, Chromaticities
 from defocus_core.io.safe_files import (
+    AGAIN,
     check_size,
     damaged,
     decoding,
@@ -32,8 +33,12 @@ from defocus_core.io.safe_files import (
     read_head,
 )
 
-_SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
+_SAMPLES = {"uint8": "uint8", "uint16": "uint16"} | dict.fromkeys(
+    ("half", "float", "double"), "float"
+)
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
+# How files of these kinds begin
+_MAGIC = (b"\x89PNG", b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"RIFF", b"#?")
 _PNM = (b"P2", b"P3", b"P5", b"P6")  # of which the header has a greatest number
 _PNM_HEAD = 1 << 16  # bytes
 # Of orientations, those that swap rows and columns, and those that reverse them after that.
@@ -215,8 +220,14 @@ def _heic_samples(path: Path) -> NDArray[Any]:
 @contextmanager
 def _open(path: Path, formats: str) -> Iterator[Any]:
     """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
+    head = read_head(path)
+    if path.suffix.lower() == ".exr":
+        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
 
     def refusal(why: str) -> InputError:
+        if "format reader" not in why and head.startswith(_MAGIC):
+            problem = f"is truncated or damaged ({why})"
+            return InputError("unreadable", problem, AGAIN, path=path)
         why = "unknown format" if "format reader" in why else why
         problem = f"is not an image that can be read ({why})"
         return InputError("unreadable", problem, f"use {formats}", path=path)

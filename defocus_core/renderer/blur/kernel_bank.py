@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import accumulate, pairwise
@@ -149,7 +149,33 @@ def _lens_points(radius: Tensor, extent: int, aperture: Aperture) -> Tensor:
     return u / (u * u).sum(0).clamp(min=1).sqrt()
 
 
-def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
+def blurred(
+    terms: list[tuple[Tensor, Tensor]], groups: list[slice], window: tuple[int, int], box: Box
+) -> Tensor:
+    """The inverse transform of spectra times kernels' spectra, in a box: [M, C + 1, ..., h, w].
+
+    `terms`: spectra [C + 1, ...] and kernels' spectra [M, 1, ...]; `window`: (height, width) of the
+    transform.
+    """
+
+    def of_group(group: slice) -> Tensor:
+        return _crop_inverse(_sum_of_products(terms, group), window, box)
+
+    return by_group(of_group, groups, terms[0][0].device)
+
+
+def by_group(
+    function: Callable[[slice], Tensor], groups: list[slice], device: torch.device
+) -> Tensor:
+    """What a function makes of groups of parts: [M, ...].
+
+    On a CPU how many parts are computed together may change the last digits; elsewhere all are.
+    """
+    each = [function(group) for group in ([slice(None)] if launches_cost(device) else groups)]
+    return each[0] if len(each) == 1 else torch.cat(each)
+
+
+def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
     """Sum of spectra [C + 1, ...] times kernels' spectra [M, 1, ...], for a group of m parts."""
 
     def of_group(kernel: Tensor, spectrum: Tensor) -> Tensor:
@@ -163,7 +189,7 @@ def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
     return total
 
 
-def crop_inverse(spectrum: Tensor, window: tuple[int, int], box: Box) -> Tensor:
+def _crop_inverse(spectrum: Tensor, window: tuple[int, int], box: Box) -> Tensor:
     """Inverse transform of [..., h, w // 2 + 1], computed within a box alone.
 
     `window`: (height, width) of the transform.

@@ -31,9 +31,10 @@ from defocus_core.renderer.engine.frame import (
     Slices,
     Slicing,
 )
+from defocus_core.renderer.engine.scene import BRIGHTEST
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
-from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND, KnownLayer
+from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import (
@@ -53,8 +54,6 @@ from defocus_core.tensors.threads import threaded
 
 # Greatest radius in px: any picture is a point beside it.
 _MAX_PX = 1e8
-# Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
-BRIGHTEST = 1e30
 # Brightness as a multiple of the median, and by itself (or one divided by it), beyond which
 # float32 is too coarse.
 _RANGE, _SQUARED = 1e3, 1e15
@@ -119,12 +118,13 @@ def _surveyed(
     least_of = [0, *range(4, 4 + pixels.shape[0])]
     greatest_of = [1, 2, 3, *range(4 + pixels.shape[0], every.shape[-1])]
     least, greatest = every[..., least_of].amin(0), every[..., greatest_of].amax(0)
-    extremes = torch.cat([least, greatest], 1).tolist()
-    of_each = counts.cpu() if batch else counts.cpu()[None]
-    pictures = [pixels[:, number] for number in range(len(extremes))] if batch else [pixels]
+    # one copy to the host; counts of pixels are exact in double precision
+    every = torch.cat([least.double(), greatest.double(), counts.double().view(len(least), -1)], 1)
+    extremes, of_each = every.cpu().tensor_split([least.shape[1] + greatest.shape[1]], 1)
+    pictures = [pixels[:, number] for number in range(len(least))] if batch else [pixels]
     return [
         _checked(numbers, own, picture, dtype)
-        for numbers, own, picture in zip(extremes, of_each, pictures, strict=True)
+        for numbers, own, picture in zip(extremes.tolist(), of_each.long(), pictures, strict=True)
     ]
 
 
@@ -171,38 +171,6 @@ def border_range(signed_radius: Pixels) -> tuple[float, float]:
         lines += [signed_radius[..., first:last, at] for at in (slice(1), slice(W - 1, W))]
     minimum, maximum = range_of(torch.cat([line.detach().flatten() for line in lines])).tolist()
     return minimum, maximum
-
-
-def with_hidden(hidden: KnownLayer, limits: tuple[float, float]) -> tuple[float, float]:
-    """Least and greatest signed radius in px of visible surfaces and of a known hidden layer."""
-    minimum, maximum = limits
-    for color, radius, mask in zip(*map(banded, hidden), strict=True):
-        where = mask.bool()
-        known = radius[where]
-        for name, values in (("color", color[:, where]), ("signed_radius", known)):
-            if not bool((values.abs() <= BRIGHTEST).all()):
-                raise ValueError(
-                    f"hidden.{name} must be finite and within ±{BRIGHTEST:g} where the mask is "
-                    "true; leave unknown pixels out"
-                )
-        if len(known):
-            nearest, farthest = range_of(known).tolist()
-            minimum, maximum = min(minimum, nearest), max(maximum, farthest)
-    return minimum, maximum
-
-
-def channels_with(
-    hidden: KnownLayer, channels: tuple[tuple[float, float], ...]
-) -> tuple[tuple[float, float], ...]:
-    """Least and greatest value of each channel of visible pixels and of a known hidden layer."""
-    ends = [torch.tensor(channels, dtype=torch.float64)]
-    for color, _, mask in zip(*map(banded, hidden), strict=True):
-        known = color[:, mask.bool()].double()
-        if known.numel():
-            ends.append(torch.stack([known.amin(1), known.amax(1)], 1).cpu())
-    every = torch.stack(ends)
-    least, greatest = every[..., 0].amin(0).tolist(), every[..., 1].amax(0).tolist()
-    return tuple(zip(least, greatest, strict=True))
 
 
 def needs_double(survey: Survey, limit: float) -> bool:
@@ -258,7 +226,6 @@ def frame_of(
     signed_radius: Pixels,  # [H, W], repaired, in px or in coarse pixels; of a batch [B, H, W]
     settings: Settings,
     quality: Quality,  # settings of the quality, in px or in coarse pixels
-    hidden: KnownLayer | None,
     content: Content,
     *,
     layered: Layered | None = None,
@@ -271,8 +238,7 @@ def frame_of(
     """
     size = signed_radius.shape[-2], signed_radius.shape[-1]
     edges = content.edges
-    limits = content.limits if hidden is None else with_hidden(hidden, content.limits)
-    limits = layered.limits if layered is not None else limits
+    limits = content.limits if layered is None else layered.limits
     radii = _slice_radii(*limits, quality, settings)
     layer_indices = layers(radii, quality)
     exact = settings.num_layers is not None
@@ -417,18 +383,16 @@ def _slices(
     stride: int,
     slicing: Callable[[_Resolution, list[int], int], Slicing],
 ) -> Slices:
-    """The slices of what is visible, known and invented, of fine and of coarse resolution."""
+    """The slices of what is visible and of what is invented, of fine and of coarse resolution."""
     fine, coarse = resolutions
     order = composite_order(radii, layer_indices)
     of_hidden = octaves(radii)
-    known = merged_layers(layer_indices, of_hidden, fine.spreads, tile)
     invented = merged_layers(layer_indices, of_hidden, coarse.spreads, _halved(tile, coarse.level))
     return Slices(
         radii,
         order,
         of_hidden,
         visible=slicing(fine, layer_indices, 1),
-        known=slicing(fine, known, 1),
         invented=slicing(coarse, invented, stride),
     )
 

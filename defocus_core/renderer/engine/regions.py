@@ -17,6 +17,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.layer_blur import Blur, Sliced, blended
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.highlights import (
@@ -55,7 +56,7 @@ from defocus_core.renderer.engine.scene import (
     layers_within,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
-from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, known_within, separated
+from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, without_known
 from defocus_core.renderer.layers.layer import SampleLayer, of_slices
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import SHARP, slice_position
@@ -92,26 +93,21 @@ class _Place(NamedTuple):
         held, inner = box.grown(reach, frame.box), box.grown(reach, frame.scene)
         return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
 
-    def fills(self, surface: HiddenLayer | None, *, known: bool) -> list[Filling]:
+    def fills(self, surface: HiddenLayer | None) -> list[Filling]:
         """A hidden surface to composite; nothing if it has no pixel."""
         if surface is None or not bool(surface.mask.any()):
             return []
-        return [Filling(self.frame, self.grid, (self.held, self.inner), surface, known=known)]
+        return [Filling(self.frame, self.grid, (self.held, self.inner), surface)]
 
-    def fractions(
-        self, bounds: Box, signed_radius: Tensor, groups: list[slice]
-    ) -> list[Tensor] | None:
-        """For each group the shares of its parts that look into a box; None if all are 1."""
+    def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor | None:
+        """The shares [m, 1, ..., h, w] of parts that look into a box; None if all are 1."""
         frame, core = self.frame, self.grid.box
         if frame.is_inside(core, bounds):
             return None
-        aperture, parts, *_ = frame.division
+        aperture = frame.division.aperture
         seen, position, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]
-        fractions = [
-            fraction_in_frame(signed_radius, position, size, aperture, parts[group], seen)
-            for group in groups
-        ]
-        return [blended(fraction, core, core) for fraction in fractions] if seen else fractions
+        fractions = fraction_in_frame(signed_radius, position, size, aperture, parts, seen)
+        return blended(fractions, core, core) if seen else fractions
 
 
 class _Seen(NamedTuple):
@@ -182,15 +178,7 @@ def _of_picture(
     if isinstance(backdrop, Backdrop):
         around = place.outer, place.inside
         invented = continued(layers[0], backdrop, *around, frame)
-    fills = list[Filling]()
-    if invented is not None and scene.hidden is not None:
-        visible = place.inside.of(signed_radius)
-        known = known_within(scene.hidden, place.held, visible, frame.dtype)
-        middle = axes(frame.size, place.held.top, place.held.left)
-        known, invented = separated(known, invented, middle)
-        fills = place.fills(known, known=True)
-    fills += place.fills(invented, known=False)
-    return _Seen(layers, positions, highlights, fills, sight=sight)
+    return _Seen(layers, positions, highlights, place.fills(invented), sight=sight)
 
 
 def _of_layers(
@@ -200,7 +188,13 @@ def _of_layers(
     frame, slices = place.frame, place.frame.slices
     stack = layered.stack(place.outer, frame.dtype)
     radius = stack.signed_radius[0]
-    layers, highlights = split(stack.visible(), len(image) - 1, frame.content.limit)
+    visible, hidden = stack.visible(), stack.hidden()
+    if layered.mixed and isinstance(backdrop, Backdrop):
+        own, *nearer = layers_within(visible[0].color, radius, backdrop, place.outer)
+        visible = (own, *visible[1:], *nearer)
+        if nearer:  # which hide a part of it
+            hidden = (own._replace(coverage=1 - own.coverage, sparse=True), *hidden[1:])
+    layers, highlights = split(visible, len(image) - 1, frame.content.limit)
     if highlights is not None:  # with an alpha of 0
         light = torch.cat([highlights.light, torch.zeros_like(highlights.light[:, :1])], 1)
         highlights = highlights._replace(light=light)
@@ -214,19 +208,17 @@ def _of_layers(
         around = place.outer, place.inside
         invented, known = continued(layers[0], backdrop, *around, frame), stack.knows_behind()
         if invented is not None and known is not None:
-            everywhere = torch.full_like(radius, torch.inf)
-            color = layers[0].color
-            behind = HiddenLayer(*map(place.inside.of, (color, everywhere, known)))
+            behind = place.inside.of(known), place.inside.of(stack.signed_radius[-1])
             middle = axes(frame.size, place.held.top, place.held.left)
-            _, invented = separated(behind, invented, middle)
-        fills = place.fills(invented, known=False)
+            invented = without_known(invented, *behind, middle)
+        fills = place.fills(invented)
     openings = Openings.of(stack.opaque(), slices.radii, slices.visible.layers)
     return _Seen(
         layers,
         slice_position(radius, slices.radii),
         highlights,
         fills,
-        behind=stack.hidden(),
+        behind=hidden,
         uncovered=uncovered,
         openings=openings.over(place.core),
         solid=(SampleLayer.whole(image[:0], stack.solid(layered.limits[1])),),
@@ -245,7 +237,7 @@ def _samples_within(place: _Place, layers: Sequence[SampleLayer]) -> SurfaceSamp
 def _visible(place: _Place, seen: _Seen) -> SurfaceSamples:
     """The visible samples whose light reaches the tiles, with their slopes and shifts."""
     frame, inside, first = place.frame, place.inside, seen.layers[0]
-    radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
+    radii, division = frame.slices.radii, frame.division
     around = inside.grown(AROUND, Box(0, 0, *first.signed_radius.shape[-2:]))
     inner, radius = inside.seen_from(around), around.of(first.signed_radius)
     positions = around.of(seen.positions)
@@ -254,32 +246,29 @@ def _visible(place: _Place, seen: _Seen) -> SurfaceSamples:
         lean = slopes(radius, frame.quality.min_slope)
     if frame.settings.left_right and frame.copies_in_focus:
         color = around.of(first.color)
-        shifts = Shifts(color, radius, positions, inner, radii, aperture, parts[groups[-1]])
+        halves = division.parts[division.pair]
+        shifts = Shifts(color, radius, positions, inner, radii, division.aperture, halves)
     lean = None if lean is None else inner.of(lean)
     samples = _samples_within(place, seen.layers)
     return samples._replace(positions=inner.of(positions), slopes=lean, shifts=shifts)
 
 
-def _fractions_seen(
-    place: _Place, seen: _Seen, bounds: Box, groups: list[slice]
-) -> list[Tensor] | None:
+def _fractions_seen(place: _Place, seen: _Seen, bounds: Box, parts: list[Part]) -> Tensor | None:
     """As `_Place.fractions`, in the mean over the visible samples of each pixel."""
     first, *others = (layer.within(place.core) for layer in seen.layers)
     radius = first.signed_radius
-    total = place.fractions(bounds, radius, groups)
+    total = place.fractions(bounds, radius, parts)
     if total is None or not first.sparse or not others:  # of a picture, its own surface alone
         return total
     radii = torch.stack([layer.signed_radius for layer in others])
     weights = torch.stack([layer.covered for layer in others])
-    total = [fraction * (1 - weights.sum(0)) for fraction in total]
+    total = total * (1 - weights.sum(0))
     at_once = max(1, _SAMPLES_AT_ONCE // radius.numel())
     for start in range(0, len(radii), at_once):
         radius, weight = (x[start : start + at_once] for x in (radii, weights))
-        fractions = place.fractions(bounds, radius, groups) or []
-        total = [
-            so_far + (fraction * weight).sum(2)
-            for so_far, fraction in zip(total, fractions, strict=True)
-        ]
+        fractions = place.fractions(bounds, radius, parts)
+        if fractions is not None:
+            total = total + (fractions * weight).sum(2)
     return total
 
 
@@ -306,7 +295,7 @@ class Region:
         seen where nothing else is for sure; None without any.
         """
         frame = self._frame = place.frame
-        slicing, groups = frame.slices.visible, frame.division.groups
+        slicing, division = frame.slices.visible, frame.division
         self._tiles = place.grid.tiles
         self._layered, self._fallback, self._like = layered, fallback, seen.layers[0].color
         self._sight, self._openings, self._hidden = seen.sight, seen.openings, seen.hidden
@@ -315,7 +304,7 @@ class Region:
             slicing.windows,
             slicing.coarse,
             place.grid.seen_from(place.inner),
-            groups,
+            division.groups,
             axes(frame.size, place.inner.top, place.inner.left),
             by_corners=frame.settings.field is not None,
         )
@@ -330,8 +319,11 @@ class Region:
             for layers in (seen.behind, seen.uncovered)
         )
         self._behind, self._uncovered = behind, uncovered
-        self._in_frame = _fractions_seen(place, seen, frame.box, groups[:1])
-        self._in_scene = _fractions_seen(place, seen, frame.scene, groups) if frame.cut else None
+        centre = division.parts[division.centre]
+        self._in_frame = _fractions_seen(place, seen, frame.box, centre)
+        self._in_scene: Tensor | None = None
+        if frame.cut:
+            self._in_scene = _fractions_seen(place, seen, frame.scene, division.parts)
         self._range = ColorRange.of(frame.content.channels, self._like, frame.content.minimum)
         highlights = seen.highlights
         self._highlights = _discs(place, seen, highlights) if highlights else None
@@ -340,21 +332,20 @@ class Region:
         """The views of one tile of the region."""
         frame, box = self._frame, self._tiles[index]
         compositor, needed = self._composited(index)
-        whole, *halves = self._lit(compositor.by_group, index)
-        trust = self._trust(whole[:, -1], compositor.invented, box)
+        lit, division = self._lit(compositor.front, index), frame.division
+        trust = self._trust(lit[:, -1], compositor.invented, box)
         counts, content = self._counts(index, needed), frame.content
-        _, parts, weights, groups = frame.division
-        centre = self._range.bounded(picture(whole, weights[groups[0]]))
+        weights = division.weights
+        centre = self._range.bounded(picture(lit[division.centre], weights[division.centre]))
         if not frame.settings.left_right:
             return Views([centre], trust, counts, box)
-        both = halves[0] if halves else whole
+        both, weights = lit[division.pair], weights[division.pair]
         if compositor.moved is not None:
             both = add_light(both, compositor.moved)
-        cut = sum(part.is_left for part in parts[groups[-1]])
-        left = picture(both[:cut], weights[groups[-1]][:cut])
-        right = picture(both[cut:], weights[groups[-1]][cut:])
+        cut = sum(part.is_left for part in division.parts[division.pair])
+        left, right = picture(both[:cut], weights[:cut]), picture(both[cut:], weights[cut:])
         counts |= count_negative(torch.stack([left, right]), content.limit, content.minimum)
-        fraction = frame.division.left_fraction
+        fraction = division.left_fraction
         pair = pair_of(centre, left, right, minimum=content.minimum, fraction=fraction)
         images = self._range.bounded_pair(pair, centre, fraction)
         if self._layered is not None:
@@ -365,14 +356,14 @@ class Region:
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
         """The share of the aperture that saw the scene, [1, h, w].
 
-        Of the coverage [m, h, w] of m parts the share that is not invented, times the share of the
-        parts that looks into the frame: what surfaces are continued by was not seen.
+        Of the coverage [M, h, w] of all parts the share that is not invented, times the share of
+        the parts that looks into the frame: what surfaces are continued by was not seen.
         """
         mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented
         fraction = mean(observed) / mean(covered)
         if self._in_frame is not None and not self._frame.is_inside(box, self._frame.box):
-            expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
+            expected = box.seen_from(self._tiles[0]).of(self._in_frame)
             fraction = fraction * mean(expected[:, 0])
         return fraction.clamp(0, 1)[None]
 
@@ -390,9 +381,9 @@ class Region:
             openings = self._openings.over(self._tiles[index].seen_from(self._tiles[0]))
             compositor.add_known(visible, hidden, openings, closed=not layered.open)
             compositor.close(openings)
-            needed = [] if compositor.are_nearly_full() else reaching
+            needed = [] if compositor.is_nearly_full() else reaching
             for surface in needed:
-                compositor.fill(surface.over_tile(index).whole(), known=surface.known)
+                compositor.fill(surface.over_tile(index).whole())
         if layered is not None and not layered.blurs_alpha:
             compositor.add_alpha()
         if layered is not None and layered.open:
@@ -402,44 +393,35 @@ class Region:
     def _blank(self, index: int) -> TileCompositor:
         """The views of a tile without surfaces."""
         size, like = self._tiles[index][2:], self._like
-        blank = [
-            like.new_zeros(group.stop - group.start, len(like) + 1, *like.shape[1:-2], *size)
-            for group in self._frame.division.groups
-        ]
+        division = self._frame.division
+        blank = like.new_zeros(len(division.parts), len(like) + 1, *like.shape[1:-2], *size)
         sight = self._sight and self._sight.over(self._tiles[index].seen_from(self._tiles[0]))
-        return TileCompositor(blank, self._full(index), sight)
+        return TileCompositor(blank, self._full(index), division.groups, sight)
 
     def _reaching(self, index: int) -> list[Filling]:
-        """The hidden surfaces that reach a tile, known before invented."""
+        """The hidden surfaces that reach a tile."""
         return [surface for surface in self._hidden if surface.plan[index]]
 
-    def _lit(self, views: list[Tensor], index: int) -> list[Tensor]:
-        """The views of each group of parts, with highlights.
+    def _lit(self, views: Tensor, index: int) -> Tensor:
+        """The views of all parts, with highlights.
 
         A picture is divided by its coverage, which highlights do not share: they are weighted by
         it, so that errors of the coverage do not make them brighter.
         """
         box = self._tiles[index].seen_from(self._tiles[0])
         if self._fallback is not None:
-            views = [view + box.of(self._fallback) for view in views]
+            views = views + box.of(self._fallback)
         if self._highlights is None:
             return views
-        lit, groups = box.of(self._highlights), self._frame.division.groups
-        inside: list[Tensor | float] = [1.0 for _ in groups]
-        if self._in_scene is not None:
-            inside = [box.of(fraction) for fraction in self._in_scene]
-        return [
-            add_light(view, lit[group] * (view[:, -1:] / fraction))
-            for view, group, fraction in zip(views, groups, inside, strict=True)
-        ]
+        inside = 1.0 if self._in_scene is None else box.of(self._in_scene)
+        return add_light(views, box.of(self._highlights) * (views[:, -1:] / inside))
 
-    def _full(self, index: int) -> list[Tensor | float]:
-        """The greatest coverage in a tile, for each group."""
+    def _full(self, index: int) -> Tensor | float:
+        """The greatest coverage in a tile."""
         tile, frame = self._tiles[index], self._frame
         if self._in_scene is None or not frame.content.edges or frame.is_inside(tile, frame.scene):
-            return [1.0 for _ in frame.division.groups]
-        box = tile.seen_from(self._tiles[0])
-        return [box.of(fraction) for fraction in self._in_scene]
+            return 1.0
+        return tile.seen_from(self._tiles[0]).of(self._in_scene)
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
         """Counts of the work done for a tile, and of the work of a renderer that skips nothing."""
@@ -469,7 +451,7 @@ class Region:
             "layer_pixels": area * len(pieces),
             "layer_pixels_done": sum(piece.patch.shown.area for piece in pieces),
             "tiles_culled": int(len(needed) < len(reaching)),
-            "tiles_with_hidden": int(any(not surface.known for surface in reaching)),
+            "tiles_with_hidden": int(bool(reaching)),
         }
         pictures = math.prod(self._like.shape[1:-2])
         return {name: pictures * count for name, count in counts.items()}
@@ -553,7 +535,7 @@ def _backdrop(frame: SharedFrame, scene: Scene) -> Backdrop | SurfacesOfColors |
         frame.dtype,
         frame.settings.threads,
         content.limits,
-        unmixes=frame.quality.unmixes and layered is None,
+        unmixes=frame.quality.unmixes and (layered is None or layered.mixed),
         matte=scene.matte,
     )
 

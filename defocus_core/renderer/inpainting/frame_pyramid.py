@@ -26,15 +26,15 @@ from defocus_core.renderer.layers.layer import layers_of, mixed_within
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
-from defocus_core.tensors.pyramid import Axis, axes, halves
+from defocus_core.tensors.pyramid import Axis, AxisHalving, axes, halves
 from defocus_core.tensors.source import Pixels, banded
 from defocus_core.tensors.sparse_masks import exceeding, positions_of
 from defocus_core.tensors.threads import threaded
 
 # Edges of radius, in px per pixel, above which one surface hides another.
 EDGE = 1.013
-# Weight of a pixel beside a nearer one: it may be a mixture of both.
-_MIXED = 0.25
+# Share of a pixel below which what is left of its far surface is rounding.
+_ROUNDED = 1.013e-3
 # Bytes that a pixel takes while it is made coarser; rows of quarter resolution around a band that
 # it depends on.
 _BYTES_EACH, _AROUND = 120, 3
@@ -46,8 +46,8 @@ _WIDER = 1.99
 class Backdrop(NamedTuple):
     """A frame at low resolution."""
 
-    # At a quarter of the resolution, an eighth, and so on: colour, radius in px, and the
-    # structure tensor
+    half: PyramidLevel  # at half of the resolution: colour, and radius in px
+    # At a quarter of it, an eighth, and so on: these, and the structure tensor
     levels: list[PyramidLevel]
     reach: Reach  # the reach of its depth edges
     fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
@@ -76,12 +76,8 @@ def backdrop_of(
 ) -> Backdrop:
     """The pyramid of a frame, the reach of its edges, and its mixed pixels taken apart."""
     H, W = signed_radius.shape[-2:]
-    device = signed_radius.device
     dtype = dtype or pixels.dtype
-    if limits is None:
-        band_ranges = torch.stack([range_of(b) for b in banded(signed_radius)])
-        limits = (float(band_ranges.amin()), float(band_ranges.amax()))
-    minimum, maximum = limits
+    minimum, maximum = limits or _limits_of(signed_radius)
     grain = grain_of(minimum, maximum)
     fine = axes((H, W))
     half = halves(H, fine[0])
@@ -96,7 +92,8 @@ def backdrop_of(
         color, radius = (box.of(x).to(dtype) for x in (pixels, signed_radius))
         coverage = None if matte is None else box.of(matte).to(radius)
         mixed = mixed_pixels(color, radius, limit, coverage) if unmixes else no_pixels(color)
-        level, edges, halved_rows = _coarsely(color, radius, limit, grain, axes((H, W), top), mixed)
+        halved, edges = _halved(color, radius, limit, grain, axes((H, W), top), mixed)
+        level, halved_rows = coarser(structure(halved)), halved.middle[0].middle
         is_first, is_last = rows[0] == 0, rows[1] == quarter.length
         start = 0 if is_first else 2 * first + halved_rows
         end = edges.shape[-2] if is_last else 2 * last + halved_rows
@@ -106,55 +103,72 @@ def backdrop_of(
             mixed = mixed_within(mixed, own.seen_from(box), below - top)
             mixed = mixed._replace(at=mixed.at + sent([own.top, 0], mixed.at))
         middle = level.middle[0].middle
-        return _Band(level, edges[..., start:end, :], first + middle, last + middle, mixed)
+        in_level = level, first + middle, last + middle
+        return _Band((halved, start, end), in_level, edges[..., start:end, :], mixed)
 
-    batch, rows = len(signed_radius.shape) > 2, max(1, pieces(device, _BYTES_EACH) // (W << 2))
+    batch = len(signed_radius.shape) > 2
+    rows = max(1, pieces(signed_radius.device, _BYTES_EACH) // (W << 2))
     rows = quarter.length if batch else rows
     cuts = [*range(0, quarter.length, rows), quarter.length]
     bands = list(threaded(band_of, list(pairwise(cuts)), threads))
-    level, edges, mixed = bands[0].level, bands[0].edges, bands[0].mixed
-    if len(bands) > 1:
-        level = stacked(((b.level, b.first, b.end) for b in bands), quarter.length, quarter.axis)
-        edges = torch.cat([band.edges for band in bands])
-        mixed = MixedPixels.joined([band.mixed for band in bands])
-    del bands
+    half_level, level, edges, mixed = _put_together(bands, half, quarter)
     levels = [level]
     while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
     spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0] if batch else None
     reach = reach_of(edges, grain, maximum - minimum, fine)
-    return Backdrop(levels, reach, fine, (H, W), mixed, spans)
+    return Backdrop(half_level, levels, reach, fine, (H, W), mixed, spans)
+
+
+def _put_together(
+    bands: list[_Band], half: AxisHalving, quarter: AxisHalving
+) -> tuple[PyramidLevel, PyramidLevel, Tensor, MixedPixels]:
+    """The levels of half and of quarter resolution, the coarse edges and mixed pixels of bands."""
+    first = bands[0]
+    if len(bands) == 1:
+        return first.half[0], first.quarter[0], first.edges, first.mixed
+    half_level = stacked((band.half for band in bands), half.length, half.axis)
+    level = stacked((band.quarter for band in bands), quarter.length, quarter.axis)
+    edges = torch.cat([band.edges for band in bands])
+    return half_level, level, edges, MixedPixels.joined([band.mixed for band in bands])
+
+
+def _limits_of(signed_radius: Pixels) -> tuple[float, float]:
+    """The least and the greatest radius in px."""
+    ranges = torch.stack([range_of(band) for band in banded(signed_radius)])
+    return float(ranges.amin()), float(ranges.amax())
 
 
 class _Band(NamedTuple):
     """A band of rows of a frame."""
 
-    level: PyramidLevel  # of quarter resolution, with rows around
+    # The levels of half and of quarter resolution, with rows around; the first of its rows in
+    # each, and the one after the last
+    half: tuple[PyramidLevel, int, int]
+    quarter: tuple[PyramidLevel, int, int]
     edges: Tensor  # [..., h, w], from `coarse_edges`, of the rows alone
-    first: int  # the first of its rows in the level
-    end: int  # the one after the last
     mixed: MixedPixels  # those of its rows
 
 
-def _coarsely(
+def _halved(
     pixels: Tensor,
     signed_radius: Tensor,
     limit: float,
     grain: float,
     middle: tuple[Axis, Axis],
     mixed: MixedPixels,
-) -> tuple[PyramidLevel, Tensor, int]:
-    """The level of quarter resolution; edges at half resolution, and the middle row in these."""
+) -> tuple[PyramidLevel, Tensor]:
+    """The level of half resolution, and its edges."""
     r = signed_radius.detach()
     farther = _beside_edges(r)
-    weight = exceeding(pixels.detach().amax(0), limit).logical_not_().to(r.dtype)
-    weight.flatten()[farther] *= _MIXED
     own, *nearer = layers_of(pixels, signed_radius, mixed)
+    weight = exceeding(own.color.detach().amax(0), limit).logical_not_().to(r.dtype)
     for layer in nearer:
         weight = weight * (1 - layer.covered)
+    if nearer:
+        weight = torch.where(weight < _ROUNDED, 0.0, weight)
     half = coarser(pixels_of([own.color, signed_radius[None]], signed_radius, middle, weight))
-    edges = coarse_edges(r, farther, grain, middle)
-    return coarser(structure(half)), edges, half.middle[0].middle
+    return half, coarse_edges(r, farther, grain, middle)
 
 
 def _beside_edges(r: Tensor) -> Tensor:

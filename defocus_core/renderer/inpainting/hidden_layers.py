@@ -20,15 +20,13 @@ from defocus_core.renderer.inpainting.coherence_transport import FARTHEST, trans
 from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
+    LEAST_WEIGHT,
     HiddenQueries,
-    PyramidLevel,
-    coarser,
-    continued,
+    least_of,
     nearby,
-    pixels_of,
 )
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.device_plan import launches_cost, sent
 from defocus_core.tensors.pyramid import Axis, averaged, halves, spread_out
 from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.sparse_masks import flat_nonzero
@@ -36,15 +34,20 @@ from defocus_core.tensors.sparse_masks import flat_nonzero
 _Axes = tuple[Axis, Axis]
 
 
-class View(NamedTuple):
-    """A part of a frame whose coarse pixels are pixels or, at half resolution, two by two."""
+class CoarseGrid(NamedTuple):
+    """The coarse pixels of a part of a frame: its pixels or, at half resolution, two by two."""
 
-    # [C + 1, ..., h, w], colour and radius in px of the farthest surface in each coarse pixel
-    picture: Tensor
-    near: Tensor  # [..., h, w] px, the least radius in each coarse pixel
     middle: _Axes  # where the middle of the frame is among coarse pixels
     fine: _Axes  # where the middle of the frame is among pixels
     level: int
+
+    @classmethod
+    def of(cls, size: tuple[int, int], fine: _Axes, level: int) -> CoarseGrid:
+        """Those of a part of (height, width)."""
+        if not level:
+            return cls(fine, fine, 0)
+        down, across = (halves(n, axis) for n, axis in zip(size, fine, strict=True))
+        return cls((down.axis, across.axis), fine, level)
 
     def pixels(self, at: Tensor) -> Tensor:
         """The places of coarse px [n, 2], also between coarse px, as rows and columns of pixels."""
@@ -66,24 +69,6 @@ class View(NamedTuple):
             half = halves(length, Axis(fine.middle - start, fine.odd))
             limits.append((axis.middle - half.axis.middle, half.length))
         return Box(limits[0][0], limits[1][0], limits[0][1], limits[1][1])
-
-
-def whole_view(whole: PyramidLevel) -> View:
-    """A picture at full resolution."""
-    first = whole.first
-    values, near = (x.reshape(*x.shape[:-1], *whole.shape) for x in (first.values, first.minimum))
-    return View(values, near, whole.middle, whole.middle, 0)
-
-
-def half_view(half: PyramidLevel, fine: _Axes) -> View:
-    """A picture at half resolution."""
-    near = half.first.minimum
-    if half.second is not None and half.second_index is not None:
-        held = torch.nonzero(half.second_index >= 0)[:, 0]
-        nearer = half.second.minimum.index_select(0, half.second_index.index_select(0, held))
-        near = near.index_copy(0, held, torch.minimum(near.index_select(0, held), nearer))
-    values = half.first.values.reshape(-1, *half.shape)
-    return View(values, near.reshape(half.shape), half.middle, fine, 1)
 
 
 def in_pixels(values: Tensor, size: tuple[int, int], middle: _Axes) -> Tensor:
@@ -142,17 +127,15 @@ def hidden_layer(
     """
     H, W = signed_radius.shape[-2:]
     backdrop = backdrop or backdrop_of(image, signed_radius)
-    box = box or Box(0, 0, H, W)
-    middle = (
-        backdrop.fine[0]._replace(middle=backdrop.fine[0].middle - box.top),
-        backdrop.fine[1]._replace(middle=backdrop.fine[1].middle - box.left),
+    box, middle = box or Box(0, 0, H, W), backdrop.fine
+    fine = (
+        middle[0]._replace(middle=middle[0].middle - box.top),
+        middle[1]._replace(middle=middle[1].middle - box.left),
     )
-    whole = pixels_of([image, signed_radius[None]], signed_radius, middle)
-    half = coarser(whole)
-    view = half_view(half, middle) if level else whole_view(whole)
-    coarse = view.coarse(wanted or Box(0, 0, H, W))
-    near = coarse.of(view.near)
-    revealed = backdrop.reach.behind(near, coarse, view.middle, level)
+    grid = CoarseGrid.of((H, W), fine, level)
+    coarse = grid.coarse(wanted or Box(0, 0, H, W))
+    near = coarse.of(least_of(signed_radius.detach(), fine) if level else signed_radius.detach())
+    revealed = backdrop.reach.behind(near, coarse, grid.middle, level)
     index = flat_nonzero(revealed.shown > near + STEP)
     if not len(index):
         return None
@@ -163,62 +146,93 @@ def hidden_layer(
         row = row - of * coarse.height
     at = torch.stack([row + coarse.top, column + coarse.left], 1)
     shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
-    asked = HiddenQueries(at, front + (source - front) * _BETWEEN, ceiling, of)
-    values, tensor, weight = _from_frame(
-        backdrop, asked._replace(at=view.pixels(at) + sent(box[:2], at))
-    )
-    values, weight = _with_adjacent_surface(values, weight, half, view, asked)
-    surface = (values / torch.where(weight > 0, weight, 1.0)).T
+    pixels = grid.pixels(at) + sent(box[:2], at)
+    asked = HiddenQueries(pixels, front + (source - front) * _BETWEEN, ceiling, of)
+    values, tensor, weight = _from_frame(backdrop, asked)
+    values, weight = _with_adjacent_surface(values, weight, backdrop, asked, level)
+    surface = (values / weight.clamp(min=LEAST_WEIGHT)).T
     lines = torch.nonzero(source - shown <= _LINES)[:, 0]
     if len(lines):
-        spot, border, smooth = (x.index_select(0, lines) for x in (*asked[:2], surface))
+        if level:  # the whole frame
+            half = backdrop.half
+            picture = half.first.values.reshape(-1, *half.shape)
+            corner = [half.middle[d].middle - grid.middle[d].middle for d in (0, 1)]
+        else:
+            picture, corner = torch.cat([image, signed_radius[None]]), [0, 0]
+        spot, border, smooth = (x.index_select(0, lines) for x in (at, asked.border, surface))
         way = tensor.index_select(1, lines).T
         own = None if of is None else of.index_select(0, lines)
-        colors = transported(view.picture, spot, border, smooth, way, level, own)
+        spot = spot + sent(corner, spot)
+        colors = transported(picture, spot, border, smooth, way, level, own)
         surface = surface.index_copy(0, lines, torch.cat([colors, smooth[:, -1:]], 1))
-    if not bool((weight > 0).all()):
-        exists = torch.nonzero(weight > 0)[:, 0]
-        index, surface = index.index_select(0, exists), surface.index_select(0, exists)
-    blank = view.picture.new_zeros(len(view.picture) - 1, near.numel())
-    color = blank.index_copy(1, index, surface[:, :-1].T).reshape(-1, *near.shape)
-    radius = near.flatten().index_copy(0, index, surface[:, -1]).reshape(near.shape)
+    exists = weight > 0
+    # the radius of no hidden surface is below all others
+    radius = torch.where(exists, surface[:, -1], near.flatten().index_select(0, index))
+    color = surface[:, :-1].T * exists
+    blank = color.new_zeros(len(color), near.numel())
+    color = blank.index_copy(1, index, color).reshape(-1, *near.shape)
+    radius = near.flatten().index_copy(0, index, radius).reshape(near.shape)
     return HiddenLayer(color, radius, radius.detach() > near + STEP)
+
+
+# Weight from which on a pixel takes nothing from coarser levels.
+_ENOUGH = 0.5
 
 
 def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tensor, Tensor]:
     """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
 
-    Returns colour and radius [C + 1, n] times weights, structure tensors [3, n], and weights [n].
+    Each takes from the next coarser level what it lacks. Returns colour and radius [C + 1, n] times
+    weights, structure tensors [3, n], and weights [n].
     """
-    finest, *levels = backdrop.levels
-    both, weight = nearby(finest, asked, backdrop.fine)
-    exist = [backdrop.is_of(pyramid_level, asked.of) for pyramid_level in levels]
-    colors = [pyramid_level.channels(slice(-3)) for pyramid_level in levels]
-    pairs = list(zip(colors, exist, strict=True))
-    values, weight = continued((both[:-3], weight), pairs, asked, backdrop.fine)
-    tensor = both[-3:]
-    for pyramid_level, exists in list(zip(levels, exist, strict=True))[: _DIRECTIONS - 1]:
-        more = nearby(pyramid_level.channels(slice(-3, None)), asked, backdrop.fine)[0]
-        tensor = tensor + (more if exists is None else more * exists)
+    levels = backdrop.levels
+    found, weights = nearby(levels[:_DIRECTIONS], asked, backdrop.fine)
+    exist = [backdrop.is_of(level, asked.of) for level in levels]
+    values, weight, tensor = found[0, :-3], weights[0], found[0, -3:]
+    for more, fraction, exists in zip(found[1:], weights[1:], exist[1:_DIRECTIONS], strict=True):
+        missing = torch.where(weight < _ENOUGH, 1 - weight, 0.0)
+        missing = missing if exists is None else missing * exists
+        values = torch.addcmul(values, more[:-3], missing)
+        weight = torch.addcmul(weight, fraction, missing)
+        tensor = tensor + (more[-3:] if exists is None else more[-3:] * exists)
+    rest = list(zip(levels[_DIRECTIONS:], exist[_DIRECTIONS:], strict=True))
+    together = launches_cost(asked.at.device)
+    for first in range(0, len(rest), max(1, len(rest)) if together else 1):
+        some = rest[first : len(rest) if together else first + 1]
+        lacking = flat_nonzero(weight < _ENOUGH)
+        if not len(lacking):
+            break
+        their_values, their_weights = nearby(
+            [level for level, _ in some], asked.select(lacking), backdrop.fine
+        )
+        own_values, own = values.index_select(1, lacking), weight.index_select(0, lacking)
+        for more, fraction, (_, exists) in zip(their_values, their_weights, some, strict=True):
+            missing = torch.where(own < _ENOUGH, 1 - own, 0.0)
+            if exists is not None:
+                missing = missing * exists.index_select(0, lacking)
+            own_values = torch.addcmul(own_values, more[:-3], missing)
+            own = torch.addcmul(own, fraction, missing)
+        values = values.index_copy(1, lacking, own_values)
+        weight = weight.index_copy(0, lacking, own)
     return values, tensor, weight
 
 
 def _with_adjacent_surface(
-    values: Tensor, weight: Tensor, half: PyramidLevel, view: View, asked: HiddenQueries
+    values: Tensor, weight: Tensor, backdrop: Backdrop, asked: HiddenQueries, level: int
 ) -> tuple[Tensor, Tensor]:
     """Values and weights at half resolution, first those of the surface next to each pixel."""
-    offsets = (-0.25, 0.25) if view.level else (0.0,)
+    offsets = (-0.5, 0.5) if level else (0.0,)
     offset = sent([(y, x) for y in offsets for x in offsets], asked.border)
     n, count = len(asked.at), len(offset)
-    spots = view.pixels((offset[:, None] + asked.at).flatten(0, 1))
+    spots = (offset[:, None] + asked.at).flatten(0, 1)
     of = None if asked.of is None else asked.of.repeat(count)
     each = HiddenQueries(spots, asked.border.repeat(count), asked.ceiling.repeat(count), of)
-    next_values, fraction = nearby(half, each, view.fine)
-    next_values = next_values.reshape(-1, count, n).mean(1)
+    found, fraction = nearby([backdrop.half], each, backdrop.fine)
+    next_values = found[0].reshape(-1, count, n).mean(1)
     fraction = fraction.reshape(count, n).mean(0)
     maximum = (fraction * _NEXT).clamp(max=1)
     left = 1 - maximum
-    next_values = next_values * (maximum / torch.where(fraction > 0, fraction, 1.0))
+    next_values = next_values * (maximum / fraction.clamp(min=LEAST_WEIGHT))
     return torch.addcmul(next_values, values, left), torch.addcmul(maximum, weight, left)
 
 
@@ -227,31 +241,21 @@ def _with_adjacent_surface(
 KnownLayer = tuple[Pixels, Pixels, Pixels]
 
 
-def known_within(
-    known: KnownLayer, box: Box, signed_radius: Tensor, dtype: torch.dtype
+def without_known(
+    hidden: HiddenLayer, known: Tensor, known_radius: Tensor, middle: tuple[Axis, Axis]
 ) -> HiddenLayer:
-    """A known layer within a box whose visible radii are [height, width] px."""
-    color, radius, mask = map(box.of, known)
-    mask = mask.bool()
-    color = torch.where(mask, color.to(dtype), 0.0)
-    return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
+    """The part of an invented layer that is needed beside what is known.
 
-
-def separated(
-    known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
-) -> tuple[HiddenLayer, HiddenLayer]:
-    """The hidden part of a known layer, and the part of an invented layer that is still needed.
-
-    `known`: the known layer, [H, W]; `middle`: the middle of the frame, in px.
+    `known`: [H, W] bool, where all behind the visible is known as far as `known_radius` [H, W] px;
+    `middle`: the middle of the frame, in px.
     """
-    size = (known.mask.shape[-2], known.mask.shape[-1])
-    halved = hidden.mask.shape != known.mask.shape
+    size = (known.shape[-2], known.shape[-1])
+    halved = hidden.mask.shape != known.shape
     mask, radius = hidden.mask, hidden.signed_radius
     if halved:
         mask = in_pixels(mask.to(radius.dtype), size, middle) > 0
         radius = in_pixels(radius.detach(), size, middle)
-    farther = radius > known.signed_radius + STEP
-    needed = mask & (~known.mask | farther)
+    needed = mask & (~known | (radius > known_radius + STEP))
     if halved:
         needed = hidden.mask & in_coarse_pixels(needed, middle)
-    return known._replace(mask=mask & known.mask), hidden._replace(mask=needed)
+    return hidden._replace(mask=needed)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from itertools import accumulate
 from typing import NamedTuple
 
 import torch
@@ -27,7 +28,7 @@ from defocus_core.tensors.pyramid import (
     extended,
     halved,
     halves,
-    positions,
+    position_of,
     pulled,
 )
 from defocus_core.tensors.sparse_masks import flat_nonzero
@@ -35,6 +36,8 @@ from defocus_core.tensors.sparse_masks import flat_nonzero
 # Range of radii in px that counts as one surface in a coarse pixel of two by two pixels; and the
 # factor by which the range grows at each further level.
 _ALIKE, _GROWTH = 1.013, 1.5
+# Least weight that counts: it guards 0 / 0.
+LEAST_WEIGHT = 1e-30
 # Bytes that a coarse pixel on an edge takes while it is split into two sheets.
 _BYTES_EACH = 1 << 13
 # Coarse pixels of a level all of which are split: on a CPU, and where an operation takes long to
@@ -80,10 +83,6 @@ class CellSurface(NamedTuple):
         """The surface with further values [k, n] after its own."""
         return CellSurface(torch.cat([self.values, more, self.data[-3:]]))
 
-    def channels(self, channels: slice) -> CellSurface:
-        """The surface with a range of its channels."""
-        return CellSurface(torch.cat([self.values[channels], self.data[-3:]]))
-
 
 class PyramidLevel(NamedTuple):
     """A picture, or a part of one, at some resolution."""
@@ -105,11 +104,6 @@ class PyramidLevel(NamedTuple):
         """The size, after the number of pictures of a batch: there is no such batch of one."""
         pictures = self.first.data.shape[1] // (self.size[0] * self.size[1])
         return self.size if pictures == 1 else (pictures, *self.size)
-
-    def channels(self, channels: slice) -> PyramidLevel:
-        """The level with a range of its channels."""
-        second = None if self.second is None else self.second.channels(channels)
-        return self._replace(first=self.first.channels(channels), second=second)
 
 
 def pixels_of(
@@ -196,12 +190,21 @@ def _dense(
     sums = (pulled if overlapping else halved)(coarse(weighed, 0.0), odd)
     sums = sums.reshape(len(weighed), -1)
     values, weight = sums[:-1], sums[-1]
-    values = values / torch.where(weight > 0, weight, 1.0)
+    values = values / weight.clamp(min=LEAST_WEIGHT)
     limits = _greatest_of(
         coarse(torch.stack([-minimum, first.maximum]), -torch.inf), odd, overlapping
     )
     minimum, maximum = limits.reshape(2, -1).unbind()
     return values, weight.clamp(max=1), minimum, maximum
+
+
+def least_of(signed_radius: Tensor, middle: tuple[Axis, Axis]) -> Tensor:
+    """The least radius [..., h, w] of the pixels [..., H, W] of each coarse pixel."""
+    down, across = (
+        halves(n, axis) for n, axis in zip(signed_radius.shape[-2:], middle, strict=True)
+    )
+    nearest = extended(-signed_radius, down, across, -torch.inf)
+    return _greatest_of(nearest, (down.axis.odd, across.axis.odd), overlapping=False).neg_()
 
 
 def _greatest_of(values: Tensor, odd: tuple[bool, bool], overlapping: bool) -> Tensor:
@@ -306,7 +309,7 @@ def _apart(data: Tensor, fraction: Tensor, alike: float) -> tuple[CellSurface, C
             remaining = remaining > chosen
         part = weight * chosen
         total = part.sum(0)
-        mean = (values * part).sum(1) / torch.where(total > 0, total, 1.0)
+        mean = (values * part).sum(1) / total.clamp(min=LEAST_WEIGHT)
         lowest = torch.where(chosen, minimum, torch.inf).amin(0)
         further = torch.stack([total.clamp(max=1), lowest, top])
         sheets.append(CellSurface(torch.cat([mean, further])))
@@ -350,8 +353,6 @@ def stacked(
     )
 
 
-# Weight from which on a pixel takes nothing from coarser levels.
-_ENOUGH = 0.5
 # Bytes that a pixel takes while it is looked up.
 _BYTES_OF_QUERY = 1 << 10
 
@@ -371,92 +372,87 @@ class HiddenQueries(NamedTuple):
         return HiddenQueries(at, border, ceiling, of)
 
 
-def continued(
-    finest: tuple[Tensor, Tensor],
-    levels: Sequence[tuple[PyramidLevel, Tensor | None]],
-    asked: HiddenQueries,
-    fine: tuple[Axis, Axis],
-) -> tuple[Tensor, Tensor]:
-    """Values of hidden pixels, each from the surfaces that are continued to it.
-
-    `levels`: the coarser levels, from fine to coarse, K channels; and which pixels [n] have them,
-    None if all do. Returns [K, n] values times weights, and [n] weights in [0, 1].
-    """
-    values, weight = finest
-    for level, exists in levels:
-        lacks = weight < _ENOUGH
-        lacking = torch.nonzero(lacks if exists is None else lacks & exists)[:, 0]
-        if not len(lacking):
-            break
-        more, fraction = nearby(level, asked.select(lacking), fine)
-        missing = 1 - weight.index_select(0, lacking)
-        values = values.index_add(1, lacking, more * missing)
-        weight = weight.index_add(0, lacking, fraction * missing)
-    return values, weight
-
-
 def nearby(
-    level: PyramidLevel, asked: HiddenQueries, fine: tuple[Axis, Axis]
+    levels: Sequence[PyramidLevel], asked: HiddenQueries, fine: tuple[Axis, Axis]
 ) -> tuple[Tensor, Tensor]:
-    """The mean of the four coarse pixels of one level around each pixel, weighted by distance.
+    """The mean of the four coarse pixels of each level around each pixel, weighted by distance.
 
-    Arguments and result are those of `continued`.
+    Of the surfaces that are continued to it alone: [L, K, n] values times weights, [L, n] weights.
     """
-    count = pieces(asked.at.device, _BYTES_OF_QUERY)
+    count = pieces(asked.at.device, _BYTES_OF_QUERY * len(levels))
     if len(asked.at) <= count:
-        return _nearby(level, asked, fine)
+        return _nearby(levels, asked, fine)
     numbers = torch.split(torch.arange(len(asked.at), device=asked.at.device), count)
-    parts = [_nearby(level, asked.select(chunk), fine) for chunk in numbers]
+    parts = [_nearby(levels, asked.select(chunk), fine) for chunk in numbers]
     values, weights = zip(*parts, strict=True)
-    return torch.cat(values, 1), torch.cat(weights)
+    return torch.cat(values, 2), torch.cat(weights, 1)
 
 
 def _nearby(
-    level: PyramidLevel, asked: HiddenQueries, fine: tuple[Axis, Axis]
+    levels: Sequence[PyramidLevel], asked: HiddenQueries, fine: tuple[Axis, Axis]
 ) -> tuple[Tensor, Tensor]:
     """The same for few pixels at once."""
-    n, limits = len(asked.at), (asked.border.detach().repeat(4), asked.ceiling.detach().repeat(4))
-    position = torch.stack(positions(asked.at, fine, level.middle, level.level))
-    (row, column), (down, across) = _neighbours(position.to(asked.border.dtype), level.size)
-    coarse_pixel = row[:, None] * level.size[1] + column
+    count, n = len(levels), len(asked.at)
+    limits = [x.detach().repeat(4 * count) for x in (asked.border, asked.ceiling)]
+    like = asked.border.detach()
+    # a place among coarse pixels is affine in the row or column
+    ends = [
+        [position_of(float(pixel), axis, level.middle[d], level.level) for pixel in (0, 1)]
+        for level in levels
+        for d, axis in enumerate(fine)
+    ]
+    origin, step = sent([[a, b - a] for a, b in ends], like).view(count, 2, 2, 1).unbind(2)
+    position = torch.addcmul(origin, step, asked.at.T.to(like.dtype))  # [L, 2, n]
+    last = sent([level.size for level in levels], like)[..., None] - 1
+    below = position.floor()
+    fraction = position - below
+    exists = torch.stack([below + 1, last - below]).clamp_(0, 1)
+    shares = torch.stack([1 - fraction, fraction]) * exists  # [2, L, 2, n]
+    beside = torch.minimum(torch.stack([below, below + 1]).clamp_(min=0), last).long()
+    widths = sent([level.size[1] for level in levels], beside)[:, None]
+    starts = [0, *accumulate(level.first.data.shape[1] for level in levels[:-1])]
+    row = beside[:, :, 0] * widths + sent(starts, beside)[:, None]  # [2, L, n]
     if asked.of is not None:
-        coarse_pixel = coarse_pixel + asked.of * (level.size[0] * level.size[1])
-    coarse_pixel = coarse_pixel.flatten()
-    fraction = (down[:, None] * across).flatten()
-    values, weight = _weighed(level.first, coarse_pixel, limits, fraction)
-    if level.second is not None and level.second_index is not None:
-        second_index = level.second_index.index_select(0, coarse_pixel)
+        areas = sent([level.size[0] * level.size[1] for level in levels], beside)[:, None]
+        row = row + asked.of * areas
+    number = (row[:, None] + beside[:, :, 1]).transpose(1, 2).transpose(0, 1)  # [L, 2, 2, n]
+    number = number.reshape(-1)
+    share = (shares[:, None, :, 0] * shares[None, :, :, 1]).permute(2, 0, 1, 3).reshape(-1)
+    values, weight = _weighed(_joined([level.first for level in levels]), number, limits, share)
+    seconds = [level.second for level in levels if level.second is not None]
+    if seconds:
+        index = _second_indices(levels).index_select(0, number)
+        counts = [0 if level.second is None else len(level.second.weight) for level in levels]
+        before = sent([0, *accumulate(counts[:-1])], index)[:, None]
         # 0 where a coarse pixel has no second sheet
-        fraction = fraction * (second_index + 1).clamp_(max=1)
-        second_values, second_weight = _weighed(
-            level.second, second_index.clamp_(min=0), limits, fraction
-        )
-        values, weight = values + second_values, weight + second_weight
-    values, weight = values.reshape(-1, 4, n).sum(1), weight.reshape(4, n).sum(0)
+        share = share * (index >= 0)
+        number = (index.view(count, -1) + before).flatten().clamp_(min=0)
+        more = _weighed(_joined(seconds), number, limits, share)
+        values, weight = values + more[0], weight + more[1]
+    values = values.view(-1, count, 4, n).sum(2).transpose(0, 1)
+    weight = weight.view(count, 4, n).sum(1)
     maximum = weight.clamp(min=1)
-    return values / maximum, weight / maximum
+    return values / maximum[:, None], weight / maximum
+
+
+def _second_indices(levels: Sequence[PyramidLevel]) -> Tensor:
+    """The index in the second surfaces of its level of each coarse pixel, or -1."""
+    nothing = levels[0].first.data.new_full((1,), -1, dtype=torch.int32)
+    return torch.cat(
+        [
+            nothing.expand(math.prod(level.shape))
+            if level.second_index is None
+            else level.second_index
+            for level in levels
+        ]
+    )
 
 
 def _weighed(
-    sheet: CellSurface, coarse_pixel: Tensor, limits: tuple[Tensor, Tensor], fraction: Tensor
+    sheet: CellSurface, coarse_pixel: Tensor, limits: Sequence[Tensor], fraction: Tensor
 ) -> tuple[Tensor, Tensor]:
     """Values [K, n] of coarse pixels by weights, and weights [n]; 0 for radii beyond `limits`."""
     values, weight, minimum, _ = sheet.select(coarse_pixel).parts
     between = (minimum > limits[0]) & (minimum < limits[1])
-    weight = torch.where(between, fraction * weight, 0.0)
+    weight = fraction * weight * between
     return values * weight, weight
-
-
-def _neighbours(position: Tensor, size: tuple[int, int]) -> tuple[Tensor, Tensor]:
-    """The two coarse pixels beside each place [2, n] along both axes, and their shares; 0 outside.
-
-    Returns numbers and shares, each [2, 2, n]: rows first, then columns.
-    """
-    below = position.floor()
-    last = sent(size, below)[:, None] - 1
-    fraction = position - below
-    exists = torch.stack([below + 1, last - below], 1).clamp_(0, 1)
-    second_index = torch.stack([below, below + 1], 1).clamp_(min=0)
-    return torch.minimum(second_index, last[:, None]).long(), torch.stack(
-        [1 - fraction, fraction], 1
-    ) * exists

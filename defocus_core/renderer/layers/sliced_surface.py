@@ -16,7 +16,12 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.renderer.layers.layer import SampleLayer
-from defocus_core.renderer.layers.slice_radii import membership, slice_before, slice_position
+from defocus_core.renderer.layers.slice_radii import (
+    in_slices,
+    membership,
+    slice_before,
+    slice_position,
+)
 from defocus_core.renderer.layers.slopes import Shifts
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, min_transform
 from defocus_core.tensors.device_plan import pieces
@@ -460,46 +465,21 @@ class Surface:
         occupied = torch.stack([each.any(0) for each in blocks])
         return patches(occupied, self._tiles, list(margins.values()), self._own[2:])
 
-    def members(self, slice_indices: range, window: Box, lit: Box) -> Tensor:
-        """Slices of one layer within a window, [C + 1, k, ..., height, width]."""
-        first, *others = self._samples
-        layer = self._unframed(window, first.light)[:, None]
-        slices = layer * self._lit_fractions(first.positions, slice_indices, window, lit)
-        self._add_others(slices, others, slice_indices, window, lit)
-        return slices
-
-    def _add_others(
-        self,
-        slices: Tensor,
-        others: Sequence[_FramedLayer],
-        slice_indices: range,
-        window: Box,
-        lit: Box,
-    ) -> None:
-        """Add further layers within `lit` to slices [C + 1, k, ..., h, w] of a window, in place."""
+    def members(self, slice_indices: range, box: Box) -> Tensor:
+        """Slices of one layer within a box, [C + 1, k, ..., height, width]."""
         numbers = self._slice_numbers[slice_indices.start : slice_indices.stop]
-        for each in others:
-            box = _bounds(each.blocks[slice_indices.start : slice_indices.stop], lit)
-            if box is not None:
-                fractions = membership(self._unframed(box, each.positions), numbers)
-                light = self._unframed(box, each.light)[:, None]
-                box.seen_from(window).of(slices).addcmul_(light, fractions)
 
-    def _lit_fractions(
-        self, positions: Tensor, slice_indices: range, window: Box, lit: Box
-    ) -> Tensor:
-        """Shares [k, height, width] of the pixels of a window in slices; 0 after the end of lit."""
-        fractions = membership(
-            self._unframed(window, positions),
-            self._slice_numbers[slice_indices.start : slice_indices.stop],
+        first, *others = self._samples
+        slices = in_slices(
+            self._unframed(box, first.light), self._unframed(box, first.positions), numbers
         )
-        limits = lit.seen_from(window).sides
-        below, beside = window.height - limits[0].end, window.width - limits[1].end
-        if below > 0:
-            fractions[..., -below:, :].zero_()
-        if beside > 0:
-            fractions[..., -beside:].zero_()
-        return fractions
+        for layer in others:
+            part = _bounds(layer.blocks[slice_indices.start : slice_indices.stop], box)
+            if part is not None:
+                fractions = membership(self._unframed(part, layer.positions), numbers)
+                light = self._unframed(part, layer.light)[:, None]
+                part.seen_from(box).of(slices).addcmul_(light, fractions)
+        return slices
 
     def fractions(self, slice_indices: range, box: Box) -> Tensor:
         """The share [h, w] of each pixel in a range of slices."""
@@ -549,7 +529,7 @@ class Surface:
         first = self._samples[0].light
         result = first.new_zeros(kinds, *first.shape[:-2], *coarse[2:])
         for band in self._bands(slice_index, 1 << level, middle):
-            pixels = self._slice(slice_index, band)[None]
+            pixels = self.members(range(slice_index, slice_index + 1), band)[:, 0][None]
             if tilted and self._slopes is not None:
                 slopes = self._unframed(band, self._slopes)
                 pixels = torch.cat([pixels, pixels * slopes[:, None]])
@@ -563,10 +543,6 @@ class Surface:
             if overlap.height > 0 and overlap.width > 0:
                 overlap.seen_from(coarse).of(result).add_(overlap.seen_from(mean_box).of(pixels))
         return result
-
-    def _slice(self, slice_index: int, box: Box) -> Tensor:
-        """The pixels [C + 1, h, w] of a slice in a box."""
-        return self.members(range(slice_index, slice_index + 1), box, box)[:, 0]
 
     def _bands(self, slice_index: int, step: int, middle: tuple[Axis, Axis]) -> Iterator[Box]:
         """Rectangles that cover a slice once; they begin multiples of `step` from the middle."""

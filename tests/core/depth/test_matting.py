@@ -158,5 +158,7 @@ def test_colours_decide_of_which_surface_a_pixel_is(px):
     exact = torch.where(columns < 20, -12.0, 0.0).double()
     for shift in (-px, px):
         given = torch.where(columns < 20 + shift * odd, -12.0, 0.0).double()
-        assert torch.equal(radii_by_color(given, image), exact)
-        assert radii_by_color(exact, image) is exact
+        decided = torch.ones_like(given, dtype=torch.bool)
+        assert torch.equal(radii_by_color(given, image, decided), exact)
+        assert radii_by_color(exact, image, decided) is exact
+        assert radii_by_color(given, image, ~decided) is given

@@ -11,13 +11,34 @@ from torch.nn.functional import avg_pool2d, interpolate, pad
 from defocus_core import GuidedDepth, repair_depth
 
 SIZE, FAR = (160, 224), 15.0
-COLORS = {"two": ((0.6, 0.3, 0.15), (0.15, 0.3, 0.4)), "one": ((0.4, 0.4, 0.4),) * 2}
+TWO = torch.tensor([[0.6, 0.3, 0.15], [0.15, 0.3, 0.4]])[..., None, None]
 
 
 def waves(cells, seed):
     generator = torch.Generator().manual_seed(seed)
     coarse = torch.randn(1, 1, *(side // cells + 2 for side in SIZE), generator=generator)
     return interpolate(coarse, SIZE, mode="bicubic")[0, 0]
+
+
+def textures(cells, seed, channels):
+    """Textures [C, H, W] of the subject and of the wall, which are of one distribution."""
+    return [
+        torch.stack([waves(cells, 7 * seed + 50 * side + c).sigmoid() for c in range(channels)])
+        for side in (0, 1)
+    ]
+
+
+COLORS = {
+    "two": lambda seed: [
+        c * (0.7 + 0.3 * t) for c, t in zip(TWO, textures(5, seed, 1), strict=True)
+    ],
+    "one": lambda seed: [torch.full((3, *SIZE), 0.4)] * 2,
+    "textures": lambda seed: [0.15 + 0.7 * t for t in textures(4, seed, 3)],
+    "fine textures": lambda seed: [0.15 + 0.7 * t for t in textures(2, seed, 3)],
+    "grey textures": lambda seed: [
+        (0.15 + 0.7 * t).expand(3, -1, -1) for t in textures(5, seed, 1)
+    ],
+}
 
 
 def subject(seed, grown=0.0, wander=0.0):
@@ -58,12 +79,7 @@ def roughness(near):
 @pytest.mark.parametrize("seed", [0, 1])
 def test_repair_is_never_worse_than_none(kind, colors, seed):
     true, given = subject(seed), DAMAGED[kind](seed)
-    textures = (0.7 + 0.3 * waves(cells, seed).sigmoid() for cells in (5, 7))
-    near, far = (
-        torch.tensor(color)[:, None, None] * (texture if colors == "two" else 1)
-        for color, texture in zip(COLORS[colors], textures, strict=True)
-    )
-    image = torch.where(true, near, far)
+    image = torch.where(true, *COLORS[colors](seed))
     if kind == "quarter":
         depth = GuidedDepth(1 / (2 - given / FAR), image)[:]
         found: Tensor = (2 - 1 / depth) * FAR

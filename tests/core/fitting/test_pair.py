@@ -51,6 +51,20 @@ def test_exposure_and_white_balance_are_found_beside_the_blur():
     assert found.focus == pytest.approx(FOCUS, abs=0.01)
 
 
+def test_a_falloff_of_light_that_differs_between_the_sides_misleads_no_exposure():
+    image, disparity = scene(160)
+    views = render(image, STRENGTH * (FOCUS - disparity), left_right=True)
+    y, x = torch.meshgrid(*[torch.linspace(-1, 1, 160)] * 2, indexing="ij")
+    corners = 1 / (1 + 0.4 * (x**2 + y**2)) ** 2  # cos⁴ of the angle
+    pair = views.left * corners * (1 - 0.2 * x), views.right * corners * (1 + 0.1 * x)
+    found = fit(image, disparity, pair, exposure=True, shift=True, crosstalk=True)
+    assert found.strength == pytest.approx(STRENGTH, rel=0.01)
+    assert found.focus == pytest.approx(FOCUS, abs=0.002)
+    assert found.shift == pytest.approx((0, 0), abs=0.02)
+    assert found.dual_pixel.crosstalk < 0.01
+    assert found.psnr[0] > 50
+
+
 def test_a_search_crosses_the_focus_to_the_same_blur_on_its_other_side():
     """A wall that is 1.4 px beyond the focus looks as one that is as much nearer."""
     image, _ = scene(64)

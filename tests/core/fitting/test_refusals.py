@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from defocus_core import Aperture, DualPixel, fit, read_color, read_depth, render
-from defocus_core.fitting.pair import JudgedPair, refusals_of
+from defocus_core.fitting.refusals import JudgedPair, refusals_of
 from defocus_core.fitting.residual import Optics, Residual, error_of
 from defocus_core.fitting.unknowns import Candidate
 

@@ -7,9 +7,9 @@ import pytest
 from command_line import LENS, files_under, pair, refused, run
 
 from defocus_core.errors import TooLarge
-from defocus_core.evaluation import cost
 from defocus_core.picture import memory_budget
 from defocus_core.picture.memory_budget import Holding
+from defocus_core.renderer.engine import memory_bound
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens
 from defocus_core.system import memory
@@ -23,7 +23,7 @@ def short(tmp_path, monkeypatch):
         memory_budget.limit_mb(Machine())  # kept for the tests that come later
         monkeypatch.setattr(memory, "available_mb", lambda device="cpu": 100.0)
         monkeypatch.setattr(
-            cost, "memory_bound", lambda _, threads, at_once: 1e6 * bound(threads, at_once)
+            memory_bound, "memory_bound", lambda _, threads, at_once: 1e6 * bound(threads, at_once)
         )
         color, depth = pair(tmp_path)
         lens, outputs = Lens(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")

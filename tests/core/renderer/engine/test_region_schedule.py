@@ -39,7 +39,7 @@ def scene(spot, *, hard):
 def frame_for(image, radius):
     quality = find("standard")
     content = content_of(surveyed(image, radius, torch.float32, 1), quality)
-    return frame_of(image, radius, Settings(), quality, None, content)
+    return frame_of(image, radius, Settings(), quality, content)
 
 
 @pytest.mark.parametrize("hard", [False, True])

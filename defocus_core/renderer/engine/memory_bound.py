@@ -1,0 +1,105 @@
+"""What a rendering takes of memory, by its plan: a bound that holds for every picture."""
+
+from __future__ import annotations
+
+from torch import Tensor
+
+from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.renderer.blur.layer_blur import CORNERS
+from defocus_core.renderer.engine.frame import SharedFrame
+from defocus_core.renderer.engine.preparation import copies_of_tile
+from defocus_core.renderer.engine.regions import blurred_part
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.tensors.box import Box, Grid, regions
+from defocus_core.tensors.device_plan import launches_cost
+from defocus_core.tensors.threads import AHEAD
+
+# Bytes of the program's own structures, and of the tile of each thread.
+_FIXED, _OF_THREAD = 10e6, 24e6
+# Copies of a region in memory while it is computed: of its pixels, of its hidden surfaces, and of
+# its left and right views.
+_COPIES, _HIDDEN_COPIES, _VIEW_COPIES = 9, 3, 3
+# Copies of a region of each layer, of all windows that are sorted and sliced.
+_COPIES_OF_LAYER = 8
+
+
+def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
+    """Upper bound of the bytes that rendering takes beside its input and output."""
+    frame, channels = renderer.frame, renderer.scene.image.shape[0]
+    size = frame.dtype.itemsize
+    sample = (channels + 1) * size
+    pixels = frame.box.area
+    grids = computed_regions(renderer)
+    if launches_cost(renderer.scene.image.device):
+        threads = at_once = 1
+    at_once = max(1, min(at_once, len(grids)))
+    copies = (
+        _COPIES + _HIDDEN_COPIES * frame.content.edges + _VIEW_COPIES * frame.settings.left_right
+    )
+    if renderer.scene.layered is not None:
+        copies += _COPIES_OF_LAYER * renderer.scene.layered.number
+    region = max((around(frame, grid).area for grid in grids), default=0) * sample * copies
+    result = max((grid.box.area for grid in grids), default=0)
+    result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
+    coarse = pixels * sample * frame.content.edges * 1.2
+    in_memory = isinstance(renderer.scene.image, Tensor)
+    enlarged = 3 * renderer.at_half_size * pixels * sample * in_memory
+    # each region has kernels of its own where the pupil changes over the frame
+    versions = 1 if frame.settings.field is None else CORNERS * at_once
+    spectra = 2 * _bytes_of_spectra(frame) * versions
+    repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
+    whole = _FIXED + coarse + enlarged + spectra + repaired + _bytes_of_fill(renderer, grids)
+    return whole + threads * _bytes_of_tile(renderer) + at_once * (region + result)
+
+
+def _bytes_of_tile(renderer: Renderer) -> float:
+    """Bytes of a tile that is computed."""
+    frame = renderer.frame
+    if not launches_cost(renderer.scene.image.device):
+        return _OF_THREAD
+    sample = (renderer.scene.image.shape[0] + 1) * frame.dtype.itemsize * len(frame.division.parts)
+    area = max(tile.area for tile in frame.grid.tiles)
+    return float(area * sample * copies_of_tile(frame.slices.visible.layers))
+
+
+def _bytes_of_fill(renderer: Renderer, grids: list[Grid]) -> float:
+    """Bytes of what is continued for all colours, which is kept until each has taken it."""
+    frame, fill = renderer.frame, renderer.scene.surfaces
+    if fill is None or not fill.shared.keeps:
+        return 0.0
+    reach = frame.farthest + frame.farthest % 2
+    area = sum(grid.box.grown(reach, frame.box).area for grid in grids)
+    sample = (fill.shared.colors + 2) * frame.dtype.itemsize
+    return float(area * sample / (1 << 2 * frame.slices.invented.level))
+
+
+def coarse_bytes(shape: tuple[int, ...]) -> float:
+    """Bytes of the coarse pixels of a draft of a picture [C, H, W], if they are kept."""
+    channels, height, width = shape
+    return 3.0 * (channels + 2) * (height // 2 + 1) * (width // 2 + 1) * 4
+
+
+def computed_regions(renderer: Renderer) -> list[Grid]:
+    """The regions that are computed, cut to their blurred parts; the others are copied."""
+    frame, radius = renderer.frame, renderer.reaching
+    every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
+    parts = (blurred_part(frame, grid, radius) for grid in every)
+    return [part for part in parts if part]
+
+
+def around(frame: SharedFrame, grid: Grid) -> Box:
+    """A region with the pixels around it that it depends on."""
+    return grid.box.grown(frame.margin, frame.box)
+
+
+def _bytes_of_spectra(frame: SharedFrame) -> float:
+    """Bytes of the spectra of the kernels of all slices, visible and hidden."""
+    slices, invented = frame.slices, frame.slices.invented
+    hidden = invented.windows[:: invented.stride] if frame.content.edges else []
+    sizes = (window.size for window in [*slices.visible.windows, *hidden] if window.margin)
+    return float(
+        sum(
+            2 * h * (w // 2 + 1) * len(frame.division.parts) * frame.dtype.itemsize
+            for h, w in sizes
+        )
+    )

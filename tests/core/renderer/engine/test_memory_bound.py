@@ -1,0 +1,82 @@
+"""The bound of a rendering's memory: it grows with what is held, and nothing takes more."""
+
+import subprocess
+import sys
+
+import pytest
+
+from defocus_core.evaluation.synthetic_scenes import scenery
+from defocus_core.renderer.engine.memory_bound import memory_bound
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.settings import Settings
+
+SIZE = (200, 300)
+# Renders a scene in a process of its own, and prints the most that it held beyond what it began
+# with, in bytes, and the bound.
+_PEAK = """
+import sys, torch
+from defocus_core.renderer.engine.memory_bound import memory_bound
+from defocus_core.evaluation.synthetic_scenes import KINDS, scenery
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
+from defocus_core.system import memory
+
+torch.set_num_threads(1)
+memory.share_heap()
+kind, height, width, radius, quality, pair, threads = sys.argv[1:]
+threads, views = int(threads), pair == "pair"
+settings = Settings(quality=quality, left_right=views, threads=threads)
+small = scenery(kind, 64, 96, 4.0)
+for _ in Renderer(Scene(small[0], small[1]), settings).tiles():
+    pass
+image, radii = scenery(kind, int(height), int(width), float(radius))[:2]
+memory.reset_peak()
+before = memory.held_mb()
+renderer = Renderer(Scene(image, radii), settings)
+bound = memory_bound(renderer, threads, threads)
+for _ in renderer.tiles():
+    pass
+print(1e6 * (memory.peak_mb() - before), bound)
+"""
+
+
+def prepared(kind, radius=8.8, **options):
+    image, signed_radius = scenery(kind, *SIZE, radius)[:2]
+    return Renderer(Scene(image, signed_radius), Settings(**options))
+
+
+def test_memory_grows_with_regions_at_once_threads_and_views():
+    large = scenery("cards", 1100, 2000, 8.8)
+    one = Renderer(Scene(large[0], large[1]))
+    assert memory_bound(one, 2, 2) > memory_bound(one, 2, 1) > memory_bound(one, 1, 1)
+    assert memory_bound(prepared("cards", left_right=True), 1, 1) > memory_bound(
+        prepared("cards"), 1, 1
+    )
+
+
+def test_double_precision_takes_twice_the_memory():
+    image, radius = (part.double() for part in scenery("cards", *SIZE, 8.8)[:2])
+    double = memory_bound(Renderer(Scene(image, radius)), 1, 1)
+    assert 1.4 < double / memory_bound(prepared("cards"), 1, 1) <= 2.0
+
+
+@pytest.mark.skipif(
+    not sys.platform.startswith("linux"), reason="not on this system: no peak to reset"
+)
+@pytest.mark.parametrize(
+    "case",
+    [
+        "cards 512 768 40 standard centre 1",
+        "thin 384 576 24 high centre 2",
+        "lights 720 1280 16 standard pair 1",
+        "floor 1080 1920 32 draft centre 2",
+    ],
+)
+def test_no_rendering_takes_more_memory_than_its_bound(case):
+    command = [sys.executable, "-c", _PEAK, *case.split()]
+    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    peak, bound = map(float, ran.stdout.split())
+    assert peak <= bound
+    assert bound < 6 * peak, "a bound that says nothing helps nobody"
