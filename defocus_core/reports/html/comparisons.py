@@ -93,7 +93,7 @@ def _item(record: Comparison, layers: Sequence[Layer], full: float, header: Repo
         name=record.name,
         status=record.status,
         passes=record.passes,
-        words=finding_words or _brief(record),
+        words=finding_words or line(record).removeprefix(f"{record.name}: ").partition(": ")[2],
         facts=list(_facts(record, header.b)),
         metrics=record.metrics,
         commands=header.commands(record),
@@ -101,11 +101,6 @@ def _item(record: Comparison, layers: Sequence[Layer], full: float, header: Repo
         full=full,
         place=None if record.worst is None else (record.worst.x, record.worst.y),
     )
-
-
-def _brief(record: Comparison) -> str:
-    """What is to be said where no cause is named: the line, less name and status."""
-    return line(record).removeprefix(f"{record.name}: ").partition(": ")[2]
 
 
 def _facts(record: Comparison, b: str) -> Iterable[tuple[str, str]]:
