@@ -66,18 +66,13 @@ def once(function: _OfFile) -> _OfFile:
     @wraps(function)
     def known(path: Path, *of: Any) -> Any:
         try:
-            stamp = stamp_of(path)
+            it = path.stat()
         except (OSError, ValueError):  # the function says what is wrong with it
             return function(path, *of)
+        stamp = it.st_dev, it.st_ino, it.st_size, it.st_mtime_ns, it.st_ctime_ns, it.st_mode
         return found(stamp, path, *of)
 
     return cast(_OfFile, known)
-
-
-def stamp_of(path: Path) -> tuple[int, ...]:
-    """What changes with a file."""
-    it = path.stat()
-    return it.st_dev, it.st_ino, it.st_size, it.st_mtime_ns, it.st_ctime_ns, it.st_mode
 
 
 @once

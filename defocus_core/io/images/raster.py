@@ -136,7 +136,9 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
     w, C].
     """
     if is_heic(read_head(path)):
-        whole = _heic_samples(path)
+        file = open_heic(path)
+        with decoding(path, HEIC_DAMAGE), quiet():
+            whole = np.atleast_3d(np.asarray(file))
         yield (slice(0, len(whole)), slice(0, whole.shape[1])), whole
         return
     with ExitStack() as stack:
@@ -207,14 +209,6 @@ def _heic_page(path: Path) -> Raster:
         whole=True,
         tags={},
     )
-
-
-def _heic_samples(path: Path) -> NDArray[Any]:
-    """Its samples, uint8 [H, W, C]."""
-    file = open_heic(path)
-    with decoding(path, HEIC_DAMAGE), quiet():
-        samples = np.asarray(file)
-    return samples[:, :, None] if samples.ndim == 2 else samples
 
 
 @contextmanager
