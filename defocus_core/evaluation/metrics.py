@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn.functional import pad
@@ -105,7 +104,11 @@ def ssim(a: Tensor, b: Tensor) -> float:
 
 def percentile(values: Tensor, percent: float) -> float:
     """The percentile of values, linear between the two nearest."""
-    return float(np.percentile(values.cpu().numpy(), percent))
+    position = percent / 100 * (values.numel() - 1)
+    lower = math.floor(position)
+    top = values.flatten().topk(values.numel() - lower).values
+    low, high = float(top[-1]), float(top[max(len(top) - 2, 0)])
+    return low + (position - lower) * (high - low)
 
 
 def near_edges(signed_radius: Tensor, distance: float) -> Tensor:
