@@ -21,7 +21,7 @@ from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth, repaired_each
 from defocus_core.renderer.engine.drafts import Draft
 from defocus_core.renderer.engine.frame import Content, SharedFrame, darkened
-from defocus_core.renderer.engine.preparation import (
+from defocus_core.renderer.engine.plan import (
     border_range,
     centre_parts,
     computed_in,

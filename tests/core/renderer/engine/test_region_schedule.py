@@ -7,7 +7,7 @@ import torch
 
 from defocus_core import render
 from defocus_core.renderer.engine import regions
-from defocus_core.renderer.engine.preparation import content_of, frame_of, surveyed
+from defocus_core.renderer.engine.plan import content_of, frame_of, surveyed
 from defocus_core.renderer.engine.regions import blurred_part
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.quality import find
