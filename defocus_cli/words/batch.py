@@ -15,7 +15,7 @@ from defocus_core.batch.journal.progress import Progress
 from defocus_core.batch.journal.record import Record, error_line
 from defocus_core.batch.workers.plan import Plan
 from defocus_core.batch.workers.run import Listener, Summary
-from defocus_core.errors import DefocusError, kind_of, with_dashes
+from defocus_core.errors import kind_of, with_dashes
 from defocus_core.io.safe_files import spoken
 from defocus_core.request.job import Job
 from defocus_core.system.text import counted, duration
@@ -164,13 +164,8 @@ def _error_record(summary: Summary) -> dict[str, Any]:
     error = summary.error
     if error is None:
         return {}
-    code, exit_code = getattr(error, "code", None), 1
-    if isinstance(error, DefocusError):
-        exit_code = exit_code_of(error)
-    elif isinstance(error, OSError):
-        exit_code = 3
-    line = with_dashes(error_line(error), console.Due.keys)
-    return {"error": {"message": line, "exit_code": exit_code, "code": code}}
+    line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
+    return {"error": {"message": line, "exit_code": exit_code_of(error), "code": code}}
 
 
 def progress_lines(out: Path, state: Progress) -> Iterator[str]:

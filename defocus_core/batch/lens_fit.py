@@ -118,9 +118,7 @@ def fit_pair(
         fitted = fit(
             sharp[:count],
             disparity,
-            observed[0][:count]
-            if len(observed) == 1
-            else (observed[0][:count], observed[1][:count]),
+            tuple(each[:count] for each in observed),
             apertures=[Aperture(blades) for blades in options.blades],
             rotation=True,
             dual_pixels=_photodiodes(options),

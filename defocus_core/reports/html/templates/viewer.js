@@ -390,10 +390,15 @@ function commandLine(title, line) {
   const box = $("command").content.firstElementChild.cloneNode(true), [label, code, copy] = box.children;
   [label.textContent, code.textContent] = [title, line];
   copy.setAttribute("aria-label", `Copy: ${title}`);
-  copy.onclick = () => navigator.clipboard.writeText(line).then(() => {
-    copy.textContent = "Copied";
-    setTimeout(() => { copy.textContent = "Copy"; }, 1500);
-  }).catch(() => getSelection().selectAllChildren(code)); // to be copied by hand
+  copy.onclick = async () => {
+    try {
+      await navigator.clipboard.writeText(line); // which no page has that came without encryption
+      copy.textContent = "Copied";
+      setTimeout(() => { copy.textContent = "Copy"; }, 1500);
+    } catch {
+      getSelection().selectAllChildren(code); // to be copied by hand
+    }
+  };
   return box;
 }
 
