@@ -190,7 +190,7 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
     exist = [backdrop.is_of(level, asked.of) for level in levels]
     values, weight, tensor = found[0, :-3], weights[0], found[0, -3:]
     for more, fraction, exists in zip(found[1:], weights[1:], exist[1:_DIRECTIONS], strict=True):
-        missing = torch.where(weight < _ENOUGH, 1 - weight, 0.0)
+        missing = (1 - weight) * (weight < _ENOUGH)
         missing = missing if exists is None else missing * exists
         values = torch.addcmul(values, more[:-3], missing)
         weight = torch.addcmul(weight, fraction, missing)
@@ -207,7 +207,7 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
         )
         own_values, own = values.index_select(1, lacking), weight.index_select(0, lacking)
         for more, fraction, (_, exists) in zip(their_values, their_weights, some, strict=True):
-            missing = torch.where(own < _ENOUGH, 1 - own, 0.0)
+            missing = (1 - own) * (own < _ENOUGH)
             if exists is not None:
                 missing = missing * exists.index_select(0, lacking)
             own_values = torch.addcmul(own_values, more[:-3], missing)
