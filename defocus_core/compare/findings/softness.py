@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import product
 from typing import Any
 
@@ -26,16 +26,16 @@ from defocus_core.compare.findings.evidence import (
     densest,
     fitted_in_parts,
     steepness,
+    sums_of_parts,
     unexplained,
 )
 from defocus_core.compare.findings.geometry import keys, linear
 
 _LEAST = 28  # px of a side of a picture whose softness is looked at
 _PIECE, _MARGIN = 192, 8  # px of the part that rivals are measured in, and of the border left out
-_BINS = 160  # of frequencies, up to 1/2 a pixel
 _RADII, _SIGMAS = np.geomspace(0.35, 16, 120), np.geomspace(0.2, 8, 120)  # px
 _LENGTHS, _ANGLES = np.geomspace(1.6, 40, 24), np.arange(0, 180, 7.5)  # of a motion: px, degrees
-_FEW = 24  # each how many-th frequency is looked at for motion
+_FEW = 24  # each how many-th frequency is looked at
 _WIDTHS = (0.6, 1.2, 2.4, 4.8)  # px of the gaussians of parts
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _SURELY_SPREAD = 0.06  # left where kernels of another size or shape spread the light
@@ -182,15 +182,6 @@ class Softened:
         return np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
 
     @cached_property
-    def rings(self) -> tuple[NDArray[Any], ...]:
-        """Frequencies, and the powers and what is common of each ring of them."""
-        place = np.rint(np.hypot(*self.frequencies) * 2 * _BINS).astype(int).clip(0, _BINS)
-        sums = [
-            np.bincount(place.ravel(), each.ravel(), _BINS + 1)[1:_BINS] for each in self.spectra
-        ]
-        return np.arange(1, _BINS) / (2 * _BINS), *sums
-
-    @cached_property
     def few(self) -> tuple[NDArray[Any], NDArray[Any], tuple[NDArray[Any], ...]]:
         """Rows and columns of some of the frequencies, and the spectra there."""
         places = np.arange(self.spectra[0].size)[1::_FEW]
@@ -214,16 +205,10 @@ class Softened:
         square = sum(np.square(self.frequencies[axis]) for axis in axes)
         return self.filtered(side, _gauss(np.sqrt(square), sigma))
 
-    def most_alike(
-        self, response: Callable[[Any, float], NDArray[Any]], sizes: NDArray[Any], side: int
-    ) -> tuple[float, NDArray[Any]]:
-        """The size of a round filter that makes the one side of the other, and B by it."""
-        f, *powers, common = self.rings
-        every = np.stack([response(f, size) for size in sizes])
-        costs = every**2 @ powers[side] - 2 * every @ common
-        size = float(sizes[costs.argmin()])
-        through = self.filtered(side, response(np.hypot(*self.frequencies), size))
-        return size, through if side == 0 else sum(self.sides) - through
+    def most_alike(self, side: int, responses: NDArray[Any]) -> int:
+        """Which of responses [K, N] to the few frequencies makes the one side of the other."""
+        *powers, common = self.few[2]
+        return int((np.square(responses) @ powers[side] - 2 * responses @ common).argmin())
 
 
 @lru_cache(maxsize=1)
@@ -294,20 +279,25 @@ def blurred_alike(evidence: Evidence) -> Iterator[Explanation]:
         ((0, "more"), (1, "less")),
         ((_disc, _RADII, 1.0), (_gauss, _SIGMAS, 2.0)),
     ):
-        size, predicted = frame.most_alike(response, sizes, side)
+        (rows, columns, _), far = frame.few, np.hypot(*frame.frequencies)
+        responses = np.stack([response(far[rows, columns], size) for size in sizes])
+        size = float(sizes[frame.most_alike(side, responses)])
         radius = size * wide  # of the disc of the same moments
         if radius > 0.3:
             how = f": blurred {way}, everywhere alike, as by a radius of {radius:.2g} px"
             how += " by a gaussian" * (wide != 1)
             cost = 0.02 + 0.02 * side
-            yield Explanation(frame.left(predicted), _COC, how, {"radius": radius}, cost)
+            through = frame.filtered(side, response(far, size))
+            left = frame.left(through if side == 0 else sum(frame.sides) - through)
+            yield Explanation(left, _COC, how, {"radius": radius}, cost)
 
 
 def sharpened(evidence: Evidence) -> Iterator[Explanation]:
     """B is A, and a multiple of its detail."""
     for frame in _frames(evidence):
-        f, power, _, common = frame.rings
-        details = 1 - np.stack([_gauss(f, sigma) for sigma in _SIGMAS])
+        rows, columns, (power, _, common) = frame.few
+        far = np.hypot(*frame.frequencies)[rows, columns]
+        details = 1 - np.stack([_gauss(far, sigma) for sigma in _SIGMAS])
         squares = details**2 @ power
         gains = details @ (common - power) / np.maximum(squares, 1e-300)
         best = int((gains * gains * squares).argmax())
@@ -322,26 +312,22 @@ def sharpened(evidence: Evidence) -> Iterator[Explanation]:
 def motion_blurred(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through a line for all places."""
     frame = _softened(evidence)
-    rows, columns, (power, _, common) = frame.few
-    fy, fx = frame.frequencies[0][rows, 0], frame.frequencies[1][0, columns]
-    lengths, angles, found = _LENGTHS, _ANGLES, (1.0, 0.0)
+    rows, columns, _ = frame.few
+    few = frame.frequencies[0][rows, 0], frame.frequencies[1][0, columns]
+
+    def line(f: tuple[Any, Any], length: float, angle: float) -> NDArray[Any]:
+        turned = math.radians(angle)
+        return np.asarray(np.sinc(length * (f[1] * math.cos(turned) - f[0] * math.sin(turned))))
+
+    lengths, angles, length, angle = _LENGTHS, _ANGLES, 1.0, 0.0
     for _ in range(2):
-        tried = []
-        for angle in angles:
-            turned = math.radians(angle)
-            every = np.sinc(lengths[:, None] * (fx * math.cos(turned) - fy * math.sin(turned)))
-            costs = np.square(every) @ power - 2 * every @ common
-            tried.append((float(costs.min()), float(lengths[costs.argmin()]), float(angle)))
-        found = min(tried)[1:]
-        lengths = found[0] * np.linspace(0.9, 1.1, 9)
-        angles = found[1] + np.arange(-6, 7, 2.0)
-    length, angle = found[0], found[1] % 180
-    fy, fx = frame.frequencies
-    turned = math.radians(angle)
-    response = np.sinc(length * (fx * math.cos(turned) - fy * math.sin(turned)))
+        tried = [*product(lengths, angles)]
+        length, angle = tried[frame.most_alike(0, np.stack([line(few, *each) for each in tried]))]
+        lengths, angles = length * np.linspace(0.9, 1.1, 9), angle + np.arange(-6, 7, 2.0)
     if length > 1.8:
-        how, values = f": {length:.2g} px at {angle:.0f}°", {"length": length, "angle": angle}
-        left = frame.left(frame.filtered(0, response))
+        how = f": {length:.2g} px at {angle % 180:.0f}°"
+        values = {"length": float(length), "angle": float(angle % 180)}
+        left = frame.left(frame.filtered(0, line(frame.frequencies, length, angle)))
         yield Explanation(left, "motion blur", how, values, 0.03)
 
 
@@ -492,16 +478,17 @@ def bloom(evidence: Evidence) -> Iterator[Explanation]:
     a, b = evidence.framed
     steady = ~(evidence.at("b", *evidence.frame) > 0.996).any(axis=0) | (evidence.gamma == 1.0)
     slope = steepness(a) * steady
-    added, weights = _coarse((b - a) * slope), _coarse(slope)
+    coarse = partial(sums_of_parts, side=_COARSE)
+    added, weights = coarse((b - a) * slope) / _COARSE**2, coarse(slope) / _COARSE**4
     if added.sum() < 0.7 * np.abs(added).sum():
         return
     turn = blocks_in_turn(added.shape, 4)
-    plain = np.stack([weights, _coarse(a * slope)])[:, turn]  # raised blacks, another exposure
+    plain = np.stack([weights, coarse(a * slope)])[:, turn]  # raised blacks, another exposure
     solved = np.linalg.lstsq(plain.T, added[turn], rcond=None)[0]
     by_plain = float(np.square(added[turn] - solved @ plain).sum())
     found: tuple[float, Any, float, float] = (0.5 * by_plain, None, 0.0, 0.0)
     for quantile in (0.0, 0.9, 0.98):
-        bright = _coarse(np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0))
+        bright = coarse(np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0))
         for parts in (1, _SOURCES) if evidence.gamma != 1.0 and quantile else (1,):
             glows = [smooth(each, *_GLOWS) for each in _brightest(bright, parts)]
             for sigma, *own in zip(_GLOWS, *glows, strict=True):
@@ -521,14 +508,6 @@ def bloom(evidence: Evidence) -> Iterator[Explanation]:
     how = f": {gain:.2g} of the light spread by {wide * _COARSE:.0f} px"
     values = {"gain": gain, "sigma": wide * _COARSE}
     yield Explanation(left, "bloom", how, values, 0.02)
-
-
-def _coarse(values: NDArray[Any]) -> NDArray[Any]:
-    """Means of coarse pixels of values [h, w]."""
-    down, across = (length // _COARSE for length in values.shape)
-    cut = values[: down * _COARSE, : across * _COARSE]
-    means: NDArray[Any] = cut.reshape(down, _COARSE, across, _COARSE).mean(axis=(1, 3))
-    return means
 
 
 def _brightest(bright: NDArray[Any], count: int) -> list[NDArray[Any]]:
