@@ -9,7 +9,7 @@ infinite in A or B are left out here, since they are judged apart.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -84,7 +84,7 @@ _APART = 101  # pixels from one to the next of a sample
 def encoded(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
     """Values as a screen shows them: sRGB-encoded, clipped to 0…1; NaN is 0."""
     if plane.dtype == np.float16 and gamma == 1.0:  # a hundred times as fast for 16 bits
-        return _encoded_halves().take(plane.view(np.uint16))
+        return _of_halves(encoded, 1.0).take(plane.view(np.uint16))
     values = np.clip(np.nan_to_num(np.asarray(plane, np.float32), nan=0.0), 0.0, 1.0)
     if gamma is None:
         return values
@@ -97,7 +97,7 @@ def unclipped(light: NDArray[Any]) -> NDArray[np.float32]:
     A negative value is the mirror image of a positive one.
     """
     if light.dtype == np.float16:  # a hundred times as fast for 16 bits
-        return _unclipped_halves().take(light.view(np.uint16))
+        return _of_halves(unclipped).take(light.view(np.uint16))
     magnitude = np.abs(np.asarray(light, np.float32))
     with np.errstate(invalid="ignore"):  # NaN stays NaN
         shown = linear_to_srgb(np.minimum(magnitude, np.float32(1.0)))
@@ -107,13 +107,8 @@ def unclipped(light: NDArray[Any]) -> NDArray[np.float32]:
 
 
 @cache
-def _encoded_halves() -> NDArray[np.float32]:
-    return encoded(halves(), 1.0)
-
-
-@cache
-def _unclipped_halves() -> NDArray[np.float32]:
-    return unclipped(halves())
+def _of_halves(curve: Callable[..., NDArray[np.float32]], *args: float) -> NDArray[np.float32]:
+    return curve(halves(), *args)
 
 
 def measure(

@@ -278,11 +278,6 @@ class Evidence:
         shares = [float(within[rim][there[rim]].mean()) for rim in rims if there[rim].any()]
         return min(shares, default=0.0) > 0.5 * float(within[there].mean()) > 0.1
 
-    @cached_property
-    def changed_share(self) -> float:
-        """Share of the pixels that differ."""
-        return float(np.count_nonzero(self.pixels.greatest) / self.pixels.greatest.size)
-
     def _changes_still(
         self, shown: NDArray[Any], a: NDArray[Any], still: NDArray[np.bool_], equal: float = 1.0
     ) -> bool:
@@ -323,7 +318,7 @@ class Evidence:
         if left > _NAMED or not (tried & self._still).any():
             return left
         # Pixels that differ are sampled more often.
-        p, differ = self.changed_share, float((~self._still).mean())
+        p, differ = float((self.pixels.greatest != 0).mean()), float((~self._still).mean())
         weight = (1 - p) * differ / max(p * (1 - differ), 1e-9)
         cut = (aim - whole)[:, tried]
         return (

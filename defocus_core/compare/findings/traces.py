@@ -19,7 +19,7 @@ from defocus_core.compare.findings.evidence import (
     sums_of_parts,
     unexplained,
 )
-from defocus_core.compare.findings.softness import alike, noise_like, white_noise
+from defocus_core.compare.findings.softness import alike, white_noise
 from defocus_core.compare.selection import widened
 from defocus_core.system.text import counted
 
@@ -364,8 +364,6 @@ def noise(evidence: Evidence) -> Iterator[Explanation]:
     if few or not power or evidence.is_slight:
         return
     if abs(float(difference.mean(dtype="f8"))) > _WITHOUT_MEAN * math.sqrt(power):
-        return
-    if not noise_like(difference):
         return
     shared = max(
         abs(alike(difference[:, 1:], difference[:, :-1])),
