@@ -102,8 +102,7 @@ def unclipped(light: NDArray[Any]) -> NDArray[np.float32]:
     with np.errstate(invalid="ignore"):  # NaN stays NaN
         shown = linear_to_srgb(np.minimum(magnitude, np.float32(1.0)))
         beyond = np.log(np.maximum(magnitude, np.float32(1.0))) * np.float32(1.055 / 2.4)
-        whole: NDArray[np.float32] = np.copysign(shown + beyond, light).astype(np.float32)
-        return whole
+        return np.asarray(np.copysign(shown + beyond, light).astype(np.float32))
 
 
 @cache
@@ -147,7 +146,6 @@ def measure(
 
 
 def _similarity(pixels: Pixels) -> dict[str, float]:
-    """The structural similarity of a pair; none where it is not defined."""
     if min(pixels.shape) <= 2 * REACH:
         return {}
     values = []
@@ -169,12 +167,13 @@ def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
             scaled = name in colors and pixels.gamma == 1.0
             a, b = (unclipped(s[rows]) if scaled else np.asarray(s[rows], "f4") for s in sides)
             difference = _apart(a, b, out)
-            squares += _squares(difference)
+            squares += float(np.square(difference).sum(dtype=np.float64))
             np.maximum(greatest[rows], np.abs(difference, out=difference), out=greatest[rows])
             if shown and name in colors:
                 if pixels.gamma not in (None, 1.0):
                     a, b = (encoded(side, pixels.gamma) for side in (a, b))
-                of_screen[name] += _squares(_apart(np.clip(a, 0, 1), np.clip(b, 0, 1), out))
+                difference = _apart(np.clip(a, 0, 1), np.clip(b, 0, 1), out)
+                of_screen[name] += float(np.square(difference).sum(dtype=np.float64))
     metrics = {
         "hdr-max": float(greatest.max()),
         "hdr-p99.9": _percentile(greatest, pixels.finite, total),
@@ -194,22 +193,17 @@ def _apart(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None) -> N
     return difference
 
 
-def _squares(difference: NDArray[Any]) -> float:
-    return float(np.square(difference).sum(dtype=np.float64))
-
-
 def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
     """The metrics near depth edges and elsewhere."""
-    metrics = {}
-    for place, selected in (("edges", near), ("elsewhere", ~near)):
-        for name, value in measure(pixels.within(selected), over=0.0, asked=["psnr"]).items():
-            if f"{place}-{name}" in METRICS:
-                metrics[f"{place}-{name}"] = value
-    return metrics
+    return {
+        full: value
+        for place, selected in (("edges", near), ("elsewhere", ~near))
+        for name, value in measure(pixels.within(selected), over=0.0, asked=["psnr"]).items()
+        if (full := f"{place}-{name}") in METRICS
+    }
 
 
 def _luma_of(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float32]:
-    """The luma of a colour layer as a screen shows it."""
     luma = np.zeros(pixels.shape, np.float32)
     for name in layer:
         luma += encoded(pixels.plane(side, name), pixels.gamma) * np.float32(_LUMA[name[-1]])

@@ -137,8 +137,7 @@ def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
     rows = cut.reshape(*planes.shape[:-2], down, side, across * side).mean(
         axis=-2, dtype=np.float32
     )
-    means: NDArray[np.float32] = rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1)
-    return means
+    return np.asarray(rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1))
 
 
 @lru_cache(maxsize=1)

@@ -72,11 +72,10 @@ class Softened:
     @cached_property
     def sides(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Light of A and B, or what a screen shows of it, [h, w]."""
-        a, b = self.evidence.framed
         if not self.shown:
-            return a, b
-        shown_a, shown_b = (self.evidence.scaled_light(v).astype("f8") for v in (a, b))
-        return shown_a, shown_b
+            return self.evidence.framed
+        a, b = (self.evidence.scaled_light(v).astype("f8") for v in self.evidence.framed)
+        return a, b
 
     @cached_property
     def piece(self) -> tuple[slice, slice]:
@@ -191,8 +190,7 @@ class Softened:
     def filtered(self, side: int, response: NDArray[Any]) -> NDArray[Any]:
         """A or B through a filter, around at the borders."""
         size = self.sides[side].shape
-        through: NDArray[Any] = np.fft.irfft2(self.transformed[side] * response, s=size)
-        return through
+        return np.asarray(np.fft.irfft2(self.transformed[side] * response, s=size))
 
     @cached_property
     def transformed(self) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -217,8 +215,7 @@ def _softened(evidence: Evidence) -> Softened:
 
 
 def _gauss(f: Any, sigma: float) -> NDArray[Any]:
-    response: NDArray[Any] = np.exp(-2 * (np.pi * sigma * f) ** 2)
-    return response
+    return np.asarray(np.exp(-2 * (np.pi * sigma * f) ** 2))
 
 
 @lru_cache(maxsize=1)
@@ -230,8 +227,7 @@ def _jinc() -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _disc(f: Any, radius: float) -> NDArray[Any]:
-    response: NDArray[Any] = np.interp(2 * np.pi * radius * f, *_jinc())
-    return response
+    return np.asarray(np.interp(2 * np.pi * radius * f, *_jinc()))
 
 
 def has_room(evidence: Evidence) -> bool:
@@ -425,8 +421,7 @@ def _matrix(
     wide = down((at - (coarse[:, None] + 0.5) * ratio + 0.5) / ratio)
     back = up((aim[:, None] + 0.5) / ratio - 0.5 - coarse)
     both = [each / np.maximum(each.sum(axis=1, keepdims=True), 1e-9) for each in (back, wide)]
-    through: NDArray[np.float64] = both[0] @ both[1]
-    return through
+    return np.asarray(both[0] @ both[1])
 
 
 def _box(t: Any) -> Any:

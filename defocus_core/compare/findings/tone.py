@@ -66,7 +66,6 @@ def may_be_cut_below(pixels: Pixels) -> bool:
 
 
 def _high(pixels: Pixels, side: str, name: str) -> float:
-    """The greatest number of a channel, NaN aside."""
     high = pixels.ranges["ab".index(side)][name][1]
     return float(np.nanmax(pixels.plane(side, name))) if math.isnan(high) else high
 
@@ -136,16 +135,12 @@ def _range(evidence: Evidence, side: str) -> tuple[float, float]:
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-def _is_clipped_at_white(evidence: Evidence) -> bool:
-    return _range(evidence, "b")[1] <= _ONE < _range(evidence, "a")[1]
-
-
 def quantised(evidence: Evidence) -> Iterator[Explanation]:
     """B is A rounded to the levels of few bits, and then to those of its file."""
     a, b = evidence.sampled
     if len(np.unique(b[0, :4096])) >= min(4096, a.shape[1]) * 0.9:
         return
-    clips = _is_clipped_at_white(evidence)
+    clips = _range(evidence, "b")[1] <= _ONE < _range(evidence, "a")[1]
     aim = np.clip(a, 0.0, 1.0) if clips else a
     curves: dict[str, tuple[_Curve, _Curve]] = {"": (np.asarray, np.asarray)}
     if evidence.gamma == 1.0 and float(aim.max()) <= _ONE:
@@ -337,12 +332,10 @@ def _solved(
     design = np.stack([(column * weights).ravel() for column in columns])
     square, sums = design @ design.T, design @ (aim * weights).ravel()
     square[np.diag_indices(len(columns))] *= 1 + 1e-12
-    solved: NDArray[Any] = np.linalg.lstsq(square, sums, rcond=None)[0]
-    return solved
+    return np.asarray(np.linalg.lstsq(square, sums, rcond=None)[0])
 
 
 def _named(evidence: Evidence, numbers: NDArray[Any], sign: str) -> tuple[dict[str, float], str]:
-    """Numbers of channels, for programs and in words."""
     values = dict(zip(evidence.names, map(float, numbers), strict=True))
     return values, ", ".join(
         f"{name} {sign and sign + ' '}{v:{'.4g' if sign else '+.3g'}}" for name, v in values.items()
@@ -370,7 +363,7 @@ def another_gamma(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(left, "another gamma", f": {name} once more")
     yield from _powers(evidence, np.asarray, np.asarray, "")
     if evidence.gamma == 1.0:
-        clips = _is_clipped_at_white(evidence)
+        clips = _range(evidence, "b")[1] <= _ONE < _range(evidence, "a")[1]
         yield from _powers(evidence, linear_to_srgb, _decoded, ", sRGB-encoded", clips=clips)
 
 
@@ -413,7 +406,7 @@ def raised(evidence: Evidence) -> Iterator[Explanation]:
     for scale, of, cost in scales:
         one = np.ones_like(scale.old)
         (offset,), left = scale.fitted([one], scale.old)
-        yield _lifted(left, float(offset), 1.0, of, cost)
+        fits = [(left, float(offset), 1.0, cost)]
         (offset, factor), left = scale.fitted([one, scale.old])
         pivot = offset / (1 - factor) if factor != 1 else math.inf
         if of != "light" and 0.1 < pivot < 0.9:
@@ -421,17 +414,15 @@ def raised(evidence: Evidence) -> Iterator[Explanation]:
             how = f": x {factor:.4g} around {pivot:.3g}"
             yield Explanation(left, "another contrast", how, values, cost + 0.01)
         else:
-            yield _lifted(left, float(offset), float(factor), of, cost + 0.01)
+            fits.append((left, float(offset), float(factor), cost + 0.01))
+        for rest, lift, gain, dear in fits:
+            how = f": {lift:+.3g} of {of}" + f", x {gain:.4g}" * (gain != 1.0)
+            yield Explanation(rest, _blacks(lift), how, {"offset": lift, "factor": gain}, dear)
         if len(scale.old) > 1:
             offsets, left = scale.fitted([one], scale.old, each=True)
             values, said = _named(evidence, offsets[:, 0], "")
             how = f": {said} of {of}"
             yield Explanation(left, _blacks(offsets.sum()), how, {"offsets": values}, cost + 0.01)
-
-
-def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> Explanation:
-    how = f": {offset:+.3g} of {of}" + f", x {factor:.4g}" * (factor != 1.0)
-    return Explanation(left, _blacks(offset), how, {"offset": offset, "factor": factor}, cost)
 
 
 def _blacks(offset: float) -> str:
@@ -500,7 +491,6 @@ def _matrices(
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
-    """What a matrix of colours does, in words."""
     apart = {
         f"{new} instead of {old}": float(np.abs(known - matrix).max())
         for old, new in permutations(NAMED, 2)

@@ -192,8 +192,7 @@ def _profile(difference: NDArray[Any]) -> NDArray[Any]:
     """How far the difference of each column exceeds that of most, less noise."""
     means = np.add.reduceat(difference, np.arange(0, len(difference), _SEGMENT), axis=0) / _SEGMENT
     power = np.square(means).mean(axis=0, dtype="f8")
-    beyond: NDArray[Any] = np.maximum(power - 2.5 * np.median(power), 0)
-    return beyond
+    return np.asarray(np.maximum(power - 2.5 * np.median(power), 0))
 
 
 def _is_repeated(profile: NDArray[Any], line: NDArray[np.bool_]) -> bool:
@@ -335,13 +334,11 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _rounded(values: NDArray[Any], step: Any) -> NDArray[Any]:
-    rounded: NDArray[Any] = step * np.rint(values / step)
-    return rounded
+    return np.asarray(step * np.rint(values / step))
 
 
 def _without_small(values: NDArray[Any], least: Any) -> NDArray[Any]:
-    large: NDArray[Any] = values * (np.abs(values) > least)
-    return large
+    return np.asarray(values * (np.abs(values) > least))
 
 
 def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
@@ -352,8 +349,7 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
     down, across = (n // _DCT for n in values.shape)
     cut = values[: down * _DCT, : across * _DCT]
     blocks = cut.reshape(down, _DCT, across, _DCT).transpose(0, 2, 1, 3).reshape(-1, _DCT, _DCT)
-    transformed: NDArray[Any] = basis @ blocks @ basis.T
-    return transformed
+    return np.asarray(basis @ blocks @ basis.T)
 
 
 def noise(evidence: Evidence) -> Iterator[Explanation]:
