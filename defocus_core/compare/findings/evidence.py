@@ -473,6 +473,16 @@ def sums_of_parts(values: NDArray[Any], side: int = PART) -> NDArray[Any]:
     return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
 
 
+def summed_up(
+    columns: Sequence[NDArray[Any]], aim: NDArray[Any], weights: NDArray[Any]
+) -> NDArray[Any]:
+    """The multiples of columns that sum up to an aim, by weighted least squares."""
+    design = np.stack([(column * weights).ravel() for column in columns])
+    square, sums = design @ design.T, design @ (aim * weights).ravel()
+    square[np.diag_indices(len(columns))] *= 1 + 1e-12
+    return np.asarray(np.linalg.lstsq(square, sums, rcond=None)[0])
+
+
 def fitted_in_parts(
     columns: Sequence[NDArray[Any]],
     aim: NDArray[Any],

@@ -20,6 +20,7 @@ from defocus_core.compare.findings.evidence import (
     blocks_in_turn,
     fitted_in_parts,
     steepness,
+    summed_up,
     sums_of_parts,
 )
 from defocus_core.compare.findings.table import EXACT
@@ -457,10 +458,9 @@ def displaced(evidence: Evidence) -> Iterator[Explanation]:
     peaks = [peak for peak in offsets if math.hypot(*peak) >= _LEAST_APART]
     for dx, dy in peaks:
         there, within = moved_by(dx, dy)
-        design = np.stack([(v * slope * within).ravel() for v in (light, evidence.light(there))])
-        change = ((aim - light) * slope * within).ravel()
-        one, other = np.linalg.lstsq(design @ design.T, design @ change, rcond=None)[0]
-        predicted = light * (1 + one) + evidence.light(there) * other
+        copy = evidence.light(there)
+        one, other = summed_up([light, copy], aim - light, slope * within)
+        predicted = light * (1 + one) + copy * other
         used = within & evidence.steady.all(axis=0)
         left = evidence.left(evidence.stored(predicted), used)
         share = float(other / max(1 + one + other, 1e-9))

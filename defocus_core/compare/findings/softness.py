@@ -26,6 +26,7 @@ from defocus_core.compare.findings.evidence import (
     densest,
     fitted_in_parts,
     steepness,
+    summed_up,
     sums_of_parts,
     unexplained,
 )
@@ -157,10 +158,9 @@ class Softened:
         for alike_by in _ALIKE:
             weights = np.exp(apart * (-0.5 / alike_by**2))
             details.append((weights * (beside - inner)).sum(axis=0) / weights.sum(axis=0))
-        chosen, aim, found = self.chooses[self.piece], b[2:-2, 2:-2] - inner, []
+        chooses, aim, found = self.chooses[self.piece], b[2:-2, 2:-2] - inner, []
         for some in (details[:1], details[1:]):
-            design = np.stack([detail[chosen] for detail in some]).astype("f8")
-            shares = np.linalg.lstsq(design @ design.T, design @ aim[chosen], rcond=None)[0]
+            shares = summed_up(some, aim, 1.0 * chooses)
             shown = inner + sum(s * detail for s, detail in zip(shares, some, strict=True))
             predicted = self.sides[0].copy()
             predicted[self.piece] = self.evidence.unscaled_light(shown)
@@ -478,19 +478,17 @@ def bloom(evidence: Evidence) -> Iterator[Explanation]:
     if added.sum() < 0.7 * np.abs(added).sum():
         return
     turn = blocks_in_turn(added.shape, 4)
-    plain = np.stack([weights, coarse(a * slope)])[:, turn]  # raised blacks, another exposure
-    solved = np.linalg.lstsq(plain.T, added[turn], rcond=None)[0]
-    by_plain = float(np.square(added[turn] - solved @ plain).sum())
+    plain = weights, coarse(a * slope)  # raised blacks, another exposure
+    solved = summed_up(plain, added, turn)
+    by_plain = float(np.square((added - np.tensordot(solved, plain, 1))[turn]).sum())
     found: tuple[float, Any, float, float] = (0.5 * by_plain, None, 0.0, 0.0)
     for quantile in (0.0, 0.9, 0.98):
         bright = coarse(np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0))
         for parts in (1, _SOURCES) if evidence.gamma != 1.0 and quantile else (1,):
             glows = [smooth(each, *_GLOWS) for each in _brightest(bright, parts)]
             for sigma, *own in zip(_GLOWS, *glows, strict=True):
-                design = np.stack([glow * weights for glow in own])
-                chosen, aim = design[:, turn], added[turn]
-                square = chosen @ chosen.T + np.eye(len(own)) * 1e-9
-                gains = np.linalg.solve(square, chosen @ aim).clip(0)
+                design = [glow * weights for glow in own]
+                gains = summed_up(design, added, turn).clip(0)
                 glow = np.tensordot(gains, design, 1)
                 cost = float(np.square((added - glow)[turn]).sum()) * (1 + 0.02 * len(own))
                 found = min(found, (cost, glow, float(gains[0]), sigma), key=lambda each: each[0])

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import Evidence, Explanation, steepness
+from defocus_core.compare.findings.evidence import Evidence, Explanation, steepness, summed_up
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.metrics import LUMINANCE
 from defocus_core.compare.pairing import other_view
@@ -231,7 +231,8 @@ def normalised(evidence: Evidence) -> Iterator[Explanation]:
     chosen = (1.0 * evidence.fits) * ((b > 1e-4) & (b < 0.999))
     for old, how, cost in ((a, "", -0.002), (inverse, " of the inverse", -0.001)):
         terms = [
-            (_solved([np.ones_like(o), o], n, w), o) for o, n, w in zip(old, b, chosen, strict=True)
+            (summed_up([np.ones_like(o), o], n, w), o)
+            for o, n, w in zip(old, b, chosen, strict=True)
         ]
         predicted = np.stack([c + f * o for (c, f), o in terms])
         said = ", ".join(
@@ -297,10 +298,10 @@ class _Scale:
         terms = [np.broadcast_to(term, aim.shape) for term in terms]
         if each:
             sides = zip(zip(*terms, strict=True), aim, self.weights, strict=True)
-            solved = np.stack([_solved(own, to, weights) for own, to, weights in sides])
+            solved = np.stack([summed_up(own, to, weights) for own, to, weights in sides])
             total = sum(solved[:, k : k + 1] * term for k, term in enumerate(terms))
         else:
-            solved = _solved(terms, aim, self.weights)
+            solved = summed_up(terms, aim, self.weights)
             total = sum(c * term for c, term in zip(solved, terms, strict=True))
         return solved, self.evidence.left(self.back(base + total), self.measures)
 
@@ -323,16 +324,6 @@ def _of_screen(evidence: Evidence) -> _Scale:
 def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
     """The slope of the scale of differences at some light, 0 where a sample chooses nothing."""
     return np.asarray(steepness(light) * evidence.fits)
-
-
-def _solved(
-    columns: Sequence[NDArray[Any]], aim: NDArray[Any], weights: NDArray[Any]
-) -> NDArray[Any]:
-    """The multiples of columns that sum up to an aim, by weighted least squares."""
-    design = np.stack([(column * weights).ravel() for column in columns])
-    square, sums = design @ design.T, design @ (aim * weights).ravel()
-    square[np.diag_indices(len(columns))] *= 1 + 1e-12
-    return np.asarray(np.linalg.lstsq(square, sums, rcond=None)[0])
 
 
 def _named(evidence: Evidence, numbers: NDArray[Any], sign: str) -> tuple[dict[str, float], str]:
@@ -476,16 +467,16 @@ def _matrices(
     """Matrices that make light of light, or what a screen shows, with words, values and cost."""
     shown = f" of what {of}" if of else ""
     if grey:
-        shares = _solved(list(old), new[0], weight)
+        shares = summed_up(list(old), new[0], weight)
         how = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True)).lstrip("+")
         values = {"weights": dict(zip(layer, map(float, shares), strict=True))}
         how += f" as {of} it" * bool(of)
         yield np.tile(shares, (3, 1)), "monochrome", how, values, -0.02
     luma = np.tile(LUMINANCE, (3, 1))
-    factor = float(_solved([old - luma @ old], new - luma @ old, weight)[0])
+    factor = float(summed_up([old - luma @ old], new - luma @ old, weight)[0])
     changed, how = luma + factor * (np.eye(3) - luma), f"x {factor:.4g}{shown}"
     yield changed, "another saturation", how, {"factor": factor}, 0.01
-    matrix = np.stack([_solved(list(old), each, w) for each, w in zip(new, weight, strict=True)])
+    matrix = np.stack([summed_up(list(old), each, w) for each, w in zip(new, weight, strict=True)])
     if not of and np.abs(matrix - np.diag(np.diag(matrix))).max() >= _MIXED:
         yield matrix, "other primaries", _primaries(matrix), {"matrix": matrix.tolist()}, 0.12
 

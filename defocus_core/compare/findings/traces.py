@@ -16,6 +16,7 @@ from defocus_core.compare.findings.evidence import (
     blocks_in_turn,
     fitted_in_parts,
     steepness,
+    summed_up,
     sums_of_parts,
     unexplained,
 )
@@ -278,8 +279,7 @@ def halo(evidence: Evidence) -> Iterator[Explanation]:
     a, b = evidence.framed
     chooses = blocks_in_turn(a.shape)
     fits = band & chooses
-    design = np.stack([a[fits], np.ones(np.count_nonzero(fits))], axis=1)
-    gain, offset = np.linalg.lstsq(design, b[fits], rcond=None)[0]
+    gain, offset = summed_up([a, np.ones_like(a)], b, fits)
     if not 1 / _STRONGEST < gain < _STRONGEST:
         return
     left = evidence.left_framed(np.where(band, gain * a + offset, a), ~chooses)
