@@ -230,14 +230,10 @@ def normalised(evidence: Evidence) -> Iterator[Explanation]:
         inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1), 0.0)
     chosen = (1.0 * evidence.fits) * ((b > 1e-4) & (b < 0.999))
     for old, how, cost in ((a, "", -0.002), (inverse, " of the inverse", -0.001)):
-        terms = [
-            (summed_up([np.ones_like(o), o], n, w), o)
-            for o, n, w in zip(old, b, chosen, strict=True)
-        ]
-        predicted = np.stack([c + f * o for (c, f), o in terms])
-        said = ", ".join(
-            f"{n} x {f:.4g}, {c:+.3g}" for n, ((c, f), _) in zip(evidence.names, terms, strict=True)
-        )
+        each = zip(evidence.names, old, b, chosen, strict=True)
+        solved = {n: summed_up([np.ones_like(o), o], new, w) for n, o, new, w in each}
+        predicted = np.stack([c + f * o for (c, f), o in zip(solved.values(), old, strict=True)])
+        said = ", ".join(f"{n} x {f:.4g}, {c:+.3g}" for n, (c, f) in solved.items())
         left = evidence.left(predicted.clip(0, 1), exact=True)
         yield Explanation(left, "normalised", f"{how}: {said}", cost=cost)
 
