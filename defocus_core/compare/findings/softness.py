@@ -47,11 +47,8 @@ _Kernel = Callable[[Any], Any]  # weights by distances
 _Kernels = tuple[_Kernel, _Kernel]  # to a smaller size, and back
 _SIZES, _REACH = np.linspace(0.2, 0.985, 64), 40  # shares of a size; px that its kernels reach
 _FILTERED, _RESIZED_LEFT, _KERNELS = 0.3, 0.3, 3  # left by a filter, by pixels; kernels tried
-_COMMON, _OFF = (
-    (*np.linspace(0.2, 0.95, 16).tolist(), 1 / 3, 2 / 3),
-    0.04,
-)  # shares that people choose
-_STEPS = (2, -2, 1, -1, 0.4, -0.4)  # px of a side by which a size is looked for
+_OFF, _PROBE = 0.06, 64  # share by which a size is looked for; px of the part that finds it
+_KEPT = 6  # sizes of which either side is looked for
 _COARSE = 4  # px of the coarse pixels of bloom
 _GLOWS = (1, 1.5, 2.2, 3.3, 5, 7, 10)  # coarse px of its gaussians
 _SOURCES = 24  # parts of a frame that have a gain of their own
@@ -338,19 +335,22 @@ def resized(evidence: Evidence) -> Iterator[Explanation]:
             for side in shown
         ]
         if max(new - old for old, new in zip(*uneven, strict=True)) >= least:
-            on_grid += [(1 / factor, kernels) for kernels in _RESAMPLED]
+            high, wide = (side / factor for side in evidence.size)
+            on_grid += [((high, wide), kernels, 0.01 * factor - 0.2) for kernels in _RESAMPLED]
     for frame in _frames(evidence):
-        tried = [(share, kernels, 0.01 / share - 0.2) for share, kernels in on_grid]
-        for share, kernels, cost in (*tried, *((*each, 0.0) for each in _sizes(frame))):
-            left = frame.left(_through_size(frame, share, kernels))
+        for size, kernels, cost in (*on_grid, *((*each, 0.0) for each in _sizes(frame))):
+            predicted = frame.sides[0].copy()
+            predicted[frame.piece] = _through_size(frame, size, kernels, frame.piece)
+            left = frame.left(predicted)
             if cost or left < _RESIZED_LEFT:
-                size = {0.5: "half", 0.25: "a quarter of the"}.get(share, f"{share:.0%} of the")
-                how, values = f": {size} resolution, {_RESAMPLED[kernels]}", {"factor": 1 / share}
+                share = max(size) / max(evidence.size)
+                of = {0.5: "half", 0.25: "a quarter of the"}.get(share, f"{share:.0%} of the")
+                how, values = f": {of} resolution, {_RESAMPLED[kernels]}", {"factor": 1 / share}
                 yield Explanation(left, "lower resolution", how, values, cost)
 
 
-def _sizes(frame: Softened) -> list[tuple[float, _Kernels]]:
-    """Shares of the size of A, and kernels, by whose response to frequencies it is about B."""
+def _sizes(frame: Softened) -> list[tuple[tuple[int, int], _Kernels]]:
+    """Sizes smaller than that of A, and kernels, by whose response to frequencies it is about B."""
     rows, columns, (power, other, common) = frame.few
     every, whole = float((power + other - 2 * common).sum()), float(other.sum())
     lags = 2 * np.pi * np.arange(_REACH + 1)
@@ -384,33 +384,38 @@ def _weights(share: float, kernels: _Kernels) -> NDArray[Any]:
     return np.array([means[0] / 2, *means[1:]])
 
 
-def _nearest_size(frame: Softened, share: float, kernels: _Kernels) -> float:
-    """The share near another one at which pixels of A are most like B, to a part of a pixel."""
-    tried = [share, *(common for common in _COMMON if abs(common - share) < _OFF)]
-    best = min((frame.left(_through_size(frame, each, kernels)), each) for each in tried)
-    for step in _STEPS:
-        near = best[1] + step / max(frame.evidence.size)
-        if 0.1 < near < 1 and best[0] > 0.01:
-            best = min(best, (frame.left(_through_size(frame, near, kernels)), near))
-    return float(best[1])
+def _nearest_size(frame: Softened, share: float, kernels: _Kernels) -> tuple[int, int]:
+    """The size (rows, columns) near a share of A's at which its pixels are most like B."""
+    probe = densest(np.abs(frame.sides[1] - frame.sides[0]), _PROBE)
+
+    def cost(size: tuple[int, int]) -> float:
+        made = _through_size(frame, size, kernels, probe)
+        return float(np.square(made - frame.sides[1][probe]).sum())
+
+    full = frame.evidence.size
+    shares = np.arange(share - _OFF, min(share + _OFF, 1.0), 1 / max(full))
+    sizes = [(max(2, round(full[0] * each)), max(2, round(full[1] * each))) for each in shares]
+    best = sorted(sizes, key=cost)[:_KEPT]
+    # Either side may have been rounded the other way.
+    around = product(best, (-1, 0, 1), (-1, 0, 1))
+    return min(((high + y, wide + x) for (high, wide), y, x in around), key=cost)
 
 
-def _through_size(frame: Softened, share: float, kernels: _Kernels) -> NDArray[np.float64]:
-    """A [h, w], at a share of the picture's size and enlarged again where it is measured."""
+def _through_size(
+    frame: Softened, size: tuple[float, float], kernels: _Kernels, piece: tuple[slice, slice]
+) -> NDArray[np.float64]:
+    """A piece of A at another size (rows, columns), enlarged again."""
     made = frame.sides[0]
-    for cut, full, piece in zip(
-        frame.evidence.frame, frame.evidence.size, frame.piece, strict=True
-    ):
-        small = max(2, round(full * share))
-        ratio = 1 / share if share in (0.5, 0.25) else full / small
-        at = np.arange(cut.start, cut.stop)
-        aim = at[piece]
+    whole = zip(frame.evidence.frame, frame.evidence.size, size, piece, strict=True)
+    for cut, full, small, part in whole:
+        ratio = full / small
+        reach = math.ceil(4 * ratio) + 4
+        used = slice(max(part.start - reach, 0), part.stop + reach)
+        at, aim = (np.arange(cut.start, cut.stop)[each] for each in (used, part))
         first, last = int(aim[0] / ratio) - 3, math.ceil(aim[-1] / ratio) + 4
-        coarse = np.arange(max(first, 0), min(small, last))
-        made = np.moveaxis(_matrix(at, aim, ratio, coarse, kernels) @ made, 0, 1)
-    predicted = frame.sides[0].copy()
-    predicted[frame.piece] = made
-    return predicted
+        coarse = np.arange(max(first, 0), min(math.ceil(small), last))
+        made = np.moveaxis(_matrix(at, aim, ratio, coarse, kernels) @ made[used], 0, 1)
+    return made
 
 
 def _matrix(
