@@ -82,8 +82,6 @@ def _type_of(path: Path, reading: DepthReading) -> str:
         return "headerless"
     if is_exr(head):
         return "EXR"
-    if path.suffix.lower() == ".exr":
-        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if is_heic(head):
         return "HEIC"
     is_photo = "GDepth" in row.files or (reading.depth_format is None and holds_gdepth(path))
@@ -162,7 +160,11 @@ def _frame(
     row, shape, index = reading.row, entry.shape, None
     frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and kind in NAMED))
     if frames and shape[0] != 1 and row.plane is None:
-        index, shape = _chosen_frame(path, shape[0], reading.part), shape[1:]
+        if reading.part is None:
+            remedy = "choose one with ‹part›, counted from 0"
+            raise InputError("ambiguous", f"holds {shape[0]} frames", remedy, path=path)
+        require_part(path, reading.part, shape[0])
+        index, shape = reading.part, shape[1:]
     with decoding(path):  # a shape may be beyond what NumPy counts
         outline = np.broadcast_to(np.uint8(0), shape)
     require_size(path, reading, _map_of(path, outline, row).shape, size)
@@ -177,15 +179,6 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     if values.ndim != 2:
         raise wrong_shape(path, values.shape)
     return values.T if row.axes.endswith("WH") else values
-
-
-def _chosen_frame(path: Path, count: int, part: int | None) -> int:
-    """The frame that ``part`` chooses of several."""
-    if part is None:
-        remedy = "choose one with ‹part›, counted from 0"
-        raise InputError("ambiguous", f"holds {count} frames", remedy, path=path)
-    require_part(path, part, count)
-    return part
 
 
 def _from_picture(
@@ -309,20 +302,21 @@ SIGNS = (
 )
 
 
-def refuse_named(path: Path, values: Any) -> None:
-    """Refuse 16 bits [H, W] as millimetres that have a sign of another format."""
+def refuse_assumed(path: Path, values: Any) -> None:
+    """Refuse 16 bits [H, W] as millimetres with a sign of another format, or from end to end."""
+    counts, maximum = np.zeros(2), 0
+    for rows in bands(values.shape):
+        band = values[rows]
+        counts += [np.count_nonzero(band == number) for number in (0, _TOP)]
+        maximum = max(maximum, int(band.max()))
+    zeros, tops = counts / (values.shape[0] * values.shape[1])
     place, size = "/".join(path.absolute().parts[-_PARTS:]).lower(), values.shape[1::-1]
-    likely = [
-        (sign, found)
-        for sign in SIGNS
-        if (found := re.search(sign.path, place)) and (not sign.sizes or size in sign.sizes)
-    ]
-    if not likely:
-        return
-    zeros, tops, maximum = _counted(values)
-    for sign, found in likely:
+    for sign in SIGNS:
+        found = re.search(sign.path, place)
         if (
-            sign.zeros[0] <= zeros <= sign.zeros[1]
+            found
+            and (not sign.sizes or size in sign.sizes)
+            and sign.zeros[0] <= zeros <= sign.zeros[1]
             and sign.tops <= tops
             and maximum <= sign.maximum
         ):
@@ -333,14 +327,9 @@ def refuse_named(path: Path, values: Any) -> None:
             problem = f"has 16 bits that may be {sign.format}, not millimetres: {', '.join(told)}"
             remedy = f"say ‹depth-format› {sign.format}, or ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=path)
-
-
-def _counted(values: Any) -> tuple[float, float, int]:
-    """The shares of numbers that are 0 and 65535, and the greatest number."""
-    zeros = tops = maximum = 0
-    for rows in bands(values.shape):
-        band = values[rows]
-        zeros, tops = zeros + int((band == 0).sum()), tops + int((band == _TOP).sum())
-        maximum = max(maximum, int(band.max()))
-    pixels = values.shape[0] * values.shape[1]
-    return zeros / pixels, tops / pixels, maximum
+    if zeros and tops:
+        problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
+        remedy = (
+            "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or ‹depth-format›"
+        )
+        raise InputError("unknown-unit", problem, remedy, path=path)
