@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
-from defocus_core.io.images.color_space import ColorSpace, color_space, profiled_space
-from defocus_core.io.images.primaries import REC_709, Chromaticities
+from defocus_core.io.images.color_space import ColorSpace, color_space
+from defocus_core.io.images.primaries import PROFILE, REC_709, Chromaticities
 from defocus_core.io.safe_files import (
     AGAIN,
     check_size,
@@ -180,15 +180,20 @@ def open_heic(path: Path) -> Any:
 
 def _heic_page(path: Path) -> Raster:
     """The picture of a HEIC photograph, which libheif has turned upright."""
+    import OpenImageIO as oiio  # noqa: N813
+
     file = open_heic(path)
-    space = profiled_space(
-        bytes(file.info.get("icc_profile") or b""), 1 if file.mode[0] == "L" else 3
-    )
-    width, height = file.size
+    (width, height), channels = file.size, tuple(file.mode.replace("L", "Y"))
+    spec = oiio.ImageSpec(width, height, len(channels), "uint8")
+    spec.alpha_channel = len(channels) - 1 if channels[-1] == "A" else -1
+    if data := file.info.get("icc_profile"):
+        data = np.frombuffer(bytes(data), np.uint8)
+        spec.attribute(PROFILE, oiio.TypeDesc(f"uint8[{len(data)}]"), data)
+    space = color_space(spec)
     return Raster(
         width=width,
         height=height,
-        channels=tuple(file.mode.replace("L", "Y")),
+        channels=channels,
         type="uint8",
         space=replace(space, note=f"HEIC, {space.note}"),
         associated=False,

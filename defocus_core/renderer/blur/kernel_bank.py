@@ -282,7 +282,7 @@ class TransformWindow:
     def prepare(self) -> None:
         """Draw the kernels once if they learn, outside of what a backward pass computes again."""
         for slice_index in self.slices if self.requires_grad and self.margin else ():
-            self.leaning_kernels(slice_index)
+            self._kernels([slice_index], leaning=True)
 
     def spectrum(self, slice_index: int, size: tuple[int, int]) -> Tensor:
         """The spectrum of a slice's kernel, [M, 1, height, width // 2 + 1].
@@ -368,10 +368,6 @@ class TransformWindow:
         chosen = [each[1:] if leaning else each[0] for each in versions]
         together = torch.stack(chosen) if len(chosen) > 1 else chosen[0][None]
         return kernel_spectra(together, size).unsqueeze(2 + leaning).unbind()
-
-    def leaning_kernels(self, slice_index: int) -> Tensor:
-        """The kernel of a slice, and the same times u.x and u.y: [3, M, S, S]."""
-        return self._kernels([slice_index], leaning=True)[0]
 
     def _kernels(self, slice_indices: list[int], *, leaning: bool) -> list[Tensor]:
         """The kernels of some slices, each computed alone: a batch could change the last digits."""

@@ -39,11 +39,6 @@ def blended(layer: Tensor, box: Box, region: Box) -> Tensor:
     return torch.lerp(upper, lower, down[:, None])
 
 
-def corner_groups(groups: list[slice]) -> list[slice]:
-    """Groups of parts, each part four times."""
-    return [slice(CORNERS * group.start, CORNERS * group.stop) for group in groups]
-
-
 class Reduced:
     """A layer of a surface at reduced resolution."""
 
@@ -212,7 +207,8 @@ class Blur:
         self._radii, self._windows = radii, windows
         self._reaches = reaches
         self._grid = grid
-        self._groups = corner_groups(groups) if by_corners else groups
+        each = CORNERS if by_corners else 1  # each part as the corners see it
+        self._groups = [slice(each * group.start, each * group.stop) for group in groups]
         self._middle = middle
 
     def sliced(self, samples: SurfaceSamples, stride: int, layer_of: list[int]) -> Sliced:

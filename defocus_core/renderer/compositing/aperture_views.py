@@ -34,43 +34,6 @@ from defocus_core.tensors.device_plan import sent
 _MINIMUM = 1e-6
 
 
-def add_known(
-    front: Tensor,  # [M, C + 1, h, w], zeros; overwritten unless gradients are enabled
-    visible: dict[int, ShownLayer],
-    hidden: dict[int, ShownLayer],
-    full: Tensor | float,
-    openings: Openings,
-    groups: list[slice],
-    *,
-    closed: bool,
-) -> tuple[Tensor, Tensor | None]:
-    """Composite the layers of all aperture parts over a tile."""
-    moved, hidden_fractions = None, []
-    covered: dict[int, Tensor] = {}  # before each layer
-    for number in sorted({*visible, *hidden}):
-        shown, behind = visible.get(number), hidden.get(number)
-        covered[number] = front[:, -1:].clone()
-        if shown is not None:
-            within = _of(full, shown.box)
-            layer, fraction = shown_behind(shown.box.of(front), shown.layer, within)
-            fraction = fraction * openings.over(shown.box).to(number)
-            front = add_within(front, shown.box, layer, fraction)
-            moved = with_moved(moved, front, shown, fraction)
-        if behind is not None:
-            room = openings.over(behind.box).to(number)
-            before = covered.get(number - 1, covered[number]), covered[number]
-            fraction = _fraction_hidden(before, front, shown, behind, full, room)
-            front = add_within(front, behind.box, behind.layer, fraction)
-            hidden_fractions.append((behind, fraction, room))
-    for behind, fraction, room in hidden_fractions if closed else ():
-        within, window = _of(full, behind.box), behind.box.of(front)
-        rest = behind.layer * (1 - fraction)
-        if seen := shown_in_gaps(window, rest, within, groups):
-            rest, left = seen
-            front = add_within(front, behind.box, rest, left * room)
-    return front, moved
-
-
 def with_moved(
     moved: Tensor | None, front: Tensor, shown: ShownLayer, fraction: Tensor
 ) -> Tensor | None:
@@ -179,9 +142,30 @@ class TileCompositor:
         closed: bool,
     ) -> None:
         """Add known surfaces, given as layers by their numbers."""
-        self.front, self.moved = add_known(
-            self.front, visible, hidden, self._full, openings, self._groups, closed=closed
-        )
+        front, full, hidden_fractions = self.front, self._full, []
+        covered: dict[int, Tensor] = {}  # before each layer
+        for number in sorted({*visible, *hidden}):
+            shown, behind = visible.get(number), hidden.get(number)
+            covered[number] = front[:, -1:].clone()
+            if shown is not None:
+                within = _of(full, shown.box)
+                layer, fraction = shown_behind(shown.box.of(front), shown.layer, within)
+                fraction = fraction * openings.over(shown.box).to(number)
+                front = add_within(front, shown.box, layer, fraction)
+                self.moved = with_moved(self.moved, front, shown, fraction)
+            if behind is not None:
+                room = openings.over(behind.box).to(number)
+                before = covered.get(number - 1, covered[number]), covered[number]
+                fraction = _fraction_hidden(before, front, shown, behind, full, room)
+                front = add_within(front, behind.box, behind.layer, fraction)
+                hidden_fractions.append((behind, fraction, room))
+        for behind, fraction, room in hidden_fractions if closed else ():
+            within, window = _of(full, behind.box), behind.box.of(front)
+            rest = behind.layer * (1 - fraction)
+            if seen := shown_in_gaps(window, rest, within, self._groups):
+                rest, left = seen
+                front = add_within(front, behind.box, rest, left * room)
+        self.front = front
 
     def close(self, openings: Openings) -> None:
         """Close the gaps in opaque surfaces through which nothing is seen: they are errors."""

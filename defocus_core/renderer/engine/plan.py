@@ -80,23 +80,13 @@ class Survey(NamedTuple):
         return max(greatest for _, greatest in self.channels)
 
 
-def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
-    """The statistics of a picture, of which each pixel is read once.
-
-    `pixels`: [C, H, W]; `signed_radius`: [H, W] px.
-    """
-    (survey,) = _surveyed(pixels, signed_radius, dtype, threads)
-    return survey
-
-
-def surveyed_each(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype) -> list[Survey]:
-    """What `surveyed` says of each picture of a batch, [C, B, H, W] and [B, H, W]."""
-    return _surveyed(pixels, signed_radius, dtype, 1)
-
-
-def _surveyed(
-    pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int
+def surveyed(
+    pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int = 1
 ) -> list[Survey]:
+    """The statistics of a picture, or of each picture of a batch; each pixel is read once.
+
+    `pixels`: [C, H, W] or [C, B, H, W]; `signed_radius`: [H, W] or [B, H, W] px.
+    """
     W, batch = signed_radius.shape[-1], len(signed_radius.shape) > 2
 
     def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
@@ -256,14 +246,18 @@ def frame_of(
     coarse = _at_resolution(radii, quality, maximum, level)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
-    division = _division(settings, quality)
+    pair = settings.dual_pixel if settings.left_right else None
+    division = Division.of(settings.aperture, centre_parts(settings, quality), pair)
     dtype = torch.float64 if content.double else computed_in(pixels, signed_radius)
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
     sample *= math.prod(signed_radius.shape[:-2])
     grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
     sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
     own = [_slice_radii(*one.limits, quality, settings) for one in content.each]
-    each = _own_slices(own, radii) if isinstance(settings.aperture, Apertures) else ()
+    each: tuple[range, ...] = ()  # the slices of each picture among those of all, and two beyond
+    if isinstance(settings.aperture, Apertures):
+        first_last = ((bisect_left(radii, r[0]), bisect_right(radii, r[-1])) for r in own)
+        each = tuple(range(first - _MORE, last + _MORE) for first, last in first_last)
     slicing = partial(
         _slicing, radii, sizes, settings.aperture, division.parts, dtype, pixels.device, each
     )
@@ -283,25 +277,11 @@ def frame_of(
     )
 
 
-def _own_slices(own: list[tuple[float, ...]], radii: tuple[float, ...]) -> tuple[range, ...]:
-    """The numbers of the slices of pictures among those of their batch, and of two beyond them."""
-    return tuple(
-        range(bisect_left(radii, each[0]) - _MORE, bisect_right(radii, each[-1]) + _MORE)
-        for each in own
-    )
-
-
 def _of_each(slices: Slices, own: list[tuple[float, ...]], quality: Quality) -> Slices:
     """The slices of a batch, with the octaves that are ahead by each picture's own slices."""
     orders = (composite_order(radii, layers(radii, quality)) for radii in own)
     greatest = tuple(max(map(abs, order.ahead), default=0) for order in orders)
     return slices._replace(composite_order=slices.composite_order._replace(greatest=greatest))
-
-
-def _division(settings: Settings, quality: Quality) -> Division:
-    """The parts of the aperture."""
-    pair = settings.dual_pixel if settings.left_right else None
-    return Division.of(settings.aperture, centre_parts(settings, quality), pair)
 
 
 def centre_parts(settings: Settings, quality: Quality) -> int:

@@ -28,7 +28,6 @@ from defocus_core.renderer.engine.plan import (
     content_of,
     frame_of,
     surveyed,
-    surveyed_each,
 )
 from defocus_core.renderer.engine.regions import assembled, rendered_regions, total
 from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
@@ -88,7 +87,7 @@ def batches(
     if settings[0].depth_repair != "off":
         infinity = [one.infinity for one in settings]
         signed_radius, repairs = repaired_each(signed_radius, pixels, infinity)
-    surveys = surveyed_each(pixels, signed_radius, computed_in(pixels, signed_radius))
+    surveys = surveyed(pixels, signed_radius, computed_in(pixels, signed_radius))
     quality = settings[0].quality_of(pixels.shape)
     contents = [
         content_of(survey, quality) for survey, repair in zip(surveys, repairs, strict=True)
@@ -224,12 +223,8 @@ class Renderer:
     ) -> Content:
         """What the picture holds, of whose pixels [C, h, w] count."""
         dtype = computed_in(counted, signed_radius)
-        return content_of(
-            surveyed(counted, signed_radius, dtype, self._settings.threads),
-            quality,
-            layered=layered,
-            all_ranges=limits,
-        )
+        (survey,) = surveyed(counted, signed_radius, dtype, self._settings.threads)
+        return content_of(survey, quality, layered=layered, all_ranges=limits)
 
     @property
     def at_half_size(self) -> bool:

@@ -27,7 +27,7 @@ from defocus_core.io.exr.header import Raw
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import BRIGHTEST, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
-from defocus_core.renderer.engine import preparation
+from defocus_core.renderer.engine import scene
 
 SHAPE = (6, 7)
 
@@ -322,7 +322,7 @@ def test_light_too_bright_to_be_summed_is_refused(beyond):
     plane[2, 1] = beyond
     with refuses("out-of-range", "in 1 pixel", "at 1,2", path=Path("a.exr")):
         require_finite(Color((plane,), ("Y",), Path("a.exr")))
-    assert BRIGHTEST == preparation.BRIGHTEST
+    assert BRIGHTEST == scene.BRIGHTEST
 
 
 def test_describe_reads_headers_only(tmp_path):
