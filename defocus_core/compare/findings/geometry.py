@@ -20,6 +20,7 @@ from defocus_core.compare.findings.evidence import (
     blocks_in_turn,
     fitted_in_parts,
     steepness,
+    summed_up,
     sums_of_parts,
 )
 from defocus_core.compare.findings.table import EXACT
@@ -27,7 +28,6 @@ from defocus_core.compare.findings.table import EXACT
 _OF_PARTS = "another view or frame"
 _Scale = Callable[[NDArray[Any]], NDArray[Any]]
 
-_FRAME = 512  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
 _EXPLAINED = 0.05  # left of a difference, below which no further move is looked for
 _LEAST_PART = 0.02  # px of a move that is looked at
@@ -138,8 +138,7 @@ def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
     rows = cut.reshape(*planes.shape[:-2], down, side, across * side).mean(
         axis=-2, dtype=np.float32
     )
-    means: NDArray[np.float32] = rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1)
-    return means
+    return np.asarray(rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1))
 
 
 @lru_cache(maxsize=1)
@@ -148,7 +147,7 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     rows, columns = evidence.places
     height, width = evidence.size
     tried: list[tuple[float, int, int]] = []
-    for dx, dy in _offsets(evidence):
+    for dx, dy in dict.fromkeys([(0, 0), *_offsets(evidence)]):
         y, x = rows - dy, columns - dx
         within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
         predicted = evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1))
@@ -156,17 +155,11 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
-def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
-    """Shifts (dx, dy) worth trying: none, and peaks of the mean of channels in the middle."""
-    rows, columns = (
-        slice((n - min(n, _FRAME)) // 2, (n + min(n, _FRAME)) // 2) for n in evidence.size
-    )
-    a, b = (
-        np.asarray(evidence.scaled(evidence.at(side, rows, columns).mean(axis=0)), "f4")[None]
-        for side in ("a", "b")
-    )
-    peaks = (each[0] for each in _peaks(a, b, _PEAKS))
-    return list(dict.fromkeys([(0, 0), *chain.from_iterable(peaks)]))
+def _offsets(evidence: Evidence, *, of_difference: bool = False) -> list[tuple[int, int]]:
+    """Shifts (dx, dy) by which B, or its difference, is most like A where most differs."""
+    a, b = (evidence.scaled(evidence.at(s, *evidence.frame)).mean(axis=0)[None] for s in "ab")
+    found = _peaks(a, b - a if of_difference else b, _PEAKS)
+    return list(dict.fromkeys(chain.from_iterable(peaks[0] for peaks in found)))
 
 
 def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[tuple[int, int]]]]:
@@ -461,13 +454,13 @@ def displaced(evidence: Evidence) -> Iterator[Explanation]:
         apart = (np.square(side - shown_aim).sum(axis=0) for side in (shown_there, shown))
         return evidence.left(np.where(within & np.less(*apart), there, a), exact=True)
 
-    peaks = [peak for peak in _displacements(evidence) if math.hypot(*peak) >= _LEAST_APART]
+    offsets = _offsets(evidence, of_difference=True)
+    peaks = [peak for peak in offsets if math.hypot(*peak) >= _LEAST_APART]
     for dx, dy in peaks:
         there, within = moved_by(dx, dy)
-        design = np.stack([(v * slope * within).ravel() for v in (light, evidence.light(there))])
-        change = ((aim - light) * slope * within).ravel()
-        one, other = np.linalg.lstsq(design @ design.T, design @ change, rcond=None)[0]
-        predicted = light * (1 + one) + evidence.light(there) * other
+        copy = evidence.light(there)
+        one, other = summed_up([light, copy], aim - light, slope * within)
+        predicted = light * (1 + one) + copy * other
         used = within & evidence.steady.all(axis=0)
         left = evidence.left(evidence.stored(predicted), used)
         share = float(other / max(1 + one + other, 1e-9))
@@ -481,13 +474,6 @@ def displaced(evidence: Evidence) -> Iterator[Explanation]:
         if left < 0.5 and left < _BY_CHANCE * min(left_in_places(*other) for other in others):
             how, values = f": parts moved by ({dx}, {dy}) px", {"dx": dx, "dy": dy}
             yield Explanation(left, _OF_PARTS, how, values, 0.02)
-
-
-def _displacements(evidence: Evidence) -> list[tuple[int, int]]:
-    """Moves (dx, dy) by which the difference is most like A."""
-    a, b = (evidence.scaled(evidence.at(s, *evidence.frame)).mean(axis=0)[None] for s in "ab")
-    found = chain.from_iterable(peaks[0] for peaks in _peaks(a, b - a, _PEAKS))
-    return [peak for peak in dict.fromkeys(found) if peak != (0, 0)]
 
 
 def _nearest_move(evidence: Evidence) -> tuple[int, int]:

@@ -16,10 +16,11 @@ from defocus_core.compare.findings.evidence import (
     blocks_in_turn,
     fitted_in_parts,
     steepness,
+    summed_up,
     sums_of_parts,
     unexplained,
 )
-from defocus_core.compare.findings.softness import alike, noise_like, white_noise
+from defocus_core.compare.findings.softness import alike, white_noise
 from defocus_core.compare.selection import widened
 from defocus_core.system.text import counted
 
@@ -192,8 +193,7 @@ def _profile(difference: NDArray[Any]) -> NDArray[Any]:
     """How far the difference of each column exceeds that of most, less noise."""
     means = np.add.reduceat(difference, np.arange(0, len(difference), _SEGMENT), axis=0) / _SEGMENT
     power = np.square(means).mean(axis=0, dtype="f8")
-    beyond: NDArray[Any] = np.maximum(power - 2.5 * np.median(power), 0)
-    return beyond
+    return np.asarray(np.maximum(power - 2.5 * np.median(power), 0))
 
 
 def _is_repeated(profile: NDArray[Any], line: NDArray[np.bool_]) -> bool:
@@ -279,8 +279,7 @@ def halo(evidence: Evidence) -> Iterator[Explanation]:
     a, b = evidence.framed
     chooses = blocks_in_turn(a.shape)
     fits = band & chooses
-    design = np.stack([a[fits], np.ones(np.count_nonzero(fits))], axis=1)
-    gain, offset = np.linalg.lstsq(design, b[fits], rcond=None)[0]
+    gain, offset = summed_up([a, np.ones_like(a)], b, fits)
     if not 1 / _STRONGEST < gain < _STRONGEST:
         return
     left = evidence.left_framed(np.where(band, gain * a + offset, a), ~chooses)
@@ -335,13 +334,11 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def _rounded(values: NDArray[Any], step: Any) -> NDArray[Any]:
-    rounded: NDArray[Any] = step * np.rint(values / step)
-    return rounded
+    return np.asarray(step * np.rint(values / step))
 
 
 def _without_small(values: NDArray[Any], least: Any) -> NDArray[Any]:
-    large: NDArray[Any] = values * (np.abs(values) > least)
-    return large
+    return np.asarray(values * (np.abs(values) > least))
 
 
 def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
@@ -352,8 +349,7 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
     down, across = (n // _DCT for n in values.shape)
     cut = values[: down * _DCT, : across * _DCT]
     blocks = cut.reshape(down, _DCT, across, _DCT).transpose(0, 2, 1, 3).reshape(-1, _DCT, _DCT)
-    transformed: NDArray[Any] = basis @ blocks @ basis.T
-    return transformed
+    return np.asarray(basis @ blocks @ basis.T)
 
 
 def noise(evidence: Evidence) -> Iterator[Explanation]:
@@ -364,8 +360,6 @@ def noise(evidence: Evidence) -> Iterator[Explanation]:
     if few or not power or evidence.is_slight:
         return
     if abs(float(difference.mean(dtype="f8"))) > _WITHOUT_MEAN * math.sqrt(power):
-        return
-    if not noise_like(difference):
         return
     shared = max(
         abs(alike(difference[:, 1:], difference[:, :-1])),
