@@ -155,7 +155,10 @@ class TileCompositor:
                 self.moved = with_moved(self.moved, front, shown, fraction)
             if behind is not None:
                 room = openings.over(behind.box).to(number)
-                before = covered.get(number - 1, covered[number]), covered[number]
+                # of opaque surfaces the layer before may hold another part of the same one
+                earlier = covered.get(number - 1) if closed else None
+                now = covered[number]
+                before = now if earlier is None else earlier, now
                 fraction = _fraction_hidden(before, front, shown, behind, full, room)
                 front = add_within(front, behind.box, behind.layer, fraction)
                 hidden_fractions.append((behind, fraction, room))
