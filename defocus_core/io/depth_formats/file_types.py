@@ -13,15 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.array_files import (
-    NAMED,
-    ArrayEntry,
-    array_type,
-    read_entries,
-    read_headerless,
-    squeezed,
-    wrong_shape,
-)
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.exr_depth_channel import (
     NO_DEPTH,
@@ -43,6 +34,7 @@ from defocus_core.io.safe_files import decoding, is_heic, is_jpeg, read_head
 from defocus_core.system.text import percent
 
 if TYPE_CHECKING:
+    from defocus_core.io.array_files import ArrayEntry
     from defocus_core.io.images.raster import Raster
 
 # Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma.
@@ -62,7 +54,7 @@ def read_numbers(
 ) -> DepthNumbers:
     """The numbers of a depth file, of a type that the named format comes in."""
     row, kind = reading.row, _type_of(path, reading)
-    if reading.depth_channel is not None and kind not in ("EXR", *NAMED):
+    if reading.depth_channel is not None and kind != "EXR" and not _has_names(kind):
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
     samples = _READERS.get(kind, _from_arrays)(path, reading, keeping, size, overscan)
@@ -75,6 +67,13 @@ def read_numbers(
     return samples
 
 
+def _has_names(kind: str) -> bool:
+    """Whether the arrays of a file of a type have names."""
+    from defocus_core.io.array_files import NAMED
+
+    return kind in NAMED
+
+
 def _type_of(path: Path, reading: DepthReading) -> str:
     """The type by which a file is read: a key of `_READERS`, or a type of arrays."""
     row, head = reading.row, read_head(path, 32)
@@ -84,6 +83,8 @@ def _type_of(path: Path, reading: DepthReading) -> str:
         return "EXR"
     if is_heic(head):
         return "HEIC"
+    from defocus_core.io.array_files import array_type
+
     is_photo = "GDepth" in row.files or (reading.depth_format is None and holds_gdepth(path))
     return array_type(head) or ("GDepth" if is_jpeg(head) and is_photo else "picture")
 
@@ -91,6 +92,8 @@ def _type_of(path: Path, reading: DepthReading) -> str:
 def _headerless(
     path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
 ) -> DepthNumbers:
+    from defocus_core.io.array_files import read_headerless
+
     width, height = size or reading.row.size or (0, 0)
     return DepthNumbers(path, read_headerless(path, (width, height)), "headerless", "float32 rows")
 
@@ -123,6 +126,8 @@ def _from_photo(
 def _from_arrays(
     path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
 ) -> DepthNumbers:
+    from defocus_core.io.array_files import array_type, read_entries
+
     row, entries, kind = reading.row, read_entries(path), array_type(read_head(path, 32))
     name = _array_name(path, entries, reading)
     values = _frame(path, entries[name], kind, reading, size)
@@ -158,7 +163,7 @@ def _frame(
 ) -> NDArray[Any]:
     """One map of an array in a file, of which no more than that is loaded."""
     row, shape, index = reading.row, entry.shape, None
-    frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and kind in NAMED))
+    frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and _has_names(kind)))
     if frames and shape[0] != 1 and row.plane is None:
         if reading.part is None:
             remedy = "choose one with ‹part›, counted from 0"
@@ -173,6 +178,8 @@ def _frame(
 
 def _map_of(path: Path, values: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     """One map [H, W] of an array of any number of axes."""
+    from defocus_core.io.array_files import squeezed, wrong_shape
+
     values = squeezed(values)
     if values.ndim == 3 and row.plane is not None:
         values = values[:, :, row.plane]
