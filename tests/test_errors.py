@@ -57,7 +57,7 @@ def kinds(kind):
 
 
 # A refusal of a fit has the code of the error that the command line makes of it.
-ERRORS = kinds(DefocusError) | {"NoSpace", "NoDepthChannel", "Refusal"}
+ERRORS = kinds(DefocusError) | {"NoDepthChannel", "Refusal"}
 
 
 def test_each_error_has_a_code_of_the_table_and_each_is_in_use():

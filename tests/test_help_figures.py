@@ -114,8 +114,7 @@ def test_shots_are_as_steady_as_the_help_says(tmp_path):
     assert deviations[0] / deviations[1] == pytest.approx(said, abs=0.01)
 
 
-def test_the_line_of_compare_is_one_that_it_prints(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_the_line_of_compare_is_one_that_it_prints(here):
     picture = read_exr(ROOT / "sample_scenes/spheres/rgb.exr")
     write_exr(Path("golden/render/rgb.exr"), **picture)
     moved = {name: np.roll(plane, 1, 1) for name, plane in picture.items()}

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.lens import opening_options
+from defocus_cli.options.job import opening_options
 from defocus_cli.options.types import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
 from defocus_core.picture.opening import write_aperture

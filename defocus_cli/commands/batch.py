@@ -7,13 +7,13 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.batch import crew_options, dataset_options, shard_of
+from defocus_cli.options.batch import crew_options, shard_of
 from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers import run
-from defocus_core.batch.workers.plan import DataSet, Execution
+from defocus_core.batch.workers.plan import Execution
 from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Outputs
@@ -34,7 +34,7 @@ from defocus_core.system.process import cores
 )
 @option("--overwrite", "Do all again, whatever was done before.")
 @option("--new-only", "Leave what has outputs, whatever changed: do what has none yet.")
-@dataset_options
+@shared.dataset_options
 @shared.html_option("Write a report to look at in a browser, with the pictures in it.")
 @option("--dry-run", "Say what is to do, in what time and space; stop.")
 @shared.json_option
@@ -91,9 +91,11 @@ def command(
         read_inputs=check_inputs == "hash",
         spread=crew.spread,
         new_only=new_only,
-        data_set=DataSet(batch.source, shards_size),
+        has_index=True,
+        shards_size=shards_size,
+        source=batch.source,
     )
-    jobs = batch.jobs()
+    jobs = batch.jobs
     if dry_run:
         from defocus_cli.words import dry_run as dry_runs
 

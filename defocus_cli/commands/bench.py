@@ -179,12 +179,13 @@ def _errors(
     """Measure all shots of a set, by each baseline and each quality: the document."""
     shots, methods = find_shots(truth), (*BASELINES, *qualities)
     device = warm_up(device)
-    echo(tables.error_heading())
+    echo(tables.heading(tables.ERRORS))
     rows: list[Row] = []
     for shot in shots:
         for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
             rows.append(row)
-            echo(tables.error_line(row, worse=bool(tables.losses(row, rows))))
+            mark = " !" if tables.losses(row, rows) else ""
+            echo(tables.line(tables.record(row), tables.ERRORS) + mark)
     for line in tables.summary_lines(rows):
         echo(line)
     settings = {"truth": str(truth), "device": device, "threads": threads}
@@ -201,10 +202,12 @@ def _times(
 ) -> dict[str, Any]:
     """Time all cases: the document."""
     device = warm_up(device)
-    echo(tables.time_heading())
+    echo(tables.heading(tables.TIMES))
     rows = []
     for case in cases(sizes, radii, qualities):
         cost = time_case(case, device=device, threads=threads)
-        echo(tables.time_line(case, cost))
         rows.append(tables.time_record(case, cost))
+        width, height = case.size
+        shown = {"size": f"{width}x{height}", "radius": f"{case.radius:g}"}
+        echo(tables.line(rows[-1] | shown, tables.TIMES))
     return {"device": device, "threads": threads, "rows": rows}

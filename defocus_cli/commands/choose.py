@@ -7,8 +7,7 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.reading import reading_options
-from defocus_cli.options.shot import shot_lens_options
+from defocus_cli.options.job import machine_options, reading_options, shot_lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand, ReportPath, output_option
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
@@ -33,8 +32,8 @@ _SHOWN = [name for name in LENS_OPTIONS if not name.startswith("dp-")]  # there 
     required=True,
 )
 @shot_lens_options(required=True, names=_SHOWN, moving=False)
-@reading_options
-@shared.machine_options("device", "threads")
+@reading_options()
+@machine_options("device", "threads")
 @shared.verbose_option
 def command(
     color: Path,

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.reading import reading_options
+from defocus_cli.options.job import reading_options
 from defocus_cli.options.types import (
     Command,
     FilePath,
@@ -137,7 +137,7 @@ def _fit_options(command: Command) -> Command:
 @output_option("--overwrite", "Replace lens files that are there.", is_common=True)
 @output_option("--accept", "Take a lens that does not explain the pictures.", is_common=True)
 @_fit_options
-@reading_options
+@reading_options()
 @shared.json_option
 def command(
     sharp: Path,

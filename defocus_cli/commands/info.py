@@ -9,8 +9,7 @@ from typing import Any
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.reading import reading_options
-from defocus_cli.options.shot import shot_lens_options
+from defocus_cli.options.job import reading_options, shot_lens_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_cli.words.endings import Failures
@@ -36,7 +35,7 @@ from defocus_core.system.text import counted
 @click.command("info", cls=GroupedCommand)
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @shot_lens_options(required=False, names=BLURRING)
-@reading_options
+@reading_options()
 @shared.json_option
 def command(
     files: tuple[Path, ...],
@@ -80,7 +79,9 @@ def command(
             console.stdout(*file_lines(records[-1]))
     pairs = inspect_pairs(records, reading, lens)
     for pair in () if as_json else pairs:
-        console.stdout(*_pair_lines(pair))
+        named = " and ".join(dict.fromkeys((pair["color"], pair["depth"])))
+        lines = [f"{named}:", *(f"  {sentence}" for sentence in pair["evidence"])]
+        console.stdout(*(lines if pair["evidence"] else ()))
     if as_json and (records or shots):
         more = {"shots": shots} if shots else {}
         console.print_json(files=records, pairs=pairs, **more, failed=failures.records())
@@ -146,22 +147,12 @@ def _layout(part: Mapping[str, Any]) -> str:
     return "".join(f"; {word}" for word in words)
 
 
-def _pair_lines(pair: Mapping[str, Any]) -> Iterator[str]:
-    """What is wrong between colour and depth, from a record of ``inspect_pairs``."""
-    if not pair["evidence"]:
-        return
-    yield " and ".join(dict.fromkeys((pair["color"], pair["depth"]))) + ":"
-    for sentence in pair["evidence"]:
-        yield f"  {sentence}"
-
-
 def _depth_lines(depth: Mapping[str, Any], note: str, size: list[int]) -> Iterator[str]:
     """The depth of a file in words."""
     invalid = counted(depth["invalid_pixels"], "invalid pixel")
-    nothing = f", nothing in {counted(depth['nothing_pixels'], 'pixel')}"
-    absent = nothing if depth["nothing_pixels"] else ""
-    reach = range_words(depth)
-    yield f"  depth: {reach}, {depth['sky_pixels']} sky and {invalid}{absent} ({note})"
+    if depth["nothing_pixels"]:
+        invalid += f", nothing in {counted(depth['nothing_pixels'], 'pixel')}"
+    yield f"  depth: {range_words(depth)}, {depth['sky_pixels']} sky and {invalid} ({note})"
     if depth["coc_px"] is not None:
         near, far = depth["coc_px"]
         of = "" if depth["coc_of"] == size else " of {}x{}".format(*depth["coc_of"])

@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import shared
-from defocus_cli.options.batch import dataset_options
 from defocus_cli.options.types import FilePath, GroupedCommand
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
@@ -18,7 +17,7 @@ from defocus_core.system.text import counted
 
 @click.command("merge", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
-@dataset_options
+@shared.dataset_options
 @shared.json_option
 def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     """Make one journal of those that 'defocus batch --shard' left in OUT, and the index of samples.

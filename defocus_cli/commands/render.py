@@ -8,9 +8,8 @@ from pathlib import Path
 
 import click
 
+from defocus_cli.options import job as job_options
 from defocus_cli.options import shared
-from defocus_cli.options.reading import rendered_reading_options
-from defocus_cli.options.shot import ShotOptions, shot_lens_options, shot_options
 from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
@@ -59,13 +58,13 @@ Examples:
 @click.command("render", cls=GroupedCommand, help=_HELP)
 @click.argument("color", type=FilePath())
 @click.argument("depth", type=FilePath(), required=False)
-@shot_lens_options(required=True)
-@shot_options
-@shared.output_options
-@shared.name_option
-@shared.others_options
-@rendered_reading_options
-@shared.machine_options(*MACHINE_OPTIONS)
+@job_options.shot_lens_options(required=True)
+@job_options.shot_options
+@job_options.output_options
+@job_options.name_option
+@job_options.others_options
+@job_options.reading_options(lambda row: True)
+@job_options.machine_options(*MACHINE_OPTIONS)
 @shared.check_inputs_option
 @shared.json_option
 @shared.verbose_option
@@ -77,7 +76,7 @@ def command(
     color: Path,
     depth: Path | None,
     lenses: PictureLenses,
-    shot: ShotOptions,
+    shot: job_options.ShotOptions,
     outputs: Outputs,
     name: str | None,
     others: dict[str, tuple[Path, Path | None]],
@@ -118,7 +117,8 @@ def command(
     lone = len(jobs) == 1
     report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, raises=lone)
     with report.bar("picture") if not lone else batch_report.tile_bar() as count:
-        execute = pipeline.execute if count is None else pipeline.execute_counting(count)
+        counting = functools.partial(pipeline.execute, progress=count)
+        execute = pipeline.execute if count is None else counting
         summary = run.run(jobs, outputs.root, execution(execute, raises=lone), report)
     if shot.contact is not None and (sheet := write_contact_sheet(jobs, shot.contact)):
         console.stderr(f"contact sheet -> {sheet}")

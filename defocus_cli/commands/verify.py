@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from defocus_cli.options import shared
+from defocus_cli.options.job import machine_options
 from defocus_cli.options.types import GroupedCommand
 from defocus_cli.words import console
 from defocus_core.picture import plain_path
@@ -25,7 +26,7 @@ _WORDS = {True: "ok", False: "FAILED"}
 
 
 @click.command("verify", cls=GroupedCommand)
-@shared.machine_options("quality", "device", "threads")
+@machine_options("quality", "device", "threads")
 @shared.json_option
 def command(machine: Machine, as_json: bool) -> int:
     """Render small pictures and measure whether the laws of the lens hold on this machine.

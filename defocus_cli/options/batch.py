@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.rows import given_options, param_option
-from defocus_cli.options.types import Command, bundle, machine_option, option
+from defocus_cli.options.job import given_options, param_option
+from defocus_cli.options.types import Command, bundle, machine_option
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.request.job_options import MACHINE_OPTIONS
-from defocus_core.request.quantities import QuantityError, byte_count
+from defocus_core.request.quantities import QuantityError
 from defocus_core.request.resolver import fields_of
 
 
@@ -53,13 +53,3 @@ def shard_of(text: str) -> Shard:
         problem = f"'{text}' is not a part of a batch"
         raise QuantityError(problem, "write it like 2/8, from 1/8 to 8/8")
     return Shard(int(match[1]), int(match[2]))
-
-
-def dataset_options(command: Command) -> Command:
-    """Hand a command ``shards_size``, bytes or None."""
-    return option(
-        "--shards-size SIZE",
-        "When all is done, pack the samples into WebDataset tars of this size, like 1GB; "
-        "those that are there are packed again if samples change.",
-        byte_count,
-    )(command)

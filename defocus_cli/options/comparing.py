@@ -107,7 +107,6 @@ def comparison_options(default: Rules = _NO_RULES, *, rules_alone: bool = False)
 
 
 def _difference(text: str) -> float:
-    """A difference of 0 or more."""
     try:
         return difference(float(text), CALLER)
     except (ValueError, UsageProblem):

@@ -13,10 +13,9 @@ from defocus_cli.words import job as job_report
 from defocus_cli.words.endings import Interrupted, SomeFailed, exit_code_of
 from defocus_core.batch.journal.progress import Progress
 from defocus_core.batch.journal.record import Record, error_line
-from defocus_core.batch.journal.resume import counted_reasons
 from defocus_core.batch.workers.plan import Plan
-from defocus_core.batch.workers.run import Summary
-from defocus_core.errors import DefocusError, kind_of, with_dashes
+from defocus_core.batch.workers.run import Listener, Summary
+from defocus_core.errors import kind_of, with_dashes
 from defocus_core.io.safe_files import spoken
 from defocus_core.request.job import Job
 from defocus_core.system.text import counted, duration
@@ -26,12 +25,13 @@ _ALIKE = 5  # errors of one kind that are told
 _WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
 
 
-class BatchReport:
+class BatchReport(Listener):
     """Reports each job of a batch while it runs."""
 
     def __init__(
         self, *, each: bool, keep: bool = False, verbose: bool = False, raises: bool = False
     ) -> None:
+        super().__init__()
         self.records: dict[str, dict[str, Any]] = {}
         self._raises = raises
         self._each, self._keep, self._verbose = each, keep, verbose
@@ -114,10 +114,10 @@ def summary_lines(summary: Summary) -> Iterator[str]:
         line += f", {summary.warned} with warnings in the journal"
     done = sum(counts.values())
     if done and summary.seconds:
-        pace = f"{done / summary.seconds:.3g} a second"
-        if done < summary.seconds:
-            pace = f"{summary.seconds / done:.1f} s each"
-        line += f"; {summary.seconds:.1f} s, {pace}"
+        line += f"; {summary.seconds:.1f} s"
+        slow = done < summary.seconds
+        pace = summary.seconds / done if slow else done / summary.seconds
+        line += f", {pace:.3g} {'s each' if slow else 'a second'}" if done > 1 else ""
     yield line
     kinds = list(summary.warnings.counts.items())
     for example, count in kinds[:_WARNINGS]:
@@ -128,10 +128,9 @@ def summary_lines(summary: Summary) -> Iterator[str]:
 
 def reasons_lines(plan: Plan) -> Iterator[str]:
     """Why jobs are done again, or would be and stay as they are."""
-    if plan.again:
-        yield f"done again: {counted_reasons(plan.again)}"
-    if plan.kept:
-        yield f"stay as they are: {counted_reasons(plan.kept)}"
+    for what, reasons in (("done again", plan.again), ("stay as they are", plan.kept)):
+        if reasons:
+            yield f"{what}: {', '.join(f'{why}: {count}' for why, count in reasons.most_common())}"
 
 
 def reasons_words(reasons: Mapping[str, int]) -> str:
@@ -165,13 +164,8 @@ def _error_record(summary: Summary) -> dict[str, Any]:
     error = summary.error
     if error is None:
         return {}
-    code, exit_code = getattr(error, "code", None), 1
-    if isinstance(error, DefocusError):
-        exit_code = exit_code_of(error)
-    elif isinstance(error, OSError):
-        exit_code = 3
-    line = with_dashes(error_line(error), console.Due.keys)
-    return {"error": {"message": line, "exit_code": exit_code, "code": code}}
+    line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
+    return {"error": {"message": line, "exit_code": exit_code_of(error), "code": code}}
 
 
 def progress_lines(out: Path, state: Progress) -> Iterator[str]:

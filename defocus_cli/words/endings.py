@@ -15,11 +15,12 @@ from defocus_cli.words import console
 from defocus_core.errors import DefocusError, NotExplained, UsageProblem
 
 
-def exit_code_of(error: DefocusError) -> int:
-    """1 for pictures that no lens explains, 2 for usage that makes no sense, 3 for files."""
-    if isinstance(error, NotExplained):
-        return 1
-    return 2 if isinstance(error, UsageProblem) else 3
+def exit_code_of(error: BaseException) -> int:
+    """1 for pictures that no lens explains and for faults, 2 for usage, 3 for files."""
+    if isinstance(error, UsageProblem):
+        return 2
+    is_of_files = isinstance(error, (DefocusError, OSError))
+    return 3 if is_of_files and not isinstance(error, NotExplained) else 1
 
 
 class Interrupted(click.ClickException):

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     import torch
 
     from defocus_core.fitting.pair import Fit
-    from defocus_core.optics.aperture import Aperture as Pupil
     from defocus_core.optics.dual_pixel import DualPixel
 
 _MM_PER_M = 1000.0
@@ -81,7 +80,6 @@ class FitOptions:
 
 
 def _photodiodes(options: FitOptions) -> list[DualPixel]:
-    """The photodiodes to choose from."""
     from defocus_core.optics.dual_pixel import DualPixel
     from defocus_core.picture.opening import measured_pair
 
@@ -120,9 +118,7 @@ def fit_pair(
         fitted = fit(
             sharp[:count],
             disparity,
-            observed[0][:count]
-            if len(observed) == 1
-            else (observed[0][:count], observed[1][:count]),
+            tuple(each[:count] for each in observed),
             apertures=[Aperture(blades) for blades in options.blades],
             rotation=True,
             dual_pixels=_photodiodes(options),
@@ -176,6 +172,7 @@ def _light(color: Color) -> torch.Tensor:
 
 def _record(fitted: Fit, options: FitOptions, width: int) -> dict[str, Any]:
     """Focus, f-number and whatever else a fit found."""
+    blades = fitted.aperture.blades
     return {
         "focus_m": None if fitted.focus <= 0 else 1 / fitted.focus,
         "focus_dioptres": fitted.focus,
@@ -185,8 +182,9 @@ def _record(fitted: Fit, options: FitOptions, width: int) -> dict[str, Any]:
         "px_per_dioptre": fitted.strength,
         "focal_length_mm": options.foclen,
         "sensor_width_mm": options.sensor_width,
-        "blades": fitted.aperture.blades,
-        "blade_rotation_deg": _rotation(fitted.aperture),
+        "blades": blades,
+        # The least angle of a vertex that is not negative
+        "blade_rotation_deg": fitted.aperture.rotation % (360 / blades) if blades else 0.0,
         "gamma": fitted.gamma,
         "gamma_error": _finite(fitted.gamma_error),
         "shift_px": list(fitted.shift),
@@ -213,11 +211,6 @@ def _sensor_record(fitted: Fit, options: FitOptions) -> dict[str, Any]:
         "left_is_right": fitted.exchanged,
         "side_shading": [list(plane) for plane in fitted.shading],
     }
-
-
-def _rotation(aperture: Pupil) -> float:
-    """The angle of a vertex in degrees, the least that is not negative."""
-    return aperture.rotation % (360 / aperture.blades) if aperture.blades else 0.0
 
 
 def _finite(value: float) -> float | None:

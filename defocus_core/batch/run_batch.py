@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from os import PathLike, fspath
+from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.journal.record import Record
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.plan import DataSet, Execution, Plan
-from defocus_core.batch.workers.pool import WorkerConfig, computed_by
+from defocus_core.batch.workers.plan import Execution
+from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.batch.workers.run import Summary
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import DEVICES, Job, Machine, Outputs
-from defocus_core.request.jobs_file import batch_of, read_batch
+from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.origin import JobsSource
 
 Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
@@ -34,20 +34,22 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
         InputError: A file cannot be read or is missing, or files do not pair up.
         UsageProblem: A key is unknown, a value makes no sense, or two contradict each other.
     """
-    return _asked(jobs, Outputs(Path(out), overwrite=overwrite))[0]
+    return _asked(jobs, Outputs(Path(out), overwrite=overwrite), Machine())[0]
 
 
-def _asked(jobs: Jobs, outputs: Outputs) -> tuple[list[Job], JobsSource | None]:
-    """The jobs of a batch, and what of they were made if it can be kept."""
-    if isinstance(jobs, Mapping):
-        batch = batch_of(jobs, Path("jobs"), outputs, Machine())
-    elif isinstance(jobs, str | PathLike):
-        batch = read_batch(Path(fspath(jobs)), outputs, Machine())
-    else:
-        root, overwrite = outputs.root, outputs.overwrite
-        here = [replace(job.outputs, root=root, overwrite=overwrite) for job in jobs]
-        return [replace(job, outputs=to) for job, to in zip(jobs, here, strict=True)], None
-    return batch.jobs(), batch.source
+def _asked(jobs: Jobs, outputs: Outputs, machine: Machine) -> tuple[list[Job], JobsSource | None]:
+    """The jobs of a batch, done by a machine, and what of they were made if it can be kept."""
+    if isinstance(jobs, str | PathLike | Mapping):
+        return read_batch(jobs if isinstance(jobs, Mapping) else Path(jobs), outputs, machine)
+    root, overwrite = outputs.root, outputs.overwrite
+    return [
+        replace(
+            job,
+            outputs=replace(job.outputs, root=root, overwrite=overwrite),
+            machine=replace(machine, quality=job.machine.quality, tile=job.machine.tile),
+        )
+        for job in jobs
+    ], None
 
 
 def run_batch(
@@ -100,9 +102,8 @@ def run_batch(
     if device not in DEVICES:
         remedy = f"choose from {', '.join(DEVICES)}"
         raise UsageProblem("unknown-name", f"'{device}' is not known", remedy, field="device")
-    config = WorkerConfig("local", processes, threads, device, memory, None)
-    asked, source = _asked(jobs, Outputs(Path(out), overwrite=overwrite))
-    asked = computed_by(asked, config.machine)
+    config = WorkerConfig("local", processes, threads, device, memory)
+    asked, source = _asked(jobs, Outputs(Path(out), overwrite=overwrite), config.machine)
     execution = Execution(
         pipeline.execute if processes == 1 else config.execute(),
         limit=limit,
@@ -110,24 +111,10 @@ def run_batch(
         read_inputs=hash_inputs,
         new_only=new_only,
         spread=config.spread,
-        data_set=DataSet(source),
+        has_index=True,
+        source=source,
     )
-    summary = run.run(asked, Path(out), execution, _Callbacks(ended))
+    summary = run.run(asked, Path(out), execution, run.Listener(ended))
     if summary.interrupted and summary.left:
         raise KeyboardInterrupt
     return summary
-
-
-@dataclass(frozen=True)
-class _Callbacks:
-    """Tells the caller of each job that ended."""
-
-    call: Callable[[Job, Record], None] | None
-
-    def planned(self, plan: Plan) -> None:
-        """Nothing."""
-
-    def ended(self, job: Job, record: Record) -> None:
-        """Call the caller."""
-        if self.call is not None:
-            self.call(job, record)

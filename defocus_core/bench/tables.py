@@ -14,14 +14,17 @@ from typing import Any
 from defocus_core.bench.error import BASELINES, Row
 from defocus_core.bench.timing import Case, MeasuredCost
 
-Columns = dict[str, tuple[str, int, int]]
+Columns = dict[str, tuple[str, int, int | None]]
 JUDGED = "standard"
 CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
 _MIN_DB, _MIN_SSIM, _MIN_FRACTION = 0.1, 0.001, 0.01
 # Relative RMSE of rounding to half, which truth and input have both.
 _ROUNDING = 1.4e-4
-# Title, width and decimals of each column of numbers; of errors, then of times.
-_COLUMNS = {
+# Title, width and decimals of each column, of words None; of errors, then of times.
+ERRORS: Columns = {
+    "scene": ("scene", 10, None),
+    "shot": ("shot", 8, None),
+    "method": ("method", 9, None),
     "psnr": ("PSNR", 7, 2),
     "psnr_edges": ("edges", 7, 2),
     "psnr_elsewhere": ("other", 7, 2),
@@ -32,7 +35,11 @@ _COLUMNS = {
     "fft_units": ("FFTs", 9, 1),
     "peak_mb": ("MB", 7, 0),
 }
-_OF_TIMES = {
+TIMES: Columns = {
+    "kind": ("kind", 8, None),
+    "size": ("size", 11, None),
+    "radius": ("r", 6, None),
+    "quality": ("quality", 10, None),
     "seconds": ("seconds", 9, 3),
     "fft_units": ("FFTs", 8, 1),
     "peak_mb": ("MB", 7, 0),
@@ -61,7 +68,7 @@ def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
     for method in dict.fromkeys(r["method"] for r in records):
         own = [r for r in records if r["method"] == method]
         mean: dict[str, Any] = {"method": method, "shots": len(own)}
-        for name in _COLUMNS:
+        for name in [name for name, (*_, decimals) in ERRORS.items() if decimals is not None]:
             values = [r[name] for r in own if r[name] is not None]
             if name.startswith("psnr"):
                 values = [min(value, CAP) for value in values]
@@ -105,15 +112,20 @@ def error_document(rows: Sequence[Row]) -> dict[str, Any]:
     return {"rows": records, "means": means(rows), "regressions": regressions(rows)}
 
 
-def error_heading() -> str:
-    """The titles of the columns of errors."""
-    return f"{'scene':<10}{'shot':<8}{'method':<9}{_titles(_COLUMNS)}"
+def heading(columns: Columns) -> str:
+    """The titles of a table."""
+    return line({name: title for name, (title, *_) in columns.items()}, columns)
 
 
-def error_line(row: Row, *, worse: bool = False) -> str:
-    """A row of the table, marked if it is a regression."""
-    names = f"{row.scene:<10}{row.shot:<8}{row.method:<9}"
-    return names + _cells(record(row), _COLUMNS) + (" !" if worse else "")
+def line(values: dict[str, Any], columns: Columns) -> str:
+    """A row of a table: words from the left, numbers from the right."""
+    cells = []
+    for name, (_, width, decimals) in columns.items():
+        value = "-" if values[name] is None else values[name]
+        is_number = decimals is not None and not isinstance(value, str)
+        text = f"{value:.{decimals}f}" if is_number else f"{value}"
+        cells.append(f"{text:<{width}}" if decimals is None else f"{text:>{width}}")
+    return "".join(cells)
 
 
 def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
@@ -123,7 +135,7 @@ def summary_lines(rows: Sequence[Row]) -> Iterator[str]:
     yield ""
     yield f"means of {shots} shot{'s' * (shots != 1)}, PSNR capped at {CAP:g} dB"
     for mean in averages:
-        yield f"{'mean':<18}{mean['method']:<9}" + _cells(mean, _COLUMNS)
+        yield line({"scene": "mean", "shot": "", **mean}, ERRORS)
     worse = regressions(rows)
     if worse:
         yield ""
@@ -140,31 +152,8 @@ def _loss(loss: dict[str, Any]) -> str:
     return f"! {loss['scene']} {loss['shot']}: {JUDGED} loses {words} to {baseline}"
 
 
-def _titles(columns: Columns) -> str:
-    return "".join(f"{title:>{width}}" for title, width, _ in columns.values())
-
-
-def _cells(values: dict[str, Any], columns: Columns) -> str:
-    return "".join(
-        f"{'-':>{width}}" if values[name] is None else f"{values[name]:>{width}.{decimals}f}"
-        for name, (_, width, decimals) in columns.items()
-    )
-
-
 def time_record(case: Case, cost: MeasuredCost) -> dict[str, Any]:
     """A case and its cost in plain words and numbers."""
     size = {"width": case.size[0], "height": case.size[1]}
     settings = {"kind": case.kind, **size, "radius": case.radius, "quality": case.quality}
     return {"case": case.name, **settings, **asdict(cost)}
-
-
-def time_heading() -> str:
-    """The titles of the columns of times."""
-    return f"{'kind':<8}{'size':<11}{'r':<6}{'quality':<10}{_titles(_OF_TIMES)}"
-
-
-def time_line(case: Case, cost: MeasuredCost) -> str:
-    """A row of the table of times."""
-    size = "{}x{}".format(*case.size)
-    names = f"{case.kind:<8}{size:<11}{case.radius:<6g}{case.quality:<10}"
-    return names + _cells(asdict(cost), _OF_TIMES)

@@ -187,8 +187,7 @@ def _lab(xyz: NDArray[Any]) -> NDArray[Any]:
 
 def _distance(apart: NDArray[Any]) -> NDArray[Any]:
     """The difference of colors [3, ...] of `_lab`, by Abasi et al. (2020), to a power."""
-    distance: NDArray[Any] = (np.abs(apart[0]) + _length(apart[1], apart[2])) ** _COLOR
-    return distance
+    return np.asarray((np.abs(apart[0]) + _length(apart[1], apart[2])) ** _COLOR)
 
 
 def _length(x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:

@@ -118,7 +118,6 @@ def read_store(folder: Path, *, anew: bool = False) -> Store:
 
 
 def _read(folder: Path, name: str) -> Any:
-    """The value of a file of a folder."""
     data = b""
     try:
         with Folder(folder).open(name) as opened:
@@ -211,7 +210,6 @@ def change_words(record: Comparison) -> str:
 
 
 def _made_by() -> dict[str, Any]:
-    """Versions and machine."""
     import torch
 
     machine = {

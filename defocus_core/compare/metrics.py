@@ -9,7 +9,7 @@ infinite in A or B are left out here, since they are judged apart.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -84,7 +84,7 @@ _APART = 101  # pixels from one to the next of a sample
 def encoded(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
     """Values as a screen shows them: sRGB-encoded, clipped to 0…1; NaN is 0."""
     if plane.dtype == np.float16 and gamma == 1.0:  # a hundred times as fast for 16 bits
-        return _encoded_halves().take(plane.view(np.uint16))
+        return _of_halves(encoded, 1.0).take(plane.view(np.uint16))
     values = np.clip(np.nan_to_num(np.asarray(plane, np.float32), nan=0.0), 0.0, 1.0)
     if gamma is None:
         return values
@@ -97,23 +97,17 @@ def unclipped(light: NDArray[Any]) -> NDArray[np.float32]:
     A negative value is the mirror image of a positive one.
     """
     if light.dtype == np.float16:  # a hundred times as fast for 16 bits
-        return _unclipped_halves().take(light.view(np.uint16))
+        return _of_halves(unclipped).take(light.view(np.uint16))
     magnitude = np.abs(np.asarray(light, np.float32))
     with np.errstate(invalid="ignore"):  # NaN stays NaN
         shown = linear_to_srgb(np.minimum(magnitude, np.float32(1.0)))
         beyond = np.log(np.maximum(magnitude, np.float32(1.0))) * np.float32(1.055 / 2.4)
-        whole: NDArray[np.float32] = np.copysign(shown + beyond, light).astype(np.float32)
-        return whole
+        return np.asarray(np.copysign(shown + beyond, light).astype(np.float32))
 
 
 @cache
-def _encoded_halves() -> NDArray[np.float32]:
-    return encoded(halves(), 1.0)
-
-
-@cache
-def _unclipped_halves() -> NDArray[np.float32]:
-    return unclipped(halves())
+def _of_halves(curve: Callable[..., NDArray[np.float32]], *args: float) -> NDArray[np.float32]:
+    return curve(halves(), *args)
 
 
 def measure(
@@ -152,7 +146,6 @@ def measure(
 
 
 def _similarity(pixels: Pixels) -> dict[str, float]:
-    """The structural similarity of a pair; none where it is not defined."""
     if min(pixels.shape) <= 2 * REACH:
         return {}
     values = []
@@ -174,12 +167,13 @@ def _on_scales(pixels: Pixels, total: int, *, shown: bool) -> dict[str, float]:
             scaled = name in colors and pixels.gamma == 1.0
             a, b = (unclipped(s[rows]) if scaled else np.asarray(s[rows], "f4") for s in sides)
             difference = _apart(a, b, out)
-            squares += _squares(difference)
+            squares += float(np.square(difference).sum(dtype=np.float64))
             np.maximum(greatest[rows], np.abs(difference, out=difference), out=greatest[rows])
             if shown and name in colors:
                 if pixels.gamma not in (None, 1.0):
                     a, b = (encoded(side, pixels.gamma) for side in (a, b))
-                of_screen[name] += _squares(_apart(np.clip(a, 0, 1), np.clip(b, 0, 1), out))
+                difference = _apart(np.clip(a, 0, 1), np.clip(b, 0, 1), out)
+                of_screen[name] += float(np.square(difference).sum(dtype=np.float64))
     metrics = {
         "hdr-max": float(greatest.max()),
         "hdr-p99.9": _percentile(greatest, pixels.finite, total),
@@ -199,22 +193,17 @@ def _apart(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None) -> N
     return difference
 
 
-def _squares(difference: NDArray[Any]) -> float:
-    return float(np.square(difference).sum(dtype=np.float64))
-
-
 def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
     """The metrics near depth edges and elsewhere."""
-    metrics = {}
-    for place, selected in (("edges", near), ("elsewhere", ~near)):
-        for name, value in measure(pixels.within(selected), over=0.0, asked=["psnr"]).items():
-            if f"{place}-{name}" in METRICS:
-                metrics[f"{place}-{name}"] = value
-    return metrics
+    return {
+        full: value
+        for place, selected in (("edges", near), ("elsewhere", ~near))
+        for name, value in measure(pixels.within(selected), over=0.0, asked=["psnr"]).items()
+        if (full := f"{place}-{name}") in METRICS
+    }
 
 
 def _luma_of(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float32]:
-    """The luma of a colour layer as a screen shows it."""
     luma = np.zeros(pixels.shape, np.float32)
     for name in layer:
         luma += encoded(pixels.plane(side, name), pixels.gamma) * np.float32(_LUMA[name[-1]])

@@ -7,7 +7,6 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Ledger
@@ -181,7 +180,6 @@ def pair_batches(a: Path, b: Path) -> BatchPairs:
 
 
 def _samples(folder: Path) -> dict[str, Record]:
-    """The records of the samples that were made, by name."""
     records = Ledger(folder).records()
     return {record.sample_id: record for record in records if record.taken is not None}
 
@@ -209,10 +207,6 @@ def _changes(a: Record, b: Record) -> Iterator[tuple[str, str, str]]:
         if was != now:
             yield key, str(was), str(now)
     for role in sorted({*a.inputs, *b.inputs}):
-        was, now = (_digest(record, role) for record in (a, b))
+        was, now = (record.inputs.get(role, Stamp()).blake2b for record in (a, b))
         if was != now:
             yield f"input {role}", "", ""
-
-
-def _digest(record: Record, role: str) -> Any:
-    return record.inputs.get(role, Stamp()).blake2b

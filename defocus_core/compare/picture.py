@@ -232,7 +232,6 @@ def _deep_samples(path: Path, headers: Sequence[Header]) -> dict[str, NDArray[An
 
 
 def _exr_layout(headers: Sequence[Header]) -> dict[str, str]:
-    """Codec and windows of each part."""
     layout = {}
     for header in headers:
         of = f" of part {header.label}" if len(headers) > 1 else ""

@@ -104,7 +104,11 @@ class Pixels:
         greatest = np.zeros(self.shape, self._type)
         largest = dict.fromkeys(self.names, 0.0)
         magnitude = squares = level = 0.0
-        same = all(_same_bits(a, b) for a, b in zip(self.a, self.b, strict=True))
+        same = all(  # integers are compared faster
+            a.dtype == b.dtype
+            and np.array_equal(a.view(f"u{a.itemsize}"), b.view(f"u{a.itemsize}"))
+            for a, b in zip(self.a, self.b, strict=True)
+        )
         for rows in () if same else self.strips():
             ok = None if self.finite is None else self.finite[rows]
             for name, *sides in zip(self.names, self.a, self.b, strict=True):
@@ -142,8 +146,7 @@ class Pixels:
 
     def plane(self, side: str, name: str) -> NDArray[Any]:
         """A channel of side ``a`` or ``b``."""
-        planes: tuple[NDArray[Any], ...] = getattr(self, side)
-        return planes[self.names.index(name)]
+        return (self.a if side == "a" else self.b)[self.names.index(name)]
 
     def visible(self) -> tuple[Pixels, int]:
         """The pair with the colours of A in B where both have alpha 0, and the pixels changed."""
@@ -165,12 +168,6 @@ class Pixels:
         """The pair with the selected pixels alone."""
         both = selected if self.selected is None else selected & self.selected
         return replace(self, selected=both)
-
-
-def _same_bits(a: NDArray[Any], b: NDArray[Any]) -> bool:
-    """Whether all values of two planes are stored alike; integers are compared faster."""
-    code = f"u{a.itemsize}"
-    return a.dtype == b.dtype and np.array_equal(a.view(code), b.view(code))
 
 
 def _range(plane: NDArray[Any]) -> tuple[float, float]:

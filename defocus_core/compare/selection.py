@@ -110,8 +110,7 @@ def within_neighbours(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> N
             low, high = (_of_nine(near, choose) for choose in (np.minimum, np.maximum))
             ok &= (value >= low) & (value <= high)
     count = _of_nine(equal.astype(np.int8), np.add)
-    tolerated: NDArray[np.bool_] = ok & ~equal & (count >= 3)
-    return tolerated
+    return np.asarray(ok & ~equal & (count >= 3))
 
 
 def _of_nine(values: NDArray[Any], combine: Any) -> NDArray[Any]:

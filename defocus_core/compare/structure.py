@@ -127,7 +127,6 @@ def _depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:
 
 
 def _heeded(metadata: Mapping[str, str], ignored: Sequence[str]) -> dict[str, str]:
-    """The attributes that count."""
     patterns = [pattern.lower() for pattern in (*_OF_A_RUN, *ignored)]
 
     def counts(name: str) -> bool:
@@ -163,17 +162,13 @@ def _notes_of(a: DecodedPicture, b: DecodedPicture, lone: Sequence[str]) -> list
 
 
 def _differing(a: Mapping[str, str], b: Mapping[str, str]) -> list[str]:
-    """Each key whose values differ, in words."""
     lines = []
     for key in sorted({*a, *b}):
         if a.get(key) != b.get(key):
-            old, new = (_short(d[key]) if key in d else "nothing" for d in (a, b))
+            texts = (d.get(key, "nothing") for d in (a, b))
+            old, new = (text if len(text) <= 60 else f"{text[:57]}…" for text in texts)
             lines.append(f"{key} {new} instead of {old}")
     return lines
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 60 else f"{text[:57]}…"
 
 
 def of_another_size(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:

@@ -80,7 +80,6 @@ def rule(text: str) -> Rule:
 
 
 def _found(name: str) -> Rule:
-    """The rule that a finding is bad."""
     exact = {known.lower(): known for known in FINDINGS}.get(name.lower(), name)
     if exact != "*" and not any(f"{exact} ".startswith(f"{known} ") for known in FINDINGS):
         remedy = did_you_mean(name, [*FINDINGS], f"findings are *, {', '.join(FINDINGS)}")
@@ -194,7 +193,6 @@ def read_thresholds(
 
 
 def _changes(table: Table) -> dict[str, Any]:
-    """The rules that a table sets."""
     changes: dict[str, Any] = {}
     for key in ("fail", "warn"):
         if key in table.values:

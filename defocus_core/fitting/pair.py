@@ -82,7 +82,7 @@ class Fit:
 def fit(
     sharp: Tensor,
     disparity: Tensor,
-    blurred: Tensor | tuple[Tensor, Tensor],
+    blurred: Tensor | tuple[Tensor, ...],
     *,
     apertures: Sequence[Aperture] = (Aperture(),),
     rotation: bool = False,

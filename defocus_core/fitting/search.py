@@ -16,18 +16,12 @@ import torch
 from torch import Tensor
 
 from defocus_core.fitting.pictures import Scale, offset_of
-from defocus_core.fitting.residual import (
-    Optics,
-    Residual,
-    error_of,
-    measure_of,
-    robust_of,
-)
+from defocus_core.fitting.residual import Optics, Residual, error_of, measure_of, robust_of
 from defocus_core.fitting.unknowns import MAX_SHIFT, Candidate, Unknown, moved, rotation_of
 
 MIDDLE = 480  # px, width of pictures of middle size
 _COARSE = 200  # px, width of small pictures
-_STEPS = {_COARSE: 6, MIDDLE: 6, None: 4}  # most Gauss-Newton steps at a width
+_STEPS = {_COARSE: 6, MIDDLE: 6, None: 8}  # most Gauss-Newton steps at a width
 _STARTS = 6  # blurs that are rendered
 _KEPT = {_COARSE: 3, MIDDLE: 2}  # of these are followed at a width
 _SAME_PX = 0.25  # px of small pictures, by which radii of one point differ
@@ -43,7 +37,6 @@ _FRACTIONS = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _DAMPING = 1e-4
 # Px by which a nearly sharp surface is moved, how much less error is worth it, and how often.
 _PIVOT_PX, _PIVOT_RATIO, _TIMES = (-0.4, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.4), 0.9, 3
-_OTHER_SIDE_RATIO = 2.0  # times the error, that the other side of the focus may have before steps
 _TAIL = 0.02  # fraction of the pixels, nearer or farther than which there are hardly any
 _MAP_WIDTH = 320  # px, of pictures that are blurred as a whole
 _MIN_RADIUS, _MAX_RADIUS, _RATIO = 0.4, 0.24, 1.15  # px; of the width; of one to the next
@@ -228,19 +221,16 @@ class Search:
         rare = torch.tensor([_TAIL, 1 - _TAIL], dtype=torch.float64)
         limits = scale.disparity.flatten().double().quantile(rare).tolist()
         for _ in range(_TIMES):
-            point, limits = fitted.point, sorted(limits, key=lambda d: abs(fitted.point.focus - d))
-            away, sharpest = point.focus - limits[-1], point.focus - limits[0]
+            point = fitted.point
+            limit = max(limits, key=lambda d: abs(fitted.point.focus - d))
+            away = point.focus - limit
             strengths = [point.strength - px / away for px in _PIVOT_PX if away]
-            if away != sharpest:  # the same blur on the other side of the focus
-                strengths.append(point.strength * (away + sharpest) / (away - sharpest))
             pivoted = (
-                replace(point, strength=k, focus=limits[-1] + point.strength * away / k)
+                replace(point, strength=k, focus=limit + point.strength * away / k)
                 for k in strengths
                 if k > 0
             )
-            tried = [self._at(each, fitted.optics, scale) for each in pivoted]
-            if tried and tried[-1].error < _OTHER_SIDE_RATIO * fitted.error:
-                tried[-1] = self._descend(tried[-1], MIDDLE, blur)
+            tried = (self._at(each, fitted.optics, scale) for each in pivoted)
             best = min(tried, key=lambda each: each.error, default=fitted)
             if not best.error < _PIVOT_RATIO * fitted.error:
                 return fitted
@@ -248,14 +238,11 @@ class Search:
         return fitted
 
     def _move(self, point: Candidate, free: Sequence[Unknown], steps: Sequence[float]) -> Candidate:
-        """A point after a step."""
-        return self._with_known_strength(moved(point, free, steps))
-
-    def _with_known_strength(self, point: Candidate) -> Candidate:
-        """A point with the strength that is known for its focus."""
+        """A point after a step, with the strength that is known for its focus."""
+        there = moved(point, free, steps)
         if self._strength is None:
-            return point
-        return replace(point, strength=self._strength(point.focus) / point.magnification)
+            return there
+        return replace(there, strength=self._strength(there.focus) / there.magnification)
 
     def _at(self, point: Candidate, optics: Optics, scale: Scale) -> FittedLens:
         return FittedLens(error_of(*self.residual.of(point, optics, scale)), point, optics)

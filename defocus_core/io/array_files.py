@@ -48,7 +48,10 @@ _MAGIC = {
 }
 NAMED = ("NPZ", "HDF5")  # types whose arrays have names
 # The scale ends with its line, or with one blank: the byte of a pixel may look like a blank too.
-_PFM_HEADER = re.compile(rb"(Pf|PF)\s+(\S+)\s+(\S+)\s+(\S+)(?:[ \t\r]*\n|\s)")
+# Blanks, and comments as some programs write them, stand between the words.
+_PFM_HEADER = re.compile(
+    rb"(Pf|PF)W(\S+)W(\S+)W(\S+)(?:[ \t\r]*\n|\s)".replace(b"W", rb"\s(?:\s|#[^\n]*\n)*")
+)
 _COLMAP = re.compile(rb"(\d{1,7})&(\d{1,7})&(\d{1,3})&")
 _HEAD = 32  # bytes
 _NUMERIC = "fiu"  # kinds of NumPy types
@@ -197,16 +200,6 @@ def checked(path: Path, shape: tuple[int, ...], itemsize: int) -> None:
     check_size(path, shape[-1], math.prod(shape[:-1]), itemsize)
 
 
-def _loading(path: Path, load: Callable[[int | None], NDArray[Any]]) -> Any:
-    """A loader that raises InputError if the file is damaged."""
-
-    def guarded(index: int | None) -> NDArray[Any]:
-        with decoding(path):
-            return load(index)
-
-    return guarded
-
-
 def _npy_header(stored: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Shape and type of an NPY file; no axes if it holds no numbers."""
     file = BytesIO(stored.read(_LONGEST_HEADER))  # one may claim a header of any length
@@ -234,14 +227,14 @@ def _npz(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
             with archive.open(member) as stored:
                 shape, dtype = _npy_header(stored)
             load = partial(_npz_array, path, member, shape, dtype.itemsize)
-            yield member.removesuffix(".npy"), ArrayEntry(shape, dtype.name, _loading(path, load))
+            yield member.removesuffix(".npy"), ArrayEntry(shape, dtype.name, load)
 
 
 def _npz_array(
     path: Path, member: str, shape: tuple[int, ...], itemsize: int, index: int | None
 ) -> NDArray[Any]:
     checked(path, shape, itemsize)
-    with zipfile.ZipFile(path) as archive, archive.open(member) as file:
+    with decoding(path), zipfile.ZipFile(path) as archive, archive.open(member) as file:
         values: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
     return values if index is None else values[index]
 
@@ -254,7 +247,7 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     entries: list[tuple[str, ArrayEntry]] = []
 
     def load(name: str, index: int | None) -> NDArray[Any]:
-        with h5py.File(path, "r") as file:
+        with decoding(path), h5py.File(path, "r") as file:
             dataset = file[name]
             _require_own(path, dataset, index)
             shape = dataset.shape if index is None else dataset.shape[1:]
@@ -265,8 +258,7 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     def visit(name: str, item: Any) -> bool | None:
         shape, dtype = getattr(item, "shape", None), getattr(item, "dtype", None)
         if shape and dtype is not None and dtype.kind in _NUMERIC and not name.startswith("#"):
-            loader = _loading(path, lambda index: load(name, index))
-            entries.append((name, ArrayEntry(tuple(shape), dtype.name, loader)))
+            entries.append((name, ArrayEntry(tuple(shape), dtype.name, partial(load, name))))
         return len(entries) > _MAX_ARRAYS or None  # anything but None ends the visit
 
     with h5py.File(path, "r") as file:

@@ -50,7 +50,7 @@ class Scratch:
                 self._mapped = np.memmap(file, self.dtype, "r+", shape=shape)
                 self._pages: Any = self._mapped.base
         except OSError as error:
-            problem = f"has no room for {size / 10**6:.0f} MB of scratch: {reason(error)}"
+            problem = f"has no room for {size / 10**6:.3g} MB of scratch: {reason(error)}"
             remedy = "free some, let TMPDIR name another directory, or allow more ‹memory›"
             raise InputError("no-space", problem, remedy, path=folder) from None
 

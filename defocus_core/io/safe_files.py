@@ -28,6 +28,8 @@ from defocus_core.system.interrupts import delayed_signals
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
 
 AGAIN = "write or copy it again"
 # What is raised where a foreign document, JSON that may be anything, is taken for one of ours.
@@ -36,6 +38,7 @@ MAX_PIXELS = 2**30
 # No codec packs real pixels tighter than MAX_RATIO; images below UNASKED_BYTES are not checked.
 MAX_RATIO = 10_000
 UNASKED_BYTES = 2**28
+_NO_CODEC = ("support is not configured", "decoding is not implemented")  # as libtiff says it
 
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # git-lfs, docs/spec.md
 
@@ -66,18 +69,13 @@ def once(function: _OfFile) -> _OfFile:
     @wraps(function)
     def known(path: Path, *of: Any) -> Any:
         try:
-            stamp = stamp_of(path)
+            it = path.stat()
         except (OSError, ValueError):  # the function says what is wrong with it
             return function(path, *of)
+        stamp = it.st_dev, it.st_ino, it.st_size, it.st_mtime_ns, it.st_ctime_ns, it.st_mode
         return found(stamp, path, *of)
 
     return cast(_OfFile, known)
-
-
-def stamp_of(path: Path) -> tuple[int, ...]:
-    """What changes with a file."""
-    it = path.stat()
-    return it.st_dev, it.st_ino, it.st_size, it.st_mtime_ns, it.st_ctime_ns, it.st_mode
 
 
 @once
@@ -336,6 +334,37 @@ def opened_image(path: Path, refusal: Callable[[str], InputError]) -> Iterator[A
     finally:
         file.close()
         oiio.geterror()  # or the next file would be blamed
+
+
+def decode_window(
+    path: Path,
+    file: Any,
+    part: int,
+    rows: tuple[int, int],
+    columns: tuple[int, int],
+    channels: tuple[int, int],
+    kind: str,
+) -> NDArray[Any]:
+    """Samples [h, w, C] of an `opened_image` as they are in the file; of scan lines, whole rows.
+
+    `rows`, `columns`, `channels`: first, and the one behind the last; `kind`: type of number.
+    """
+    spec = file.spec()
+    if spec.tile_width:
+        place = (*columns, *rows, spec.z, spec.z + 1)
+        samples = file.read_tiles(part, 0, *place, *channels, kind)
+    else:
+        samples = file.read_scanlines(part, 0, *rows, spec.z, *channels, kind)
+    # A truncated JPEG comes back filled with grey, and only the error flag says so.
+    if samples is None or file.has_error:
+        why = first_line(path, file.geterror())
+        if not any(words in why for words in _NO_CODEC):
+            raise damaged(path, why)
+        problem = f"is compressed by a codec that is not read here ({why.rpartition(': ')[2]})"
+        raise InputError("unsupported", problem, "save it with ZIP or LZW", path=path)
+    shape = rows[1] - rows[0], columns[1] - columns[0], channels[1] - channels[0]
+    decoded: NDArray[Any] = samples.reshape(shape)
+    return decoded
 
 
 @contextmanager

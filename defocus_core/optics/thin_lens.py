@@ -52,6 +52,34 @@ def fnum_of_strength(strength: float, focus: float, foclen: float, pixel_size: f
     return foclen**2 / (2 * pixel_size * strength * (1 - foclen * focus))
 
 
+def coc_per_disparity(foclen: Tensor, fnum: Tensor, foc_dist: Tensor) -> Tensor:
+    """A v = f² / (N (1 - f / s)) in mm², of f and s in mm: the CoC for a disparity of 1 per mm."""
+    return foclen * foclen / (fnum * (1 - foclen / foc_dist))
+
+
+def far_point(foclen: Tensor, fnum: Tensor, coc: Tensor) -> Tensor:
+    """The focus s = f + f² / (N c) in mm, of f and c in mm, at which infinity has a CoC of c."""
+    return foclen + foclen * foclen / (fnum * coc)
+
+
+def depth_of_field(foc_dist: Tensor, margin: Tensor, farthest: Tensor) -> tuple[Tensor, Tensor]:
+    """Near and far limit in mm, 1 / (1/s ± c / (A v)), focused at s mm; far is inf from a limit on.
+
+    `margin`: the acceptable CoC by that of a disparity of 1 per mm, c / (A v); `farthest`: mm, the
+    `far_point`, where rounding may leave a rest of disparity.
+    """
+    disparity = 1 / foc_dist
+    finite = (foc_dist < farthest) & (disparity > margin)
+    far = torch.where(finite, 1 / torch.where(finite, disparity - margin, 1.0), math.inf)
+    return 1 / (disparity + margin), far
+
+
+def field_of_view(side: float, foclen: Scalar) -> Scalar:
+    """2 atan(side / 2f) in radians, of a side of the sensor and f in mm."""
+    half = side / 2 / foclen
+    return 2 * (half.atan() if isinstance(half, Tensor) else math.atan(half))
+
+
 def coc_of(per_disparity: Tensor, focus: Tensor, depth: Tensor) -> Tensor:
     """The law: signed CoC in mm of depths in mm, by A v and by 1/s, the disparity in focus."""
     return per_disparity * (focus - 1 / depth)
@@ -208,21 +236,17 @@ class ThinLens:
     @property
     def hfov(self) -> Scalar:
         """Field of view across the sensor's width, 2 atan(w / 2f), in radians."""
-        return self._field_of_view(self.sensor_size[0])
+        return field_of_view(self.sensor_size[0], self.foclen)
 
     @property
     def vfov(self) -> Scalar:
         """Field of view across the sensor's height, in radians."""
-        return self._field_of_view(self.sensor_size[1])
+        return field_of_view(self.sensor_size[1], self.foclen)
 
     @property
     def dfov(self) -> Scalar:
         """Field of view across the sensor's diagonal, in radians."""
-        return self._field_of_view(math.hypot(*self.sensor_size))
-
-    def _field_of_view(self, side: float) -> Scalar:
-        half = side / 2 / self.foclen
-        return 2 * (half.atan() if isinstance(half, Tensor) else math.atan(half))
+        return field_of_view(2 * self.r_sensor, self.foclen)
 
     def refocus(self, foc_dist: Scalar) -> None:
         """Focus at a distance of |foc_dist| mm, which may be infinite.
@@ -355,20 +379,16 @@ class ThinLens:
                 f"{list(c.shape)}; 0.03 mm suits 36×24 mm"
             )
         margin = c.to(s) / self._coc_per_disparity(s, s)
-        # what `hyperfocal` says is the limit, though rounding may leave a rest of disparity there
-        finite = (s < self._far_point(c).to(s)) & (1 / s > margin)
-        far = torch.where(finite, 1 / torch.where(finite, 1 / s - margin, 1.0), math.inf)
-        return 1 / (1 / s + margin), far
+        return depth_of_field(s, margin, self._far_point(c).to(s))
 
     def _far_point(self, c: Tensor) -> Tensor:
-        """Focus distances in mm from which on infinity has a CoC of c at most; inf for none."""
-        f = self._parameter("foclen", c)
-        return f + f * f / (self._parameter("fnum", c) * c)
+        return far_point(self._parameter("foclen", c), self._parameter("fnum", c), c)
 
     def _coc_per_disparity(self, s: Tensor, depth: Tensor) -> Tensor:
-        """A v in mm² for a focus distance s: f² / (N (1 - f / s)), in the shape of a depth."""
-        f = self._parameter("foclen", depth)
-        return f * f / (self._parameter("fnum", depth) * (1 - f / s))
+        """A v in mm² for a focus distance s, in the shape of a depth."""
+        return coc_per_disparity(
+            self._parameter("foclen", depth), self._parameter("fnum", depth), s
+        )
 
     def _limit(self, z: Tensor) -> Tensor:
         """Distances, none nearer than d_close or farther than d_far."""

@@ -73,37 +73,26 @@ class Radii(NamedTuple):
 
 def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
     """The radii of a whole frame; those of a file of radii as they are."""
-    radii = _radii_of(lens, depth, keeping)
+    import torch
+
+    px, infinity, scale = depth.metres, None, 1.0
+    if isinstance(lens.blur, float):
+        px = _relative(lens.blur, lens, depth, keeping)
+    elif not depth.is_radius:
+        thin_lens, px = thin_lens_of(lens, depth.size), keeping.new(depth.metres.shape, "float32")
+        for rows in bands(px.shape):
+            px[rows] = _through(thin_lens, depth.metres[rows], depth.path)
+        infinity = thin_lens.radius_at_infinity()
+        near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
+        scale = (infinity - near) * MM_PER_M
+    limits = _limits_of(px, depth)
+    for rows in bands(px.shape) if depth.empty is not None else ():
+        px[rows] = np.where(depth.empty[rows], np.float32(limits[1]), px[rows])
+    radii = Radii(px, limits, infinity, scale)
     return radii if lens.clamp_blur is None else _clamp(radii, lens.clamp_blur, depth, keeping)
 
 
-def _radii_of(lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
-    import torch
-
-    if isinstance(lens.blur, float):
-        return _relative(lens.blur, lens, depth, keeping)
-    if depth.is_radius:
-        limits = _limits_of_file(depth)
-        return Radii(_with_nothing(depth.metres, limits[1], depth), limits, None, 1.0)
-    thin_lens = thin_lens_of(lens, depth.size)
-    whole = keeping.new(depth.metres.shape, "float32")
-    extremes = []
-    for rows in bands(depth.metres.shape):
-        radius = _through(thin_lens, depth.metres[rows], depth.path)
-        whole[rows] = radius
-        if depth.empty is not None:
-            radius = radius[~depth.empty[rows]]
-        if radius.size:
-            extremes += [float(radius.min()), float(radius.max())]
-            _refuse_blur(extremes[-2:], depth, rows)
-    limits = (min(extremes), max(extremes)) if extremes else (0.0, 0.0)
-    infinity = thin_lens.radius_at_infinity()
-    near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
-    scale = (infinity - near) * MM_PER_M
-    return Radii(_with_nothing(whole, limits[1], depth), limits, infinity, scale)
-
-
-def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
+def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Any:
     """The radii of relative disparity, linear in its numbers."""
     import torch
 
@@ -124,8 +113,7 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Radii:
             low, high = lens.sharp_range
             radius[(disparity >= low) & (disparity <= high)] = 0.0
         whole[rows] = radius.float().numpy()
-    limits = _limits_of(whole, depth)
-    return Radii(_with_nothing(whole, limits[1], depth), limits, None, 1.0)
+    return whole
 
 
 def _clamp(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
@@ -211,37 +199,27 @@ def _through(
     return radius
 
 
-def _refuse_blur(limits: list[float], depth: Depth, rows: slice) -> None:
-    """Refuse radii that no frame would hold."""
-    if not -limits[0] <= _MAX_PX:
-        nearest = float(depth.present(rows).min())
-        problem = f"has a depth of {nearest:.3g} m, which is blurred by {-limits[0]:.2g} px"
-        raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=depth.path)
-    if not limits[1] <= _FARTHEST_PX:
-        problem = f"is blurred by {limits[1]:.2g} px: focus is hardly beyond the focal length"
-        raise InputError("out-of-range", problem, "give ‹focus› in the scene", path=depth.path)
-
-
-def _with_nothing(radius: Any, farthest: float, depth: Depth) -> Any:
-    """The radii, the farthest where there is nothing; in place."""
-    for rows in bands(radius.shape) if depth.empty is not None else ():
-        radius[rows] = np.where(depth.empty[rows], np.float32(farthest), radius[rows])
-    return radius
-
-
 def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
-    """The least and greatest radius, in px, of what is there."""
+    """The least and greatest radius, in px, of what is there; not of what no frame would hold."""
     ends: list[float] = []
     for rows in bands(px.shape):
         radius = px[rows] if depth.empty is None else px[rows][~depth.empty[rows]]
         ends += [float(radius.min()), float(radius.max())] if radius.size else []
-    return min(ends, default=0.0), max(ends, default=0.0)
-
-
-def _limits_of_file(depth: Depth) -> tuple[float, float]:
-    """The least and greatest radius of a file of radii, in px."""
-    minimum, maximum = _limits_of(depth.metres, depth)
-    if max(-minimum, maximum) > _MAX_PX:
-        problem = f"has a CoC radius of {max(-minimum, maximum):.2g} px"
-        raise InputError("too-blurred", problem, "check ‹depth-format› coc", path=depth.path)
-    return minimum, maximum
+    least, greatest = min(ends, default=0.0), max(ends, default=0.0)
+    remedy = "check ‹depth-unit› and ‹focus›"
+    if depth.is_radius and not depth.is_relative and max(-least, greatest) > _MAX_PX:
+        problem, remedy = (
+            f"has a CoC radius of {max(-least, greatest):.2g} px",
+            "check ‹depth-format› coc",
+        )
+    elif not depth.is_radius and not -least <= _MAX_PX:
+        nearest = min(
+            float(each.min()) for rows in bands(px.shape) if (each := depth.present(rows)).size
+        )
+        problem = f"has a depth of {nearest:.3g} m, which is blurred by {-least:.2g} px"
+    elif not depth.is_radius and not greatest <= _FARTHEST_PX:
+        problem = f"is blurred by {greatest:.2g} px: focus is hardly beyond the focal length"
+        raise InputError("out-of-range", problem, "give ‹focus› in the scene", path=depth.path)
+    else:
+        return least, greatest
+    raise InputError("too-blurred", problem, remedy, path=depth.path)

@@ -62,7 +62,7 @@ def stack_layers(surfaces: Surfaces) -> Surfaces:
         colors=layers.pictures,
         radii=every,
         light=tuple(windows(light, device) for light in layers.light),
-        px=tuple(map_windows(times(each.px, surfaces.longer), device) for each in every),
+        px=tuple(map_windows(times(each.px, take.longer_axis), device) for each in every),
         coverage=windows(layers.alpha, device),
     )
 
@@ -89,7 +89,7 @@ def repair_surfaces(surfaces: Surfaces) -> Surfaces:
     """The surfaces with the radii by which they are rendered; the repair is that of the first."""
     from defocus_core.depth.repair import repair_depth
 
-    take, longer = surfaces.take, surfaces.longer
+    take, longer = surfaces.take, surfaces.take.longer_axis
     decided, infinity = take.decided, take.blur.infinity
     if decided is not None:
         from defocus_core.sequences.shot_repair import repair_through
@@ -150,7 +150,7 @@ def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
         )
         for channels, px in _groups(take)
     ]
-    if len(apart) > 1 and whole.scene.layered is None:
+    if len(apart) > 1 and whole.scene.layered is None and whole.scene.hidden is None:
         offsets = [each.px for each in apart]
         settings = apart[0].settings
         shared = shared_surfaces(whole.scene, settings, offsets, keep=take.has_room)

@@ -198,11 +198,6 @@ class Surfaces:
     # Number of clipped lights that were made brighter; None if this is not asked for
     lamps: int | None = None
 
-    @cached_property
-    def longer(self) -> float:
-        """The longer half axis of the blur in px, in radii of the CoC."""
-        return self.take.longer_axis
-
     @property
     def is_repaired(self) -> bool:
         """Whether its depth is to be repaired: that of deep pixels is what it is."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from hashlib import blake2b
@@ -34,19 +34,7 @@ from defocus_core.system.text import counted, versions
 _SEED_BYTES = 5  # of a seed of noise, of which rows of pictures make others
 
 
-def contents_of(take: Take, kind: Kind) -> Contents:
-    """The contents of the file of a kind."""
-    layout = Layout(take.inputs.color.corner, None, kind.views)
-    make = _SOURCES.get(kind.source) or (_image if kind.image else _map)
-    return through(WRITE, Contents(take, kind, *make(take, kind), layout))
-
-
 _Channels = tuple[tuple[str, ...], tuple[Any, ...], dict[str, Any]]  # names, planes, extras
-
-
-def _map(take: Take, kind: Kind) -> _Channels:
-    """A map that was rendered."""
-    return (kind.name,), take.images[kind.name], {}
 
 
 def _of_radius(take: Take, kind: Kind) -> _Channels:
@@ -95,17 +83,15 @@ def _given_color(take: Take, kind: Kind) -> _Channels:
     return color.channels, tuple(color.planes[: len(color.channels)]), {}
 
 
-def _given_depth(take: Take, kind: Kind) -> _Channels:
-    """The depth as it was given, in metres."""
-    return ("Z",), (take.metres,), {}
-
-
-_SOURCES = {
+# What makes the channels of a kind, by its source; of no source an image or a map is rendered.
+_SOURCES: dict[str, Callable[[Take, Kind], _Channels]] = {
+    "": lambda take, kind: ((kind.name,), take.images[kind.name], {}),
+    "image": _image,
     "radius": _of_radius,
     "disparity": _of_radius,
     "focus": _focus,
     "color": _given_color,
-    "depth": _given_depth,
+    "depth": lambda take, kind: (("Z",), (take.metres,), {}),
 }
 
 
@@ -146,20 +132,22 @@ def _not_finite(carried: Mapping[str, Any]) -> Iterator[str]:
     """What is said of channels that are copied and hold NaN or inf, which in depth is sky."""
     for name, plane in carried.items():
         if plane.dtype.kind == "f":
-            wrong = np.isnan if is_depth(name) else _is_not_finite
-            count, _ = count_of((wrong(plane[rows]), rows.start) for rows in bands(plane.shape))
+            asked = np.isnan if is_depth(name) else np.isfinite
+            wrong = (
+                (asked(plane[rows]) == is_depth(name), rows.start) for rows in bands(plane.shape)
+            )
+            count, _ = count_of(wrong)
             if count:
                 what = "NaN" if is_depth(name) else "NaN or infinite"
                 yield f"{name}, which is copied, is {what} in {counted(count, 'pixel')}"
 
 
-def _is_not_finite(values: Any) -> Any:
-    return ~np.isfinite(values)
-
-
 def _write_kind(take: Take, kind: Kind) -> list[str]:
     """Write the file of a kind, and its preview if there is to be one; the warnings."""
-    job, contents, warnings = take.job, contents_of(take, kind), []
+    job, warnings = take.job, list[str]()
+    layout = Layout(take.inputs.color.corner, None, kind.views)
+    channels = _SOURCES[kind.source or "image" * kind.image](take, kind)
+    contents = through(WRITE, Contents(take, kind, *channels, layout))
     channel = kind.channel or kind.name
     path, preview = job.paths[kind.name], job.previews.get(kind.name)
     compression = job.outputs.compression

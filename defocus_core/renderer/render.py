@@ -72,8 +72,8 @@ def render(
         aperture: The pupil, a round one by default.
         quality: "draft", "standard", "high" or "reference": spacing of slices, parts of the
             aperture. A draft is rendered at half of the size, its tiles and slices too, unless
-            `num_layers` or `psf_ks` is given; pixels in focus get their detail back. A draft of
-            less than 181×181 px is the standard.
+            `num_layers`, `psf_ks` or `hidden` is given; pixels in focus get their detail back. A
+            draft of less than 181×181 px is the standard.
         left_right: Whether to return the dual-pixel pair too.
         num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
             of the slice radii of the quality.
@@ -171,7 +171,7 @@ def _rendered(
 ) -> Views:
     """One picture, its colours apart if the px that are added to their radii differ."""
     surfaces = None
-    if len(colors) > 1:
+    if len(colors) > 1 and scene.hidden is None:
         scene = repaired_once(scene, settings)
         surfaces = shared_surfaces(scene, settings, [px for _, px in colors])
     passes = (scene.of_colors(*color, surfaces) for color in colors)

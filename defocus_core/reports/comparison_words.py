@@ -43,7 +43,7 @@ def line(record: Comparison) -> str:
         return f"{record.name}: {word}: {record.error or f'{lacking} has no such file'}"
     parts = [finding.text for finding in record.findings]
     if record.differing:
-        parts += [_place(record)] if _is_local(record) else []
+        parts += [place_words(record)] if _is_local(record) else []
         parts += [_numbers(record)] if record.metrics else []
         parts += [f"worst at {worst_words(record.worst)}"] if record.worst is not None else []
     if record.failed:
@@ -170,8 +170,10 @@ def _is_local(record: Comparison) -> bool:
     return width * height < _LOCAL * record.size[0] * record.size[1]
 
 
-def _place(record: Comparison) -> str:
-    assert record.window is not None
+def place_words(record: Comparison) -> str:
+    """How many pixels differ, and where; empty where it is not known."""
+    if record.window is None:
+        return ""
     x, y, width, height = record.window
     return f"{counted(record.differing, 'pixel')} within {width}x{height} at {x},{y}"
 

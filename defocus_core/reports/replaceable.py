@@ -18,16 +18,11 @@ _HEAD = 1024  # bytes
 
 def refuse_other(path: Path, kind: str) -> None:
     """Refuse to write a report over what is no report, or into a file named as a picture."""
-    if path.suffix.lower() in PICTURES:
-        remedy = f"end its name in .{'xml' if kind == 'junit' else kind}"
-        raise UsageProblem(
-            "malformed", "is the name of a picture, not of a report", remedy, path=path
-        )
     try:
         with open_plain(path) as file:
             head = file.read(_HEAD)
     except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
-        return  # who writes it says what is wrong
+        head = b""  # who writes it says what is wrong
     except OSError as error:
         problem = f"cannot be replaced: {reason(error)}"
         raise InputError("unwritable", problem, "name another file", path=path) from None
@@ -35,3 +30,8 @@ def refuse_other(path: Path, kind: str) -> None:
     if head and not (head.startswith(begin) and mark in head):
         problem = "exists already, and is not a report that could be replaced"
         raise InputError("exists", problem, "name another file, or move it away", path=path)
+    if path.suffix.lower() in PICTURES:
+        remedy = f"end its name in .{'xml' if kind == 'junit' else kind}"
+        raise UsageProblem(
+            "malformed", "is the name of a picture, not of a report", remedy, path=path
+        )

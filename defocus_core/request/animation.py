@@ -132,11 +132,6 @@ def read_animation(
     return Animation(checked, interpolation or INTERPOLATIONS[0])
 
 
-def read_animation_table(table: Table) -> Animation:
-    """The animation of ``[animate]`` of a jobs file."""
-    return read_animation((), None, table)
-
-
 def _first(keys: Mapping[int, Key]) -> Key:
     return next(iter(keys.values()))
 
@@ -155,7 +150,6 @@ _REMEDY = 'write [animate] and focus = {1001 = "1.2m", 1060 = "4m"}'
 
 
 def _animate_of(file: Path) -> Table:
-    """The table of a file of keys."""
     tables = read_toml(file, what="file of keys", remedy=_REMEDY)
     refuse_unknown(tables, ("animate",), file, "a file of keys", "table")
     if not tables:
@@ -177,7 +171,7 @@ def _keys_of(table: Table) -> tuple[dict[str, Mapping[int, Key]], str | None]:
             frame_of(frame, table.place(name)): Key(text_of(text), table.place(f"{name}: {frame}"))
             for frame, text in frames.items()
         }
-    return every, table.choice("interpolation", INTERPOLATIONS)
+    return every, table.parsed("interpolation", ANIMATION_OPTIONS["interpolate"].parse)
 
 
 def focal_length(fov: str, sensor_width: float, size: tuple[int, int]) -> str:

@@ -175,12 +175,9 @@ _SHOT = (
 )
 SHOT_OPTIONS = {row.name: row for row in _SHOT}
 _INPUTS = (
-    Param(name="color", only="files", is_path=True, help="Pictures, sharp."),
-    Param(
-        name="depth",
-        only="files",
-        is_path=True,
-        help="Their depth; without it, each colour EXR holds its own.",
+    *(
+        Param(name=name, only="files", is_path=True)
+        for name in ("color", "depth", "hidden-depth", "holdout-depth")
     ),
     Param(
         name="hidden",
@@ -192,7 +189,6 @@ _INPUTS = (
         help="Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
         "unknown, and invented; inf with colour is sky.",
     ),
-    Param(name="hidden-depth", only="files", is_path=True, help="Depth of what lies behind."),
     Param(
         name="over",
         key="over-color",
@@ -218,7 +214,6 @@ _INPUTS = (
         help="Deep EXR whose samples hide what is behind them and show nothing, like objects that "
         "are composited later: colour and alpha are cut out.",
     ),
-    Param(name="holdout-depth", only="files", is_path=True, help="The same deep EXR."),
     Param(
         name="matte",
         heading="Files",
@@ -241,8 +236,8 @@ _INPUTS = (
         choices=MISSING,
         help="Frames that have no file: an error, or left out.  [default: error]",
     ),
-    Param(name="list", only="files", help="CSV or JSONL files with a row for each picture."),
-    Param(name="pictures", only="files", help="Such rows in the jobs file itself."),
+    Param(name="list", only="files"),
+    Param(name="pictures", only="files"),
 )
 INPUT_OPTIONS = {row.name: row for row in _INPUTS}
 INTERPOLATIONS = ("linear", "ease")
@@ -309,7 +304,7 @@ _MACHINE = (
         heading="Machine",
         parse=whole_within(MIN_TILE, _MAX_TILE),
         metavar="PX",
-        help="Side of the tiles to compute in; changes the last digits.",
+        help=f"Side of the tiles to compute in, {MIN_TILE} at least; changes the last digits.",
     ),
 )
 MACHINE_OPTIONS = {row.name: row for row in _MACHINE}

@@ -23,23 +23,23 @@ not.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from defocus_core.errors import UsageProblem
-from defocus_core.request.animation import read_animation_table
-from defocus_core.request.inputs import Entry, read_inputs
+from defocus_core.request.animation import read_animation
+from defocus_core.request.inputs import read_inputs
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, SHOT_OPTIONS
 from defocus_core.request.lens import Lens
 from defocus_core.request.lens_files import reading_in
-from defocus_core.request.origin import JobsSource, read_origin, source_of_tables
+from defocus_core.request.origin import JobsSource, read_origin
 from defocus_core.request.parameters import METADATA
-from defocus_core.request.picture_lenses import PictureLenses, lens_file_of, read_lenses
+from defocus_core.request.picture_lenses import lens_file_of, read_lenses
 from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.request.resolver import (
     OPTIONS,
@@ -70,100 +70,58 @@ KEYS = {
 }
 
 
-@dataclass(frozen=True)
-class Batch:
-    """What a jobs file asks for: each picture by each lens. Its jobs are made of it."""
+class Batch(NamedTuple):
+    """The jobs of a batch, and what they were made of, to be kept."""
 
-    path: Path  # the jobs file, or what errors call its tables
-    tables: Mapping[str, Table]  # the tables by name
-    entries: Sequence[Entry]
-    shot: Sequence[Entry]  # all frames of a shot, whichever are wanted
-    lenses: PictureLenses  # the lenses of each
-    reading: Reading  # how to read the files
-    outputs: Outputs
-    machine: Machine  # how it is computed
-    source: JobsSource  # what of all this was made, to be kept
-
-    @property
-    def count(self) -> int:
-        """How many jobs there are."""
-        return len(self.entries) * self.lenses.count
-
-    def jobs(self) -> list[Job]:
-        """The jobs; those of one picture follow one another."""
-        pictures = [entry.picture for entry in self.entries]
-        splits = read_splits(self.tables["split"]).of(pictures)
-        jobs = [
-            Job(entry.picture, lens, self.reading, self.outputs, self.machine, suffix, split=split)
-            for entry, split in zip(self.entries, splits, strict=True)
-            for suffix, lens in self.lenses.lenses(
-                entry.picture, range(self.lenses.count), entry.options
-            )
-        ]
-        suffixes = {suffix: number for number, suffix in enumerate(self.lenses.suffixes)}
-
-        @cache
-        def lens_of(picture: Picture, suffix: str) -> Lens:
-            return next(self.lenses.lenses(picture, [suffixes[suffix]]))[1]
-
-        return with_shot(
-            jobs,
-            [each.picture for each in self.shot],
-            lens_of,
-            decisions_of(layer_in(self.tables["shot"], SHOT_OPTIONS)),
-            moving="focus-at" in self.lenses.animation.keys,
-        )
+    jobs: list[Job]
+    source: JobsSource
 
 
-def read_batch(path: Path, outputs: Outputs, machine: Machine) -> Batch:
-    """What a jobs file asks for.
+def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machine) -> Batch:
+    """What a jobs file, or its tables, ask for; jobs of one picture follow one another.
 
     `outputs`: directory to write to, and defaults for ``[outputs]``; `machine`: device, threads and
     memory, and defaults for ``[machine]``.
     """
-    what, remedy = "jobs file", "give a jobs file, with tables [inputs] and [lens]"
-    data = read_bytes(path, what, remedy)
-    tables = parsed_toml(data, path, what=what, remedy=remedy)
-    return batch_of(tables, path, outputs, machine, JobsSource(path, data))
+    if isinstance(asked, Mapping):
+        path, stored = Path("jobs"), asked
+        source = JobsSource(None, json.dumps(stored, indent=1, default=str).encode() + b"\n")
+    else:
+        what, remedy = "jobs file", "give a jobs file, with tables [inputs] and [lens]"
+        path, source = asked, JobsSource(asked, read_bytes(asked, what, remedy))
+        stored = parsed_toml(source.data, path, what=what, remedy=remedy)
+    refuse_unknown(stored, TABLES, path, "a jobs file", "table")
+    tables = {name: table(path, stored, name) for name in TABLES}
+    read_origin(tables["dataset"])
+    reading = _reading(tables["reading"], tables["lens"], tables["machine"])
+    animation = read_animation((), None, tables["animate"])
+    lenses = read_lenses(tables["lens"], tables["sweep"], tables["sample"], animation, reading)
+    outputs = outputs_of(layer_in(tables["outputs"], OUTPUT_OPTIONS), outputs)
+    quality = fields_of(layer_in(tables["machine"], MACHINE_OPTIONS, "depth-repair"))
+    entries, shot = read_inputs(tables["inputs"], animation.frames)
+    if (count := len(entries) * lenses.count) > MAX_JOBS:
+        problem, remedy = f"asks for {count} pictures", f"split it into files of at most {MAX_JOBS}"
+        raise UsageProblem("out-of-range", problem, remedy, path=path)
+    machine = replace(machine, **quality)
+    splits = read_splits(tables["split"]).of([entry.picture for entry in entries])
+    jobs = [
+        Job(entry.picture, lens, reading, outputs, machine, suffix, split=split)
+        for entry, split in zip(entries, splits, strict=True)
+        for suffix, lens in lenses.lenses(entry.picture, range(lenses.count), entry.options)
+    ]
+
+    @cache
+    def lens_of(picture: Picture, suffix: str) -> Lens:
+        return next(lenses.lenses(picture, [lenses.suffixes.index(suffix)]))[1]
+
+    decisions = decisions_of(layer_in(tables["shot"], SHOT_OPTIONS))
+    every, moving = [each.picture for each in shot], "focus-at" in animation.keys
+    return Batch(with_shot(jobs, every, lens_of, decisions, moving=moving), source)
 
 
 def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
-    """The jobs of a batch: those of one picture follow one another, in the order of the file.
-
-    Arguments and errors are those of `read_batch`, and of `Batch.jobs`.
-    """
-    return read_batch(path, outputs, machine).jobs()
-
-
-def batch_of(
-    stored: Mapping[str, Any],
-    path: Path,
-    outputs: Outputs,
-    machine: Machine,
-    source: JobsSource | None = None,
-) -> Batch:
-    """What the tables of a jobs file ask for; all else is as of `read_batch`.
-
-    `source`: what they were read from; None for tables from Python.
-    """
-    refuse_unknown(stored, TABLES, path, "a jobs file", "table")
-    named = {name: table(path, stored, name) for name in TABLES}
-    read_origin(named["dataset"])
-    reading = _reading(named["reading"], named["lens"], named["machine"])
-    animation = read_animation_table(named["animate"])
-    tables = (named["lens"], named["sweep"], named["sample"])
-    lenses = read_lenses(*tables, animation, reading)
-    outputs = _outputs(named["outputs"], outputs)
-    machine = _machine(named["machine"], machine)
-    entries, shot = read_inputs(named["inputs"], animation.frames)
-    source = source or source_of_tables(stored)
-    batch = Batch(path, named, entries, shot, lenses, reading, outputs, machine, source)
-    if batch.count > MAX_JOBS:
-        problem = f"asks for {batch.count} pictures"
-        raise UsageProblem(
-            "out-of-range", problem, f"split it into files of at most {MAX_JOBS}", path=path
-        )
-    return batch
+    """The jobs of a jobs file, as of `read_batch`."""
+    return read_batch(path, outputs, machine).jobs
 
 
 def _reading(section: Table, lens: Table, machine: Table) -> Reading:
@@ -177,12 +135,3 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
         layer_of(repair, READING_OPTIONS, machine.place),
         layer_in(section, READING_OPTIONS),
     )
-
-
-def _outputs(section: Table, outputs: Outputs) -> Outputs:
-    return outputs_of(layer_in(section, OUTPUT_OPTIONS), outputs)
-
-
-def _machine(section: Table, machine: Machine) -> Machine:
-    fields = fields_of(layer_in(section, MACHINE_OPTIONS, "depth-repair"))
-    return dataclasses.replace(machine, **fields)

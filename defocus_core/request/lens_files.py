@@ -85,8 +85,9 @@ def shipped_lenses() -> tuple[ShippedLens, ...]:
     """The lens files that ship, sorted by name."""
     folder = Path(str(files("defocus_core.request"))) / "lenses"
     return tuple(
-        ShippedLens(f"{MARK}{path.stem}", path, _subject(path))
+        ShippedLens(f"{MARK}{path.stem}", path, text.splitlines()[0].removeprefix("# "))
         for path in sorted(folder.glob("*.toml"))
+        for text in [path.read_text(encoding="utf-8")]
     )
 
 
@@ -102,7 +103,3 @@ def lens_path(path: Path, where: Place) -> Path:
         return known[str(path)]
     remedy = did_you_mean(str(path), tuple(known), "see 'defocus lenses'")
     raise UsageProblem("unknown-name", f"no lens {path} ships with defocus", remedy, path=where)
-
-
-def _subject(path: Path) -> str:
-    return path.read_text(encoding="utf-8").splitlines()[0].removeprefix("# ")

@@ -7,11 +7,9 @@ batch from Python. Card and index take title, licence, source and citation from 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
@@ -63,30 +61,21 @@ class JobsSource:
     data: bytes
 
 
-def source_of_tables(tables: Mapping[str, Any]) -> JobsSource:
-    """The tables of a batch from Python, as they are now."""
-    return JobsSource(None, json.dumps(tables, indent=1, default=str).encode() + b"\n")
-
-
 def keep(out: Path, source: JobsSource) -> None:
     """Keep what a batch was asked for in its OUT, if that exists: what is not ours there stays."""
     if not out.is_dir():  # there was nothing to do
         return
     if source.path is None:
-        name, data, is_own = _KEPT_TABLES, source.data, _is_of_tables
+        name, data = _KEPT_TABLES, source.data
     else:
-        name, data, is_own = KEPT, _MARK + source.data.removeprefix(_MARK), _is_marked
+        name, data = KEPT, _MARK + source.data.removeprefix(_MARK)
     before = _kept(out, name)
-    if before is not None and not is_own(before):
+    if before is not None and not before.startswith(_MARK) and not _is_of_tables(before):
         if source.path is None or source.path.resolve() != (out / KEPT).resolve():
             note(f"{out / name}: is not of this batch, and stays; what was asked for is not kept")
     elif before != data:
         with written_whole(out / name, out) as file:
             file.write(data)
-
-
-def _is_marked(data: bytes) -> bool:
-    return data.startswith(_MARK)
 
 
 def _is_of_tables(data: bytes) -> bool:

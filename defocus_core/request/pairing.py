@@ -12,7 +12,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.reading import holds_depth
@@ -53,11 +53,6 @@ class _Files:
     kind: str
     by_name: Mapping[str, Path]
     photos: Mapping[str, Path] = field(default_factory=dict)
-
-    def with_photos(self, colors: Mapping[str, Path]) -> Self:
-        """These files of depth, with photographs of what has no other."""
-        photos = {n: p for n, p in self.photos.items() if colors.get(n, p) != p}
-        return replace(self, by_name={**photos, **self.by_name})
 
 
 def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
@@ -155,7 +150,6 @@ def _number(
 
 
 def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "") -> Picture:
-    """The picture of a frame."""
     roles = [role for role in OTHERS if not prefix and f"{role}_color" in files]
     others = {role: _frame(files, number, f"{role}_") for role in roles}
     color, depth = (files[prefix + role][number] for role in ("color", "depth"))
@@ -181,7 +175,9 @@ def _pair(
             )
     else:
         colors = _files(color, COLOR_SUFFIXES, root, with_text)
-        depths = _files(depth, DEPTH_SUFFIXES, root, with_text).with_photos(colors.by_name)
+        depths = _files(depth, DEPTH_SUFFIXES, root, with_text)
+        photos = {n: p for n, p in depths.photos.items() if colors.by_name.get(n, p) != p}
+        depths = replace(depths, by_name={**photos, **depths.by_name})
         _refuse_unpaired(colors, depths)
         _refuse_unpaired(depths, colors)
     return colors, {
@@ -205,7 +201,9 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
             return _Files(path, "file", {"": path})
         kind, named = "directory", matching(path, "*")
     by_name: dict[str, Path] = {}
-    every = [(n, file, file.suffix.lower()) for n, file in sorted(named) if not _is_preview(file)]
+    preview = f"{PREVIEW}.png"  # of depth, as ``defocus depth`` writes it
+    files = ((name, file) for name, file in sorted(named) if not file.name.endswith(preview))
+    every = [(name, file, file.suffix.lower()) for name, file in files]
     photos: dict[str, Path] = {}
     held = {suffix for _, _, suffix in every} & suffixes
     if suffixes is DEPTH_SUFFIXES and kind == "directory" and held - PHOTO_SUFFIXES:
@@ -233,11 +231,6 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
             "empty", "holds no file of a known type", f"give files of type {known}", path=path
         )
     return _Files(path, kind, by_name, photos)
-
-
-def _is_preview(file: Path) -> bool:
-    """Whether a file is a preview of depth that ``defocus depth`` wrote."""
-    return file.name.endswith(f"{PREVIEW}.png")
 
 
 def _refuse_unpaired(files: _Files, others: _Files) -> None:

@@ -34,7 +34,7 @@ class Param:
     name: str  # of the option, and of the key of a TOML file
     key: str = ""  # of a TOML file, where that is another
     only: str = ""  # ``files`` or ``commands``, if the others have not got it
-    help: str  # what it does; other options are in angle quotes
+    help: str = ""  # what it does; other options are in angle quotes
     parse: Callable[[str], Any] = str  # makes its value of a text; raises QuantityError
     metavar: str = ""  # what help shows in the place of its value
     stored_as: str = ""  # the field that has its value, where that is not its name with underscores

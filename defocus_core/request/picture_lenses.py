@@ -61,6 +61,10 @@ class PictureLenses:
     points: tuple[Point, ...] = (Point("", {}),)  # the lenses of the sweep
     sampling: Sampling = field(default_factory=Sampling)  # what is drawn, for each point
     max_coc: float | None = None  # largest CoC radius in px that a lens may have; None for any
+    # What was made: options and lenses of points for all pictures; options of lens files that were
+    # read, beside a blur in pixels or without
+    _made: dict[int, tuple[Layer, Lens | None]] = field(default_factory=dict, init=False)
+    _stored: dict[tuple[Path | None, bool], Layer] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         """Refuse options that are set twice, and metadata that change nothing."""
@@ -152,16 +156,13 @@ class PictureLenses:
                 draw = Draw(self.sampling.seed, picture.stem + point.suffix, index, texts)
                 yield f"{point.suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
 
-    @cached_property
-    def _made(self) -> dict[int, tuple[Layer, Lens | None]]:
-        """The lenses of the points that are those of all pictures."""
-        return {}
-
     def _check(self, options: Layer, metadata: Layer, picture: Picture | None) -> None:
         """Raise UsageProblem for options that make no lens."""
-        focal = options.get("focal-length")
-        if focal is not None and focal is metadata.get("focal-length"):
-            _require_sensor(options, focal)
+        focal = metadata.get("focal-length")
+        if focal and focal is options.get("focal-length") and "sensor-width" not in options:
+            problem = f"is missing, and not in {focal.place.path} either"
+            remedy = "add ‹sensor-width› 36mm, or what the camera has"
+            raise UsageProblem("missing-option", problem, remedy, field="sensor-width")
         lacking = picture.color if self.metadata and picture is not None else None
         check_lens(options, self.where, radii=self.radii, lacking=lacking)
 
@@ -173,7 +174,6 @@ class PictureLenses:
         return laid_over(below, self._keyed(picture, laid_over(below, own)), own), metadata
 
     def _of_file(self, picture: Picture | None, above: Layer) -> Layer:
-        """The options of the lens file of a picture."""
         file = self.file
         if file is not None and picture is not None and self._is_folder:
             file = file / f"{picture.stem}.toml"
@@ -184,13 +184,7 @@ class PictureLenses:
             self._stored[file, in_pixels] = stored
         return self._stored[file, in_pixels]
 
-    @cached_property
-    def _stored(self) -> dict[tuple[Path | None, bool], Layer]:
-        """The options of lens files that were read, beside a blur in pixels or without."""
-        return {}
-
     def _of_metadata(self, picture: Picture) -> Layer:
-        """The options that the metadata of a picture hold."""
         if not self.metadata:
             return {}
         from defocus_core.io.shots.lens_metadata import lens_of as of_metadata
@@ -219,19 +213,14 @@ class PictureLenses:
         return keyed
 
 
-def _require_sensor(options: Layer, focal: Given) -> None:
-    """Refuse a focal length of metadata that do not say the sensor, which decides the blur."""
-    if "sensor-width" not in options:
-        problem = f"is missing, and not in {focal.place.path} either"
-        remedy = "add ‹sensor-width› 36mm, or what the camera has"
-        raise UsageProblem("missing-option", problem, remedy, field="sensor-width")
-
-
 def read_lenses(
     lens: Table, sweep: Table, sample: Table, animation: Animation, reading: Reading
 ) -> PictureLenses:
     """The lenses that ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]`` ask for."""
     lens.refuse_unknown(KEYS)
+    if "max-coc" in lens.values and "max-coc" in sample.values:
+        problem = "is in [sample], too"
+        raise UsageProblem("contradiction", problem, "remove one", path=lens.place("max-coc"))
     return PictureLenses(
         own=layer_of(lens.values, LENS_OPTIONS, lens.place),
         where=lens.place(),
@@ -243,7 +232,7 @@ def read_lenses(
         metres=UNITS[reading.depth_unit or "m"],
         points=tuple(read_sweep(sweep)),
         sampling=read_sampling(sample),
-        max_coc=_max_coc(lens, sample),
+        max_coc=(sample if "max-coc" in sample.values else lens).parsed("max-coc", pixel_count),
     )
 
 
@@ -251,11 +240,3 @@ def lens_file_of(lens: Table) -> Path | None:
     """The lens file that ``[lens]`` names, relative to the jobs file, or one that ships."""
     name = lens.text("file")
     return None if name is None else lens.file.parent / lens_path(Path(name), lens.place("file"))
-
-
-def _max_coc(lens: Table, sample: Table) -> float | None:
-    if "max-coc" in lens.values and "max-coc" in sample.values:
-        problem = "is in [sample], too"
-        raise UsageProblem("contradiction", problem, "remove one", path=lens.place("max-coc"))
-    table = sample if "max-coc" in sample.values else lens
-    return table.parsed("max-coc", pixel_count)

@@ -13,7 +13,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -54,9 +54,10 @@ ROWS: Mapping[str, Param] = {name: row for rows in OPTIONS.values() for name, ro
 ALTERNATIVES = tuple((row.instead_of, row.name) for row in ROWS.values() if row.instead_of)
 
 
-def alternatives(name: str) -> set[str]:
+@cache
+def alternatives(name: str) -> frozenset[str]:
     """An option, and those that say the same in another way."""
-    return {name}.union(*(pair for pair in ALTERNATIVES if name in pair))
+    return frozenset((name,)).union(*(pair for pair in ALTERNATIVES if name in pair))
 
 
 @lru_cache(maxsize=65536)
@@ -127,7 +128,7 @@ def laid_over(*layers: Layer) -> dict[str, Given]:
     """
     options: dict[str, Given] = {}
     for layer in filter(None, layers):
-        lost = {name for pair in ALTERNATIVES for name in pair if layer.keys() & set(pair)}
+        lost = set[str]().union(*map(alternatives, layer))
         if "aperture-image" in layer or ("blades" in layer and layer["blades"].text.strip() == "0"):
             lost.update(row.name for row in LENS_OPTIONS.values() if row.needs == "blades")
         options = {name: each for name, each in options.items() if name not in lost} | dict(layer)
@@ -245,6 +246,8 @@ def refuse_missing(options: Layer, where: Place, lacking: Path | None = None) ->
     if where == CALLER:
         it = "it" if len(ways) < 2 else "them"
         remedy = f"add {', '.join(ways)}, or a ‹lens› FILE that has {it}"
+        if "focal-length" in missing:
+            remedy += "; or, of depth without a unit, ‹blur› 2% and ‹focus-at› X,Y instead"
     raise UsageProblem("missing-option", problem, remedy, path=where.at(missing[0]))
 
 

@@ -54,7 +54,7 @@ class Splits:
         first, exact = sorted({*scenes}, key=_place_of), dict[str, str]()
         wanted = sum(self.counts.values())
         if wanted > len(first) or (self.counts and not self.fractions and wanted < len(first)):
-            problem = f"asks for {counted(wanted, 'scene')}, and there are {len(first)}"
+            problem = f"the numbers ask for {counted(wanted, 'scene')}, and there are {len(first)}"
             remedy = "let the numbers add up to them, or give one split a share, as train = 1.0"
             raise UsageProblem("out-of-range", problem, remedy, path=self.where)
         for name, count in self.counts.items():

@@ -90,7 +90,6 @@ def _points(table: Table, axes: Sequence[Sequence[Layer]]) -> list[Point]:
 
 
 def _values(name: str, value: object, where: Place) -> list[Given]:
-    """The values of one option."""
     if isinstance(value, str) and ".." in value:
         return _range(name, value, where)
     if not isinstance(value, list) or not value:

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, did_you_mean, reason
 from defocus_core.io.below import open_plain
-from defocus_core.request.quantities import one_of, read_at, text_of
+from defocus_core.request.quantities import read_at, text_of
 
 T = TypeVar("T")
 LARGEST_FILE = 2**26  # bytes
@@ -83,10 +83,6 @@ class Table:
         if key not in self.values:
             return None
         return read_at(self.place(key), parse, text_of(self.values[key]))
-
-    def choice(self, key: str, known: Sequence[str]) -> str | None:
-        """One of the ``known`` words, or None."""
-        return self.parsed(key, one_of(known, "unknown-name"))
 
     def flag(self, key: str) -> bool | None:
         """True or false, or None."""

@@ -117,6 +117,19 @@ def _mapped(picture: Pixels, function: Callable[[Tensor], Tensor], *shape: int) 
     return Mapped(read, shape, picture)
 
 
+def stacked(*pictures: Pixels) -> Pixels:
+    """Pictures of one shape [..., H, W] one after another: [n, ..., H, W], as the first is kept."""
+    first = pictures[0]
+
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        parts = (picture[..., slice(*rows), slice(*columns)] for picture in pictures)
+        return torch.stack([part.to(first.device, first.dtype) for part in parts])
+
+    if all(isinstance(picture, Tensor) for picture in pictures):
+        return read((0, first.shape[-2]), (0, first.shape[-1]))
+    return Mapped(read, (len(pictures), *first.shape), first)
+
+
 def chosen(picture: Pixels, channels: Sequence[int]) -> Pixels:
     """Some channels of a picture [..., C, H, W]; itself of all of them."""
     *before, count, height, width = picture.shape

@@ -363,7 +363,7 @@ UNUSABLE = {
     "socket.exr": "wrong-type wrong-type",
     "empty.exr": "empty empty",
     "empty.png": "empty empty",
-    "text.exr": "unreadable wrong-type",
+    "text.exr": "wrong-type wrong-type",
     "text.png": "unreadable unreadable",
     "text.txt": "unreadable unreadable",
     "c.bmp": "wrong-type wrong-type",

@@ -116,7 +116,9 @@ def test_batches_never_guess(tmp_path):
         (tmp_path / "z").mkdir(exist_ok=True)
         png(tmp_path / "z" / f"{stem}.png", ramp() * 60, np.uint8)
     folders, out = (tmp_path / "rgb", tmp_path / "z"), ("-o", tmp_path / "out")
-    refused(run("render", *folders, *out), 2, "missing-option", "focal-length")
+    ran = run("render", *folders, *out)
+    refused(ran, 2, "missing-option", "focal-length")
+    assert "of depth without a unit, --blur 2% and --focus-at X,Y" in ran.err
     refused(run("render", *folders, *out, "--blur", "8px"), 2, "missing-option", "blur")
     color, depth = pair(tmp_path)
     jobs = tmp_path / "jobs.toml"

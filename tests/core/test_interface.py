@@ -5,6 +5,7 @@ import math
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,7 @@ from defocus_core import (
     write_map,
 )
 from defocus_core.errors import UsageProblem
+from defocus_core.request.job import Machine
 
 ROOT = Path(defocus_core.__file__).parent
 NAMES = [
@@ -206,8 +208,12 @@ def test_the_command_line_goes_on_with_a_batch_of_python(tmp_path, out):
 
 
 def test_jobs_can_be_chosen_before_they_are_done(tmp_path, out):
-    jobs = [job for job in batch_jobs(tables(tmp_path), "elsewhere") if job.lens.foc_dist == 2000]
-    assert run_batch(jobs, out).jobs == 1
+    own, machines = Machine("draft", tile=64), list[Machine]()
+    every = batch_jobs(tables(tmp_path), "elsewhere")
+    jobs = [replace(job, machine=own) for job in every if job.lens.foc_dist == 2000]
+    ran = run_batch(jobs, out, threads=3, ended=lambda job, _: machines.append(job.machine))
+    assert ran.jobs == 1
+    assert machines == [replace(own, threads=3)]
     assert [sample.lens.foc_dist for sample in samples(out)] == [2000.0]
     assert not Path("elsewhere").exists()
 

@@ -7,7 +7,7 @@ from reference import Layer, flatten, layered, lens_points
 from scenes import RADII, SIZE, card_layers, pattern, slanted
 from two_cards import BORDER, truths
 
-from defocus_core import QUALITIES, HiddenLayer, render
+from defocus_core import QUALITIES, HiddenLayer, render, render_layers
 
 
 def behind(card_r, background_r):
@@ -25,6 +25,20 @@ def test_what_is_known_behind_a_card_comes_closer_to_the_truth(card_r, backgroun
         guessed = inner(render(image, radius, quality=quality).render, BORDER)
         known = inner(render(image, radius, quality=quality, hidden=hidden).render, BORDER)
         assert psnr(known, truth) > psnr(guessed, truth) + gain
+
+
+def test_a_complete_second_layer_is_as_exact_as_layers():
+    """The scene that layers hold, however it is given: a card out of focus over a sharp wall."""
+    image, radius = flatten(card_layers(-7.6, 0.0), SIZE)
+    hidden = behind(-7.6, 0.0)
+    known = render(image, radius, hidden=hidden).render
+    colors, radii = torch.stack([image, hidden.color]), torch.stack([radius, hidden.signed_radius])
+    assert worst(known, render_layers(colors, radii, torch.ones_like(radii)).render[:-1]) < 1e-6
+    error = inner(known, BORDER) - inner(
+        layered(card_layers(-7.6, 0.0), lens_points(24), SIZE), BORDER
+    )
+    assert float(error.abs().max()) < 0.026
+    assert float(error.square().mean().sqrt()) < 0.0017
 
 
 @pytest.mark.parametrize(("card_r", "background_r", "minimum"), [(-5.0, 6.0, 38), (-9.0, 3.0, 31)])

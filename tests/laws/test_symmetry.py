@@ -9,7 +9,7 @@ from scenes import RADII, blurred_card, pattern
 from tolerances import RENDERED, ROUNDING
 
 from defocus_core import QUALITIES, render
-from defocus_core.renderer.engine import preparation
+from defocus_core.renderer.engine import plan
 from defocus_core.tensors import box as tiling
 
 EXACT = RENDERED[torch.float64]
@@ -87,7 +87,7 @@ def test_tiles_leave_no_seam(kind, dtype, monkeypatch):
     image, radius = noise(size, dtype), RADII[kind](size).to(dtype)
     whole = render(image, radius)
     for side in (32, 64):
-        monkeypatch.setattr(preparation, "grid_over", partial(tiling.grid_over, side=side))
+        monkeypatch.setattr(plan, "grid_over", partial(tiling.grid_over, side=side))
         tiled = render(image, radius)
         assert tiled.stats["tiles"] > whole.stats["tiles"]
         seam = tiled.render - whole.render
@@ -103,10 +103,10 @@ def test_regions_leave_no_seam(kind, size, monkeypatch):
     image, radius = noise(size), RADII["steps" if kind == "lights" else kind](size)
     if kind == "lights":
         image[:, 50:55, ::40] = 50.0
-    monkeypatch.setattr(preparation, "grid_over", partial(tiling.grid_over, side=32))
+    monkeypatch.setattr(plan, "grid_over", partial(tiling.grid_over, side=32))
     whole = render(image, radius, left_right=True)
     small = tiling.grid_over(*size, side=32)._replace(region=64)
-    monkeypatch.setattr(preparation, "grid_over", lambda *size: small)
+    monkeypatch.setattr(plan, "grid_over", lambda *size: small)
     monkeypatch.setattr(tiling, "MARGIN", 1e9)
     assert sum(map(len, tiling.regions(small, 0))) > 4
     cut = render(image, radius, left_right=True)

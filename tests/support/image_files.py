@@ -36,7 +36,8 @@ def save(path, samples, **attributes):
     """Write samples as they are; ``a__b`` stands for the attribute a:b, and ``tile`` for a size."""
     path.parent.mkdir(exist_ok=True)
     height, width, channels = samples.shape
-    kind = {"float32": "float", "float16": "half"}.get(samples.dtype.name, samples.dtype.name)
+    names = {"float64": "double", "float32": "float", "float16": "half"}
+    kind = names.get(samples.dtype.name, samples.dtype.name)
     oiio.attribute("tiff:half", 1)  # or half is written as float
     spec = oiio.ImageSpec(width, height, channels, kind)
     spec.attribute("oiio:UnassociatedAlpha", 1)

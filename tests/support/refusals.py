@@ -1,5 +1,6 @@
 """What the library refuses: a mistake of the user, by its code."""
 
+import resource
 from contextlib import contextmanager
 
 import pytest
@@ -27,3 +28,14 @@ def refuses_as(refusal):
     code, _, field = refusal.partition(" ")
     with refuses(code, field=field or None) as caught:
         yield caught
+
+
+@contextmanager
+def files_end_at(size):
+    """No file can grow beyond so many bytes, as on a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

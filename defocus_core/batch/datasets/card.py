@@ -31,6 +31,7 @@ _JSON_HEAD = b'{\n "origin": {'
 _HEAD = ("---", "# Written by defocus; without this line it stays as it is.")
 _README_HEAD = "".join(f"{line}\n" for line in _HEAD).encode()
 NO_ORIGIN = Origin()
+_UNSET: tuple[Any, ...] = (None, "", False, [], ())
 _TITLE = "Defocused pictures"
 Entry = Mapping[str, Any]
 _SIZES = ((10**3, "n<1K"), (10**4, "1K<n<10K"), (10**5, "10K<n<100K"), (10**6, "100K<n<1M"))
@@ -44,7 +45,7 @@ def write(out: Path, card: Mapping[str, Any], configs: Iterable[str], index: str
         + "\n"
     )
     texts = {JSON: as_json, _README: markdown(card, configs)}
-    if not _is_own(out, _README, _README_HEAD):
+    if not is_own(out, _README):
         del texts[_README]
         note(f"{out / _README}: is not of this batch, and stays; no card is written for people")
     for name, text in texts.items():
@@ -56,7 +57,7 @@ def write(out: Path, card: Mapping[str, Any], configs: Iterable[str], index: str
 def remove(out: Path) -> None:
     """Remove the card of OUT."""
     Folder(out).remove(JSON)
-    if _is_own(out, _README, _README_HEAD):
+    if is_own(out, _README):
         Folder(out).remove(_README)
 
 
@@ -69,18 +70,10 @@ def read(out: Path) -> dict[str, Any]:
     return {}
 
 
-def is_own(out: Path) -> bool:
-    """Whether card.json is ours, or missing."""
-    return _is_own(out, JSON, _JSON_HEAD)
-
-
-def _is_own(out: Path, name: str, head: bytes) -> bool:
-    """Whether a file begins as ours do, or is missing."""
-    try:
-        with Folder(out).open(name) as file:
-            return file.read(len(head)) == head
-    except OSError as error:
-        return isinstance(error, FileNotFoundError)
+def is_own(out: Path, name: str = JSON) -> bool:
+    """Whether a file of a card begins as ours do, or is missing."""
+    head = _README_HEAD if name == _README else _JSON_HEAD
+    return sample_index.is_free(out, name, lambda file: file.read(len(head)) == head)
 
 
 def card_of(
@@ -113,7 +106,7 @@ def card_of(
         for of in ("reading", "outputs"):
             asked = record.settings.get(of) or {}
             shared = common.setdefault(of, dict(asked)).items()
-            common[of] = {key: value for key, value in shared if asked.get(key) == value}
+            common[of] = {k: v for k, v in shared if asked.get(k) == v and v not in _UNSET}
         see(entry)
     ordered = {
         name: dict(sorted(each.items(), key=lambda item: (-item[1], item[0])))
@@ -129,7 +122,7 @@ def card_of(
         "failures": ordered["failures"],
         "recipe": {
             "quality": ordered.get("quality", {}),
-            **{of: _said(common.get(of, {})) for of in ("reading", "outputs")},
+            **{of: common.get(of, {}) for of in ("reading", "outputs")},
         },
         "versions": ordered.get("versions", {}),
     }
@@ -142,11 +135,6 @@ def _counted(records: Iterable[Record], failures: Counter[str]) -> Iterator[Reco
             failures[record.end.reason or record.status] += 1
         else:
             yield record
-
-
-def _said(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings without what is not set."""
-    return {k: v for k, v in settings.items() if v not in (None, "", False, [], ())}
 
 
 def markdown(card: Mapping[str, Any], configs: Iterable[str] = ()) -> str:

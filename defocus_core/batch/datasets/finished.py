@@ -125,7 +125,6 @@ def _stamp(file: BinaryIO) -> tuple[int, int, int]:
 
 
 def _entry(root: Path, line: bytes, where: str) -> dict[str, Any]:
-    """What a line of the index says."""
     try:
         entry: dict[str, Any] = json.loads(line)
         entry["outputs"].keys(), entry["width"], entry["height"]

@@ -15,14 +15,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from functools import reduce
 from hashlib import blake2b
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.io.below import Folder
@@ -51,15 +51,21 @@ def joined(records: Iterable[Record]) -> Iterator[Record]:
 
     `records`: of the journal by name, oldest first.
     """
-    for _, mine in groupby(filter(_is_sample, records), lambda record: record.sample_id):
+    pictures = (r for r in records if r.taken and not r.outputs.keys().isdisjoint(KINDS))
+    for _, mine in groupby(pictures, lambda record: record.sample_id):
         yield reduce(_joined, mine)
 
 
 def is_own(out: Path, name: str = NAME) -> bool:
     """Whether a list of samples in OUT is of a batch, by its first line, or holds nothing."""
+    return is_free(out, name, lambda file: is_own_line(file.readline(_LONGEST_LINE)))
+
+
+def is_free(out: Path, name: str, is_own: Callable[[BinaryIO], bool]) -> bool:
+    """Whether a file of OUT is missing, or one of ours."""
     try:
         with Folder(out).open(name) as file:
-            return is_own_line(file.readline(_LONGEST_LINE))
+            return is_own(file)
     except OSError as error:
         return isinstance(error, FileNotFoundError)
 
@@ -109,10 +115,6 @@ def digest(lines: Iterable[bytes]) -> str:
     for each in lines:
         hashed.update(each)
     return hashed.hexdigest()
-
-
-def _is_sample(record: Record) -> bool:
-    return record.taken is not None and not record.outputs.keys().isdisjoint(KINDS)
 
 
 def _joined(before: Record, record: Record) -> Record:
@@ -260,11 +262,6 @@ class SplitLists:
         for split, name in lists.items():
             yield f"  - split: {json.dumps(split)}"
             yield f"    path: {json.dumps([name, *sorted(self._folders)])}"
-
-
-def has_splits(out: Path, splits: Iterable[str]) -> bool:
-    """Whether the lists of some splits are there."""
-    return all((out / list_name(split)).exists() for split in splits)
 
 
 def remove_splits(out: Path, splits: Iterable[str]) -> None:

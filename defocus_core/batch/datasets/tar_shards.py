@@ -183,7 +183,6 @@ def _shards(samples: Iterable[ShardSample], limit: int) -> Iterator[tuple[str, l
 
 
 def _filled(samples: Iterable[ShardSample], limit: int) -> Iterator[list[ShardSample]]:
-    """As many samples in each as fit."""
     shard: list[ShardSample] = []
     size = 0
     for sample in samples:

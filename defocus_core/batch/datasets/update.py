@@ -133,8 +133,8 @@ def _is_true(out: Path, names: Collection[str]) -> bool:
         return False
     with suppress(OSError), Folder(out).open(sample_index.NAME) as index:
         is_whole = sample_index.digest(index) == told.get("index_blake2b")
-        is_whole = is_whole and sample_index.has_splits(out, told["splits"])
-        return is_whole and sample_index.listed(out) == {*names}
+        lists = [out / sample_index.list_name(split) for split in told["splits"]]
+        return is_whole and all(map(Path.exists, lists)) and sample_index.listed(out) == {*names}
     return False
 
 

@@ -57,11 +57,11 @@ def settings(job: Job) -> dict[str, Any]:
         "outputs": _plain(job.outputs),
         "quality": job.machine.quality,
         **({} if job.machine.tile is None else {"tile": job.machine.tile}),
-        **({} if job.shot is None else {"shot": shot_settings(job.shot, job.picture.frame)}),
+        **({} if job.shot is None else {"shot": _shot_settings(job.shot, job.picture.frame)}),
     }
 
 
-def shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
+def _shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
     """What a job takes of its shot, by frame; the files of the frames are inputs."""
 
     def taken(frames: Sequence[FrameLens]) -> list[Any]:
@@ -189,5 +189,4 @@ def plain(value: Any) -> Any:
 
 @cache
 def _fields(kind: type) -> tuple[tuple[str, object], ...]:
-    """The fields of a dataclass, and their defaults."""
     return tuple((each.name, each.default) for each in dataclasses.fields(kind))

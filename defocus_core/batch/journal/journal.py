@@ -15,6 +15,7 @@ import json
 import os
 import re
 from array import array
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import lru_cache
@@ -70,9 +71,9 @@ def shards(out: Path) -> list[Shard]:
     return sorted(shard for shard in found if 1 <= shard.number <= shard.of <= MAX_SHARDS)
 
 
-def require_journal(out: Path) -> None:
+def require_journal(out: Path, pattern: str = "journal*.jsonl") -> None:
     """Refuse a directory that no batch has written to."""
-    if not any(out.glob("journal*.jsonl")):
+    if not any(out.glob(pattern)):
         raise InputError(
             "empty", "has no journal", "name the directory that a batch writes to", path=out
         )
@@ -148,11 +149,6 @@ def _shared(values: Values) -> dict[str, Any]:
     """What other records may have in common with a record."""
     keys = (*_ASKED, *(_FOUND if values.get("status") == "ok" else ()))
     return {key: values[key] for key in keys if key in values}
-
-
-def _mark(shared: Values) -> str:
-    """The name of what lines share."""
-    return blake2b(_ENCODER.encode(shared).encode(), digest_size=4).hexdigest()
 
 
 def _sum(whole: Values, values: Values) -> dict[str, Any]:
@@ -238,6 +234,9 @@ class Ledger:
 
     Attributes:
         splits: the splits that pictures were in, by their stems.
+        last: by file, relative to OUT, the number of the record that holds for it.
+        outcomes: how the job of each record ended.
+        seconds: what each took to render.
     """
 
     def __init__(
@@ -254,78 +253,56 @@ class Ledger:
         """
         self.out = out
         self.splits: dict[str, tuple[str, ...]] = {}
-        self._last: dict[str, int] = {}  # by file, the number of the record that holds
+        self.last: dict[str, int] = {}
+        self.outcomes: list[Outcome] = []
+        self.seconds = array("f")
         self._once: set[str] = set()  # files that an earlier record has as done, and the last not
-        self._kinds: list[Outcome] = []
-        self._samples: list[str] = []  # the sample of each record
-        # A row for each record: where its line begins, in which journal, how it ended, seconds; of
-        # its files how many there are, are its own by now, and are of these no previews
-        self._begins, self._of, self._kind = array("Q"), array("L"), array("L")
-        self._seconds = array("f")
-        self._files, self._own, self._pictures = array("H"), array("H"), array("H")
+        # Of each record its sample, where its line begins, in which journal; how many files it has
+        self._samples: list[str] = []
+        self._begins, self._of, self._files = array("Q"), array("L"), array("H")
         parts = [] if is_empty else [None, *shards(out)]
         self._journals = [JournalFile(journal_path(out, part)) for part in parts]
-        numbers: dict[Outcome, int] = {}
+        outcomes: dict[Outcome, Outcome] = {}
         with without_collections():
             for place, (part, reader) in enumerate(zip(parts, self._journals, strict=True)):
                 for begin, values, _ in reader.lines():
-                    kind = Outcome(values["status"], values["reason"], values.get("renderer"))
-                    if kind not in numbers:
-                        numbers[kind] = len(numbers)
-                        self._kinds.append(kind)
-                    self._add(values, begin, place, numbers[kind])
+                    found = Outcome(values["status"], values["reason"], values.get("renderer"))
+                    self.outcomes.append(outcomes.setdefault(found, found))
+                    self._begins.append(begin)
+                    self._of.append(place)
+                    self._add(values)
                     if seen is not None:
                         seen(part, values["sample_id"], values["finished"])
 
-    def _add(self, values: Values, begin: int, place: int, kind: int) -> None:
-        number, is_ok = len(self._begins), values["status"] == "ok"
+    def _add(self, values: Values) -> None:
+        number, is_ok = len(self._files), values["status"] == "ok"
         paths = [stamp["path"] for stamp in values["outputs"].values()]
         for path in paths:
-            before = self._last.get(path)
             if is_ok:
                 self._once.discard(path)
             elif self.is_known(path):
                 self._once.add(path)
-            if before is not None:
-                self._own[before] -= 1
-                self._pictures[before] -= not path.endswith(_PREVIEW)
-            self._last[path] = number
-        pictures = sum(not path.endswith(_PREVIEW) for path in paths)
-        seconds = values["seconds"]["render"] if is_ok else 0.0
-        self._samples.append(values["sample_id"])
-        self._begins.append(begin)
-        self._of.append(place)
-        self._kind.append(kind)
-        self._seconds.append(seconds)
+            self.last[path] = number
         self._files.append(len(paths))
-        self._own.append(len(paths))
-        self._pictures.append(pictures)
+        self._samples.append(values["sample_id"])
+        self.seconds.append(values["seconds"]["render"] if is_ok else 0.0)
         if split := values.get("split"):
             stem = values["settings"].get("stem", "")
             if split not in self.splits.setdefault(stem, ()):
                 self.splits[stem] += (split,)
 
-    def kind(self, number: int) -> Outcome:
-        """How the job of a record ended."""
-        return self._kinds[self._kind[number]]
-
-    def seconds(self, number: int) -> float:
-        """Seconds that the job of a record took to render."""
-        return self._seconds[number]
+    def is_ok(self, number: int | None) -> bool:
+        """Whether a record is of pictures; not if there is none."""
+        return number is not None and self.outcomes[number].status == "ok"
 
     def is_known(self, path: str) -> bool:
         """Whether a record has a file, relative to OUT, as written."""
-        number = self._last.get(path)
-        return number is not None and (path in self._once or self.kind(number).status == "ok")
+        return path in self._once or self.is_ok(self.last.get(path))
 
     def number_of(self, paths: Iterable[str]) -> int | None:
         """The number of the record that holds for all of these files; None if there is none."""
-        numbers = {self._last.get(path) for path in paths}
+        numbers = {self.last.get(path) for path in paths}
         return numbers.pop() if len(numbers) == 1 else None
-
-    def last(self, path: str) -> int | None:
-        """The number of the record that holds for a file; None if there is none."""
-        return self._last.get(path)
 
     def record(self, number: int) -> Record:
         """The record of a number."""
@@ -340,14 +317,15 @@ class Ledger:
 
     def live(self) -> Iterator[int]:
         """The numbers of the records that are not superseded, oldest first."""
-        for number, (files, own) in enumerate(zip(self._files, self._own, strict=True)):
-            is_whole = 0 < own == files
-            if is_whole or (self._pictures[number] and self.kind(number).status == "ok"):
+        own = Counter(self.last.values())
+        shown = {n for path, n in self.last.items() if not path.endswith(_PREVIEW)}
+        for number, files in enumerate(self._files):
+            if 0 < own[number] == files or (number in shown and self.is_ok(number)):
                 yield number
 
     def samples(self) -> set[str]:
         """The names of the samples that have pictures."""
-        return {self._samples[n] for n in self.live() if self.kind(n).status == "ok"}
+        return {self._samples[number] for number in self.live() if self.is_ok(number)}
 
     def records(self, only: Collection[str] | None = None) -> Iterator[Record]:
         """The records that are not superseded by name, oldest first, with the outputs of theirs.
@@ -358,11 +336,9 @@ class Ledger:
         wanted = (n for n in self.live() if only is None or samples[n] in only)
         for number in sorted(wanted, key=samples.__getitem__):
             record = self.record(number)
-            if self._own[number] < self._files[number]:
-                outputs = record.outputs.items()
-                own = {name: s for name, s in outputs if self._last[s.path] == number}
-                record = record.with_files(outputs=own)
-            yield record
+            outputs = record.outputs.items()
+            own = {name: stamp for name, stamp in outputs if self.last[stamp.path] == number}
+            yield record if len(own) == len(outputs) else record.with_files(outputs=own)
 
 
 class Outcome(NamedTuple):
@@ -410,9 +386,8 @@ class Journal:
         """
         self.path, self._began = path, began
         self._new = not path.exists()
-        self._whole: dict[
-            Any, tuple[str, Values]
-        ] = {}  # what this process wrote whole, by its keys
+        # What this process wrote whole, by its keys
+        self._whole: dict[Any, tuple[str, Values]] = {}
         try:
             self._number = Folder(path.parent).append(path.name)
             self._cut_torn_tail()
@@ -427,7 +402,7 @@ class Journal:
         keys = _keys(shared)
         mark, whole = self._whole.get(keys, ("", None))
         if whole is None:
-            mark = _mark(shared)
+            mark = blake2b(_ENCODER.encode(shared).encode(), digest_size=4).hexdigest()
         values |= {"shared": mark, **(shared if whole is None else _difference(whole, shared))}
         line = _ENCODER.encode(values).encode() + b"\n"
         end = os.fstat(self._number).st_size

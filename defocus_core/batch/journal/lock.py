@@ -48,17 +48,12 @@ def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
             raise InputError("unwritable", problem, remedy, path=path)
 
     with _held(path) as number:
-        refuse_held(out, path, shard)
+        for other in sorted(out.glob(".journal*.lock")):  # those of killed ones go
+            of_same_division = shard is not None and other.name.endswith(f"of{shard.of}.lock")
+            if other != path and not of_same_division:
+                with _held(other):
+                    pass
         yield require_held
-
-
-def refuse_held(out: Path, own: Path | None = None, shard: Shard | None = None) -> None:
-    """Refuse an OUT that others write to; the locks of those that were killed go."""
-    for path in sorted(out.glob(".journal*.lock")):
-        of_same_division = shard is not None and path.name.endswith(f"of{shard.of}.lock")
-        if path != own and not of_same_division:
-            with _held(path):
-                pass
 
 
 def holder(path: Path) -> str | None:

@@ -129,12 +129,9 @@ class Progress:
 
 def progress(out: Path, failures: int) -> Progress:
     """Read the journals of OUT as a stream, without a lock; it keeps so many failures."""
+    require_journal(out, "*journal*.[jr]*")
     divided = shards(out)
     parts = (None, *divided)
-    if not any(path(out, part).exists() for part in parts for path in (journal_path, run_path)):
-        raise InputError(
-            "empty", "has no journal", "name the directory that a batch writes to", path=out
-        )
     runs = {part: run for part in parts if (run := open_run(out, part)) is not None}
 
     def seen(of: Shard | None, sample: str, finished: str) -> None:
@@ -151,12 +148,12 @@ def progress(out: Path, failures: int) -> Progress:
     state = Progress(Counter(), Counter())
     seconds, without = 0.0, list[int]()
     for number in ledger.live():
-        kind = ledger.kind(number)
-        state.statuses[kind.status] += 1
-        if kind.status == "ok":
-            seconds += ledger.seconds(number)
+        outcome = ledger.outcomes[number]
+        state.statuses[outcome.status] += 1
+        if outcome.status == "ok":
+            seconds += ledger.seconds[number]
         else:
-            state.reasons[str(kind.reason)] += 1
+            state.reasons[str(outcome.reason)] += 1
             without.append(number)
     if state.statuses["ok"]:
         state.seconds = seconds / state.statuses["ok"]
@@ -201,7 +198,9 @@ def merge(out: Path) -> Merged:
                 problem = f"shard {shard.number}/{shard.of} did not get to its end"
                 note(f"{out}: warning: {problem}")
         sweep_up(out)
-    return Merged(sum(1 for _ in Ledger(out).live()), len(parts), _missing(parts))
+    of = max((part.of for part in parts), default=0)
+    missing = [f"{n}/{of}" for n in range(1, of + 1) if Shard(n, of) not in parts]
+    return Merged(sum(1 for _ in Ledger(out).live()), len(parts), missing)
 
 
 def refuse_other_division(out: Path, own: Shard) -> None:
@@ -234,9 +233,3 @@ def _joined(parts: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
             if digest not in known:
                 known.add(digest)
                 yield line.text.rstrip(b"\n") + b"\n"
-
-
-def _missing(shards: list[Shard]) -> list[str]:
-    division = max((shard.of for shard in shards), default=0)
-    present = {shard.number for shard in shards if shard.of == division}
-    return [f"{number}/{division}" for number in range(1, division + 1) if number not in present]

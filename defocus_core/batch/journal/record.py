@@ -108,6 +108,10 @@ class Failed:
     warnings = ()
     seconds: ClassVar[Mapping[str, float]] = {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        """What is sent to another process."""
+        return {**self.__dict__, "error": None}
+
 
 End = Taken | Failed
 

@@ -8,7 +8,6 @@ an output is not as it was written, if it failed, or if the renderer makes other
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -58,8 +57,11 @@ def decided(job: Job, ledger: Ledger, recipe: str, *, read_inputs: bool) -> Deci
     moved = _moved(job, record, ledger.out, read_inputs=read_inputs)
     if moved is None:
         return Decision(False, AGAIN["inputs"])
-    if record.taken is not None and not in_place(ledger.out, record, names):
-        return Decision(False, AGAIN["outputs"])
+    if record.taken is not None:
+        stamps = record.outputs.values()
+        there = all(identity.unchanged(f"{ledger.out}/{stamp.path}", stamp) for stamp in stamps)
+        if not there or record.outputs.keys() != names.keys():
+            return Decision(False, AGAIN["outputs"])
     if record.renderer != RENDERER_VERSION:
         words = AGAIN["renderer"].format(old=record.renderer, new=RENDERER_VERSION)
         return Decision(False, words)
@@ -122,18 +124,6 @@ def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[st
     return moved
 
 
-def in_place(out: Path, record: Record, names: Mapping[str, str]) -> bool:
-    """Whether the outputs of a record are those of some names, and as they were written."""
-    return record.outputs.keys() == names.keys() and all(
-        identity.unchanged(f"{out}/{stamp.path}", stamp) for stamp in record.outputs.values()
-    )
-
-
-def counted_reasons(again: Counter[str]) -> str:
-    """Reasons with their counts, in words: ``renderer 13 → 14: 5, inputs: 2``."""
-    return ", ".join(f"{words}: {count}" for words, count in again.most_common())
-
-
 def refuse_others(jobs: Iterable[Job], ledger: Ledger, *, keep_lenses: bool) -> None:
     """Refuse to replace outputs of another picture, and, if asked, those of another lens."""
 
@@ -143,7 +133,7 @@ def refuse_others(jobs: Iterable[Job], ledger: Ledger, *, keep_lenses: bool) -> 
     for job in jobs:
         now = taken(identity.settings(job))
         for name in () if job.outputs.overwrite else job.names.values():
-            path, number = ledger.out / name, ledger.last(name)
+            path, number = ledger.out / name, ledger.last.get(name)
             if number is None or not path.exists():
                 continue
             record = ledger.record(number)

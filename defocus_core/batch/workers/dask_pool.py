@@ -8,7 +8,7 @@ changes nothing: outputs are written whole, and only this process writes the jou
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
 from importlib.util import find_spec
 from itertools import count
@@ -19,7 +19,7 @@ from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.record import End
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.dispatch import Lost, dispatch
-from defocus_core.batch.workers.plan import Chunk, Done, Execute, sent
+from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.request.job import Job
 from defocus_core.system.text import note
@@ -102,18 +102,17 @@ class _Cluster:
             )
         error = future.exception()
         if error is None:
-            answer = future.result()
-            self._require_same_version(answer["versions"])
+            answer, own = future.result(), identity.versions()
+            if answer["versions"] != own:
+                both = (answer["versions"], own)
+                remote, local = ("{version}, renderer {renderer}".format(**it) for it in both)
+                raise self._unlike(f"its workers have defocus {remote}, but here is {local}")
             yield from zip((number for number, _ in chunk), answer["results"], strict=True)
         elif type(error).__name__ == "KilledWorker":
             yield Lost(chunk, "several Dask workers that worked on it died")
         else:
-            problem = f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
-            raise InputError(
-                "other-version",
-                problem,
-                "install the same defocus on all of them",
-                path=self.address,
+            raise self._unlike(
+                f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
             )
 
     def stop(self) -> None:
@@ -123,17 +122,9 @@ class _Cluster:
         """Take back what is submitted."""
         self.client.cancel(list(self.flight))
 
-    def _require_same_version(self, theirs: Mapping[str, Any]) -> None:
-        own = identity.versions()
-        if theirs != own:
-            remote, local = ("{version}, renderer {renderer}".format(**it) for it in (theirs, own))
-            problem = f"its workers have defocus {remote}, but here is {local}"
-            raise InputError(
-                "other-version",
-                problem,
-                "install the same defocus on all of them",
-                path=self.address,
-            )
+    def _unlike(self, problem: str) -> InputError:
+        remedy = "install the same defocus on all of them"
+        return InputError("other-version", problem, remedy, path=self.address)
 
 
 def do(jobs: list[Job], threads: int) -> dict[str, Any]:
@@ -141,7 +132,7 @@ def do(jobs: list[Job], threads: int) -> dict[str, Any]:
     reader, results = job_result.Reader(), []
     for each in jobs:
         job = replace(each, machine=replace(each.machine, threads=threads))
-        results.append(sent(job_result.write(job_result.compute(job, reader.read(job)))))
+        results.append(job_result.write(job_result.compute(job, reader.read(job))))
     return {"versions": identity.versions(), "results": results}
 
 

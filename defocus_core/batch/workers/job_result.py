@@ -101,12 +101,11 @@ def write(take: Take | Failed) -> Taken | Failed:
         depth_note=take.depth_words(),
         depth_repair=repair_record(take.repair),
         device=take.device,
-        measures={k: None if v is None else _rounded(v) for k, v in measures(take).items()},
+        measures={
+            name: None if value is None else float(f"{value:.{_DIGITS}g}")
+            for name, value in measures(take).items()
+        },
         warnings=tuple(take.warnings),
         seconds={step: round(value, 4) for step, value in seconds.items()},
         stats=dict(take.stats),
     )
-
-
-def _rounded(value: float) -> float:
-    return float(f"{value:.{_DIGITS}g}")

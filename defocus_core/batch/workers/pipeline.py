@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from defocus_core.batch.journal.record import Failed
 from defocus_core.batch.workers import job_result
 from defocus_core.batch.workers.job_result import TileCount
-from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.batch.workers.plan import Chunk, Done
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take
@@ -33,8 +33,16 @@ if TYPE_CHECKING:
     _Read = tuple[int, Job, Inputs | Failed]
 
 
-def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-    """Do the jobs of a batch in this process, whose settings stay; one alone without threads."""
+def execute(
+    chunks: Iterator[Chunk],
+    done: Done,
+    stopped: Callable[[], bool],
+    progress: TileCount | None = None,
+) -> None:
+    """Do the jobs of a batch in this process, whose settings stay; one alone without threads.
+
+    `progress`: called with the tiles of a lone job that are done, and with all.
+    """
     plain_path.load()
     jobs = _jobs(chunks, stopped)
     first = [*islice(jobs, 2)]
@@ -42,24 +50,9 @@ def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) ->
         if len(first) > 1:
             run(chain(first, jobs), done, stopped=stopped)
         for number, job in first if len(first) == 1 else ():
-            _do(number, job, done, None)
-
-
-def execute_counting(progress: TileCount) -> Execute:
-    """An executor of a lone job, whose tiles are counted."""
-
-    def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-        plain_path.load()
-        for number, job in _jobs(chunks, stopped):
-            _do(number, job, done, progress)
-
-    return execute
-
-
-def _do(number: int, job: Job, done: Done, progress: TileCount | None) -> None:
-    take = job_result.compute(job, job_result.Reader().read(job), progress)
-    with delayed_signals():  # nothing stays half-written, or written and not told
-        done(number, job_result.write(take))
+            take = job_result.compute(job, job_result.Reader().read(job), progress)
+            with delayed_signals():  # nothing stays half-written, or written and not told
+                done(number, job_result.write(take))
 
 
 def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tuple[int, Job]]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from defocus_core.batch.datasets import update
 from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Ledger, Shard
-from defocus_core.batch.journal.record import End, Failed, Stamps
+from defocus_core.batch.journal.record import End, Stamps
 from defocus_core.batch.journal.resume import AGAIN, Decision, decided, refuse_others
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
@@ -24,14 +24,6 @@ from defocus_core.system.text import counted, note
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
 Done = Callable[[int, End], None]
 Execute = Callable[[Iterator[Chunk], Done, Callable[[], bool]], None]
-
-
-@dataclass(frozen=True)
-class DataSet:
-    """The data set that a run is to leave: an index of what it asks for, tars, the jobs file."""
-
-    source: JobsSource | None = None  # what is kept of the jobs file; None if there is none
-    shards_size: int | None = None  # bytes of a tar; None to pack only where there are some
 
 
 @dataclass(frozen=True)
@@ -49,7 +41,9 @@ class Execution:
     keep_lenses: bool = False  # refuse to replace pictures of another lens or view
     raises: bool = False  # a lone job that fails leaves nothing, and its error ends the run
     spread: int = 1  # over how many workers the jobs of one picture are to be spread
-    data_set: DataSet | None = None  # None for none; an index that lists the samples stays true
+    has_index: bool = False  # an index of what is asked for is left; else one that is there is true
+    shards_size: int | None = None  # bytes of a tar beside it; None to pack only where some are
+    source: JobsSource | None = None  # what is kept of the jobs file; None if there is none
 
 
 _DUE, _LATER = 1, 2  # marks of jobs that are to do, now or beyond the limit; 0 of the others
@@ -101,9 +95,9 @@ class Plan:
 def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     """Find which jobs of a batch are to do; what must not be touched is refused."""
     refuse_misplaced(jobs)
-    if (wanted := execution.data_set) is not None:
+    if execution.has_index:
         named = {job.sample_id: job.split.name for job in jobs}
-        update.refuse_foreign(out, named, packs=wanted.shards_size is not None)
+        update.refuse_foreign(out, named, packs=execution.shards_size is not None)
     is_file, forced = writes_file(jobs), any(job.outputs.overwrite for job in jobs)
     ledger = Ledger(out, is_empty=is_file)
     jobs = with_recorded(jobs, {} if forced else ledger.splits)
@@ -138,13 +132,7 @@ def writes_file(jobs: Sequence[Job]) -> bool:
 def _has_outputs(job: Job, ledger: Ledger) -> bool:
     """Whether a record has all files of a job as written, and they are there."""
     number = ledger.number_of(job.names.values())
-    is_ok = number is not None and ledger.kind(number).status == "ok"
-    return is_ok and all(map(os.path.exists, job.written))
-
-
-def sent(end: End) -> End:
-    """What a worker sends of the end of a job."""
-    return replace(end, error=None) if isinstance(end, Failed) else end
+    return ledger.is_ok(number) and all(map(os.path.exists, job.written))
 
 
 def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:
@@ -170,13 +158,36 @@ _NAME_BYTES = 255  # the longest name of a file on Linux
 def refuse_misplaced(jobs: Sequence[Job]) -> None:
     """Refuse jobs that get in the way of one another or of their inputs."""
     _refuse_clashes(jobs)
-    for outputs in _outputs_of(jobs):
+    every = {id(job.outputs): job.outputs for job in jobs}.values()  # a hash of each takes long
+    for outputs in {*every}:
         list(_places_of(outputs))
+    folders = {folder.resolve() for outputs in every for folder in outputs.folders}
+    pictures = {id(job.picture): job.picture for job in jobs}.values()
+    named = [str(path) for picture in pictures for path in picture.files.values()]
+    # Path.resolve raises where a link leads in a circle; its reader names that.
+    named += [os.path.realpath(path) for path in named if os.path.islink(path)]  # noqa: PTH114
+    split = [os.path.split(path) for path in named]
+    places = {folder: Path(folder).resolve() for folder in {folder for folder, _ in split}}
+    if folders.isdisjoint(places.values()):  # a batch has many outputs, and hardly ever such inputs
+        return
+    inputs = {places[folder] / name for folder, name in split}
+    for path in (path for job in jobs for path in job.written):
+        if path.parent.resolve() / path.name in inputs:
+            problem = "is an input and would be overwritten"
+            raise InputError("replaces-input", problem, "choose another -o", path=path)
 
 
-def _outputs_of(jobs: Sequence[Job]) -> Collection[Outputs]:
-    """The outputs of jobs, most of which share theirs, without a hash of each."""
-    return set({id(job.outputs): job.outputs for job in jobs}.values())
+def _refuse_clashes(jobs: Sequence[Job]) -> None:
+    count = Counter((str(job.outputs.root), name) for job in jobs for name in job.names.values())
+    for (root, name), times in count.items():
+        length = len(os.fsencode(name.rpartition("/")[2]))
+        if times > 1:
+            problem, remedy = "would be written twice", "rename one of the colour files"
+            raise InputError("duplicate", problem, remedy, path=Path(root, name))
+        if length > _NAME_BYTES:
+            problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
+            remedy = "give the picture a shorter name or stem"
+            raise InputError("too-large", problem, remedy, path=Path(root, name))
 
 
 def refuse_unknown(jobs: Iterable[Job], is_known: Callable[[str], bool]) -> None:
@@ -217,48 +228,6 @@ def _own_without_record(jobs: Iterable[Job], ledger: Ledger, *, is_file: bool) -
     if own and not is_file:
         note(f"{out}: the journal no longer knows {counted(len(own), 'output')}, done again")
     return own
-
-
-def _written_twice(path: Path) -> InputError:
-    return InputError(
-        "duplicate", "would be written twice", "rename one of the colour files", path=path
-    )
-
-
-def _refuse_long(root: Path | str, name: str) -> None:
-    length = len(os.fsencode(name.rpartition("/")[2]))
-    if length > _NAME_BYTES:
-        problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
-        raise InputError(
-            "too-large", problem, "give the picture a shorter name or stem", path=Path(root, name)
-        )
-
-
-def _refuse_clashes(jobs: Sequence[Job]) -> None:
-    count = Counter((str(job.outputs.root), name) for job in jobs for name in job.names.values())
-    twice = next((place for place, times in count.items() if times > 1), None)
-    if twice is not None:
-        raise _written_twice(Path(*twice))
-    for root, name in count:
-        _refuse_long(root, name)
-    pictures = {id(job.picture): job.picture for job in jobs}.values()
-    named = [str(path) for picture in pictures for path in picture.files.values()]
-    # Path.resolve raises where a link leads in a circle; its reader names that.
-    named += [os.path.realpath(path) for path in named if os.path.islink(path)]  # noqa: PTH114
-    split = [os.path.split(path) for path in named]
-    places = {folder: Path(folder).resolve() for folder in {folder for folder, _ in split}}
-    own = {folder.resolve() for outputs in _outputs_of(jobs) for folder in outputs.folders}
-    if own.isdisjoint(places.values()):  # a batch has many outputs, and hardly ever such inputs
-        return
-    inputs = {places[folder] / name for folder, name in split}
-    for path in (path for job in jobs for path in job.written):
-        if path.parent.resolve() / path.name in inputs:
-            raise InputError(
-                "replaces-input",
-                "is an input and would be overwritten",
-                "choose another -o",
-                path=path,
-            )
 
 
 def refuse_unwritable(outputs: Outputs) -> None:

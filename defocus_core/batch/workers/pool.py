@@ -9,14 +9,13 @@ import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, islice
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
-from pathlib import Path
 from queue import SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,7 @@ from defocus_core.batch.journal.record import End
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.dask_pool import execute_at
 from defocus_core.batch.workers.dispatch import Lost, dispatch
-from defocus_core.batch.workers.plan import Chunk, Done, Execute, sent
+from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.errors import InputError
 from defocus_core.picture import memory_budget, plain_path
 from defocus_core.request.job import Job, Machine
@@ -52,11 +51,8 @@ def serve(connection: Connection) -> None:
     jobs = _received(connection, stopped)
     plain_path.load()
 
-    def send(number: int, end: End) -> None:
-        connection.send((number, sent(end)))
-
     connection.send(READY)
-    pipeline.run(jobs, send, stopped=stopped.is_set)
+    pipeline.run(jobs, lambda *ended: connection.send(ended), stopped=stopped.is_set)
     connection.close()
     os._exit(0)  # all results are sent; PyTorch would take a second to end
 
@@ -121,7 +117,6 @@ class Processes:
                 yield self._lost(each)
 
     def _lost(self, each: _Worker) -> Lost:
-        """The jobs of a process that has died."""
         self.workers.remove(each)
         each.kill()
         self.failed_starts += not (each.ready or each.stopping)
@@ -230,19 +225,11 @@ class WorkerConfig:
     @property
     def machine(self) -> Machine:
         """The machine settings of each job."""
-        return Machine(
-            device=self.device,
-            threads=self.threads or cores() // self.count or 1,
-            memory=self.memory or self._memory_of_each(),
-            tile=self.tile,
-        )
-
-    def _memory_of_each(self) -> int | None:
-        """Bytes of memory that one of several processes may take; None for no bound."""
-        available = memory.available_mb()
-        if self.scheduler != "local" or self.count == 1 or available is None:
-            return None
-        return int(memory_budget.SHARE * available / self.count * memory.MB)
+        share, available = None, memory.available_mb()
+        if self.scheduler == "local" and self.count > 1 and available is not None:
+            share = int(memory_budget.SHARE * available / self.count * memory.MB)
+        threads = self.threads or cores() // self.count or 1
+        return Machine("standard", self.device, threads, self.memory or share, self.tile)
 
     @cached_property
     def count(self) -> int:
@@ -253,7 +240,7 @@ class WorkerConfig:
         """
         if self.processes is not None:
             return self.processes
-        if self.device == "cuda" or (self.device == "auto" and any(map(_is_there, _GPUS))):
+        if self.device == "cuda" or (self.device == "auto" and any(map(os.path.exists, _GPUS))):
             return 1
         if self.threads is not None:
             return max(1, cores() // self.threads)
@@ -279,18 +266,3 @@ class WorkerConfig:
                 dispatch(Processes(self.count), chain(first, chunks), done, stopped)
 
         return execute
-
-
-def computed_by(jobs: Sequence[Job], machine: Machine) -> list[Job]:
-    """The jobs, done by a machine; quality stays, and tiles unless it has its own."""
-
-    def adapted(own: Machine) -> Machine:
-        tile = machine.tile or own.tile
-        who = replace(own, device=machine.device, threads=machine.threads)
-        return replace(who, memory=machine.memory, tile=tile)
-
-    return [replace(job, machine=adapted(job.machine)) for job in jobs]
-
-
-def _is_there(name: str) -> bool:
-    return Path(name).exists()

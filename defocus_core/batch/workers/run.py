@@ -12,7 +12,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
 
 from defocus_core.batch.datasets import update
 from defocus_core.batch.journal import identity, progress
@@ -41,18 +40,19 @@ from defocus_core.system.text import note
 MAX_IN_A_CHUNK = 8
 
 
-class NoSpace(InputError):  # noqa: N818 - no mistake
-    """Nothing more can be written."""
-
-
-class Listener(Protocol):
+class Listener:
     """Receives the events of a batch."""
+
+    def __init__(self, tell: Callable[[Job, Record], None] | None = None) -> None:
+        self._tell = tell
 
     def planned(self, plan: Plan) -> None:
         """Before the first job is done."""
 
     def ended(self, job: Job, record: Record) -> None:
         """A job has come to its end, and the journal has it."""
+        if self._tell is not None:
+            self._tell(job, record)
 
 
 @dataclass
@@ -81,13 +81,16 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
         _output_folders({job.outputs for job in jobs}, out),
         locked(out, execution.shard) if has_journal else nullcontext(lambda: None) as require_lock,
     ):
-        if has_journal:
-            _clear(out, execution)
+        if has_journal and execution.shard is None:
+            progress.sweep_up(out)  # what runs that were killed left half-written
+            progress.gather(out)
+        elif execution.shard is not None:  # others of its division write to OUT, too
+            progress.refuse_other_division(out, execution.shard)
         plan = make_plan(jobs, out, execution)
         listener.planned(plan)
         state = _State(plan, execution, listener)
         if plan.due or plan.moved:
-            with _recording(state) if has_journal else nullcontext(_unrecorded) as append:
+            with _recording(state) if has_journal else nullcontext(lambda _: None) as append:
                 for number, stamps in plan.moved.items():
                     append(moved_record(plan.jobs[number], plan.ledger, stamps))
 
@@ -106,19 +109,6 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
     if has_journal:
         _index({job.sample_id for job in jobs}, state)
     return state.summary
-
-
-def _clear(out: Path, execution: Execution) -> None:
-    """What runs that were killed left half-written goes; the journals of shards become one."""
-    if execution.shard is None:
-        progress.sweep_up(out)
-        progress.gather(out)
-    else:  # others of its division write to OUT, too
-        progress.refuse_other_division(out, execution.shard)
-
-
-def _unrecorded(_: Record) -> None:
-    """A record that no journal has."""
 
 
 @contextmanager
@@ -142,16 +132,16 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
 
 def _index(asked: Collection[str], state: _State) -> None:
     """Write the index of the samples that are asked for, or one that lists some of them."""
-    plan, summary, wanted = state.plan, state.summary, state.execution.data_set
+    plan, summary, execution = state.plan, state.summary, state.execution
     out = plan.ledger.out
-    if wanted is not None and wanted.source is not None:
-        origin.keep(out, wanted.source)
-    if wanted is None:
+    if execution.source is not None:
+        origin.keep(out, execution.source)
+    if not execution.has_index:
         if summary.statuses["ok"]:
             update.refresh(out, asked, state.withdrawn)
-    elif state.execution.shard is None and not summary.interrupted:
+    elif execution.shard is None and not summary.interrupted:
         untouched = None if plan.due or plan.moved else state.done_before()
-        summary.written = update.index(out, wanted.shards_size, asked, untouched)
+        summary.written = update.index(out, execution.shards_size, asked, untouched)
     if not summary.error:
         _tell_mix(state)
 
@@ -160,10 +150,9 @@ def _tell_mix(state: _State) -> None:
     """Say that pictures of another renderer stay beside those of this one."""
     ledger = state.plan.ledger
     counts = Counter(
-        ledger.kind(number).renderer
+        ledger.outcomes[number].renderer
         for number in ledger.live()
-        if number not in state.replaced
-        if ledger.kind(number).status == "ok"
+        if number not in state.replaced and ledger.is_ok(number)
     )
     counts[RENDERER_VERSION] += state.summary.statuses["ok"]
     versions = {version: count for version, count in counts.items() if count}
@@ -218,17 +207,15 @@ class _State:
         self.summary.interrupted = self.interrupts.asked
 
     def _stopped(self) -> bool:
-        """Whether no further job is to be begun."""
         return self.stopping or self.interrupts.asked
 
     def done_before(self) -> set[str]:
         """The samples that were done before."""
         ledger = self.plan.ledger
-        numbers = ((job, ledger.last(n)) for job in self.plan.settled for n in job.names.values())
         return {
             job.sample_id
-            for job, number in numbers
-            if number is not None and ledger.kind(number).status == "ok"
+            for job in self.plan.settled
+            if any(ledger.is_ok(ledger.last.get(name)) for name in job.names.values())
         }
 
     def _chunks(self) -> Iterator[Chunk]:
@@ -264,7 +251,7 @@ class _State:
         if isinstance(end, Failed):
             if end.reason == "no-space" and not self.execution.raises:
                 path, _, problem = end.message.partition(": ")
-                raise NoSpace("no-space", problem, path=path)  # no other job will find space
+                raise InputError("no-space", problem, path=path)  # no other job will find space
             if self.execution.raises:
                 self.summary.error = end.error
                 self.count(job, record)
@@ -277,7 +264,7 @@ class _State:
         if isinstance(end, Taken):
             self._remove_previews(job)
             names = job.names.values()
-            self.replaced |= {n for n in map(self.plan.ledger.last, names) if n is not None}
+            self.replaced |= {n for n in map(self.plan.ledger.last.get, names) if n is not None}
         summary.left -= 1
         summary.statuses[end.status] += 1
         summary.warned += bool(end.warnings)
@@ -294,7 +281,7 @@ class _State:
             return
         ledger = self.plan.ledger
         for path in replace(job.outputs, preview=True).names(job.sample_id).values():
-            number = None if path in job.names.values() else ledger.last(path)
+            number = None if path in job.names.values() else ledger.last.get(path)
             if number is None:
                 continue
             stamps = ledger.record(number).outputs.values()

@@ -16,7 +16,7 @@ from typing import Any
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.findings.places import LocatedPair, place_of
-from defocus_core.compare.findings.softness import has_room, is_large
+from defocus_core.compare.findings.softness import has_room, is_large, white_noise
 from defocus_core.compare.findings.table import CAUSES, Cause
 from defocus_core.compare.pairing import partners
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
@@ -40,6 +40,7 @@ _PLACED_TOO = "spread otherwise"  # says how, and no cause
 _NEEDS: dict[str, Callable[[Evidence], bool]] = {
     "": lambda evidence: True,
     "light": lambda evidence: bool(evidence.pixels.color),
+    "no noise": lambda evidence: bool(evidence.pixels.color) and not white_noise(evidence),
     "room": has_room,
     "noise": is_large,
 }

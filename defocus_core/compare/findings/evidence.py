@@ -158,8 +158,7 @@ class Evidence:
             return values.astype(np.float64)
         if self.gamma is None:
             return srgb_to_linear(np.maximum(values, 0.0))
-        light: NDArray[np.float64] = np.maximum(values, 0.0).astype(np.float64) ** self.gamma
-        return light
+        return np.asarray(np.maximum(values, 0.0).astype(np.float64) ** self.gamma)
 
     def stored(self, light: NDArray[Any]) -> NDArray[np.float32]:
         """Linear light as the files store it."""
@@ -175,13 +174,11 @@ class Evidence:
     def unscaled_light(self, values: NDArray[Any]) -> NDArray[Any]:
         """Linear light of values on the scale of differences."""
         if not self.pixels.color:
-            light: NDArray[Any] = np.sinh(values)
-            return light
+            return np.asarray(np.sinh(values))
         size = np.abs(values)
         beyond = np.exp(np.clip(size - 1.0, 0.0, 300.0) * (2.4 / 1.055))
         magnitude = np.where(size > 1.0, beyond, srgb_to_linear(np.minimum(size, 1.0)))
-        signed: NDArray[Any] = np.copysign(magnitude, values)
-        return signed
+        return np.asarray(np.copysign(magnitude, values))
 
     @cached_property
     def step(self) -> float:
@@ -233,13 +230,16 @@ class Evidence:
         pair = rest[:, :half], rest[:, half:]
         every = _power(whole[:, :half], whole[:, half:])
         unshared = _unshared(*pair)
-        return min(unshared, max(self.lossy, _FORGIVEN * every))
+        # Detail that is no multiple of that of the other side is noise of both.
+        sides = (side[:, half:] - side[:, :half] for side in (aim - whole, aim))
+        detail = np.stack([side.ravel() for side in sides]).astype("f8")
+        alone = float(np.linalg.eigvalsh(detail @ detail.T / max(detail.shape[1], 1))[0])
+        return min(unshared, max(self.lossy, _FORGIVEN * every, alone))
 
     @cached_property
     def _still(self) -> NDArray[np.bool_]:
         """Samples [N] that are equal in A and B, and not at a bound of the file."""
-        still: NDArray[np.bool_] = self.pixels.greatest[self.places] == 0
-        return still & self.steady.all(axis=0)
+        return np.asarray((self.pixels.greatest[self.places] == 0) & self.steady.all(axis=0))
 
     @cached_property
     def window(self) -> tuple[int, int, int, int]:
@@ -273,11 +273,6 @@ class Evidence:
         ]
         shares = [float(within[rim][there[rim]].mean()) for rim in rims if there[rim].any()]
         return min(shares, default=0.0) > 0.5 * float(within[there].mean()) > 0.1
-
-    @cached_property
-    def changed_share(self) -> float:
-        """Share of the pixels that differ."""
-        return float(np.count_nonzero(self.pixels.greatest) / self.pixels.greatest.size)
 
     def _changes_still(
         self, shown: NDArray[Any], a: NDArray[Any], still: NDArray[np.bool_], equal: float = 1.0
@@ -319,7 +314,7 @@ class Evidence:
         if left > _NAMED or not (tried & self._still).any():
             return left
         # Pixels that differ are sampled more often.
-        p, differ = self.changed_share, float((~self._still).mean())
+        p, differ = float((self.pixels.greatest != 0).mean()), float((~self._still).mean())
         weight = (1 - p) * differ / max(p * (1 - differ), 1e-9)
         cut = (aim - whole)[:, tried]
         return (
@@ -337,8 +332,7 @@ class Evidence:
     def framed(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The mean light of the channels of A and of B, [h, w], in the frame."""
         rows, columns = self.frame
-        sides = (self.light(self.at(side, rows, columns)).mean(axis=0) for side in ("a", "b"))
-        a, b = sides
+        a, b = (self.light(self.at(side, rows, columns)).mean(axis=0) for side in ("a", "b"))
         return a, b
 
     @cached_property
@@ -424,15 +418,13 @@ def densest(differences: NDArray[Any], side: int) -> tuple[slice, slice]:
 def steepness(light: NDArray[Any]) -> NDArray[Any]:
     """About the slope of the scale of differences at some light."""
     magnitude = np.maximum(np.abs(light), 0.003)
-    slopes: NDArray[Any] = magnitude ** np.where(magnitude < 1.0, 1 / 2.4 - 1, -1.0)
-    return slopes
+    return np.asarray(magnitude ** np.where(magnitude < 1.0, 1 / 2.4 - 1, -1.0))
 
 
 def blocks_in_turn(size: tuple[int, int], side: int = _BLOCK) -> NDArray[np.bool_]:
     """Pixels [H, W] of blocks that choose parameters; the others measure."""
     rows, columns = (np.arange(length) // side % 2 == 0 for length in size)
-    turn: NDArray[np.bool_] = rows[:, None] == columns
-    return turn
+    return np.asarray(rows[:, None] == columns)
 
 
 def _pairs(values: NDArray[Any], used: NDArray[np.bool_]) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -479,6 +471,16 @@ def sums_of_parts(values: NDArray[Any], side: int = PART) -> NDArray[Any]:
     """Sums [h, w] over the parts of values [H, W]."""
     rows = np.add.reduceat(values, np.arange(0, values.shape[0], side), axis=0)
     return np.add.reduceat(rows, np.arange(0, values.shape[1], side), axis=1)
+
+
+def summed_up(
+    columns: Sequence[NDArray[Any]], aim: NDArray[Any], weights: NDArray[Any]
+) -> NDArray[Any]:
+    """The multiples of columns that sum up to an aim, by weighted least squares."""
+    design = np.stack([(column * weights).ravel() for column in columns])
+    square, sums = design @ design.T, design @ (aim * weights).ravel()
+    square[np.diag_indices(len(columns))] *= 1 + 1e-12
+    return np.asarray(np.linalg.lstsq(square, sums, rcond=None)[0])
 
 
 def fitted_in_parts(

@@ -20,6 +20,7 @@ from defocus_core.compare.findings.evidence import (
     blocks_in_turn,
     fitted_in_parts,
     steepness,
+    summed_up,
     sums_of_parts,
 )
 from defocus_core.compare.findings.table import EXACT
@@ -27,7 +28,6 @@ from defocus_core.compare.findings.table import EXACT
 _OF_PARTS = "another view or frame"
 _Scale = Callable[[NDArray[Any]], NDArray[Any]]
 
-_FRAME = 512  # px of the middle of a picture in which a shift is looked for
 _PEAKS = 3  # of each correlation that are tried
 _EXPLAINED = 0.05  # left of a difference, below which no further move is looked for
 _LEAST_PART = 0.02  # px of a move that is looked at
@@ -38,6 +38,9 @@ _MOST_TILES = 1500  # that may have been exchanged
 _SCALED_ALIKE = 0.2  # of a growth, by which those of channels differ
 _CHOSEN, _STEPS = 1600, 6  # samples that choose a small move, and steps to it
 _AROUND = 1e-4  # px by which kernels of interpolation are moved for their slope
+_LEAST_APART = 3  # px of a copy from the picture: a nearer one is blur
+_NEAR = 12  # px of the moves of parts that are tried one by one
+_BY_CHANCE = 0.6  # greatest share that a move of parts leaves of what others leave
 _ONE_MOVE = 0.45  # px by which moves of parts differ where all is one move, rounded
 
 
@@ -135,8 +138,7 @@ def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
     rows = cut.reshape(*planes.shape[:-2], down, side, across * side).mean(
         axis=-2, dtype=np.float32
     )
-    means: NDArray[np.float32] = rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1)
-    return means
+    return np.asarray(rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1))
 
 
 @lru_cache(maxsize=1)
@@ -145,7 +147,7 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     rows, columns = evidence.places
     height, width = evidence.size
     tried: list[tuple[float, int, int]] = []
-    for dx, dy in _offsets(evidence):
+    for dx, dy in dict.fromkeys([(0, 0), *_offsets(evidence)]):
         y, x = rows - dy, columns - dx
         within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
         predicted = evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1))
@@ -153,17 +155,11 @@ def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
-def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
-    """Shifts (dx, dy) worth trying: none, and peaks of the mean of channels in the middle."""
-    rows, columns = (
-        slice((n - min(n, _FRAME)) // 2, (n + min(n, _FRAME)) // 2) for n in evidence.size
-    )
-    a, b = (
-        np.asarray(evidence.scaled(evidence.at(side, rows, columns).mean(axis=0)), "f4")[None]
-        for side in ("a", "b")
-    )
-    peaks = (each[0] for each in _peaks(a, b, _PEAKS))
-    return list(dict.fromkeys([(0, 0), *chain.from_iterable(peaks)]))
+def _offsets(evidence: Evidence, *, of_difference: bool = False) -> list[tuple[int, int]]:
+    """Shifts (dx, dy) by which B, or its difference, is most like A where most differs."""
+    a, b = (evidence.scaled(evidence.at(s, *evidence.frame)).mean(axis=0)[None] for s in "ab")
+    found = _peaks(a, b - a if of_difference else b, _PEAKS)
+    return list(dict.fromkeys(chain.from_iterable(peaks[0] for peaks in found)))
 
 
 def _peaks(a: NDArray[Any], b: NDArray[Any], count: int) -> Iterator[list[list[tuple[int, int]]]]:
@@ -194,15 +190,18 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
     if least <= _EXPLAINED or min(evidence.size) <= 16:
         return
     first = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
-    of_parts, starts = _parts(evidence), [np.array([dy, 0, 0, dx, 0, 0], "f8")]
+    of_parts, starts = _parts(evidence), [np.array([dy, 0, 0, dx, 0, 0, 0], "f8")]
     if of_parts is not None and np.ptp(of_parts.moves, axis=0).max() >= 1:
         starts.append(of_parts.common)
     for move in starts:
-        for free in (_SHIFT, _SIMILAR, _AFFINE):
+        for free in (_SHIFT, _SIMILAR, _AFFINE, _LENS):
             move, better = _fitted(evidence, first, move, free)
             if not better:
                 continue
-            left, cost = _left_by_move(evidence, move), 0.01 * len(free) - 0.01
+            left, cost = (
+                _left_by_move(evidence, move),
+                0.01 * len(free) - 0.01 + 0.03 * (free is _LENS),
+            )
             name, text, values = _moved_words(move, _far(evidence))
             if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
                 name = _OF_PARTS
@@ -224,7 +223,7 @@ def _chromatic(evidence: Evidence) -> Iterator[Explanation]:
         return
     growths, predicted, within = {}, [], np.ones(evidence.places[0].shape, bool)
     for name in names:
-        move, _ = _fitted(evidence, (name,), np.zeros(6), _GROWTH)
+        move, _ = _fitted(evidence, (name,), np.zeros(7), _GROWTH)
         scale, back = _interpolated(evidence)
         inside, sums = _moved(evidence, *evidence.places, move, (name,), scale)
         predicted.append(back(sums[0])[0])
@@ -243,10 +242,12 @@ def _far(evidence: Evidence) -> float:
 
 
 # Of a move: how far down and how far right, in px: in the middle, and more by the row and by the
-# column at `_far`. Each free parameter is a row.
-_AFFINE = np.eye(6)
+# column at `_far`; and how far out at `_far`, by the cube of the distance, as lenses distort. Each
+# free parameter is a row.
+_AFFINE, _DISTORTION = np.split(np.eye(7), [6])
 _SHIFT, _GROWTH = _AFFINE[[0, 3]], _AFFINE[[1]] + _AFFINE[[5]]
 _SIMILAR = np.concatenate([_SHIFT, _GROWTH, _AFFINE[[4]] - _AFFINE[[2]]])
+_LENS = np.concatenate([_SIMILAR, _DISTORTION])
 
 
 def _fitted(
@@ -269,8 +270,10 @@ def _fitted(
     move, rest, ways = start.copy(), aim - was, [aim]
     for _ in range(_STEPS):
         inside, (there, down, right) = _moved(evidence, *places, move, names, scale, sloped=True)
+        out = (y * y + x * x) * (down * y + right * x)
         ways = [
-            -v * slope * inside for v in (down, down * y, down * x, right, right * y, right * x)
+            -v * slope * inside
+            for v in (down, down * y, down * x, right, right * y, right * x, out)
         ]
         rest = (aim - there) * slope * inside
         design = free @ np.stack([way.ravel() for way in ways])
@@ -332,8 +335,9 @@ def _moved(
     scale, far = scale or evidence.scaled, _far(evidence)
     height, width = evidence.size
     y, x = (rows - (height - 1) / 2) / far, (columns - (width - 1) / 2) / far
-    at_y = rows - move[0] - move[1] * y - move[2] * x
-    at_x = columns - move[3] - move[4] * y - move[5] * x
+    out = move[6] * (y * y + x * x)
+    at_y = rows - move[0] - move[1] * y - move[2] * x - out * y
+    at_x = columns - move[3] - move[4] * y - move[5] * x - out * x
     inside = (at_y > 2) & (at_y < height - 3) & (at_x > 2) & (at_x < width - 3)
     top, left = np.floor(at_y).astype(np.intp), np.floor(at_x).astype(np.intp)
     taps = np.arange(-1, 3)[:, None]
@@ -351,16 +355,17 @@ def _moved(
 
 def _moved_words(move: NDArray[Any], far: float) -> tuple[str, str, dict[str, float]]:
     """The name, words and numbers of a small move; what moves most gives the name."""
-    dy, grows_down, turns_down, dx, turns, grows = (float(v) for v in move)
+    dy, grows_down, turns_down, dx, turns, grows, out = (float(v) for v in move)
     turn, growth = (turns - turns_down) / 2, (grows_down + grows) / 2
     shear = math.hypot(turns + turns_down, grows - grows_down) / 2
     degrees, scale = float(np.degrees(turn / far)), 1 + growth / far
     values = {"dx": dx, "dy": dy, "degrees": degrees, "scale": scale, "shear": shear}
     ways = [f"shifted by ({dx:.2f}, {dy:.2f})"] * bool(np.hypot(dx, dy) > _LEAST_PART)
     ways += [f"rotated by {degrees:.3g}° to the left"] * (abs(turn) > 0.1)
-    ways += [f"scaled by {scale:.5g}"] * (abs(growth) > 0.1)
+    ways += [f"scaled by {scale:.5g}"] * (abs(growth) > 0.1 and not out)
+    ways += [f"scaled by {scale:.5g}, at the sides by {scale + out / far:.5g}"] * bool(out)
     ways += [f"sheared by {2 * shear:.3g} px"] * (shear > 0.1)
-    sizes = {"shifted": np.hypot(dx, dy), "rotated": abs(turn), "scaled": abs(growth)}
+    sizes = {"shifted": np.hypot(dx, dy), "rotated": abs(turn), "scaled": abs(growth) + abs(out)}
     strongest = max(sizes, key=lambda name: sizes[name])
     if shear > 0.4 * sizes[strongest]:  # a shear of one axis is half a turn
         strongest = "sheared"
@@ -374,7 +379,7 @@ class _Parts:
 
     predicted: NDArray[Any]  # light of the frame as a screen shows it, [h, w]
     moves: NDArray[Any]  # (dx, dy) of each part that matters, [n, 2]
-    common: NDArray[np.float64]  # the move of all, of 6 parameters, that is nearest to them
+    common: NDArray[np.float64]  # the move of all, of 7 parameters, that is nearest to them
     apart: float  # RMS distance in px of the moves from it
 
 
@@ -409,7 +414,7 @@ def _parts(evidence: Evidence) -> _Parts | None:
     design = np.stack([np.ones(len(y)), y, x], axis=1)
     solved = np.linalg.lstsq(design * root, moves * root, rcond=None)[0]
     rest = np.square((moves - design @ solved) * root).sum() / max(float((root**2).sum()), 1e-300)
-    common = np.concatenate([solved[:, 1], solved[:, 0]])
+    common = np.concatenate([solved[:, 1], solved[:, 0], [0.0]])
     return _Parts(predicted, moves, common, math.sqrt(float(rest)))
 
 
@@ -426,6 +431,67 @@ def moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
     left = evidence.left_framed(evidence.unscaled_light(parts.predicted), ~chooses)
     cost = 0.0 if parts.apart > 1 else 0.1
     yield Explanation(left, _OF_PARTS, how, cost=cost)
+
+
+def displaced(evidence: Evidence) -> Iterator[Explanation]:
+    """Light of B is that of A and that of A moved: added up, or the one or the other in places."""
+    (rows, columns), (height, width) = evidence.places, evidence.size
+    a, b = evidence.sampled
+    light, aim = evidence.light(a), evidence.light(b)
+    slope = steepness(light) * evidence.fits * evidence.steady
+    shown, shown_aim = evidence.scaled(a), evidence.scaled(b)
+
+    def moved_by(dx: int, dy: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """A there, and where that is within the picture."""
+        y, x = rows - dy, columns - dx
+        within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+        return evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1)), within
+
+    def left_in_places(dx: int, dy: int) -> float:
+        """What is left if each pixel is that of A or of A moved, whichever is nearer."""
+        there, within = moved_by(dx, dy)
+        shown_there = evidence.scaled(there)
+        apart = (np.square(side - shown_aim).sum(axis=0) for side in (shown_there, shown))
+        return evidence.left(np.where(within & np.less(*apart), there, a), exact=True)
+
+    offsets = _offsets(evidence, of_difference=True)
+    peaks = [peak for peak in offsets if math.hypot(*peak) >= _LEAST_APART]
+    for dx, dy in peaks:
+        there, within = moved_by(dx, dy)
+        copy = evidence.light(there)
+        one, other = summed_up([light, copy], aim - light, slope * within)
+        predicted = light * (1 + one) + copy * other
+        used = within & evidence.steady.all(axis=0)
+        left = evidence.left(evidence.stored(predicted), used)
+        share = float(other / max(1 + one + other, 1e-9))
+        if 0 < share <= 0.5:
+            how = f": {share:.2g} of its light is a copy moved by ({dx}, {dy}) px"
+            values = {"share": share, "dx": dx, "dy": dy}
+            yield Explanation(left, "doubled", how, values, 0.01)
+    for dx, dy in (_nearest_move(evidence), *peaks[:3]):
+        left = left_in_places(dx, dy)
+        others = ((-dx, -dy), (dy, -dx), (-dy, dx))
+        if left < 0.5 and left < _BY_CHANCE * min(left_in_places(*other) for other in others):
+            how, values = f": parts moved by ({dx}, {dy}) px", {"dx": dx, "dy": dy}
+            yield Explanation(left, _OF_PARTS, how, values, 0.02)
+
+
+def _nearest_move(evidence: Evidence) -> tuple[int, int]:
+    """The move (dx, dy) of a few px by which pixels that differ are most like one of A or of it."""
+    rows, columns = evidence.places
+    chosen = np.flatnonzero(evidence.fits & (evidence.pixels.greatest[rows, columns] > 0))
+    rows, columns = (places[chosen[: _CHOSEN // 2]] for places in (rows, columns))
+    a, b = (evidence.scaled(evidence.at(side, rows, columns)) for side in "ab")
+    before = np.abs(b - a).sum(axis=0)
+    costs = {}
+    for dy, dx in product(range(-_NEAR, _NEAR + 1), repeat=2):
+        y, x = (
+            (rows - dy).clip(0, evidence.size[0] - 1),
+            (columns - dx).clip(0, evidence.size[1] - 1),
+        )
+        there = np.abs(evidence.scaled(evidence.at("a", y, x)) - b).sum(axis=0)
+        costs[dx, dy] = float(np.minimum(before, there).sum())
+    return min(costs, key=lambda move: costs[move])
 
 
 def eroded(evidence: Evidence) -> Iterator[Explanation]:

@@ -152,7 +152,7 @@ def place_of(shown: LocatedPair) -> Finding | None:
         every = float(power[used].sum())
         share = float(power[mask & used].sum()) / every if every else 0.0
         area = np.count_nonzero(mask & used) / np.count_nonzero(used)
-        if share >= least and 0 < area < 1 and (tells := _entropy(share, area)) >= _TELLS:
+        if share >= least and 0 < area < 1 and (tells := _relative_entropy(share, area)) >= _TELLS:
             told.append((tells, name, how, share, area, mask))
     if not told:
         return None
@@ -164,7 +164,6 @@ def place_of(shown: LocatedPair) -> Finding | None:
     return Finding(name, text, {"share": round(share, 4), "area": round(area, 4), "kind": kind})
 
 
-def _entropy(share: float, area: float) -> float:
-    """The relative entropy of two shares, in nats."""
+def _relative_entropy(share: float, area: float) -> float:
     ends = ((share, area), (1 - share, 1 - area))
     return sum(p * math.log(p / q) for p, q in ends if p > 0)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import product
 from typing import Any
 
@@ -26,16 +26,17 @@ from defocus_core.compare.findings.evidence import (
     densest,
     fitted_in_parts,
     steepness,
+    summed_up,
+    sums_of_parts,
     unexplained,
 )
 from defocus_core.compare.findings.geometry import keys, linear
 
 _LEAST = 28  # px of a side of a picture whose softness is looked at
 _PIECE, _MARGIN = 192, 8  # px of the part that rivals are measured in, and of the border left out
-_BINS = 160  # of frequencies, up to 1/2 a pixel
 _RADII, _SIGMAS = np.geomspace(0.35, 16, 120), np.geomspace(0.2, 8, 120)  # px
 _LENGTHS, _ANGLES = np.geomspace(1.6, 40, 24), np.arange(0, 180, 7.5)  # of a motion: px, degrees
-_FEW = 24  # each how many-th frequency is looked at for motion
+_FEW = 24  # each how many-th frequency is looked at
 _WIDTHS = (0.6, 1.2, 2.4, 4.8)  # px of the gaussians of parts
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _SURELY_SPREAD = 0.06  # left where kernels of another size or shape spread the light
@@ -46,12 +47,11 @@ _Kernel = Callable[[Any], Any]  # weights by distances
 _Kernels = tuple[_Kernel, _Kernel]  # to a smaller size, and back
 _SIZES, _REACH = np.linspace(0.2, 0.985, 64), 40  # shares of a size; px that its kernels reach
 _FILTERED, _RESIZED_LEFT, _KERNELS = 0.3, 0.3, 3  # left by a filter, by pixels; kernels tried
-_COMMON, _OFF = (
-    (*np.linspace(0.2, 0.95, 16).tolist(), 1 / 3, 2 / 3),
-    0.04,
-)  # shares that people choose
-_STEPS = (2, -2, 1, -1, 0.4, -0.4)  # px of a side by which a size is looked for
-_GLOWS = (4, 6, 9, 13, 19, 28, 40)  # px of the gaussians of bloom
+_OFF, _PROBE = 0.06, 64  # share by which a size is looked for; px of the part that finds it
+_KEPT = 6  # sizes of which either side is looked for
+_COARSE = 4  # px of the coarse pixels of bloom
+_GLOWS = (1, 1.5, 2.2, 3.3, 5, 7, 10)  # coarse px of its gaussians
+_SOURCES = 24  # parts of a frame that have a gain of their own
 _SPREAD = 12.0  # px of the gaussian within which another bokeh shape keeps the light
 _ONE_WAY = 0.85  # share of blurred blocks that makes a picture blurred more, or less
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
@@ -70,11 +70,10 @@ class Softened:
     @cached_property
     def sides(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Light of A and B, or what a screen shows of it, [h, w]."""
-        a, b = self.evidence.framed
         if not self.shown:
-            return a, b
-        shown_a, shown_b = (self.evidence.scaled_light(v).astype("f8") for v in (a, b))
-        return shown_a, shown_b
+            return self.evidence.framed
+        a, b = (self.evidence.scaled_light(v).astype("f8") for v in self.evidence.framed)
+        return a, b
 
     @cached_property
     def piece(self) -> tuple[slice, slice]:
@@ -156,10 +155,9 @@ class Softened:
         for alike_by in _ALIKE:
             weights = np.exp(apart * (-0.5 / alike_by**2))
             details.append((weights * (beside - inner)).sum(axis=0) / weights.sum(axis=0))
-        chosen, aim, found = self.chooses[self.piece], b[2:-2, 2:-2] - inner, []
+        chooses, aim, found = self.chooses[self.piece], b[2:-2, 2:-2] - inner, []
         for some in (details[:1], details[1:]):
-            design = np.stack([detail[chosen] for detail in some]).astype("f8")
-            shares = np.linalg.lstsq(design @ design.T, design @ aim[chosen], rcond=None)[0]
+            shares = summed_up(some, aim, 1.0 * chooses)
             shown = inner + sum(s * detail for s, detail in zip(shares, some, strict=True))
             predicted = self.sides[0].copy()
             predicted[self.piece] = self.evidence.unscaled_light(shown)
@@ -180,15 +178,6 @@ class Softened:
         return np.fft.fftfreq(height)[:, None], np.fft.rfftfreq(width)[None, :]
 
     @cached_property
-    def rings(self) -> tuple[NDArray[Any], ...]:
-        """Frequencies, and the powers and what is common of each ring of them."""
-        place = np.rint(np.hypot(*self.frequencies) * 2 * _BINS).astype(int).clip(0, _BINS)
-        sums = [
-            np.bincount(place.ravel(), each.ravel(), _BINS + 1)[1:_BINS] for each in self.spectra
-        ]
-        return np.arange(1, _BINS) / (2 * _BINS), *sums
-
-    @cached_property
     def few(self) -> tuple[NDArray[Any], NDArray[Any], tuple[NDArray[Any], ...]]:
         """Rows and columns of some of the frequencies, and the spectra there."""
         places = np.arange(self.spectra[0].size)[1::_FEW]
@@ -198,8 +187,7 @@ class Softened:
     def filtered(self, side: int, response: NDArray[Any]) -> NDArray[Any]:
         """A or B through a filter, around at the borders."""
         size = self.sides[side].shape
-        through: NDArray[Any] = np.fft.irfft2(self.transformed[side] * response, s=size)
-        return through
+        return np.asarray(np.fft.irfft2(self.transformed[side] * response, s=size))
 
     @cached_property
     def transformed(self) -> tuple[NDArray[Any], NDArray[Any]]:
@@ -212,16 +200,10 @@ class Softened:
         square = sum(np.square(self.frequencies[axis]) for axis in axes)
         return self.filtered(side, _gauss(np.sqrt(square), sigma))
 
-    def most_alike(
-        self, response: Callable[[Any, float], NDArray[Any]], sizes: NDArray[Any], side: int
-    ) -> tuple[float, NDArray[Any]]:
-        """The size of a round filter that makes the one side of the other, and B by it."""
-        f, *powers, common = self.rings
-        every = np.stack([response(f, size) for size in sizes])
-        costs = every**2 @ powers[side] - 2 * every @ common
-        size = float(sizes[costs.argmin()])
-        through = self.filtered(side, response(np.hypot(*self.frequencies), size))
-        return size, through if side == 0 else sum(self.sides) - through
+    def most_alike(self, side: int, responses: NDArray[Any]) -> int:
+        """Which of responses [K, N] to the few frequencies makes the one side of the other."""
+        *powers, common = self.few[2]
+        return int((np.square(responses) @ powers[side] - 2 * responses @ common).argmin())
 
 
 @lru_cache(maxsize=1)
@@ -230,8 +212,7 @@ def _softened(evidence: Evidence) -> Softened:
 
 
 def _gauss(f: Any, sigma: float) -> NDArray[Any]:
-    response: NDArray[Any] = np.exp(-2 * (np.pi * sigma * f) ** 2)
-    return response
+    return np.asarray(np.exp(-2 * (np.pi * sigma * f) ** 2))
 
 
 @lru_cache(maxsize=1)
@@ -243,8 +224,7 @@ def _jinc() -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _disc(f: Any, radius: float) -> NDArray[Any]:
-    response: NDArray[Any] = np.interp(2 * np.pi * radius * f, *_jinc())
-    return response
+    return np.asarray(np.interp(2 * np.pi * radius * f, *_jinc()))
 
 
 def has_room(evidence: Evidence) -> bool:
@@ -292,20 +272,25 @@ def blurred_alike(evidence: Evidence) -> Iterator[Explanation]:
         ((0, "more"), (1, "less")),
         ((_disc, _RADII, 1.0), (_gauss, _SIGMAS, 2.0)),
     ):
-        size, predicted = frame.most_alike(response, sizes, side)
+        (rows, columns, _), far = frame.few, np.hypot(*frame.frequencies)
+        responses = np.stack([response(far[rows, columns], size) for size in sizes])
+        size = float(sizes[frame.most_alike(side, responses)])
         radius = size * wide  # of the disc of the same moments
         if radius > 0.3:
             how = f": blurred {way}, everywhere alike, as by a radius of {radius:.2g} px"
             how += " by a gaussian" * (wide != 1)
             cost = 0.02 + 0.02 * side
-            yield Explanation(frame.left(predicted), _COC, how, {"radius": radius}, cost)
+            through = frame.filtered(side, response(far, size))
+            left = frame.left(through if side == 0 else sum(frame.sides) - through)
+            yield Explanation(left, _COC, how, {"radius": radius}, cost)
 
 
 def sharpened(evidence: Evidence) -> Iterator[Explanation]:
     """B is A, and a multiple of its detail."""
     for frame in _frames(evidence):
-        f, power, _, common = frame.rings
-        details = 1 - np.stack([_gauss(f, sigma) for sigma in _SIGMAS])
+        rows, columns, (power, _, common) = frame.few
+        far = np.hypot(*frame.frequencies)[rows, columns]
+        details = 1 - np.stack([_gauss(far, sigma) for sigma in _SIGMAS])
         squares = details**2 @ power
         gains = details @ (common - power) / np.maximum(squares, 1e-300)
         best = int((gains * gains * squares).argmax())
@@ -320,26 +305,22 @@ def sharpened(evidence: Evidence) -> Iterator[Explanation]:
 def motion_blurred(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through a line for all places."""
     frame = _softened(evidence)
-    rows, columns, (power, _, common) = frame.few
-    fy, fx = frame.frequencies[0][rows, 0], frame.frequencies[1][0, columns]
-    lengths, angles, found = _LENGTHS, _ANGLES, (1.0, 0.0)
+    rows, columns, _ = frame.few
+    few = frame.frequencies[0][rows, 0], frame.frequencies[1][0, columns]
+
+    def line(f: tuple[Any, Any], length: float, angle: float) -> NDArray[Any]:
+        turned = math.radians(angle)
+        return np.asarray(np.sinc(length * (f[1] * math.cos(turned) - f[0] * math.sin(turned))))
+
+    lengths, angles, length, angle = _LENGTHS, _ANGLES, 1.0, 0.0
     for _ in range(2):
-        tried = []
-        for angle in angles:
-            turned = math.radians(angle)
-            every = np.sinc(lengths[:, None] * (fx * math.cos(turned) - fy * math.sin(turned)))
-            costs = np.square(every) @ power - 2 * every @ common
-            tried.append((float(costs.min()), float(lengths[costs.argmin()]), float(angle)))
-        found = min(tried)[1:]
-        lengths = found[0] * np.linspace(0.9, 1.1, 9)
-        angles = found[1] + np.arange(-6, 7, 2.0)
-    length, angle = found[0], found[1] % 180
-    fy, fx = frame.frequencies
-    turned = math.radians(angle)
-    response = np.sinc(length * (fx * math.cos(turned) - fy * math.sin(turned)))
+        tried = [*product(lengths, angles)]
+        length, angle = tried[frame.most_alike(0, np.stack([line(few, *each) for each in tried]))]
+        lengths, angles = length * np.linspace(0.9, 1.1, 9), angle + np.arange(-6, 7, 2.0)
     if length > 1.8:
-        how, values = f": {length:.2g} px at {angle:.0f}°", {"length": length, "angle": angle}
-        left = frame.left(frame.filtered(0, response))
+        how = f": {length:.2g} px at {angle % 180:.0f}°"
+        values = {"length": float(length), "angle": float(angle % 180)}
+        left = frame.left(frame.filtered(0, line(frame.frequencies, length, angle)))
         yield Explanation(left, "motion blur", how, values, 0.03)
 
 
@@ -354,19 +335,22 @@ def resized(evidence: Evidence) -> Iterator[Explanation]:
             for side in shown
         ]
         if max(new - old for old, new in zip(*uneven, strict=True)) >= least:
-            on_grid += [(1 / factor, kernels) for kernels in _RESAMPLED]
+            high, wide = (side / factor for side in evidence.size)
+            on_grid += [((high, wide), kernels, 0.01 * factor - 0.2) for kernels in _RESAMPLED]
     for frame in _frames(evidence):
-        tried = [(share, kernels, 0.01 / share - 0.2) for share, kernels in on_grid]
-        for share, kernels, cost in (*tried, *((*each, 0.0) for each in _sizes(frame))):
-            left = frame.left(_through_size(frame, share, kernels))
+        for size, kernels, cost in (*on_grid, *((*each, 0.0) for each in _sizes(frame))):
+            predicted = frame.sides[0].copy()
+            predicted[frame.piece] = _through_size(frame, size, kernels, frame.piece)
+            left = frame.left(predicted)
             if cost or left < _RESIZED_LEFT:
-                size = {0.5: "half", 0.25: "a quarter of the"}.get(share, f"{share:.0%} of the")
-                how, values = f": {size} resolution, {_RESAMPLED[kernels]}", {"factor": 1 / share}
+                share = max(size) / max(evidence.size)
+                of = {0.5: "half", 0.25: "a quarter of the"}.get(share, f"{share:.0%} of the")
+                how, values = f": {of} resolution, {_RESAMPLED[kernels]}", {"factor": 1 / share}
                 yield Explanation(left, "lower resolution", how, values, cost)
 
 
-def _sizes(frame: Softened) -> list[tuple[float, _Kernels]]:
-    """Shares of the size of A, and kernels, by whose response to frequencies it is about B."""
+def _sizes(frame: Softened) -> list[tuple[tuple[int, int], _Kernels]]:
+    """Sizes smaller than that of A, and kernels, by whose response to frequencies it is about B."""
     rows, columns, (power, other, common) = frame.few
     every, whole = float((power + other - 2 * common).sum()), float(other.sum())
     lags = 2 * np.pi * np.arange(_REACH + 1)
@@ -400,33 +384,38 @@ def _weights(share: float, kernels: _Kernels) -> NDArray[Any]:
     return np.array([means[0] / 2, *means[1:]])
 
 
-def _nearest_size(frame: Softened, share: float, kernels: _Kernels) -> float:
-    """The share near another one at which pixels of A are most like B, to a part of a pixel."""
-    tried = [share, *(common for common in _COMMON if abs(common - share) < _OFF)]
-    best = min((frame.left(_through_size(frame, each, kernels)), each) for each in tried)
-    for step in _STEPS:
-        near = best[1] + step / max(frame.evidence.size)
-        if 0.1 < near < 1 and best[0] > 0.01:
-            best = min(best, (frame.left(_through_size(frame, near, kernels)), near))
-    return float(best[1])
+def _nearest_size(frame: Softened, share: float, kernels: _Kernels) -> tuple[int, int]:
+    """The size (rows, columns) near a share of A's at which its pixels are most like B."""
+    probe = densest(np.abs(frame.sides[1] - frame.sides[0]), _PROBE)
+
+    def cost(size: tuple[int, int]) -> float:
+        made = _through_size(frame, size, kernels, probe)
+        return float(np.square(made - frame.sides[1][probe]).sum())
+
+    full = frame.evidence.size
+    shares = np.arange(share - _OFF, min(share + _OFF, 1.0), 1 / max(full))
+    sizes = [(max(2, round(full[0] * each)), max(2, round(full[1] * each))) for each in shares]
+    best = sorted(sizes, key=cost)[:_KEPT]
+    # Either side may have been rounded the other way.
+    around = product(best, (-1, 0, 1), (-1, 0, 1))
+    return min(((high + y, wide + x) for (high, wide), y, x in around), key=cost)
 
 
-def _through_size(frame: Softened, share: float, kernels: _Kernels) -> NDArray[np.float64]:
-    """A [h, w], at a share of the picture's size and enlarged again where it is measured."""
+def _through_size(
+    frame: Softened, size: tuple[float, float], kernels: _Kernels, piece: tuple[slice, slice]
+) -> NDArray[np.float64]:
+    """A piece of A at another size (rows, columns), enlarged again."""
     made = frame.sides[0]
-    for cut, full, piece in zip(
-        frame.evidence.frame, frame.evidence.size, frame.piece, strict=True
-    ):
-        small = max(2, round(full * share))
-        ratio = 1 / share if share in (0.5, 0.25) else full / small
-        at = np.arange(cut.start, cut.stop)
-        aim = at[piece]
+    whole = zip(frame.evidence.frame, frame.evidence.size, size, piece, strict=True)
+    for cut, full, small, part in whole:
+        ratio = full / small
+        reach = math.ceil(4 * ratio) + 4
+        used = slice(max(part.start - reach, 0), part.stop + reach)
+        at, aim = (np.arange(cut.start, cut.stop)[each] for each in (used, part))
         first, last = int(aim[0] / ratio) - 3, math.ceil(aim[-1] / ratio) + 4
-        coarse = np.arange(max(first, 0), min(small, last))
-        made = np.moveaxis(_matrix(at, aim, ratio, coarse, kernels) @ made, 0, 1)
-    predicted = frame.sides[0].copy()
-    predicted[frame.piece] = made
-    return predicted
+        coarse = np.arange(max(first, 0), min(math.ceil(small), last))
+        made = np.moveaxis(_matrix(at, aim, ratio, coarse, kernels) @ made[used], 0, 1)
+    return made
 
 
 def _matrix(
@@ -437,8 +426,7 @@ def _matrix(
     wide = down((at - (coarse[:, None] + 0.5) * ratio + 0.5) / ratio)
     back = up((aim[:, None] + 0.5) / ratio - 0.5 - coarse)
     both = [each / np.maximum(each.sum(axis=1, keepdims=True), 1e-9) for each in (back, wide)]
-    through: NDArray[np.float64] = both[0] @ both[1]
-    return through
+    return np.asarray(both[0] @ both[1])
 
 
 def _box(t: Any) -> Any:
@@ -482,31 +470,52 @@ _SMOOTH = [kernels for kernels in _RESAMPLED if kernels[1] is not _box]
 
 
 def bloom(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A, and some of its brightest light once more, spread far."""
+    """B is A, and some of its brightest light once more, spread far.
+
+    It is looked at in coarse pixels, where little rounding is left. What a file with bounds shows
+    as white may be any light: there each part of the frame has a gain of its own.
+    """
     a, b = evidence.framed
     steady = ~(evidence.at("b", *evidence.frame) > 0.996).any(axis=0) | (evidence.gamma == 1.0)
-    turn, slope = blocks_in_turn(a.shape), steepness(a) * steady
-    added = b - a
-    if float((added * slope).sum()) < 0.7 * float((np.abs(added) * slope).sum()):
+    slope = steepness(a) * steady
+    coarse = partial(sums_of_parts, side=_COARSE)
+    added, weights = coarse((b - a) * slope) / _COARSE**2, coarse(slope) / _COARSE**4
+    if added.sum() < 0.7 * np.abs(added).sum():
         return
-    found: tuple[float, Any, float, float] = (math.inf, None, 0.0, 0.0)
+    turn = blocks_in_turn(added.shape, 4)
+    plain = weights, coarse(a * slope)  # raised blacks, another exposure
+    solved = summed_up(plain, added, turn)
+    by_plain = float(np.square((added - np.tensordot(solved, plain, 1))[turn]).sum())
+    found: tuple[float, Any, float, float] = (0.5 * by_plain, None, 0.0, 0.0)
     for quantile in (0.0, 0.9, 0.98):
-        bright = np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0)
-        for sigma, glow in zip(_GLOWS, smooth(bright, *_GLOWS), strict=True):
-            x, y = (glow * slope)[turn], (added * slope)[turn]
-            gain = float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
-            cost = float(np.square(y - gain * x).sum())
-            found = min(found, (cost, glow, gain, sigma), key=lambda each: each[0])
+        bright = coarse(np.maximum(a - np.quantile(a, quantile) * (quantile > 0), 0.0))
+        for parts in (1, _SOURCES) if evidence.gamma != 1.0 and quantile else (1,):
+            glows = [smooth(each, *_GLOWS) for each in _brightest(bright, parts)]
+            for sigma, *own in zip(_GLOWS, *glows, strict=True):
+                design = [glow * weights for glow in own]
+                gains = summed_up(design, added, turn).clip(0)
+                glow = np.tensordot(gains, design, 1)
+                cost = float(np.square((added - glow)[turn]).sum()) * (1 + 0.02 * len(own))
+                found = min(found, (cost, glow, float(gains[0]), sigma), key=lambda each: each[0])
     _, glow, gain, wide = found
-    if glow is None or gain <= 0:
+    if gain <= 0:
         return
-    old, new, aim = (evidence.scaled_light(v) for v in (a, a + gain * glow, b))
-    both = (~turn & steady)[:, :-1] & (~turn & steady)[:, 1:]
-    whole, rest = (((v - aim)[:, :-1][both], (v - aim)[:, 1:][both]) for v in (old, new))
-    left = unexplained(whole, rest, evidence.step, evidence.lossy)
-    how = f": {gain:.2g} of the light spread by {wide:.0f} px"
-    values = {"gain": gain, "sigma": wide}
+    both = ~turn[:, :-1] & ~turn[:, 1:]
+    whole, rest = ((v[:, :-1][both], v[:, 1:][both]) for v in (added, added - glow))
+    left = unexplained(whole, rest, evidence.step / _COARSE, evidence.lossy / _COARSE**2)
+    how = f": {gain:.2g} of the light spread by {wide * _COARSE:.0f} px"
+    values = {"gain": gain, "sigma": wide * _COARSE}
     yield Explanation(left, "bloom", how, values, 0.02)
+
+
+def _brightest(bright: NDArray[Any], count: int) -> list[NDArray[Any]]:
+    """Bright light [h, w], or of each of so many parts of the frame: those that hold most of it."""
+    if count == 1:
+        return [bright]
+    rows, columns = (np.arange(length) // 8 for length in bright.shape)
+    part = rows[:, None] * (columns[-1] + 1) + columns
+    held = np.bincount(part.ravel(), bright.ravel())
+    return [np.where(part == k, bright, 0) for k in np.argsort(-held)[:count]]
 
 
 def denoised(evidence: Evidence) -> Iterator[Explanation]:

@@ -26,7 +26,8 @@ class Cause:
         left: largest share of a difference that it may leave, if it is to be named.
         rivals: the word for it and for all that can make the same picture, which is said where two
             of them explain about as much; empty if there are none.
-        needs: ``light``, or ``room`` for filters, or that without ``noise``; empty for any pair.
+        needs: ``light``; that of a difference that is ``no noise``; ``room`` for filters, or that
+            without ``noise``; empty for any pair.
         local: whether it may befall a rectangle of the picture alone.
     """
 
@@ -106,7 +107,7 @@ CAUSES = (
         },
         needs="light",
     ),
-    Cause("tone.curve", {"another tone curve": "a curve that rises"}, needs="light"),
+    Cause("tone.curve", {"another tone curve": "a curve that rises"}, left=0.3, needs="no noise"),
     # Places.
     Cause("geometry.other_file", {"another view or frame": "a file beside A, or parts moved"}, 1),
     Cause(
@@ -124,13 +125,14 @@ CAUSES = (
         "geometry.moved",
         {
             "shifted": "by px, fractions included",
-            "scaled": "by a factor",
+            "scaled": "by a factor, or by more at the sides, as a lens distorts",
             "sheared": "by px",
             "chromatic aberration": "each channel scaled about the middle",
         },
         1,
     ),
     Cause("geometry.moved_in_parts", {}, 1, 0.62, needs="light"),
+    Cause("geometry.displaced", {"doubled": "a copy of its light, moved by px"}, 1, needs="light"),
     Cause("geometry.eroded", {"eroded": "by how many px", "dilated": "the same"}, 1, EXACT),
     # Patterns.
     Cause(

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.evidence import Evidence, Explanation, steepness
+from defocus_core.compare.findings.evidence import Evidence, Explanation, steepness, summed_up
 from defocus_core.compare.findings.finding import Finding
 from defocus_core.compare.metrics import LUMINANCE
 from defocus_core.compare.pairing import other_view
@@ -66,7 +66,6 @@ def may_be_cut_below(pixels: Pixels) -> bool:
 
 
 def _high(pixels: Pixels, side: str, name: str) -> float:
-    """The greatest number of a channel, NaN aside."""
     high = pixels.ranges["ab".index(side)][name][1]
     return float(np.nanmax(pixels.plane(side, name))) if math.isnan(high) else high
 
@@ -136,16 +135,12 @@ def _range(evidence: Evidence, side: str) -> tuple[float, float]:
     return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-def _is_clipped_at_white(evidence: Evidence) -> bool:
-    return _range(evidence, "b")[1] <= _ONE < _range(evidence, "a")[1]
-
-
 def quantised(evidence: Evidence) -> Iterator[Explanation]:
     """B is A rounded to the levels of few bits, and then to those of its file."""
     a, b = evidence.sampled
     if len(np.unique(b[0, :4096])) >= min(4096, a.shape[1]) * 0.9:
         return
-    clips = _is_clipped_at_white(evidence)
+    clips = _range(evidence, "b")[1] <= _ONE < _range(evidence, "a")[1]
     aim = np.clip(a, 0.0, 1.0) if clips else a
     curves: dict[str, tuple[_Curve, _Curve]] = {"": (np.asarray, np.asarray)}
     if evidence.gamma == 1.0 and float(aim.max()) <= _ONE:
@@ -235,13 +230,10 @@ def normalised(evidence: Evidence) -> Iterator[Explanation]:
         inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1), 0.0)
     chosen = (1.0 * evidence.fits) * ((b > 1e-4) & (b < 0.999))
     for old, how, cost in ((a, "", -0.002), (inverse, " of the inverse", -0.001)):
-        terms = [
-            (_solved([np.ones_like(o), o], n, w), o) for o, n, w in zip(old, b, chosen, strict=True)
-        ]
-        predicted = np.stack([c + f * o for (c, f), o in terms])
-        said = ", ".join(
-            f"{n} x {f:.4g}, {c:+.3g}" for n, ((c, f), _) in zip(evidence.names, terms, strict=True)
-        )
+        each = zip(evidence.names, old, b, chosen, strict=True)
+        solved = {n: summed_up([np.ones_like(o), o], new, w) for n, o, new, w in each}
+        predicted = np.stack([c + f * o for (c, f), o in zip(solved.values(), old, strict=True)])
+        said = ", ".join(f"{n} x {f:.4g}, {c:+.3g}" for n, (c, f) in solved.items())
         left = evidence.left(predicted.clip(0, 1), exact=True)
         yield Explanation(left, "normalised", f"{how}: {said}", cost=cost)
 
@@ -302,10 +294,10 @@ class _Scale:
         terms = [np.broadcast_to(term, aim.shape) for term in terms]
         if each:
             sides = zip(zip(*terms, strict=True), aim, self.weights, strict=True)
-            solved = np.stack([_solved(own, to, weights) for own, to, weights in sides])
+            solved = np.stack([summed_up(own, to, weights) for own, to, weights in sides])
             total = sum(solved[:, k : k + 1] * term for k, term in enumerate(terms))
         else:
-            solved = _solved(terms, aim, self.weights)
+            solved = summed_up(terms, aim, self.weights)
             total = sum(c * term for c, term in zip(solved, terms, strict=True))
         return solved, self.evidence.left(self.back(base + total), self.measures)
 
@@ -330,19 +322,7 @@ def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(steepness(light) * evidence.fits)
 
 
-def _solved(
-    columns: Sequence[NDArray[Any]], aim: NDArray[Any], weights: NDArray[Any]
-) -> NDArray[Any]:
-    """The multiples of columns that sum up to an aim, by weighted least squares."""
-    design = np.stack([(column * weights).ravel() for column in columns])
-    square, sums = design @ design.T, design @ (aim * weights).ravel()
-    square[np.diag_indices(len(columns))] *= 1 + 1e-12
-    solved: NDArray[Any] = np.linalg.lstsq(square, sums, rcond=None)[0]
-    return solved
-
-
 def _named(evidence: Evidence, numbers: NDArray[Any], sign: str) -> tuple[dict[str, float], str]:
-    """Numbers of channels, for programs and in words."""
     values = dict(zip(evidence.names, map(float, numbers), strict=True))
     return values, ", ".join(
         f"{name} {sign and sign + ' '}{v:{'.4g' if sign else '+.3g'}}" for name, v in values.items()
@@ -370,7 +350,7 @@ def another_gamma(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(left, "another gamma", f": {name} once more")
     yield from _powers(evidence, np.asarray, np.asarray, "")
     if evidence.gamma == 1.0:
-        clips = _is_clipped_at_white(evidence)
+        clips = _range(evidence, "b")[1] <= _ONE < _range(evidence, "a")[1]
         yield from _powers(evidence, linear_to_srgb, _decoded, ", sRGB-encoded", clips=clips)
 
 
@@ -413,7 +393,7 @@ def raised(evidence: Evidence) -> Iterator[Explanation]:
     for scale, of, cost in scales:
         one = np.ones_like(scale.old)
         (offset,), left = scale.fitted([one], scale.old)
-        yield _lifted(left, float(offset), 1.0, of, cost)
+        fits = [(left, float(offset), 1.0, cost)]
         (offset, factor), left = scale.fitted([one, scale.old])
         pivot = offset / (1 - factor) if factor != 1 else math.inf
         if of != "light" and 0.1 < pivot < 0.9:
@@ -421,17 +401,15 @@ def raised(evidence: Evidence) -> Iterator[Explanation]:
             how = f": x {factor:.4g} around {pivot:.3g}"
             yield Explanation(left, "another contrast", how, values, cost + 0.01)
         else:
-            yield _lifted(left, float(offset), float(factor), of, cost + 0.01)
+            fits.append((left, float(offset), float(factor), cost + 0.01))
+        for rest, lift, gain, dear in fits:
+            how = f": {lift:+.3g} of {of}" + f", x {gain:.4g}" * (gain != 1.0)
+            yield Explanation(rest, _blacks(lift), how, {"offset": lift, "factor": gain}, dear)
         if len(scale.old) > 1:
             offsets, left = scale.fitted([one], scale.old, each=True)
             values, said = _named(evidence, offsets[:, 0], "")
             how = f": {said} of {of}"
             yield Explanation(left, _blacks(offsets.sum()), how, {"offsets": values}, cost + 0.01)
-
-
-def _lifted(left: float, offset: float, factor: float, of: str, cost: float) -> Explanation:
-    how = f": {offset:+.3g} of {of}" + f", x {factor:.4g}" * (factor != 1.0)
-    return Explanation(left, _blacks(offset), how, {"offset": offset, "factor": factor}, cost)
 
 
 def _blacks(offset: float) -> str:
@@ -485,22 +463,21 @@ def _matrices(
     """Matrices that make light of light, or what a screen shows, with words, values and cost."""
     shown = f" of what {of}" if of else ""
     if grey:
-        shares = _solved(list(old), new[0], weight)
+        shares = summed_up(list(old), new[0], weight)
         how = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True)).lstrip("+")
         values = {"weights": dict(zip(layer, map(float, shares), strict=True))}
         how += f" as {of} it" * bool(of)
         yield np.tile(shares, (3, 1)), "monochrome", how, values, -0.02
     luma = np.tile(LUMINANCE, (3, 1))
-    factor = float(_solved([old - luma @ old], new - luma @ old, weight)[0])
+    factor = float(summed_up([old - luma @ old], new - luma @ old, weight)[0])
     changed, how = luma + factor * (np.eye(3) - luma), f"x {factor:.4g}{shown}"
     yield changed, "another saturation", how, {"factor": factor}, 0.01
-    matrix = np.stack([_solved(list(old), each, w) for each, w in zip(new, weight, strict=True)])
+    matrix = np.stack([summed_up(list(old), each, w) for each, w in zip(new, weight, strict=True)])
     if not of and np.abs(matrix - np.diag(np.diag(matrix))).max() >= _MIXED:
-        yield matrix, "other primaries", _primaries(matrix), {"matrix": matrix.tolist()}, 0.03
+        yield matrix, "other primaries", _primaries(matrix), {"matrix": matrix.tolist()}, 0.12
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
-    """What a matrix of colours does, in words."""
     apart = {
         f"{new} instead of {old}": float(np.abs(known - matrix).max())
         for old, new in permutations(NAMED, 2)
@@ -535,7 +512,7 @@ def curve(evidence: Evidence) -> Iterator[Explanation]:
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
     curves = [_curved(a, b, fits)], [_curved(*sides) for sides in zip(a, b, fits, strict=True)]
-    for how, each, cost in (("", curves[0], 0.05), (" of each channel", curves[1], 0.08)):
+    for how, each, cost in (("", curves[0], 0.08), (" of each channel", curves[1], 0.16)):
         if all(curve is not None for curve in each):
             stored = evidence.unscaled(np.stack(each).reshape(a.shape))
             left = evidence.left(stored, evidence.steady)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
-from defocus_core.io.depth_formats.file_types import read_numbers, refuse_named
+from defocus_core.io.depth_formats.file_types import read_numbers, refuse_assumed
 from defocus_core.io.depth_formats.reading import (
     AS_IT_IS,
     DepthNumbers,
@@ -29,12 +29,6 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.system.text import counted
 
 Valid = Callable[[slice], NDArray[np.bool_]]  # where some rows have a depth
-
-
-def set_far(metres: Any, valid: Valid, far: float = np.inf) -> None:
-    """Make invalid pixels as far as ``far``, in place."""
-    for rows in bands(metres.shape):
-        metres[rows] = np.where(valid(rows), metres[rows], np.float32(far))
 
 
 def fill_from_farther(metres: Any, valid: Valid, farther: np.ufunc = np.maximum) -> None:
@@ -75,7 +69,6 @@ def _filled_along_rows(
     return filled
 
 
-_TOP = 65535  # of 16 bits
 _UPSIDE_DOWN = 4  # orientations of Exif beyond it lie on their side
 
 
@@ -204,9 +197,10 @@ def read_depth(
     values, division = divided(samples, alpha, reading.unpremultiply_depth, keeping)
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
-        _refuse_assumed(path, values)
+        refuse_assumed(path, values)
     told = []
-    if reading.sky is not None and not _has_sky(values, row):
+    every = (is_sky(values[rows], row) for rows in bands(values.shape))
+    if reading.sky is not None and not any(sky.any() for sky in every):
         told.append(f"{path.name}: ‹sky› {reading.sky:g} marks no pixel")
     if reading.turn_depth is not None and orientation == 1:
         told.append(f"{path.name}: ‹turn-depth› turns nothing: the colour names no orientation")
@@ -237,18 +231,6 @@ def read_depth(
         told.append(f"{path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres")
     depth = replace(depth, told=tuple(told))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
-
-
-def _refuse_assumed(path: Path, values: Any) -> None:
-    """Refuse 16 bits as millimetres that have a name, or both ends: they are scaled to the file."""
-    refuse_named(path, values)
-    ends = [end for rows in bands(values.shape) for end in (values[rows].min(), values[rows].max())]
-    if min(ends) == 0 and max(ends) == _TOP:
-        problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
-        remedy = (
-            "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or ‹depth-format›"
-        )
-        raise InputError("unknown-unit", problem, remedy, path=path)
 
 
 def require_valid(depth: Depth) -> None:
@@ -298,11 +280,6 @@ def _is_behind(depth: Depth) -> bool:
             return False
         has_negative |= bool((metres < 0).any())
     return has_negative
-
-
-def _has_sky(values: Any, row: DepthFormat) -> bool:
-    """Whether a number is sky."""
-    return any(is_sky(values[rows], row).any() for rows in bands(values.shape))
 
 
 def _decode(
@@ -360,7 +337,9 @@ def _replaced(depth: Depth, how: str) -> Depth:
         raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
     if how == "far":
         ends = depth.ends if depth.is_relative else None
-        set_far(depth.metres, depth.valid, float(farther.reduce(ends)) if ends else math.inf)
+        far = np.float32(farther.reduce(ends) if ends else np.inf)
+        for rows in bands(shape):
+            depth.metres[rows] = np.where(depth.valid(rows), depth.metres[rows], far)
         taken = "the farthest number" if depth.is_relative else "infinitely far"
         words = f"{counted(count, 'invalid pixel')} taken as {taken}"
     else:

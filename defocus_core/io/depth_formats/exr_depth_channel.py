@@ -49,7 +49,9 @@ def exr_depth_numbers(
     chosen, grey, lacks = _chosen(path, headers, reading)
     header = chosen.header
     require_size(path, reading, (header.display.height, header.display.width), size)
-    alpha = _alpha(chosen) if reading.row.alpha else None
+    names = {channel.plain: channel.name for channel in header.channels}
+    beside = (f"{chosen.name.rpartition('.')[0]}.A", "A") if reading.row.alpha else ()
+    alpha = next((names[name] for name in beside if name in names), None)
 
     def wanted(other: Header, name: str) -> bool:
         return other.index == header.index and name in (chosen.source, alpha, *grey)
@@ -104,23 +106,15 @@ def choose_depth_channel(
 ) -> ChannelGroup:
     """The depth channel of a file: the one named, that of the format, or one of the usual names."""
     channel = reading.depth_channel
-    every = channels_of(path, headers, reading.part) if channel is None else []
-    if every and reading.row.plane is not None:
+    every = channels_of(path, headers, reading.part)
+    if channel is not None:
+        return by_name(path, every, channel, "channel", "‹depth-channel›")
+    if reading.row.plane is not None:
         return every[reading.row.plane]
     for pattern in reading.row.channels:
         for each in every:
             if fnmatchcase(each.name, pattern):
                 return each
-    return choose_depth(path, headers, channel=channel, part=reading.part)
-
-
-def choose_depth(
-    path: Path, headers: Sequence[Header], *, channel: str | None, part: int | None
-) -> ChannelGroup:
-    """The depth channel of a file; ``channel`` and ``part`` as for `read_depth`."""
-    every = channels_of(path, headers, part)
-    if channel is not None:
-        return by_name(path, every, channel, "channel", "‹depth-channel›")
     candidates = [c for c in every if _is_depth(c)]
     if not candidates and len(every) == 1 and every[0].name not in NO_DEPTH:
         candidates = every
@@ -176,10 +170,3 @@ def _is_of_vector(candidate: ChannelGroup) -> bool:
     layer, siblings = candidate.name.rpartition(".")[0].lower(), candidate.header.folded_names
     dot = f"{layer}." if layer else ""
     return {f"{dot}x", f"{dot}y", f"{dot}z"} <= siblings or {f"{dot}u", f"{dot}v"} <= siblings
-
-
-def _alpha(chosen: ChannelGroup) -> str | None:
-    """Name of the alpha channel beside a depth channel, None if there is none."""
-    names = {channel.plain: channel.name for channel in chosen.header.channels}
-    layer = chosen.name.rpartition(".")[0]
-    return next((names[name] for name in (f"{layer}.A", "A") if name in names), None)

@@ -13,15 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.array_files import (
-    NAMED,
-    ArrayEntry,
-    array_type,
-    read_entries,
-    read_headerless,
-    squeezed,
-    wrong_shape,
-)
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.exr_depth_channel import (
     NO_DEPTH,
@@ -43,6 +34,7 @@ from defocus_core.io.safe_files import decoding, is_heic, is_jpeg, read_head
 from defocus_core.system.text import percent
 
 if TYPE_CHECKING:
+    from defocus_core.io.array_files import ArrayEntry
     from defocus_core.io.images.raster import Raster
 
 # Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma.
@@ -62,7 +54,7 @@ def read_numbers(
 ) -> DepthNumbers:
     """The numbers of a depth file, of a type that the named format comes in."""
     row, kind = reading.row, _type_of(path, reading)
-    if reading.depth_channel is not None and kind not in ("EXR", *NAMED):
+    if reading.depth_channel is not None and kind != "EXR" and not _has_names(kind):
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
     samples = _READERS.get(kind, _from_arrays)(path, reading, keeping, size, overscan)
@@ -75,6 +67,13 @@ def read_numbers(
     return samples
 
 
+def _has_names(kind: str) -> bool:
+    """Whether the arrays of a file of a type have names."""
+    from defocus_core.io.array_files import NAMED
+
+    return kind in NAMED
+
+
 def _type_of(path: Path, reading: DepthReading) -> str:
     """The type by which a file is read: a key of `_READERS`, or a type of arrays."""
     row, head = reading.row, read_head(path, 32)
@@ -82,10 +81,10 @@ def _type_of(path: Path, reading: DepthReading) -> str:
         return "headerless"
     if is_exr(head):
         return "EXR"
-    if path.suffix.lower() == ".exr":
-        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
     if is_heic(head):
         return "HEIC"
+    from defocus_core.io.array_files import array_type
+
     is_photo = "GDepth" in row.files or (reading.depth_format is None and holds_gdepth(path))
     return array_type(head) or ("GDepth" if is_jpeg(head) and is_photo else "picture")
 
@@ -93,6 +92,8 @@ def _type_of(path: Path, reading: DepthReading) -> str:
 def _headerless(
     path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
 ) -> DepthNumbers:
+    from defocus_core.io.array_files import read_headerless
+
     width, height = size or reading.row.size or (0, 0)
     return DepthNumbers(path, read_headerless(path, (width, height)), "headerless", "float32 rows")
 
@@ -125,6 +126,8 @@ def _from_photo(
 def _from_arrays(
     path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
 ) -> DepthNumbers:
+    from defocus_core.io.array_files import array_type, read_entries
+
     row, entries, kind = reading.row, read_entries(path), array_type(read_head(path, 32))
     name = _array_name(path, entries, reading)
     values = _frame(path, entries[name], kind, reading, size)
@@ -160,9 +163,13 @@ def _frame(
 ) -> NDArray[Any]:
     """One map of an array in a file, of which no more than that is loaded."""
     row, shape, index = reading.row, entry.shape, None
-    frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and kind in NAMED))
+    frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and _has_names(kind)))
     if frames and shape[0] != 1 and row.plane is None:
-        index, shape = _chosen_frame(path, shape[0], reading.part), shape[1:]
+        if reading.part is None:
+            remedy = "choose one with ‹part›, counted from 0"
+            raise InputError("ambiguous", f"holds {shape[0]} frames", remedy, path=path)
+        require_part(path, reading.part, shape[0])
+        index, shape = reading.part, shape[1:]
     with decoding(path):  # a shape may be beyond what NumPy counts
         outline = np.broadcast_to(np.uint8(0), shape)
     require_size(path, reading, _map_of(path, outline, row).shape, size)
@@ -171,21 +178,14 @@ def _frame(
 
 def _map_of(path: Path, values: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     """One map [H, W] of an array of any number of axes."""
+    from defocus_core.io.array_files import squeezed, wrong_shape
+
     values = squeezed(values)
     if values.ndim == 3 and row.plane is not None:
         values = values[:, :, row.plane]
     if values.ndim != 2:
         raise wrong_shape(path, values.shape)
     return values.T if row.axes.endswith("WH") else values
-
-
-def _chosen_frame(path: Path, count: int, part: int | None) -> int:
-    """The frame that ``part`` chooses of several."""
-    if part is None:
-        remedy = "choose one with ‹part›, counted from 0"
-        raise InputError("ambiguous", f"holds {count} frames", remedy, path=path)
-    require_part(path, part, count)
-    return part
 
 
 def _from_picture(
@@ -309,20 +309,21 @@ SIGNS = (
 )
 
 
-def refuse_named(path: Path, values: Any) -> None:
-    """Refuse 16 bits [H, W] as millimetres that have a sign of another format."""
+def refuse_assumed(path: Path, values: Any) -> None:
+    """Refuse 16 bits [H, W] as millimetres with a sign of another format, or from end to end."""
+    counts, maximum = np.zeros(2), 0
+    for rows in bands(values.shape):
+        band = values[rows]
+        counts += [np.count_nonzero(band == number) for number in (0, _TOP)]
+        maximum = max(maximum, int(band.max()))
+    zeros, tops = counts / (values.shape[0] * values.shape[1])
     place, size = "/".join(path.absolute().parts[-_PARTS:]).lower(), values.shape[1::-1]
-    likely = [
-        (sign, found)
-        for sign in SIGNS
-        if (found := re.search(sign.path, place)) and (not sign.sizes or size in sign.sizes)
-    ]
-    if not likely:
-        return
-    zeros, tops, maximum = _counted(values)
-    for sign, found in likely:
+    for sign in SIGNS:
+        found = re.search(sign.path, place)
         if (
-            sign.zeros[0] <= zeros <= sign.zeros[1]
+            found
+            and (not sign.sizes or size in sign.sizes)
+            and sign.zeros[0] <= zeros <= sign.zeros[1]
             and sign.tops <= tops
             and maximum <= sign.maximum
         ):
@@ -333,14 +334,9 @@ def refuse_named(path: Path, values: Any) -> None:
             problem = f"has 16 bits that may be {sign.format}, not millimetres: {', '.join(told)}"
             remedy = f"say ‹depth-format› {sign.format}, or ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=path)
-
-
-def _counted(values: Any) -> tuple[float, float, int]:
-    """The shares of numbers that are 0 and 65535, and the greatest number."""
-    zeros = tops = maximum = 0
-    for rows in bands(values.shape):
-        band = values[rows]
-        zeros, tops = zeros + int((band == 0).sum()), tops + int((band == _TOP).sum())
-        maximum = max(maximum, int(band.max()))
-    pixels = values.shape[0] * values.shape[1]
-    return zeros / pixels, tops / pixels, maximum
+    if zeros and tops:
+        problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
+        remedy = (
+            "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or ‹depth-format›"
+        )
+        raise InputError("unknown-unit", problem, remedy, path=path)

@@ -67,9 +67,10 @@ def _chosen_color(
     if layer is not None:
         return by_name(path, layers, layer, "colour layer", "‹color-layer›")
     candidates = [each for each in layers if "R" in each.channels] or layers
+    words = [re.split(r"[._\- ]", f"{c.header.name}.{c.name}".lower()) for c in candidates]
     for known in (
         [c for c in candidates if c.default],
-        [c for c in candidates if _is_whole_picture(c)],
+        [c for c, of in zip(candidates, words, strict=True) if not _WHOLE_PICTURE.isdisjoint(of)],
     ):
         if len(known) == 1:
             return known[0]
@@ -143,12 +144,6 @@ def _color_layers(header: Header) -> Iterable[ChannelGroup]:
         channels = {c: bases[c] for c in wanted if c in bases}
         name = prefix or "".join(channels).removesuffix("A")
         yield ChannelGroup(header, name, channels, default=not prefix)
-
-
-def _is_whole_picture(layer: ChannelGroup) -> bool:
-    """Whether the name of a layer or of its part says that it is no single pass."""
-    words = re.split(r"[._\- ]", f"{layer.header.name}.{layer.name}".lower())
-    return not _WHOLE_PICTURE.isdisjoint(words)
 
 
 def _each(headers: Iterable[Header]) -> list[ChannelGroup]:

@@ -134,22 +134,14 @@ def _mix(
     if not same.any():
         return pixel, values
     first = np.concatenate([[True], ~same])
-    group, absorbed = np.cumsum(first) - 1, _absorption(alpha)
-    weights = _ratio(absorbed, alpha) * _alpha_per(np.bincount(group, absorbed))[group]
+    # What samples absorb adds up; 1 - exp(-absorbed) is their alpha.
+    with np.errstate(divide="ignore"):
+        absorbed = np.minimum(-np.log1p(-alpha.astype("f8")), _OPAQUE)
+    group = np.cumsum(first) - 1
+    total = np.bincount(group, absorbed)
+    weights = _ratio(absorbed, alpha) * _ratio(-np.expm1(-total), total)[group]
     mixed = [np.bincount(group, weights * each) for each in (*light, alpha)]
     return pixel[first], [*mixed, depth[first]]
-
-
-def _absorption(alpha: NDArray[Any]) -> NDArray[Any]:
-    """How much samples absorb: it adds up, and 1 - exp(-absorbed) is their alpha."""
-    with np.errstate(divide="ignore"):
-        absorbed: NDArray[Any] = np.minimum(-np.log1p(-alpha.astype("f8")), _OPAQUE)
-    return absorbed
-
-
-def _alpha_per(absorbed: NDArray[Any]) -> NDArray[Any]:
-    """Alpha by what is absorbed."""
-    return _ratio(-np.expm1(-absorbed), absorbed)
 
 
 def _ratio(part: NDArray[Any], whole: NDArray[Any]) -> NDArray[Any]:

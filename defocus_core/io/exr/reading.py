@@ -20,7 +20,7 @@ from defocus_core.errors import InputError, first_line
 from defocus_core.io.arrays import IN_MEMORY, Keeping
 from defocus_core.io.exr.header import DTYPES, Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
-from defocus_core.io.safe_files import damaged, decoding, opened_image, quiet
+from defocus_core.io.safe_files import damaged, decode_window, decoding, opened_image, quiet
 
 if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
@@ -127,15 +127,8 @@ def _decode(
     ]
     for (kind, _), group in groupby(placed, key=lambda channel: channel[:2]):
         names = {index: name for _, _, index, name in group}
-        rows, first = (window.y0, window.y1 + 1), min(names)
-        channels = first, max(names) + 1
-        if spec.tile_width:
-            columns = (window.x0, window.x1 + 1)
-            pixels = file.read_tiles(part, 0, *columns, *rows, 0, 1, *channels, kind)
-        else:
-            pixels = file.read_scanlines(part, 0, *rows, 0, *channels, kind)
-        if pixels is None or file.has_error:
-            raise damaged(path, first_line(path, file.geterror()))
-        pixels = pixels.reshape(window.height, window.width, len(names))
+        first, end = min(names), max(names) + 1
+        place = (window.y0, window.y1 + 1), (window.x0, window.x1 + 1)
+        pixels = decode_window(path, file, part, *place, (first, end), kind)
         piece |= {name: pixels[:, :, index - first] for index, name in names.items()}
     return piece

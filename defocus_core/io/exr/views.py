@@ -73,7 +73,10 @@ def _restrict(header: Header, views: Sequence[str], chosen: str) -> Header:
         view, plain = _split(channel, header, views)
         if view in ("", chosen):
             restricted.append(Channel(channel.name, channel.type, plain))
-    return replace(header, channels=_without_doubles(restricted), shown=chosen)
+    # Channels of the view stand for those of no view with the same plain name.
+    own = {channel.plain for channel in restricted if channel.plain != channel.name}
+    kept = tuple(c for c in restricted if c.plain != c.name or c.plain not in own)
+    return replace(header, channels=kept, shown=chosen)
 
 
 def _split(channel: Channel, header: Header, views: Sequence[str]) -> tuple[str, str]:
@@ -84,9 +87,3 @@ def _split(channel: Channel, header: Header, views: Sequence[str]) -> tuple[str,
     if len(words) > 1 and words[-2] in views:
         return words[-2], ".".join([*words[:-2], words[-1]])
     return "", channel.name
-
-
-def _without_doubles(channels: Sequence[Channel]) -> tuple[Channel, ...]:
-    """Channels of which those of the view stand for those of no view with the same plain name."""
-    plain_names = {channel.plain for channel in channels if channel.plain != channel.name}
-    return tuple(c for c in channels if c.plain != c.name or c.plain not in plain_names)

@@ -96,19 +96,14 @@ def write_exr_image(
     `clamped`: pixels of colours that are half already of which that is known.
     """
     if exr_type == "half" and any(plane.dtype == "f4" for plane in colors.values()):
-        clamped = sum(
-            _beyond_half(colors, rows) for rows in bands(next(iter(colors.values())).shape)
-        )
+        clamped = 0
+        for rows in bands(next(iter(colors.values())).shape):
+            beyond = [clamped_half(plane[rows])[1] for plane in colors.values()]
+            clamped += int(np.count_nonzero(np.logical_or.reduce(beyond)))
         colors = {name: as_half(plane) for name, plane in colors.items()}
     write_exr(path, {**extras, **colors}, attributes, layout, compression)
     warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
     return [warning] if clamped else []
-
-
-def _beyond_half(colors: Mapping[str, Any], rows: slice) -> int:
-    """Number of pixels of some rows with a value beyond the range of half."""
-    beyond = np.logical_or.reduce([clamped_half(plane[rows])[1] for plane in colors.values()])
-    return int(np.count_nonzero(beyond))
 
 
 def _encoded_strips(

@@ -141,9 +141,6 @@ def read_color(
     `carried`: whether further channels of an EXR file are read.
     """
     if not is_exr(read_head(path)):
-        if path.suffix.lower() == ".exr":
-            remedy = "check what wrote it"
-            raise InputError("wrong-type", "is not an OpenEXR file", remedy, path=path)
         for option, value in (("color-layer", layer), ("blur-channels", blur_channels)):
             if value:
                 problem = f"{path} has no channels to choose from"

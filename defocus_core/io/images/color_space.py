@@ -218,18 +218,6 @@ def color_space(spec: Any, primaries: Chromaticities = REC_709) -> ColorSpace:
     return ColorSpace(gamma, note, unheeded, declared=primaries, data=data)
 
 
-def profiled_space(data: bytes, colors: int) -> ColorSpace:
-    """How 8 bits with a profile are understood, as sRGB where it has no curve or is missing."""
-    unheeded = "colour profile, which is damaged and left out," if data else ""
-    data = sound_profile(data, colors)
-    profile = read_profile(data) if data else None
-    name = "sRGB"
-    if profile is not None:
-        name = f"its profile, primaries {primaries_name(profile.primaries)}"
-    note = f"8-bit, decoded by {name}"
-    return ColorSpace(None, note, "" if data else unheeded, profile, data=data)
-
-
 def _declaration(spec: Any) -> tuple[bool, float | None]:
     """Whether the file declares a curve that is known, and its exponent."""
     space = _name(spec)

@@ -16,14 +16,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError, first_line
+from defocus_core.errors import InputError
 from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
-from defocus_core.io.images.color_space import ColorSpace, color_space, profiled_space
-from defocus_core.io.images.primaries import REC_709, Chromaticities
+from defocus_core.io.images.color_space import ColorSpace, color_space
+from defocus_core.io.images.primaries import PROFILE, REC_709, Chromaticities
 from defocus_core.io.safe_files import (
+    AGAIN,
     check_size,
     damaged,
+    decode_window,
     decoding,
     is_heic,
     needs_extra,
@@ -32,13 +34,16 @@ from defocus_core.io.safe_files import (
     read_head,
 )
 
-_SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
+_SAMPLES = {"uint8": "uint8", "uint16": "uint16"} | dict.fromkeys(
+    ("half", "float", "double"), "float"
+)
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
+# How files of these kinds begin
+_MAGIC = (b"\x89PNG", b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"RIFF", b"#?")
 _PNM = (b"P2", b"P3", b"P5", b"P6")  # of which the header has a greatest number
 _PNM_HEAD = 1 << 16  # bytes
 # Of orientations, those that swap rows and columns, and those that reverse them after that.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
-_NO_CODEC = ("support is not configured", "decoding is not implemented")  # as libtiff says it
 _PNG_CHUNKS = 1 << 16  # bytes in which the chunks before the pixels are looked for
 _PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
@@ -131,7 +136,9 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
     w, C].
     """
     if is_heic(read_head(path)):
-        whole = _heic_samples(path)
+        file = open_heic(path)
+        with decoding(path, HEIC_DAMAGE), quiet():
+            whole = np.atleast_3d(np.asarray(file))
         yield (slice(0, len(whole)), slice(0, whole.shape[1])), whole
         return
     with ExitStack() as stack:
@@ -147,10 +154,8 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
             raise InputError("unsupported", problem, remedy, path=path)
         for rows in _strips(spec):
             with decoding(path, "cannot be read"), quiet():
-                samples = _decode(file, page, spec, rows, kind)
-                # A truncated JPEG comes back filled with grey, and only the error flag says so.
-                if samples is None or file.has_error:
-                    raise _undecoded(path, first_line(path, file.geterror()))
+                place = (spec.y + rows.start, spec.y + rows.stop), (spec.x, spec.x + spec.width)
+                samples = decode_window(path, file, page, *place, (0, spec.nchannels), kind)
             yield _place(spec, rows), upright(samples, spec.get_int_attribute("Orientation", 1))
 
 
@@ -161,14 +166,6 @@ def read_whole(path: Path, page: Raster) -> NDArray[Any]:
     for window, samples in pieces:
         every[window] = samples
     return every
-
-
-def _undecoded(path: Path, why: str) -> InputError:
-    """The error for samples that are not decoded: for want of a codec, or as they are damaged."""
-    if not any(words in why for words in _NO_CODEC):
-        return damaged(path, why)
-    problem = f"is compressed by a codec that is not read here ({why.rpartition(': ')[2]})"
-    return InputError("unsupported", problem, "save it with ZIP or LZW", path=path)
 
 
 def open_heic(path: Path) -> Any:
@@ -183,15 +180,20 @@ def open_heic(path: Path) -> Any:
 
 def _heic_page(path: Path) -> Raster:
     """The picture of a HEIC photograph, which libheif has turned upright."""
+    import OpenImageIO as oiio  # noqa: N813
+
     file = open_heic(path)
-    space = profiled_space(
-        bytes(file.info.get("icc_profile") or b""), 1 if file.mode[0] == "L" else 3
-    )
-    width, height = file.size
+    (width, height), channels = file.size, tuple(file.mode.replace("L", "Y"))
+    spec = oiio.ImageSpec(width, height, len(channels), "uint8")
+    spec.alpha_channel = len(channels) - 1 if channels[-1] == "A" else -1
+    if data := file.info.get("icc_profile"):
+        data = np.frombuffer(bytes(data), np.uint8)
+        spec.attribute(PROFILE, oiio.TypeDesc(f"uint8[{len(data)}]"), data)
+    space = color_space(spec)
     return Raster(
         width=width,
         height=height,
-        channels=tuple(file.mode.replace("L", "Y")),
+        channels=channels,
         type="uint8",
         space=replace(space, note=f"HEIC, {space.note}"),
         associated=False,
@@ -204,19 +206,17 @@ def _heic_page(path: Path) -> Raster:
     )
 
 
-def _heic_samples(path: Path) -> NDArray[Any]:
-    """Its samples, uint8 [H, W, C]."""
-    file = open_heic(path)
-    with decoding(path, HEIC_DAMAGE), quiet():
-        samples = np.asarray(file)
-    return samples[:, :, None] if samples.ndim == 2 else samples
-
-
 @contextmanager
 def _open(path: Path, formats: str) -> Iterator[Any]:
     """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
+    head = read_head(path)
+    if path.suffix.lower() == ".exr":
+        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
 
     def refusal(why: str) -> InputError:
+        if "format reader" not in why and head.startswith(_MAGIC):
+            problem = f"is truncated or damaged ({why})"
+            return InputError("unreadable", problem, AGAIN, path=path)
         why = "unknown format" if "format reader" in why else why
         problem = f"is not an image that can be read ({why})"
         return InputError("unreadable", problem, f"use {formats}", path=path)
@@ -234,18 +234,6 @@ def _strips(spec: Any) -> Iterator[slice]:
     step = -(-bands((spec.height, spec.width))[0].stop // high) * high
     for top in range(0, spec.height, step):
         yield slice(top, min(top + step, spec.height))
-
-
-def _decode(file: Any, page: int, spec: Any, rows: slice, kind: str) -> NDArray[Any] | None:
-    """Samples [h, W, C] of some rows as they are in the file, None if they cannot be had."""
-    z, channels = spec.z, spec.nchannels
-    place = (spec.y + rows.start, spec.y + rows.stop, z)
-    if spec.tile_width:
-        columns, channel_range = (spec.x, spec.x + spec.width), (z + 1, 0, channels)
-        samples = file.read_tiles(page, 0, *columns, *place, *channel_range, kind)
-    else:
-        samples = file.read_scanlines(page, 0, *place, 0, channels, kind)
-    return samples if samples is None else samples.reshape(-1, spec.width, channels)
 
 
 def upright(stored: Any, orientation: int) -> Any:

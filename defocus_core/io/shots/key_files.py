@@ -9,6 +9,7 @@ read.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -73,17 +74,11 @@ def _columns(cells: list[str], place: Place) -> list[str]:
 
 def frame_of(text: str, where: Place) -> int:
     """The number of a frame."""
-    if not _is_frame(text):
-        remedy = "begin the line with a frame, like 1001"
-        raise InputError("malformed", f"'{text}' is not a frame", remedy, path=where)
-    return round(float(text))
-
-
-def _is_frame(text: str) -> bool:
-    try:
-        return float(text) == round(float(text))
-    except (ValueError, OverflowError):
-        return False
+    with suppress(ValueError, OverflowError):
+        if float(text) == round(float(text)):
+            return round(float(text))
+    remedy = "begin the line with a frame, like 1001"
+    raise InputError("malformed", f"'{text}' is not a frame", remedy, path=where)
 
 
 def _chan(file: Path) -> Iterator[Row]:

@@ -44,7 +44,7 @@ def scene(surfaces: Surfaces) -> Surfaces:
     if take.seen is None:
         return replace(surfaces, hidden=behind)
     color, radius, mask = (each.to(take.device) for each in take.seen)
-    radius = radius * surfaces.longer
+    radius = radius * take.longer_axis
     if behind is not None:
         given = behind[2][:]
         color, radius = behind[0][:].where(given, color), behind[1][:].where(given, radius)
@@ -62,7 +62,7 @@ def _of_files(surfaces: Surfaces) -> KnownLayer:
     for rows in bands(depth.metres.shape):
         shown = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
         known[rows] = np.isfinite(depth.metres[rows]) | shown
-    px = times(radii_of(take.lens, depth, keeping).px, surfaces.longer)
+    px = times(radii_of(take.lens, depth, keeping).px, take.longer_axis)
     return (
         windows(color.planes, take.device),
         map_windows(px, take.device),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import OrderedDict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import accumulate, pairwise
@@ -149,7 +149,33 @@ def _lens_points(radius: Tensor, extent: int, aperture: Aperture) -> Tensor:
     return u / (u * u).sum(0).clamp(min=1).sqrt()
 
 
-def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
+def blurred(
+    terms: list[tuple[Tensor, Tensor]], groups: list[slice], window: tuple[int, int], box: Box
+) -> Tensor:
+    """The inverse transform of spectra times kernels' spectra, in a box: [M, C + 1, ..., h, w].
+
+    `terms`: spectra [C + 1, ...] and kernels' spectra [M, 1, ...]; `window`: (height, width) of the
+    transform.
+    """
+
+    def of_group(group: slice) -> Tensor:
+        return _crop_inverse(_sum_of_products(terms, group), window, box)
+
+    return by_group(of_group, groups, terms[0][0].device)
+
+
+def by_group(
+    function: Callable[[slice], Tensor], groups: list[slice], device: torch.device
+) -> Tensor:
+    """What a function makes of groups of parts: [M, ...].
+
+    On a CPU how many parts are computed together may change the last digits; elsewhere all are.
+    """
+    each = [function(group) for group in ([slice(None)] if launches_cost(device) else groups)]
+    return each[0] if len(each) == 1 else torch.cat(each)
+
+
+def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
     """Sum of spectra [C + 1, ...] times kernels' spectra [M, 1, ...], for a group of m parts."""
 
     def of_group(kernel: Tensor, spectrum: Tensor) -> Tensor:
@@ -163,7 +189,7 @@ def sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
     return total
 
 
-def crop_inverse(spectrum: Tensor, window: tuple[int, int], box: Box) -> Tensor:
+def _crop_inverse(spectrum: Tensor, window: tuple[int, int], box: Box) -> Tensor:
     """Inverse transform of [..., h, w // 2 + 1], computed within a box alone.
 
     `window`: (height, width) of the transform.
@@ -256,7 +282,7 @@ class TransformWindow:
     def prepare(self) -> None:
         """Draw the kernels once if they learn, outside of what a backward pass computes again."""
         for slice_index in self.slices if self.requires_grad and self.margin else ():
-            self.leaning_kernels(slice_index)
+            self._kernels([slice_index], leaning=True)
 
     def spectrum(self, slice_index: int, size: tuple[int, int]) -> Tensor:
         """The spectrum of a slice's kernel, [M, 1, height, width // 2 + 1].
@@ -342,10 +368,6 @@ class TransformWindow:
         chosen = [each[1:] if leaning else each[0] for each in versions]
         together = torch.stack(chosen) if len(chosen) > 1 else chosen[0][None]
         return kernel_spectra(together, size).unsqueeze(2 + leaning).unbind()
-
-    def leaning_kernels(self, slice_index: int) -> Tensor:
-        """The kernel of a slice, and the same times u.x and u.y: [3, M, S, S]."""
-        return self._kernels([slice_index], leaning=True)[0]
 
     def _kernels(self, slice_indices: list[int], *, leaning: bool) -> list[Tensor]:
         """The kernels of some slices, each computed alone: a batch could change the last digits."""

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.kernel_bank import TransformWindow, crop_inverse, sum_of_products
+from defocus_core.renderer.blur.kernel_bank import TransformWindow, blurred, by_group
 from defocus_core.renderer.layers.sliced_surface import Patch, Surface, SurfaceSamples, patch_of
 from defocus_core.renderer.layers.slopes import NEAR
 from defocus_core.tensors.box import Box, Grid, Span
@@ -39,11 +39,6 @@ def blended(layer: Tensor, box: Box, region: Box) -> Tensor:
     return torch.lerp(upper, lower, down[:, None])
 
 
-def corner_groups(groups: list[slice]) -> list[slice]:
-    """Groups of parts, each part four times."""
-    return [slice(CORNERS * group.start, CORNERS * group.stop) for group in groups]
-
-
 class Reduced:
     """A layer of a surface at reduced resolution."""
 
@@ -61,7 +56,8 @@ class Reduced:
         self._middle, self._level = middle, window.level
         self._fractions: dict[tuple[float, int], AxisWeights] = {}
         self._coarse_size: tuple[Span, Span] | None = None
-        self._groups: list[Tensor] = []
+        self._groups = groups
+        self._layer: Tensor | None = None
         step = 1 << window.level
         around, reach = self._read_by(core), (window.margin + 3) * step
         bounds = surface.bounds(list(slices))
@@ -90,16 +86,16 @@ class Reduced:
             terms.append((plain, kernels[k] if k in kernels else window.spectrum(k, size)))
             terms += zip(leaning, window.leaning(k, size) if lean else (), strict=True)
         crop = patch.shown.seen_from(coarse)
-        self._groups = [crop_inverse(sum_of_products(terms, group), size, crop) for group in groups]
+        self._layer = blurred(terms, groups, size, crop)
         self._coarse_size = patch.shown.sides
 
-    def over(self, box: Box) -> tuple[Box, list[Tensor]] | None:
+    def over(self, box: Box) -> tuple[Box, Tensor] | None:
         """The layer at full resolution within a rectangle, counted from the first sample.
 
-        Returns the part of the rectangle where the layer is not 0, and the layer there for each
-        group of m parts, [m, C + 1, h, w]; None if it is 0 all over.
+        Returns the part of the rectangle where the layer is not 0, and the layer there,
+        [M, C + 1, h, w]; None if it is 0 all over.
         """
-        if self._coarse_size is None:
+        if self._coarse_size is None or self._layer is None:
             return None
         sides = [
             self._pixels(d, coarse).within(side)
@@ -113,11 +109,14 @@ class Reduced:
             for coarse, wanted in zip(self._coarse_size, self._read_by(shown), strict=True)
         )
         rows, columns = (
-            self._between(d, shown[d], shown[d + 2], coarse.first, self._groups[0])
+            self._between(d, shown[d], shown[d + 2], coarse.first, self._layer)
             for d, coarse in enumerate((down, across))
         )
         crop = Box.over(down, across).seen_from(Box.over(*self._coarse_size))
-        return shown, [resampled(crop.of(group), rows, columns) for group in self._groups]
+        layer = crop.of(self._layer)
+        return shown, by_group(
+            lambda group: resampled(layer[group], rows, columns), self._groups, layer.device
+        )
 
     def _spans(self, box: Box) -> tuple[Span, Span]:
         """The coarse pixels between which the pixels of a box lie: all that they have shares in."""
@@ -174,8 +173,9 @@ class ShownLayer(NamedTuple):
     """A layer over a rectangle of a tile; elsewhere it is 0."""
 
     box: Box  # counted from the corner of the tile
-    layer: Tensor  # [m, C + 1, h, w]
-    moved: Tensor | None  # [m, C, h, w], sub-pixel shifts to add to its colours; None for no shifts
+    layer: Tensor  # [M, C + 1, h, w]
+    # [m, C, h, w], sub-pixel shifts to add to the colours of left and right; None for no shifts
+    moved: Tensor | None = None
 
 
 class Sliced(NamedTuple):
@@ -207,7 +207,8 @@ class Blur:
         self._radii, self._windows = radii, windows
         self._reaches = reaches
         self._grid = grid
-        self._groups = corner_groups(groups) if by_corners else groups
+        each = CORNERS if by_corners else 1  # each part as the corners see it
+        self._groups = [slice(each * group.start, each * group.stop) for group in groups]
         self._middle = middle
 
     def sliced(self, samples: SurfaceSamples, stride: int, layer_of: list[int]) -> Sliced:
@@ -259,43 +260,35 @@ class Blur:
                     )
         return Sliced(surface, stride, layer_of, pieces, reduced)
 
-    def over_tile(self, sliced: Sliced, index: int) -> list[dict[int, ShownLayer]]:
+    def over_tile(self, sliced: Sliced, index: int) -> dict[int, ShownLayer]:
         """The layers of the visible or the hidden surface over a tile: sums of blurred slices."""
-        tile = self._grid.tiles[index]
-        shown: list[dict[int, ShownLayer]] = [{} for _ in self._groups]
+        tile, shown = self._grid.tiles[index], dict[int, ShownLayer]()
         for layer_index in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
             if layer_index in sliced.reduced and (
                 reduced := sliced.reduced[layer_index].over(tile)
             ):
                 box = reduced[0].seen_from(tile)
-                for by_layer, layer in zip(shown, self._blended(*reduced), strict=True):
-                    by_layer[layer_index] = ShownLayer(box, layer, None)
+                shown[layer_index] = ShownLayer(box, self._blended(*reduced))
         near = any(piece.near for piece in sliced.pieces[index])
         shifts = sliced.surface.shifts(index) if near else None
         for piece in sliced.pieces[index]:
-            blurred = self._blurred(sliced, piece, index) if piece.window.margin else None
+            blurs = self._blurred if piece.window.margin else self._sharp
             box = piece.patch.shown.seen_from(tile)
-            layers = self._blended(piece.patch.shown, blurred or self._sharp(sliced, piece))
-            moved = None
+            layer, moved = self._blended(piece.patch.shown, blurs(sliced, piece, index)), None
             if shifts is not None and piece.near:
                 # a part gets shifts for the coverage that it sees, no more
                 fraction = sliced.surface.fractions(piece.slice_indices, piece.patch.shown)
-                fraction = lesser(fraction, positive(layers[-1][:, -1:]))
+                fraction = lesser(fraction, positive(layer[-len(shifts) :, -1:]))
                 moved = box.of(shifts) * fraction
-            for by_layer, layer in zip(shown, layers, strict=True):
-                by_layer[piece.layer_index] = ShownLayer(
-                    box, layer, moved if by_layer is shown[-1] else None
-                )
+            shown[piece.layer_index] = ShownLayer(box, layer, moved)
         return shown
 
-    def _blended(self, box: Box, layers: list[Tensor]) -> list[Tensor]:
-        """Layers of groups [m, C + 1, h, w] in a box, from those of the corners of the region."""
-        if not self._by_corners:
-            return layers
-        return [blended(layer, box, self._grid.box) for layer in layers]
+    def _blended(self, box: Box, layer: Tensor) -> Tensor:
+        """A layer [M, C + 1, h, w] in a box, from those of the corners of the region."""
+        return blended(layer, box, self._grid.box) if self._by_corners else layer
 
-    def _blurred(self, sliced: Sliced, piece: BlurPiece, index: int) -> list[Tensor]:
-        """A layer where it shows, for each group of m parts: [m, C + 1, h, w]."""
+    def _blurred(self, sliced: Sliced, piece: BlurPiece, index: int) -> Tensor:
+        """A layer where it shows: [M, C + 1, h, w]."""
         surface, window, slice_indices = sliced.surface, piece.window, piece.slice_indices
         size = window.fitting(piece.patch.minimum)
         box = piece.patch.transformed(size, self._grid.tiles[index], window.size)
@@ -331,10 +324,9 @@ class Blur:
                     pair, window.leaning(slice_indices[i] * sliced.stride, size), strict=True
                 )
         wanted = piece.patch.shown.seen_from(box)
-        return [crop_inverse(sum_of_products(terms, group), size, wanted) for group in self._groups]
+        return blurred(terms, self._groups, size, wanted)
 
-    def _sharp(self, sliced: Sliced, piece: BlurPiece) -> list[Tensor]:
-        """A layer whose slices are not blurred, for each group of parts."""
-        box = piece.patch.shown
-        pixels = sliced.surface.members(piece.slice_indices, box).sum(1)
-        return [pixels.expand(g.stop - g.start, *pixels.shape) for g in self._groups]
+    def _sharp(self, sliced: Sliced, piece: BlurPiece, index: int) -> Tensor:
+        """A layer whose slices are not blurred, by all parts alike, in any tile."""
+        pixels = sliced.surface.members(piece.slice_indices, piece.patch.shown).sum(1)
+        return pixels.expand(self._groups[-1].stop, *pixels.shape)

@@ -123,6 +123,22 @@ def is_full(front: Tensor, full: Tensor | float = 1.0, gap: float = 0.0) -> bool
     return float((full - front[:, -1:]).amax()) <= max(gap, _FULL * torch.finfo(front.dtype).eps)
 
 
+def shown_in_gaps(
+    front: Tensor, layer: Tensor, full: Tensor | float, groups: list[slice]
+) -> tuple[Tensor, Tensor] | None:
+    """As `shown_behind`, of groups of parts that have a gap left; None where none has."""
+    filled = [
+        is_full(front[group], full[group] if isinstance(full, Tensor) else full) for group in groups
+    ]
+    if all(filled):
+        return None
+    layer, fraction = shown_behind(front, layer, full)
+    for group, is_filled in zip(groups, filled, strict=True):
+        if is_filled:  # the same to the last digit as where this group is alone
+            fraction[group] = 0.0
+    return layer, fraction
+
+
 def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor | None:
     """The sum of layers that do not occlude each other.
 

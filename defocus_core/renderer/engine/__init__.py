@@ -6,6 +6,6 @@ surface: visible pixels, or hidden ones that are known or invented.
 slice: the pixels of a surface whose radii are near a slice radius, blurred by one kernel.
 layer: neighbouring slices, which add up; layers occlude each other.
 octave: the layers of a hidden surface whose radii differ by less than a factor of two.
-part: a part of the aperture; group: the parts of the centre view, or of left and right.
+part: a part of the aperture: those of the centre view, then those of left and right.
 coarse pixel: two by two px, a pixel of reduced resolution; a draft is rendered in coarse pixels.
 """

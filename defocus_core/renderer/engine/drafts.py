@@ -112,19 +112,6 @@ def _with_detail(pixels: Tensor, radii: Tensor) -> Tensor:
     return torch.cat([means(pixels), _UNIT * means(left_of_detail(radii))[None]])
 
 
-def _known_colors(color: Tensor, known: Tensor) -> Tensor:
-    """Means of the known px of each coarse px, and one more channel of 0."""
-    counts = known.bool().sum(0)
-    total = _total(torch.where(known.bool()[:, None], color, 0.0)) / counts.clamp(min=1)
-    return torch.cat([total, torch.zeros_like(total[:1])])
-
-
-def _known_radii(radii: Tensor, known: Tensor) -> Tensor:
-    """Radii in coarse pixels of the known px; 0 where none is known."""
-    known = known.bool()
-    return majority(radii, known, torch.zeros_like(radii)) / 2
-
-
 def left_of_detail(signed_radius: Tensor) -> Tensor:
     """The share [...] of detail that a disc leaves, for radii [...] px: 1 in focus."""
     left = 1 + (SHARP**2 - signed_radius.square()) / NO_DETAIL**2
@@ -244,7 +231,7 @@ class Draft:
 
     def __init__(self, scene: Scene, threads: int, *, hold: bool) -> None:
         """Make the coarse pixels, in memory if there is room."""
-        image, radius, hidden = scene.image, scene.signed_radius, scene.hidden
+        image, radius = scene.image, scene.signed_radius
         self._in_px, self._size = (image, radius), Box(0, 0, *radius.shape[-2:])
         self._odd = self._size.height % 2 == 1, self._size.width % 2 == 1
 
@@ -252,19 +239,10 @@ class Draft:
             mapped = in_coarse_pixels(merge, *pictures)
             return held(mapped, *pictures, threads=threads, hold=hold)
 
-        if hidden is not None:
-            color, of_hidden, mask = hidden
-            known = coarse(lambda parts: parts.bool().any(0), mask)
-            hidden = (
-                coarse(_known_colors, color, mask),
-                coarse(_known_radii, of_hidden, mask),
-                known,
-            )
         self.scene = replace(
             scene,
             image=coarse(_with_detail, image, radius),
             signed_radius=coarse(coarse_radii, radius, image),
-            hidden=hidden,
             matte=scene.matte if scene.matte is None else coarse(means, scene.matte),
             surfaces=None,
         )

@@ -65,7 +65,7 @@ class Content(NamedTuple):
 
 
 class Slicing(NamedTuple):
-    """The blur of the slices of visible, of known hidden or of invented surfaces."""
+    """The blur of the slices of visible or of invented surfaces."""
 
     stride: int  # whether every slice (1) or every other (2) is used
     level: int  # how many times resolution is halved before the blur
@@ -87,7 +87,6 @@ class Slices(NamedTuple):
     composite_order: CompositeOrder
     octaves: list[int]  # for each slice the octave of a hidden surface
     visible: Slicing  # how visible surfaces are blurred
-    known: Slicing  # how hidden surfaces that are known are blurred
     invented: Slicing  # how hidden surfaces that are invented are blurred
 
 
@@ -99,17 +98,24 @@ class Division(NamedTuple):
     # besides
     parts: list[Part]
     weights: list[Scalar]  # the share of the aperture that each part is
-    groups: list[slice]  # the parts of the centre view; and those of left and right, if they differ
+    centre: slice  # the parts of the centre view
+    pair: slice  # the parts of left and right, which may be those of the centre view
 
     @classmethod
     def of(cls, aperture: Aperture, centre: int, dual_pixel: DualPixel | None) -> Division:
         """The division of an aperture that has 1, 4 or 16 parts for the centre view."""
         divided = [*aperture.parts(centre)]
-        groups = [slice(0, len(divided))]
+        of_centre = of_pair = slice(0, len(divided))
         if dual_pixel and (len(divided) == 1 or dual_pixel.halves != (LEFT, RIGHT)):
-            groups.append(slice(len(divided), len(divided) + 2))
+            of_pair = slice(len(divided), len(divided) + 2)
             divided += dual_pixel.halves
-        return cls(aperture, divided, [aperture.fraction(part) for part in divided], groups)
+        weights = [aperture.fraction(part) for part in divided]
+        return cls(aperture, divided, weights, of_centre, of_pair)
+
+    @property
+    def groups(self) -> list[slice]:
+        """The parts that are transformed together, so that the centre view is always the same."""
+        return [self.centre] if self.pair == self.centre else [self.centre, self.pair]
 
     @property
     def left_fraction(self) -> Scalar:
@@ -117,17 +123,17 @@ class Division(NamedTuple):
 
         Half of it for photodiodes that were measured: each by its own light.
         """
-        group = self.groups[-1]
-        parts = list(zip(self.parts[group], self.weights[group], strict=True))
+        parts = list(zip(self.parts[self.pair], self.weights[self.pair], strict=True))
         if any(part.sensitivity for part, _ in parts):
             return 0.5
-        return sum(weight for part, weight in parts if part.is_left) / sum(self.weights[group])
+        return sum(weight for part, weight in parts if part.is_left) / sum(self.weights[self.pair])
 
     def mean(self, values: Tensor) -> Tensor:
-        """The mean [..., h, w] of values [m, ..., h, w] over the m parts of the centre view."""
+        """The mean [..., h, w] of values [M, ..., h, w] over the parts of the centre view."""
+        values = values[self.centre]
         if len(values) == 1:
             return values[0]
-        fractions = along_first(self.weights[self.groups[0]], values)
+        fractions = along_first(self.weights[self.centre], values)
         return (values * fractions).sum(0) / fractions.sum(0)
 
 
@@ -207,10 +213,8 @@ def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
                 clipped[id(window)] = window.seen(views)
         return of._replace(windows=[clipped[id(window)] for window in of.windows])
 
-    visible, known, invented = (
-        slicing(of) for of in (frame.slices.visible, frame.slices.known, frame.slices.invented)
-    )
-    slices = frame.slices._replace(visible=visible, known=known, invented=invented)
+    visible, invented = (slicing(of) for of in (frame.slices.visible, frame.slices.invented))
+    slices = frame.slices._replace(visible=visible, invented=invented)
     return replace(frame, slices=slices)
 
 

@@ -22,6 +22,7 @@ from functools import reduce
 import torch
 from torch import Tensor
 
+from defocus_core.renderer.blur.kernel_bank import by_group
 from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
@@ -37,57 +38,43 @@ from defocus_core.tensors.resampling import AxisWeights, coarse_read, linear_wei
 
 
 class Hidden:
-    """A hidden surface over a tile, as each group of m parts of the aperture sees it."""
+    """A hidden surface over a tile, as M parts of the aperture see it."""
 
     def __init__(
         self,
-        octaves: list[dict[int, Tensor]],
+        octaves: dict[int, Tensor],
         enlarged: Callable[[Tensor], Tensor],  # makes px of coarse pixels
         sight: SightLimits | None,
     ) -> None:
         """Keep the octaves of blur of the surface.
 
-        `octaves`: for each group the octaves [m, C + 1, h, w], in coarse pixels; octaves of one
-        side of focus add up, the sides occlude each other; `sight`: how far the lens sees in the
-        tile; None where nothing limits it.
+        `octaves`: the octaves [M, C + 1, h, w], in coarse pixels; octaves of one side of focus add
+        up, the sides occlude each other; `sight`: how far the lens sees in the tile; None where
+        nothing limits it.
         """
         self._octaves, self._enlarged, self._sight = octaves, enlarged, sight
-        self._known: dict[tuple[int, int], Tensor] = {}
+        self._known: dict[int, Tensor] = {}
 
-    def of(self, octave: int) -> list[Tensor | None]:
-        """For each group one octave alone [m, C + 1, h, w]; None if nothing is of this octave."""
-        return [
-            self._seen(group, octave) if octave in octaves else None
-            for group, octaves in enumerate(self._octaves)
-        ]
-
-    def whole(self) -> list[Tensor | None]:
-        """For each group all octaves [m, C + 1, h, w]; None if there is nothing."""
-        whole: list[Tensor | None] = []
-        for group, octaves in enumerate(self._octaves):
-            sides = ([o for o in octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
-            seen = [
-                reduce(torch.add, [self._seen(group, octave) for octave in side])
-                for side in sides
-                if side
-            ]
-            whole.append(_occluding(seen) if seen else None)
-        return whole
-
-    def _seen(self, group: int, octave: int) -> Tensor:
-        """An octave of a group, in px, as far as the lens sees."""
-        if (group, octave) not in self._known:
-            seen = self._enlarged(self._octaves[group][octave])
+    def of(self, octave: int) -> Tensor | None:
+        """One octave in px [M, C + 1, h, w], as far as the lens sees; None if it is absent."""
+        if octave in self._octaves and octave not in self._known:
+            seen = self._enlarged(self._octaves[octave])
             limit = None if self._sight is None else self._sight.to_octave(octave)
-            self._known[group, octave] = seen if limit is None else seen * limit
-        return self._known[group, octave]
+            self._known[octave] = seen if limit is None else seen * limit
+        return self._known.get(octave)
+
+    def whole(self) -> Tensor | None:
+        """All octaves [M, C + 1, h, w]; None if there is nothing."""
+        sides = ([o for o in self._octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
+        of_sides = ([self.of(octave) for octave in side] for side in sides if side)
+        seen = [reduce(torch.add, [x for x in side if x is not None]) for side in of_sides]
+        return _occluding(seen) if seen else None
 
 
 class Filling:
     """A hidden surface over the tiles of a region.
 
     Attributes:
-        known: Whether the surface is known, not invented.
         plan: For each tile the indices of slices that reach it, nearest first.
         windows: The window of each slice.
         level: How many times resolution is halved before the blur.
@@ -99,12 +86,10 @@ class Filling:
         grid: Grid,
         boxes: tuple[Box, Box],
         hidden: HiddenLayer,
-        *,
-        known: bool,
     ) -> None:
         """Prepare a surface that has pixels."""
-        slicing = frame.slices.known if known else frame.slices.invented
-        self.known, self.level, self._stride = known, slicing.level, slicing.stride
+        slicing = frame.slices.invented
+        self.level, self._stride = slicing.level, slicing.stride
         self.windows = slicing.windows[:: slicing.stride]
         self._octave_of_slice = frame.slices.octaves
         self._octave_of_layer = dict(zip(slicing.layers, frame.slices.octaves, strict=True))
@@ -121,13 +106,13 @@ class Filling:
             around = Box(*corner, down.length, across.length)
             read = [coarse_read(tile, self._fine, self._coarse, 1) for tile in coarse.tiles]
             coarse = coarse._replace(tiles=read)
-        self._coarse_of = coarse.tiles
+        self._coarse_of, self._groups = coarse.tiles, frame.division.groups
         self._blur = Blur(
             frame.slices.radii,
             slicing.windows,
             slicing.coarse,
             coarse,
-            frame.division.groups,
+            self._groups,
             self._coarse,
             by_corners=frame.settings.field is not None,
         )
@@ -144,15 +129,17 @@ class Filling:
         """The surface over a tile, as far as the lens sees."""
         tile, coarse = self._tiles.tiles[index], self._coarse_of[index]
         size = coarse.height, coarse.width
-        octaves = [
-            self._octaves(layers, size) for layers in self._blur.over_tile(self._sliced, index)
-        ]
+        octaves = self._octaves(self._blur.over_tile(self._sliced, index), size)
 
         def enlarged(surface: Tensor) -> Tensor:
             if not self.level:
                 return surface
             rows, columns = (self._between(d, tile, coarse, surface) for d in (0, 1))
-            return resampled(surface, rows, columns)
+            return by_group(
+                lambda group: resampled(surface[group], rows, columns),
+                self._groups,
+                surface.device,
+            )
 
         return Hidden(octaves, enlarged, sight)
 
@@ -192,7 +179,7 @@ def _occluding(layers: list[Tensor]) -> Tensor:
 
 def add_in_order(
     compositor: TileCompositor,
-    visible: list[dict[int, ShownLayer]],
+    visible: dict[int, ShownLayer],
     hidden: list[Filling],
     order: CompositeOrder,
     index: int,
@@ -207,19 +194,19 @@ def add_in_order(
 
     def fill(octave: int) -> None:
         for surface in hidden:
-            if surface.has(octave, index) and not compositor.are_full(known=surface.known):
-                layers = over_tile(surface).of(octave)
-                if (pictures := with_octave(octave)) is not None:
-                    layers = [None if layer is None else layer * pictures for layer in layers]
-                compositor.fill(layers, known=surface.known)
+            if surface.has(octave, index) and not compositor.is_full():
+                layer, pictures = over_tile(surface).of(octave), with_octave(octave)
+                if layer is not None and pictures is not None:
+                    layer = layer * pictures
+                compositor.fill(layer)
 
     def with_octave(octave: int) -> Tensor | None:
-        return order.pictures_with(octave, compositor.by_group[0]) if octave else None
+        return order.pictures_with(octave, compositor.front) if octave else None
 
     def show(indices: set[int]) -> None:
-        compositor.add([{n: layers[n] for n in layers if n in indices} for layers in visible])
+        compositor.add({n: visible[n] for n in visible if n in indices})
 
-    indices = {k for layers in visible for k in layers}
+    indices = set(visible)
     near = {k for k in indices if k < order.around}
     show(near)
     has_more = bool(hidden) or max(indices) >= order.beyond if near else False
@@ -231,8 +218,7 @@ def add_in_order(
         before = compositor.coverage()
         for octave in sorted(octave for octave in order.ahead if octave < 0):
             fill(octave)
-        added = (c - b for c, b in zip(compositor.coverage(), before, strict=True))
-        aside = compositor.set_aside([c + a for c, a in zip(covered, added, strict=True)])
+        aside = compositor.set_aside(covered + (compositor.coverage() - before))
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
     beyond = {k for k in indices if k >= order.beyond} | set(order.ahead.values())
     for k in sorted(beyond):
@@ -244,8 +230,8 @@ def add_in_order(
                 compositor.close_gaps(aside, with_octave(octave))
         show({k})
     for surface in hidden:
-        if not compositor.are_full(known=surface.known):
-            compositor.fill(over_tile(surface).whole(), known=surface.known)
+        if not compositor.is_full():
+            compositor.fill(over_tile(surface).whole())
     if aside is not None:
         compositor.put_together(aside)
     return list(blurred)

@@ -7,7 +7,7 @@ from torch import Tensor
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.renderer.blur.layer_blur import CORNERS
 from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.preparation import copies_of_tile
+from defocus_core.renderer.engine.plan import copies_of_tile
 from defocus_core.renderer.engine.regions import blurred_part
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.tensors.box import Box, Grid, regions

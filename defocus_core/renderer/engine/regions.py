@@ -10,21 +10,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from itertools import count, islice
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.layer_blur import Blur, Sliced, blended
+from defocus_core.renderer.blur.layer_blur import Blur, Sliced
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
-from defocus_core.renderer.compositing.highlights import (
-    Highlights,
-    draw,
-    occluders_of,
-    split,
-)
 from defocus_core.renderer.compositing.saturating_sum import (
     ColorRange,
     add_light,
@@ -37,96 +30,39 @@ from defocus_core.renderer.compositing.sight import (
     Openings,
     SightLimits,
     border_fallback,
-    fraction_in_frame,
 )
 from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
     SharedFrame,
-    corner_views,
     frame_at,
-    views_of,
 )
 from defocus_core.renderer.engine.layer_order import Filling, add_in_order
+from defocus_core.renderer.engine.region_layers import (
+    RegionLayers,
+    RegionPlace,
+    backdrop_in,
+    discs,
+    fractions_seen,
+    of_layers,
+    of_picture,
+    samples_within,
+    visible_samples,
+)
 from defocus_core.renderer.engine.scene import (
-    RegionSurfaces,
     Scene,
     SurfacesOfColors,
-    continued,
-    layers_within,
 )
-from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
-from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, known_within, separated
-from defocus_core.renderer.layers.layer import SampleLayer, of_slices
+from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
+from defocus_core.renderer.layers.layer import HIDDEN, UNCOVERED
 from defocus_core.renderer.layers.samples import Layered
-from defocus_core.renderer.layers.slice_radii import SHARP, slice_position
+from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
-from defocus_core.renderer.layers.slopes import AROUND, Shifts, slopes
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, regions
 from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.torch_modes import recomputed, unrecorded
 from defocus_core.tensors.views import Views, added, joined
-
-# Samples at the border of the frame that are looked up at once; bounds memory.
-_SAMPLES_AT_ONCE = 1 << 17
-
-
-class _Place(NamedTuple):
-    """Where a region lies; the rectangles are those of the frame unless it is said."""
-
-    frame: SharedFrame
-    grid: Grid
-    outer: Box  # all that its pixels depend on
-    held: Box  # what light reaches it from
-    inner: Box  # the same with what lies beyond the frame
-    inside: Box  # `held` within `outer`
-    core: Box  # its tiles within `outer`
-
-    @classmethod
-    def of(cls, frame: SharedFrame, grid: Grid) -> _Place:
-        """The place of the tiles of a region."""
-        box = grid.box
-        outer = box.grown(frame.margin, frame.box)
-        reach = max(frame.farthest + frame.farthest % 2, *frame.beyond)  # even: it may be halved
-        held, inner = box.grown(reach, frame.box), box.grown(reach, frame.scene)
-        return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
-
-    def fills(self, surface: HiddenLayer | None, *, known: bool) -> list[Filling]:
-        """A hidden surface to composite; nothing if it has no pixel."""
-        if surface is None or not bool(surface.mask.any()):
-            return []
-        return [Filling(self.frame, self.grid, (self.held, self.inner), surface, known=known)]
-
-    def fractions(
-        self, bounds: Box, signed_radius: Tensor, groups: list[slice]
-    ) -> list[Tensor] | None:
-        """For each group the shares of its parts that look into a box; None if all are 1."""
-        frame, core = self.frame, self.grid.box
-        if frame.is_inside(core, bounds):
-            return None
-        aperture, parts, *_ = frame.division
-        seen, position, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]
-        fractions = [
-            fraction_in_frame(signed_radius, position, size, aperture, parts[group], seen)
-            for group in groups
-        ]
-        return [blended(fraction, core, core) for fraction in fractions] if seen else fractions
-
-
-class _Seen(NamedTuple):
-    """What is seen in the rectangle `outer` of a region."""
-
-    # Visible samples, those of the surface that the depth names first
-    layers: tuple[SampleLayer, ...]
-    positions: Tensor  # [H, W] of the first layer, between slice radii
-    highlights: Highlights | None
-    hidden: list[Filling]
-    behind: tuple[SampleLayer, ...] = ()  # samples that nearer ones hide
-    uncovered: tuple[SampleLayer, ...] = ()  # what no sample covers, as a surface without colours
-    sight: SightLimits | None = None  # how far the lens sees in the tiles
-    openings: Openings | None = None  # of layers: where the lens sees past opaque samples
-    solid: tuple[SampleLayer, ...] = ()  # of layers: the nearest opaque sample of each pixel
 
 
 def region_of(
@@ -141,164 +77,29 @@ def region_of(
     None if nothing is continued.
     """
     frame = frame_at(frame, grid.box)
-    place = _Place.of(frame, grid)
+    place = RegionPlace.of(frame, grid)
     image, radius = (place.outer.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius))
     if frame.content.edges:  # pixels beside them are looked up by their numbers
         image, radius = image.contiguous(), radius.contiguous()
     if scene.layered is None:
-        seen = _of_picture(place, scene, image, radius, backdrop)
+        seen = of_picture(place, scene, image, radius, backdrop)
         plain = seen.layers[0].color
     else:
-        seen = _of_layers(place, scene.layered, image, backdrop)
+        seen = of_layers(place, scene.layered, image, backdrop)
         plain = image.clamp(max=frame.content.limit)  # with alpha, without the light of highlights
     fallback = border_fallback(place.core.of(plain), frame.trace) if frame.trace else None
     return Region(place, seen, scene.layered, fallback)
-
-
-def _of_picture(
-    place: _Place,
-    scene: Scene,
-    image: Tensor,
-    signed_radius: Tensor,
-    backdrop: Backdrop | SurfacesOfColors | None,
-) -> _Seen:
-    """What a picture [C, H, W] and its radii show and hide."""
-    frame, content, slices = place.frame, place.frame.content, place.frame.slices
-    of_all: RegionSurfaces | None = None
-    layers: tuple[SampleLayer, ...] = (SampleLayer.whole(image, signed_radius),)
-    if isinstance(backdrop, SurfacesOfColors):
-        of_all = backdrop.at(place.outer, place.inside)
-        layers = of_all.layers
-    elif backdrop is not None:
-        layers = layers_within(image, signed_radius, backdrop, place.outer)
-    highlights = None
-    if content.highlights:
-        layers, highlights = split(layers, len(image), content.limit)
-    positions, sight = slice_position(signed_radius, slices.radii), None
-    if content.edges:
-        sight = SightLimits.of(signed_radius, positions, slices.visible.layers, slices.octaves)
-        sight = sight.over(place.core).without([not one.edges for one in content.each])
-    invented = of_all.hidden if of_all else None
-    if isinstance(backdrop, Backdrop):
-        around = place.outer, place.inside
-        invented = continued(layers[0], backdrop, *around, frame)
-    fills = list[Filling]()
-    if invented is not None and scene.hidden is not None:
-        visible = place.inside.of(signed_radius)
-        known = known_within(scene.hidden, place.held, visible, frame.dtype)
-        middle = axes(frame.size, place.held.top, place.held.left)
-        known, invented = separated(known, invented, middle)
-        fills = place.fills(known, known=True)
-    fills += place.fills(invented, known=False)
-    return _Seen(layers, positions, highlights, fills, sight=sight)
-
-
-def _of_layers(
-    place: _Place, layered: Layered, image: Tensor, backdrop: Backdrop | SurfacesOfColors | None
-) -> _Seen:
-    """What layers show and hide; `image`: [C + 1, H, W], the picture of them in focus."""
-    frame, slices = place.frame, place.frame.slices
-    stack = layered.stack(place.outer, frame.dtype)
-    radius = stack.signed_radius[0]
-    layers, highlights = split(stack.visible(), len(image) - 1, frame.content.limit)
-    if highlights is not None:  # with an alpha of 0
-        light = torch.cat([highlights.light, torch.zeros_like(highlights.light[:, :1])], 1)
-        highlights = highlights._replace(light=light)
-    fills, farthest = list[Filling](), torch.full_like(radius, layered.limits[1])
-    uncovered: tuple[SampleLayer, ...] = ()
-    if layered.open and layered.is_continued:
-        rest = stack.through[-1:]
-        uncovered = (SampleLayer(rest[:0], rest, farthest, sparse=True),)
-    if backdrop is not None:
-        assert isinstance(backdrop, Backdrop), "layers of all colours"
-        around = place.outer, place.inside
-        invented, known = continued(layers[0], backdrop, *around, frame), stack.knows_behind()
-        if invented is not None and known is not None:
-            everywhere = torch.full_like(radius, torch.inf)
-            color = layers[0].color
-            behind = HiddenLayer(*map(place.inside.of, (color, everywhere, known)))
-            middle = axes(frame.size, place.held.top, place.held.left)
-            _, invented = separated(behind, invented, middle)
-        fills = place.fills(invented, known=False)
-    openings = Openings.of(stack.opaque(), slices.radii, slices.visible.layers)
-    return _Seen(
-        layers,
-        slice_position(radius, slices.radii),
-        highlights,
-        fills,
-        behind=stack.hidden(),
-        uncovered=uncovered,
-        openings=openings.over(place.core),
-        solid=(SampleLayer.whole(image[:0], stack.solid(layered.limits[1])),),
-    )
-
-
-def _samples_within(place: _Place, layers: Sequence[SampleLayer]) -> SurfaceSamples:
-    """The samples whose light reaches the tiles."""
-    radii = place.frame.slices.radii
-    layers = [layer.within(place.inside) for layer in layers]
-    if len(layers) > len(radii) + 1:
-        layers = [layers[0], *of_slices(layers[1:], radii)]
-    return SurfaceSamples(layers, slice_position(layers[0].signed_radius, radii))
-
-
-def _visible(place: _Place, seen: _Seen) -> SurfaceSamples:
-    """The visible samples whose light reaches the tiles, with their slopes and shifts."""
-    frame, inside, first = place.frame, place.inside, seen.layers[0]
-    radii, (aperture, parts, _, groups) = frame.slices.radii, frame.division
-    around = inside.grown(AROUND, Box(0, 0, *first.signed_radius.shape[-2:]))
-    inner, radius = inside.seen_from(around), around.of(first.signed_radius)
-    positions = around.of(seen.positions)
-    lean = shifts = None
-    if frame.content.tilted:
-        lean = slopes(radius, frame.quality.min_slope)
-    if frame.settings.left_right and frame.copies_in_focus:
-        color = around.of(first.color)
-        shifts = Shifts(color, radius, positions, inner, radii, aperture, parts[groups[-1]])
-    lean = None if lean is None else inner.of(lean)
-    samples = _samples_within(place, seen.layers)
-    return samples._replace(positions=inner.of(positions), slopes=lean, shifts=shifts)
-
-
-def _fractions_seen(
-    place: _Place, seen: _Seen, bounds: Box, groups: list[slice]
-) -> list[Tensor] | None:
-    """As `_Place.fractions`, in the mean over the visible samples of each pixel."""
-    first, *others = (layer.within(place.core) for layer in seen.layers)
-    radius = first.signed_radius
-    total = place.fractions(bounds, radius, groups)
-    if total is None or not first.sparse or not others:  # of a picture, its own surface alone
-        return total
-    radii = torch.stack([layer.signed_radius for layer in others])
-    weights = torch.stack([layer.covered for layer in others])
-    total = [fraction * (1 - weights.sum(0)) for fraction in total]
-    at_once = max(1, _SAMPLES_AT_ONCE // radius.numel())
-    for start in range(0, len(radii), at_once):
-        radius, weight = (x[start : start + at_once] for x in (radii, weights))
-        fractions = place.fractions(bounds, radius, groups) or []
-        total = [
-            so_far + (fraction * weight).sum(2)
-            for so_far, fraction in zip(total, fractions, strict=True)
-        ]
-    return total
-
-
-def _discs(place: _Place, seen: _Seen, highlights: Highlights) -> Tensor:
-    """The discs of highlights behind surfaces, for each part of the aperture.
-
-    Of layers, what hides a part of a light is in its coverage already.
-    """
-    radii, (aperture, parts, *_) = place.frame.slices.radii, place.frame.division
-    occluders = occluders_of(seen.solid or seen.layers, radii)
-    barrel = views_of(place.frame, highlights.at, place.core, place.grid.box)
-    return draw(highlights, occluders, radii, aperture, parts, place.core, barrel)
 
 
 class Region:
     """A rectangle of tiles, and everything that they share."""
 
     def __init__(
-        self, place: _Place, seen: _Seen, layered: Layered | None, fallback: Tensor | None
+        self,
+        place: RegionPlace,
+        seen: RegionLayers,
+        layered: Layered | None,
+        fallback: Tensor | None,
     ) -> None:
         """Prepare the blur of what is seen.
 
@@ -306,16 +107,16 @@ class Region:
         seen where nothing else is for sure; None without any.
         """
         frame = self._frame = place.frame
-        slicing, groups = frame.slices.visible, frame.division.groups
+        slicing, division = frame.slices.visible, frame.division
         self._tiles = place.grid.tiles
         self._layered, self._fallback, self._like = layered, fallback, seen.layers[0].color
-        self._sight, self._openings, self._hidden = seen.sight, seen.openings, seen.hidden
+        self._sight, self._invented = seen.sight, seen.invented
         self._blur = Blur(
             frame.slices.radii,
             slicing.windows,
             slicing.coarse,
             place.grid.seen_from(place.inner),
-            groups,
+            division.groups,
             axes(frame.size, place.inner.top, place.inner.left),
             by_corners=frame.settings.field is not None,
         )
@@ -324,37 +125,39 @@ class Region:
         def sliced(samples: SurfaceSamples) -> Sliced:
             return self._blur.sliced(samples._replace(around=around), 1, slicing.layers)
 
-        self._visible = sliced(_visible(place, seen))
-        behind, uncovered = (
-            sliced(_samples_within(place, layers)) if layers else None
-            for layers in (seen.behind, seen.uncovered)
-        )
-        self._behind, self._uncovered = behind, uncovered
-        self._in_frame = _fractions_seen(place, seen, frame.box, groups[:1])
-        self._in_scene = _fractions_seen(place, seen, frame.scene, groups) if frame.cut else None
+        self._visible = sliced(visible_samples(place, seen))
+        self._others = {
+            kind: sliced(samples_within(place, layers))
+            for kind in (HIDDEN, UNCOVERED)
+            if (layers := seen.of(kind))
+        }
+        centre = division.parts[division.centre]
+        self._in_frame = fractions_seen(place, seen, frame.box, centre)
+        self._in_scene: Tensor | None = None
+        if frame.cut:
+            self._in_scene = fractions_seen(place, seen, frame.scene, division.parts)
         self._range = ColorRange.of(frame.content.channels, self._like, frame.content.minimum)
         highlights = seen.highlights
-        self._highlights = _discs(place, seen, highlights) if highlights else None
+        self._highlights = discs(place, seen, highlights) if highlights else None
 
     def tile(self, index: int) -> Views:
         """The views of one tile of the region."""
         frame, box = self._frame, self._tiles[index]
         compositor, needed = self._composited(index)
-        whole, *halves = self._lit(compositor.by_group, index)
-        trust = self._trust(whole[:, -1], compositor.invented, box)
+        lit, division = self._lit(compositor.front, index), frame.division
+        trust = self._trust(lit[:, -1], compositor.invented, box)
         counts, content = self._counts(index, needed), frame.content
-        _, parts, weights, groups = frame.division
-        centre = self._range.bounded(picture(whole, weights[groups[0]]))
+        weights = division.weights
+        centre = self._range.bounded(picture(lit[division.centre], weights[division.centre]))
         if not frame.settings.left_right:
             return Views([centre], trust, counts, box)
-        both = halves[0] if halves else whole
+        both, weights = lit[division.pair], weights[division.pair]
         if compositor.moved is not None:
             both = add_light(both, compositor.moved)
-        cut = sum(part.is_left for part in parts[groups[-1]])
-        left = picture(both[:cut], weights[groups[-1]][:cut])
-        right = picture(both[cut:], weights[groups[-1]][cut:])
+        cut = sum(part.is_left for part in division.parts[division.pair])
+        left, right = picture(both[:cut], weights[:cut]), picture(both[cut:], weights[cut:])
         counts |= count_negative(torch.stack([left, right]), content.limit, content.minimum)
-        fraction = frame.division.left_fraction
+        fraction = division.left_fraction
         pair = pair_of(centre, left, right, minimum=content.minimum, fraction=fraction)
         images = self._range.bounded_pair(pair, centre, fraction)
         if self._layered is not None:
@@ -365,81 +168,72 @@ class Region:
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
         """The share of the aperture that saw the scene, [1, h, w].
 
-        Of the coverage [m, h, w] of m parts the share that is not invented, times the share of the
-        parts that looks into the frame: what surfaces are continued by was not seen.
+        Of the coverage [M, h, w] of all parts the share that is not invented, times the share of
+        the parts that looks into the frame: what surfaces are continued by was not seen.
         """
         mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented
         fraction = mean(observed) / mean(covered)
         if self._in_frame is not None and not self._frame.is_inside(box, self._frame.box):
-            expected = box.seen_from(self._tiles[0]).of(self._in_frame[0])
+            expected = box.seen_from(self._tiles[0]).of(self._in_frame)
             fraction = fraction * mean(expected[:, 0])
         return fraction.clamp(0, 1)[None]
 
     def _composited(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
-        compositor, visible = self._blank(index), self._blur.over_tile(self._visible, index)
+        sight = self._sight and self._sight.over(self._tiles[index].seen_from(self._tiles[0]))
+        compositor = self._blank(index, sight if isinstance(sight, SightLimits) else None)
+        visible = self._blur.over_tile(self._visible, index)
+        others = {kind: self._blur.over_tile(of, index) for kind, of in self._others.items()}
         layered, reaching = self._layered, self._reaching(index)
-        if self._uncovered is not None:
-            compositor.reserve(self._blur.over_tile(self._uncovered, index))
-        if self._behind is None or self._openings is None or layered is None:
+        if UNCOVERED in others:
+            compositor.reserve(others[UNCOVERED])
+        if HIDDEN in others and isinstance(sight, Openings) and layered is not None:
+            compositor.add_known(visible, others[HIDDEN], sight, closed=not layered.open)
+            compositor.close(sight)
+            needed = [] if compositor.is_nearly_full() else reaching
+            for surface in needed:
+                compositor.fill(surface.over_tile(index).whole())
+        else:
             order = self._frame.slices.composite_order
             needed = add_in_order(compositor, visible, reaching, order, index)
-        else:
-            hidden = self._blur.over_tile(self._behind, index)
-            openings = self._openings.over(self._tiles[index].seen_from(self._tiles[0]))
-            compositor.add_known(visible, hidden, openings, closed=not layered.open)
-            compositor.close(openings)
-            needed = [] if compositor.are_nearly_full() else reaching
-            for surface in needed:
-                compositor.fill(surface.over_tile(index).whole(), known=surface.known)
         if layered is not None and not layered.blurs_alpha:
             compositor.add_alpha()
         if layered is not None and layered.open:
             compositor.leave_open()
         return compositor, needed
 
-    def _blank(self, index: int) -> TileCompositor:
+    def _blank(self, index: int, sight: SightLimits | None) -> TileCompositor:
         """The views of a tile without surfaces."""
         size, like = self._tiles[index][2:], self._like
-        blank = [
-            like.new_zeros(group.stop - group.start, len(like) + 1, *like.shape[1:-2], *size)
-            for group in self._frame.division.groups
-        ]
-        sight = self._sight and self._sight.over(self._tiles[index].seen_from(self._tiles[0]))
-        return TileCompositor(blank, self._full(index), sight)
+        division = self._frame.division
+        blank = like.new_zeros(len(division.parts), len(like) + 1, *like.shape[1:-2], *size)
+        return TileCompositor(blank, self._full(index), division.groups, sight)
 
     def _reaching(self, index: int) -> list[Filling]:
-        """The hidden surfaces that reach a tile, known before invented."""
-        return [surface for surface in self._hidden if surface.plan[index]]
+        """The hidden surfaces that reach a tile."""
+        return [surface for surface in self._invented if surface.plan[index]]
 
-    def _lit(self, views: list[Tensor], index: int) -> list[Tensor]:
-        """The views of each group of parts, with highlights.
+    def _lit(self, views: Tensor, index: int) -> Tensor:
+        """The views of all parts, with highlights.
 
         A picture is divided by its coverage, which highlights do not share: they are weighted by
         it, so that errors of the coverage do not make them brighter.
         """
         box = self._tiles[index].seen_from(self._tiles[0])
         if self._fallback is not None:
-            views = [view + box.of(self._fallback) for view in views]
+            views = views + box.of(self._fallback)
         if self._highlights is None:
             return views
-        lit, groups = box.of(self._highlights), self._frame.division.groups
-        inside: list[Tensor | float] = [1.0 for _ in groups]
-        if self._in_scene is not None:
-            inside = [box.of(fraction) for fraction in self._in_scene]
-        return [
-            add_light(view, lit[group] * (view[:, -1:] / fraction))
-            for view, group, fraction in zip(views, groups, inside, strict=True)
-        ]
+        inside = 1.0 if self._in_scene is None else box.of(self._in_scene)
+        return add_light(views, box.of(self._highlights) * (views[:, -1:] / inside))
 
-    def _full(self, index: int) -> list[Tensor | float]:
-        """The greatest coverage in a tile, for each group."""
+    def _full(self, index: int) -> Tensor | float:
+        """The greatest coverage in a tile."""
         tile, frame = self._tiles[index], self._frame
         if self._in_scene is None or not frame.content.edges or frame.is_inside(tile, frame.scene):
-            return [1.0 for _ in frame.division.groups]
-        box = tile.seen_from(self._tiles[0])
-        return [box.of(fraction) for fraction in self._in_scene]
+            return 1.0
+        return tile.seen_from(self._tiles[0]).of(self._in_scene)
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
         """Counts of the work done for a tile, and of the work of a renderer that skips nothing."""
@@ -469,7 +263,7 @@ class Region:
             "layer_pixels": area * len(pieces),
             "layer_pixels_done": sum(piece.patch.shown.area for piece in pieces),
             "tiles_culled": int(len(needed) < len(reaching)),
-            "tiles_with_hidden": int(any(not surface.known for surface in reaching)),
+            "tiles_with_hidden": int(bool(reaching)),
         }
         pictures = math.prod(self._like.shape[1:-2])
         return {name: pictures * count for name, count in counts.items()}
@@ -497,7 +291,7 @@ def rendered_regions(
     pixels, signed_radius = scene.image, scene.signed_radius
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     with unrecorded(signed_radius.device):
-        backdrop = _backdrop(frame, scene)
+        backdrop = backdrop_in(frame, scene)
     at_once = min(threads, len(grids), at_once or threads)
     # a copied pixel has no gradient to the radius
     may_copy = not (isinstance(signed_radius, Tensor) and signed_radius.requires_grad)
@@ -531,31 +325,6 @@ def rendered_regions(
             yield part
 
     return in_order()
-
-
-def _backdrop(frame: SharedFrame, scene: Scene) -> Backdrop | SurfacesOfColors | None:
-    """What hidden surfaces are continued from; None if none is."""
-    content, layered = frame.content, scene.layered
-    if not content.edges or scene.surfaces is not None:
-        return scene.surfaces if content.edges else None
-    if layered is not None and not layered.is_continued:
-        return None
-    pixels, limit = scene.image, content.limit
-    if layered is not None:
-        if not layered.blurs_alpha:
-            in_memory = isinstance(pixels, Tensor)
-            pixels = pixels[:-1] if in_memory else layered.picture(alpha=False)
-        limit = max(limit, 1.0)  # alpha is no light
-    return backdrop_of(
-        pixels,
-        scene.signed_radius,
-        limit,
-        frame.dtype,
-        frame.settings.threads,
-        content.limits,
-        unmixes=frame.quality.unmixes and layered is None,
-        matte=scene.matte,
-    )
 
 
 def _copied(frame: SharedFrame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:

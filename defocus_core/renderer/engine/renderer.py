@@ -21,15 +21,13 @@ from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth, repaired_each
 from defocus_core.renderer.engine.drafts import Draft
 from defocus_core.renderer.engine.frame import Content, SharedFrame, darkened
-from defocus_core.renderer.engine.preparation import (
+from defocus_core.renderer.engine.plan import (
     border_range,
     centre_parts,
-    channels_with,
     computed_in,
     content_of,
     frame_of,
     surveyed,
-    surveyed_each,
 )
 from defocus_core.renderer.engine.regions import assembled, rendered_regions, total
 from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
@@ -89,7 +87,7 @@ def batches(
     if settings[0].depth_repair != "off":
         infinity = [one.infinity for one in settings]
         signed_radius, repairs = repaired_each(signed_radius, pixels, infinity)
-    surveys = surveyed_each(pixels, signed_radius, computed_in(pixels, signed_radius))
+    surveys = surveyed(pixels, signed_radius, computed_in(pixels, signed_radius))
     quality = settings[0].quality_of(pixels.shape)
     contents = [
         content_of(survey, quality) for survey, repair in zip(surveys, repairs, strict=True)
@@ -180,7 +178,9 @@ class Renderer:
         threads, quality = settings.threads, settings.quality_of(scene.signed_radius.shape)
         if scene.layered is None and scene.repair is None:
             scene = repaired_once(scene, settings, hold=hold)
+        scene = scene.as_layers()
         layered = scene.layered
+        self._has_alpha = layered is not None and self._given.layered is None
         self.size = scene.signed_radius.shape[-2], scene.signed_radius.shape[-1]
         self.repair = scene.repair or DepthRepair()
         if layered is not None:
@@ -206,7 +206,6 @@ class Renderer:
             signed_radius,
             settings,
             quality,
-            scene.hidden,
             content,
             layered=layered,
             border=border,
@@ -224,15 +223,8 @@ class Renderer:
     ) -> Content:
         """What the picture holds, of whose pixels [C, h, w] count."""
         dtype = computed_in(counted, signed_radius)
-        content = content_of(
-            surveyed(counted, signed_radius, dtype, self._settings.threads),
-            quality,
-            layered=layered,
-            all_ranges=limits,
-        )
-        if self._given.hidden is None or not content.channels:
-            return content
-        return content._replace(channels=channels_with(self._given.hidden, content.channels))
+        (survey,) = surveyed(counted, signed_radius, dtype, self._settings.threads)
+        return content_of(survey, quality, layered=layered, all_ranges=limits)
 
     @property
     def at_half_size(self) -> bool:
@@ -278,6 +270,8 @@ class Renderer:
             self.frame, self.scene, reaching=self.reaching, at_once=at_once, progress=progress
         )
         parts = self._draft.enlarged(self.frame, parts) if self._draft else parts
+        if self._has_alpha:  # which was not asked for
+            parts = (p._replace(images=[image[:-1] for image in p.images]) for p in parts)
         cat_eye = self.frame.settings.cat_eye
         if cat_eye is None or not cat_eye.vignetting:
             return parts

@@ -24,7 +24,7 @@ from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, KnownLay
 from defocus_core.renderer.layers.layer import SampleLayer, layers_of, mixed_within
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import chosen, plus
+from defocus_core.tensors.derived import Mapped, chosen, held, plus, stacked
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, Scalar, banded
 from defocus_core.tensors.validation import backward_only, described
@@ -161,6 +161,8 @@ def continued(
     return hidden_layer(layer.color, layer.signed_radius, backdrop, outer, inside, level=level)
 
 
+# Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
+BRIGHTEST = 1e30
 _DECODE = "decode integers to linear light first"
 
 
@@ -238,6 +240,37 @@ class Scene:
         pixels, radius = layered.picture(alpha=True), layered.nearest()
         return cls(pixels, radius, layered=layered, repair=repair)
 
+    def as_layers(self) -> Scene:
+        """The same as layers: the picture, and the known layer where it lies behind.
+
+        Without these, if it lies nowhere behind. Where it is known all over, no pixel is taken
+        apart: there is nothing to guess.
+        """
+        if self.hidden is None:
+            return self
+        color, radius, mask = self.hidden
+        visible, complete = self.signed_radius, True
+        for values in zip(*map(banded, self.hidden), strict=True):
+            _check_known(*values)
+            complete &= bool(values[2].all())
+
+        def coverage(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+            nearer, other, known = (
+                x[slice(*rows), slice(*columns)] for x in (visible, radius, mask)
+            )
+            behind = (known.to(nearer.device) != 0) & (other.to(nearer.device) > nearer)
+            return torch.stack([torch.ones_like(nearer), behind.to(nearer)]).detach()
+
+        layered = Layered.of(
+            stacked(self.image, color),
+            stacked(visible, radius),
+            held(Mapped(coverage, (2, *visible.shape), visible), visible, threads=1, hold=False),
+        )
+        if layered.deepest == 1:
+            return replace(self, hidden=None)
+        scene = Scene.of_layered(layered._replace(mixed=not complete), self.repair)
+        return replace(scene, matte=self.matte)
+
     @property
     def tensors(self) -> list[Tensor]:
         """All that is in memory."""
@@ -272,6 +305,17 @@ class Scene:
             hidden=hidden,
             surfaces=None if surfaces is None else surfaces.of(channels, px),
         )
+
+
+def _check_known(color: Tensor, radius: Tensor, mask: Tensor) -> None:
+    """Refuse values of a known layer that are no light and no radius."""
+    where = mask.bool()
+    for name, values in (("color", color[:, where]), ("signed_radius", radius[where])):
+        if not bool((values.abs() <= BRIGHTEST).all()):
+            raise ValueError(
+                f"hidden.{name} must be finite and within ±{BRIGHTEST:g} where the mask is true; "
+                "leave unknown pixels out"
+            )
 
 
 def check_hidden(hidden: object, shape: tuple[int, ...], size: tuple[int, ...]) -> None:

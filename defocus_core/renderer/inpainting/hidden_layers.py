@@ -190,7 +190,7 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
     exist = [backdrop.is_of(level, asked.of) for level in levels]
     values, weight, tensor = found[0, :-3], weights[0], found[0, -3:]
     for more, fraction, exists in zip(found[1:], weights[1:], exist[1:_DIRECTIONS], strict=True):
-        missing = torch.where(weight < _ENOUGH, 1 - weight, 0.0)
+        missing = (1 - weight) * (weight < _ENOUGH)
         missing = missing if exists is None else missing * exists
         values = torch.addcmul(values, more[:-3], missing)
         weight = torch.addcmul(weight, fraction, missing)
@@ -207,7 +207,7 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
         )
         own_values, own = values.index_select(1, lacking), weight.index_select(0, lacking)
         for more, fraction, (_, exists) in zip(their_values, their_weights, some, strict=True):
-            missing = torch.where(own < _ENOUGH, 1 - own, 0.0)
+            missing = (1 - own) * (own < _ENOUGH)
             if exists is not None:
                 missing = missing * exists.index_select(0, lacking)
             own_values = torch.addcmul(own_values, more[:-3], missing)
@@ -241,31 +241,21 @@ def _with_adjacent_surface(
 KnownLayer = tuple[Pixels, Pixels, Pixels]
 
 
-def known_within(
-    known: KnownLayer, box: Box, signed_radius: Tensor, dtype: torch.dtype
+def without_known(
+    hidden: HiddenLayer, known: Tensor, known_radius: Tensor, middle: tuple[Axis, Axis]
 ) -> HiddenLayer:
-    """A known layer within a box whose visible radii are [height, width] px."""
-    color, radius, mask = map(box.of, known)
-    mask = mask.bool()
-    color = torch.where(mask, color.to(dtype), 0.0)
-    return HiddenLayer(color, torch.where(mask, radius.to(dtype), signed_radius), mask)
+    """The part of an invented layer that is needed beside what is known.
 
-
-def separated(
-    known: HiddenLayer, hidden: HiddenLayer, middle: tuple[Axis, Axis]
-) -> tuple[HiddenLayer, HiddenLayer]:
-    """The hidden part of a known layer, and the part of an invented layer that is still needed.
-
-    `known`: the known layer, [H, W]; `middle`: the middle of the frame, in px.
+    `known`: [H, W] bool, where all behind the visible is known as far as `known_radius` [H, W] px;
+    `middle`: the middle of the frame, in px.
     """
-    size = (known.mask.shape[-2], known.mask.shape[-1])
-    halved = hidden.mask.shape != known.mask.shape
+    size = (known.shape[-2], known.shape[-1])
+    halved = hidden.mask.shape != known.shape
     mask, radius = hidden.mask, hidden.signed_radius
     if halved:
         mask = in_pixels(mask.to(radius.dtype), size, middle) > 0
         radius = in_pixels(radius.detach(), size, middle)
-    farther = radius > known.signed_radius + STEP
-    needed = mask & (~known.mask | farther)
+    needed = mask & (~known | (radius > known_radius + STEP))
     if halved:
         needed = hidden.mask & in_coarse_pixels(needed, middle)
-    return known._replace(mask=mask & known.mask), hidden._replace(mask=needed)
+    return hidden._replace(mask=needed)

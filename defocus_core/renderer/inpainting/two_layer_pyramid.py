@@ -147,7 +147,8 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     values, weight, minimum, maximum = _dense(pyramid_level, (down, across), overlapping)
     is_edge = (maximum > -torch.inf) & ~(maximum + minimum < alike)
     edges = flat_nonzero(is_edge)
-    dense = CellSurface(torch.cat([values, torch.stack([weight, minimum.neg_(), maximum])]))
+    further = weight[None], minimum.neg_()[None], maximum[None]
+    dense = CellSurface(torch.cat([values, *further]))
     result = PyramidLevel(size, dense, None, None, middle, pyramid_level.level + 1, is_edge)
     if not len(edges):
         return result
@@ -281,17 +282,17 @@ def _every(
         nearer = pyramid_level.second.data.index_select(1, index.clamp(min=0))
         sheets.append(torch.cat([nearer[:-3], nearer[-3:-2] * (index >= 0), nearer[-2:]]))
     pixels = torch.stack(sheets, 1).view(len(data), len(sheets), *shape)
-    missing, fractions = list[int](), list[Tensor]()
+    missing, shares = list[int](), list[tuple[float, ...]]()
     for axis, length in zip(axes, pyramid_level.size, strict=True):
         offsets, by = zip(*_taps(axis, overlapping), strict=True)
         before = axis.before - offsets[0]
         missing = [before, 2 * axis.length - 2 + len(by) - before - length, *missing]
-        fractions.append(sent(by, data))
-    held = pad(pixels, missing).unfold(-2, len(fractions[0]), 2).unfold(-2, len(fractions[1]), 2)
+        shares.append(by)
+    held = pad(pixels, missing).unfold(-2, len(shares[0]), 2).unfold(-2, len(shares[1]), 2)
     held = held.movedim((-2, -1), (2, 3))
     count = held.shape[1] * held.shape[2] * held.shape[3]
-    fraction = (fractions[0][:, None] * fractions[1]).flatten().repeat(len(sheets))
-    return held.reshape(len(data), count, -1), fraction[:, None]
+    fraction = [a * b for a in shares[0] for b in shares[1]] * len(sheets)
+    return held.reshape(len(data), count, -1), sent(fraction, data)[:, None]
 
 
 def _apart(data: Tensor, fraction: Tensor, alike: float) -> tuple[CellSurface, CellSurface]:
@@ -311,8 +312,8 @@ def _apart(data: Tensor, fraction: Tensor, alike: float) -> tuple[CellSurface, C
         total = part.sum(0)
         mean = (values * part).sum(1) / total.clamp(min=LEAST_WEIGHT)
         lowest = torch.where(chosen, minimum, torch.inf).amin(0)
-        further = torch.stack([total.clamp(max=1), lowest, top])
-        sheets.append(CellSurface(torch.cat([mean, further])))
+        further = total.clamp(max=1)[None], lowest[None], top[None]
+        sheets.append(CellSurface(torch.cat([mean, *further])))
     return sheets[0], sheets[1]
 
 
@@ -403,7 +404,7 @@ def _nearby(
     ]
     origin, step = sent([[a, b - a] for a, b in ends], like).view(count, 2, 2, 1).unbind(2)
     position = torch.addcmul(origin, step, asked.at.T.to(like.dtype))  # [L, 2, n]
-    last = sent([level.size for level in levels], like)[..., None] - 1
+    last = sent([[n - 1 for n in level.size] for level in levels], like)[..., None]
     below = position.floor()
     fraction = position - below
     exists = torch.stack([below + 1, last - below]).clamp_(0, 1)

@@ -18,6 +18,10 @@ from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.sparse_masks import flat_nonzero
 
+# Kinds of layers: what a pinhole sees; what nearer samples of the same pixels hide; what no sample
+# covers, without colours; and the nearest opaque sample of each pixel, before lights.
+VISIBLE, HIDDEN, UNCOVERED, SOLID = "visible", "hidden", "uncovered", "solid"
+
 
 class SampleLayer(NamedTuple):
     """Samples of pixels, no two of one pixel."""
@@ -27,6 +31,7 @@ class SampleLayer(NamedTuple):
     coverage: Tensor
     signed_radius: Tensor  # [..., H, W] px
     sparse: bool = False  # whether pixels are without a sample
+    kind: str = VISIBLE
 
     @classmethod
     def whole(cls, color: Tensor, signed_radius: Tensor) -> SampleLayer:
@@ -52,7 +57,7 @@ class SampleLayer(NamedTuple):
         """The layer in a box."""
         coverage = self.coverage if self.is_whole else box.of(self.coverage)
         radius = box.of(self.signed_radius)
-        return SampleLayer(box.of(self.color), coverage, radius, self.sparse)
+        return self._replace(color=box.of(self.color), coverage=coverage, signed_radius=radius)
 
 
 def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple[SampleLayer, ...]:

@@ -45,6 +45,8 @@ class Layered(NamedTuple):
     limits: tuple[float, float]  # least and greatest signed radius in px of what is there
     open: bool  # whether there are pixels that are not covered fully
     deepest: int  # the greatest number of samples in one pixel
+    # Whether the first layer is a picture, of which a pixel may hold parts of two surfaces
+    mixed: bool = False
 
     @classmethod
     def of(cls, colors: Pixels, signed_radius: Pixels, coverage: Pixels) -> Layered:

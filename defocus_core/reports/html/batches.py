@@ -12,7 +12,7 @@ from pathlib import Path
 
 from defocus_core.batch.datasets.card import card_of, tables_of
 from defocus_core.batch.journal.journal import Ledger, require_journal
-from defocus_core.batch.journal.record import Record, Taken
+from defocus_core.batch.journal.record import Record
 from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import drawn_files, valued_layers, wiggle_of
 from defocus_core.reports.html.page import ValuesRoom, write_report
@@ -22,10 +22,7 @@ from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.process import spread
 
-_COLUMNS = (
-    Column("coc", "largest CoC", "px"),
-    Column("seconds", "rendering", "s"),
-)
+_COLUMNS = (Column("coc", "largest CoC", "px"), Column("seconds", "rendering", "s"))
 _DIGITS = re.compile(r"(\d+)")
 
 
@@ -88,7 +85,9 @@ def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
         passes=taken is not None,
         words="; ".join(end.warnings) or end.message,
         facts=list(_facts(record)),
-        metrics={} if taken is None else _metrics(taken),
+        metrics={}
+        if taken is None
+        else {"coc": max(map(abs, taken.coc_px)), "seconds": taken.seconds["render"]},
         facets={"reason": str(end.reason)}
         if taken is None
         else {"lens": lens_record_words(taken.lens)},
@@ -96,11 +95,6 @@ def _item(record: Record, layers: Sequence[Layer], out: Path) -> Item:
         layers=layers,
         wiggle=wiggle_of(layers),
     )
-
-
-def _metrics(taken: Taken) -> dict[str, float]:
-    near, far = taken.coc_px
-    return {"coc": max(abs(near), abs(far)), "seconds": taken.seconds["render"]}
 
 
 def _facts(record: Record) -> Iterator[tuple[str, str]]:

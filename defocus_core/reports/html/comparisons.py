@@ -27,7 +27,13 @@ from defocus_core.compare.record import (
 )
 from defocus_core.compare.thresholds import OVER, Rules
 from defocus_core.io.exr.writing import write_exr
-from defocus_core.reports.comparison_words import line, metric_title, number_words, worst_words
+from defocus_core.reports.comparison_words import (
+    line,
+    metric_title,
+    number_words,
+    place_words,
+    worst_words,
+)
 from defocus_core.reports.html.item import Column, Item, Layer, Report
 from defocus_core.reports.html.layers import draw_pair
 from defocus_core.reports.html.page import ValuesRoom, write_report
@@ -93,7 +99,7 @@ def _item(record: Comparison, layers: Sequence[Layer], full: float, header: Repo
         name=record.name,
         status=record.status,
         passes=record.passes,
-        words=finding_words or _brief(record),
+        words=finding_words or line(record).removeprefix(f"{record.name}: ").partition(": ")[2],
         facts=list(_facts(record, header.b)),
         metrics=record.metrics,
         commands=header.commands(record),
@@ -103,23 +109,14 @@ def _item(record: Comparison, layers: Sequence[Layer], full: float, header: Repo
     )
 
 
-def _brief(record: Comparison) -> str:
-    """What is to be said where no cause is named: the line, less name and status."""
-    return line(record).removeprefix(f"{record.name}: ").partition(": ")[2]
-
-
 def _facts(record: Comparison, b: str) -> Iterable[tuple[str, str]]:
     """Terms, and what is to be said of each; empty ones are left out."""
-    window = ""
-    if record.window is not None:
-        x, y, width, height = record.window
-        window = f"{counted(record.differing, 'pixel')} within {width}x{height} at {x},{y}"
     metrics = ", ".join(number_words(name, value) for name, value in record.metrics.items())
     rows = [
         ("What happened", "; ".join(finding.text for finding in record.findings)),
         ("Cannot be read" if record.status == UNREADABLE else "No pair", record.error),
         ("Worst pixel", "" if record.worst is None else worst_words(record.worst)),
-        ("Where", window),
+        ("Where", place_words(record)),
         ("Fails", ", ".join(record.failed)),
         ("Warned of by", ", ".join(record.warned)),
         ("Has no", ", ".join(record.unmeasured) if not record.passes else ""),

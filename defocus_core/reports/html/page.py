@@ -17,7 +17,7 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -78,8 +78,8 @@ def write_report(path: Path, report: Report) -> None:
         counts=Counter(item.status for item in items).items(),
         tones={item.status: _TONES.get(item.status, "bad") for item in items},
         facets=[(f, sorted({d["facets"][f] for d in drawn if f in d["facets"]})) for f in facets],
-        pictures=[list(_row_pictures(item)) for item in drawn],
-        number=_number,
+        pictures=[_row_pictures(item) for item in drawn],
+        number=lambda value: value if isinstance(value, str) else f"{value:.4g}",
         keys=_REPORT_KEYS + KEYS,
     )
 
@@ -119,15 +119,11 @@ def plain(value: Any, payloads: Payloads) -> Any:
     return value
 
 
-def _row_pictures(item: Mapping[str, Any]) -> Iterator[str]:
+def _row_pictures(item: Mapping[str, Any]) -> list[str]:
     """Payloads of the pictures of a row: of B, a rendering or what is first; the difference."""
     by_key = {layer["key"]: layer["thumbnail"] for layer in item["layers"]}
     first = by_key.get(B) or by_key.get("render") or next(filter(None, by_key.values()), "")
-    yield from filter(None, (first, by_key.get(DIFFERENCE, "")))
-
-
-def _number(value: float | str | None) -> str:
-    return "" if value is None else value if isinstance(value, str) else f"{value:.4g}"
+    return [*filter(None, (first, by_key.get(DIFFERENCE, "")))]
 
 
 def length(data: bytes) -> int:
@@ -244,12 +240,17 @@ def write_page(
         keep_trailing_newline=True,
     )
     safe = environment.filters["safe"]
+    # JSON, of ASCII alone, that cannot end the element it stands in
+    text = json.dumps({**data, **colors}, allow_nan=False, separators=(",", ":"))
+    text = with_dashes(text.replace("\\u2039", "‹").replace("\\u203a", "›"))
+    for letter in "&<>":
+        text = text.replace(letter, f"\\u{ord(letter):04x}")
     parts = environment.get_template(f"{name}.html").generate(
         style=safe(style),
         style_hash=_hash(style),
         script=safe(script),
         script_hash=_hash(script),
-        data=safe(_in_script({**data, **colors})),
+        data=safe(text),
         payloads=payloads.texts.items(),
         **values,
     )
@@ -257,13 +258,6 @@ def write_page(
     with written_whole(path) as file:
         for part in parts:
             file.write(with_dashes(part).encode("utf-8", "replace"))
-
-
-def _in_script(value: object) -> str:
-    """JSON that cannot end the element it stands in."""
-    text = json.dumps(value, allow_nan=False, separators=(",", ":"))  # ASCII alone
-    text = with_dashes(text.replace("\\u2039", "‹").replace("\\u203a", "›"))
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _hash(text: str) -> str:

@@ -206,7 +206,8 @@ def _middle(length: int) -> slice:
 
 def _blurred(seen: Floats, disparity: Floats) -> str:
     """A sentence if edges are wide at one range of depths, or at all; else empty."""
-    fine, coarse = (_gradient(_smoothed(seen, scale)) for scale in (_FINE, _COARSE))
+    smoothed = (_smoothed(seen, scale) for scale in (_FINE, _COARSE))
+    fine, coarse = (np.hypot(*np.gradient(image)) for image in smoothed)
     is_edge = _is_crest(fine) & (fine > _MIN_STEP)
     # An edge of standard deviation s, smoothed by a, has a gradient that goes with 1/√(s² + a²).
     ratio = np.square(fine[is_edge] / np.maximum(coarse[is_edge], 1e-6))
@@ -245,13 +246,6 @@ def _smoothed(image: Floats, scale: float) -> Floats:
         )
         image = views @ weights
     return image
-
-
-def _gradient(image: Floats) -> Floats:
-    """Length of the gradient of an image, per px."""
-    down, right = np.gradient(image)
-    length: Floats = np.hypot(down, right)
-    return length
 
 
 def _is_crest(gradient: Floats) -> NDArray[np.bool_]:

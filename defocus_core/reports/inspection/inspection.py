@@ -213,7 +213,7 @@ def inspect(
     maps: list[dict[str, Any]] = []
     evidence: tuple[str, ...] = ()
     if not color_note:
-        keeping = _keeping(info)
+        keeping = Keeping(scratch=info.numbers > NUMBERS_IN_MEMORY)
         picture, color_note = _color_of(info, reading, keeping)
         color = picture and color_figures(picture)
         depth_note, depth = _depth_of(
@@ -281,10 +281,6 @@ def _depth_of(
             raise
         usual = picture is not None and error.code in ("unknown-unit", "not-one-channel")
         return error.problem if usual else _clause(error), None
-
-
-def _keeping(info: FileInfo) -> Keeping:
-    return Keeping(scratch=info.numbers > NUMBERS_IN_MEMORY)
 
 
 def _too_large(info: FileInfo) -> str:

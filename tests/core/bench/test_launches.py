@@ -23,6 +23,7 @@ def test_counts_are_those_of_the_help(name):
         (*found.alone, *found.pair), (*written.alone, *written.pair), strict=True
     ):
         assert one == pytest.approx(other, rel=WITHIN, abs=ROUNDING)
+    assert found.pair[0] <= 1.4 * found.alone[0], "left and right are seen with the centre"
 
 
 def test_a_table_takes_the_place_of_the_old_one():

@@ -10,7 +10,6 @@ from defocus_core.depth.noise import AROUND, without_noise
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
-from defocus_core.tensors import derived
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import Repaired
 
@@ -148,7 +147,8 @@ def test_a_noisy_card_in_focus_has_no_holes(quality, amount):
     assert worst(inside.of(found), inside.of(image)) < 0.06
 
 
-def test_what_is_held_and_what_is_made_again_are_alike(monkeypatch):
+@pytest.mark.parametrize("fixtures", [(), ("no_room",)])
+def test_what_is_held_and_what_is_made_again_are_alike(fixtures, request):
     class Lazily:
         """Radii that are not in memory."""
 
@@ -161,9 +161,9 @@ def test_what_is_held_and_what_is_made_again_are_alike(monkeypatch):
 
     image, radius = scene(card()), (card() + scatter(0.3)).float()
     whole = render(image, radius).render
-    for maximum in (0, 1 << 22):
-        monkeypatch.setattr(derived, "HELD", maximum)
-        renderer = Renderer(Scene(image, Lazily(radius)))
-        assert renderer.repair.noise == pytest.approx(0.3, rel=0.1)
-        for part in renderer.tiles():
-            assert torch.equal(part.render, part.box.of(whole))
+    for name in fixtures:
+        request.getfixturevalue(name)
+    renderer = Renderer(Scene(image, Lazily(radius)))
+    assert renderer.repair.noise == pytest.approx(0.3, rel=0.1)
+    for part in renderer.tiles():
+        assert torch.equal(part.render, part.box.of(whole))

@@ -14,7 +14,6 @@ from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.tensors import derived
 
 SIZE, LARGE = (140, 190), (200, 260)
 
@@ -81,10 +80,9 @@ def test_repair_is_rendering_of_repaired_depth(damage, quality):
 @pytest.mark.parametrize(
     ("damage", "quality"), [("noise", "draft"), ("soft_edges", "standard"), ("quantised", "draft")]
 )
-def test_windows_are_repaired_as_the_whole(damage, quality, monkeypatch):
+def test_windows_are_repaired_as_the_whole(damage, quality, no_room):
     image, radius = DAMAGED[damage]()
     whole = render(image, radius, quality=quality)
-    monkeypatch.setattr(derived, "HELD", 0)
     for hold in (False, True):
         renderer = Renderer(
             Scene(Windows(image), Windows(radius)), Settings(quality=quality), hold=hold
@@ -92,8 +90,7 @@ def test_windows_are_repaired_as_the_whole(damage, quality, monkeypatch):
         assert same(put_together(renderer), whole)
 
 
-def test_radii_are_read_once_to_be_repaired_where_there_is_room(monkeypatch):
-    monkeypatch.setattr(derived, "HELD", 0)
+def test_radii_are_read_once_to_be_repaired_where_there_is_room(no_room):
     image, radius = quantised(LARGE)
     read = {}
     for hold in (False, True):

@@ -17,7 +17,7 @@ from image_files import save
 from refusals import refuses
 
 from defocus_core.batch.workers import pool
-from defocus_core.batch.workers.pool import WorkerConfig, computed_by
+from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
 from defocus_core.picture import memory_budget, plain_path
@@ -357,11 +357,3 @@ def test_each_core_has_a_process_if_there_is_memory_for_it(
     crew = WorkerConfig("local", processes, threads, "cpu", 7, None)
     assert (crew.count, crew.machine.threads) == shared_out
     assert crew.count == shared_out[0], "whatever is free by now"
-
-
-def test_tiles_of_a_job_stay_when_another_machine_does_it(tmp_path):
-    asked = replace(job(tmp_path, 2**33), machine=Machine("draft", tile=64))
-    (same,) = computed_by([asked], Machine(threads=3))
-    assert same.machine == Machine("draft", threads=3, tile=64)
-    (other,) = computed_by([asked], Machine(tile=32))
-    assert other.machine.tile == 32

@@ -28,7 +28,6 @@ OTHER_FILES = {
         "deep_layers",
         "deep_samples",
         "encode",
-        "file_types",
     ),
     *("lens_metadata", "photo_depth", "raster", "sidecars"),
 }

@@ -4,11 +4,10 @@ import math
 from pathlib import Path
 
 import pytest
+from elements import disc, element, write
 from refusals import refuses, refuses_as
 
 from defocus_core.errors import CALLER, Place
-from defocus_core.io.shots import lens_metadata
-from defocus_core.io.shots.lens_metadata import OptionFromMetadata
 from defocus_core.request.job import Picture
 from defocus_core.request.lens import Lens
 from defocus_core.request.picture_lenses import PictureLenses
@@ -118,14 +117,10 @@ def test_paths_are_relative_to_the_file_they_stand_in():
     assert layer(aperture_image="pupil.png")["aperture-image"].text == "folder/pupil.png"
 
 
-def test_metadata_win_over_a_lens_file_and_all_else_over_metadata(tmp_path, monkeypatch):
-    said = {
-        "focus": OptionFromMetadata("3m", "focus"),
-        "fnumber": OptionFromMetadata("4", "aperture"),
-    }
-    monkeypatch.setattr(lens_metadata, "lens_of", lambda path, metres: said)
+def test_metadata_win_over_a_lens_file_and_all_else_over_metadata(tmp_path):
+    path = write(tmp_path / "a.exr", element(disc()), focus=3.0, aperture=4.0)
     file = lens_file(tmp_path, 'focal-length = "50mm"\nfnumber = 2\nfocus = "9m"\n')
-    picture = Picture("a", Path("a.exr"), Path("z.exr"))
+    picture = Picture("a", path, path)
     lenses = PictureLenses(layer(fnumber=8), file=file, metadata=True)
     lens, taken = lenses.of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist, [*taken]) == (50, 8, 3000, ["focus"])

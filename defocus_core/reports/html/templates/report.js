@@ -97,7 +97,7 @@ const watcher = new IntersectionObserver(entries => {
   for (const { target, isIntersecting } of entries) {
     if (!isIntersecting) continue;
     watcher.unobserve(target);
-    addressOf(target.dataset.payload).then(address => { target.src = address; });
+    target.src = addressOf(target.dataset.payload);
   }
 }, { root: null, rootMargin: "200px" });
 

@@ -14,20 +14,9 @@ const layerOf = key => item() && item().layers.find(layer => layer.key === key);
 const pictured = () => item() ? item().layers.filter(layer => layer.key !== "difference") : [];
 const clamped = (value, low, high) => Math.max(low, Math.min(high, value));
 
-// ---- payloads: base64 in elements at the end of the file
-
-const loaded = new Promise(done => {
-  if (document.readyState !== "loading") done();
-  else document.addEventListener("DOMContentLoaded", done);
-});
-
-async function textOf(name) {
-  if (!$(name) || !$(name).nextElementSibling) await loaded; // or a part of it may be there
-  return $(name).textContent;
-}
-
-const addressOf = async name => {
-  const text = await textOf(name);
+// The address of a picture: its payload is base64 in an element of the page.
+const addressOf = name => {
+  const text = $(name).textContent;
   return `data:image/${text.startsWith("iVBOR") ? "png" : "jpeg"};base64,${text}`;
 };
 
@@ -60,7 +49,7 @@ const soon = (name, make) => kept(decoded, name, 24, () => {
 // Bits of halves: differences to the left neighbour or to another layer; low bytes, then high ones.
 async function unpack(owner, { values: { payload, size: [width, height], base }, channels: { length: channels } }) {
   const count = width * height, total = count * channels, bits = new Uint16Array(total);
-  const packed = Uint8Array.from(atob(await textOf(payload)), letter => letter.charCodeAt(0));
+  const packed = Uint8Array.from(atob($(payload).textContent), letter => letter.charCodeAt(0));
   const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream("deflate"));
   const bytes = new Uint8Array(await new Response(stream).arrayBuffer());
   const other = base && (await valuesSoon(owner.layers.find(each => each.key === base), owner).promise).data;
@@ -76,7 +65,7 @@ async function unpack(owner, { values: { payload, size: [width, height], base },
 // Numbers of a layer in a box of the picture: of its thumbnail, of its values; how they are decoded.
 const thumbOf = layer => layer && layer.thumbnail && soon(layer.thumbnail, async () => {
   const image = new Image(), { canvas: shown, context: drawn } = blank();
-  image.src = await addressOf(layer.thumbnail);
+  image.src = addressOf(layer.thumbnail);
   await image.decode();
   const [width, height] = [shown.width, shown.height] = [image.naturalWidth, image.naturalHeight];
   drawn.drawImage(image, 0, 0);
@@ -323,21 +312,13 @@ function showItem(number) {
   $("failure").textContent = "There is no picture of this item in the report.";
   $("failure").hidden = keys.length > 0;
   $("readout").textContent = "Point at the picture to read its values.";
-  details();
+  const { facts, commands, facets } = item(), list = document.createElement("dl");
+  list.append(...[...facts, ...Object.entries(facets)].flatMap(([term, text]) => [textIn("dt", term), textIn("dd", text)]));
+  $("details").replaceChildren(...commands.map(each => commandLine(...each)), list);
   modes();
 }
 
-function details() {
-  const { facts, commands, facets } = item(), list = document.createElement("dl");
-  for (const [term, text] of [...facts, ...Object.entries(facets)]) {
-    const name = document.createElement("dt"), what = document.createElement("dd");
-    name.textContent = term;
-    what.textContent = text;
-    list.append(name, what);
-  }
-  $("details").replaceChildren(...commands.map(each => commandLine(...each)), list);
-}
-
+const textIn = (tag, text) => Object.assign(document.createElement(tag), { textContent: text });
 const hasDifference = () => Boolean(ofPair() && layerOf("difference"))
   || [view.first, view.second].every(key => layerOf(key)?.values || (!ofPair() && layerOf(key)?.thumbnail));
 
@@ -374,7 +355,7 @@ function badge(titles, mode) {
 }
 
 function setMode(mode) {
-  view.mode = mode;
+  view.mode = view.mode === mode && ["flicker", "difference"].includes(mode) ? "slider" : mode;
   modes();
   tell($("badge").textContent);
 }
@@ -406,27 +387,19 @@ const tell = words => { $("news").textContent = words; };
 
 // A command line with its title, and a button that copies it.
 function commandLine(title, line) {
-  const box = document.createElement("div"), label = document.createElement("span");
-  const code = document.createElement("code"), copy = document.createElement("button");
-  box.className = "command";
-  label.textContent = title;
-  code.textContent = line;
-  copy.type = "button";
-  copy.textContent = "Copy";
+  const box = $("command").content.firstElementChild.cloneNode(true), [label, code, copy] = box.children;
+  [label.textContent, code.textContent] = [title, line];
   copy.setAttribute("aria-label", `Copy: ${title}`);
-  copy.onclick = () => copied(code, copy);
-  box.append(label, code, copy);
+  copy.onclick = async () => {
+    try {
+      await navigator.clipboard.writeText(line); // which no page has that came without encryption
+      copy.textContent = "Copied";
+      setTimeout(() => { copy.textContent = "Copy"; }, 1500);
+    } catch {
+      getSelection().selectAllChildren(code); // to be copied by hand
+    }
+  };
   return box;
-}
-
-async function copied(code, button) {
-  try {
-    await navigator.clipboard.writeText(code.textContent);
-    button.textContent = "Copied";
-    setTimeout(() => { button.textContent = "Copy"; }, 1500);
-  } catch {
-    getSelection().selectAllChildren(code); // to be copied by hand
-  }
 }
 
 // ---- what people do
@@ -434,8 +407,7 @@ async function copied(code, button) {
 let clickAt = () => {}; // what a page does with a pixel that is clicked
 const KEYS = {
   1: () => setMode("first"), 2: () => setMode("second"), s: () => setMode("slider"),
-  f: () => setMode(view.mode === "flicker" ? "slider" : "flicker"),
-  d: () => setMode(view.mode === "difference" ? "slider" : "difference"),
+  f: () => setMode("flicker"), d: () => setMode("difference"),
   w: wiggle, c: overlay, "[": () => expose(view.stops - 0.5), "]": () => expose(view.stops + 0.5),
   "+": () => zoomBy(1.5), "=": () => zoomBy(1.5), "-": () => zoomBy(1 / 1.5), 0: fit,
   g: () => item().place && goTo(item().place), "?": () => $("help").showModal(),

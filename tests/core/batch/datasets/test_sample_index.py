@@ -2,6 +2,7 @@
 
 import json
 import math
+import weakref
 
 import pytest
 from records import record, write_index
@@ -9,6 +10,7 @@ from refusals import refuses
 
 from defocus_core.batch.datasets import update
 from defocus_core.batch.datasets.finished import samples
+from defocus_core.batch.journal import journal
 from defocus_core.batch.journal.journal import Journal, journal_path
 from defocus_core.batch.journal.record import record_of
 from defocus_core.request.lens import Lens
@@ -126,10 +128,25 @@ def test_hugging_face_loads_a_set_without_splits(kinds, tmp_path, datasets):
 
 
 def write_all(out, records):
-    with Journal(journal_path(out)) as journal:
+    with Journal(journal_path(out)) as opened:
         for each in records:
-            journal.append(record_of(each))
+            opened.append(record_of(each))
     update.index(out, None)
+
+
+def test_the_records_of_an_index_are_not_held(tmp_path, monkeypatch):
+    made, alive = [], []
+
+    def counted(values):
+        found = record_of(values)
+        made.append(weakref.ref(found))
+        alive.append(sum(one() is not None for one in made))
+        return found
+
+    monkeypatch.setattr(journal, "record_of", counted)
+    write_all(tmp_path, [record(tmp_path, f"{n:02}", split="train") for n in range(30)])
+    assert len(made) == 30
+    assert max(alive) < 6, "one is joined while the next is read"
 
 
 @pytest.fixture

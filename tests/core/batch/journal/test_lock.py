@@ -1,6 +1,5 @@
 """One writer: whoever comes second is told who is first, and a lock without a holder is none."""
 
-import errno
 import os
 import signal
 import socket
@@ -9,7 +8,7 @@ import sys
 from contextlib import contextmanager
 
 import pytest
-from refusals import refuses
+from refusals import files_end_at, refuses
 
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.journal.lock import holder, lock_path, locked
@@ -81,14 +80,9 @@ def test_a_lock_that_is_a_link_is_never_written_through(tmp_path):
     assert (tmp_path / "mine").read_text() == "mine"
 
 
-def test_a_full_disk_leaves_no_lock(tmp_path, monkeypatch):
-    def full(number, data):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    with monkeypatch.context() as patched:
-        patched.setattr(os, "write", full)
-        with refuses("unwritable", "No space left"):
-            try_lock(tmp_path)
+def test_a_file_that_cannot_grow_leaves_no_lock(tmp_path):
+    with files_end_at(0), refuses("unwritable", "File too large"):
+        try_lock(tmp_path)
     assert list(tmp_path.iterdir()) == []
     try_lock(tmp_path)
 

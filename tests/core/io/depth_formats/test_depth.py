@@ -204,9 +204,14 @@ def test_the_header_of_a_pfm_ends_with_its_line(tmp_path, end):
     values[-1, 0] = np.frombuffer(b"\n\r A", "<f4")[0]  # pixels may look like an end of a line
     body = b"" if end == b" " else values[::-1].astype("<f4").tobytes()
     body = body or plane()[::-1].astype("<f4").tobytes()
-    (tmp_path / "a.pfm").write_bytes(b"Pf\n6 5\n-1.0" + end + body)
+    (tmp_path / "a.pfm").write_bytes(b"Pf\n# by hand\n6 5\n-1.0" + end + body)
     expected = plane() if end == b" " else values
     np.testing.assert_array_equal(read_depth(tmp_path / "a.pfm").metres, expected)
+
+
+def test_tiff_of_doubles_is_read(tmp_path):
+    path = save(tmp_path / "a.tif", plane().astype("f8")[:, :, None])
+    np.testing.assert_array_equal(read_depth(path).metres, plane())
 
 
 def npy_bytes(values):

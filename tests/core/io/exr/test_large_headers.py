@@ -13,7 +13,8 @@ from image_files import multi_part, random_planes
 from refusals import refuses
 
 from defocus_core.compare.picture import color_layers, layers
-from defocus_core.io.depth_formats.exr_depth_channel import choose_depth
+from defocus_core.io.depth_formats.exr_depth_channel import choose_depth_channel
+from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
 from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import MAGIC, MULTIPART, read_headers
 from defocus_core.io.exr.reading import read_parts
@@ -61,8 +62,8 @@ def read(path):
     headers = read_headers(path)
     describe(path)
     choose_color(path, headers, layer=None, part=0)
-    chosen = choose_depth(path, headers, channel="Z", part=0)
-    choose_depth(path, headers[:1], channel=None, part=None)
+    chosen = choose_depth_channel(path, headers, DepthReading(depth_channel="Z", part=0))
+    choose_depth_channel(path, headers[:1], AS_IT_IS)
     _extras(read_parts(path, headers), chosen)
 
 

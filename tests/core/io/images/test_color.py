@@ -27,7 +27,7 @@ from defocus_core.io.exr.header import Raw
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.color import BRIGHTEST, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
-from defocus_core.renderer.engine import preparation
+from defocus_core.renderer.engine import scene
 
 SHAPE = (6, 7)
 
@@ -260,6 +260,7 @@ def test_bad_files_are_told_in_one_line_and_nothing_is_printed(tmp_path, capfd):
         (tmp_path / name).write_bytes(content[: len(content) * 3 // 4])
     for name in ("empty.exr", "empty.png"):
         (tmp_path / name).touch()
+    (tmp_path / "begun.png").write_bytes((tmp_path / "half.png").read_bytes()[:40])
     for name in ("text.exr", "text.png", "text.txt"):
         (tmp_path / name).write_text("not an image\n" * 20)
     names = {
@@ -271,6 +272,7 @@ def test_bad_files_are_told_in_one_line_and_nothing_is_printed(tmp_path, capfd):
         "half.png": "damaged",
         "half.tif": "damaged",
         "text.exr": "wrong-type",
+        "begun.png": "unreadable",
         "text.png": "unreadable",
         "text.txt": "unreadable",
         "deep.exr": "no-color",
@@ -280,7 +282,9 @@ def test_bad_files_are_told_in_one_line_and_nothing_is_printed(tmp_path, capfd):
             read_color(tmp_path / name)
         line = str(caught.value)
         assert "\n" not in line
-        assert "; " in line
+        assert line.endswith("write or copy it again") == name.startswith(
+            ("begun", "empty", "half")
+        )
     assert capfd.readouterr() == ("", "")
 
 
@@ -318,7 +322,7 @@ def test_light_too_bright_to_be_summed_is_refused(beyond):
     plane[2, 1] = beyond
     with refuses("out-of-range", "in 1 pixel", "at 1,2", path=Path("a.exr")):
         require_finite(Color((plane,), ("Y",), Path("a.exr")))
-    assert BRIGHTEST == preparation.BRIGHTEST
+    assert BRIGHTEST == scene.BRIGHTEST
 
 
 def test_describe_reads_headers_only(tmp_path):

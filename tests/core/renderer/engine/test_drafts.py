@@ -22,7 +22,6 @@ from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.layers.slice_radii import SHARP
-from defocus_core.tensors import derived
 from defocus_core.tensors.box import Box
 
 SIZE = (184, 200)  # large enough to be halved
@@ -178,14 +177,14 @@ def test_slices_asked_for_are_those_of_the_picture():
 
 
 @pytest.mark.parametrize(("kind", "kept"), [("most", True), ("cards", False)])
-def test_a_renderer_of_a_draft_is_its_rendering(kind, kept, monkeypatch):
+def test_a_renderer_of_a_draft_is_its_rendering(kind, kept, request):
     """Also where its coarse pixels are not kept, and where regions end between bands."""
     image, radius = scenery(kind, 1401, 303, 8.0)
     hidden = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     behind = hidden if kind == "cards" else None
     whole = render(image, radius, quality="draft", left_right=True, hidden=behind)
     if not kept:
-        monkeypatch.setattr(derived, "HELD", 0)
+        request.getfixturevalue("no_room")
     known = (*map(Windows, hidden),) if behind else None
     scene = Scene(Windows(image), Windows(radius), hidden=known)
     renderer = Renderer(scene, Settings(quality="draft", left_right=True, threads=2))

@@ -7,7 +7,7 @@ import torch
 
 from defocus_core import render
 from defocus_core.renderer.engine import regions
-from defocus_core.renderer.engine.preparation import content_of, frame_of, surveyed
+from defocus_core.renderer.engine.plan import content_of, frame_of, surveyed
 from defocus_core.renderer.engine.regions import blurred_part
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.quality import find
@@ -38,8 +38,8 @@ def scene(spot, *, hard):
 
 def frame_for(image, radius):
     quality = find("standard")
-    content = content_of(surveyed(image, radius, torch.float32, 1), quality)
-    return frame_of(image, radius, Settings(), quality, None, content)
+    content = content_of(surveyed(image, radius, torch.float32)[0], quality)
+    return frame_of(image, radius, Settings(), quality, content)
 
 
 @pytest.mark.parametrize("hard", [False, True])

@@ -12,7 +12,6 @@ from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.tensors import derived
 from defocus_core.tensors.box import TILE
 
 
@@ -53,8 +52,7 @@ def test_no_window_is_as_high_as_a_high_frame():
     assert max(pixels.largest, radii.largest) < 1500
 
 
-def test_cells_of_a_draft_are_held_if_there_is_room(monkeypatch):
-    monkeypatch.setattr(derived, "HELD", 0)
+def test_cells_of_a_draft_are_held_if_there_is_room(no_room):
     image, radius = scenery("cards", 512, 512, 12.0)
     whole, looked_at = render(image, radius, quality="draft"), {}
     for hold in (False, True):

@@ -3,7 +3,7 @@ import time
 import pytest
 import torch
 
-from defocus_core.renderer.engine import regions
+from defocus_core.renderer.engine import region_layers
 from defocus_core.renderer.layers import samples
 from defocus_core.renderer.render import render_layers
 
@@ -26,7 +26,7 @@ def test_many_layers_are_composited_as_each_alone(monkeypatch, kind):
     layers = _layers(120, kind)
     views = render_layers(*layers)
     (gradient,) = torch.autograd.grad(views.render.square().sum(), layers[0])
-    monkeypatch.setattr(regions, "of_slices", lambda layers, radii: layers)
+    monkeypatch.setattr(region_layers, "of_slices", lambda layers, radii: layers)
     monkeypatch.setattr(samples, "FEW_SAMPLES", 1000)
     each = render_layers(*layers)
     (of_each,) = torch.autograd.grad(each.render.square().sum(), layers[0])

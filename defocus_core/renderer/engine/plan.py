@@ -31,9 +31,10 @@ from defocus_core.renderer.engine.frame import (
     Slices,
     Slicing,
 )
+from defocus_core.renderer.engine.scene import BRIGHTEST
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
-from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND, KnownLayer
+from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import (
@@ -53,8 +54,6 @@ from defocus_core.tensors.threads import threaded
 
 # Greatest radius in px: any picture is a point beside it.
 _MAX_PX = 1e8
-# Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
-BRIGHTEST = 1e30
 # Brightness as a multiple of the median, and by itself (or one divided by it), beyond which
 # float32 is too coarse.
 _RANGE, _SQUARED = 1e3, 1e15
@@ -81,23 +80,13 @@ class Survey(NamedTuple):
         return max(greatest for _, greatest in self.channels)
 
 
-def surveyed(pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int) -> Survey:
-    """The statistics of a picture, of which each pixel is read once.
-
-    `pixels`: [C, H, W]; `signed_radius`: [H, W] px.
-    """
-    (survey,) = _surveyed(pixels, signed_radius, dtype, threads)
-    return survey
-
-
-def surveyed_each(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype) -> list[Survey]:
-    """What `surveyed` says of each picture of a batch, [C, B, H, W] and [B, H, W]."""
-    return _surveyed(pixels, signed_radius, dtype, 1)
-
-
-def _surveyed(
-    pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int
+def surveyed(
+    pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int = 1
 ) -> list[Survey]:
+    """The statistics of a picture, or of each picture of a batch; each pixel is read once.
+
+    `pixels`: [C, H, W] or [C, B, H, W]; `signed_radius`: [H, W] or [B, H, W] px.
+    """
     W, batch = signed_radius.shape[-1], len(signed_radius.shape) > 2
 
     def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
@@ -174,38 +163,6 @@ def border_range(signed_radius: Pixels) -> tuple[float, float]:
     return minimum, maximum
 
 
-def with_hidden(hidden: KnownLayer, limits: tuple[float, float]) -> tuple[float, float]:
-    """Least and greatest signed radius in px of visible surfaces and of a known hidden layer."""
-    minimum, maximum = limits
-    for color, radius, mask in zip(*map(banded, hidden), strict=True):
-        where = mask.bool()
-        known = radius[where]
-        for name, values in (("color", color[:, where]), ("signed_radius", known)):
-            if not bool((values.abs() <= BRIGHTEST).all()):
-                raise ValueError(
-                    f"hidden.{name} must be finite and within ±{BRIGHTEST:g} where the mask is "
-                    "true; leave unknown pixels out"
-                )
-        if len(known):
-            nearest, farthest = range_of(known).tolist()
-            minimum, maximum = min(minimum, nearest), max(maximum, farthest)
-    return minimum, maximum
-
-
-def channels_with(
-    hidden: KnownLayer, channels: tuple[tuple[float, float], ...]
-) -> tuple[tuple[float, float], ...]:
-    """Least and greatest value of each channel of visible pixels and of a known hidden layer."""
-    ends = [torch.tensor(channels, dtype=torch.float64)]
-    for color, _, mask in zip(*map(banded, hidden), strict=True):
-        known = color[:, mask.bool()].double()
-        if known.numel():
-            ends.append(torch.stack([known.amin(1), known.amax(1)], 1).cpu())
-    every = torch.stack(ends)
-    least, greatest = every[..., 0].amin(0).tolist(), every[..., 1].amax(0).tolist()
-    return tuple(zip(least, greatest, strict=True))
-
-
 def needs_double(survey: Survey, limit: float) -> bool:
     """Whether float32 is too coarse.
 
@@ -259,7 +216,6 @@ def frame_of(
     signed_radius: Pixels,  # [H, W], repaired, in px or in coarse pixels; of a batch [B, H, W]
     settings: Settings,
     quality: Quality,  # settings of the quality, in px or in coarse pixels
-    hidden: KnownLayer | None,
     content: Content,
     *,
     layered: Layered | None = None,
@@ -272,8 +228,7 @@ def frame_of(
     """
     size = signed_radius.shape[-2], signed_radius.shape[-1]
     edges = content.edges
-    limits = content.limits if hidden is None else with_hidden(hidden, content.limits)
-    limits = layered.limits if layered is not None else limits
+    limits = content.limits if layered is None else layered.limits
     radii = _slice_radii(*limits, quality, settings)
     layer_indices = layers(radii, quality)
     exact = settings.num_layers is not None
@@ -291,14 +246,18 @@ def frame_of(
     coarse = _at_resolution(radii, quality, maximum, level)
     farthest = max(fine.reaches + coarse.reaches if content.edges else fine.reaches)
     margin = _margin(farthest, edges=content.edges, highlights=content.highlights)
-    division = _division(settings, quality)
+    pair = settings.dual_pixel if settings.left_right else None
+    division = Division.of(settings.aperture, centre_parts(settings, quality), pair)
     dtype = torch.float64 if content.double else computed_in(pixels, signed_radius)
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
     sample *= math.prod(signed_radius.shape[:-2])
     grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
     sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
     own = [_slice_radii(*one.limits, quality, settings) for one in content.each]
-    each = _own_slices(own, radii) if isinstance(settings.aperture, Apertures) else ()
+    each: tuple[range, ...] = ()  # the slices of each picture among those of all, and two beyond
+    if isinstance(settings.aperture, Apertures):
+        first_last = ((bisect_left(radii, r[0]), bisect_right(radii, r[-1])) for r in own)
+        each = tuple(range(first - _MORE, last + _MORE) for first, last in first_last)
     slicing = partial(
         _slicing, radii, sizes, settings.aperture, division.parts, dtype, pixels.device, each
     )
@@ -318,25 +277,11 @@ def frame_of(
     )
 
 
-def _own_slices(own: list[tuple[float, ...]], radii: tuple[float, ...]) -> tuple[range, ...]:
-    """The numbers of the slices of pictures among those of their batch, and of two beyond them."""
-    return tuple(
-        range(bisect_left(radii, each[0]) - _MORE, bisect_right(radii, each[-1]) + _MORE)
-        for each in own
-    )
-
-
 def _of_each(slices: Slices, own: list[tuple[float, ...]], quality: Quality) -> Slices:
     """The slices of a batch, with the octaves that are ahead by each picture's own slices."""
     orders = (composite_order(radii, layers(radii, quality)) for radii in own)
     greatest = tuple(max(map(abs, order.ahead), default=0) for order in orders)
     return slices._replace(composite_order=slices.composite_order._replace(greatest=greatest))
-
-
-def _division(settings: Settings, quality: Quality) -> Division:
-    """The parts of the aperture."""
-    pair = settings.dual_pixel if settings.left_right else None
-    return Division.of(settings.aperture, centre_parts(settings, quality), pair)
 
 
 def centre_parts(settings: Settings, quality: Quality) -> int:
@@ -418,18 +363,16 @@ def _slices(
     stride: int,
     slicing: Callable[[_Resolution, list[int], int], Slicing],
 ) -> Slices:
-    """The slices of what is visible, known and invented, of fine and of coarse resolution."""
+    """The slices of what is visible and of what is invented, of fine and of coarse resolution."""
     fine, coarse = resolutions
     order = composite_order(radii, layer_indices)
     of_hidden = octaves(radii)
-    known = merged_layers(layer_indices, of_hidden, fine.spreads, tile)
     invented = merged_layers(layer_indices, of_hidden, coarse.spreads, _halved(tile, coarse.level))
     return Slices(
         radii,
         order,
         of_hidden,
         visible=slicing(fine, layer_indices, 1),
-        known=slicing(fine, known, 1),
         invented=slicing(coarse, invented, stride),
     )
 

@@ -1,0 +1,280 @@
+"""Options of which jobs are made: rows of tables, whose values are texts that the resolver reads.
+
+A decorator hands its command one object: `output_options` ``outputs``, `shot_options` ``shot``, ….
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from defocus_cli.options.types import (
+    Command,
+    Decorator,
+    FilePath,
+    bundle,
+    lens_option,
+    option,
+    output_option,
+    position_of,
+)
+from defocus_core.errors import CALLER, UsageProblem, with_dashes
+from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.io.shots.frame_patterns import FrameChoice
+from defocus_core.request.animation import Animation, read_animation
+from defocus_core.request.inputs import choice_of
+from defocus_core.request.job import FIELDS, Machine, Outputs, Reading
+from defocus_core.request.job_options import (
+    ANIMATION_OPTIONS,
+    INPUT_OPTIONS,
+    MACHINE_OPTIONS,
+    OUTPUT_OPTIONS,
+    SHOT_OPTIONS,
+)
+from defocus_core.request.lens import Lens
+from defocus_core.request.lens_files import lens_path, read_lens_file, reading_in
+from defocus_core.request.parameters import LENS_OPTIONS, OPENING, SHAPES, Param
+from defocus_core.request.picture_lenses import PictureLenses
+from defocus_core.request.quantities import read_at
+from defocus_core.request.reading_options import READING_OPTIONS, ReadingParam
+from defocus_core.request.resolver import (
+    Given,
+    Layer,
+    check_lens,
+    fields_of,
+    laid_over,
+    lens_of,
+    outputs_of,
+    reading_of,
+    refuse_contradiction,
+    value_of,
+)
+from defocus_core.request.shots import SharedDecisions, decisions_of
+from defocus_core.system.process import cores
+
+
+def param_option(param: Param, text: str = "") -> Decorator:
+    """The option of a row of a table of options, whose value is a text or a path.
+
+    `text`: what it does, if not what the row says.
+    """
+    settings: dict[str, Any] = {"heading": param.heading, "is_common": param.is_common}
+    spelling = f"--{param.name} {param.metavar}"
+    if param.toggle:
+        spelling = f"--{param.name}/--no-{param.name}"
+    elif not param.flag:
+        spelling += f"[{'|'.join(param.choices)}]" if param.choices else ""
+        settings["kind"] = FilePath() if param.is_path else click.STRING
+        settings |= {"multiple": True} if param.multiple else {"nargs": param.words}
+    if not param.multiple:
+        settings["default"] = None
+    return option(spelling, with_dashes(text or param.help), **settings)
+
+
+def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
+    """The options of rows that are given, of the values of parameters."""
+    layer = {}
+    for name, row in rows.items():
+        value = values.get(name.replace("-", "_"))
+        if value is not None and (value is not False or row.toggle):
+            text = " ".join(value) if isinstance(value, tuple) else str(value)
+            text = {True: "on", False: "off"}[value] if row.toggle else text
+            read_at(CALLER.at(name), value_of, name, text)
+            layer[name] = Given(text, CALLER.at(name))
+    refuse_contradiction(layer)
+    return layer
+
+
+class LensFile(FilePath):
+    """The path of a lens file, or @NAME of one that ships."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """The path of the file."""
+        return lens_path(super().convert(value, param, ctx), position_of(param))
+
+
+def _lens_options(names: Iterable[str]) -> list[Decorator]:
+    """Options of a lens, and the one of a lens file."""
+    text = (
+        'File of lens options, like focal-length = "50mm", or @NAME of one that ships '
+        "('defocus lenses'); what is given beside it wins. For 'render', also a folder of a file "
+        "for each picture, as 'defocus fit' writes it."
+    )
+    file = lens_option("--lens FILE.toml", text, LensFile(), into="lens_file", is_common=True)
+    return [*(param_option(LENS_OPTIONS[name]) for name in names), file]
+
+
+def opening_options() -> Decorator:
+    """Hand a command ``lens``: its opening and its photodiodes, and no more of a lens."""
+
+    def make(lens_file: Path | None, **values: Any) -> Lens:
+        stored = read_lens_file(lens_file) if lens_file else {}
+        shape = {name: each for name, each in stored.items() if name in SHAPES}
+        options = laid_over(shape, given_options(values, LENS_OPTIONS))
+        check_lens(options, CALLER, radii=True)
+        return lens_of(options)
+
+    return bundle("lens", make, _lens_options(OPENING))
+
+
+def reading_options(
+    are_of: Callable[[ReadingParam], bool] = lambda row: not row.of_render,
+) -> Decorator:
+    """Hand a command ``reading``: what to take from the input files, those of a lens file below.
+
+    `are_of`: whether a command has the option of a row.
+    """
+    rows = filter(are_of, READING_OPTIONS.values())
+    return bundle("reading", _asked_reading, list(map(param_option, rows)))
+
+
+def _asked_reading(**_: Any) -> Reading:
+    params = click.get_current_context().params
+    return reading_of(reading_in(params.get("lens_file")), given_options(params, READING_OPTIONS))
+
+
+@dataclass(frozen=True)
+class ShotOptions:
+    """The options of a shot beside its lens."""
+
+    frames: Layer  # which are wanted
+    together: SharedDecisions  # what the frames have in common
+    contact: int | None = None  # number of pictures on a contact sheet; None for no sheet
+
+    def choice(self, animation: Animation) -> FrameChoice:
+        """The frames that are wanted."""
+        return choice_of(self.frames, CALLER.at, animation.frames)
+
+
+def shot_options(command: Command) -> Command:
+    """Hand a command ``shot``."""
+    rows = (INPUT_OPTIONS["frames"], INPUT_OPTIONS["missing"], *SHOT_OPTIONS.values())
+    contact = option(
+        "--contact N",
+        "Also write N of the pictures, small, to OUT/contact.png.",
+        click.IntRange(min=1, max=400),
+        heading="Shot",
+    )
+
+    def make(contact: int | None, **values: Any) -> ShotOptions:
+        frames, together = (given_options(values, rows) for rows in (INPUT_OPTIONS, SHOT_OPTIONS))
+        return ShotOptions(frames, decisions_of(together), contact)
+
+    return bundle("shot", make, [*map(param_option, rows), contact])(command)
+
+
+def shot_lens_options(
+    *, required: bool, names: Iterable[str] = LENS_OPTIONS, moving: bool = True
+) -> Decorator:
+    """Hand a command ``lenses``: PictureLenses, or None if none are asked for nor required.
+
+    `names`: the options that show in what it makes; `moving`: whether it knows frames.
+    """
+    options = [
+        *_lens_options(names),
+        *map(param_option, ANIMATION_OPTIONS.values() if moving else ()),
+        lens_option(
+            "--lens-from-metadata",
+            "Take the lens from each colour file: OpenEXR's attributes, V-Ray's, or Exif; -v "
+            "says which. What is given beside it wins.",
+            into="metadata",
+        ),
+    ]
+
+    def make(
+        lens_file: Path | None,
+        metadata: bool,
+        animate: tuple[str, ...] = (),
+        interpolate: str | None = None,
+        **values: Any,
+    ) -> PictureLenses | None:
+        if interpolate is not None and not animate:
+            problem, remedy = "has no keys to go between", "add --animate FILE"
+            raise UsageProblem("idle-option", problem, remedy, field="interpolate")
+        given_options({"interpolate": interpolate}, ANIMATION_OPTIONS)
+        own = given_options(values, LENS_OPTIONS)
+        if not (required or own or animate or metadata or lens_file is not None):
+            return None
+        reading = _asked_reading()
+        lenses = PictureLenses(
+            own,
+            file=lens_file,
+            radii=reading.holds_radii,
+            animation=read_animation(animate, interpolate),
+            metadata=metadata,
+            metres=UNITS[reading.depth_unit or "m"],
+        )
+        try:
+            _ = lenses.fixed  # raises what is wrong before any picture is looked for
+        except UsageProblem as error:
+            if error.code != "missing-option":  # which may follow from the depth
+                raise
+        return lenses
+
+    return bundle("lenses", make, options)
+
+
+def others_options(command: Command) -> Command:
+    """Hand a command ``others``: by role, colour and depth of what belongs to each picture.
+
+    A plate may have no depth; a deep holdout and a matte have none.
+    """
+    rows = [INPUT_OPTIONS[name] for name in ("hidden", "over", "over-depth", "holdout", "matte")]
+    return bundle("others", _others, list(map(param_option, rows)))(command)
+
+
+def _others(**given: Any) -> dict[str, tuple[Path, Path | None]]:
+    below = given.pop("over_depth")
+    if given["over"] is None and below is not None:
+        raise UsageProblem(
+            "missing-option", "stands without --over", "give the plate", field="over-depth"
+        )
+    pairs = {"hidden": given.pop("hidden"), "over": given["over"] and (given.pop("over"), below)}
+    pairs |= {role: (path, None) for role, path in given.items() if path is not None}
+    return {role: pair for role, pair in pairs.items() if pair is not None}
+
+
+def output_options(command: Command) -> Command:
+    """Hand a command ``outputs``: what to write, and where."""
+    rows = [row for row in OUTPUT_OPTIONS.values() if row.only != "files"]
+    options = [
+        output_option(
+            "-o --out OUT",
+            "Directory to write to; or a file like picture.png, for one picture of one "
+            "kind alone, without a journal; one that defocus wrote is replaced.",
+            FilePath(),
+            into="root",
+            required=True,
+        ),
+        *map(param_option, rows),
+        output_option("--overwrite", "Render again and replace what is there.", is_common=True),
+    ]
+
+    def make(root: Path, overwrite: bool, **values: Any) -> Outputs:
+        given = given_options(values, OUTPUT_OPTIONS)
+        return outputs_of(given, Outputs(root, overwrite=overwrite), one_file=True)
+
+    return bundle("outputs", make, options)(command)
+
+
+def name_option(command: Command) -> Command:
+    """Hand a command ``name``: the template of the names of pictures, or None."""
+    text = (
+        "Names of the pictures, like '{stem}_{focus}', of "
+        f"{', '.join(FIELDS)}.  [default: {{stem}}, and {{stem}}_{{view}} of several views]"
+    )
+    return output_option("--name TEMPLATE", text)(command)
+
+
+def machine_options(*names: str) -> Decorator:
+    """Hand a command ``machine``: how to compute, by some of the options of a machine."""
+
+    def make(**values: Any) -> Machine:
+        given = fields_of(given_options(values, MACHINE_OPTIONS))
+        return Machine(**{"threads": cores(), **given})
+
+    return bundle("machine", make, [param_option(MACHINE_OPTIONS[name]) for name in names])
