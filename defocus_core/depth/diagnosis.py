@@ -305,6 +305,8 @@ def _with_wide_edges(
     wide = _repair(small, _found(small, infinity, 1)[0], infinity)
     if wide.soft_edges is None or wide.antialiased is not None:
         return repair
+    if repair.antialiased is not None:  # the ends of wide ramps look like averages
+        repair = repair._replace(antialiased=None, soft_edges=None)
     repair = repair._replace(wide_edges=wide.soft_edges)
     if repair.soft_edges is not None or wide.edge_width is None:
         return repair
