@@ -178,11 +178,11 @@ class Residual:
             for each in (modelled, observed)
         )
         i, j = torch.ones(degree + 1, degree + 1).triu().fliplr().nonzero().unbind(1)
-        base = torch.einsum("ih,jw->ijhw", *(_powers(n, degree) for n in size))[i, j]
+        base = torch.einsum("ih,jw->ijhw", *(_powers(n, degree) for n in size))[i, j].to(squares)
         normal = torch.einsum("ihw,jhw,vchw->vij", base, base, squares)
         right = torch.einsum("ihw,vchw->vi", base, products)
         ridge = 1e-9 * normal.diagonal(dim1=1, dim2=2).amax().clamp_min(1e-30)
-        ridges = ridge * torch.eye(len(base), dtype=normal.dtype)
+        ridges = ridge * torch.eye(len(base), dtype=normal.dtype, device=normal.device)
         factors = normal.new_zeros(len(modelled), degree + 1, degree + 1)
         factors[:, i, j] = torch.linalg.solve(normal + ridges, right)
         return factors.to(modelled.dtype)

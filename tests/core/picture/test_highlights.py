@@ -12,12 +12,12 @@ from image_files import save
 
 REAL = Path(__file__).parents[4] / "shared" / "real"
 # Files, their meaning, a lens, the share of pixels beyond the reach of lights, and of those that
-# may change by more than 1 / 255: in a street hidden surfaces are continued from such pixels.
+# may change by more than 1 / 255: hidden surfaces are continued from such pixels.
 PHOTOGRAPHS = {
     "hall": (
         ("clear.png", "estimated_depth.png", "--depth-kind", "depth", "--depth-range", "0.5m"),
         ("10m", "--focal-length", "50mm", "--fnumber", "1.4", "--focus", "0.8m"),
-        (0.6, 0.0),
+        (0.6, 5e-4),
     ),
     "street": (
         ("street_8_all-in-focus.jpg", "street_8_disparity.jpg", "--depth-kind", "disparity"),
