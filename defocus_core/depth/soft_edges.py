@@ -40,8 +40,8 @@ _FOOT, FOOT_FRACTION = 10, 0.3013
 _LONGEST, _AS_STEEP = 16, 2.0**-10
 # Px of radius by which a ramp goes on beyond the end of a path at most; no round number.
 _ONE_LEVEL = 0.9013
-# Longer side in px of a picture in which wide ramps are looked for.
-_REDUCED = 640
+# Longer side in px of a picture in which wide ramps are looked for, and its least shorter one.
+_REDUCED, _LEAST = 640, 32
 # Width in px of an edge of averages: depth that was filtered like colours, or resized.
 AVERAGED = 3
 
@@ -155,7 +155,7 @@ def without_wide_ramps(signed_radius: Pixels, steep: float, scale: DistanceScale
 
 def reduction(size: Sequence[int]) -> int:
     """How many times a picture (height, width) is as large as one whose ramps are all looked at."""
-    return max(1, max(size) // _REDUCED)
+    return max(1, min(max(size) // _REDUCED, min(size) // _LEAST))
 
 
 def reduced(signed_radius: Pixels, by: int) -> Tensor:
