@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -171,7 +170,10 @@ def read_color(
         extras=extras,
         pixel_aspect=_aspect(chosen.header),
         corner=(chosen.header.display.x0, chosen.header.display.y0),
-        data=reduce(Window.united, (header.data for header in headers)),
+        data=Window(
+            *(min(header.data[side] for header in headers) for side in (0, 1)),
+            *(max(header.data[side] for header in headers) for side in (2, 3)),
+        ),
         overscan=overscan,
         note=_exr_note(chosen, overscan),
         warnings=tuple(filter(None, [default_warning(every, view)])),
