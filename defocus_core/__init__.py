@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.batch.run_batch import run_batch as run_batch
     from defocus_core.batch.workers.run import Summary as Summary
     from defocus_core.compare.comparison import compare_images as compare_images
-    from defocus_core.compare.findings.finding import Finding as Finding
+    from defocus_core.compare.findings.table import Finding as Finding
     from defocus_core.compare.record import Comparison as Comparison
     from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
     from defocus_core.depth.distance_scale import (
@@ -121,7 +121,7 @@ _GROUPS = {
     "comparison": {
         "compare.comparison": "compare_images",
         "compare.record": "Comparison",
-        "compare.findings.finding": "Finding",
+        "compare.findings.table": "Finding",
     },
     "metrics and laws": {
         "evaluation": "baselines metrics",

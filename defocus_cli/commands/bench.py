@@ -15,7 +15,7 @@ from defocus_cli.words import console
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.bench import tables
 from defocus_core.bench.error import BASELINES, Row, measure_shot
-from defocus_core.bench.launches import counted, names, table, with_table
+from defocus_core.bench.launches import counted, line, names, with_table
 from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
@@ -158,9 +158,9 @@ def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:
     cases = []
     for name in names():
         cases.append(counted(name))
-        echo(list(table(cases))[-1])
+        echo(line(cases[-1]))
     with written_whole(path) as file:
-        file.write(with_table(text, list(table(cases)), path).encode())
+        file.write(with_table(text, cases, path).encode())
     return {
         "rows": [
             {"case": name, "alone": alone._asdict(), "left_right": pair._asdict()}
@@ -186,8 +186,8 @@ def _errors(
             rows.append(row)
             mark = " !" if tables.losses(row, rows) else ""
             echo(tables.line(tables.record(row), tables.ERRORS) + mark)
-    for line in tables.summary_lines(rows):
-        echo(line)
+    for words in tables.summary_lines(rows):
+        echo(words)
     settings = {"truth": str(truth), "device": device, "threads": threads}
     return {**settings, **tables.error_document(rows)}
 

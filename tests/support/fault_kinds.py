@@ -17,7 +17,7 @@ import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 from planted_faults import blurred, doubled, halved, through_disc, warped
 
 from defocus_core.compare.comparison import compare_pictures
-from defocus_core.compare.findings.finding import is_place
+from defocus_core.compare.findings.table import is_place
 from defocus_core.compare.picture import DecodedPicture
 from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.thresholds import PRESETS

@@ -11,7 +11,7 @@ import pytest
 from planted_faults import compared
 
 from defocus_core.compare.findings import table
-from defocus_core.compare.findings.finding import is_place
+from defocus_core.compare.findings.table import is_place
 from defocus_core.compare.thresholds import PRESETS
 
 # Say how light moved, or that two causes tie, or that it is slight: no cause is claimed.
