@@ -34,9 +34,9 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.errors import UsageProblem as UsageProblem
     from defocus_core.evaluation import baselines as baselines
     from defocus_core.evaluation import metrics as metrics
-    from defocus_core.evaluation.law_probes import Check as Check
-    from defocus_core.evaluation.law_probes import LawSetting as LawSetting
     from defocus_core.evaluation.lens_laws import LAWS as LAWS
+    from defocus_core.evaluation.lens_laws import Check as Check
+    from defocus_core.evaluation.lens_laws import LawSetting as LawSetting
     from defocus_core.evaluation.lens_laws import verify as verify
     from defocus_core.evaluation.metrics import Errors as Errors
     from defocus_core.fitting.pair import Fit as Fit
@@ -126,8 +126,7 @@ _GROUPS = {
     "metrics and laws": {
         "evaluation": "baselines metrics",
         "evaluation.metrics": "Errors",
-        "evaluation.law_probes": "Check LawSetting",
-        "evaluation.lens_laws": "LAWS verify",
+        "evaluation.lens_laws": "Check LawSetting LAWS verify",
     },
 }
 _MODULE_OF = {
