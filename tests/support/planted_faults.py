@@ -610,6 +610,7 @@ KINDS: dict[str, Kind] = {
     "blades": Kind(
         _BOKEH,
         of_render(lambda s: {"aperture": Aperture(blades=5 + int(2 * s), rotation=15 * s)}),
+        ("another CoC",),
     ),
     "moved while open": Kind(
         ("motion blur", *_FRAME),
@@ -633,7 +634,9 @@ KINDS: dict[str, Kind] = {
     "brighter tile": _light(
         ("in one region",), within(lambda m, s: m.light * (1 + _between(0.01, 0.5)(s))), _REGION
     ),
-    "a block of another place": _light(("in one region", "tiles exchanged"), _covered),
+    "a block of another place": _light(
+        ("in one region", "tiles exchanged"), _covered, ("overlay",)
+    ),
     "grey object": _light(
         _REGION,
         lambda m, s: (
@@ -877,7 +880,6 @@ BENIGN: dict[str, Kind] = {
     "threads": Kind((), of_render(lambda s: {"threads": 2}), dtype="float32"),
     "tiles": Kind((), of_render(lambda s: {"tile": 64}), dtype="float32"),
     "minus zero": _light((), lambda m, s: np.where(m.light == 0, np.float32(-0.0), m.light)),
-    "JPEG of 97": _shown((), lambda m, s: _jpeg(m.shown, 97, "4:4:4")),
     "last step": _shown(
         (), lambda m, s: m.shown + (m.rng.random(m.shown.shape) < 0.02) / np.float32(255)
     ),

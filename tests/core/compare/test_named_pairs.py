@@ -11,9 +11,8 @@ from defocus_core.compare.findings import table
 
 @pytest.mark.bench
 @pytest.mark.parametrize("scene", ["spheres", "lights", "leaves"])
-def test_at_most_one_benign_pair_fails(scene):
-    failed = [kind for kind, row in BENIGN.items() if not pair(row, scene, 0.5, 0).passes]
-    assert len(failed) <= 1, failed
+def test_no_benign_pair_fails(scene):
+    assert [kind for kind, row in BENIGN.items() if not pair(row, scene, 0.5, 0).passes] == []
 
 
 def test_the_help_has_the_rows_of_the_table():
@@ -45,6 +44,6 @@ def test_kinds_of_faults_are_named_from_barely_visible_to_strong():
             scene = scenes[(3 * k + number) % len(scenes)]
             counts[judged(row, pair(row, scene, (k + 0.5) / 20, k))[0]] += 1
     print({verdict: f"{count / counts.total():.1%}" for verdict, count in counts.items()})  # noqa: T201
-    assert counts["right"] >= 0.93 * counts.total()
-    assert counts["wrong"] <= 0.02 * counts.total()
+    assert counts["right"] >= 0.92 * counts.total()
+    assert counts["wrong"] <= 0.03 * counts.total()
     assert not counts["silent"]
