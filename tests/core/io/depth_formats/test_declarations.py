@@ -1,7 +1,5 @@
 """What a user says of a depth file decides its depth; what nobody says is asked for by name."""
 
-from __future__ import annotations
-
 import math
 import sys
 from zipfile import ZipFile

@@ -1,7 +1,5 @@
 """Deep samples of every compression are those that were written; promises are counted first."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np
