@@ -16,12 +16,8 @@ if TYPE_CHECKING:
     from defocus_core.io.array_files import ArrayEntry
 
 # Bytes of a number of each type, as the parts of a file name it.
-SAMPLE_BYTES = {
-    **dict.fromkeys(("uint8", "int8"), 1),
-    **dict.fromkeys(("uint16", "int16", "half", "float16"), 2),
-    **dict.fromkeys(("uint", "uint32", "int32", "float", "float32"), 4),
-    **dict.fromkeys(("uint64", "int64", "double", "float64"), 8),
-}
+SAMPLE_BYTES = {"half": 2, "uint": 4, "float": 4, "double": 8}
+SAMPLE_BYTES |= {f"{kind}{8 * n}": n for kind in ("uint", "int", "float") for n in (1, 2, 4, 8)}
 # A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
 MOST_NUMBERS, NUMBERS_OF_A_BYTE = 2**26, 32
 
