@@ -27,13 +27,13 @@ from defocus_core.system.process import cores
 _time_option = partial(option, heading="Time")
 
 _QUALITIES = ("draft", "standard", "high")
-# By the name of the parameter; options in neither go with both.
-_ERRORS_ALONE = {"truth": "--truth"}
-_TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii"}
-_NOT_COUNTED = {
-    **{"timing": "--time", "qualities": "--quality", "threads": "--threads", "device": "--device"},
-    **_ERRORS_ALONE,
-    **_TIMES_ALONE,
+_TIMED = {"sizes": "--sizes", "radii": "--radii"}
+_COUNTED = {"timing": "--time", "qualities": "--quality", "threads": "--threads"}
+# What means nothing with an option, or without --time: parameters, as they are given.
+_IDLE = {
+    "without --time": _TIMED,
+    "with --time": {"truth": "--truth"},
+    "with --launches": {"truth": "--truth", "device": "--device", **_TIMED, **_COUNTED},
 }
 _LONGEST = 1 << 15  # px on a side
 
@@ -124,7 +124,11 @@ def command(
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
       defocus bench --launches defocus_cli/help/quality.md
     """  # noqa: D301  click reads the backspace
-    _refuse_others(ctx, timing=timing, counting=launches is not None)
+    mode = "with --launches" if launches else "with --time" if timing else "without --time"
+    for name, place in _IDLE[mode].items():
+        if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            remedy = "leave one of them out" if mode.startswith("with ") else "add --time"
+            raise UsageProblem("contradiction", f"has no effect {mode}", remedy, path=place)
     echo = console.stderr if as_json else console.stdout
     if launches is not None:
         document = _launches(launches, echo)
@@ -135,18 +139,6 @@ def command(
         document = _errors(truth, qualities or _QUALITIES, device, threads, echo)
     if as_json:
         console.print_json(**document)
-
-
-def _refuse_others(ctx: click.Context, *, timing: bool, counting: bool) -> None:
-    """Refuse options that would mean nothing."""
-    problem, remedy = "has no effect without --time", "add --time"
-    others = _TIMES_ALONE
-    if timing or counting:
-        mode, others = ("--launches", _NOT_COUNTED) if counting else ("--time", _ERRORS_ALONE)
-        problem, remedy = f"has no effect with {mode}", "leave one of them out"
-    for name, place in others.items():
-        if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            raise UsageProblem("contradiction", problem, remedy, path=place)
 
 
 def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:
@@ -169,11 +161,7 @@ def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _errors(
-    truth: Path,
-    qualities: Sequence[str],
-    device: str,
-    threads: int,
-    echo: Callable[[str], None],
+    truth: Path, qualities: Sequence[str], device: str, threads: int, echo: Callable[[str], None]
 ) -> dict[str, Any]:
     """Measure all shots of a set, by each baseline and each quality: the document."""
     shots, methods = find_shots(truth), (*error.BASELINES, *qualities)
@@ -206,7 +194,6 @@ def _times(
     for case in cases(sizes, radii, qualities):
         cost = time_case(case, device=device, threads=threads)
         rows.append(error.time_record(case, cost))
-        width, height = case.size
-        shown = {"size": f"{width}x{height}", "radius": f"{case.radius:g}"}
+        shown = {"size": "{}x{}".format(*case.size), "radius": f"{case.radius:g}"}
         echo(error.line(rows[-1] | shown, error.TIMES))
     return {"device": device, "threads": threads, "rows": rows}
