@@ -27,14 +27,12 @@ from defocus_core.system.process import cores
 _time_option = partial(option, heading="Time")
 
 _QUALITIES = ("draft", "standard", "high")
-_TIMED = {"sizes": "--sizes", "radii": "--radii"}
-_COUNTED = {"timing": "--time", "qualities": "--quality", "threads": "--threads"}
-# What means nothing with an option, or without --time: parameters, as they are given.
-_IDLE = {
-    "without --time": _TIMED,
-    "with --time": {"truth": "--truth"},
-    "with --launches": {"truth": "--truth", "device": "--device", **_TIMED, **_COUNTED},
+# Options by the name of the parameter, and which mean nothing to each way to measure.
+_NAMES = {
+    **{"timing": "--time", "qualities": "--quality", "threads": "--threads", "device": "--device"},
+    **{"truth": "--truth", "sizes": "--sizes", "radii": "--radii"},
 }
+_IDLE = {"": ("sizes", "radii"), "--time": ("truth",), "--launches": tuple(_NAMES)}
 _LONGEST = 1 << 15  # px on a side
 
 
@@ -124,11 +122,7 @@ def command(
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
       defocus bench --launches defocus_cli/help/quality.md
     """  # noqa: D301  click reads the backspace
-    mode = "with --launches" if launches else "with --time" if timing else "without --time"
-    for name, place in _IDLE[mode].items():
-        if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            remedy = "leave one of them out" if mode.startswith("with ") else "add --time"
-            raise UsageProblem("contradiction", f"has no effect {mode}", remedy, path=place)
+    _refuse_others(ctx, "--launches" if launches is not None else "--time" if timing else "")
     echo = console.stderr if as_json else console.stdout
     if launches is not None:
         document = _launches(launches, echo)
@@ -139,6 +133,16 @@ def command(
         document = _errors(truth, qualities or _QUALITIES, device, threads, echo)
     if as_json:
         console.print_json(**document)
+
+
+def _refuse_others(ctx: click.Context, mode: str) -> None:
+    """Refuse options that would mean nothing."""
+    problem, remedy = f"has no effect with {mode}", "leave one of them out"
+    if not mode:
+        problem, remedy = "has no effect without --time", "add --time"
+    for name in _IDLE[mode]:
+        if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
+            raise UsageProblem("contradiction", problem, remedy, path=_NAMES[name])
 
 
 def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:
@@ -161,7 +165,11 @@ def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:
 
 
 def _errors(
-    truth: Path, qualities: Sequence[str], device: str, threads: int, echo: Callable[[str], None]
+    truth: Path,
+    qualities: Sequence[str],
+    device: str,
+    threads: int,
+    echo: Callable[[str], None],
 ) -> dict[str, Any]:
     """Measure all shots of a set, by each baseline and each quality: the document."""
     shots, methods = find_shots(truth), (*error.BASELINES, *qualities)
@@ -194,6 +202,7 @@ def _times(
     for case in cases(sizes, radii, qualities):
         cost = time_case(case, device=device, threads=threads)
         rows.append(error.time_record(case, cost))
-        shown = {"size": "{}x{}".format(*case.size), "radius": f"{case.radius:g}"}
+        width, height = case.size
+        shown = {"size": f"{width}x{height}", "radius": f"{case.radius:g}"}
         echo(error.line(rows[-1] | shown, error.TIMES))
     return {"device": device, "threads": threads, "rows": rows}
