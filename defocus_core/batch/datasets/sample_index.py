@@ -28,7 +28,7 @@ from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.batch.journal.runs import INDEX
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
-from defocus_core.picture.measures import MEASURES
+from defocus_core.picture.take import MEASURES
 from defocus_core.request.job import FRAME_ROLE
 from defocus_core.request.lens import EFFECTS
 from defocus_core.request.origin import Origin

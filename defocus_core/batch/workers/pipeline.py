@@ -26,10 +26,8 @@ from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.record import Failed, Stamp, Taken, failure
 from defocus_core.batch.workers.plan import Chunk, Done
 from defocus_core.picture import plain_path
-from defocus_core.picture.measures import measures
 from defocus_core.picture.memory_budget import Gate
-from defocus_core.picture.repair_words import repair_record
-from defocus_core.picture.take import Inputs, Take
+from defocus_core.picture.take import Inputs, Take, measures, repair_record
 from defocus_core.request.job import Job
 from defocus_core.request.lens import lens_record
 from defocus_core.request.parameters import LENS_FILES
