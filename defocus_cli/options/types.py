@@ -128,11 +128,10 @@ class GroupedCommand(click.Command):
             error.ctx = error.ctx or ctx  # which click forgets where a value is missing
             raise
         bundles = () if ctx.resilient_parsing else getattr(self.callback, "bundles", ())
-        made = {
-            name: make(**{key: ctx.params[key] for key in keys}) for name, make, keys in bundles
-        }
-        taken = {key for _, _, keys in bundles for key in keys}
-        ctx.params = {name: value for name, value in ctx.params.items() if name not in taken} | made
+        given = dict(ctx.params)
+        for name, make, keys in bundles:
+            given[name] = make(**{key: given.pop(key) for key in keys})
+        ctx.params = given
         return rest
 
     def _spelled_out(self, args: list[str]) -> list[str]:
