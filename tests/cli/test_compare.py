@@ -1,7 +1,5 @@
 """``defocus compare``: exit codes, what is compared, and what is reported."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """``defocus compare`` of two finished batches: recipes first, then pixels, sample by sample."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """``defocus golden``: accepted pictures are kept and checked."""
 
-from __future__ import annotations
-
 import json
 import shutil
 

@@ -1,7 +1,5 @@
 """What ``defocus render`` tells people and scripts, and when it keeps quiet."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from contextlib import redirect_stderr

@@ -1,7 +1,5 @@
 """Whatever stops a run, kill -9 and Ctrl-C, the same command goes on where it was."""
 
-from __future__ import annotations
-
 import json
 import signal
 import subprocess
@@ -74,7 +72,6 @@ def started(*args, slow, step="plain_path.compute"):
     words = [sys.executable, "-c", script, "render", *map(str, args), "--outputs", "coc", *LENS]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
     process = subprocess.Popen(words, text=True, **pipes)
-    assert process.stdout is not None
     assert process.stdout.readline() == "up\n"
     return process
 
@@ -97,7 +94,6 @@ def test_ctrl_c_finishes_what_was_begun_and_the_rest_is_left(folders, out):
 
 def test_ctrl_c_again_stops_at_once(folders, out):
     process = started(*folders, "-o", out, slow=30)
-    assert process.stderr is not None
     process.send_signal(signal.SIGINT)
     assert "press Ctrl-C again" in process.stderr.readline()
     process.send_signal(signal.SIGINT)
@@ -110,7 +106,6 @@ def test_ctrl_c_again_stops_at_once(folders, out):
 def test_the_system_ends_a_run_which_leaves_nothing_half_written(name, folders, out):
     process = started(*folders, "-o", out, slow=0.3, step="os.replace")
     number = signal.Signals[name]
-    assert process.stdout is not None
     process.stdout.readline()  # the first was the run's own note
     process.send_signal(number)
     process.send_signal(number)

@@ -1,7 +1,5 @@
 """Workers that render nothing and start at once; some jobs are bad for them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -1,7 +1,5 @@
 """What is accepted appears whole, and nothing outside of the folder is touched."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Depth files: which channel, in which unit, where is sky, where is nothing."""
 
-from __future__ import annotations
-
 from io import BytesIO
 from pathlib import Path
 from typing import Any

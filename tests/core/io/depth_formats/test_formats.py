@@ -1,7 +1,5 @@
 """Each depth format decodes a file that its own rules wrote: no flip, sky far, holes invalid."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """OpenEXR files: native in, native out, and nothing damaged gets through unnoticed."""
 
-from __future__ import annotations
-
 import struct
 from contextlib import suppress
 from itertools import product

@@ -1,7 +1,5 @@
 """Colour files: what they hold, in linear light, premultiplied."""
 
-from __future__ import annotations
-
 import struct
 import zlib
 from pathlib import Path

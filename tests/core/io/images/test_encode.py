@@ -1,7 +1,5 @@
 """Written files: whole or absent, the same bytes again, and back to the same pixels."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Small files that claim large pictures are refused before they take memory, or take little."""
 
-from __future__ import annotations
-
 import tracemalloc
 import zipfile
 from typing import Any

@@ -1,7 +1,5 @@
 """The command that renders a sample again says all of its lens, with all digits."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 

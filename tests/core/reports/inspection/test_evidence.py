@@ -1,7 +1,5 @@
 """``defocus info`` names formats that the evidence fits, and what is wrong of a pair."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from command_line import ramp, run, write_exr
