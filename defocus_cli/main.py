@@ -13,6 +13,7 @@ import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from errno import ENOSPC
+from typing import Any
 
 import click
 
@@ -57,8 +58,19 @@ COMMANDS = {
 }
 
 
+class Interruptible(click.Context):
+    """The context of a command line that Ctrl-C ends; click would answer an empty line first."""
+
+    def __exit__(self, kind: type[BaseException] | None, *of: Any) -> None:
+        super().__exit__(kind, *of)
+        if kind is KeyboardInterrupt:
+            raise Interrupted("interrupted; pictures that were finished are kept") from None
+
+
 class LazyGroup(click.Group):
     """A group whose commands are modules of ``defocus_cli.commands``, imported when asked for."""
+
+    context_class = Interruptible
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the commands, in the order help shows them."""
@@ -86,13 +98,6 @@ class LazyGroup(click.Group):
             remedy = did_you_mean(args[0], tuple(COMMANDS), "see 'defocus --help'")
             raise UsageProblem("unknown-name", "no such command", remedy, path=args[0])
         return super().resolve_command(ctx, args)
-
-    def invoke(self, ctx: click.Context) -> object:
-        """Run the command asked for; click would answer Ctrl-C with an empty line first."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise Interrupted("interrupted; pictures that were finished are kept") from None
 
 
 @click.group(

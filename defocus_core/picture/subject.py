@@ -179,7 +179,7 @@ def with_blur_and_focus(
 
     `whole_subject`: whether all of its surface is sharp, where no lens file is given.
     """
-    if len(pictures) != 1 or pictures[0].frame is not None or lenses.varies or lenses.radii:
+    if len(pictures) != 1 or pictures[0].frame is not None or lenses.is_complete:
         return lenses
     picture = pictures[0]
     given = lenses.options

@@ -31,10 +31,8 @@ from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.pair import read as read_both
-from defocus_core.picture.radii import radii_of, signed_radius
-from defocus_core.picture.repair_words import repair_record, repair_words
-from defocus_core.picture.steps.implausible import of_radii
-from defocus_core.picture.take import InputPair
+from defocus_core.picture.radii import of_radii, radii_of, signed_radius
+from defocus_core.picture.take import InputPair, repair_record, repair_words
 from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
