@@ -103,12 +103,10 @@ def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
 def summary_lines(summary: Summary) -> Iterator[str]:
     """Counts, reasons and speed of a batch that ended, in words; then its commonest warnings."""
     counts = Counter(summary.statuses)
-    parts = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
-    if summary.skipped:
-        parts.append(f"{summary.skipped} done before")
-    if summary.left:
-        parts.append(f"{summary.left} left")
-    line = f"{counted(summary.jobs, 'job')}: {', '.join(parts) or 'nothing to do'}"
+    ends = {word: counts[status] for status, word in _WORDS.items()}
+    ends |= {"done before": summary.skipped, "left": summary.left}
+    parts = ", ".join(f"{count} {word}" for word, count in ends.items() if count)
+    line = f"{counted(summary.jobs, 'job')}: {parts or 'nothing to do'}"
     if summary.reasons:
         line += f" ({reasons_words(summary.reasons)})"
     if summary.warned:
@@ -141,7 +139,12 @@ def reasons_words(reasons: Mapping[str, int]) -> str:
 
 def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> dict[str, Any]:
     """A run that ended, for JSON: counts, reasons, time, its pictures, the error of a lone one."""
-    ended = (report.records.get(job.sample_id) for job in jobs)
+    ended, error = (report.records.get(job.sample_id) for job in jobs), summary.error
+    told = {}
+    if error is not None:  # as of a command that has no result
+        line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
+        exit_code = console.exit_code_of(error)
+        told = {"error": {"message": line, "exit_code": exit_code, "code": code}}
     return {
         "dry_run": False,
         "jobs": summary.jobs,
@@ -156,17 +159,8 @@ def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> di
         "seconds": summary.seconds,
         "interrupted": summary.interrupted,
         "pictures": [record for record in ended if record is not None],
-        **_error_record(summary),
+        **told,
     }
-
-
-def _error_record(summary: Summary) -> dict[str, Any]:
-    """The error that ended a lone picture, as of a command that has no result."""
-    error = summary.error
-    if error is None:
-        return {}
-    line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
-    return {"error": {"message": line, "exit_code": console.exit_code_of(error), "code": code}}
 
 
 def progress_lines(out: Path, state: Progress) -> Iterator[str]:

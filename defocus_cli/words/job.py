@@ -44,6 +44,7 @@ def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> di
     """A job that ended, for JSON: its plan, and the fields of its record."""
     end, taken = record.end, record.taken
     told = {name: getattr(taken, name, None) for name in _OF_PICTURES}
+    seconds = {} if taken is None else taken.seconds
     return {
         **job_record(job),
         **{"status": end.status, "reason": end.reason, "message": end.message},
@@ -51,8 +52,8 @@ def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> di
         **told,
         "lens": lens_record(job.lens) if taken is None else taken.lens,
         "done_before": done_before,
-        "render_seconds": None if taken is None else taken.seconds.get("render"),
-        "render_cpu_seconds": None if taken is None else taken.seconds.get("cpu"),
+        "render_seconds": seconds.get("render"),
+        "render_cpu_seconds": seconds.get("cpu"),
         "stats": {} if taken is None else dict(taken.stats),
     }
 
@@ -75,17 +76,16 @@ def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
     )
     for warning in end.warnings:
         yield f"{job.sample_id}: warning: {warning}"
-    if verbose:
-        yield f"  colour: {end.color_note}"
-        yield f"  depth: {end.depth_note}"
-        yield (
-            f"  {end.device}, {counted(job.machine.threads, 'thread')}, {record.quality}, "
-            f"{end.seconds['cpu']:.2f} CPU s"
-        )
-        if "scratch_mb" in end.stats:
-            yield f"  {end.stats['scratch_mb']:.0f} MB of scratch in {scratch_folder()}"
-    counts = {name: count for name, count in end.stats.items() if name != "scratch_mb"}
-    if verbose and counts:
+    if not verbose:
+        return
+    yield f"  colour: {end.color_note}"
+    yield f"  depth: {end.depth_note}"
+    threads = counted(job.machine.threads, "thread")
+    yield f"  {end.device}, {threads}, {record.quality}, {end.seconds['cpu']:.2f} CPU s"
+    counts = dict(end.stats)
+    if (scratch := counts.pop("scratch_mb", None)) is not None:
+        yield f"  {scratch:.0f} MB of scratch in {scratch_folder()}"
+    if counts:
         yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
 
 
