@@ -146,7 +146,9 @@ def _colors_over(a: NDArray[Any], change: NDArray[Any]) -> Iterator[tuple[Any, f
         return np.asarray((change * toward).sum(axis=0) / squares)
 
     power = np.square(change).sum(axis=0)
-    strong = power >= np.quantile(power, 0.6)
+    strong = power > np.quantile(power, 0.6)
+    if np.count_nonzero(strong) < 12:
+        return
     # The point that is nearest to all lines through A along the change.
     lines, points, weights = change[:, strong], a[:, strong], power[strong]
     matrix = np.eye(len(a)) * weights.sum() - lines @ lines.T
