@@ -17,7 +17,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.types import option, option_name
+from defocus_cli.options.shared import option, option_name
 from defocus_cli.words.console import Due, log_to_stderr, print_json, write_stderr
 from defocus_cli.words.endings import Interrupted, exit_code_of
 from defocus_core.errors import (
