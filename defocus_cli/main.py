@@ -18,8 +18,14 @@ from typing import Any
 import click
 
 from defocus_cli.options.shared import option, option_name
-from defocus_cli.words.console import Due, log_to_stderr, print_json, write_stderr
-from defocus_cli.words.endings import Interrupted, exit_code_of
+from defocus_cli.words.console import (
+    Due,
+    Interrupted,
+    exit_code_of,
+    log_to_stderr,
+    print_json,
+    write_stderr,
+)
 from defocus_core.errors import (
     DefocusError,
     UsageProblem,
@@ -94,26 +100,14 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
 
-def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        click.echo(f"defocus {versions()}")
-        ctx.exit()
-
-
 @click.group(
     cls=LazyGroup,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@option(
-    "--version",
-    "Print the versions of defocus and of its renderer.",
-    is_eager=True,
-    expose_value=False,
-    callback=_print_version,
-)
+@option("--version", "Print the versions of defocus and of its renderer.", into="wants_version")
 @click.pass_context
-def cli(ctx: click.Context) -> None:
+def cli(ctx: click.Context, wants_version: bool) -> None:
     """Defocus pictures as a lens would, from colour and depth.
 
     \b
@@ -121,6 +115,9 @@ def cli(ctx: click.Context) -> None:
       defocus render photo.png depth.png -o out --focal-length 50mm --fnumber 1.4 --focus 2m
       defocus info scene.exr
     """  # noqa: D301  click reads the backspace
+    if wants_version:
+        click.echo(f"defocus {versions()}")
+        ctx.exit()
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
 

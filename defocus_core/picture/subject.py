@@ -270,4 +270,4 @@ def is_relative(path: Path, reading: DepthReading) -> bool:
     if holds_gdepth(path):
         return "Units" not in read_gdepth(path).metadata
     part = choose_page(path, describe(path).parts, reading.part)
-    return all(kind in ("uint8", "uint16") for _, kind in part.channels)
+    return all(channel.type in ("uint8", "uint16") for channel in part.channels)
