@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from batches import JOBS, contents, jobs_file, make_believe, records, without_times
-from command_line import Terminal, depth_exr, files_under, hidden_in, ramp, refused, run, succeed
+from command_line import depth_exr, files_under, hidden_in, ramp, refused, run, succeed
 from counting import calls
 
 from defocus_cli.main import main
@@ -206,14 +206,6 @@ def test_rejected_jobs_are_no_failure_and_not_tried_again(tmp_path, out):
     assert len(records(out)) == 8
 
 
-def test_json_has_each_picture_as_it_ended_or_was_done_before(tmp_path, out):
-    path = jobs_file(tmp_path)
-    for done in (False, True):
-        told = run("batch", path, "-o", out, "--json").json
-        found = [(p["stem"], p["status"], p["done_before"]) for p in told["pictures"]]
-        assert found == [(name, "ok", done) for name in NAMES]
-
-
 def test_a_dry_run_of_what_would_be_rejected_is_no_failure(tmp_path, out):
     ran = succeed("batch", jobs_file(tmp_path, text=REJECTING), "-o", out, "--dry-run")
     assert "4 of 4 that were looked at would not be done" in ran.out
@@ -291,10 +283,6 @@ def test_shards_hold_what_the_index_lists_without_being_asked_for_again(tmp_path
     (tar.parent / "shards.json").unlink()
     ran = run("batch", path, "-o", out)
     assert f"{tar.parent}: warning: may hold other samples than metadata.jsonl; --sh" in ran.err
-
-
-def test_a_bar_counts_the_jobs_on_a_terminal(tmp_path, out):
-    assert "/4 [" in run("batch", jobs_file(tmp_path), "-o", out, err=Terminal()).err
 
 
 def test_a_scheduler_that_is_none_is_refused(tmp_path, out, monkeypatch):

@@ -421,7 +421,3 @@ def test_torch_is_not_loaded(a, b, tmp_path):
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert ran.returncode == 1, ran.stderr
     assert json.loads(ran.stdout)["same"] is False
-
-
-def test_options_may_stand_between_the_files(a, b):
-    assert run("compare", a, "--fail", "share>0.5%", "--over", "0.3", b).code == 0

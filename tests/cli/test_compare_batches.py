@@ -138,13 +138,3 @@ def test_torch_is_not_loaded_for_batches(made):
         f"code = main({words!r}); sys.exit(code + 10 * ('torch' in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_the_number_of_threads_changes_nothing(made, tmp_path):
-    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--exr-type", "float")
-    files = (made[0] / "rgb" / "a.exr", made[0] / "z" / "a.exr")
-    for threads in "12":
-        out = tmp_path / threads
-        assert run("render", *files, *lens, "-o", out, "--threads", threads).code == 0
-    ran = run("compare", tmp_path / "1", tmp_path / "2")
-    assert (ran.code, ran.out.splitlines()[-1]) == (0, "1 pair: 1 same")

@@ -59,15 +59,6 @@ def test_telescopes_have_a_coc_too(tmp_path):
     np.testing.assert_allclose(radius, -39 / ramp() / (2 * PITCH), rtol=1e-6)
 
 
-def test_directories_are_rendered_pair_by_pair(tmp_path):
-    for stem in ("b", "a"):
-        color, depth = pair(tmp_path, stem)
-    ran = render(color.parent, depth.parent, "-o", tmp_path / "out", "--json")
-    assert files_under(tmp_path / "out") == {"render/a.exr", "render/b.exr"}
-    assert [picture["stem"] for picture in ran.json["pictures"]] == ["a", "b"]
-    assert [line.split(":")[0] for line in ran.err.splitlines()] == ["a", "b"]
-
-
 def scene_exr(path):
     rgb = texture()
     ids = np.arange(WIDTH * HEIGHT, dtype=np.uint32).reshape(HEIGHT, WIDTH)
@@ -132,12 +123,6 @@ def test_the_format_is_that_of_images_and_maps_stay_exr(tmp_path, name, suffix):
     assert record["size"] == [WIDTH, HEIGHT]
     bits = "uint16" if name in ("png16", "tif") else "uint8"
     assert set(record["parts"][0]["channels"].values()) == {bits}
-
-
-def test_image_exrs_are_half_unless_float_is_asked_for(tmp_path):
-    for name, dtype in (("half", np.float16), ("float", np.float32)):
-        render(*pair(tmp_path), "-o", tmp_path / name, "--exr-type", name)
-        assert read_exr(tmp_path / name / "render" / "a.exr")["R"].dtype == dtype
 
 
 def codec(path):
@@ -209,17 +194,6 @@ def test_a_lens_file_is_as_good_as_flags(tmp_path):
     photograph(*files, "-o", tmp_path / "flags")
     one, other = (tmp_path / name / "render" / "a.exr" for name in ("file", "flags"))
     assert one.read_bytes() == other.read_bytes()
-
-
-def test_a_failing_picture_does_not_stop_the_others(tmp_path):
-    for stem in ("a", "b", "c"):
-        color, depth = pair(tmp_path, stem)
-    depth_exr(depth.parent / "b.exr", -ramp())
-    ran = render(color.parent, depth.parent, "-o", tmp_path / "out")
-    assert ran.code == 1
-    assert f"defocus: {depth.parent / 'b.exr'}: " in ran.err
-    assert ran.err.splitlines()[-1].startswith("defocus: 1 of 3 jobs failed (input-unusable 1); ")
-    assert files_under(tmp_path / "out") == {"render/a.exr", "render/c.exr"}
 
 
 HEAVY = ("torch", "OpenEXR", "OpenImageIO")

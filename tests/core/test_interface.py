@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from command_line import HEIGHT, WIDTH, color_exr, depth_exr, pair, ramp, run, texture
+from command_line import HEIGHT, WIDTH, color_exr, pair, ramp, run, texture
 from refusals import refuses
 
 import defocus_core
@@ -106,14 +106,6 @@ def test_files_are_read_and_compared_without_torch(tmp_path):
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ran.stdout == "False\n"
-
-
-def test_depth_is_an_array_of_metres(tmp_path):
-    depth = read_depth(depth_exr(tmp_path / "z.exr"))
-    assert depth.metres.dtype == np.float32
-    np.testing.assert_array_equal(depth.metres, ramp())
-    feet = read_depth(tmp_path / "z.exr", unit="ft")
-    np.testing.assert_allclose(feet.metres, 0.3048 * ramp(), rtol=1e-6)
 
 
 @pytest.mark.parametrize("suffix", ["exr", "tif"])

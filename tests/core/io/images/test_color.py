@@ -201,13 +201,6 @@ def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path):
         read_color(path, layer="beauty")
 
 
-def test_the_default_layer_needs_no_choice(tmp_path):
-    path = layered(tmp_path / "a.exr", "diffuse", "")
-    np.testing.assert_array_equal(
-        read_color(path).pixels[..., 0], random_planes("R", seed=1)["R"].astype(np.float32)
-    )
-
-
 def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path):
     left, right = random_planes("RGB", seed=0), random_planes("RGB", seed=1)
     path = multi_part(tmp_path / "a.exr", left=dict(left), right=dict(right))
@@ -224,17 +217,10 @@ def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path):
         read_color(path, part=2)
 
 
-@pytest.mark.parametrize("names", ["Z", "XYZ", "RG"])
+@pytest.mark.parametrize("names", ["Z", "XYZ", "RG", ("RY", "Y")])  # chroma is no colour alone
 def test_no_colour_names_the_channels_there_are(tmp_path, names):
     write_exr(tmp_path / "a.exr", random_planes(names), {})
     with refuses("no-color", f"only {', '.join(sorted(names))}"):
-        read_color(tmp_path / "a.exr")
-
-
-def test_lone_chroma_is_not_taken_for_colour(tmp_path):
-    planes = random_planes("Y")
-    write_exr(tmp_path / "a.exr", {**planes, "RY": planes["Y"]}, {})
-    with refuses("no-color"):
         read_color(tmp_path / "a.exr")
 
 
