@@ -13,9 +13,8 @@ from defocus_cli.options import shared
 from defocus_cli.options.types import FilePath, GroupedCommand, option
 from defocus_cli.words import console
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.bench import tables
-from defocus_core.bench.error import BASELINES, Row, measure_shot
-from defocus_core.bench.launches import counted, names, table, with_table
+from defocus_core.bench import error
+from defocus_core.bench.launches import counted, line, names, with_table
 from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
@@ -158,9 +157,9 @@ def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:
     cases = []
     for name in names():
         cases.append(counted(name))
-        echo(list(table(cases))[-1])
+        echo(line(cases[-1]))
     with written_whole(path) as file:
-        file.write(with_table(text, list(table(cases)), path).encode())
+        file.write(with_table(text, cases, path).encode())
     return {
         "rows": [
             {"case": name, "alone": alone._asdict(), "left_right": pair._asdict()}
@@ -177,19 +176,19 @@ def _errors(
     echo: Callable[[str], None],
 ) -> dict[str, Any]:
     """Measure all shots of a set, by each baseline and each quality: the document."""
-    shots, methods = find_shots(truth), (*BASELINES, *qualities)
+    shots, methods = find_shots(truth), (*error.BASELINES, *qualities)
     device = warm_up(device)
-    echo(tables.heading(tables.ERRORS))
-    rows: list[Row] = []
+    echo(error.heading(error.ERRORS))
+    rows: list[error.Row] = []
     for shot in shots:
-        for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
+        for row in error.measure_shot(shot, read(shot), methods, device=device, threads=threads):
             rows.append(row)
-            mark = " !" if tables.losses(row, rows) else ""
-            echo(tables.line(tables.record(row), tables.ERRORS) + mark)
-    for line in tables.summary_lines(rows):
-        echo(line)
+            mark = " !" if error.losses(row, rows) else ""
+            echo(error.line(error.record(row), error.ERRORS) + mark)
+    for words in error.summary_lines(rows):
+        echo(words)
     settings = {"truth": str(truth), "device": device, "threads": threads}
-    return {**settings, **tables.error_document(rows)}
+    return {**settings, **error.error_document(rows)}
 
 
 def _times(
@@ -202,12 +201,12 @@ def _times(
 ) -> dict[str, Any]:
     """Time all cases: the document."""
     device = warm_up(device)
-    echo(tables.heading(tables.TIMES))
+    echo(error.heading(error.TIMES))
     rows = []
     for case in cases(sizes, radii, qualities):
         cost = time_case(case, device=device, threads=threads)
-        rows.append(tables.time_record(case, cost))
+        rows.append(error.time_record(case, cost))
         width, height = case.size
         shown = {"size": f"{width}x{height}", "radius": f"{case.radius:g}"}
-        echo(tables.line(rows[-1] | shown, tables.TIMES))
+        echo(error.line(rows[-1] | shown, error.TIMES))
     return {"device": device, "threads": threads, "rows": rows}

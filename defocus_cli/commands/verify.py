@@ -20,7 +20,7 @@ from defocus_core.system.process import set_to_render
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
-    from defocus_core.evaluation.law_probes import Check
+    from defocus_core.evaluation.lens_laws import Check
 
 _WORDS = {True: "ok", False: "FAILED"}
 
@@ -46,8 +46,7 @@ def command(machine: Machine, as_json: bool) -> int:
     plain_path.load()
     import torch
 
-    from defocus_core.evaluation.law_probes import LawSetting
-    from defocus_core.evaluation.lens_laws import LAWS, verify
+    from defocus_core.evaluation.lens_laws import LAWS, LawSetting, verify
 
     device = plain_path.choose_device(machine.device)
     set_to_render()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import product
 from typing import Any
@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.picture import DecodedPicture, color_layers
-from defocus_core.compare.record import CompareSettings
+from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.io.images.primaries import primaries_name, same_primaries
 from defocus_core.system.text import counted
 
@@ -27,21 +27,19 @@ _OF_A_RUN = ("capdate", "*date", "date*", "*datetime*", "time", "*time*", "softw
 _DEPTHS = ("Z", "ZBack")  # channels of deep samples
 
 
-@dataclass(frozen=True)
-class Structure:
-    """How two files differ apart from the pixels that are compared."""
-
-    common: tuple[str, ...]  # channels that both have, in the size of the picture
-    findings: tuple[Finding, ...]
-    notes: tuple[str, ...]  # what changes no pixel, in words
-    metadata: tuple[str, ...]  # attributes that differ, in words
-    strict: bool  # whether B is different for it, whatever its pixels are
-
-
 def compare_structure(
-    a: DecodedPicture, b: DecodedPicture, settings: CompareSettings, *, ruled: bool
-) -> Structure:
-    """The structure of two files; `ruled`: whether rules decide about values."""
+    record: Comparison,
+    a: DecodedPicture,
+    b: DecodedPicture,
+    settings: CompareSettings,
+    *,
+    ruled: bool,  # whether rules decide about values
+) -> tuple[Comparison, list[str], bool]:
+    """The record with the structure of both files, and the channels that are compared.
+
+    Those are the ones that both have, in the size of the picture. Last is whether B is different
+    for its structure, whatever its pixels are.
+    """
     both = [name for name in a.planes if name in b.planes]
     resized = [name for name in both if a.planes[name].shape != b.planes[name].shape]
     common = [n for n in both if n not in resized and a.planes[n].shape == (a.height, a.width)]
@@ -57,8 +55,9 @@ def compare_structure(
     strict = bool(findings) or (settings.metadata and bool(metadata))
     strict |= samples is not None and not ruled
     findings += [each for each in (_compare_primaries(a, b, ignored), samples) if each]
-    notes = _notes_of(a, b, lone)
-    return Structure(tuple(common), tuple(findings), tuple(notes), tuple(metadata), strict)
+    notes = tuple(_notes_of(a, b, lone))
+    record = replace(record, findings=tuple(findings), notes=notes, metadata=tuple(metadata))
+    return record, common, strict
 
 
 def _equal(a: Any, b: Any) -> bool:

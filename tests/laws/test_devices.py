@@ -24,8 +24,17 @@ from defocus_core import (
     with_lights,
 )
 from defocus_core.evaluation.cost import Launches
-from defocus_core.evaluation.law_probes import LawSetting, levels, strips, waves
-from defocus_core.evaluation.lens_laws import LAWS, devices, gradient, near_focus, occlusion
+from defocus_core.evaluation.lens_laws import (
+    LAWS,
+    LawSetting,
+    devices,
+    gradient,
+    levels,
+    near_focus,
+    occlusion,
+    strips,
+    waves,
+)
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.fitting.residual import Optics, Residual
 from defocus_core.fitting.unknowns import Candidate

@@ -19,7 +19,7 @@ import torch
 
 from defocus_core import Aperture, render
 from defocus_core.compare.comparison import compare_pair, compare_pictures
-from defocus_core.compare.findings.finding import is_place
+from defocus_core.compare.findings.table import is_place
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import DecodedPicture
 from defocus_core.compare.record import CompareSettings

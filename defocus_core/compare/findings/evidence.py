@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.metrics import unclipped
 from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.selection import widened

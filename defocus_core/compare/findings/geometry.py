@@ -141,17 +141,21 @@ def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
     return np.asarray(rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1))
 
 
+def _shifted(
+    evidence: Evidence, dx: int, dy: int, places: tuple[Any, Any] | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """A moved by (dx, dy), [C, N], at the samples or other places, and where it was within."""
+    (rows, columns), (height, width) = places or evidence.places, evidence.size
+    y, x = rows - dy, columns - dx
+    within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+    return evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1)), within
+
+
 @lru_cache(maxsize=1)
 def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     """What shifts by whole pixels leave, and these, the best first."""
-    rows, columns = evidence.places
-    height, width = evidence.size
-    tried: list[tuple[float, int, int]] = []
-    for dx, dy in dict.fromkeys([(0, 0), *_offsets(evidence)]):
-        y, x = rows - dy, columns - dx
-        within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        predicted = evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1))
-        tried.append((evidence.left(predicted, within), dx, dy))
+    offsets = dict.fromkeys([(0, 0), *_offsets(evidence)])
+    tried = [(evidence.left(*_shifted(evidence, *offset)), *offset) for offset in offsets]
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
@@ -435,29 +439,23 @@ def moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
 
 def displaced(evidence: Evidence) -> Iterator[Explanation]:
     """Light of B is that of A and that of A moved: added up, or the one or the other in places."""
-    (rows, columns), (height, width) = evidence.places, evidence.size
     a, b = evidence.sampled
     light, aim = evidence.light(a), evidence.light(b)
     slope = steepness(light) * evidence.fits * evidence.steady
     shown, shown_aim = evidence.scaled(a), evidence.scaled(b)
 
-    def moved_by(dx: int, dy: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """A there, and where that is within the picture."""
-        y, x = rows - dy, columns - dx
-        within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        return evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1)), within
-
     def left_in_places(dx: int, dy: int) -> float:
         """What is left if each pixel is that of A or of A moved, whichever is nearer."""
-        there, within = moved_by(dx, dy)
-        shown_there = evidence.scaled(there)
-        apart = (np.square(side - shown_aim).sum(axis=0) for side in (shown_there, shown))
+        there, within = _shifted(evidence, dx, dy)
+        apart = (
+            np.square(side - shown_aim).sum(axis=0) for side in (evidence.scaled(there), shown)
+        )
         return evidence.left(np.where(within & np.less(*apart), there, a), exact=True)
 
     offsets = _offsets(evidence, of_difference=True)
     peaks = [peak for peak in offsets if math.hypot(*peak) >= _LEAST_APART]
     for dx, dy in peaks:
-        there, within = moved_by(dx, dy)
+        there, within = _shifted(evidence, dx, dy)
         copy = evidence.light(there)
         one, other = summed_up([light, copy], aim - light, slope * within)
         predicted = light * (1 + one) + copy * other
@@ -480,18 +478,15 @@ def _nearest_move(evidence: Evidence) -> tuple[int, int]:
     """The move (dx, dy) of a few px by which pixels that differ are most like one of A or of it."""
     rows, columns = evidence.places
     chosen = np.flatnonzero(evidence.fits & (evidence.pixels.greatest[rows, columns] > 0))
-    rows, columns = (places[chosen[: _CHOSEN // 2]] for places in (rows, columns))
-    a, b = (evidence.scaled(evidence.at(side, rows, columns)) for side in "ab")
+    places = rows[chosen[: _CHOSEN // 2]], columns[chosen[: _CHOSEN // 2]]
+    a, b = (evidence.scaled(evidence.at(side, *places)) for side in "ab")
     before = np.abs(b - a).sum(axis=0)
-    costs = {}
-    for dy, dx in product(range(-_NEAR, _NEAR + 1), repeat=2):
-        y, x = (
-            (rows - dy).clip(0, evidence.size[0] - 1),
-            (columns - dx).clip(0, evidence.size[1] - 1),
-        )
-        there = np.abs(evidence.scaled(evidence.at("a", y, x)) - b).sum(axis=0)
-        costs[dx, dy] = float(np.minimum(before, there).sum())
-    return min(costs, key=lambda move: costs[move])
+
+    def cost(move: tuple[int, int]) -> float:
+        there = evidence.scaled(_shifted(evidence, *move, places)[0])
+        return float(np.minimum(before, np.abs(there - b).sum(axis=0)).sum())
+
+    return min(((dx, dy) for dy, dx in product(range(-_NEAR, _NEAR + 1), repeat=2)), key=cost)
 
 
 def eroded(evidence: Evidence) -> Iterator[Explanation]:
@@ -500,15 +495,13 @@ def eroded(evidence: Evidence) -> Iterator[Explanation]:
     signs = np.sign(b - a)
     if (signs < 0).any() == (signs > 0).any():
         return
-    (rows, columns), (height, width) = evidence.places, evidence.size
     name, choose = ("eroded", np.minimum) if (signs < 0).any() else ("dilated", np.maximum)
     for of in ("square", "disc"):
         predicted = a.copy()
         for reach in range(1, _MOST_ERODED + 1):
             for dy, dx in product(range(-reach, reach + 1), repeat=2):
                 if of == "square" or dy * dy + dx * dx <= reach * reach:
-                    y, x = (rows + dy).clip(0, height - 1), (columns + dx).clip(0, width - 1)
-                    predicted = choose(predicted, evidence.at("a", y, x))
+                    predicted = choose(predicted, _shifted(evidence, dx, dy)[0])
             left = evidence.left(predicted, exact=True)
             if left > _TOWARDS:
                 break

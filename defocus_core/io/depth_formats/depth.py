@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
-from defocus_core.io.depth_formats.file_types import read_numbers, refuse_assumed
+from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.reading import (
     AS_IT_IS,
     DepthNumbers,
@@ -25,7 +25,9 @@ from defocus_core.io.depth_formats.reading import (
 )
 from defocus_core.io.depth_formats.rules import HALF_MAX, decoded, is_sky, resolved
 from defocus_core.io.depth_formats.table import NAMES, DepthFormat
+from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
 Valid = Callable[[slice], NDArray[np.bool_]]  # where some rows have a depth
@@ -126,12 +128,9 @@ class Depth:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was taken for granted, and what was replaced, for people."""
-        granted = (
-            f"{self.path.name}: 16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›"
-        )
-        replaced = f"{self.path.name}: {self.replaced_words}"
-        said = (*([granted] * self.is_assumed), *([replaced] * bool(self.replaced_words)))
-        return *said, *self.told
+        granted = "16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›"
+        said = filter(None, (granted * self.is_assumed, self.replaced_words))
+        return *(f"{self.path.name}: {words}" for words in said), *self.told
 
     @property
     def is_exact(self) -> bool:
@@ -146,14 +145,13 @@ class Depth:
     @property
     def ends(self) -> tuple[float, float] | None:
         """The least and the greatest of the valid depths of what is there; None of nothing."""
-        ends: list[np.float32] = []
+        least, greatest = np.float32(np.inf), np.float32(-np.inf)
         for rows in bands(self.metres.shape):
             valid = self.valid(rows)
-            valid = valid if self.empty is None else valid & ~self.empty[rows]
-            if valid.any():
-                known = self.metres[rows][valid]
-                ends += [known.min(), known.max()]
-        return (float(min(ends)), float(max(ends))) if ends else None
+            known = self.metres[rows][valid if self.empty is None else valid & ~self.empty[rows]]
+            least = min(least, known.min(initial=np.inf))
+            greatest = max(greatest, known.max(initial=-np.inf))
+        return None if greatest == -np.inf else (float(least), float(greatest))
 
     def valid(self, rows: slice) -> NDArray[np.bool_]:
         """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
@@ -197,6 +195,8 @@ def read_depth(
     values, division = divided(samples, alpha, reading.unpremultiply_depth, keeping)
     is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
     if is_assumed:
+        from defocus_core.io.depth_formats.file_types import refuse_assumed
+
         refuse_assumed(path, values)
     told = []
     every = (is_sky(values[rows], row) for rows in bands(values.shape))
@@ -233,6 +233,27 @@ def read_depth(
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
 
+def read_numbers(
+    path: Path,
+    reading: DepthReading,
+    keeping: Keeping,
+    size: tuple[int, int] | None,
+    overscan: Overscan = NO_OVERSCAN,
+) -> DepthNumbers:
+    """The numbers of a depth file, of a type that the named format comes in."""
+    row, read = reading.row, exr_depth_numbers
+    if row.files == ("headerless",) or not is_exr(read_head(path)):
+        from defocus_core.io.depth_formats.file_types import other_numbers as read
+    samples = read(path, reading, keeping, size, overscan)
+    if reading.depth_format is not None and samples.type not in row.files:
+        files = ", ".join(row.files)
+        problem = f"is read as {samples.words}, and {row.name} comes as {files}"
+        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
+    if row.stride != 1:
+        samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
+    return samples
+
+
 def require_valid(depth: Depth) -> None:
     """Refuse a depth map with holes."""
     count, first = count_of((~depth.valid(rows), rows.start) for rows in bands(depth.metres.shape))
@@ -245,11 +266,10 @@ def require_valid(depth: Depth) -> None:
         remedy = "fill the holes; or say ‹invalid› far, or fill"
     elif depth.is_radius:
         remedy = "write a finite radius there"
-    if _is_behind(depth):
-        problem, remedy = _BEHIND
     if depth.is_deep:  # where other samples may lie behind the first
-        problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
         remedy = "write inf for sky, and leave samples without depth out"
+    elif _is_behind(depth):
+        problem, remedy = _BEHIND
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
         remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"
@@ -300,14 +320,11 @@ def _decode(
 
 def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterator[str]:
     """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
-    marks = list(samples.marks)
+    marks = samples.marks
     if row.mask is not None:
         from defocus_core.io.depth_formats.sidecars import mask_beside
 
-        if (mask := mask_beside(row.mask, samples.path, metres.shape)) is not None:
-            marks.append(mask)
-        else:
-            yield "no mask beside it"
+        marks += (mask_beside(row.mask, samples.path, metres.shape),)
     for mark in marks:
         for rows in bands(metres.shape):
             metres[rows] = np.where(mark.pixels[rows], np.float32(mark.depth), metres[rows])
@@ -345,8 +362,7 @@ def _replaced(depth: Depth, how: str) -> Depth:
     else:
         fill_from_farther(depth.metres, depth.valid, farther)
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
-    note = f"{depth.note}, {words}"
-    return replace(depth, note=note, replaced=count, replaced_words=words)
+    return replace(depth, note=f"{depth.note}, {words}", replaced=count, replaced_words=words)
 
 
 # Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.

@@ -14,7 +14,6 @@ light of the farther one by its alpha, and both count by what shows of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,15 +25,6 @@ from defocus_core.io.exr.channel_choice import is_depth
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
 from defocus_core.io.exr.header import DTYPES, Header
 from defocus_core.io.exr.windows import Overscan, Window
-
-
-@dataclass(frozen=True)
-class DeepLayers:
-    """The samples of a deep picture as layers of its frame, nearest first."""
-
-    # For each the arrays [H, W] by name of the channel
-    layers: tuple[Mapping[str, Any], ...]
-    merged: int  # number of pixels that had more samples than there are layers
 
 
 def flat_channels(
@@ -67,8 +57,12 @@ def deep_layers(
     names: tuple[str, ...],
     keeping: Keeping,
     overscan: Overscan,
-) -> DeepLayers:
-    """The samples as layers, of which there are as many as the pixel with most samples needs."""
+) -> tuple[list[dict[str, Any]], int]:
+    """The samples as layers, nearest first, as many as the pixel with most samples needs.
+
+    Returns the arrays [H, W] of each by name of the channel, and the number of pixels that had more
+    samples than there are layers.
+    """
     frame, crowded = header.display.grown(overscan), 0
     layers: list[dict[str, Any]] = []
     kinds = {channel.name: channel.type for channel in header.channels}
@@ -77,18 +71,14 @@ def deep_layers(
         strip, count = merge_samples(strip, (*names, ALPHA))
         crowded += count
         while len(layers) < max(1, strip.maximum):
-            layers.append(
-                {
-                    name: keeping.new((frame.height, frame.width), DTYPES[kinds.get(name, "float")])
-                    for name in wanted
-                }
-            )
+            types = {name: DTYPES[kinds.get(name, "float")] for name in wanted}
+            layers.append({n: keeping.new((frame.height, frame.width), types[n]) for n in wanted})
         for number, layer in enumerate(layers):
             chosen = np.flatnonzero(strip.rank == number)
             for name in wanted if len(chosen) else ():
                 rows = strip.dense(chosen, strip.values[name])
                 _paste(layer[name], rows, strip.window, frame)
-    return DeepLayers(tuple(layers), crowded)
+    return layers, crowded
 
 
 def _fractions(strip: Strip) -> NDArray[Any]:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
-from defocus_core.io.depth_formats.depth import read_depth
-from defocus_core.io.depth_formats.file_types import read_numbers
+from defocus_core.io.depth_formats.depth import read_depth, read_numbers
 from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading, holds_gdepth
 from defocus_core.io.depth_formats.table import FLOATS, ROWS
 from defocus_core.io.images.color import read_color

@@ -6,7 +6,7 @@ import pytest
 from image_files import save
 from planted_faults import planes, write_planes
 
-from defocus_core.compare.findings.finding import is_place
+from defocus_core.compare.findings.table import is_place
 from defocus_core.io.images.color_space import linear_to_srgb
 
 SIZE = (120, 160)

@@ -21,15 +21,8 @@ from defocus_core.request.lens import Lens
 ALWAYS = {"implausible"}
 # What reads and writes files of other types than a plain EXR.
 OTHER_FILES = {
-    *(
-        "array_files",
-        "chroma",
-        "color_space",
-        "deep_layers",
-        "deep_samples",
-        "encode",
-    ),
-    *("lens_metadata", "photo_depth", "raster", "sidecars"),
+    *("array_files", "chroma", "color_space", "deep_layers", "deep_samples", "encode"),
+    *("file_types", "lens_metadata", "photo_depth", "raster", "sidecars"),
 }
 STEPS = [step for stage in STAGES for step in stage]
 

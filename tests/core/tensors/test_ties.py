@@ -5,7 +5,7 @@ import torch
 from torch.nn.functional import avg_pool2d, interpolate, pad
 
 from defocus_core import render
-from defocus_core.evaluation.law_probes import rounded, worst_relative
+from defocus_core.evaluation.lens_laws import rounded, worst_relative
 from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
 from defocus_core.tensors.neighbourhoods import halfway
 

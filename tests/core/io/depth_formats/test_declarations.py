@@ -185,6 +185,9 @@ def test_another_type_of_file_than_the_format_comes_in(tmp_path):
     path = npy(tmp_path / "a.npy", [[1.0]])
     with refuses("wrong-type", "is read as NPY", "16-bit PNG", path=path):
         read(path, depth_format="kitti")
+    path = png(tmp_path / "rgb.png", np.full((2, 3, 3), 9), np.uint8)  # bits of four channels
+    with refuses("wrong-type", "8-bit RGBA", path=path):
+        read(path, depth_format="tartanair2")
 
 
 def test_an_array_of_a_container_is_chosen_by_name(tmp_path):

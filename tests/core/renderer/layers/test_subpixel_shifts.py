@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from defocus_core import Aperture, render
-from defocus_core.evaluation.law_probes import PERIOD, shift, wave
+from defocus_core.evaluation.lens_laws import PERIOD, shift, wave
 
 SIZE = (24, 96)
 
