@@ -3,7 +3,6 @@
 import ast
 import math
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -95,17 +94,6 @@ def test_the_help_lists_the_names_in_their_groups():
 def test_an_unknown_name_is_no_attribute():
     with pytest.raises(AttributeError, match="memory_bound"):
         defocus_core.memory_bound  # noqa: B018
-
-
-def test_files_are_read_and_compared_without_torch(tmp_path):
-    color, depth = pair(tmp_path)
-    code = (
-        "import sys; from defocus_core import compare_images, read_color, read_depth, samples\n"
-        f"read_color({str(color)!r}); read_depth({str(depth)!r})\n"
-        f"compare_images({str(color)!r}, {str(color)!r}); print('torch' in sys.modules)"
-    )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout == "False\n"
 
 
 @pytest.mark.parametrize("suffix", ["exr", "tif"])
