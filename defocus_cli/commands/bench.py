@@ -27,14 +27,12 @@ from defocus_core.system.process import cores
 _time_option = partial(option, heading="Time")
 
 _QUALITIES = ("draft", "standard", "high")
-# By the name of the parameter; options in neither go with both.
-_ERRORS_ALONE = {"truth": "--truth"}
-_TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii"}
-_NOT_COUNTED = {
+# Options by the name of the parameter, and which mean nothing to each way to measure.
+_NAMES = {
     **{"timing": "--time", "qualities": "--quality", "threads": "--threads", "device": "--device"},
-    **_ERRORS_ALONE,
-    **_TIMES_ALONE,
+    **{"truth": "--truth", "sizes": "--sizes", "radii": "--radii"},
 }
+_IDLE = {"": ("sizes", "radii"), "--time": ("truth",), "--launches": tuple(_NAMES)}
 _LONGEST = 1 << 15  # px on a side
 
 
@@ -124,7 +122,7 @@ def command(
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
       defocus bench --launches defocus_cli/help/quality.md
     """  # noqa: D301  click reads the backspace
-    _refuse_others(ctx, timing=timing, counting=launches is not None)
+    _refuse_others(ctx, "--launches" if launches is not None else "--time" if timing else "")
     echo = console.stderr if as_json else console.stdout
     if launches is not None:
         document = _launches(launches, echo)
@@ -137,16 +135,14 @@ def command(
         console.print_json(**document)
 
 
-def _refuse_others(ctx: click.Context, *, timing: bool, counting: bool) -> None:
+def _refuse_others(ctx: click.Context, mode: str) -> None:
     """Refuse options that would mean nothing."""
-    problem, remedy = "has no effect without --time", "add --time"
-    others = _TIMES_ALONE
-    if timing or counting:
-        mode, others = ("--launches", _NOT_COUNTED) if counting else ("--time", _ERRORS_ALONE)
-        problem, remedy = f"has no effect with {mode}", "leave one of them out"
-    for name, place in others.items():
+    problem, remedy = f"has no effect with {mode}", "leave one of them out"
+    if not mode:
+        problem, remedy = "has no effect without --time", "add --time"
+    for name in _IDLE[mode]:
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            raise UsageProblem("contradiction", problem, remedy, path=place)
+            raise UsageProblem("contradiction", problem, remedy, path=_NAMES[name])
 
 
 def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:

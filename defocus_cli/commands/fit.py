@@ -22,7 +22,6 @@ from defocus_cli.options.types import (
 )
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
-from defocus_cli.words.endings import Failures
 from defocus_core.batch import lens_fit
 from defocus_core.errors import NotExplained, UsageProblem
 from defocus_core.request import quantities
@@ -166,7 +165,7 @@ def command(
     _refuse_idle(right, options)
     pairs = lens_fit.pairs_of(find_pictures(sharp, depth), blurred, right)
     places = _places(pairs, out, many=sharp.is_dir(), overwrite=overwrite)
-    failures, records = Failures(), []
+    failures, records = console.Failures(), []
     for pair, place in zip(pairs, places, strict=True):
         record = _fit_one(pair, reading, options, place, failures, accept=accept)
         records += [record] if record else []
@@ -183,7 +182,7 @@ def _fit_one(
     reading: Reading,
     options: lens_fit.FitOptions,
     place: Path | None,
-    failures: Failures,
+    failures: console.Failures,
     *,
     accept: bool,
 ) -> dict[str, Any] | None:
@@ -231,8 +230,6 @@ def _refuse_idle(right: Path | None, options: lens_fit.FitOptions) -> None:
     """Refuse options of a dual-pixel pair without its right picture."""
     for name in _OF_PAIRS if right is None else ():
         if getattr(options, name) not in (None, False):
-            problem, remedy = (
-                "has no effect without the right picture",
-                "add ‹right› FILE, or leave it out",
-            )
-            raise UsageProblem("idle-option", problem, remedy, field=name.replace("_", "-"))
+            problem, field = "has no effect without the right picture", name.replace("_", "-")
+            remedy = "add ‹right› FILE, or leave it out"
+            raise UsageProblem("idle-option", problem, remedy, field=field)

@@ -21,7 +21,7 @@ from defocus_cli.options.types import (
     option,
     output_option,
 )
-from defocus_cli.words.endings import Failures
+from defocus_cli.words.console import Failures
 from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.run import CAUSES, FIRST, Task
 from defocus_core.compare.selection import region

@@ -12,7 +12,6 @@ from typing import Any
 import click
 
 from defocus_core.errors import Place, UsageProblem
-from defocus_core.reports.replaceable import refuse_other
 from defocus_core.request.quantities import read_at
 
 Command = Callable[..., Any]
@@ -52,6 +51,8 @@ class ReportPath(FilePath):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """A path where nothing is, or an earlier report."""
+        from defocus_core.reports.replaceable import refuse_other
+
         path = super().convert(value, param, ctx)
         refuse_other(path, self.kind)
         return path
@@ -119,13 +120,19 @@ class GroupedCommand(click.Command):
             ctx.exit()
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse; click forgets which command an option without its value belongs to."""
+        """Parse, and make what the bundles of the command hand it."""
         ctx.meta["typed"] = ["defocus", *ctx.command_path.split()[1:], *args]
         try:
-            return super().parse_args(ctx, self._spelled_out(args))
+            rest = super().parse_args(ctx, self._spelled_out(args))
         except click.UsageError as error:
-            error.ctx = error.ctx or ctx
+            error.ctx = error.ctx or ctx  # which click forgets where a value is missing
             raise
+        bundles = () if ctx.resilient_parsing else getattr(self.callback, "bundles", ())
+        given = dict(ctx.params)
+        for name, make, keys in bundles:
+            given[name] = make(**{key: given.pop(key) for key in keys})
+        ctx.params = given
+        return rest
 
     def _spelled_out(self, args: list[str]) -> list[str]:
         """The arguments with the options that second values are the values of."""
@@ -198,28 +205,13 @@ output_option = functools.partial(option, heading="Output")
 def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:
     """Add ``options`` to a command and hand it what ``make`` makes of their values, as ``name``."""
 
-    def decorate(command: Command) -> Command:
-        call = command if hasattr(command, "bundles") else _with_bundles(command)
-        optioned: Any = call
+    def decorate(command: Any) -> Command:
         for option in reversed(options):
-            optioned = option(optioned)
-        added = optioned.__click_params__[-len(options) :]
+            command = option(command)
+        added = command.__click_params__[-len(options) :]
         keys = dict.fromkeys(param.name for param in added)  # two flags may set one value
-        call.bundles.insert(0, (name, make, keys))  # type: ignore[attr-defined]
-        return call
+        command.bundles = [(name, make, keys), *getattr(command, "bundles", ())]
+        made: Command = command
+        return made
 
     return decorate
-
-
-def _with_bundles(command: Command) -> Command:
-    """A command that gets what is made of its options, of the first bundle first."""
-    bundles: list[tuple[str, Callable[..., Any], dict[str, None]]] = []
-
-    @functools.wraps(command)
-    def call(*args: Any, **params: Any) -> Any:
-        for name, make, keys in bundles:
-            params[name] = make(**{key: params.pop(key) for key in keys})
-        return command(*args, **params)
-
-    call.bundles = bundles  # type: ignore[attr-defined]
-    return call

@@ -8,9 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import click
+
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
-from defocus_cli.words.endings import Interrupted, SomeFailed, exit_code_of
 from defocus_core.batch.journal.progress import Progress
 from defocus_core.batch.journal.record import Record, error_line
 from defocus_core.batch.workers.plan import Plan
@@ -165,7 +166,7 @@ def _error_record(summary: Summary) -> dict[str, Any]:
     if error is None:
         return {}
     line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
-    return {"error": {"message": line, "exit_code": exit_code_of(error), "code": code}}
+    return {"error": {"message": line, "exit_code": console.exit_code_of(error), "code": code}}
 
 
 def progress_lines(out: Path, state: Progress) -> Iterator[str]:
@@ -219,10 +220,10 @@ def end(summary: Summary) -> None:
         raise summary.error
     if summary.interrupted and summary.left:
         problem = f"interrupted, {summary.left} of {summary.jobs} jobs left"
-        raise Interrupted(f"{problem}; run the same command again to go on")
+        raise console.Interrupted(f"{problem}; run the same command again to go on")
     failed = summary.statuses["failed"]
     if failed:
         problem = f"{failed} of {counted(summary.jobs, 'job')} failed"
         again = "it" if failed == 1 else "them"
         remedy = f"run the same command again to try {again} once more"
-        raise SomeFailed(f"{problem} ({reasons_words(summary.reasons)}); {remedy}")
+        raise click.ClickException(f"{problem} ({reasons_words(summary.reasons)}); {remedy}")

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import click
+
 from defocus_cli.words import console
 from defocus_cli.words import job as job_report
 from defocus_cli.words.batch import reasons_lines
-from defocus_cli.words.endings import SomeFailed
 from defocus_core.batch.workers.plan import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
@@ -134,7 +135,7 @@ def _end(unusable: Sequence[DefocusError], usable: int, what: str) -> None:
     failing = sum(not isinstance(error, Rejected) for error in unusable)
     if failing:
         tried = usable + len(unusable)
-        raise SomeFailed(f"{failing} of {tried} {what} that were looked at would fail")
+        raise click.ClickException(f"{failing} of {tried} {what} that were looked at would fail")
 
 
 def _bytes(outputs: Outputs, samples: Sequence[Forecast], count: int) -> float:

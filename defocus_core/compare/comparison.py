@@ -44,7 +44,7 @@ from defocus_core.compare.selection import (
     within_neighbours,
 )
 from defocus_core.compare.structure import compare_structure, of_another_size
-from defocus_core.compare.thresholds import OVER, PRESETS, Rule, Rules, rule
+from defocus_core.compare.thresholds import OVER, PRESETS, Rule, Rules, read_thresholds, rule
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.request.quantities import QuantityError
 from defocus_core.system.text import counted
@@ -265,9 +265,8 @@ def compare_images(
         raise UsageProblem(
             "unknown-name", f"'{like}' is not known", f"name {', '.join(PRESETS)}", field="like"
         )
-    known = Rules() if like is None else PRESETS[like]
-    fail_by, warn_by = _rules("fail", fail) or known.fail, _rules("warn", warn) or known.warn
-    rules = replace(known, fail=fail_by, warn=warn_by, over=over)
+    given = _rules("fail", fail), _rules("warn", warn), over
+    rules = read_thresholds(None, *given, Rules() if like is None else PRESETS[like]).of("")
     settings = CompareSettings(
         region=None if region is None else CropRegion(*region),
         mask=None if mask is None else Path(mask),

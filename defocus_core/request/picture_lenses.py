@@ -12,17 +12,13 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from defocus_core.errors import CALLER, Place, UsageProblem
-from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.images.describe import describe
-from defocus_core.io.shots.key_files import FIELD_OF_VIEW
-from defocus_core.request.animation import Animation, focal_length
-from defocus_core.request.job import Picture, Reading
+from defocus_core.request.job import Picture
 from defocus_core.request.lens import DEFAULTS, Draw, Lens
-from defocus_core.request.lens_files import lens_in, lens_path
-from defocus_core.request.parameters import LENS_OPTIONS, METADATA
-from defocus_core.request.quantities import pixel_count
+from defocus_core.request.parameters import METADATA
 from defocus_core.request.resolver import (
     Given,
     Layer,
@@ -31,18 +27,35 @@ from defocus_core.request.resolver import (
     drawn_lens,
     given,
     laid_over,
-    layer_of,
     lens_of,
+    missing_options,
     place_of_focus,
     refuse_optics,
     refuse_taken,
     value_of,
 )
-from defocus_core.request.sweeps import Point, Sampling, read_sampling, read_sweep
-from defocus_core.request.toml_file import Table
 
-KEYS = (*LENS_OPTIONS, "file", "max-coc", METADATA)
+if TYPE_CHECKING:
+    from defocus_core.request.animation import Animation
+
 _NONE: Layer = {}
+
+
+@dataclass(frozen=True)
+class Point:
+    """One lens of a sweep: the suffix of its samples, and its swept options."""
+
+    suffix: str
+    options: Layer
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How many lenses are drawn for a picture, and what each option is drawn from."""
+
+    count: int = 0
+    seed: int = 0
+    options: Layer = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -55,7 +68,7 @@ class PictureLenses:
     file_key: str = "lens"  # the option that names it
     # The depth files hold radii, so that a lens is the shape of its opening alone
     radii: bool = False
-    animation: Animation = field(default_factory=Animation)
+    animation: Animation | None = None
     metadata: bool = False  # whether options are taken from the metadata of each colour file
     metres: float = 1.0  # the unit of the scene, for metadata in it
     points: tuple[Point, ...] = (Point("", {}),)  # the lenses of the sweep
@@ -64,7 +77,7 @@ class PictureLenses:
     # What was made: options and lenses of points for all pictures; options of lens files that were
     # read, beside a blur in pixels or without
     _made: dict[int, tuple[Layer, Lens | None]] = field(default_factory=dict, init=False)
-    _stored: dict[tuple[Path | None, bool], Layer] = field(default_factory=dict, init=False)
+    _stored: dict[tuple[Path, bool], Layer] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         """Refuse options that are set twice, and metadata that change nothing."""
@@ -77,7 +90,7 @@ class PictureLenses:
     @cached_property
     def taken(self) -> dict[str, str]:
         """The options that are animated, drawn or swept, and where."""
-        taken = self.animation.taken
+        taken = {} if self.animation is None else self.animation.taken
         tables = [*((each.options, "[sweep]") for each in self.points)]
         for layer, table in (*tables, (self.sampling.options, "[sample]")):
             refuse_taken(layer, {name: words for name, words in taken.items() if words != table})
@@ -98,7 +111,18 @@ class PictureLenses:
     @property
     def varies(self) -> bool:
         """Whether each picture may have another lens."""
-        return bool(self.animation.keys) or self.metadata or self._is_folder
+        return self.animation is not None or self.metadata or self._is_folder
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it lacks nothing that a lone picture of relative depth may decide."""
+        fixed = self.varies or self.radii
+        return fixed or not ("blur" in self.options or missing_options(self.options))
+
+    @property
+    def moves_focus(self) -> bool:
+        """Whether the pixel in focus is another one in each frame."""
+        return self.animation is not None and "focus-at" in self.animation.keys
 
     @property
     def _is_folder(self) -> bool:
@@ -178,7 +202,11 @@ class PictureLenses:
         if file is not None and picture is not None and self._is_folder:
             file = file / f"{picture.stem}.toml"
         in_pixels = "blur" in above or "blur" in self.taken
+        if file is None:
+            return {}
         if (file, in_pixels) not in self._stored:
+            from defocus_core.request.lens_files import lens_in
+
             where = self.where.at(self.file_key)
             stored = lens_in(file, where, in_pixels=in_pixels, radii=self.radii)
             self._stored[file, in_pixels] = stored
@@ -196,8 +224,11 @@ class PictureLenses:
 
     def _keyed(self, picture: Picture, others: Layer) -> Layer:
         """The options of the frame of a picture; ``others`` may have the width of the sensor."""
-        if not self.animation.keys:
+        if self.animation is None:
             return {}
+        from defocus_core.io.shots.key_files import FIELD_OF_VIEW
+        from defocus_core.request.animation import focal_length
+
         if picture.frame is None:
             problem = f"moves the lens, but {picture.color} has no frame number"
             raise UsageProblem(
@@ -211,32 +242,3 @@ class PictureLenses:
             text = focal_length(fov.text, width, (info.width, info.height))
             keyed["focal-length"] = Given(text, fov.place)
         return keyed
-
-
-def read_lenses(
-    lens: Table, sweep: Table, sample: Table, animation: Animation, reading: Reading
-) -> PictureLenses:
-    """The lenses that ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]`` ask for."""
-    lens.refuse_unknown(KEYS)
-    if "max-coc" in lens.values and "max-coc" in sample.values:
-        problem = "is in [sample], too"
-        raise UsageProblem("contradiction", problem, "remove one", path=lens.place("max-coc"))
-    return PictureLenses(
-        own=layer_of(lens.values, LENS_OPTIONS, lens.place),
-        where=lens.place(),
-        file=lens_file_of(lens),
-        file_key="file",
-        radii=reading.holds_radii,
-        animation=animation,
-        metadata=lens.flag(METADATA) or False,
-        metres=UNITS[reading.depth_unit or "m"],
-        points=tuple(read_sweep(sweep)),
-        sampling=read_sampling(sample),
-        max_coc=(sample if "max-coc" in sample.values else lens).parsed("max-coc", pixel_count),
-    )
-
-
-def lens_file_of(lens: Table) -> Path | None:
-    """The lens file that ``[lens]`` names, relative to the jobs file, or one that ships."""
-    name = lens.text("file")
-    return None if name is None else lens.file.parent / lens_path(Path(name), lens.place("file"))

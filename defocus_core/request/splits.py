@@ -21,11 +21,10 @@ from itertools import accumulate
 
 from defocus_core.errors import CALLER, Place, UsageProblem
 from defocus_core.io.wildcards import has_wildcard, wild_text
-from defocus_core.request.job import NO_SPLIT, Job, Picture, Split
+from defocus_core.request.job import NO_SPLIT, SPLIT_NAME, Job, Picture, Split
 from defocus_core.request.toml_file import Table
 from defocus_core.system.text import counted, note
 
-NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
 _SCENE = "scene"
 _ROUNDING = 1e-6
 # Of an expression, which scenes were once: what tells it from a pattern, and pieces of patterns.
@@ -128,7 +127,7 @@ def read_splits(section: Table) -> Splits:
     for name, value in section.values.items():
         if name == _SCENE:
             continue
-        if not NAME.fullmatch(name):
+        if not SPLIT_NAME.fullmatch(name):
             problem = "cannot be the name of a split"
             raise UsageProblem(
                 "malformed", problem, "use letters, digits and _", path=section.place(name)

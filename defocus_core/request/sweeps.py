@@ -15,13 +15,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 from defocus_core.errors import Place, UsageProblem
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES
+from defocus_core.request.picture_lenses import Point, Sampling
 from defocus_core.request.quantities import Percentile, read_at, short, text_of, whole, whole_within
 from defocus_core.request.resolver import (
     Given,
@@ -36,14 +36,6 @@ from defocus_core.request.toml_file import Table, refuse_unknown
 MAX_LENSES = 100_000
 _RANGE = re.compile(r"(.+?)\.\.(.+?)@\s*(\d{1,6})\s*(?:in\s+(\w+)\s*)?")
 _RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
-
-
-@dataclass(frozen=True)
-class Point:
-    """One lens of a sweep: the suffix of its samples, and its swept options."""
-
-    suffix: str
-    options: Layer
 
 
 def read_sweep(table: Table) -> list[Point]:
@@ -151,15 +143,6 @@ def _end(name: str, text: str, where: Place) -> float:
 
 
 _SAMPLE_KEYS = ("n", "seed", "max-coc", *LENS_OPTIONS)
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How many lenses are drawn for a picture, and what each option is drawn from."""
-
-    count: int = 0
-    seed: int = 0
-    options: Layer = field(default_factory=dict)
 
 
 def read_sampling(table: Table) -> Sampling:

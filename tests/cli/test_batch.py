@@ -12,7 +12,7 @@ from counting import calls
 
 from defocus_cli.main import main
 from defocus_core.batch.datasets.finished import samples
-from defocus_core.batch.journal.lock import locked
+from defocus_core.batch.journal.runs import locked
 from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.picture import plain_path
 

@@ -32,7 +32,7 @@ from command_line import (
 )
 from image_files import multi_part, save, write_deep
 
-from defocus_core.batch.journal.lock import locked
+from defocus_core.batch.journal.runs import locked
 from defocus_core.request import toml_file
 
 HEAD = """[inputs]

@@ -24,7 +24,7 @@ from refusals import refuses
 
 from defocus_core.io.picture_files import read_color, read_depth
 from defocus_core.io.row_files import read_rows
-from defocus_core.request.reading_options import READING_OPTIONS
+from defocus_core.request.job_options import READING_OPTIONS
 
 RAMP = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
 BUFFER = {"kind": "disparity", "range_mm": (100_000.0, 100.0)}

@@ -62,7 +62,12 @@ CAUSES = (
             "missing layer": "A without one of its layers, like a specular pass",
         },
     ),
-    Cause("tone.exchanged_ids", {"ids exchanged": "the same numbers, in other places"}, left=EXACT),
+    Cause(
+        "tone.exchanged_ids",
+        {"ids exchanged": "the same numbers, in other places"},
+        left=EXACT,
+        local=True,
+    ),
     Cause(
         "tone.normalised",
         {"normalised": "0…1 of other numbers, like depth; or their inverse"},

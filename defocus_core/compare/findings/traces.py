@@ -109,7 +109,7 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
     changed = evidence.pixels.greatest[evidence.frame] > 0
     if not 24 <= np.count_nonzero(changed) < _MOST_COVERED * changed.size:
         return
-    turn = blocks_in_turn(changed.shape, 4)
+    measures = ~blocks_in_turn(changed.shape, 4)[changed]
     for scale in (evidence.light, evidence.scaled):
         a, b = (scale(side).astype("f8")[:, changed] for side in frame)
         size = np.abs(b - a).sum(axis=0)
@@ -127,28 +127,21 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
             each = ((b - a) * toward).sum(axis=0) / np.maximum(np.square(toward).sum(axis=0), 1e-9)
             chosen = np.abs(each - opacity) < _OPACITY * opacity
         else:
-            black = float(color.max()) < 0.02 and opacity < 0.5  # a gain would do it, too
-            covered = float(np.square(b - a)[:, chosen].sum() / np.square(b - a).sum())
-            measured = chosen & ~turn[changed]
-            lost = (
-                float(color.max()) < 0.002 and opacity > 0.98
-            )  # it is 0, and written over by none
-            if (
-                black
-                or lost
-                or covered < _COVERED
-                or not -0.05 < color.min() <= color.max() < 1.05
-                or not measured.any()
-            ):
+            power, low, high = np.square(b - a), float(color.min()), float(color.max())
+            # A gain would make it black, too; and what is 0 is lost, and written over by none.
+            if (high < 0.02 and opacity < 0.5) or (high < 0.002 and opacity > 0.98):
                 continue
-            own = np.where(chosen, min(opacity, 1.0), each.clip(0, min(opacity, 1.0)))  # rims
-            kept = ~turn[changed]
-            rest = np.square((b - a - own * toward)[:, kept]).sum()
-            left = math.sqrt(float(rest / np.square((b - a)[:, kept]).sum()))
+            covered = float(power[:, chosen].sum() / power.sum()) >= _COVERED
+            if not (covered and -0.05 < low <= high < 1.05 and (chosen & measures).any()):
+                continue
+            opacity = min(opacity, 1.0)
+            own = np.where(chosen, opacity, each.clip(0, opacity))  # rims
+            rest = np.square((b - a - own * toward)[:, measures]).sum()
+            left = math.sqrt(float(rest / power[:, measures].sum()))
             said = " ".join(f"{v:.2g}" for v in color[:, 0])
             top, first, bottom, last = evidence.window
             where = f"within {last - first}x{bottom - top} at {first},{top}"
-            how = f": {min(opacity, 1):.0%} of one colour ({said}) {where}, like text"
+            how = f": {opacity:.0%} of one colour ({said}) {where}, like text"
             values = {"opacity": opacity, "color": color[:, 0].tolist()}
             yield Explanation(left, "overlay", how, values, -0.02)
 

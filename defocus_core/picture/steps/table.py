@@ -113,7 +113,7 @@ WINDOW: tuple[Step[InputPair], ...] = (
     Step("pair:read_overscan", "pixels beyond the picture are read", lambda p: p.has_overscan),
 )
 PAIR: tuple[Step[InputPair], ...] = (
-    Step("steps.resizing:pair", "depth has the size of the colour", lambda p: p.differs),
+    Step("pair:resized", "depth has the size of the colour", lambda p: p.differs),
     Step("element:empty_where_clear", "it is empty somewhere", lambda p: p.color.alpha is not None),
 )
 READ: tuple[Step[Take], ...] = (
@@ -129,7 +129,7 @@ LENS: tuple[Step[Take], ...] = (
 )
 RADII: tuple[Step[Take], ...] = (
     Step("steps.plate:radii", "the plate shows where nothing is", lambda t: t.inputs.plate),
-    Step("steps.implausible:radii", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
+    Step("radii:doubt_depth", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
     Step("steps.shot_decisions:radii", "frames repair depth together", _frames_repair),
 )
 BLUR: tuple[Step[Take], ...] = (

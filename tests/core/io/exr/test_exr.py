@@ -1,6 +1,7 @@
 """OpenEXR files: native in, native out, and nothing damaged gets through unnoticed."""
 
 import struct
+from contextlib import nullcontext
 from itertools import product
 from typing import Any
 
@@ -28,11 +29,8 @@ def test_every_pixel_type_comes_back_bit_for_bit(tmp_path):
     }
     write_exr(tmp_path / "a.exr", planes, {})
     (part,) = read_parts(tmp_path / "a.exr")
-    assert {c.name: c.type for c in part.header.channels} == {
-        "half": "half",
-        "float": "float",
-        "id": "uint",
-    }
+    kinds = {c.name: c.type for c in part.header.channels}
+    assert kinds == {"half": "half", "float": "float", "id": "uint"}
     for name, plane in planes.items():
         assert part.channels[name].tobytes() == plane.tobytes()
 
@@ -49,10 +47,8 @@ def test_metadata_goes_through_and_structure_does_not(tmp_path):
         np.testing.assert_array_equal(header(tmp_path / "b.exr")[name], value)
 
 
-@pytest.mark.parametrize(
-    "data",
-    [(-2, -3, 14, 12), (3, 2, 7, 6), (5, 5, 20, 20), (40, 40, 50, 50)],
-    ids=["overscan", "inside", "overlap", "outside"],
+@pytest.mark.parametrize(  # overscan, inside, overlap, outside
+    "data", [(-2, -3, 14, 12), (3, 2, 7, 6), (5, 5, 20, 20), (40, 40, 50, 50)]
 )
 def test_the_display_window_is_what_comes_back(tmp_path, data):
     x0, y0, x1, y1 = data
@@ -174,7 +170,7 @@ def test_tiled_parts_and_windows_are_the_same_in_pieces(tmp_path):
 
 
 def test_a_tile_too_large_to_be_decoded_at_once_is_refused(tmp_path):
-    planes = {name: np.zeros((4100, 4100), np.float32) for name in ("Y",)}
+    planes = {"Y": np.zeros((4100, 4100), np.float32)}
     OpenEXR.File(tiles(4100, 4100), planes).write(str(tmp_path / "a.exr"))
     with refuses("no-pieces", "‹memory›"):
         read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
@@ -219,8 +215,7 @@ def test_openexr_refuses_a_header_with_text_that_is_not_utf_8(tmp_path):
 @pytest.mark.parametrize("rows", [256, 512, 10_000])
 def test_strips_make_the_file_that_openexr_writes_at_once(rows, tmp_path):
     planes, corner = mixed_planes((600, 20)), (-3, 5)
-    row_bytes = 20 * sum(plane.dtype.itemsize for plane in planes.values())
-    strip_bytes = rows * row_bytes
+    strip_bytes = rows * 20 * sum(plane.dtype.itemsize for plane in planes.values())
     write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, Layout(corner), strip_bytes=strip_bytes)
     window = box(-3, 5, 16, 604)
     told = {**SCANLINE, "owner": "ünï", "dataWindow": window, "displayWindow": window}
@@ -229,15 +224,12 @@ def test_strips_make_the_file_that_openexr_writes_at_once(rows, tmp_path):
 
 
 def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path):
-    for aspect, usual in ((1.0, True), (2.0, True), (11.0, False), (0.05, False)):
+    for aspect, refusal in ((1.0, False), (2.0, False), (11.0, True), (0.05, True)):
         path = tmp_path / f"{aspect}.exr"
-        header = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": aspect}
-        planes = {name: np.zeros((4, 5), np.float16) for name in "RGB"}
-        OpenEXR.File(header, planes).write(str(path))
-        if usual:
-            assert choose_color(path, read_headers(path), layer=None, part=None)
-            continue
-        with refuses("unsupported", f"{aspect:g} times", path=path):
+        planes = random_planes("RGB", (4, 5))
+        OpenEXR.File({**SCANLINE, "pixelAspectRatio": aspect}, planes).write(str(path))
+        said = refuses("unsupported", f"{aspect:g} times", path=path) if refusal else nullcontext()
+        with said:
             choose_color(path, read_headers(path), layer=None, part=None)
 
 
