@@ -13,12 +13,19 @@ import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from errno import ENOSPC
+from typing import Any
 
 import click
 
-from defocus_cli.options.types import option, option_name
-from defocus_cli.words.console import Due, log_to_stderr, print_json, write_stderr
-from defocus_cli.words.endings import Interrupted, exit_code_of
+from defocus_cli.options.shared import option, option_name
+from defocus_cli.words.console import (
+    Due,
+    Interrupted,
+    exit_code_of,
+    log_to_stderr,
+    print_json,
+    write_stderr,
+)
 from defocus_core.errors import (
     DefocusError,
     UsageProblem,
@@ -51,8 +58,19 @@ COMMANDS = {
 }
 
 
+class Interruptible(click.Context):
+    """The context of a command line that Ctrl-C ends; click would answer an empty line first."""
+
+    def __exit__(self, kind: type[BaseException] | None, *of: Any) -> None:
+        super().__exit__(kind, *of)
+        if kind is KeyboardInterrupt:
+            raise Interrupted("interrupted; pictures that were finished are kept") from None
+
+
 class LazyGroup(click.Group):
     """A group whose commands are modules of ``defocus_cli.commands``, imported when asked for."""
+
+    context_class = Interruptible
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the commands, in the order help shows them."""
@@ -81,34 +99,15 @@ class LazyGroup(click.Group):
             raise UsageProblem("unknown-name", "no such command", remedy, path=args[0])
         return super().resolve_command(ctx, args)
 
-    def invoke(self, ctx: click.Context) -> object:
-        """Run the command asked for; click would answer Ctrl-C with an empty line first."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise Interrupted("interrupted; pictures that were finished are kept") from None
-
-
-def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        click.echo(f"defocus {versions()}")
-        ctx.exit()
-
 
 @click.group(
     cls=LazyGroup,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@option(
-    "--version",
-    "Print the versions of defocus and of its renderer.",
-    is_eager=True,
-    expose_value=False,
-    callback=_print_version,
-)
+@option("--version", "Print the versions of defocus and of its renderer.", into="wants_version")
 @click.pass_context
-def cli(ctx: click.Context) -> None:
+def cli(ctx: click.Context, wants_version: bool) -> None:
     """Defocus pictures as a lens would, from colour and depth.
 
     \b
@@ -116,6 +115,9 @@ def cli(ctx: click.Context) -> None:
       defocus render photo.png depth.png -o out --focal-length 50mm --fnumber 1.4 --focus 2m
       defocus info scene.exr
     """  # noqa: D301  click reads the backspace
+    if wants_version:
+        click.echo(f"defocus {versions()}")
+        ctx.exit()
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
 

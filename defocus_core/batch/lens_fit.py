@@ -17,9 +17,8 @@ from defocus_core.errors import InputError
 from defocus_core.io.arrays import sample_plane
 from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.safe_files import written_whole
-from defocus_core.picture.measures import radius_measures
 from defocus_core.picture.pair import read
-from defocus_core.picture.take import InputPair
+from defocus_core.picture.take import InputPair, radius_measures
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.quantities import length_text
 from defocus_core.system.process import cores, set_to_render

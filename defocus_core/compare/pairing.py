@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from defocus_core.batch.journal import identity
+from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.journal.record import Record, Stamp
 from defocus_core.compare.picture import SUFFIXES
@@ -193,7 +193,7 @@ def _samples(folder: Path) -> tuple[dict[str, Record], dict[tuple[str, str], Pat
 
 def _changes(a: Record, b: Record) -> Iterator[tuple[str, str, str]]:
     """What differs between the recipes of two records, and what it is in each."""
-    for key, was, now in identity.changed_settings(a.settings, b.settings):
+    for key, was, now in resume.changed_settings(a.settings, b.settings):
         yield key, str(was), str(now)
     for key in _VERSIONS:
         was, now = getattr(a, key), getattr(b, key)

@@ -55,13 +55,16 @@ class Channel:
     """One channel of a header."""
 
     name: str
-    type: str  # uint, half or float
+    type: str  # uint, half or float; of no EXR, as NumPy or OpenImageIO names it
     plain: str  # its name without that of a view
 
 
 @dataclass(frozen=True)
 class Header:
-    """One part of an EXR file; its attributes are those that another file may carry."""
+    """One part of an EXR file, or what pages and arrays of other files have of one.
+
+    Its attributes are those that another file may carry.
+    """
 
     index: int
     name: str  # empty in most single-part files
@@ -74,7 +77,18 @@ class Header:
     multi_view: tuple[str, ...] = ()
     shown: str = ""  # the view that the channels are restricted to; empty if to none
     compression: str = "zip"  # the codec of its pixels, as `compression` names it
+    whole: bool = True  # whether it is no thumbnail or mask of another one, as of a TIFF
     attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
+
+    @property
+    def has_overscan(self) -> bool:
+        """Whether it has pixels beyond the picture shown."""
+        return not self.display.covers(self.data)
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Of a file of several cameras, the views that it has channels of."""
+        return (self.view,) if self.view else self.multi_view
 
     @property
     def view(self) -> str:

@@ -115,7 +115,7 @@ def pnm_top(path: Path) -> int | None:
 def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
     """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
 
-    `pages`: of Raster or PartInfo.
+    `pages`: of Raster or Header.
     """
     if len(pages) == 1:  # as of EXR files: one part serves the colour and the depth
         return pages[0]

@@ -79,7 +79,7 @@ def evidence_of(
 
 def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
     """Evidence of the names of channels, and of files beside the depth file."""
-    names = [name.split(" ")[0] for part in info.parts for name, _ in part.channels]
+    names = [name.split(" ")[0] for name in info.names]
     for name, patterns in _TELLING_NAMES.items():
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
         if hits:

@@ -19,11 +19,11 @@ from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.deep_samples import summary
-from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.header import Header, is_exr
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
-from defocus_core.io.images.describe import SAMPLE_BYTES, FileInfo, PartInfo, describe
+from defocus_core.io.images.describe import SAMPLE_BYTES, FileInfo, describe
 from defocus_core.io.images.raster import read_samples
 from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
@@ -31,10 +31,8 @@ from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.pair import read as read_both
-from defocus_core.picture.radii import radii_of, signed_radius
-from defocus_core.picture.repair_words import repair_record, repair_words
-from defocus_core.picture.steps.implausible import of_radii
-from defocus_core.picture.take import InputPair
+from defocus_core.picture.radii import of_radii, radii_of, signed_radius
+from defocus_core.picture.take import InputPair, repair_record, repair_words
 from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
@@ -183,7 +181,7 @@ def picture_of(files: Sequence[Path]) -> FileInfo | None:
         return None
     with suppress(DefocusError):
         for info in map(describe, files):
-            if {"R", "G", "B"} <= {name for part in info.parts for name, _ in part.channels}:
+            if {"R", "G", "B"} <= set(info.names):
                 return info
     return None
 
@@ -236,8 +234,7 @@ def inspect(
 def _color_of(info: FileInfo, reading: Reading, keeping: Keeping) -> tuple[Color | None, str]:
     """The colour of a file and how it is read; None, and why it has none."""
     path, overscan = info.path, NO_OVERSCAN
-    names = {name for part in info.parts for name, _ in part.channels}
-    if not (is_exr(read_head(path)) or {"R", "G", "B"} <= names or "Y" in names):
+    if not (is_exr(read_head(path)) or {"R", "G", "B"} <= set(info.names) or "Y" in info.names):
         return None, "has no colour channels"
     with suppress(InputError):  # only where depth lies beside the colour
         overscan = overscan_of(InputPair(Picture("", path, path), reading))
@@ -279,7 +276,7 @@ def _too_large(info: FileInfo) -> str:
     """Why a file takes too much time or memory to decode; empty if it does not."""
     if info.nearly_empty:
         return f"not decoded: {info.nearly_empty}"
-    kinds = ([kind for _, kind in part.channels] for part in info.parts)
+    kinds = ([channel.type for channel in part.channels] for part in info.parts)
     samples = max(sum(SAMPLE_BYTES.get(kind, 8) for kind in each) for each in kinds)
     decoded = info.at_once * info.pixels * samples / MB
     if decoded <= MAX_AT_ONCE:
@@ -287,21 +284,21 @@ def _too_large(info: FileInfo) -> str:
     return f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
 
 
-def _part_record(path: Path, part: PartInfo) -> dict[str, Any]:
+def _part_record(path: Path, part: Header) -> dict[str, Any]:
     """A part of a file in plain values; windows are those of an EXR, samples of a deep one."""
     told = {
         "index": part.index,
         "name": part.name,
         "deep": part.deep,
-        "channels": dict(part.channels),
+        "channels": {channel.name: channel.type for channel in part.channels},
         "views": list(part.views),
     }
-    if part.data_window is not None and part.display_window is not None:
-        told["data_window"] = list(part.data_window)
-        told["display_window"] = list(part.display_window)
-        told["pixel_aspect"] = part.pixel_aspect
-    if part.deep and part.data_window is not None:
-        counts = summary(path, read_headers(path)[part.index])
+    if not is_exr(read_head(path)):
+        return told
+    told["data_window"], told["display_window"] = list(part.data), list(part.display)
+    told["pixel_aspect"] = part.pixel_aspect
+    if part.deep:
+        counts = summary(path, part)
         told["samples"] = {
             "most_of_a_pixel": counts.maximum,
             "total": counts.total,
@@ -346,7 +343,7 @@ def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: 
 
 def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
-    kinds = [name for part in info.parts for name, _ in part.channels if name in NO_DEPTH]
+    kinds = [name for name in info.names if name in NO_DEPTH]
     if not kinds or container_type(read_head(info.path, 32)):  # an array may have such a name, too
         return []
     maps = []
