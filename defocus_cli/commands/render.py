@@ -9,8 +9,14 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import job as job_options
-from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, option
+from defocus_cli.options.shared import (
+    FilePath,
+    GroupedCommand,
+    check_inputs_option,
+    json_option,
+    option,
+    verbose_option,
+)
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.workers import pipeline, run
@@ -64,9 +70,9 @@ Examples:
 @job_options.others_options
 @job_options.reading_options(lambda row: True)
 @job_options.machine_options(*MACHINE_OPTIONS)
-@shared.check_inputs_option
-@shared.json_option
-@shared.verbose_option
+@check_inputs_option
+@json_option
+@verbose_option
 @option(
     "--dry-run",
     "Say what would be read and written, how long it takes and in how much memory, and stop.",

@@ -199,6 +199,11 @@ class Take:
         return holds_cells((len(color.planes), *color.shape[:2]), room)
 
     @property
+    def reads_hidden(self) -> bool:
+        """Whether a file of what is hidden is needed."""
+        return self.job.outputs.need_rendering and self.job.picture.hidden is not None
+
+    @property
     def metres(self) -> Any:
         """Planar depth in metres [H, W]; None if the file holds radii."""
         return None if self.inputs.depth.is_radius else self.inputs.depth.metres
@@ -246,6 +251,11 @@ class Surfaces:
     def is_repaired(self) -> bool:
         """Whether its depth is to be repaired: that of deep pixels is what it is."""
         return bool(self.colors) and self.take.job.reading.depth_repair != "off"
+
+    @property
+    def has_matte(self) -> bool:
+        """Whether the coverage of the subject counts: layers have their own."""
+        return self.take.inputs.matte is not None and self.take.inputs.layers is None
 
     @property
     def knows_hidden(self) -> bool:

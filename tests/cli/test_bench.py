@@ -68,10 +68,6 @@ def test_less_can_be_asked_for(tiny):
     assert methods == ["input", "sum", "over", "draft"]
 
 
-def test_a_set_without_scenes_is_refused(tmp_path):
-    refused(bench("--truth", tmp_path), 3, "empty", tmp_path)
-
-
 def test_a_missing_truth_is_named(tiny, tmp_path):
     (tmp_path / "a").mkdir()
     camera = (tiny / "card" / "camera.json").read_text()

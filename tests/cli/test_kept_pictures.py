@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from command_line import (
     LENS,
-    color_exr,
     depth_exr,
     files_under,
     pair,
@@ -92,10 +91,3 @@ def test_a_file_is_one_picture_without_a_journal(name, options, tmp_path, out):
     (out / name).write_bytes(b"of another program")
     refused(render(*files, "-o", out / name, *options), 3, "exists", out / name)
     photograph(*files, "-o", out / name, *options, "--overwrite")
-
-
-def test_a_file_is_none_of_its_inputs(tmp_path):
-    color, depth = color_exr(tmp_path / "a.exr"), depth_exr(tmp_path / "z.exr")
-    before = color.read_bytes()
-    refused(render(color, depth, "-o", color, "--overwrite"), 3, "replaces-input", color)
-    assert color.read_bytes() == before

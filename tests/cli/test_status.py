@@ -4,7 +4,7 @@ import os
 
 import pytest
 from batches import JOBS, jobs_file
-from command_line import depth_exr, ramp, refused, run
+from command_line import depth_exr, ramp, run
 
 from defocus_cli.words.batch import progress_lines, progress_record
 from defocus_core.batch.journal.journal import Journal
@@ -53,8 +53,3 @@ def test_status_can_be_asked_while_a_batch_runs(tmp_path, out, monkeypatch):
     assert told["jobs_per_second"] > 0
     assert told["eta_seconds"] == pytest.approx(2 / told["jobs_per_second"])
     assert any("the rest takes about " in line for line in words)
-
-
-def test_there_is_no_status_without_a_journal(tmp_path):
-    for command in ("status", "merge"):
-        refused(run(command, tmp_path), 3, "empty", tmp_path)

@@ -101,13 +101,6 @@ def test_a_full_disk(color, depth, out, monkeypatch):
         assert not out.exists()
 
 
-def test_a_disk_that_fills_up_leaves_no_half_picture(color, depth, out, monkeypatch):
-    fill_at_the_third_file(monkeypatch)
-    ran = render(color, depth, "-o", out, "--outputs", "render,left,right")
-    refused(ran, 3, "unwritable", "color.exr")
-    assert not out.exists()
-
-
 def test_a_disk_that_fills_up_during_a_batch_names_the_file(tmp_path, out, monkeypatch):
     for stem in "ab":
         color, depth = pair(tmp_path, stem)

@@ -201,11 +201,6 @@ def test_several_colour_layers_are_listed_and_chosen_by_name(tmp_path):
         read_color(path, layer="beauty")
 
 
-def test_the_default_layer_needs_no_choice(tmp_path):
-    found = read_color(layered(tmp_path / "a.exr", "diffuse", "")).pixels[..., 0]
-    np.testing.assert_array_equal(found, random_planes("R", seed=1)["R"])
-
-
 def test_parts_are_listed_and_chosen_by_number_or_name(tmp_path):
     left, right = random_planes("RGB", seed=0), random_planes("RGB", seed=1)
     path = multi_part(tmp_path / "a.exr", left=dict(left), right=dict(right))

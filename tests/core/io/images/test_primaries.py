@@ -205,12 +205,6 @@ def test_primaries_without_colours_are_said_where_they_are_needed(tmp_path):
     assert not (tmp_path / "b.png").exists()
 
 
-def test_webp_is_read(tmp_path):
-    smooth = np.broadcast_to(np.linspace(40, 200, 64), (48, 64))[..., None].astype(np.uint8)
-    path = save(tmp_path / "a.webp", np.repeat(smooth, 3, 2))
-    assert read_color(path).pixels.shape == (48, 64, 3)
-
-
 PARA = parametric(3, *SRGB_CURVE)
 PROFILES = {
     "Display P3": profile(WIDE["Display P3"], PARA),

@@ -70,13 +70,6 @@ def test_channels_of_unreal(tmp_path):
     assert "unreal-mrq; say --depth-format unreal-mrq" in evidence(path)
 
 
-def test_arrays_of_hdf5(tmp_path):
-    path = write_hdf5(tmp_path / "a.hdf5", {"dataset": np.float32(ramp())})
-    ran = run("info", path)
-    assert ran.code == 0, ran.err
-    assert "depth: 1 m to 4 m" in ran.out
-
-
 def test_arrays_to_choose_from_are_named_and_their_format(tmp_path):
     arrays = {"depths": np.ones((2, 8, 6), "f4"), "rawDepths": np.ones((2, 8, 6), "f4")}
     path = write_hdf5(tmp_path / "nyu.mat", arrays)
