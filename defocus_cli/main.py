@@ -17,7 +17,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.types import option, option_name
+from defocus_cli.options.shared import option, option_name
 from defocus_cli.words.console import (
     Due,
     Interrupted,

@@ -9,8 +9,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, option
+from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, option
 from defocus_cli.words import console
 from defocus_core.allowed_values import QUALITIES
 from defocus_core.bench import error
@@ -63,7 +62,7 @@ def _size(word: str) -> Size:
     click.IntRange(1, MAX_THREADS),
 )
 @option("--device", "", DEVICES, default="auto", show_default=True)
-@shared.json_option
+@json_option
 @_time_option("--time", "Time synthetic scenes instead.", into="timing")
 @_time_option(
     "--launches FILE",

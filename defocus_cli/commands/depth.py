@@ -7,9 +7,8 @@ from typing import Any
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import reading_options
-from defocus_cli.options.types import FilePath, GroupedCommand, output_option
+from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, output_option
 from defocus_cli.words import console
 from defocus_core.batch.depth_conversion import Converted, convert, places, refuse_existing
 from defocus_core.request.job import Reading
@@ -27,7 +26,7 @@ from defocus_core.system.text import counted
 @output_option("--preview", "Also write <stem>.preview.png, near is bright.")
 @output_option("--overwrite", "Replace files that are there.")
 @reading_options(lambda row: not row.of_pictures)
-@shared.json_option
+@json_option
 def command(
     files: tuple[Path, ...],
     out: Path,

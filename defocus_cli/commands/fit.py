@@ -8,17 +8,18 @@ from typing import Any
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import reading_options
-from defocus_cli.options.types import (
+from defocus_cli.options.shared import (
     Command,
     FilePath,
     GroupedCommand,
     bundle,
     files_option,
+    json_option,
     lens_option,
     option,
     output_option,
+    refuse_existing,
 )
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
@@ -137,7 +138,7 @@ def _fit_options(command: Command) -> Command:
 @output_option("--accept", "Take a lens that does not explain the pictures.", is_common=True)
 @_fit_options
 @reading_options()
-@shared.json_option
+@json_option
 def command(
     sharp: Path,
     depth: Path,
@@ -220,7 +221,7 @@ def _places(
         if named.suffix != ".toml":
             problem = f"{named} is not a lens file"
             raise UsageProblem("malformed", problem, "let it end in .toml", path="-o")
-        shared.refuse_existing(named, overwrite=overwrite)
+        refuse_existing(named, overwrite=overwrite)
     if many and out is not None:
         out.mkdir(parents=True, exist_ok=True)
     return places

@@ -8,9 +8,8 @@ from typing import Any
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import reading_options, shot_lens_options
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.shared import FilePath, GroupedCommand, json_option
 from defocus_cli.words import console
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
@@ -35,7 +34,7 @@ from defocus_core.system.text import counted
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @shot_lens_options(required=False, names=BLURRING)
 @reading_options()
-@shared.json_option
+@json_option
 def command(
     files: tuple[Path, ...],
     lenses: PictureLenses | None,

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import machine_options
-from defocus_cli.options.types import GroupedCommand
+from defocus_cli.options.shared import GroupedCommand, json_option
 from defocus_cli.words import console
 from defocus_core.picture import plain_path
 from defocus_core.request.job import Machine
@@ -27,7 +26,7 @@ _WORDS = {True: "ok", False: "FAILED"}
 
 @click.command("verify", cls=GroupedCommand)
 @machine_options("quality", "device", "threads")
-@shared.json_option
+@json_option
 def command(machine: Machine, as_json: bool) -> int:
     """Render small pictures and measure whether the laws of the lens hold on this machine.
 

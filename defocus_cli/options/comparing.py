@@ -12,12 +12,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.options import shared
-from defocus_cli.options.types import (
+from defocus_cli.options.shared import (
     Decorator,
     FilePath,
     ReportPath,
     bundle,
+    html_option,
     option,
     output_option,
 )
@@ -202,5 +202,5 @@ def _reports() -> list[Decorator]:
         output_option(
             "--junit FILE", "Write JUnit XML, a case for each pair.", ReportPath("junit")
         ),
-        shared.html_option(_HTML),
+        html_option(_HTML),
     ]

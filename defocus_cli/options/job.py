@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.types import (
+from defocus_cli.options.shared import (
     Command,
     Decorator,
     FilePath,
@@ -36,6 +36,7 @@ from defocus_core.request.job_options import (
     ReadingParam,
 )
 from defocus_core.request.lens import Lens
+from defocus_core.request.pairing import choice_of
 from defocus_core.request.parameters import LENS_OPTIONS, OPENING, SHAPES, Param
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import read_at
@@ -51,7 +52,6 @@ from defocus_core.request.resolver import (
     refuse_contradiction,
     value_of,
 )
-from defocus_core.request.shots import SharedDecisions, choice_of, decisions_of
 from defocus_core.system.process import cores
 
 
@@ -148,7 +148,7 @@ class ShotOptions:
     """The options of a shot beside its lens."""
 
     frames: Layer  # which are wanted
-    together: SharedDecisions  # what the frames have in common
+    together: Layer  # what the frames have in common
     contact: int | None = None  # number of pictures on a contact sheet; None for no sheet
 
     def choice(self, lenses: PictureLenses) -> FrameChoice:
@@ -169,7 +169,7 @@ def shot_options(command: Command) -> Command:
 
     def make(contact: int | None, **values: Any) -> ShotOptions:
         frames, together = (given_options(values, rows) for rows in (INPUT_OPTIONS, SHOT_OPTIONS))
-        return ShotOptions(frames, decisions_of(together), contact)
+        return ShotOptions(frames, together, contact)
 
     return bundle("shot", make, [*map(param_option, rows), contact])(command)
 

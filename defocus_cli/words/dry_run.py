@@ -10,8 +10,7 @@ from typing import Any
 import click
 
 from defocus_cli.words import console
-from defocus_cli.words import job as job_report
-from defocus_cli.words.batch import reasons_lines
+from defocus_cli.words.batch import done_before_line, job_line, job_record, reasons_lines
 from defocus_core.batch.workers.plan import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
@@ -44,12 +43,12 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
         records = []
         for job in jobs:
             more = {"forecast": forecast.record(by_job[job])} if job in by_job else {}
-            records.append({**job_report.job_record(job), "done_before": job in done, **more})
+            records.append({**job_record(job), "done_before": job in done, **more})
         whole = forecast.total(sampled, len(todo)) if sampled else None
         console.print_json(dry_run=True, pictures=records, forecast=whole, unusable=len(unusable))
     else:
         for job in jobs:
-            line = job_report.done_before_line if job in done else job_report.job_line
+            line = done_before_line if job in done else job_line
             console.stdout(line(job))
             if job in by_job:
                 console.stdout(forecast.line(by_job[job]))
@@ -93,10 +92,10 @@ def report_batch(
         "kept": dict(plan.kept),
     }
     if as_json:
-        plans = [job_report.job_record(job) for job in todo]
+        plans = [job_record(job) for job in todo]
         console.print_json(dry_run=True, **totals, pictures=plans)
     else:
-        console.stdout(*(job_report.job_line(job) for job in todo if verbose))
+        console.stdout(*(job_line(job) for job in todo if verbose))
         console.stdout(*_batch_lines(totals, len(samples)), *reasons_lines(plan))
     _end(unusable, len(samples), "jobs")
 

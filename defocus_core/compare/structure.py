@@ -51,10 +51,10 @@ def compare_structure(
         findings.append(Finding("apart", text))
     ignored = settings.ignore_metadata
     metadata = _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
-    samples = _compare_samples(a, b)
+    samples = [*_compare_samples(a, b)]
     strict = bool(findings) or (settings.metadata and bool(metadata))
-    strict |= samples is not None and not ruled
-    findings += [each for each in (_compare_primaries(a, b, ignored), samples) if each]
+    strict |= bool(samples) and not ruled
+    findings += [*_compare_primaries(a, b, ignored), *samples]
     notes = tuple(_notes_of(a, b, lone))
     record = replace(record, findings=tuple(findings), notes=notes, metadata=tuple(metadata))
     return record, common, strict
@@ -84,36 +84,35 @@ def _of_channels(
 
 def _compare_primaries(
     a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str]
-) -> Finding | None:
+) -> Iterator[Finding]:
     """Whether two pictures declare other primaries, by which equal numbers are other colours."""
     counts = _heeded({"chromaticities": ""}, ignored)
-    if not counts or same_primaries(a.primaries, b.primaries) or not any(color_layers([*a.planes])):
-        return None
-    old, new = (primaries_name(each.primaries) for each in (a, b))
-    text = f"other primaries declared: {new} instead of {old}"
-    return Finding("other primaries declared", text, {"a": old, "b": new})
+    if counts and any(color_layers([*a.planes])) and not same_primaries(a.primaries, b.primaries):
+        old, new = (primaries_name(each.primaries) for each in (a, b))
+        text = f"other primaries declared: {new} instead of {old}"
+        yield Finding("other primaries declared", text, {"a": old, "b": new})
 
 
-def _compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
-    """How the samples of two deep pictures differ; None if they do not, or one is flat."""
+def _compare_samples(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
+    """How the samples of two deep pictures differ; nothing if they do not, or one is flat."""
     if not a.samples or not b.samples:
-        return None
+        return
     old, new = (each.samples[""] for each in (a, b))
     if not np.array_equal(old, new):
         places, owners = np.unique(np.concatenate([old, new]), return_inverse=True)
         counts = [np.bincount(of, minlength=len(places)) for of in np.split(owners, [len(old)])]
         pixels = int(np.count_nonzero(counts[0] != counts[1]))
         text = f"deep samples: another number in {counted(pixels, 'pixel')}"
-        return Finding("deep samples", text, {"pixels": pixels})
+        yield Finding("deep samples", text, {"pixels": pixels})
+        return
     greatest = {
         name: float(np.abs(b.samples[name].astype("f8") - values).max(initial=0.0))
         for name, values in a.samples.items()
         if name in b.samples and not np.array_equal(values, b.samples[name], equal_nan=True)
     }
-    if not greatest:
-        return None
-    each = ", ".join(f"{name} by up to {maximum:.3g}" for name, maximum in greatest.items())
-    return Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
+    if greatest:
+        each = ", ".join(f"{name} by up to {maximum:.3g}" for name, maximum in greatest.items())
+        yield Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
 
 
 def _depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:

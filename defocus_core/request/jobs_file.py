@@ -59,7 +59,7 @@ from defocus_core.request.job_options import (
 from defocus_core.request.lens import Lens
 from defocus_core.request.lens_files import lens_path, reading_in
 from defocus_core.request.origin import JobsSource, read_origin
-from defocus_core.request.pairing import SCENE_SUFFIXES, find
+from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find
 from defocus_core.request.parameters import LENS_OPTIONS, METADATA
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import pixel_count
@@ -73,7 +73,7 @@ from defocus_core.request.resolver import (
     outputs_of,
     reading_of,
 )
-from defocus_core.request.shots import choice_of, decisions_of, with_shot
+from defocus_core.request.shots import with_shot
 from defocus_core.request.splits import read_splits
 from defocus_core.request.sweeps import read_sampling, read_sweep
 from defocus_core.request.toml_file import Table, parsed_toml, read_bytes, refuse_unknown, table
@@ -128,7 +128,7 @@ def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machi
         problem, remedy = f"asks for {count} pictures", f"split it into files of at most {MAX_JOBS}"
         raise UsageProblem("out-of-range", problem, remedy, path=path)
     machine = replace(machine, **quality)
-    splits = read_splits(tables["split"]).of([entry.picture for entry in entries])
+    splits = read_splits(tables["split"], [entry.picture for entry in entries])
     jobs = [
         Job(entry.picture, lens, reading, outputs, machine, suffix, split=split)
         for entry, split in zip(entries, splits, strict=True)
@@ -139,7 +139,7 @@ def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machi
     def lens_of(picture: Picture, suffix: str) -> Lens:
         return next(lenses.lenses(picture, [lenses.suffixes.index(suffix)]))[1]
 
-    decisions = decisions_of(layer_in(tables["shot"], SHOT_OPTIONS))
+    decisions = layer_in(tables["shot"], SHOT_OPTIONS)
     every = [each.picture for each in shot]
     return Batch(with_shot(jobs, every, lens_of, decisions, moving=lenses.moves_focus), source)
 
@@ -180,7 +180,7 @@ def _lenses(
         animation=animation,
         metadata=lens.flag(METADATA) or False,
         metres=UNITS[reading.depth_unit or "m"],
-        points=tuple(read_sweep(sweep)),
+        points=read_sweep(sweep),
         sampling=read_sampling(sample),
         max_coc=(sample if "max-coc" in sample.values else lens).parsed("max-coc", pixel_count),
     )

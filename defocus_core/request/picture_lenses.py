@@ -7,7 +7,7 @@ is animated, drawn or swept is set nowhere else, as it would be ignored there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
@@ -42,14 +42,6 @@ _NONE: Layer = {}
 
 
 @dataclass(frozen=True)
-class Point:
-    """One lens of a sweep: the suffix of its samples, and its swept options."""
-
-    suffix: str
-    options: Layer
-
-
-@dataclass(frozen=True)
 class Sampling:
     """How many lenses are drawn for a picture, and what each option is drawn from."""
 
@@ -71,7 +63,8 @@ class PictureLenses:
     animation: Animation | None = None
     metadata: bool = False  # whether options are taken from the metadata of each colour file
     metres: float = 1.0  # the unit of the scene, for metadata in it
-    points: tuple[Point, ...] = (Point("", {}),)  # the lenses of the sweep
+    # The options of each lens of the sweep, by what it adds to the name of a sample
+    points: Mapping[str, Layer] = field(default_factory=lambda: {"": _NONE})
     sampling: Sampling = field(default_factory=Sampling)  # what is drawn, for each point
     max_coc: float | None = None  # largest CoC radius in px that a lens may have; None for any
     # What was made: options and lenses of points for all pictures; options of lens files that were
@@ -91,7 +84,7 @@ class PictureLenses:
     def taken(self) -> dict[str, str]:
         """The options that are animated, drawn or swept, and where."""
         taken = {} if self.animation is None else self.animation.taken
-        tables = [*((each.options, "[sweep]") for each in self.points)]
+        tables = [*((options, "[sweep]") for options in self.points.values())]
         for layer, table in (*tables, (self.sampling.options, "[sample]")):
             refuse_taken(layer, {name: words for name, words in taken.items() if words != table})
             taken |= {same: table for name in layer for same in alternatives(name)}
@@ -106,7 +99,7 @@ class PictureLenses:
     def suffixes(self) -> list[str]:
         """What each lens adds to the name of a sample."""
         draws = [f"_s{index:03}" for index in range(self.sampling.count)] or [""]
-        return [point.suffix + draw for point in self.points for draw in draws]
+        return [suffix + draw for suffix in self.points for draw in draws]
 
     @property
     def varies(self) -> bool:
@@ -159,26 +152,27 @@ class PictureLenses:
         `numbers`: which of the lenses, ascending from 0; `row`: options of this picture alone.
         """
         refuse_taken(row, self.taken)
+        points = [*self.points.items()]
         draws, alike = self.sampling.count, not (self.varies or row)
         options, metadata = (self.options, _NONE) if alike else self._options(picture, row)
         for which, mine in groupby(numbers, lambda number: number // max(draws, 1)):
-            point = self.points[which]
+            suffix, swept = points[which]
             made = self._made.get(which) if alike else None
             if made is None:
-                set_to: Layer = laid_over(options, point.options)
+                set_to: Layer = laid_over(options, swept)
                 self._check(set_to, metadata, picture)
                 made = set_to, None if draws else lens_of(set_to, self.max_coc)
                 if alike:
                     self._made[which] = made
             set_to, lens = made
             if lens is not None:
-                yield point.suffix, lens
+                yield suffix, lens
                 continue
             texts = tuple((name, each.text) for name, each in set_to.items())
             source = place_of_focus(set_to)
             for index in (number % draws for number in mine):
-                draw = Draw(self.sampling.seed, picture.stem + point.suffix, index, texts)
-                yield f"{point.suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
+                draw = Draw(self.sampling.seed, picture.stem + suffix, index, texts)
+                yield f"{suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
 
     def _check(self, options: Layer, metadata: Layer, picture: Picture | None) -> None:
         """Raise UsageProblem for options that make no lens."""

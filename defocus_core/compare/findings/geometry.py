@@ -202,10 +202,9 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
             move, better = _fitted(evidence, first, move, free)
             if not better:
                 continue
-            left, cost = (
-                _left_by_move(evidence, move),
-                0.01 * len(free) - 0.01 + 0.03 * (free is _LENS),
-            )
+            inside, (there,) = _moved(evidence, *evidence.places, move, evidence.names)
+            left = evidence.left(_interpolated(evidence)[1](there), inside)
+            cost = 0.01 * len(free) - 0.01 + 0.03 * (free is _LENS)
             name, text, values = _moved_words(move, _far(evidence))
             if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
                 name = _OF_PARTS
@@ -228,9 +227,8 @@ def _chromatic(evidence: Evidence) -> Iterator[Explanation]:
     growths, predicted, within = {}, [], np.ones(evidence.places[0].shape, bool)
     for name in names:
         move, _ = _fitted(evidence, (name,), np.zeros(7), _GROWTH)
-        scale, back = _interpolated(evidence)
-        inside, sums = _moved(evidence, *evidence.places, move, (name,), scale)
-        predicted.append(back(sums[0])[0])
+        inside, (there,) = _moved(evidence, *evidence.places, move, (name,))
+        predicted.append(_interpolated(evidence)[1](there)[0])
         growths[name], within = 1 + move[1] / _far(evidence), within & inside
     factors = [*growths.values(), *([1.0] if len(names) < 3 else [])]
     alike = _SCALED_ALIKE * max(abs(factor - 1) for factor in factors)
@@ -273,7 +271,7 @@ def _fitted(
     slope = steepness(was) if scale == evidence.light else 1.0
     move, rest, ways = start.copy(), aim - was, [aim]
     for _ in range(_STEPS):
-        inside, (there, down, right) = _moved(evidence, *places, move, names, scale, sloped=True)
+        inside, (there, down, right) = _moved(evidence, *places, move, names, sloped=True)
         out = (y * y + x * x) * (down * y + right * x)
         ways = [
             -v * slope * inside
@@ -298,19 +296,6 @@ def _interpolated(evidence: Evidence) -> tuple[_Scale, _Scale]:
     return evidence.scaled, evidence.unscaled
 
 
-def _left_by_move(evidence: Evidence, move: NDArray[Any]) -> float:
-    """What a move leaves: light may have been interpolated as such, or as a screen shows it."""
-    scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
-    if evidence.pixels.color:
-        scales.insert(evidence.gamma != 1.0, (evidence.light, evidence.stored))
-    least = math.inf
-    for (scale, back), weights in product(scales, (keys, linear)):
-        if _EXPLAINED < least < 0.8 or least == math.inf:
-            inside, sums = _moved(evidence, *evidence.places, move, evidence.names, scale, weights)
-            least = min(least, evidence.left(back(sums[0]), inside))
-    return least
-
-
 def keys(t: Any) -> Any:
     """The cubic kernel of Keys (1981), with a = -1/2, at distances in px."""
     t = np.abs(t)
@@ -330,14 +315,11 @@ def _moved(
     columns: NDArray[Any],
     move: NDArray[Any],
     names: Sequence[str],
-    scale: _Scale | None = None,
-    kernel: Callable[[Any], Any] = keys,
     *,
     sloped: bool = False,
 ) -> tuple[NDArray[np.bool_], list[NDArray[Any]]]:
     """Places of A that were within it, and A there, if asked for with its slopes down and right."""
-    scale, far = scale or evidence.scaled, _far(evidence)
-    height, width = evidence.size
+    far, (height, width) = _far(evidence), evidence.size
     y, x = (rows - (height - 1) / 2) / far, (columns - (width - 1) / 2) / far
     out = move[6] * (y * y + x * x)
     at_y = rows - move[0] - move[1] * y - move[2] * x - out * y
@@ -346,13 +328,11 @@ def _moved(
     top, left = np.floor(at_y).astype(np.intp), np.floor(at_x).astype(np.intp)
     taps = np.arange(-1, 3)[:, None]
     lines, row = (top + taps).clip(0, height - 1)[:, None], (left + taps).clip(0, width - 1)
-    values = scale(evidence.at("a", lines, row, names))  # [C, 4, 4, N]
+    values = _interpolated(evidence)[0](evidence.at("a", lines, row, names))  # [C, 4, 4, N]
     down, across = at_y - top - taps, at_x - left - taps
-    ways = [(kernel(down), kernel(across))]
+    ways = [(keys(down), keys(across))]
     if sloped:
-        slopes = [
-            (kernel(t + _AROUND) - kernel(t - _AROUND)) / (2 * _AROUND) for t in (down, across)
-        ]
+        slopes = [(keys(t + _AROUND) - keys(t - _AROUND)) / (2 * _AROUND) for t in (down, across)]
         ways += [(slopes[0], ways[0][1]), (ways[0][0], slopes[1])]
     return inside, [np.einsum("kn,jn,ckjn->cn", k, j, values) for k, j in ways]
 

@@ -8,7 +8,7 @@ made of these rows.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -249,9 +249,3 @@ class Finding:
 def is_place(name: str) -> bool:
     """Whether a finding says where a difference is, and no cause."""
     return name in PLACES
-
-
-def help_lines() -> Iterator[str]:
-    """The rows of the tables of `defocus help compare`."""
-    for name, words in (EVIDENCE | PLACES).items():
-        yield f"| `{name}` | {words} |"
