@@ -19,7 +19,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.sources import windows
+from defocus_core.picture.scene import windows
 from defocus_core.picture.steps.table import PAIR, WINDOW, through
 from defocus_core.picture.take import InputPair
 from defocus_core.request.job import Picture, Reading
