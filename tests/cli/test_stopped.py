@@ -1,22 +1,17 @@
 """Whatever stops a run, kill -9 and Ctrl-C, the same command goes on where it was."""
 
-from __future__ import annotations
-
 import json
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from batches import contents, jobs_file, records
-from command_line import LENS, color_exr, hidden_in, pair, render, run, texture
+from command_line import LENS, color_exr, pair, render, run, texture
 from shots import pull
 
 HERE = Path(__file__).parents[1] / "support"
-COMMAND = "from defocus_cli.__main__ import run; run()"
 
 
 @pytest.fixture
@@ -56,72 +51,6 @@ def test_a_shot_that_is_killed_comes_to_the_same_end(tmp_path):
     assert (told["lies"], told["code"]) == (0, 0)
     assert contents(out) == contents(tmp_path / "whole")
     assert sorted(each["sample_id"] for each in records(out)) == [f"rgb.{k:04}" for k in range(10)]
-
-
-def started(*args, slow, step="plain_path.compute"):
-    """A run of which a step takes its time; it says when the first picture comes to it."""
-    script = (
-        "import os, sys, time; from defocus_cli import main\n"
-        "from defocus_core.picture import plain_path\n"
-        f"do = {step}\n"
-        "def slowly(*args, **named):\n"
-        "    print('up', flush=True)\n"
-        f"    time.sleep({slow})\n"
-        "    return do(*args, **named)\n"
-        f"{step} = slowly\n"
-        "sys.exit(main.main())"
-    )
-    words = [sys.executable, "-c", script, "render", *map(str, args), "--outputs", "coc", *LENS]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    process = subprocess.Popen(words, text=True, **pipes)
-    assert process.stdout is not None
-    assert process.stdout.readline() == "up\n"
-    return process
-
-
-def test_ctrl_c_finishes_what_was_begun_and_the_rest_is_left(folders, out):
-    process = started(*folders, "-o", out, slow=0.5)
-    time.sleep(0.2)  # the next is read
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate()
-    assert process.returncode == 130
-    assert "finishing what is being rendered; press Ctrl-C again" in err
-    done = len(records(out))
-    assert done == 1, "what was read ahead is left"
-    last = err.splitlines()[-1]
-    assert last.startswith(f"defocus: interrupted, {16 - done} of 16 jobs left; run the same")
-    ran = render(*folders, "-o", out, "--outputs", "coc")
-    assert ran.code == 0
-    assert len(records(out)) == 16
-
-
-def test_ctrl_c_again_stops_at_once(folders, out):
-    process = started(*folders, "-o", out, slow=30)
-    assert process.stderr is not None
-    process.send_signal(signal.SIGINT)
-    assert "press Ctrl-C again" in process.stderr.readline()
-    process.send_signal(signal.SIGINT)
-    _, err = process.communicate()
-    assert process.returncode == 130
-    assert err == "defocus: interrupted; pictures that were finished are kept\n"
-
-
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
-def test_the_system_ends_a_run_which_leaves_nothing_half_written(name, folders, out):
-    process = started(*folders, "-o", out, slow=0.3, step="os.replace")
-    number = signal.Signals[name]
-    assert process.stdout is not None
-    process.stdout.readline()  # the first was the run's own note
-    process.send_signal(number)
-    process.send_signal(number)
-    _, err = process.communicate()
-    assert process.returncode == 128 + number
-    assert err.splitlines()[-1] == f"defocus: ended by {name}; pictures that were finished are kept"
-    assert hidden_in(out) <= {".journal.run"}
-    assert {path.stem for path in (out / "coc").iterdir()} >= {r["sample_id"] for r in records(out)}
-    assert render(*folders, "-o", out, "--outputs", "coc").code == 0
-    assert len(records(out)) == 16
-    assert not hidden_in(out)
 
 
 def rounds(mode, every, folder, *words):

@@ -6,8 +6,6 @@ What takes seconds to import is imported once: each run is a fork of this proces
 runs were killed, and how often a record was there without its files.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import random

@@ -9,8 +9,6 @@ left half-written, the exit code of the one that went on, and the files that dif
 those of a command that nothing stopped. EVERY is the distance of one n to the next.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import itertools

@@ -7,19 +7,19 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from defocus_core.batch.datasets import update
-from defocus_core.batch.journal import identity
 from defocus_core.batch.journal.journal import Ledger, Shard
 from defocus_core.batch.journal.record import End, Stamps
 from defocus_core.batch.journal.resume import AGAIN, Decision, decided, refuse_others
 from defocus_core.errors import InputError
 from defocus_core.io.safe_files import missing
 from defocus_core.request.job import Job, Outputs
-from defocus_core.request.origin import JobsSource
-from defocus_core.request.splits import with_recorded
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note
+
+if TYPE_CHECKING:
+    from defocus_core.request.origin import JobsSource
 
 Chunk = list[tuple[int, Job]]  # jobs of one picture, with their numbers
 Done = Callable[[int, End], None]
@@ -96,18 +96,22 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     """Find which jobs of a batch are to do; what must not be touched is refused."""
     refuse_misplaced(jobs)
     if execution.has_index:
+        from defocus_core.batch.datasets import update
+
         named = {job.sample_id: job.split.name for job in jobs}
         update.refuse_foreign(out, named, packs=execution.shards_size is not None)
     is_file, forced = writes_file(jobs), any(job.outputs.overwrite for job in jobs)
     ledger = Ledger(out, is_empty=is_file)
-    jobs = with_recorded(jobs, {} if forced else ledger.splits)
+    if any(job.split.choices for job in jobs):
+        from defocus_core.request.splits import with_recorded
+
+        jobs = with_recorded(jobs, {} if forced else ledger.splits)
     plan = Plan(jobs if execution.shard is None else _part(jobs, execution.shard), ledger)
     left = len(plan.jobs) if execution.limit is None else execution.limit
     for number, job in enumerate(plan.jobs):
         found = Decision(False)
         if not forced:
-            recipe = identity.recipe(job)
-            found = decided(job, ledger, recipe, read_inputs=execution.read_inputs)
+            found = decided(job, ledger, read_inputs=execution.read_inputs)
         is_kept = execution.new_only and found.again and _has_outputs(job, ledger)
         if is_kept:
             plan.kept[found.again] += 1

@@ -13,15 +13,12 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from defocus_core.batch.datasets import update
-from defocus_core.batch.journal import identity, progress
+from defocus_core.batch.journal import resume, runs
 from defocus_core.batch.journal.journal import Journal, input_path, journal_path
-from defocus_core.batch.journal.lock import locked
 from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Taken, now
 from defocus_core.batch.journal.resume import moved_record
 from defocus_core.batch.workers.plan import (
     Chunk,
-    Done,
     Execution,
     Plan,
     make_plan,
@@ -32,7 +29,6 @@ from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import unwritable
 from defocus_core.renderer_version import RENDERER_VERSION
-from defocus_core.request import origin
 from defocus_core.request.job import Job, Outputs
 from defocus_core.system.interrupts import Interrupts
 from defocus_core.system.text import note
@@ -77,15 +73,13 @@ class Summary:
 def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener) -> Summary:
     """Do jobs that write to OUT. A lone one of one file takes no lock, and leaves no journal."""
     has_journal = not writes_file(jobs)
-    with (
-        _output_folders({job.outputs for job in jobs}, out),
-        locked(out, execution.shard) if has_journal else nullcontext(lambda: None) as require_lock,
-    ):
+    lock = runs.locked(out, execution.shard) if has_journal else nullcontext(lambda: None)
+    with _output_folders({job.outputs for job in jobs}, out), lock as require_lock:
         if has_journal and execution.shard is None:
-            progress.sweep_up(out)  # what runs that were killed left half-written
-            progress.gather(out)
+            runs.sweep_up(out)  # what runs that were killed left half-written
+            runs.gather(out)
         elif execution.shard is not None:  # others of its division write to OUT, too
-            progress.refuse_other_division(out, execution.shard)
+            runs.refuse_other_division(out, execution.shard)
         plan = make_plan(jobs, out, execution)
         listener.planned(plan)
         state = _State(plan, execution, listener)
@@ -100,12 +94,14 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
                         append(record)
                         state.count(plan.jobs[number], record)
 
-                state.carry_out(done)
+                with state.interruptible():
+                    if plan.due:
+                        execution.execute(state.chunks(), done, state.stopped)
                 require_lock()
             if has_journal and execution.shard is None:
-                progress.sweep_up(out)
+                runs.sweep_up(out)
         elif has_journal and execution.shard is None:
-            progress.run_path(out).unlink(missing_ok=True)
+            runs.run_path(out).unlink(missing_ok=True)
     if has_journal:
         _index({job.sample_id for job in jobs}, state)
     return state.summary
@@ -116,9 +112,12 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
     """Append records; the run is noted in OUT in the block, and after it if jobs are left."""
     plan, shard = state.plan, state.execution.shard
     out = plan.ledger.out
-    path = progress.note_run(out, shard, (job.sample_id for job in plan.unfinished))
+    path = runs.note_run(out, shard, (job.sample_id for job in plan.unfinished))
     changing = {job.sample_id for _, job in plan.todo}
-    state.withdrawn = update.withdraw(out, changing, alone=shard is None)
+    if (out / runs.INDEX).exists():
+        from defocus_core.batch.datasets import update
+
+        state.withdrawn = update.withdraw(out, changing, alone=shard is None)
     try:
         with Journal(journal_path(out, shard), plan.began) as journal:
             yield journal.append
@@ -135,9 +134,13 @@ def _index(asked: Collection[str], state: _State) -> None:
     plan, summary, execution = state.plan, state.summary, state.execution
     out = plan.ledger.out
     if execution.source is not None:
+        from defocus_core.request import origin
+
         origin.keep(out, execution.source)
+    if execution.has_index or (out / runs.INDEX).exists():
+        from defocus_core.batch.datasets import update
     if not execution.has_index:
-        if summary.statuses["ok"]:
+        if summary.statuses["ok"] and (out / runs.INDEX).exists():
             update.refresh(out, asked, state.withdrawn)
     elif execution.shard is None and not summary.interrupted:
         untouched = None if plan.due or plan.moved else state.done_before()
@@ -195,18 +198,19 @@ class _State:
         self.replaced: set[int] = set()  # numbers of records whose pictures were made again
         self.stopping = False
 
-    def carry_out(self, done: Done) -> None:
-        """Do the jobs that are due, or until stopped."""
+    @contextmanager
+    def interruptible(self) -> Iterator[None]:
+        """Do jobs in the block, or until stopped."""
         start = time.perf_counter()
         try:
             with self.interrupts:
-                if self.plan.due:
-                    self.execution.execute(self._chunks(), done, self._stopped)
+                yield
         finally:
             self.summary.seconds = time.perf_counter() - start
         self.summary.interrupted = self.interrupts.asked
 
-    def _stopped(self) -> bool:
+    def stopped(self) -> bool:
+        """Whether no further job is to be begun."""
         return self.stopping or self.interrupts.asked
 
     def done_before(self) -> set[str]:
@@ -218,18 +222,18 @@ class _State:
             if any(ledger.is_ok(ledger.last.get(name)) for name in job.names.values())
         }
 
-    def _chunks(self) -> Iterator[Chunk]:
+    def chunks(self) -> Iterator[Chunk]:
         """Jobs of one picture that follow one another, in chunks that keep all workers busy."""
         maximum = max(1, min(MAX_IN_A_CHUNK, self.plan.due // (4 * self.execution.spread)))
         chunk: Chunk = []
         for number, job in self.plan.todo:
             if chunk and (len(chunk) == maximum or chunk[-1][1].picture != job.picture):
-                if self._stopped():
+                if self.stopped():
                     return
                 yield chunk
                 chunk = []
             chunk.append((number, job))
-        if chunk and not self._stopped():
+        if chunk and not self.stopped():
             yield chunk
 
     def record(self, number: int, end: End) -> Record | None:
@@ -241,10 +245,10 @@ class _State:
         record = Record(
             sample_id=job.sample_id,
             split=job.split.name,
-            recipe=identity.recipe(job),
-            settings=identity.settings(job),
+            recipe=resume.recipe(job),
+            settings=resume.settings(job),
             quality=job.machine.quality,
-            **identity.versions(),
+            **resume.versions(),
             finished=now(),
             end=replace(end, inputs=inputs, outputs=outputs),
         )
@@ -286,5 +290,5 @@ class _State:
                 continue
             stamps = ledger.record(number).outputs.values()
             stamp = next((s for s in stamps if s.path == path), Stamp())
-            if identity.unchanged(ledger.out / path, stamp):
+            if resume.unchanged(ledger.out / path, stamp):
                 Folder(ledger.out).remove(path)
