@@ -38,7 +38,7 @@ def read(wanted: InputPair) -> tuple[Color, Depth]:
     if asked is not None and not decoded.differs:
         words = f"{picture.depth.name}: ‹resize-depth› {asked}: it has the size of the colour"
         depth = decoded.depth
-        decoded = decoded.with_depth(replace(depth, told=(*depth.told, words)))
+        decoded = decoded.with_depth(replace(depth, warnings=(*depth.warnings, words)))
     pair = through(PAIR, decoded)
     require_valid(pair.depth)
     require_finite(pair.color)
@@ -180,7 +180,7 @@ def resized(given: InputPair) -> InputPair:
     metres = given.keeping.new((height, width), np.float32)
     if reading.resize_depth is None:
         words = f"{depth.path.name}: {size} to {width}x{height} px, guided by the colours"
-        depth = replace(depth, told=(*depth.told, words))
+        depth = replace(depth, warnings=(*depth.warnings, words))
     if reading.resize_depth != "nearest":
         require_valid(depth)
         _fill_guided(metres, depth, color)
