@@ -142,7 +142,10 @@ def main(args: Sequence[str] | None = None) -> int:
     except SystemExit as ended:  # click's answer to a broken pipe, or to a shell that completes
         return 0 if ended.code == 0 else 141  # as if by SIGPIPE, which Python ignores
     except OSError as error:
-        return _fail(system_error_line(error), 3)
+        remedy = (
+            "free some space" if error.errno == ENOSPC else "check the path and its permissions"
+        )
+        return _fail(one_line(f"{error.filename or 'system'}: {reason(error)}; {remedy}"), 3)
     except Exception as error:
         if {"-v", "--verbose"} & set(args):
             traceback.print_exc()
@@ -156,38 +159,23 @@ def error_line(error: click.ClickException) -> str:
     if not isinstance(error, click.UsageError):
         return one_line(error.format_message())
     remedy = f"see '{error.ctx.command_path if error.ctx else 'defocus'} --help'"
+    subject, problem = "command line", one_line(error.message).rstrip(".")
     if isinstance(error, click.NoSuchOption):
+        subject, problem = error.option_name, "no such option"
         if error.possibilities:
             remedy = f"did you mean {' or '.join(sorted(error.possibilities))}?"
         if error.ctx is not None and error.ctx.info_name == "batch":
-            remedy = _in_jobs_file(error.option_name.removeprefix("--")) or remedy
-        return f"{error.option_name}: no such option; {remedy}"
-    if isinstance(error, click.MissingParameter):
-        return f"{option_name(error.param)}: is missing; {remedy}"
-    if isinstance(error, click.BadParameter):
-        return f"{option_name(error.param)}: {_clause(error)}; {remedy}"
-    if isinstance(error, click.BadOptionUsage):
-        problem = _clause(error).removeprefix(f"Option '{error.option_name}' ")
-        return f"{error.option_name}: {problem}; {remedy}"
-    return f"command line: {_clause(error)}; {remedy}"
+            from defocus_core.request.jobs_file import KEYS
 
-
-def _in_jobs_file(name: str) -> str:
-    """The remedy for an option of a batch that is a key of its jobs file; empty if it is none."""
-    from defocus_core.request.jobs_file import KEYS
-
-    table, _, key = KEYS.get(name, "").partition(" ")
-    return table and f"write {key} below {table} of the jobs file"
-
-
-def system_error_line(error: OSError) -> str:
-    """An error of the operating system in the form ``SUBJECT: problem; remedy``."""
-    remedy = "free some space" if error.errno == ENOSPC else "check the path and its permissions"
-    return one_line(f"{error.filename or 'system'}: {reason(error)}; {remedy}")
-
-
-def _clause(error: click.ClickException) -> str:
-    return one_line(error.message).rstrip(".")
+            table, _, key = KEYS.get(subject.removeprefix("--"), "").partition(" ")
+            remedy = f"write {key} below {table} of the jobs file" if table else remedy
+    elif isinstance(error, click.BadParameter):
+        subject = option_name(error.param)
+        problem = "is missing" if isinstance(error, click.MissingParameter) else problem
+    elif isinstance(error, click.BadOptionUsage):
+        subject = error.option_name
+        problem = problem.removeprefix(f"Option '{subject}' ")
+    return f"{subject}: {problem}; {remedy}"
 
 
 def _fail(line: str, exit_code: int, code: str | None = None) -> int:

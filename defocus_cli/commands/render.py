@@ -28,7 +28,6 @@ from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.pairing import find
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.shots import with_shot
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
@@ -103,8 +102,11 @@ def command(
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)
     ]
-    moving = lenses.moves_focus
-    jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
+    if every or shot.together:
+        from defocus_core.request.shots import with_shot
+
+        moving = lenses.moves_focus
+        jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
     jobs = of_views(jobs, name)
     if outputs.file and (len(jobs) > 1 or name is not None or shot.contact is not None):
         problem = "is one file, which neither holds several pictures nor takes another name"

@@ -36,6 +36,7 @@ from defocus_core.request.job_options import (
     ReadingParam,
 )
 from defocus_core.request.lens import Lens
+from defocus_core.request.pairing import choice_of
 from defocus_core.request.parameters import LENS_OPTIONS, OPENING, SHAPES, Param
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import read_at
@@ -51,7 +52,6 @@ from defocus_core.request.resolver import (
     refuse_contradiction,
     value_of,
 )
-from defocus_core.request.shots import choice_of
 from defocus_core.system.process import cores
 
 

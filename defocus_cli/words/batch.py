@@ -56,6 +56,7 @@ def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> di
     """A job that ended, for JSON: its plan, and the fields of its record."""
     end, taken = record.end, record.taken
     told = {name: getattr(taken, name, None) for name in _OF_PICTURES}
+    seconds = {} if taken is None else taken.seconds
     return {
         **job_record(job),
         **{"status": end.status, "reason": end.reason, "message": end.message},
@@ -63,8 +64,8 @@ def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> di
         **told,
         "lens": lens_record(job.lens) if taken is None else taken.lens,
         "done_before": done_before,
-        "render_seconds": None if taken is None else taken.seconds.get("render"),
-        "render_cpu_seconds": None if taken is None else taken.seconds.get("cpu"),
+        "render_seconds": seconds.get("render"),
+        "render_cpu_seconds": seconds.get("cpu"),
         "stats": {} if taken is None else dict(taken.stats),
     }
 
@@ -87,17 +88,16 @@ def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
     )
     for warning in end.warnings:
         yield f"{job.sample_id}: warning: {warning}"
-    if verbose:
-        yield f"  colour: {end.color_note}"
-        yield f"  depth: {end.depth_note}"
-        yield (
-            f"  {end.device}, {counted(job.machine.threads, 'thread')}, {record.quality}, "
-            f"{end.seconds['cpu']:.2f} CPU s"
-        )
-        if "scratch_mb" in end.stats:
-            yield f"  {end.stats['scratch_mb']:.0f} MB of scratch in {scratch_folder()}"
-    counts = {name: count for name, count in end.stats.items() if name != "scratch_mb"}
-    if verbose and counts:
+    if not verbose:
+        return
+    yield f"  colour: {end.color_note}"
+    yield f"  depth: {end.depth_note}"
+    threads = counted(job.machine.threads, "thread")
+    yield f"  {end.device}, {threads}, {record.quality}, {end.seconds['cpu']:.2f} CPU s"
+    counts = dict(end.stats)
+    if (scratch := counts.pop("scratch_mb", None)) is not None:
+        yield f"  {scratch:.0f} MB of scratch in {scratch_folder()}"
+    if counts:
         yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
 
 
@@ -201,12 +201,10 @@ def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
 def summary_lines(summary: Summary) -> Iterator[str]:
     """Counts, reasons and speed of a batch that ended, in words; then its commonest warnings."""
     counts = Counter(summary.statuses)
-    parts = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
-    if summary.skipped:
-        parts.append(f"{summary.skipped} done before")
-    if summary.left:
-        parts.append(f"{summary.left} left")
-    line = f"{counted(summary.jobs, 'job')}: {', '.join(parts) or 'nothing to do'}"
+    ends = {word: counts[status] for status, word in _WORDS.items()}
+    ends |= {"done before": summary.skipped, "left": summary.left}
+    parts = ", ".join(f"{count} {word}" for word, count in ends.items() if count)
+    line = f"{counted(summary.jobs, 'job')}: {parts or 'nothing to do'}"
     if summary.reasons:
         line += f" ({reasons_words(summary.reasons)})"
     if summary.warned:
@@ -239,7 +237,12 @@ def reasons_words(reasons: Mapping[str, int]) -> str:
 
 def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> dict[str, Any]:
     """A run that ended, for JSON: counts, reasons, time, its pictures, the error of a lone one."""
-    ended = (report.records.get(job.sample_id) for job in jobs)
+    ended, error = (report.records.get(job.sample_id) for job in jobs), summary.error
+    told = {}
+    if error is not None:  # as of a command that has no result
+        line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
+        exit_code = console.exit_code_of(error)
+        told = {"error": {"message": line, "exit_code": exit_code, "code": code}}
     return {
         "dry_run": False,
         "jobs": summary.jobs,
@@ -254,17 +257,8 @@ def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> di
         "seconds": summary.seconds,
         "interrupted": summary.interrupted,
         "pictures": [record for record in ended if record is not None],
-        **_error_record(summary),
+        **told,
     }
-
-
-def _error_record(summary: Summary) -> dict[str, Any]:
-    """The error that ended a lone picture, as of a command that has no result."""
-    error = summary.error
-    if error is None:
-        return {}
-    line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
-    return {"error": {"message": line, "exit_code": console.exit_code_of(error), "code": code}}
 
 
 def progress_lines(out: Path, state: Progress) -> Iterator[str]:

@@ -19,17 +19,8 @@ from defocus_core.request.job import Job, Outputs
 from defocus_core.system.text import counted, duration
 
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
-_PIXEL_BYTES = {
-    "half": 3.6,
-    "float": 9.6,
-    "png": 1.8,
-    "png16": 4.5,
-    "tiff": 4.5,
-    "jpg": 0.5,
-    "webp": 0.4,
-}
-_PREVIEW_BYTES = 1.5
-_MAP_BYTES = 2.4
+_PIXEL_BYTES = {"half": 3.6, "float": 9.6, "png": 1.8, "png16": 4.5, "tiff": 4.5, "jpg": 0.5}
+_PIXEL_BYTES |= {"webp": 0.4, "preview": 1.5, "map": 2.4}
 
 
 def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
@@ -141,5 +132,5 @@ def _bytes(outputs: Outputs, samples: Sequence[Forecast], count: int) -> float:
     """Bytes that so many jobs will write, to a factor of two."""
     pixels = sum(math.prod(each.size) for each in samples) / len(samples) * count
     image = _PIXEL_BYTES[outputs.exr_type if outputs.format == "exr" else outputs.format]
-    each = (image if kind.image else _MAP_BYTES for kind in outputs.rows)
-    return pixels * (sum(each) + outputs.preview * len(outputs.kinds) * _PREVIEW_BYTES)
+    each = sum(image if kind.image else _PIXEL_BYTES["map"] for kind in outputs.rows)
+    return pixels * (each + outputs.preview * len(outputs.kinds) * _PIXEL_BYTES["preview"])

@@ -147,7 +147,7 @@ def _counted(take: Take, device: str, *, repairs: bool) -> tuple[Take, float, fl
 
     reading = take.job.reading if repairs else replace(take.job.reading, depth_repair="off")
     counted = replace(take, job=replace(take.job, reading=reading))
-    passes = passes_of(take, surfaces_of(counted).scene())
+    passes = passes_of(surfaces_of(counted))
     work, maximum = 0.0, 0.0
     for _, renderer in plain_path.renderers(take, passes):
         work += cost(renderer)

@@ -19,7 +19,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.sources import windows
+from defocus_core.picture.scene import windows
 from defocus_core.picture.steps.table import PAIR, WINDOW, through
 from defocus_core.picture.take import InputPair
 from defocus_core.request.job import Picture, Reading
@@ -38,7 +38,7 @@ def read(wanted: InputPair) -> tuple[Color, Depth]:
     if asked is not None and not decoded.differs:
         words = f"{picture.depth.name}: ‹resize-depth› {asked}: it has the size of the colour"
         depth = decoded.depth
-        decoded = decoded.with_depth(replace(depth, told=(*depth.told, words)))
+        decoded = decoded.with_depth(replace(depth, warnings=(*depth.warnings, words)))
     pair = through(PAIR, decoded)
     require_valid(pair.depth)
     require_finite(pair.color)
@@ -180,7 +180,7 @@ def resized(given: InputPair) -> InputPair:
     metres = given.keeping.new((height, width), np.float32)
     if reading.resize_depth is None:
         words = f"{depth.path.name}: {size} to {width}x{height} px, guided by the colours"
-        depth = replace(depth, told=(*depth.told, words))
+        depth = replace(depth, warnings=(*depth.warnings, words))
     if reading.resize_depth != "nearest":
         require_valid(depth)
         _fill_guided(metres, depth, color)

@@ -24,8 +24,7 @@ from defocus_core.picture.memory_budget import (
 )
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.scene import passes_of, surfaces_of
-from defocus_core.picture.sources import to_array
+from defocus_core.picture.scene import passes_of, surfaces_of, to_array
 from defocus_core.picture.steps.table import BLUR, LENS, RADII, READ, through
 from defocus_core.picture.take import InputPair, Inputs, Pass, Take
 from defocus_core.picture.write import write
@@ -95,7 +94,7 @@ def compute(job: Job, inputs: Inputs, progress: Progress | None = None) -> Take:
     set_to_render()
     begun = time.perf_counter(), time.process_time()
     surfaces = surfaces_of(take)
-    passes = passes_of(take, surfaces.scene())
+    passes = passes_of(surfaces)
     while True:
         images.clamped.clear()
         try:

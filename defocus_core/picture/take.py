@@ -20,7 +20,6 @@ from defocus_core.io.images.color import Color
 from defocus_core.io.images.describe import describe
 from defocus_core.picture.memory_budget import Holding, holds_cells, room_on
 from defocus_core.picture.opening import aperture_in_pixels
-from defocus_core.picture.sources import layer_windows, map_windows, windows
 from defocus_core.request.job import Job, Picture, Reading
 from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import Kind
@@ -46,35 +45,6 @@ class Radii(NamedTuple):
     scale: float  # px for a disparity of 1 per mm; 1 where the file holds radii
     # What became of radii that were larger than the lens lets them be, in words
     warnings: tuple[str, ...] = ()
-
-    def repair(self, color: Color, reading: Reading) -> tuple[Pixels, DepthRepair]:
-        """The radii [H, W] px by which a picture is rendered, and the repair that made them."""
-        import torch
-
-        from defocus_core.depth.repair import repair_depth
-
-        return repair_depth(
-            map_windows(self.px, "cpu"),
-            windows(color.planes, "cpu"),
-            self.infinity,
-            torch.get_num_threads(),
-            depth_repair=reading.depth_repair,
-            edge_width=reading.edge_width,
-        )
-
-    def diagnose(self, reading: Reading) -> DepthRepair:
-        """The repair that they need to be rendered, as far as it shows without colours."""
-        import torch
-
-        from defocus_core.depth.repair import diagnose_depth
-
-        return diagnose_depth(
-            map_windows(self.px, "cpu"),
-            self.infinity,
-            torch.get_num_threads(),
-            depth_repair=reading.depth_repair,
-            edge_width=reading.edge_width,
-        )
 
 
 _UNKNOWN = Radii(None, (0.0, 0.0), None, 1.0)
@@ -266,19 +236,6 @@ class Surfaces:
     def holds(self) -> bool:
         """Whether what is derived from the whole picture is kept."""
         return self.coverage is None and self.take.has_room
-
-    def scene(self) -> Scene:
-        """The scene of them."""
-        from defocus_core.depth.diagnosis import DepthRepair
-        from defocus_core.renderer.engine.scene import Scene
-        from defocus_core.renderer.layers.samples import Layered
-
-        repair = self.repair or DepthRepair()  # what a step has not repaired stays
-        if self.coverage is None:
-            light, px = self.light[0], self.px[0]
-            return Scene(light, px, self.hidden, repair=repair, matte=self.matte)
-        stacked = layer_windows(self.light), layer_windows(self.px), self.coverage
-        return Scene.of_layered(Layered.of(*stacked), repair)
 
 
 class Pass(NamedTuple):

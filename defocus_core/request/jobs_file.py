@@ -59,7 +59,7 @@ from defocus_core.request.job_options import (
 from defocus_core.request.lens import Lens
 from defocus_core.request.lens_files import lens_path, reading_in
 from defocus_core.request.origin import JobsSource, read_origin
-from defocus_core.request.pairing import SCENE_SUFFIXES, find
+from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find
 from defocus_core.request.parameters import LENS_OPTIONS, METADATA
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import pixel_count
@@ -73,7 +73,7 @@ from defocus_core.request.resolver import (
     outputs_of,
     reading_of,
 )
-from defocus_core.request.shots import choice_of, with_shot
+from defocus_core.request.shots import with_shot
 from defocus_core.request.splits import read_splits
 from defocus_core.request.sweeps import read_sampling, read_sweep
 from defocus_core.request.toml_file import Table, parsed_toml, read_bytes, refuse_unknown, table

@@ -11,8 +11,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
-from defocus_core.errors import Place, UsageProblem
-from defocus_core.io.shots.frame_patterns import FrameChoice, frame_choice, neighbours_of
+from defocus_core.errors import UsageProblem
+from defocus_core.io.shots.frame_patterns import neighbours_of
 from defocus_core.request.job import FrameLens, Job, Picture, Shot
 from defocus_core.request.lens import Lens
 from defocus_core.request.resolver import Layer, fields_of
@@ -20,14 +20,6 @@ from defocus_core.request.resolver import Layer, fields_of
 _SAMPLE = 5  # frames that decide for the shot
 AVERAGED = 9  # frames whose depth is averaged: noise falls to a third
 _LOOKED_AT = 13  # frames that may show what one of them hides
-
-
-def choice_of(options: Layer, at: Callable[[str], Place], keyed: tuple[int, ...]) -> FrameChoice:
-    """The frames that options ask for; ``at``: the place of an option, ``keyed``: with a key."""
-    frames, missing = (
-        options[name].text if name in options else None for name in ("frames", "missing")
-    )
-    return frame_choice(frames, missing, (at("frames"), at("missing")), keyed)
 
 
 def with_shot(

@@ -71,13 +71,6 @@ def test_each_view_is_rendered_and_named(tmp_path, out):
     assert (out / "coc/left-a.exr").exists()
 
 
-def test_another_view_replaces_no_picture(tmp_path, out):
-    planes = {f"{v}.{c}": texture()[..., 0] for v in ("left", "right") for c in "RGB"}
-    files = write(tmp_path / "a.exr", planes, **VIEWS), depth_exr(tmp_path / "z.exr")
-    photograph(*files, "-o", out, *MAPS, "--view", "left")
-    refused(render(*files, "-o", out, *MAPS, "--view", "right"), 3, "exists", "a.exr")
-
-
 @pytest.mark.parametrize(
     ("name", "options"),
     [("p.png", ()), ("p.tif", ("--outputs", "coc")), ("p.exr", ("--outputs", "left"))],

@@ -162,7 +162,7 @@ def drawn(pick, seed):
     )
 
 
-@settings(deadline=None, derandomize=True, max_examples=70, phases=[Phase.generate])
+@settings(deadline=None, derandomize=True, max_examples=40, phases=[Phase.generate])
 @given(case=extremes())
 def test_pictures_and_gradients_are_finite_whatever_is_drawn(case):
     assert case.faults() == []

@@ -7,6 +7,9 @@ from scenes import pattern, slanted
 from tolerances import RENDERED, WHITE
 
 from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.settings import Settings
 
 IMAGE, RADIUS = pattern().float(), slanted().float()
 
@@ -131,7 +134,8 @@ def test_progress_counts_tiles():
 
 def test_a_finer_quality_has_more_slices():
     image, radius = IMAGE.repeat(1, 4, 4), 3 * RADIUS.repeat(4, 4)  # a smaller draft is standard
-    slices = [render(image, radius, quality=q).stats["slices"] for q in QUALITIES]
+    scene = Scene(image, radius)
+    slices = [Renderer(scene, Settings(quality=q)).stats["slices"] for q in QUALITIES]
     assert slices == sorted(set(slices))
 
 

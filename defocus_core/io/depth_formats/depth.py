@@ -71,6 +71,9 @@ def _filled_along_rows(
     return filled
 
 
+# What to do about invalid pixels: of most files, and of samples, behind which others may lie.
+_FILL = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
+_OF_SAMPLES = "write inf for sky, and leave samples without depth out"
 _UPSIDE_DOWN = 4  # orientations of Exif beyond it lie on their side
 
 
@@ -85,16 +88,11 @@ class Depth:
         channel: the channel's name in the file, empty where channels have none.
         note: how the file was understood, for people.
         is_radius: whether the file holds radii instead of depth.
-        is_assumed: whether only the type of the file says that 16 bits are
-            millimetres.
-        is_integer: whether the numbers of the file are integers, which have no inf.
-        named: whether the user named the format, which says what 0 is.
         replaced: how many invalid pixels were taken as far, or filled.
-        replaced_words: the same for people; empty if none.
+        hole_remedy: what to do about invalid pixels.
         data_window: its data window in words, if it does not cover the picture.
         overscan: pixels beyond the picture shown.
-        is_deep: whether it is that of the nearest samples of deep pixels.
-        told: what else is to be said of how it was read.
+        warnings: what was taken for granted, and what was replaced, for people.
         empty: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
         is_relative: whether the numbers are relative disparity, which gives radii as well.
@@ -106,15 +104,11 @@ class Depth:
     channel: str
     note: str
     is_radius: bool = False
-    is_assumed: bool = False
-    is_integer: bool = False
-    named: bool = False
     replaced: int = 0
-    replaced_words: str = ""
+    hole_remedy: str = _FILL
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
-    is_deep: bool = False
-    told: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     empty: Any = None
     is_relative: bool = False
     inverted: bool = False
@@ -124,13 +118,6 @@ class Depth:
         """(width, height) of the picture shown, in px."""
         rows, columns = self.overscan.shown(*self.metres.shape)
         return columns.stop - columns.start, rows.stop - rows.start
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was taken for granted, and what was replaced, for people."""
-        granted = "16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›"
-        said = filter(None, (granted * self.is_assumed, self.replaced_words))
-        return *(f"{self.path.name}: {words}" for words in said), *self.told
 
     @property
     def is_exact(self) -> bool:
@@ -193,17 +180,17 @@ def read_depth(
     samples = read_numbers(path, reading, keeping, stored, overscan)
     row = resolved(reading, samples, lens_focal)
     values, division = divided(samples, alpha, reading.unpremultiply_depth, keeping)
-    is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
-    if is_assumed:
+    told = []
+    if samples.type == "16-bit PNG" and not reading.says_scale:
         from defocus_core.io.depth_formats.file_types import refuse_assumed
 
         refuse_assumed(path, values)
-    told = []
+        told.append("16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›")
     every = (is_sky(values[rows], row) for rows in bands(values.shape))
     if reading.sky is not None and not any(sky.any() for sky in every):
-        told.append(f"{path.name}: ‹sky› {reading.sky:g} marks no pixel")
+        told.append(f"‹sky› {reading.sky:g} marks no pixel")
     if reading.turn_depth is not None and orientation == 1:
-        told.append(f"{path.name}: ‹turn-depth› turns nothing: the colour names no orientation")
+        told.append("‹turn-depth› turns nothing: the colour names no orientation")
     metres, half_sky = _decode(values, row, keeping, overscan)
     words = [samples.words, division, row.words, *_apply_marks(samples, row, metres)]
     if turn != 1:
@@ -217,19 +204,16 @@ def read_depth(
         samples.channel,
         f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}",
         is_radius=row.rule == "radius",
-        is_assumed=is_assumed,
-        is_integer=samples.is_integer,
-        named=reading.depth_format is not None,
+        hole_remedy=_hole_remedy(samples, reading, row),
         data_window=samples.data_window,
-        is_deep=samples.is_deep,
         overscan=overscan,
         is_relative=reading.relative,
         inverted=reading.invert is not None,
     )
     if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
-        told.append(f"{path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres")
-    depth = replace(depth, told=tuple(told))
+        told.append(f"{problem}; say ‹depth-format› nuke-scanline, or metres")
+    depth = replace(depth, warnings=tuple(f"{path.name}: {words}" for words in told))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
 
 
@@ -261,26 +245,27 @@ def require_valid(depth: Depth) -> None:
         return
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
-    remedy = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
-    if depth.is_relative:
-        remedy = "fill the holes; or say ‹invalid› far, or fill"
-    elif depth.is_radius:
-        remedy = "write a finite radius there"
-    if depth.is_deep:  # where other samples may lie behind the first
-        remedy = "write inf for sky, and leave samples without depth out"
-    elif _is_behind(depth):
+    remedy = depth.hole_remedy
+    if remedy != _OF_SAMPLES and _is_behind(depth):
         problem, remedy = _BEHIND
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
-        remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"
-    if depth.is_integer and depth.named:
-        remedy = "say ‹invalid› far if they are sky, or fill if they are holes"
-    elif depth.is_integer:
-        remedy = (
-            "say ‹depth-format›, since 0 is a hole for some and sky for others; "
-            "or ‹invalid› far, or fill"
-        )
     raise InputError("invalid-depth", problem, remedy, path=depth.path)
+
+
+def _hole_remedy(samples: DepthNumbers, reading: DepthReading, row: DepthFormat) -> str:
+    if samples.is_integer and reading.depth_format is not None:
+        return "say ‹invalid› far if they are sky, or fill if they are holes"
+    if samples.is_integer:
+        zero = "since 0 is a hole for some and sky for others"
+        return f"say ‹depth-format›, {zero}; or ‹invalid› far, or fill"
+    if samples.data_window:
+        return "render the whole display window, or give the colour alpha; or say ‹invalid› far"
+    if samples.is_deep:
+        return _OF_SAMPLES
+    if reading.relative:
+        return "fill the holes; or say ‹invalid› far, or fill"
+    return "write a finite radius there" if row.rule == "radius" else _FILL
 
 
 _BEHIND = (
@@ -340,7 +325,7 @@ def _replaced(depth: Depth, how: str) -> Depth:
     count, _ = count_of((~depth.valid(rows), rows.start) for rows in bands(shape))
     if not count:
         words = f"{depth.path.name}: ‹invalid› {how} finds no invalid pixel"
-        return replace(depth, told=(*depth.told, words))
+        return replace(depth, warnings=(*depth.warnings, words))
     if depth.is_radius and not depth.is_relative:
         problem = f"is NaN or infinite in {counted(count, 'pixel')}"
         remedy = "radii have no far: mend them, leave ‹invalid› out"
@@ -362,7 +347,8 @@ def _replaced(depth: Depth, how: str) -> Depth:
     else:
         fill_from_farther(depth.metres, depth.valid, farther)
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
-    return replace(depth, note=f"{depth.note}, {words}", replaced=count, replaced_words=words)
+    warnings = (*depth.warnings, f"{depth.path.name}: {words}")
+    return replace(depth, note=f"{depth.note}, {words}", replaced=count, warnings=warnings)
 
 
 # Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.

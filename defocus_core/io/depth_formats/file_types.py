@@ -223,6 +223,7 @@ def _refuse_unsuited(path: Path, page: raster.Raster, reading: DepthReading) -> 
 
 _TOP = 65535  # of 16 bits
 _PARTS = 6  # of a path, from its end, that are looked at
+_KITTI_FOLDERS = r"proj_depth/(groundtruth|velodyne_raw)/|_selection_cropped/|kitti"
 _KITTI_SIZES = ((1242, 375), (1241, 376), (1238, 374), (1226, 370), (1224, 370), (1216, 352))
 
 
@@ -239,12 +240,7 @@ class Sign:
 
 
 SIGNS = (
-    Sign(
-        "kitti",
-        r"proj_depth/(groundtruth|velodyne_raw)/|_selection_cropped/|kitti",
-        zeros=(0.2, 1),
-        maximum=32000,
-    ),
+    Sign("kitti", _KITTI_FOLDERS, zeros=(0.2, 1), maximum=32000),
     Sign("kitti", sizes=_KITTI_SIZES, zeros=(0.5, 1), maximum=32000),
     Sign("vkitti2", r"vkitti|virtual.?kitti|frames/depth/camera_[01]/", zeros=(0, 0)),
     Sign("vkitti2", sizes=((1242, 375),), zeros=(0, 0), tops=0.001),
@@ -276,16 +272,14 @@ def refuse_assumed(path: Path, values: Any) -> None:
             and sign.tops <= tops
             and maximum <= sign.maximum
         ):
-            told = [f"its path has '{found[0]}'"] if sign.path else [f"{size[0]}x{size[1]} px"]
-            told += [
-                f"{percent(share)} are {n}" for n, share in ((0, zeros), (_TOP, tops)) if share
-            ]
+            told = [f"its path has '{found[0]}'" if sign.path else f"{size[0]}x{size[1]} px"]
+            ends = {0: zeros, _TOP: tops}
+            told += [f"{percent(share)} are {n}" for n, share in ends.items() if share]
             problem = f"has 16 bits that may be {sign.format}, not millimetres: {', '.join(told)}"
             remedy = f"say ‹depth-format› {sign.format}, or ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=path)
     if zeros and tops:
         problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
-        remedy = (
-            "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or ‹depth-format›"
-        )
+        remedy = "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or "
+        remedy += "‹depth-format›"
         raise InputError("unknown-unit", problem, remedy, path=path)

@@ -24,7 +24,7 @@ from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.channel_choice import is_depth
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
 from defocus_core.io.exr.header import DTYPES, Header
-from defocus_core.io.exr.windows import Overscan, Window
+from defocus_core.io.exr.windows import Overscan
 
 
 def flat_channels(
@@ -47,7 +47,7 @@ def flat_channels(
                 rows = total.reshape(strip.window.height, strip.window.width)
             else:
                 rows = strip.dense(strip.rank == 0, values)
-            _paste(plane, rows, strip.window, frame)
+            frame.paste(plane, rows, strip.window)
     return planes
 
 
@@ -77,7 +77,7 @@ def deep_layers(
             chosen = np.flatnonzero(strip.rank == number)
             for name in wanted if len(chosen) else ():
                 rows = strip.dense(chosen, strip.values[name])
-                _paste(layer[name], rows, strip.window, frame)
+                frame.paste(layer[name], rows, strip.window)
     return layers, crowded
 
 
@@ -93,12 +93,6 @@ def _fractions(strip: Strip) -> NDArray[Any]:
         through[later] *= through[later - step]
         step *= 2
     return np.where(strip.rank > 0, np.roll(through, 1), 1.0)
-
-
-def _paste(plane: Any, rows: NDArray[Any], window: Window, frame: Window) -> None:
-    place, shown = frame.cut(window), window.cut(frame)
-    if rows[shown].size:
-        plane[place] = rows[shown]
 
 
 _OPAQUE = 1e6  # absorption of alpha 1
@@ -148,26 +142,18 @@ def merge_samples(strip: Strip, light: tuple[str, ...]) -> tuple[Strip, int]:
     crowded = np.unique(strip.pixel[strip.rank >= MAX_LAYERS])
     if not len(crowded):
         return strip, 0
-    kept = ~np.isin(strip.pixel, crowded)
-    pieces = [(strip.pixel[kept], strip.rank[kept], {n: strip.values[n][kept] for n in light})]
-    depths = [strip.values[DEPTH][kept]]
+    kept, names = ~np.isin(strip.pixel, crowded), (*light, DEPTH)
+    pieces = [[strip.pixel[kept], strip.rank[kept], *(strip.values[n][kept] for n in names)]]
     for some in _alike(crowded, np.bincount(strip.pixel)[crowded]):
         values, near = _merge_pixels(strip, some, light)
         alive = near >= 0
         rank = np.cumsum(alive, 1) - 1
-        pieces.append(
-            (
-                np.repeat(some, alive.sum(1)),
-                rank[alive],
-                {n: each[alive] for n, each in zip(light, values, strict=True)},
-            )
-        )
         with np.errstate(divide="ignore"):
-            depths.append((1 / near[alive]).astype(np.float32))
-    pixel, rank = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
-    merged = {n: np.concatenate([piece[2][n] for piece in pieces]).astype("f4") for n in light}
-    merged[DEPTH] = np.concatenate(depths)
-    return Strip(strip.window, pixel, rank, merged), len(crowded)
+            numbers = [*(each[alive] for each in values), 1 / near[alive]]
+        pieces.append([np.repeat(some, alive.sum(1)), rank[alive], *numbers])
+    pixel, rank, *merged = map(np.concatenate, zip(*pieces, strict=True))
+    named = zip(names, merged, strict=True)
+    return Strip(strip.window, pixel, rank, {n: x.astype("f4") for n, x in named}), len(crowded)
 
 
 def _alike(pixels: NDArray[Any], counts: NDArray[Any]) -> Iterator[NDArray[Any]]:

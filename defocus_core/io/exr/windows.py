@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class Overscan(NamedTuple):
@@ -88,6 +88,12 @@ class Window(NamedTuple):
             places.append(slice(begin - start, max(begin, min(last, end) + 1) - start))
         columns, rows = places
         return rows, columns
+
+    def paste(self, plane: Any, pixels: Any, window: Window) -> None:
+        """Fill the array of this window with the pixels of another, where they meet."""
+        place, met = self.cut(window), pixels[window.cut(self)]
+        if met.size:
+            plane[place] = met
 
 
 class Layout(NamedTuple):

@@ -170,21 +170,19 @@ def display_encoded(
     `to_srgb`: matrix [3, 3] to the primaries of sRGB; None if they are that already. Returns uint8
     or uint16 [H, W, C'], and the two counts.
     """
-    colour = np.asarray(pixels, np.float32)
-    alpha = None
-    white: Any = np.float32(1.0)
-    if channels[-1] == "A":
-        colour, alpha = colour[:, :, :-1], colour[:, :, -1:]
-        white = alpha if keep_alpha else white
+    count = len(channels) - (channels[-1] == "A")
+    colour, alpha = np.split(np.asarray(pixels, np.float32), [count], axis=2)
+    has_alpha = keep_alpha and count < len(channels)
+    white: Any = alpha if has_alpha else np.float32(1.0)
     colour = converted(colour, to_srgb)
     # Compared before it is divided: where alpha is nearly 0, so is colour, and both are rounded.
     above = int(np.count_nonzero((colour > white + _ROUNDING).any(axis=2)))
     below = int(np.count_nonzero((colour < -_ROUNDING).any(axis=2)))
-    if alpha is not None and keep_alpha:
+    if has_alpha:
         colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
     samples = linear_to_srgb(colour) if profile is None else profile.samples(colour)
     encoded = quantised(samples, bits)
-    if alpha is not None and keep_alpha:
+    if has_alpha:
         encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)
     return encoded, above, below
 

@@ -38,6 +38,7 @@ from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.memory_budget import capacity_mb, holding
 from defocus_core.picture.pair import read, reframe
 from defocus_core.picture.radii import radii_of
+from defocus_core.picture.scene import map_windows, windows
 from defocus_core.picture.take import InputPair, Take
 from defocus_core.request.job import FrameLens, Job, Reading, Shot
 from defocus_core.request.lens import Lens
@@ -125,11 +126,22 @@ def _keeping_and_focal(frame: FrameLens, job: Job) -> tuple[Keeping, float | Non
 
 def _repair_of(frame: FrameLens, job: Job) -> tuple[DepthRepair, float]:
     """The repair that a frame needs, and the scale of its lens."""
+    import torch
+
+    from defocus_core.depth.repair import repair_depth
+
     color, depth = read(InputPair(frame.picture, job.reading, *_keeping_and_focal(frame, job)))
     of_frame = replace(job, picture=frame.picture, lens=frame.lens)
     lens = with_blur_reach(_with_shared_focus(of_frame, depth), (depth,))
     own = radii_of(lens, depth, holding(job).keeping)
-    _, repair = own.repair(color, job.reading)
+    _, repair = repair_depth(
+        map_windows(own.px, "cpu"),
+        windows(color.planes, "cpu"),
+        own.infinity,
+        torch.get_num_threads(),
+        depth_repair=job.reading.depth_repair,
+        edge_width=job.reading.edge_width,
+    )
     return repair, own.scale
 
 

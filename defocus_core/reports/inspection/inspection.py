@@ -32,6 +32,7 @@ from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.pair import read as read_both
 from defocus_core.picture.radii import of_radii, radii_of, signed_radius
+from defocus_core.picture.scene import map_windows
 from defocus_core.picture.take import InputPair, repair_record, repair_words
 from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
 from defocus_core.request.job import Picture, Reading
@@ -163,10 +164,21 @@ def _repair(
     depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
+    import torch
+
+    from defocus_core.depth.repair import diagnose_depth
+
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radii, declared = radii_of(lens, depth, keeping), reading.says_scale
         warnings = of_radii(depth, radii.px, radii.limits, lens, declared=declared)
-        return radii.diagnose(reading), tuple(warnings)
+        repair = diagnose_depth(
+            map_windows(radii.px, "cpu"),
+            radii.infinity,
+            torch.get_num_threads(),
+            depth_repair=reading.depth_repair,
+            edge_width=reading.edge_width,
+        )
+        return repair, tuple(warnings)
     return None, ()
 
 
