@@ -13,7 +13,7 @@ from counting import calls
 from defocus_cli.main import main
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.runs import locked
-from defocus_core.batch.workers.pool import WorkerConfig
+from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.picture import plain_path
 
 NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]
