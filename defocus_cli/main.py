@@ -13,12 +13,19 @@ import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from errno import ENOSPC
+from typing import Any
 
 import click
 
-from defocus_cli.options.types import option, option_name
-from defocus_cli.words.console import Due, log_to_stderr, print_json, write_stderr
-from defocus_cli.words.endings import Interrupted, exit_code_of
+from defocus_cli.options.shared import option, option_name
+from defocus_cli.words.console import (
+    Due,
+    Interrupted,
+    exit_code_of,
+    log_to_stderr,
+    print_json,
+    write_stderr,
+)
 from defocus_core.errors import (
     DefocusError,
     UsageProblem,
@@ -51,8 +58,19 @@ COMMANDS = {
 }
 
 
+class Interruptible(click.Context):
+    """The context of a command line that Ctrl-C ends; click would answer an empty line first."""
+
+    def __exit__(self, kind: type[BaseException] | None, *of: Any) -> None:
+        super().__exit__(kind, *of)
+        if kind is KeyboardInterrupt:
+            raise Interrupted("interrupted; pictures that were finished are kept") from None
+
+
 class LazyGroup(click.Group):
     """A group whose commands are modules of ``defocus_cli.commands``, imported when asked for."""
+
+    context_class = Interruptible
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Names of the commands, in the order help shows them."""
@@ -81,34 +99,15 @@ class LazyGroup(click.Group):
             raise UsageProblem("unknown-name", "no such command", remedy, path=args[0])
         return super().resolve_command(ctx, args)
 
-    def invoke(self, ctx: click.Context) -> object:
-        """Run the command asked for; click would answer Ctrl-C with an empty line first."""
-        try:
-            return super().invoke(ctx)
-        except KeyboardInterrupt:
-            raise Interrupted("interrupted; pictures that were finished are kept") from None
-
-
-def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        click.echo(f"defocus {versions()}")
-        ctx.exit()
-
 
 @click.group(
     cls=LazyGroup,
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@option(
-    "--version",
-    "Print the versions of defocus and of its renderer.",
-    is_eager=True,
-    expose_value=False,
-    callback=_print_version,
-)
+@option("--version", "Print the versions of defocus and of its renderer.", into="wants_version")
 @click.pass_context
-def cli(ctx: click.Context) -> None:
+def cli(ctx: click.Context, wants_version: bool) -> None:
     """Defocus pictures as a lens would, from colour and depth.
 
     \b
@@ -116,6 +115,9 @@ def cli(ctx: click.Context) -> None:
       defocus render photo.png depth.png -o out --focal-length 50mm --fnumber 1.4 --focus 2m
       defocus info scene.exr
     """  # noqa: D301  click reads the backspace
+    if wants_version:
+        click.echo(f"defocus {versions()}")
+        ctx.exit()
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())
 
@@ -140,7 +142,10 @@ def main(args: Sequence[str] | None = None) -> int:
     except SystemExit as ended:  # click's answer to a broken pipe, or to a shell that completes
         return 0 if ended.code == 0 else 141  # as if by SIGPIPE, which Python ignores
     except OSError as error:
-        return _fail(system_error_line(error), 3)
+        remedy = (
+            "free some space" if error.errno == ENOSPC else "check the path and its permissions"
+        )
+        return _fail(one_line(f"{error.filename or 'system'}: {reason(error)}; {remedy}"), 3)
     except Exception as error:
         if {"-v", "--verbose"} & set(args):
             traceback.print_exc()
@@ -154,38 +159,23 @@ def error_line(error: click.ClickException) -> str:
     if not isinstance(error, click.UsageError):
         return one_line(error.format_message())
     remedy = f"see '{error.ctx.command_path if error.ctx else 'defocus'} --help'"
+    subject, problem = "command line", one_line(error.message).rstrip(".")
     if isinstance(error, click.NoSuchOption):
+        subject, problem = error.option_name, "no such option"
         if error.possibilities:
             remedy = f"did you mean {' or '.join(sorted(error.possibilities))}?"
         if error.ctx is not None and error.ctx.info_name == "batch":
-            remedy = _in_jobs_file(error.option_name.removeprefix("--")) or remedy
-        return f"{error.option_name}: no such option; {remedy}"
-    if isinstance(error, click.MissingParameter):
-        return f"{option_name(error.param)}: is missing; {remedy}"
-    if isinstance(error, click.BadParameter):
-        return f"{option_name(error.param)}: {_clause(error)}; {remedy}"
-    if isinstance(error, click.BadOptionUsage):
-        problem = _clause(error).removeprefix(f"Option '{error.option_name}' ")
-        return f"{error.option_name}: {problem}; {remedy}"
-    return f"command line: {_clause(error)}; {remedy}"
+            from defocus_core.request.jobs_file import KEYS
 
-
-def _in_jobs_file(name: str) -> str:
-    """The remedy for an option of a batch that is a key of its jobs file; empty if it is none."""
-    from defocus_core.request.jobs_file import KEYS
-
-    table, _, key = KEYS.get(name, "").partition(" ")
-    return table and f"write {key} below {table} of the jobs file"
-
-
-def system_error_line(error: OSError) -> str:
-    """An error of the operating system in the form ``SUBJECT: problem; remedy``."""
-    remedy = "free some space" if error.errno == ENOSPC else "check the path and its permissions"
-    return one_line(f"{error.filename or 'system'}: {reason(error)}; {remedy}")
-
-
-def _clause(error: click.ClickException) -> str:
-    return one_line(error.message).rstrip(".")
+            table, _, key = KEYS.get(subject.removeprefix("--"), "").partition(" ")
+            remedy = f"write {key} below {table} of the jobs file" if table else remedy
+    elif isinstance(error, click.BadParameter):
+        subject = option_name(error.param)
+        problem = "is missing" if isinstance(error, click.MissingParameter) else problem
+    elif isinstance(error, click.BadOptionUsage):
+        subject = error.option_name
+        problem = problem.removeprefix(f"Option '{subject}' ")
+    return f"{subject}: {problem}; {remedy}"
 
 
 def _fail(line: str, exit_code: int, code: str | None = None) -> int:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.batch.run_batch import run_batch as run_batch
     from defocus_core.batch.workers.run import Summary as Summary
     from defocus_core.compare.comparison import compare_images as compare_images
-    from defocus_core.compare.findings.finding import Finding as Finding
+    from defocus_core.compare.findings.table import Finding as Finding
     from defocus_core.compare.record import Comparison as Comparison
     from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
     from defocus_core.depth.distance_scale import (
@@ -34,9 +34,9 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.errors import UsageProblem as UsageProblem
     from defocus_core.evaluation import baselines as baselines
     from defocus_core.evaluation import metrics as metrics
-    from defocus_core.evaluation.law_probes import Check as Check
-    from defocus_core.evaluation.law_probes import LawSetting as LawSetting
     from defocus_core.evaluation.lens_laws import LAWS as LAWS
+    from defocus_core.evaluation.lens_laws import Check as Check
+    from defocus_core.evaluation.lens_laws import LawSetting as LawSetting
     from defocus_core.evaluation.lens_laws import verify as verify
     from defocus_core.evaluation.metrics import Errors as Errors
     from defocus_core.fitting.pair import Fit as Fit
@@ -121,13 +121,12 @@ _GROUPS = {
     "comparison": {
         "compare.comparison": "compare_images",
         "compare.record": "Comparison",
-        "compare.findings.finding": "Finding",
+        "compare.findings.table": "Finding",
     },
     "metrics and laws": {
         "evaluation": "baselines metrics",
         "evaluation.metrics": "Errors",
-        "evaluation.law_probes": "Check LawSetting",
-        "evaluation.lens_laws": "LAWS verify",
+        "evaluation.lens_laws": "Check LawSetting LAWS verify",
     },
 }
 _MODULE_OF = {

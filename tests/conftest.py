@@ -10,8 +10,8 @@ import torch
 from command_line import color_exr, depth_exr
 from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - hooks
 
+from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.pool import WorkerConfig
 from defocus_core.picture import forecast
 from defocus_core.tensors import derived
 

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -35,6 +36,11 @@ TOP_LEVEL = {
     *("pyproject.toml", "Makefile", "README.md"),
     *("defocus_cli", "defocus_core", "sample_scenes", "tests"),
 }
+
+
+@cache
+def parsed(path):
+    return ast.parse(path.read_text())
 
 
 def module(path):
@@ -70,9 +76,10 @@ def names(node):
             yield full if full in KNOWN else base
 
 
+@cache
 def everywhere(path):
     """Modules that a module imports, in functions and for type checkers, too."""
-    return {name for node in ast.walk(ast.parse(path.read_text())) for name in names(node)}
+    return {name for node in ast.walk(parsed(path)) for name in names(node)}
 
 
 def on_import(node):
@@ -143,7 +150,7 @@ def test_no_modules_import_each_other_in_a_circle():
 def test_no_two_classes_have_one_name():
     places: dict[str, list[str]] = {}
     for path in (*CORE, *CLI):
-        for node in ast.walk(ast.parse(path.read_text())):
+        for node in ast.walk(parsed(path)):
             if isinstance(node, ast.ClassDef):
                 places.setdefault(node.name, []).append(name_of(path))
     assert {name: where for name, where in places.items() if len(where) > 1} == {}
@@ -162,7 +169,7 @@ def length(function):
 def test_functions_are_short(path):
     functions = (
         node
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     )
     lines = {each.name: length(each) for each in functions}
@@ -171,7 +178,7 @@ def test_functions_are_short(path):
 
 @of_each([*CORE, *CLI])
 def test_each_module_says_what_is_in_it(path):
-    text = ast.get_docstring(ast.parse(path.read_text()))
+    text = ast.get_docstring(parsed(path))
     assert text
     assert text.splitlines()[0].endswith("."), "the first line is a sentence of its own"
 
@@ -184,7 +191,7 @@ def test_what_computes_is_pure_torch_without_files_or_prints(path):
     assert not roots & FILES_AND_WORDS
     calls = {
         node.func.id
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in ast.walk(parsed(path))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
     }
     assert not calls & {"open", "print", "input", "exec", "eval"}
@@ -192,37 +199,12 @@ def test_what_computes_is_pure_torch_without_files_or_prints(path):
 
 @of_each(LIGHT)
 def test_what_is_heavy_is_imported_inside_functions(path):
-    reached = set(on_import(ast.parse(path.read_text())))
+    reached = set(on_import(parsed(path)))
     # Pixels are held by numpy; help must not reach the modules that do, as is tested below.
     heavy = HEAVY - ({"numpy"} if path in CORE else set())
     assert not {name.split(".")[0] for name in reached} & heavy
     ours = {name for name in reached if name.startswith("defocus_core.")}
     assert not {wing(name) for name in ours if not name.startswith(OF_ANY_ARRAYS)} & {*TORCH}
-
-
-@pytest.mark.parametrize(
-    "start",
-    [
-        "import defocus_core",
-        "import defocus_cli.main",
-        "from defocus_cli.main import main; main(['--help'])",
-        "from defocus_cli.main import main; main(['help', 'depth'])",
-    ],
-)
-def test_nothing_heavy_is_imported_at_the_start(start):
-    code = f"{start}; import sys; print(*sys.modules)"
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not set(ran.stdout.split()) & HEAVY
-
-
-def test_commands_import_no_torch_and_no_codecs():
-    code = (
-        "import importlib, sys; from defocus_cli.main import COMMANDS\n"
-        "for name in COMMANDS: importlib.import_module(f'defocus_cli.commands.{name}')\n"
-        "print(*sys.modules)"
-    )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not set(ran.stdout.split()) & (HEAVY - {"numpy"})
 
 
 def test_the_top_level_holds_what_was_agreed():

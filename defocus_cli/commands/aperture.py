@@ -6,9 +6,8 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import opening_options
-from defocus_cli.options.types import FilePath, GroupedCommand, output_option
+from defocus_cli.options.shared import FilePath, GroupedCommand, output_option, refuse_existing
 from defocus_cli.words import console
 from defocus_core.picture.opening import write_aperture
 from defocus_core.request.lens import Lens
@@ -35,6 +34,6 @@ def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: Lens)
       defocus aperture -o hexagon.png --blades 6 --blade-curvature 0.4
       defocus aperture -o mirror.exr --obstruction 0.4 --radius 40px
     """  # noqa: D301  click reads the backspace
-    shared.refuse_existing(out, overwrite=overwrite)
+    refuse_existing(out, overwrite=overwrite)
     write_aperture(out, lens, -radius if nearer else radius)
     console.stdout(f"wrote {out}")

@@ -6,15 +6,23 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.batch import crew_options, shard_of
-from defocus_cli.options.types import FilePath, GroupedCommand, option
+from defocus_cli.options.shared import (
+    FilePath,
+    GroupedCommand,
+    check_inputs_option,
+    dataset_options,
+    html_option,
+    json_option,
+    option,
+    verbose_option,
+)
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.journal.journal import Shard
+from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.batch.workers import run
-from defocus_core.batch.workers.plan import Execution
-from defocus_core.batch.workers.pool import WorkerConfig
+from defocus_core.batch.workers.run import Execution
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Outputs
 from defocus_core.request.jobs_file import read_batch
@@ -34,13 +42,13 @@ from defocus_core.system.process import cores
 )
 @option("--overwrite", "Do all again, whatever was done before.")
 @option("--new-only", "Leave what has outputs, whatever changed: do what has none yet.")
-@shared.dataset_options
-@shared.html_option("Write a report to look at in a browser, with the pictures in it.")
+@dataset_options
+@html_option("Write a report to look at in a browser, with the pictures in it.")
 @option("--dry-run", "Say what is to do, in what time and space; stop.")
-@shared.json_option
-@shared.verbose_option
+@json_option
+@verbose_option
 @crew_options
-@shared.check_inputs_option
+@check_inputs_option
 def command(
     jobs_file: Path,
     out: Path,

@@ -9,13 +9,11 @@ from typing import Any
 
 import click
 
-from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, option
+from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, option
 from defocus_cli.words import console
 from defocus_core.allowed_values import QUALITIES
-from defocus_core.bench import tables
-from defocus_core.bench.error import BASELINES, Row, measure_shot
-from defocus_core.bench.launches import counted, names, table, with_table
+from defocus_core.bench import error
+from defocus_core.bench.launches import counted, line, names, with_table
 from defocus_core.bench.timing import RADII, SIZES, Size, cases, time_case, warm_up
 from defocus_core.bench.truth_set import find_shots, read, sample_set
 from defocus_core.errors import UsageProblem
@@ -28,14 +26,12 @@ from defocus_core.system.process import cores
 _time_option = partial(option, heading="Time")
 
 _QUALITIES = ("draft", "standard", "high")
-# By the name of the parameter; options in neither go with both.
-_ERRORS_ALONE = {"truth": "--truth"}
-_TIMES_ALONE = {"sizes": "--sizes", "radii": "--radii"}
-_NOT_COUNTED = {
+# Options by the name of the parameter, and which mean nothing to each way to measure.
+_NAMES = {
     **{"timing": "--time", "qualities": "--quality", "threads": "--threads", "device": "--device"},
-    **_ERRORS_ALONE,
-    **_TIMES_ALONE,
+    **{"truth": "--truth", "sizes": "--sizes", "radii": "--radii"},
 }
+_IDLE = {"": ("sizes", "radii"), "--time": ("truth",), "--launches": tuple(_NAMES)}
 _LONGEST = 1 << 15  # px on a side
 
 
@@ -66,7 +62,7 @@ def _size(word: str) -> Size:
     click.IntRange(1, MAX_THREADS),
 )
 @option("--device", "", DEVICES, default="auto", show_default=True)
-@shared.json_option
+@json_option
 @_time_option("--time", "Time synthetic scenes instead.", into="timing")
 @_time_option(
     "--launches FILE",
@@ -125,7 +121,7 @@ def command(
       defocus bench --time --sizes 1920x1080 --radii 2,8,32,128
       defocus bench --launches defocus_cli/help/quality.md
     """  # noqa: D301  click reads the backspace
-    _refuse_others(ctx, timing=timing, counting=launches is not None)
+    _refuse_others(ctx, "--launches" if launches is not None else "--time" if timing else "")
     echo = console.stderr if as_json else console.stdout
     if launches is not None:
         document = _launches(launches, echo)
@@ -138,16 +134,14 @@ def command(
         console.print_json(**document)
 
 
-def _refuse_others(ctx: click.Context, *, timing: bool, counting: bool) -> None:
+def _refuse_others(ctx: click.Context, mode: str) -> None:
     """Refuse options that would mean nothing."""
-    problem, remedy = "has no effect without --time", "add --time"
-    others = _TIMES_ALONE
-    if timing or counting:
-        mode, others = ("--launches", _NOT_COUNTED) if counting else ("--time", _ERRORS_ALONE)
-        problem, remedy = f"has no effect with {mode}", "leave one of them out"
-    for name, place in others.items():
+    problem, remedy = f"has no effect with {mode}", "leave one of them out"
+    if not mode:
+        problem, remedy = "has no effect without --time", "add --time"
+    for name in _IDLE[mode]:
         if ctx.get_parameter_source(name) is click.core.ParameterSource.COMMANDLINE:
-            raise UsageProblem("contradiction", problem, remedy, path=place)
+            raise UsageProblem("contradiction", problem, remedy, path=_NAMES[name])
 
 
 def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:
@@ -158,9 +152,9 @@ def _launches(path: Path, echo: Callable[[str], None]) -> dict[str, Any]:
     cases = []
     for name in names():
         cases.append(counted(name))
-        echo(list(table(cases))[-1])
+        echo(line(cases[-1]))
     with written_whole(path) as file:
-        file.write(with_table(text, list(table(cases)), path).encode())
+        file.write(with_table(text, cases, path).encode())
     return {
         "rows": [
             {"case": name, "alone": alone._asdict(), "left_right": pair._asdict()}
@@ -177,19 +171,19 @@ def _errors(
     echo: Callable[[str], None],
 ) -> dict[str, Any]:
     """Measure all shots of a set, by each baseline and each quality: the document."""
-    shots, methods = find_shots(truth), (*BASELINES, *qualities)
+    shots, methods = find_shots(truth), (*error.BASELINES, *qualities)
     device = warm_up(device)
-    echo(tables.heading(tables.ERRORS))
-    rows: list[Row] = []
+    echo(error.heading(error.ERRORS))
+    rows: list[error.Row] = []
     for shot in shots:
-        for row in measure_shot(shot, read(shot), methods, device=device, threads=threads):
+        for row in error.measure_shot(shot, read(shot), methods, device=device, threads=threads):
             rows.append(row)
-            mark = " !" if tables.losses(row, rows) else ""
-            echo(tables.line(tables.record(row), tables.ERRORS) + mark)
-    for line in tables.summary_lines(rows):
-        echo(line)
+            mark = " !" if error.losses(row, rows) else ""
+            echo(error.line(error.record(row), error.ERRORS) + mark)
+    for words in error.summary_lines(rows):
+        echo(words)
     settings = {"truth": str(truth), "device": device, "threads": threads}
-    return {**settings, **tables.error_document(rows)}
+    return {**settings, **error.error_document(rows)}
 
 
 def _times(
@@ -202,12 +196,12 @@ def _times(
 ) -> dict[str, Any]:
     """Time all cases: the document."""
     device = warm_up(device)
-    echo(tables.heading(tables.TIMES))
+    echo(error.heading(error.TIMES))
     rows = []
     for case in cases(sizes, radii, qualities):
         cost = time_case(case, device=device, threads=threads)
-        rows.append(tables.time_record(case, cost))
+        rows.append(error.time_record(case, cost))
         width, height = case.size
         shown = {"size": f"{width}x{height}", "radius": f"{case.radius:g}"}
-        echo(tables.line(rows[-1] | shown, tables.TIMES))
+        echo(error.line(rows[-1] | shown, error.TIMES))
     return {"device": device, "threads": threads, "rows": rows}

@@ -6,9 +6,14 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import machine_options, reading_options, shot_lens_options
-from defocus_cli.options.types import FilePath, GroupedCommand, ReportPath, output_option
+from defocus_cli.options.shared import (
+    FilePath,
+    GroupedCommand,
+    ReportPath,
+    output_option,
+    verbose_option,
+)
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_core.errors import UsageProblem
@@ -34,7 +39,7 @@ _SHOWN = [name for name in LENS_OPTIONS if not name.startswith("dp-")]  # there 
 @shot_lens_options(required=True, names=_SHOWN, moving=False)
 @reading_options()
 @machine_options("device", "threads")
-@shared.verbose_option
+@verbose_option
 def command(
     color: Path,
     depth: Path | None,

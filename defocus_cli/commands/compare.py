@@ -8,8 +8,15 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import comparing, shared
-from defocus_cli.options.types import FilePath, GroupedCommand, machine_option, output_option
+from defocus_cli.options import comparing
+from defocus_cli.options.shared import (
+    FilePath,
+    GroupedCommand,
+    json_option,
+    machine_option,
+    output_option,
+    verbose_option,
+)
 from defocus_cli.words import console
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.pairing import are_batches, find_pairs, pair_batches
@@ -67,8 +74,8 @@ Examples:
     click.IntRange(min=1),
     default=cores,
 )
-@shared.json_option
-@shared.verbose_option
+@json_option
+@verbose_option
 def command(
     a: Path,
     b: Path,

@@ -7,11 +7,9 @@ from typing import Any
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import reading_options
-from defocus_cli.options.types import FilePath, GroupedCommand, output_option
+from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, output_option
 from defocus_cli.words import console
-from defocus_cli.words.endings import Failures
 from defocus_core.batch.depth_conversion import Converted, convert, places, refuse_existing
 from defocus_core.request.job import Reading
 from defocus_core.system.text import counted
@@ -28,7 +26,7 @@ from defocus_core.system.text import counted
 @output_option("--preview", "Also write <stem>.preview.png, near is bright.")
 @output_option("--overwrite", "Replace files that are there.")
 @reading_options(lambda row: not row.of_pictures)
-@shared.json_option
+@json_option
 def command(
     files: tuple[Path, ...],
     out: Path,
@@ -52,7 +50,7 @@ def command(
     """  # noqa: D301  click reads the backspace
     wanted = places(files, out, preview=preview)
     refuse_existing(wanted, overwrite=overwrite)
-    failures = Failures()
+    failures = console.Failures()
     records = []
     for place in wanted:
         with failures.kept():
@@ -61,14 +59,17 @@ def command(
             for warning in converted.warnings:
                 console.stderr(f"warning: {warning}")
             if not as_json:
-                console.stdout(_line(converted))
+                ends, sky = converted.range_m, converted.sky
+                words = "all sky" if ends is None else f"{ends[0]:.6g} m to {ends[1]:.6g} m"
+                words += f", {counted(sky, 'sky pixel')}" if sky else ""
+                words += f" ({converted.depth.note})"
+                console.stdout(f"{place.file} → {place.out}: {words}")
     if as_json and records:
         console.print_json(files=records, failed=failures.records())
     failures.end()
 
 
 def _record(converted: Converted) -> dict[str, Any]:
-    """A conversion in plain values."""
     height, width = converted.depth.metres.shape
     return {
         "file": str(converted.place.file),
@@ -80,12 +81,3 @@ def _record(converted: Converted) -> dict[str, Any]:
         "note": converted.depth.note,
         "warnings": list(converted.warnings),
     }
-
-
-def _line(converted: Converted) -> str:
-    """A conversion in words."""
-    ends = converted.range_m
-    reach = "all sky" if ends is None else f"{ends[0]:.6g} m to {ends[1]:.6g} m"
-    sky = f", {counted(converted.sky, 'sky pixel')}" if converted.sky else ""
-    place = converted.place
-    return f"{place.file} → {place.out}: {reach}{sky} ({converted.depth.note})"

@@ -8,21 +8,21 @@ from typing import Any
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import reading_options
-from defocus_cli.options.types import (
+from defocus_cli.options.shared import (
     Command,
     FilePath,
     GroupedCommand,
     bundle,
     files_option,
+    json_option,
     lens_option,
     option,
     output_option,
+    refuse_existing,
 )
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
-from defocus_cli.words.endings import Failures
 from defocus_core.batch import lens_fit
 from defocus_core.errors import NotExplained, UsageProblem
 from defocus_core.request import quantities
@@ -138,7 +138,7 @@ def _fit_options(command: Command) -> Command:
 @output_option("--accept", "Take a lens that does not explain the pictures.", is_common=True)
 @_fit_options
 @reading_options()
-@shared.json_option
+@json_option
 def command(
     sharp: Path,
     depth: Path,
@@ -166,7 +166,7 @@ def command(
     _refuse_idle(right, options)
     pairs = lens_fit.pairs_of(find_pictures(sharp, depth), blurred, right)
     places = _places(pairs, out, many=sharp.is_dir(), overwrite=overwrite)
-    failures, records = Failures(), []
+    failures, records = console.Failures(), []
     for pair, place in zip(pairs, places, strict=True):
         record = _fit_one(pair, reading, options, place, failures, accept=accept)
         records += [record] if record else []
@@ -183,7 +183,7 @@ def _fit_one(
     reading: Reading,
     options: lens_fit.FitOptions,
     place: Path | None,
-    failures: Failures,
+    failures: console.Failures,
     *,
     accept: bool,
 ) -> dict[str, Any] | None:
@@ -221,7 +221,7 @@ def _places(
         if named.suffix != ".toml":
             problem = f"{named} is not a lens file"
             raise UsageProblem("malformed", problem, "let it end in .toml", path="-o")
-        shared.refuse_existing(named, overwrite=overwrite)
+        refuse_existing(named, overwrite=overwrite)
     if many and out is not None:
         out.mkdir(parents=True, exist_ok=True)
     return places
@@ -231,8 +231,6 @@ def _refuse_idle(right: Path | None, options: lens_fit.FitOptions) -> None:
     """Refuse options of a dual-pixel pair without its right picture."""
     for name in _OF_PAIRS if right is None else ():
         if getattr(options, name) not in (None, False):
-            problem, remedy = (
-                "has no effect without the right picture",
-                "add ‹right› FILE, or leave it out",
-            )
-            raise UsageProblem("idle-option", problem, remedy, field=name.replace("_", "-"))
+            problem, field = "has no effect without the right picture", name.replace("_", "-")
+            remedy = "add ‹right› FILE, or leave it out"
+            raise UsageProblem("idle-option", problem, remedy, field=field)

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import comparing, shared
+from defocus_cli.options import comparing
 from defocus_cli.options.batch import crew_options
-from defocus_cli.options.types import FilePath, GroupedCommand, option
+from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
-from defocus_core.batch.workers.plan import Execution
-from defocus_core.batch.workers.pool import WorkerConfig
+from defocus_core.batch.run_batch import WorkerConfig
+from defocus_core.batch.workers.run import Execution
 from defocus_core.compare.goldens import (
     FreshPictures,
     accept,
@@ -124,7 +124,7 @@ def update(
 @click.argument("folder", type=FilePath(), metavar="DIR")
 @_only
 @comparing.comparison_options(_DEFAULT_RULES)
-@shared.json_option
+@json_option
 @crew_options
 def check(
     jobs_file: Path,

@@ -6,7 +6,7 @@ from importlib.resources import files
 
 import click
 
-from defocus_cli.options.types import GroupedCommand
+from defocus_cli.options.shared import GroupedCommand
 from defocus_cli.words import console
 from defocus_core.errors import UsageProblem, did_you_mean
 

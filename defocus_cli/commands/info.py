@@ -8,11 +8,9 @@ from typing import Any
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import reading_options, shot_lens_options
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.shared import FilePath, GroupedCommand, json_option
 from defocus_cli.words import console
-from defocus_cli.words.endings import Failures
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection.inspection import (
@@ -36,7 +34,7 @@ from defocus_core.system.text import counted
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @shot_lens_options(required=False, names=BLURRING)
 @reading_options()
-@shared.json_option
+@json_option
 def command(
     files: tuple[Path, ...],
     lenses: PictureLenses | None,
@@ -68,7 +66,7 @@ def command(
     if lenses is not None and files:
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
-    failures, picture = Failures(), picture_of(files)
+    failures, picture = console.Failures(), picture_of(files)
     records: list[dict[str, Any]] = []
     for file in files:  # each is reported before the next is read
         count = len(records)
@@ -98,8 +96,11 @@ def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
         channels = ", ".join(f"{name} {kind}" for name, kind in part["channels"].items())
         deep = ", deep" if part["deep"] else ""
         yield f"  {named if len(told['parts']) > 1 else ''}{channels}{deep}{_layout(part)}"
-        if "samples" in part:
-            yield f"    {_samples(part['samples'])}"
+        if samples := part.get("samples"):
+            ends, most = samples["range_z"], counted(samples["most_of_a_pixel"], "sample")
+            depths = f"Z {ends[0]:.6g} to {ends[1]:.6g}" if ends else "without Z"
+            total, pixels = counted(samples["total"], "sample"), counted(samples["pixels"], "pixel")
+            yield f"    {total} in {pixels}, {most} a pixel at most, {depths}"
     for shown in told["maps"]:
         kind, ends = KINDS[shown["kind"]], shown[range_key(shown["kind"])]
         reach = f"{ends[0]:.2f} to {ends[1]:.2f} {kind.unit}".rstrip() if ends else ""
@@ -121,16 +122,6 @@ def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
         yield from _depth_lines(depth, told["depth_note"], told["size"])
     for sentence in told["evidence"]:
         yield f"  {sentence}"
-
-
-def _samples(samples: Mapping[str, Any]) -> str:
-    """The samples of a deep part in words."""
-    ends = samples["range_z"]
-    depths = f", Z {ends[0]:.6g} to {ends[1]:.6g}" if ends else ", without Z"
-    return (
-        f"{counted(samples['total'], 'sample')} in {counted(samples['pixels'], 'pixel')}, "
-        f"{counted(samples['most_of_a_pixel'], 'sample')} a pixel at most{depths}"
-    )
 
 
 def _layout(part: Mapping[str, Any]) -> str:

@@ -6,8 +6,13 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, output_option
+from defocus_cli.options.shared import (
+    FilePath,
+    GroupedCommand,
+    json_option,
+    output_option,
+    refuse_existing,
+)
 from defocus_cli.words import console
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.errors import InputError
@@ -21,7 +26,7 @@ from defocus_core.request.lens_files import shipped_lenses
     FilePath(),
 )
 @output_option("--overwrite", "Replace a file that is there.")
-@shared.json_option
+@json_option
 def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     """List the lens files that ship with defocus, as '--lens @NAME' takes them.
 
@@ -36,7 +41,7 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     if out is not None:
         if out.suffix.lower() != ".png":
             raise InputError("malformed", "is not a PNG", "end its name in .png", path=out)
-        shared.refuse_existing(out, overwrite=overwrite)
+        refuse_existing(out, overwrite=overwrite)
         from defocus_core.reports.sheets import write_lens_sheet
 
         write_lens_sheet(out, lenses)

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.shared import FilePath, GroupedCommand, dataset_options, json_option
 from defocus_cli.words import console
 from defocus_core.batch.datasets import update
 from defocus_core.batch.journal import progress
@@ -17,8 +16,8 @@ from defocus_core.system.text import counted
 
 @click.command("merge", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
-@shared.dataset_options
-@shared.json_option
+@dataset_options
+@json_option
 def command(out: Path, shards_size: int | None, as_json: bool) -> None:
     """Make one journal of those that 'defocus batch --shard' left in OUT, and the index of samples.
 

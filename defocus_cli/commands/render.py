@@ -9,21 +9,25 @@ from pathlib import Path
 import click
 
 from defocus_cli.options import job as job_options
-from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, option
+from defocus_cli.options.shared import (
+    FilePath,
+    GroupedCommand,
+    check_inputs_option,
+    json_option,
+    option,
+    verbose_option,
+)
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.plan import Execution, make_plan
+from defocus_core.batch.workers.run import Execution, make_plan
 from defocus_core.errors import UsageProblem
-from defocus_core.picture.subject import with_blur_and_focus
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading, of_views
 from defocus_core.request.job_options import MACHINE_OPTIONS
 from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.pairing import find
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.shots import with_shot
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
 _HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
@@ -65,9 +69,9 @@ Examples:
 @job_options.others_options
 @job_options.reading_options(lambda row: True)
 @job_options.machine_options(*MACHINE_OPTIONS)
-@shared.check_inputs_option
-@shared.json_option
-@shared.verbose_option
+@check_inputs_option
+@json_option
+@verbose_option
 @option(
     "--dry-run",
     "Say what would be read and written, how long it takes and in how much memory, and stop.",
@@ -88,16 +92,21 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures, every = find(color, depth, others, frames=shot.choice(lenses.animation))
-    lenses = with_blur_and_focus(
-        lenses, pictures, reading, click.get_current_context().meta["typed"]
-    )
+    pictures, every = find(color, depth, others, frames=shot.choice(lenses))
+    if not lenses.is_complete:
+        from defocus_core.picture.subject import with_blur_and_focus
+
+        typed = click.get_current_context().meta["typed"]
+        lenses = with_blur_and_focus(lenses, pictures, reading, typed)
     jobs = [
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)
     ]
-    moving = "focus-at" in lenses.animation.keys
-    jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
+    if every or shot.together:
+        from defocus_core.request.shots import with_shot
+
+        moving = lenses.moves_focus
+        jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
     jobs = of_views(jobs, name)
     if outputs.file and (len(jobs) > 1 or name is not None or shot.contact is not None):
         problem = "is one file, which neither holds several pictures nor takes another name"

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand
+from defocus_cli.options.shared import FilePath, GroupedCommand, html_option, json_option
 from defocus_cli.words import console
 from defocus_core.reports.html import batches
 from defocus_core.system.process import cores
@@ -18,8 +17,8 @@ _NAME = "report.html"
 
 @click.command("report", cls=GroupedCommand)
 @click.argument("out", type=FilePath())
-@shared.html_option(f"The file to write.  [default: OUT/{_NAME}]")
-@shared.json_option
+@html_option(f"The file to write.  [default: OUT/{_NAME}]")
+@json_option
 def command(out: Path, html: Path | None, as_json: bool) -> None:
     """Write one HTML file with the samples of the batch in OUT, for a browser.
 

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import click
 
-from defocus_cli.options import shared
-from defocus_cli.options.types import FilePath, GroupedCommand, option
+from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, option
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.journal.progress import progress
@@ -23,7 +22,7 @@ from defocus_core.request.origin import KEPT
     default=10,
     show_default=True,
 )
-@shared.json_option
+@json_option
 def command(out: Path, failures: int, as_json: bool) -> None:
     """Say how many jobs of the batch in OUT are done, how many failed and why, and when it ends.
 

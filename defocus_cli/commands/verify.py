@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from defocus_cli.options import shared
 from defocus_cli.options.job import machine_options
-from defocus_cli.options.types import GroupedCommand
+from defocus_cli.options.shared import GroupedCommand, json_option
 from defocus_cli.words import console
 from defocus_core.picture import plain_path
 from defocus_core.request.job import Machine
@@ -20,14 +19,14 @@ from defocus_core.system.process import set_to_render
 from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
-    from defocus_core.evaluation.law_probes import Check
+    from defocus_core.evaluation.lens_laws import Check
 
 _WORDS = {True: "ok", False: "FAILED"}
 
 
 @click.command("verify", cls=GroupedCommand)
 @machine_options("quality", "device", "threads")
-@shared.json_option
+@json_option
 def command(machine: Machine, as_json: bool) -> int:
     """Render small pictures and measure whether the laws of the lens hold on this machine.
 
@@ -46,8 +45,7 @@ def command(machine: Machine, as_json: bool) -> int:
     plain_path.load()
     import torch
 
-    from defocus_core.evaluation.law_probes import LawSetting
-    from defocus_core.evaluation.lens_laws import LAWS, verify
+    from defocus_core.evaluation.lens_laws import LAWS, LawSetting, verify
 
     device = plain_path.choose_device(machine.device)
     set_to_render()

@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from defocus_cli.options.job import given_options, param_option
-from defocus_cli.options.types import Command, bundle, machine_option
+from defocus_cli.options.shared import Command, bundle, machine_option
 from defocus_core.batch.journal.journal import Shard
-from defocus_core.batch.workers.pool import WorkerConfig
+from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.request.job_options import MACHINE_OPTIONS
 from defocus_core.request.quantities import QuantityError
 from defocus_core.request.resolver import fields_of

@@ -12,16 +12,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from defocus_cli.options import shared
-from defocus_cli.options.types import (
+from defocus_cli.options.shared import (
     Decorator,
     FilePath,
     ReportPath,
     bundle,
+    html_option,
     option,
     output_option,
 )
-from defocus_cli.words.endings import Failures
+from defocus_cli.words.console import Failures
 from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.compare.run import CAUSES, FIRST, Task
 from defocus_core.compare.selection import region
@@ -202,5 +202,5 @@ def _reports() -> list[Decorator]:
         output_option(
             "--junit FILE", "Write JUnit XML, a case for each pair.", ReportPath("junit")
         ),
-        shared.html_option(_HTML),
+        html_option(_HTML),
     ]

@@ -12,7 +12,7 @@ from typing import Any
 
 import click
 
-from defocus_cli.options.types import (
+from defocus_cli.options.shared import (
     Command,
     Decorator,
     FilePath,
@@ -25,22 +25,21 @@ from defocus_cli.options.types import (
 from defocus_core.errors import CALLER, UsageProblem, with_dashes
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.frame_patterns import FrameChoice
-from defocus_core.request.animation import Animation, read_animation
-from defocus_core.request.inputs import choice_of
 from defocus_core.request.job import FIELDS, Machine, Outputs, Reading
 from defocus_core.request.job_options import (
     ANIMATION_OPTIONS,
     INPUT_OPTIONS,
     MACHINE_OPTIONS,
     OUTPUT_OPTIONS,
+    READING_OPTIONS,
     SHOT_OPTIONS,
+    ReadingParam,
 )
 from defocus_core.request.lens import Lens
-from defocus_core.request.lens_files import lens_path, read_lens_file, reading_in
+from defocus_core.request.pairing import choice_of
 from defocus_core.request.parameters import LENS_OPTIONS, OPENING, SHAPES, Param
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import read_at
-from defocus_core.request.reading_options import READING_OPTIONS, ReadingParam
 from defocus_core.request.resolver import (
     Given,
     Layer,
@@ -53,7 +52,6 @@ from defocus_core.request.resolver import (
     refuse_contradiction,
     value_of,
 )
-from defocus_core.request.shots import SharedDecisions, decisions_of
 from defocus_core.system.process import cores
 
 
@@ -94,6 +92,8 @@ class LensFile(FilePath):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """The path of the file."""
+        from defocus_core.request.lens_files import lens_path
+
         return lens_path(super().convert(value, param, ctx), position_of(param))
 
 
@@ -112,6 +112,8 @@ def opening_options() -> Decorator:
     """Hand a command ``lens``: its opening and its photodiodes, and no more of a lens."""
 
     def make(lens_file: Path | None, **values: Any) -> Lens:
+        from defocus_core.request.lens_files import read_lens_file
+
         stored = read_lens_file(lens_file) if lens_file else {}
         shape = {name: each for name, each in stored.items() if name in SHAPES}
         options = laid_over(shape, given_options(values, LENS_OPTIONS))
@@ -133,8 +135,12 @@ def reading_options(
 
 
 def _asked_reading(**_: Any) -> Reading:
-    params = click.get_current_context().params
-    return reading_of(reading_in(params.get("lens_file")), given_options(params, READING_OPTIONS))
+    params, below = click.get_current_context().params, dict[str, Given]()
+    if (file := params.get("lens_file")) is not None:
+        from defocus_core.request.lens_files import reading_in
+
+        below |= reading_in(file)
+    return reading_of(below, given_options(params, READING_OPTIONS))
 
 
 @dataclass(frozen=True)
@@ -142,12 +148,13 @@ class ShotOptions:
     """The options of a shot beside its lens."""
 
     frames: Layer  # which are wanted
-    together: SharedDecisions  # what the frames have in common
+    together: Layer  # what the frames have in common
     contact: int | None = None  # number of pictures on a contact sheet; None for no sheet
 
-    def choice(self, animation: Animation) -> FrameChoice:
+    def choice(self, lenses: PictureLenses) -> FrameChoice:
         """The frames that are wanted."""
-        return choice_of(self.frames, CALLER.at, animation.frames)
+        keyed = () if lenses.animation is None else lenses.animation.frames
+        return choice_of(self.frames, CALLER.at, keyed)
 
 
 def shot_options(command: Command) -> Command:
@@ -162,7 +169,7 @@ def shot_options(command: Command) -> Command:
 
     def make(contact: int | None, **values: Any) -> ShotOptions:
         frames, together = (given_options(values, rows) for rows in (INPUT_OPTIONS, SHOT_OPTIONS))
-        return ShotOptions(frames, decisions_of(together), contact)
+        return ShotOptions(frames, together, contact)
 
     return bundle("shot", make, [*map(param_option, rows), contact])(command)
 
@@ -199,12 +206,16 @@ def shot_lens_options(
         own = given_options(values, LENS_OPTIONS)
         if not (required or own or animate or metadata or lens_file is not None):
             return None
-        reading = _asked_reading()
+        reading, animation = _asked_reading(), None
+        if animate:
+            from defocus_core.request.animation import read_animation
+
+            animation = read_animation(animate, interpolate)
         lenses = PictureLenses(
             own,
             file=lens_file,
             radii=reading.holds_radii,
-            animation=read_animation(animate, interpolate),
+            animation=animation,
             metadata=metadata,
             metres=UNITS[reading.depth_unit or "m"],
         )

@@ -1,22 +1,221 @@
-"""Options that commands share."""
+"""Options that commands share, their types and headings, and their names in errors."""
 
 from __future__ import annotations
 
+import functools
+import re
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
-from defocus_cli.options.types import (
-    Command,
-    Decorator,
-    ReportPath,
-    machine_option,
-    option,
-    output_option,
-)
 from defocus_cli.words.console import Due
-from defocus_core.errors import InputError, UsageProblem
-from defocus_core.request.quantities import byte_count
+from defocus_core.errors import InputError, Place, UsageProblem
+from defocus_core.request.quantities import byte_count, read_at
+
+Command = Callable[..., Any]
+Decorator = Callable[[Command], Command]
+
+
+def option_name(param: click.Parameter | None) -> str:
+    """The long name of an option, or the metavar of an argument, as a user writes it."""
+    if isinstance(param, click.Option):
+        return max(param.opts, key=len)
+    return param.human_readable_name if param else "command line"
+
+
+def position_of(param: click.Parameter | None) -> Place:
+    """The place of an option or argument, for errors."""
+    name = option_name(param)
+    return Place(field=name[2:]) if name.startswith("--") else Place(name)
+
+
+class FilePath(click.ParamType[Path]):
+    """A path; whether anything is there, and of use, is asked when it is opened."""
+
+    name = "path"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """A path that is not empty, as ``"$UNSET"`` would be."""
+        if not str(value):
+            raise UsageProblem("empty", "is empty", "give a path", path=position_of(param))
+        return Path(value)
+
+
+class ReportPath(FilePath):
+    """The path of a report, which replaces no other file: asked before an hour of work."""
+
+    def __init__(self, kind: str) -> None:
+        self.kind = kind
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """A path where nothing is, or an earlier report."""
+        from defocus_core.reports.replaceable import refuse_other
+
+        path = super().convert(value, param, ctx)
+        refuse_other(path, self.kind)
+        return path
+
+
+class Quantity(click.ParamType[Any]):
+    """A quantity with its unit, read by a parser of ``quantities``."""
+
+    def __init__(self, parse: Callable[[str], Any], name: str) -> None:
+        self.parse = parse
+        self.name = name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Parse ``value``; what is parsed already passes."""
+        return read_at(position_of(param), self.parse, value) if isinstance(value, str) else value
+
+
+# The topics of help that explain the options under a heading
+HEADING_TOPICS = {
+    "Lens": ("look", "shots", "photo", "conventions"),
+    "Shot": ("shots",),
+    "Output": ("conventions",),
+    "Files": ("depth", "photo", "conventions"),
+    "Machine": ("quality", "batch"),
+}
+_MANY = 25  # options; help of a command with more shows the common ones
+
+
+class GroupedOption(click.Option):
+    """An option that help shows under a heading, in short help only if it is common."""
+
+    def __init__(
+        self, *args: Any, heading: str = "Options", is_common: bool = False, **settings: Any
+    ) -> None:
+        super().__init__(*args, **settings)
+        self.heading = heading
+        self.is_common = is_common or self.required or heading not in HEADING_TOPICS
+
+
+class GroupedCommand(click.Command):
+    """A command whose help shows its options under their headings, in order."""
+
+    # Options whose value another may follow, and the option that this is the value of: behind
+    # the first argument, ``--over A B`` is ``--over A --over-depth B``
+    seconds: Mapping[str, str] = {"--over": "--over-depth"}
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        if not any("--verbose" in param.opts for param in self.params):
+            text = "Say where an unexpected error happened, on stderr."
+            flag = GroupedOption(["-v", "--verbose"], is_flag=True, expose_value=False, help=text)
+            self.params.append(flag)
+        is_long = len(self.params) > _MANY
+        self._rare = {p for p in self.params if is_long and not getattr(p, "is_common", True)}
+        text = "Show all options and exit."
+        asking: dict[str, Any] = {"is_flag": True, "is_eager": True, "expose_value": False}
+        asking |= {"hidden": not self._rare, "callback": self._show_all, "help": text}
+        self.params.append(GroupedOption(["--help-all"], **asking))
+
+    def _show_all(self, ctx: click.Context, _: click.Parameter, is_asked: bool) -> None:
+        """Print the help with the options that are not common, too."""
+        if is_asked and not ctx.resilient_parsing:
+            ctx.meta["left_out"] = set()
+            click.echo(ctx.get_help(), color=ctx.color)
+            ctx.exit()
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse, and make what the bundles of the command hand it."""
+        ctx.meta["typed"] = ["defocus", *ctx.command_path.split()[1:], *args]
+        try:
+            rest = super().parse_args(ctx, self._spelled_out(args))
+        except click.UsageError as error:
+            error.ctx = error.ctx or ctx  # which click forgets where a value is missing
+            raise
+        bundles = () if ctx.resilient_parsing else getattr(self.callback, "bundles", ())
+        given = dict(ctx.params)
+        for name, make, keys in bundles:
+            given[name] = make(**{key: given.pop(key) for key in keys})
+        ctx.params = given
+        return rest
+
+    def _spelled_out(self, args: list[str]) -> list[str]:
+        """The arguments with the options that second values are the values of."""
+        known = {name for param in self.params for name in param.opts}
+        for first, second in self.seconds.items():
+            place = args.index(first) if first in args[1:] and {first, second} <= known else 0
+            is_given = len(args) > place + 2 and not args[place + 2].startswith("-")
+            if place and is_given and not args[0].startswith("-"):
+                args = [*args[: place + 2], second, *args[place + 2 :]]
+        return args
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write one section for each heading, and where the options are that it leaves out."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        rare = ctx.meta.get("left_out", self._rare)
+        left_out = Counter(param.heading for param in rare)
+        for param in self.get_params(ctx):
+            if param in rare:
+                continue
+            record = param.get_help_record(ctx) if isinstance(param, click.Option) else None
+            if record is not None:
+                sections.setdefault(getattr(param, "heading", "Options"), []).append(record)
+        for heading, records in sections.items():
+            with formatter.section(heading):
+                formatter.write_dl(records)
+        more = [
+            (heading, f"{count} more: {', '.join(f'defocus help {t}' for t in topics)}")
+            for heading, topics in HEADING_TOPICS.items()
+            if (count := left_out[heading])
+        ]
+        if more:
+            with formatter.section(f"Further options, which {ctx.command_path} --help-all shows"):
+                formatter.write_dl(more)
+
+
+def option(
+    spelling: str,
+    text: str,
+    kind: Any = None,
+    *,
+    into: str = "",
+    heading: str = "Options",
+    **settings: Any,
+) -> Decorator:
+    """An option, spelled as help shows it under a heading, like ``-o --out FILE``.
+
+    What reads its value is a type, the words to choose from, or a parser of quantities; one without
+    a value is a flag. ``into`` names the parameter, if not the option does.
+    """
+    words = spelling.split()
+    named = [word for word in words if re.match("--?[a-z]", word)]
+    names = [*named, into] if into else named
+    metavar = " ".join(words[len(named) :])
+    if isinstance(kind, Sequence):
+        kind = click.Choice(kind)
+    elif callable(kind) and not isinstance(kind, click.ParamType):
+        kind = Quantity(kind, metavar)
+    elif kind is None and not metavar:
+        settings["is_flag"] = True
+    settings |= {"type": kind, "metavar": metavar or None, "help": text}
+    return click.option(*names, cls=GroupedOption, heading=heading, **settings)
+
+
+files_option = functools.partial(option, heading="Files")
+lens_option = functools.partial(option, heading="Lens")
+machine_option = functools.partial(option, heading="Machine")
+output_option = functools.partial(option, heading="Output")
+
+
+def bundle(name: str, make: Callable[..., Any], options: Sequence[Decorator]) -> Decorator:
+    """Add ``options`` to a command and hand it what ``make`` makes of their values, as ``name``."""
+
+    def decorate(command: Any) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        added = command.__click_params__[-len(options) :]
+        keys = dict.fromkeys(param.name for param in added)  # two flags may set one value
+        command.bundles = [(name, make, keys), *getattr(command, "bundles", ())]
+        made: Command = command
+        return made
+
+    return decorate
 
 
 def check_inputs_option(command: Command) -> Command:

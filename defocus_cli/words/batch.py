@@ -1,4 +1,4 @@
-"""The report of a batch: a progress bar while it runs, words when it has ended."""
+"""The report of jobs: a progress bar while they run, words and JSON of each, and of the batch."""
 
 from __future__ import annotations
 
@@ -6,19 +6,117 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import click
 
 from defocus_cli.words import console
-from defocus_cli.words import job as job_report
-from defocus_cli.words.endings import Interrupted, SomeFailed, exit_code_of
-from defocus_core.batch.journal.progress import Progress
-from defocus_core.batch.journal.record import Record, error_line
-from defocus_core.batch.workers.plan import Plan
-from defocus_core.batch.workers.run import Listener, Summary
+from defocus_core.batch.journal.record import Failed, Record, error_line
+from defocus_core.batch.workers.run import Listener, Plan, Summary
 from defocus_core.errors import kind_of, with_dashes
+from defocus_core.io.arrays import scratch_folder
 from defocus_core.io.safe_files import spoken
-from defocus_core.request.job import Job
+from defocus_core.request.job import FRAME_ROLE, Job
+from defocus_core.request.lens import lens_record, lens_record_words, lens_words
 from defocus_core.system.text import counted, duration
+
+if TYPE_CHECKING:
+    from defocus_core.batch.journal.progress import Progress
+
+
+def job_record(job: Job) -> dict[str, Any]:
+    """Inputs, lens and outputs of a job, for JSON."""
+    return {
+        "stem": job.sample_id,
+        **{role: str(path) for role, path in _own_files(job).items()},
+        "lens": lens_record(job.lens),
+        "outputs": {kind: str(path) for kind, path in job.paths.items()},
+        "previews": {kind: str(path) for kind, path in job.previews.items()},
+    }
+
+
+def _own_files(job: Job) -> dict[str, Path]:
+    """The inputs of a job by role, without those of other frames of its shot."""
+    return {role: path for role, path in job.files.items() if not role.startswith(FRAME_ROLE)}
+
+
+def job_line(job: Job) -> str:
+    """Inputs, lens and outputs of a job, in words."""
+    inputs = dict.fromkeys(map(str, _own_files(job).values()))
+    others = 0 if job.shot is None else len(job.shot.pictures.keys() - {job.picture.frame})
+    more = f" and {counted(others, 'other frame')} of the shot" if others else ""
+    return (
+        f"{job.sample_id}: {lens_words(job.lens)}; would read {', '.join(inputs)}{more}; "
+        f"would write {_written_words(job)}"
+    )
+
+
+def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> dict[str, Any]:
+    """A job that ended, for JSON: its plan, and the fields of its record."""
+    end, taken = record.end, record.taken
+    told = {name: getattr(taken, name, None) for name in _OF_PICTURES}
+    seconds = {} if taken is None else taken.seconds
+    return {
+        **job_record(job),
+        **{"status": end.status, "reason": end.reason, "message": end.message},
+        **{"warnings": list(end.warnings), "quality": record.quality},
+        **told,
+        "lens": lens_record(job.lens) if taken is None else taken.lens,
+        "done_before": done_before,
+        "render_seconds": seconds.get("render"),
+        "render_cpu_seconds": seconds.get("cpu"),
+        "stats": {} if taken is None else dict(taken.stats),
+    }
+
+
+_OF_PICTURES = ("size", "color_note", "depth_note", "depth_repair", "coc_px", "device")
+
+
+def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
+    """A job that ended, in words: one line, one for each warning, and more if ``verbose``."""
+    end = record.end
+    if isinstance(end, Failed):
+        yield f"defocus: {end.message}"
+        if verbose:
+            yield from end.trace.splitlines()
+        return
+    (width, height), (near, far) = end.size, end.coc_px
+    yield (
+        f"{job.sample_id}: {width}x{height}, {lens_record_words(end.lens)}, "
+        f"CoC {near:.2f} to {far:.2f} px, {end.seconds['render']:.2f} s -> {_written_words(job)}"
+    )
+    for warning in end.warnings:
+        yield f"{job.sample_id}: warning: {warning}"
+    if not verbose:
+        return
+    yield f"  colour: {end.color_note}"
+    yield f"  depth: {end.depth_note}"
+    threads = counted(job.machine.threads, "thread")
+    yield f"  {end.device}, {threads}, {record.quality}, {end.seconds['cpu']:.2f} CPU s"
+    counts = dict(end.stats)
+    if (scratch := counts.pop("scratch_mb", None)) is not None:
+        yield f"  {scratch:.0f} MB of scratch in {scratch_folder()}"
+    if counts:
+        yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
+
+
+def done_before_line(job: Job) -> str:
+    """A job that was done before, in words."""
+    return f"{job.sample_id}: done before -> {_written_words(job)}"
+
+
+def _written_words(job: Job) -> str:
+    """The files of a job, those of one name together, like ``out/{left,right}/a.exr``."""
+    if job.outputs.file:
+        return str(job.written[0])
+    folders: dict[str, list[str]] = {}
+    for path in job.written:
+        folders.setdefault(path.name, []).append(path.parent.name)
+    return ", ".join(
+        str(job.outputs.root / (f"{{{','.join(kinds)}}}" if len(kinds) > 1 else kinds[0]) / name)
+        for name, kinds in folders.items()
+    )
+
 
 _WARNINGS = 3  # kinds of which an example is shown
 _ALIKE = 5  # errors of one kind that are told
@@ -43,10 +141,10 @@ class BatchReport(Listener):
         for job in plan.settled if self._keep or self._each else ():
             if self._keep:
                 record = plan.ledger.record_of(job.names.values())
-                done = job_report.outcome_record(job, record, done_before=True)
+                done = outcome_record(job, record, done_before=True)
                 self.records[job.sample_id] = done
             if self._each:
-                console.stderr(job_report.done_before_line(job))
+                console.stderr(done_before_line(job))
         done_before = len(plan.jobs) - plan.due - plan.later
         if not self._each and done_before:
             console.stderr(f"{counted(done_before, 'job')} done before, {plan.due} to do")
@@ -59,10 +157,10 @@ class BatchReport(Listener):
     def ended(self, job: Job, record: Record) -> None:
         """Say what became of a job."""
         if self._keep:
-            self.records[job.sample_id] = job_report.outcome_record(job, record)
+            self.records[job.sample_id] = outcome_record(job, record)
         if self._raises and record.taken is None:
             return  # its error ends the command
-        lines = list(job_report.outcome_lines(job, record, verbose=self._verbose))
+        lines = list(outcome_lines(job, record, verbose=self._verbose))
         if record.taken is None and not self._verbose:
             kind = kind_of(record.end.message)
             self._kinds[kind] += 1
@@ -102,12 +200,10 @@ def tile_bar(unit: str = "tile") -> Iterator[Callable[[int, int], None]]:
 def summary_lines(summary: Summary) -> Iterator[str]:
     """Counts, reasons and speed of a batch that ended, in words; then its commonest warnings."""
     counts = Counter(summary.statuses)
-    parts = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
-    if summary.skipped:
-        parts.append(f"{summary.skipped} done before")
-    if summary.left:
-        parts.append(f"{summary.left} left")
-    line = f"{counted(summary.jobs, 'job')}: {', '.join(parts) or 'nothing to do'}"
+    ends = {word: counts[status] for status, word in _WORDS.items()}
+    ends |= {"done before": summary.skipped, "left": summary.left}
+    parts = ", ".join(f"{count} {word}" for word, count in ends.items() if count)
+    line = f"{counted(summary.jobs, 'job')}: {parts or 'nothing to do'}"
     if summary.reasons:
         line += f" ({reasons_words(summary.reasons)})"
     if summary.warned:
@@ -140,7 +236,12 @@ def reasons_words(reasons: Mapping[str, int]) -> str:
 
 def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> dict[str, Any]:
     """A run that ended, for JSON: counts, reasons, time, its pictures, the error of a lone one."""
-    ended = (report.records.get(job.sample_id) for job in jobs)
+    ended, error = (report.records.get(job.sample_id) for job in jobs), summary.error
+    told = {}
+    if error is not None:  # as of a command that has no result
+        line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
+        exit_code = console.exit_code_of(error)
+        told = {"error": {"message": line, "exit_code": exit_code, "code": code}}
     return {
         "dry_run": False,
         "jobs": summary.jobs,
@@ -155,17 +256,8 @@ def run_record(summary: Summary, report: BatchReport, jobs: Iterable[Job]) -> di
         "seconds": summary.seconds,
         "interrupted": summary.interrupted,
         "pictures": [record for record in ended if record is not None],
-        **_error_record(summary),
+        **told,
     }
-
-
-def _error_record(summary: Summary) -> dict[str, Any]:
-    """The error that ended a lone picture, as of a command that has no result."""
-    error = summary.error
-    if error is None:
-        return {}
-    line, code = with_dashes(error_line(error), console.Due.keys), getattr(error, "code", None)
-    return {"error": {"message": line, "exit_code": exit_code_of(error), "code": code}}
 
 
 def progress_lines(out: Path, state: Progress) -> Iterator[str]:
@@ -219,10 +311,10 @@ def end(summary: Summary) -> None:
         raise summary.error
     if summary.interrupted and summary.left:
         problem = f"interrupted, {summary.left} of {summary.jobs} jobs left"
-        raise Interrupted(f"{problem}; run the same command again to go on")
+        raise console.Interrupted(f"{problem}; run the same command again to go on")
     failed = summary.statuses["failed"]
     if failed:
         problem = f"{failed} of {counted(summary.jobs, 'job')} failed"
         again = "it" if failed == 1 else "them"
         remedy = f"run the same command again to try {again} once more"
-        raise SomeFailed(f"{problem} ({reasons_words(summary.reasons)}); {remedy}")
+        raise click.ClickException(f"{problem} ({reasons_words(summary.reasons)}); {remedy}")

@@ -1,19 +1,27 @@
-"""What is printed: data on stdout, words on stderr."""
+"""What is printed: data on stdout, words on stderr; and how a command ends that failed."""
 
 from __future__ import annotations
 
 import json
 import os
 import sys
-from collections.abc import Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from errno import ENOSPC
 from logging import Handler, LogRecord, getLogger
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 import click
 
-from defocus_core.errors import InputError, printable, reason, with_dashes
+from defocus_core.errors import (
+    DefocusError,
+    InputError,
+    NotExplained,
+    UsageProblem,
+    printable,
+    reason,
+    with_dashes,
+)
 from defocus_core.io.safe_files import spoken
 from defocus_core.system.text import version
 
@@ -125,3 +133,53 @@ def _print(text: str) -> None:
         raise InputError(
             "unwritable", f"cannot be written: {reason(error)}", remedy, path="stdout"
         ) from error
+
+
+def exit_code_of(error: BaseException) -> int:
+    """1 for pictures that no lens explains and for faults, 2 for usage, 3 for files."""
+    if isinstance(error, UsageProblem):
+        return 2
+    is_of_files = isinstance(error, (DefocusError, OSError))
+    return 3 if is_of_files and not isinstance(error, NotExplained) else 1
+
+
+class Interrupted(click.ClickException):
+    """The user pressed Ctrl-C; exit code 130."""
+
+    exit_code = 130
+
+
+class Failures:
+    """Errors of files that others stand beside: those are done, and the last error ends it."""
+
+    def __init__(self) -> None:
+        self._errors: list[DefocusError] = []
+
+    def __bool__(self) -> bool:
+        return bool(self._errors)
+
+    @contextmanager
+    def kept(self) -> Iterator[None]:
+        """Keep an error of the block, which ends there."""
+        try:
+            yield
+        except DefocusError as error:
+            self.add(error)
+
+    def add(self, error: DefocusError) -> None:
+        """Keep an error; the one before is said now."""
+        if self._errors:
+            stderr(f"defocus: {self._errors[-1]}")
+        self._errors.append(error)
+
+    def records(self) -> list[dict[str, str]]:
+        """The errors for JSON."""
+        return [
+            {"subject": each.subject, "problem": each.problem, "remedy": each.remedy}
+            for each in self._errors
+        ]
+
+    def end(self) -> None:
+        """Raise the last error, if there is any."""
+        if self._errors:
+            raise self._errors[-1]

@@ -7,11 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import click
+
 from defocus_cli.words import console
-from defocus_cli.words import job as job_report
-from defocus_cli.words.batch import reasons_lines
-from defocus_cli.words.endings import SomeFailed
-from defocus_core.batch.workers.plan import Execution, Plan, make_plan
+from defocus_cli.words.batch import done_before_line, job_line, job_record, reasons_lines
+from defocus_core.batch.workers.run import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
 from defocus_core.picture.forecast import Forecast
@@ -19,17 +19,8 @@ from defocus_core.request.job import Job, Outputs
 from defocus_core.system.text import counted, duration
 
 # Bytes of a pixel of three channels, of pictures that are neither flat nor noise.
-_PIXEL_BYTES = {
-    "half": 3.6,
-    "float": 9.6,
-    "png": 1.8,
-    "png16": 4.5,
-    "tiff": 4.5,
-    "jpg": 0.5,
-    "webp": 0.4,
-}
-_PREVIEW_BYTES = 1.5
-_MAP_BYTES = 2.4
+_PIXEL_BYTES = {"half": 3.6, "float": 9.6, "png": 1.8, "png16": 4.5, "tiff": 4.5, "jpg": 0.5}
+_PIXEL_BYTES |= {"webp": 0.4, "preview": 1.5, "map": 2.4}
 
 
 def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
@@ -43,12 +34,12 @@ def report_pictures(jobs: Sequence[Job], plan: Plan, *, as_json: bool) -> None:
         records = []
         for job in jobs:
             more = {"forecast": forecast.record(by_job[job])} if job in by_job else {}
-            records.append({**job_report.job_record(job), "done_before": job in done, **more})
+            records.append({**job_record(job), "done_before": job in done, **more})
         whole = forecast.total(sampled, len(todo)) if sampled else None
         console.print_json(dry_run=True, pictures=records, forecast=whole, unusable=len(unusable))
     else:
         for job in jobs:
-            line = job_report.done_before_line if job in done else job_report.job_line
+            line = done_before_line if job in done else job_line
             console.stdout(line(job))
             if job in by_job:
                 console.stdout(forecast.line(by_job[job]))
@@ -92,10 +83,10 @@ def report_batch(
         "kept": dict(plan.kept),
     }
     if as_json:
-        plans = [job_report.job_record(job) for job in todo]
+        plans = [job_record(job) for job in todo]
         console.print_json(dry_run=True, **totals, pictures=plans)
     else:
-        console.stdout(*(job_report.job_line(job) for job in todo if verbose))
+        console.stdout(*(job_line(job) for job in todo if verbose))
         console.stdout(*_batch_lines(totals, len(samples)), *reasons_lines(plan))
     _end(unusable, len(samples), "jobs")
 
@@ -134,12 +125,12 @@ def _end(unusable: Sequence[DefocusError], usable: int, what: str) -> None:
     failing = sum(not isinstance(error, Rejected) for error in unusable)
     if failing:
         tried = usable + len(unusable)
-        raise SomeFailed(f"{failing} of {tried} {what} that were looked at would fail")
+        raise click.ClickException(f"{failing} of {tried} {what} that were looked at would fail")
 
 
 def _bytes(outputs: Outputs, samples: Sequence[Forecast], count: int) -> float:
     """Bytes that so many jobs will write, to a factor of two."""
     pixels = sum(math.prod(each.size) for each in samples) / len(samples) * count
     image = _PIXEL_BYTES[outputs.exr_type if outputs.format == "exr" else outputs.format]
-    each = (image if kind.image else _MAP_BYTES for kind in outputs.rows)
-    return pixels * (sum(each) + outputs.preview * len(outputs.kinds) * _PREVIEW_BYTES)
+    each = sum(image if kind.image else _PIXEL_BYTES["map"] for kind in outputs.rows)
+    return pixels * (each + outputs.preview * len(outputs.kinds) * _PIXEL_BYTES["preview"])

@@ -14,7 +14,7 @@ from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import written_together
 from defocus_core.picture.preview import write_depth_preview
-from defocus_core.picture.steps.implausible import of_file
+from defocus_core.picture.radii import of_file
 from defocus_core.request.job import Reading
 from defocus_core.request.output_kinds import PICTURES
 from defocus_core.system.interrupts import delayed_signals

@@ -17,9 +17,8 @@ from defocus_core.errors import InputError
 from defocus_core.io.arrays import sample_plane
 from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.safe_files import written_whole
-from defocus_core.picture.measures import radius_measures
 from defocus_core.picture.pair import read
-from defocus_core.picture.take import InputPair
+from defocus_core.picture.take import InputPair, radius_measures
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.quantities import length_text
 from defocus_core.system.process import cores, set_to_render
@@ -65,14 +64,10 @@ class FitOptions:
         """Px of radius for 1/m, of a focus in 1/m and the f-number that is known."""
         assert self.fnumber is not None
         focus = min(focus, (1 - 1e-6) * _MM_PER_M / self.foclen)  # where a search may try others
-        return self._counterpart(self.fnumber, focus, width) / _MM_PER_M
+        return self.counterpart(self.fnumber, focus, width) / _MM_PER_M
 
-    def fnumber_of(self, strength: float, focus: float, width: int) -> float:
-        """The f-number of so many px of radius for 1/m, of a focus in 1/m."""
-        return self._counterpart(strength * _MM_PER_M, focus, width)
-
-    def _counterpart(self, number: float, focus: float, width: int) -> float:
-        """The f-number of a strength, or the strength of an f-number: their product is known."""
+    def counterpart(self, number: float, focus: float, width: int) -> float:
+        """The f-number of px of radius for 1/mm, or the reverse, of a focus in 1/m."""
         from defocus_core.optics.thin_lens import fnum_of_strength
 
         pitch = self.sensor_width / width
@@ -177,7 +172,7 @@ def _record(fitted: Fit, options: FitOptions, width: int) -> dict[str, Any]:
         "focus_m": None if fitted.focus <= 0 else 1 / fitted.focus,
         "focus_dioptres": fitted.focus,
         "focus_error_dioptres": _finite(fitted.focus_error),
-        "fnumber": options.fnumber_of(fitted.strength, fitted.focus, width),
+        "fnumber": options.counterpart(fitted.strength * _MM_PER_M, fitted.focus, width),
         "fnumber_error": _finite(fitted.strength_error),
         "px_per_dioptre": fitted.strength,
         "focal_length_mm": options.foclen,

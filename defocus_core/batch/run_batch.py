@@ -1,22 +1,92 @@
-"""A batch from Python: run it, and go on where it was stopped."""
+"""A batch and the processes that do it: run it, and go on where it was stopped."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain, islice
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from defocus_core.batch.journal.record import Record
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.plan import Execution
-from defocus_core.batch.workers.pool import WorkerConfig
-from defocus_core.batch.workers.run import Summary
+from defocus_core.batch.workers.dask_pool import execute_at
+from defocus_core.batch.workers.pool import Processes, dispatch
+from defocus_core.batch.workers.run import Chunk, Done, Execute, Execution, Summary
 from defocus_core.errors import UsageProblem
+from defocus_core.picture import memory_budget
 from defocus_core.request.job import DEVICES, Job, Machine, Outputs
 from defocus_core.request.jobs_file import read_batch
 from defocus_core.request.origin import JobsSource
+from defocus_core.system import memory
+from defocus_core.system.process import cores
+
+# A core more for each process saves more than a thread more in it, for these wait for one another;
+# but each should find this much memory.
+ROOM_MB = 2000
+MANY = 64  # workers of a cluster, whose number may change
+_GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subsystem
+
+
+@dataclass(frozen=True)
+class WorkerConfig:
+    """The processes that compute."""
+
+    scheduler: str  # ``local``, or the address of a Dask scheduler
+    processes: int | None  # on this machine; None for as many as suit it
+    threads: int | None = None  # of each; None for what makes use of all cores
+    device: str = "auto"  # or cpu, or cuda
+    memory: int | None = None  # bytes of each process; None for its share of what is available
+    tile: int | None = None  # px on a side of a tile; None for the usual
+
+    @property
+    def machine(self) -> Machine:
+        """The machine settings of each job."""
+        share, available = None, memory.available_mb()
+        if self.scheduler == "local" and self.count > 1 and available is not None:
+            share = int(memory_budget.SHARE * available / self.count * memory.MB)
+        threads = self.threads or cores() // self.count or 1
+        return Machine("standard", self.device, threads, self.memory or share, self.tile)
+
+    @cached_property
+    def count(self) -> int:
+        """The number of processes, counted once, since free memory changes.
+
+        One for a GPU; else the cores divided by the threads, or without a number of threads one for
+        each core, as far as memory goes: a core left over costs less than one process fewer.
+        """
+        if self.processes is not None:
+            return self.processes
+        if self.device == "cuda" or (self.device == "auto" and any(map(os.path.exists, _GPUS))):
+            return 1
+        if self.threads is not None:
+            return max(1, cores() // self.threads)
+        available = memory.available_mb()
+        maximum = cores() if available is None else int(available // ROOM_MB)
+        return max(1, min(cores(), maximum))
+
+    @property
+    def spread(self) -> int:
+        """Over how many workers the jobs of one picture are to be spread."""
+        return self.count if self.scheduler == "local" else MANY
+
+    def execute(self) -> Execute:
+        """The executor of the jobs."""
+        if self.scheduler != "local":
+            return execute_at(self.scheduler, threads=self.threads)
+
+        def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
+            first = [*islice(chunks, 2)]
+            if [len(chunk) for chunk in first] == [1]:  # a process takes longer to start than a job
+                pipeline.execute(iter(first), done, stopped)
+            elif first:
+                dispatch(Processes(self.count), chain(first, chunks), done, stopped)
+
+        return execute
+
 
 Jobs = str | PathLike[str] | Mapping[str, Any] | Sequence[Job]
 

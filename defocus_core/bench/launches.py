@@ -6,8 +6,8 @@ counted.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from itertools import takewhile
+import re
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from defocus_core.errors import InputError
@@ -22,9 +22,10 @@ SIZES = ((960, 540), (1920, 1080))
 _RADIUS, _CARDS, _STEP = 32.0, 12, 5.0
 _KINDS = ("floor", "cards")
 _HEADING = (
-    "| | launches | waits | GB written | with left and right | waits | GB written |",
-    "|---|---|---|---|---|---|---|",
+    "| | launches | waits | GB written | with left and right | waits | GB written |\n"
+    "|---|---|---|---|---|---|---|"
 )
+_TABLE = re.compile(rf"{re.escape(_HEADING)}(?:\n\|.*)*")
 
 
 class Counted(NamedTuple):
@@ -83,46 +84,24 @@ def _scene(kind: str, height: int, width: int) -> tuple[Tensor, Tensor]:
     return image, radius
 
 
-def table(cases: Iterable[CountedCase]) -> Iterator[str]:
-    """The lines of the table, in Markdown."""
-    yield from _HEADING
-    for case in cases:
-        cells = [
-            f"{counts.launches:,}".replace(",", " ") + f" | {counts.waits} | {counts.gigabytes:.1f}"
-            for counts in (case.alone, case.pair)
-        ]
-        yield f"| {case.name} | {' | '.join(cells)} |"
+def line(case: CountedCase) -> str:
+    """A row of the table, in Markdown."""
+    cells = (
+        f"{counts.launches:,}".replace(",", " ") + f" | {counts.waits} | {counts.gigabytes:.1f}"
+        for counts in (case.alone, case.pair)
+    )
+    return f"| {case.name} | {' | '.join(cells)} |"
 
 
-def cases_in(text: str) -> list[CountedCase]:
-    """The rows of the table in a text."""
-    cases = []
-    for line in _split(text)[1]:
-        name, *cells = (cell.strip() for cell in line.strip("|").split("|"))
-        numbers = [float(cell.replace(" ", "")) for cell in cells]
-        pair = [Counted(int(n[0]), int(n[1]), n[2]) for n in (numbers[:3], numbers[3:])]
-        cases.append(CountedCase(name, *pair))
-    return cases
-
-
-def with_table(text: str | None, lines: Sequence[str], path: Path) -> str:
+def with_table(text: str | None, cases: Iterable[CountedCase], path: Path) -> str:
     """The text of a file with a table in the place of the one that it holds; None has no text.
 
     Raises:
         InputError: If the text holds no table.
     """
-    if text is None:
-        return "\n".join([*lines, ""])
-    if _HEADING[0] not in text.split("\n"):
+    table = "\n".join([_HEADING, *map(line, cases)])
+    changed, count = (f"{table}\n", 1) if text is None else _TABLE.subn(table, text, 1)
+    if not count:
         problem, remedy = "has no table of launches", "name a file that does, or a new one"
         raise InputError("malformed", problem, remedy, path=path)
-    before, _, after = _split(text)
-    return "\n".join([*before, *lines, *after])
-
-
-def _split(text: str) -> tuple[list[str], list[str], list[str]]:
-    """The lines before the table, those of its rows, and those after it."""
-    lines = text.split("\n")
-    first = lines.index(_HEADING[0])
-    rows = list(takewhile(lambda line: line.startswith("|"), lines[first:]))
-    return lines[:first], rows[len(_HEADING) :], lines[first + len(rows) :]
+    return changed

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from filecmp import cmp
 from os import PathLike
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from defocus_core.compare import verdict
 from defocus_core.compare.findings.choice import diagnose
-from defocus_core.compare.findings.finding import is_place
+from defocus_core.compare.findings.table import is_place
 from defocus_core.compare.findings.tone import clipped_light, lost_channels
 from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
@@ -44,7 +44,7 @@ from defocus_core.compare.selection import (
     within_neighbours,
 )
 from defocus_core.compare.structure import compare_structure, of_another_size
-from defocus_core.compare.thresholds import OVER, PRESETS, Rule, Rules, rule
+from defocus_core.compare.thresholds import OVER, PRESETS, Rule, Rules, read_thresholds, rule
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.request.quantities import QuantityError
 from defocus_core.system.text import counted
@@ -71,24 +71,19 @@ def compare_pictures(
 ) -> tuple[Comparison, Pixels | None]:
     """Compare two pictures that have been read."""
     with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
-        structure = compare_structure(a, b, settings, ruled=bool(rules.fail))
-        record = Comparison(
-            *(name, a.path, b.path, DIFFERENT, (a.width, a.height)),
-            findings=structure.findings,
-            notes=structure.notes,
-            metadata=structure.metadata,
-        )
-        if not structure.common:
+        record = Comparison(name, a.path, b.path, DIFFERENT, (a.width, a.height))
+        record, common, strict = compare_structure(record, a, b, settings, ruled=bool(rules.fail))
+        if not common:
             return replace(record, findings=(*record.findings, *of_another_size(a, b))), None
         if (a.gamma, a.associated) != (b.gamma, b.associated):
             a, b = in_linear_light(a), in_linear_light(b)
-        pixels, corner = _pixels(a, b, structure.common, settings)
+        pixels, corner = _pixels(a, b, common, settings)
         if rules.visible_only:
             pixels, unseen = pixels.visible()
             said = [f"other colours in {counted(unseen, 'pixel')} where A is 0"] if unseen else []
             record = replace(record, notes=(*record.notes, *said))
         rules = verdict.of_small_values(rules, pixels)
-        judged = _judged(record, pixels, corner, (a, b), rules, settings, strict=structure.strict)
+        judged = _judged(record, pixels, corner, (a, b), rules, settings, strict=strict)
         return judged, pixels
 
 
@@ -159,21 +154,19 @@ def _judged(
         if suspect:
             metrics = {**measure(pixels, over=rules.over), **metrics}
     strict |= nonfinite.apart is not None
-    found = [finding.name for finding in findings]
-    said = verdict.judge(rules, metrics, found, differs=differing, strict=strict)
-    unexplained = causes is not None and all(map(is_place, found))
-    open_ = said.status == DIFFERENT and unexplained and not strict
     record = replace(
         record,
-        **asdict(said),
         encoding={1.0: "linear", None: "sRGB"}.get(pixels.gamma, "power"),
         findings=tuple(findings),
         metrics=metrics,
         nonfinite=nonfinite,
         notes=(*record.notes, *nonfinite.notes()),
         edge_share=near,
-        proposal=verdict.proposal(rules, metrics) if open_ else "",
     )
+    record = verdict.judge(record, rules, differs=differing, strict=strict)
+    unexplained = causes is not None and all(is_place(finding.name) for finding in findings)
+    if record.status == DIFFERENT and unexplained and not strict:
+        record = replace(record, proposal=verdict.proposal(rules, metrics))
     return _placed(record, pixels, corner) if differing or nonfinite.apart is not None else record
 
 
@@ -272,9 +265,8 @@ def compare_images(
         raise UsageProblem(
             "unknown-name", f"'{like}' is not known", f"name {', '.join(PRESETS)}", field="like"
         )
-    known = Rules() if like is None else PRESETS[like]
-    fail_by, warn_by = _rules("fail", fail) or known.fail, _rules("warn", warn) or known.warn
-    rules = replace(known, fail=fail_by, warn=warn_by, over=over)
+    given = _rules("fail", fail), _rules("warn", warn), over
+    rules = read_thresholds(None, *given, Rules() if like is None else PRESETS[like]).of("")
     settings = CompareSettings(
         region=None if region is None else CropRegion(*region),
         mask=None if mask is None else Path(mask),

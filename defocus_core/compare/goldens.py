@@ -19,12 +19,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.journal import identity
+from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.journal.record import output_fault
 from defocus_core.batch.workers import run
-from defocus_core.batch.workers.plan import Execution
-from defocus_core.batch.workers.run import Listener, Summary
+from defocus_core.batch.workers.run import Execution, Listener, Summary
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.compare.run import Task, compare_all
@@ -73,10 +72,10 @@ class Store:
                 for role in sorted(was.keys() & now.keys())
                 if was[role] != now[role]
             ]
-            old, new = stored.get("settings", {}), identity.settings(job)
+            old, new = stored.get("settings", {}), resume.settings(job)
             settings += [
                 f"{name}: {key:.200} {now} instead of {was!s:.200}"
-                for key, was, now in (identity.changed_settings(old, new) if stored else ())
+                for key, was, now in (resume.changed_settings(old, new) if stored else ())
             ]
         return {"inputs": inputs, "settings": settings}
 
@@ -160,7 +159,7 @@ def accept(store: Store, fresh: FreshPictures, records: Sequence[Comparison]) ->
     samples = {name: sample for name, sample in store.listed.items() if name not in store.samples}
     for job in jobs:
         name, stored = job.sample_id, store.samples.get(job.sample_id, {})
-        asked = identity.settings(job), sorted(job.names.values()), fresh.inputs.get(name, {})
+        asked = resume.settings(job), sorted(job.names.values()), fresh.inputs.get(name, {})
         made = dict(zip(("settings", "files", "inputs"), asked, strict=True))
         if new & set(made["files"]) or any(stored.get(key) != made[key] for key in made):
             samples[name] = {**made, **_made_by()}
@@ -219,7 +218,7 @@ def _made_by() -> dict[str, Any]:
         "python": platform.python_version(),
         "torch": torch.__version__,
     }
-    return {**identity.versions(), "machine": machine}
+    return {**resume.versions(), "machine": machine}
 
 
 @dataclass(frozen=True)

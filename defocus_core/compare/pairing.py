@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from defocus_core.batch.journal import identity
+from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.journal.record import Record, Stamp
 from defocus_core.compare.picture import SUFFIXES
@@ -160,8 +160,7 @@ def are_batches(*folders: Path) -> bool:
 
 def pair_batches(a: Path, b: Path) -> BatchPairs:
     """The pictures of two batches, paired by sample and kind."""
-    of_a, of_b = _samples(a), _samples(b)
-    files_a, files_b = _sample_files(a, of_a), _sample_files(b, of_b)
+    (of_a, files_a), (of_b, files_b) = _samples(a), _samples(b)
     if not files_a and not files_b:
         problem = f"has a journal without pictures, and so has {b}"
         raise InputError("empty", problem, "name batches that made some", path=a)
@@ -179,28 +178,22 @@ def pair_batches(a: Path, b: Path) -> BatchPairs:
     return BatchPairs(pairs, changes, len(shared))
 
 
-def _samples(folder: Path) -> dict[str, Record]:
-    records = Ledger(folder).records()
-    return {record.sample_id: record for record in records if record.taken is not None}
-
-
-def _sample_files(folder: Path, records: Mapping[str, Record]) -> dict[tuple[str, str], Path]:
-    """Files by sample and kind; a file that is gone is not there."""
+def _samples(folder: Path) -> tuple[dict[str, Record], dict[tuple[str, str], Path]]:
+    """The records of samples, and their files by sample and kind, those that are there."""
+    records = {r.sample_id: r for r in Ledger(folder).records() if r.taken is not None}
     files = {
-        (name, kind): folder / stamp.path
+        (name, kind): path
         for name, record in records.items()
         for kind, stamp in record.outputs.items()
-    }
-    return {
-        key: path
-        for key, path in files.items()
+        for path in [folder / stamp.path]
         if path.suffix.lower() in SUFFIXES and path.exists()
     }
+    return records, files
 
 
 def _changes(a: Record, b: Record) -> Iterator[tuple[str, str, str]]:
     """What differs between the recipes of two records, and what it is in each."""
-    for key, was, now in identity.changed_settings(a.settings, b.settings):
+    for key, was, now in resume.changed_settings(a.settings, b.settings):
         yield key, str(was), str(now)
     for key in _VERSIONS:
         was, now = getattr(a, key), getattr(b, key)

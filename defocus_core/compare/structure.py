@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from itertools import product
 from typing import Any
@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.picture import DecodedPicture, color_layers
-from defocus_core.compare.record import CompareSettings
+from defocus_core.compare.record import CompareSettings, Comparison
 from defocus_core.io.images.primaries import primaries_name, same_primaries
 from defocus_core.system.text import counted
 
@@ -27,21 +27,19 @@ _OF_A_RUN = ("capdate", "*date", "date*", "*datetime*", "time", "*time*", "softw
 _DEPTHS = ("Z", "ZBack")  # channels of deep samples
 
 
-@dataclass(frozen=True)
-class Structure:
-    """How two files differ apart from the pixels that are compared."""
-
-    common: tuple[str, ...]  # channels that both have, in the size of the picture
-    findings: tuple[Finding, ...]
-    notes: tuple[str, ...]  # what changes no pixel, in words
-    metadata: tuple[str, ...]  # attributes that differ, in words
-    strict: bool  # whether B is different for it, whatever its pixels are
-
-
 def compare_structure(
-    a: DecodedPicture, b: DecodedPicture, settings: CompareSettings, *, ruled: bool
-) -> Structure:
-    """The structure of two files; `ruled`: whether rules decide about values."""
+    record: Comparison,
+    a: DecodedPicture,
+    b: DecodedPicture,
+    settings: CompareSettings,
+    *,
+    ruled: bool,  # whether rules decide about values
+) -> tuple[Comparison, list[str], bool]:
+    """The record with the structure of both files, and the channels that are compared.
+
+    Those are the ones that both have, in the size of the picture. Last is whether B is different
+    for its structure, whatever its pixels are.
+    """
     both = [name for name in a.planes if name in b.planes]
     resized = [name for name in both if a.planes[name].shape != b.planes[name].shape]
     common = [n for n in both if n not in resized and a.planes[n].shape == (a.height, a.width)]
@@ -53,12 +51,13 @@ def compare_structure(
         findings.append(Finding("apart", text))
     ignored = settings.ignore_metadata
     metadata = _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
-    samples = _compare_samples(a, b)
+    samples = [*_compare_samples(a, b)]
     strict = bool(findings) or (settings.metadata and bool(metadata))
-    strict |= samples is not None and not ruled
-    findings += [each for each in (_compare_primaries(a, b, ignored), samples) if each]
-    notes = _notes_of(a, b, lone)
-    return Structure(tuple(common), tuple(findings), tuple(notes), tuple(metadata), strict)
+    strict |= bool(samples) and not ruled
+    findings += [*_compare_primaries(a, b, ignored), *samples]
+    notes = tuple(_notes_of(a, b, lone))
+    record = replace(record, findings=tuple(findings), notes=notes, metadata=tuple(metadata))
+    return record, common, strict
 
 
 def _equal(a: Any, b: Any) -> bool:
@@ -85,36 +84,35 @@ def _of_channels(
 
 def _compare_primaries(
     a: DecodedPicture, b: DecodedPicture, ignored: Sequence[str]
-) -> Finding | None:
+) -> Iterator[Finding]:
     """Whether two pictures declare other primaries, by which equal numbers are other colours."""
     counts = _heeded({"chromaticities": ""}, ignored)
-    if not counts or same_primaries(a.primaries, b.primaries) or not any(color_layers([*a.planes])):
-        return None
-    old, new = (primaries_name(each.primaries) for each in (a, b))
-    text = f"other primaries declared: {new} instead of {old}"
-    return Finding("other primaries declared", text, {"a": old, "b": new})
+    if counts and any(color_layers([*a.planes])) and not same_primaries(a.primaries, b.primaries):
+        old, new = (primaries_name(each.primaries) for each in (a, b))
+        text = f"other primaries declared: {new} instead of {old}"
+        yield Finding("other primaries declared", text, {"a": old, "b": new})
 
 
-def _compare_samples(a: DecodedPicture, b: DecodedPicture) -> Finding | None:
-    """How the samples of two deep pictures differ; None if they do not, or one is flat."""
+def _compare_samples(a: DecodedPicture, b: DecodedPicture) -> Iterator[Finding]:
+    """How the samples of two deep pictures differ; nothing if they do not, or one is flat."""
     if not a.samples or not b.samples:
-        return None
+        return
     old, new = (each.samples[""] for each in (a, b))
     if not np.array_equal(old, new):
         places, owners = np.unique(np.concatenate([old, new]), return_inverse=True)
         counts = [np.bincount(of, minlength=len(places)) for of in np.split(owners, [len(old)])]
         pixels = int(np.count_nonzero(counts[0] != counts[1]))
         text = f"deep samples: another number in {counted(pixels, 'pixel')}"
-        return Finding("deep samples", text, {"pixels": pixels})
+        yield Finding("deep samples", text, {"pixels": pixels})
+        return
     greatest = {
         name: float(np.abs(b.samples[name].astype("f8") - values).max(initial=0.0))
         for name, values in a.samples.items()
         if name in b.samples and not np.array_equal(values, b.samples[name], equal_nan=True)
     }
-    if not greatest:
-        return None
-    each = ", ".join(f"{name} by up to {maximum:.3g}" for name, maximum in greatest.items())
-    return Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
+    if greatest:
+        each = ", ".join(f"{name} by up to {maximum:.3g}" for name, maximum in greatest.items())
+        yield Finding("deep samples", f"deep samples: other values, {each}", {"max": greatest})
 
 
 def _depths_of_samples(a: DecodedPicture, b: DecodedPicture) -> list[str]:

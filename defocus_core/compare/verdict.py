@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from defocus_core.compare.findings.tone import may_be_cut_below
 from defocus_core.compare.pixels import Pixels
-from defocus_core.compare.record import DIFFERENT, SAME, WARNING
+from defocus_core.compare.record import DIFFERENT, SAME, WARNING, Comparison
 from defocus_core.compare.thresholds import ROUNDING, Rule, Rules
 
 # Findings that are a warning if no rule fails.
@@ -24,34 +24,20 @@ _SMALL = 0.1  # scale of values below which rounding is a share of it
 _SEEN = 0.5 / 255  # half a step of 8 bits, on the scale of hdr
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """What rules say of a pair; attributes as of `Comparison`."""
+def judge(record: Comparison, rules: Rules, *, differs: bool, strict: bool) -> Comparison:
+    """The record with its verdict.
 
-    status: str
-    failed: tuple[str, ...]
-    warned: tuple[str, ...]
-    unmeasured: tuple[str, ...]
-
-
-def judge(
-    rules: Rules,
-    metrics: Mapping[str, float],
-    found: Collection[str],  # names of findings
-    *,
-    differs: bool,  # whether values do
-    strict: bool,  # whether B is different whatever rules say
-) -> Verdict:
-    """The verdict by metrics and names of findings."""
+    `differs`: whether values do; `strict`: whether B is different whatever rules say.
+    """
+    metrics, found = record.metrics, [finding.name for finding in record.findings]
     failed, warned = (_met(each, metrics, found) for each in (rules.fail, rules.warn))
     if not failed and not warned:
         warned = tuple(f"found:{name}" for name in found if name.startswith(_NEVER_SILENT))
-    unmeasured = [each for each in rules.fail if each.metric and each.metric not in metrics]
+    status = WARNING if warned else SAME
     if strict or failed or (differs and not _decide(rules, metrics)):
         status = DIFFERENT
-    else:
-        status = WARNING if warned else SAME
-    return Verdict(status, failed, warned, tuple(each.text for each in unmeasured))
+    unmeasured = tuple(r.text for r in rules.fail if r.metric and r.metric not in metrics)
+    return replace(record, status=status, failed=failed, warned=warned, unmeasured=unmeasured)
 
 
 def _met(

@@ -77,8 +77,7 @@ def array_type(head: bytes) -> str:
 
 def container_type(head: bytes) -> str:
     """The same for a file of several arrays, or of frames; empty for any other."""
-    kind = array_type(head)
-    return kind if kind in (*NAMED, _MATLAB_5) else ""
+    return array_type(head) * (array_type(head) in (*NAMED, _MATLAB_5))
 
 
 def read_entries(path: Path) -> dict[str, ArrayEntry]:
@@ -157,9 +156,11 @@ def _rows(path: Path, start: int, width: int, height: int, dtype: str = "<f4") -
 
 
 def _mapped(values: NDArray[Any]) -> Iterator[tuple[str, ArrayEntry]]:
-    """The only array of a file."""
-    dtype = values.dtype.name
-    yield "", ArrayEntry(values.shape, dtype, lambda at: values if at is None else values[at])
+    load = values.__getitem__
+    yield (
+        "",
+        ArrayEntry(values.shape, values.dtype.name, lambda at: load(... if at is None else at)),
+    )
 
 
 def _pfm(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
@@ -203,12 +204,8 @@ def checked(path: Path, shape: tuple[int, ...], itemsize: int) -> None:
 def _npy_header(stored: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any]]:
     """Shape and type of an NPY file; no axes if it holds no numbers."""
     file = BytesIO(stored.read(_LONGEST_HEADER))  # one may claim a header of any length
-    version = np.lib.format.read_magic(file)
-    read_header = {
-        (1, 0): np.lib.format.read_array_header_1_0,
-        (2, 0): np.lib.format.read_array_header_2_0,
-    }[version]
-    shape, _, dtype = read_header(file)
+    major, minor = np.lib.format.read_magic(file)
+    shape, _, dtype = getattr(np.lib.format, f"read_array_header_{major}_{minor}")(file)
     return shape if dtype.kind in _NUMERIC else (), dtype
 
 
@@ -222,8 +219,7 @@ def _npy(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
 
 def _npz(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     with zipfile.ZipFile(path) as archive:
-        members = [name for name in archive.namelist() if name.endswith(".npy")]
-        for member in members:
+        for member in (name for name in archive.namelist() if name.endswith(".npy")):
             with archive.open(member) as stored:
                 shape, dtype = _npy_header(stored)
             load = partial(_npz_array, path, member, shape, dtype.itemsize)

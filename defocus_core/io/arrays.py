@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError, reason
 
 _GRID = 1 << 16  # pixels of a sample of a picture, about
-# Pixels of a band of rows.
-BAND = 1 << 20
+BAND = 1 << 20  # pixels of a band of rows
 _LASTING = Path("/var/tmp")
 
 
@@ -37,7 +36,6 @@ class Scratch:
     """
 
     def __init__(self, shape: tuple[int, int], dtype: Any) -> None:
-        """Make a file of zeros."""
         self.shape, self.dtype = shape, np.dtype(dtype)
         size, folder = math.prod(shape) * self.dtype.itemsize, scratch_folder()
         try:
@@ -86,9 +84,7 @@ class Keeping:
 
     def new(self, shape: tuple[int, int], dtype: Any) -> Any:
         """An array [H, W] of zeros."""
-        if self.scratch:
-            return Scratch(shape, dtype)
-        return np.zeros(shape, dtype)
+        return Scratch(shape, dtype) if self.scratch else np.zeros(shape, dtype)
 
 
 IN_MEMORY = Keeping()
@@ -106,10 +102,6 @@ class LazyArray:
     def __init__(
         self, shape: Sequence[int], dtype: Any, read: Callable[[Any], Any], device: Any = None
     ) -> None:
-        """Keep how it is read; nothing is read yet.
-
-        `device`: of tensors; None of NumPy's arrays.
-        """
         self.shape, self.dtype, self.device = tuple(shape), dtype, device
         self._read = read
 
@@ -137,11 +129,10 @@ def times(array: Any, factor: float, offset: float = 0.0) -> Any:
 
 def stacked(planes: Sequence[Any]) -> LazyArray:
     """C arrays [H, W] as one [H, W, C], read by slices of rows."""
-
-    def read(rows: slice) -> NDArray[Any]:
-        return np.stack([plane[rows] for plane in planes], axis=2)
-
-    return LazyArray((*planes[0].shape, len(planes)), planes[0].dtype, read)
+    shape = (*planes[0].shape, len(planes))
+    return LazyArray(
+        shape, planes[0].dtype, lambda rows: np.stack([plane[rows] for plane in planes], axis=2)
+    )
 
 
 def bands(shape: Sequence[int], pixels: int = 0) -> list[slice]:

@@ -113,10 +113,9 @@ def read_depth(
         UsageProblem: An option is missing, unknown, or makes no sense for this file.
     """
     _within("depth-scale", None if scale is None else abs(scale))  # negative: the axis is reversed
+    _one_of("depth-format", format, tuple(NAMES), "'defocus help depth' lists all")
     reading = DepthReading(
-        depth_format=_one_of(
-            "depth-format", format, tuple(NAMES), "'defocus help depth' lists all"
-        ),
+        depth_format=format,
         depth_unit=_one_of("depth-unit", unit, tuple(UNITS)),
         depth_scale=scale,
         depth_kind=_one_of("depth-kind", kind, KINDS),

@@ -6,8 +6,8 @@ import csv
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from io import TextIOWrapper
-from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -62,46 +62,34 @@ def _csv_rows(file: Path, opened: TextIO, example: str, columns: Columns) -> Ite
             if not keys:
                 keys = columns(values, place)
                 if len(keys) == 1 and ";" in keys[0]:
-                    raise _malformation(
-                        file, reader.line_num, "has semicolons between its cells", "write commas"
-                    )
+                    problem = "has semicolons between its cells"
+                    raise InputError("malformed", problem, "write commas", path=place)
                 if twice := [key for key, times in Counter(keys).items() if times > 1]:
                     problem, remedy = f"names '{twice[0]}' twice", "remove one of the columns"
                     raise InputError("duplicate", problem, remedy, path=place)
             elif len(values) != len(keys):
                 problem = f"has {len(values)} cells, but the header names {len(keys)}"
-                raise _malformation(file, reader.line_num, problem, "mend that line")
+                raise InputError("malformed", problem, "mend that line", path=place)
             else:
-                row = zip(keys, values, strict=True)
-                filled = {key: value for key, value in row if value}
-                yield place, filled
+                yield place, {k: value for k, value in zip(keys, values, strict=True) if value}
     except csv.Error as error:
-        problem = f"is not CSV: {reason(error)}"
-        raise _malformation(file, reader.line_num, problem, "mend that line") from None
+        problem, place = f"is not CSV: {reason(error)}", Place(file, f"line {reader.line_num}")
+        raise InputError("malformed", problem, "mend that line", path=place) from None
     if not keys:
         raise InputError("empty", "is empty", f"begin it with a line like {example}", path=file)
 
 
 def _json_rows(file: Path, opened: TextIO, example: str) -> Iterator[Row]:
-    for number in count(1):
-        text = opened.readline(_LONGEST_LINE)
-        if not text:
-            return
+    lines = iter(partial(opened.readline, _LONGEST_LINE), "")
+    for number, text in enumerate(lines, 1):
         if not text.strip():
             continue
-        remedy = f"write it like {example}"
+        place, remedy = Place(file, f"line {number}"), f"write it like {example}"
         try:
             row = json.loads(text)
         except (ValueError, RecursionError) as error:
             problem = f"is not JSON: {reason(error)}"
-            raise _malformation(file, number, problem, remedy) from None
+            raise InputError("malformed", problem, remedy, path=place) from None
         if not isinstance(row, dict):
-            raise _malformation(file, number, "is not a JSON object", remedy)
-        yield (
-            Place(file, f"line {number}"),
-            {key: value for key, value in row.items() if value not in (None, "")},
-        )
-
-
-def _malformation(file: Path, line: int, problem: str, remedy: str) -> InputError:
-    return InputError("malformed", problem, remedy, path=file, field=f"line {line}")
+            raise InputError("malformed", "is not a JSON object", remedy, path=place)
+        yield place, {key: value for key, value in row.items() if value not in (None, "")}

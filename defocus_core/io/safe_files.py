@@ -95,10 +95,8 @@ def read_head(path: Path, count: int = 16) -> bytes:
             raise InputError("wrong-type", "is not a regular file", remedy, path=path)
         with open_plain(path) as file:
             head = file.read(max(count, len(_LFS_POINTER)))
-    except FileNotFoundError as error:
-        raise missing(path) from error
     except (OSError, ValueError) as error:  # ValueError: a zero byte inside the name
-        if isinstance(error, OSError) and error.errno == errno.ELOOP:
+        if getattr(error, "errno", None) in (errno.ENOENT, errno.ELOOP):
             raise missing(path) from error
         remedy = "check its permissions, or copy it again"
         problem = f"cannot be opened: {reason(error)}"
@@ -123,18 +121,17 @@ def is_jpeg(head: bytes) -> bool:
 
 def missing(path: Path, what: str = "file", remedy: str = "check the name") -> InputError:
     """The InputError for a path at which nothing is, or a link that leads to nothing."""
+    problem = f"no such {what}"
     if path.is_symlink():
         problem = "is a symbolic link that leads to nothing"
-        anew = "make the link anew, or name another path"
-        return InputError("not-found", problem, anew, path=path)
-    return InputError("not-found", f"no such {what}", remedy, path=path)
+        remedy = "make the link anew, or name another path"
+    return InputError("not-found", problem, remedy, path=path)
 
 
 def check_size(path: Path, width: int, height: int, pixel_bytes: int) -> None:
-    """Refuse a header's size before anything of that size is allocated.
+    """Refuse the size that a header claims, in px, before anything of that size is allocated.
 
-    `width`: in px, as the header claims; `height`: in px, as the header claims; `pixel_bytes`:
-    bytes of one decoded pixel, all channels.
+    `pixel_bytes`: bytes of one decoded pixel, all channels.
     """
     claim = f"its header claims {width}×{height} px"
     if width < 1 or height < 1:
@@ -290,9 +287,9 @@ def size_limit() -> float:
 
 def unwritable(path: Path, error: OSError) -> InputError:
     """The InputError for an output that the system refused."""
+    room = "free some space or name another output directory"
     remedies = {
-        errno.ENOSPC: "free some space or name another output directory",
-        errno.EDQUOT: "free some space or name another output directory",
+        **{errno.ENOSPC: room, errno.EDQUOT: room},
         errno.EFBIG: "allow larger files, as 'ulimit -f unlimited' does",
         errno.EISDIR: "it is a directory; name another output",
         errno.ELOOP: "put a directory or a file there, or name another output directory",

@@ -60,12 +60,12 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
         words.append(f"light without alpha in {counted(glowing, 'pixel')}")
     if filled:
         words.append(f"{counted(filled, 'edge pixel')} given the depth beside them")
-    told = depth.told
+    warnings = depth.warnings
     if lost:
         held = f"{counted(lost, 'edge pixel')} hold averages of depth with what is far away"
-        told += (f"{depth.path.name}: {held}, and no depth of their own; render it unfiltered",)
+        warnings += (f"{depth.path.name}: {held}, and no depth of their own; render it unfiltered",)
     note = ", ".join(filter(None, (depth.note, *words)))
-    return replace(depth, note=note, told=told, empty=nothing if count > glowing else None)
+    return replace(depth, note=note, warnings=warnings, empty=nothing if count > glowing else None)
 
 
 class _Edges(NamedTuple):

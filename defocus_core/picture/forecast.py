@@ -15,10 +15,8 @@ from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import base_mb, regions_at_once
-from defocus_core.picture.render import renderers
-from defocus_core.picture.repair_words import repair_record, repair_words
 from defocus_core.picture.scene import passes_of, surfaces_of
-from defocus_core.picture.take import Take
+from defocus_core.picture.take import Take, repair_record, repair_words
 from defocus_core.request.job import Job
 from defocus_core.system import memory
 from defocus_core.system.process import set_to_render
@@ -149,9 +147,9 @@ def _counted(take: Take, device: str, *, repairs: bool) -> tuple[Take, float, fl
 
     reading = take.job.reading if repairs else replace(take.job.reading, depth_repair="off")
     counted = replace(take, job=replace(take.job, reading=reading))
-    passes = passes_of(take, surfaces_of(counted).scene())
+    passes = passes_of(surfaces_of(counted))
     work, maximum = 0.0, 0.0
-    for _, renderer in renderers(take, passes):
+    for _, renderer in plain_path.renderers(take, passes):
         work += cost(renderer)
         memory_mb = regions_at_once(take.job, renderer, take.inputs.holding, device)[1]
         maximum = max(maximum, memory_mb)

@@ -137,14 +137,14 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
         parts = info.parts
         if not is_exr(read_head(path)):  # of several pages, one is read
             parts = (max(parts, key=lambda part: len(part.channels)),)
-        kinds = [kind for part in parts for _, kind in part.channels]
+        kinds = [channel.type for part in parts for channel in part.channels]
         native = sum(SAMPLE_BYTES.get(kind, 8) for kind in kinds)
         if any(part.deep for part in parts):
             # the picture in focus in floats; of each layer its channels, metres and radius; and
             # samples as they are held, their channels in floats, place and rank
             layers, held = _layers_of(path), _FLOAT * (len(kinds) + 2)
             native = _FLOAT * len(kinds) + layers * (native + 2 * _FLOAT + held)
-        names = [name for part in parts for name, _ in part.channels]
+        names = [channel.name for part in parts for channel in part.channels]
         light = sum(any(fnmatchcase(name, pattern) for pattern in passes) for name in names)
         return info.pixels, native, native if info.at_once else 0.0, min(len(kinds), 4) + light
 

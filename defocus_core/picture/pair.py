@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 
 from defocus_core.errors import InputError
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel, choose_depth_channel
+from defocus_core.io.depth_formats.reading import stretched, wrong_size
 from defocus_core.io.exr.channel_choice import choose_color, require_part
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.views import in_view, require_view
@@ -17,6 +19,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
+from defocus_core.picture.scene import windows
 from defocus_core.picture.steps.table import PAIR, WINDOW, through
 from defocus_core.picture.take import InputPair
 from defocus_core.request.job import Picture, Reading
@@ -35,7 +38,7 @@ def read(wanted: InputPair) -> tuple[Color, Depth]:
     if asked is not None and not decoded.differs:
         words = f"{picture.depth.name}: ‹resize-depth› {asked}: it has the size of the colour"
         depth = decoded.depth
-        decoded = decoded.with_depth(replace(depth, told=(*depth.told, words)))
+        decoded = decoded.with_depth(replace(depth, warnings=(*depth.warnings, words)))
     pair = through(PAIR, decoded)
     require_valid(pair.depth)
     require_finite(pair.color)
@@ -154,3 +157,61 @@ def reframe(array: Any, held: Overscan, wanted: Overscan, nothing: float | None)
     if nothing is None:
         return np.pad(values, pads, mode="edge")
     return np.pad(values, pads, constant_values=array.dtype.type(nothing))
+
+
+def resized(given: InputPair) -> InputPair:
+    """The depth at the size of its colour; any mean of two surfaces is one that is not there."""
+    color, depth, reading = given.color, given.depth, given.reading
+    (height, width), (rows, columns) = color.shape[:2], depth.metres.shape
+    share = stretched((columns, rows), (width, height))
+    is_smaller = columns < width and rows < height
+    if reading.resize_depth is None and not (is_smaller and share is not None):
+        raise wrong_size(depth.path, (rows, columns), (width, height))
+    if depth.is_radius and not depth.is_relative:
+        problem = f"holds radii in px of a picture of {columns}x{rows} px"
+        raise InputError("radii", problem, "give radii of the size of the colour", path=depth.path)
+    if share is None:
+        problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
+        remedy = "give depth of the view that the colour shows, all of it"
+        if stretched((rows, columns), (width, height)) is not None:
+            remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
+        raise InputError("wrong-size", problem, remedy, path=depth.path)
+    size = f"{columns}x{rows} px resized"
+    metres = given.keeping.new((height, width), np.float32)
+    if reading.resize_depth is None:
+        words = f"{depth.path.name}: {size} to {width}x{height} px, guided by the colours"
+        depth = replace(depth, warnings=(*depth.warnings, words))
+    if reading.resize_depth != "nearest":
+        require_valid(depth)
+        _fill_guided(metres, depth, color)
+        note = f"{depth.note}, {size}, guided by the colours{stretch_words(share)}"
+        return given.with_depth(replace(depth, metres=metres, note=note))
+    across = ((np.arange(width) + 0.5) * columns / width).astype(int)
+    down = ((np.arange(height) + 0.5) * rows / height).astype(int)
+    for band in bands((height, width)):
+        first, last = int(down[band][0]), int(down[band][-1])
+        metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
+    note = f"{depth.note}, {size} by nearest{stretch_words(share)}"
+    return given.with_depth(replace(depth, metres=metres, note=note))
+
+
+def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
+    """Fill [H, W] with the depth of another size, its edges where the colours change."""
+    import torch
+
+    from defocus_core.depth.guided_resize import GuidedDepth
+
+    given = torch.from_numpy(depth.metres[:].astype("float32"))
+    if not depth.is_relative:
+        guided = GuidedDepth(given, windows(color.planes, "cpu"))
+        for rows in bands(metres.shape):
+            metres[rows] = guided[rows].numpy()
+        return
+    # Disparity of any scale, taken as 1 at its farthest and 2 at its nearest number.
+    far, near = (float(end) for end in torch.aminmax(given))
+    if depth.inverted:
+        far, near = near, far
+    scale = (near - far) or 1.0
+    guided = GuidedDepth(1 / (1 + (given - far) / scale), windows(color.planes, "cpu"))
+    for rows in bands(metres.shape):
+        metres[rows] = (far + scale * (1 / guided[rows] - 1)).float().numpy()

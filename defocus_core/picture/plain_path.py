@@ -1,27 +1,45 @@
-"""The plain path of a picture: read, radii, scene, render, write.
+"""The plain path of a picture: read, radii, scene, render within the memory there is, write.
 
 What else may happen to it is a row of `steps.table`, in the order in which it happens.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from defocus_core.errors import InputError, TooLarge, UsageProblem
-from defocus_core.picture.memory_budget import base_mb, capacity_mb, holding
+from defocus_core.io.exr.writing import clamped_half
+from defocus_core.picture.memory_budget import (
+    base_mb,
+    capacity_mb,
+    holding,
+    image_type,
+    regions_at_once,
+)
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.render import render
+from defocus_core.picture.scene import passes_of, surfaces_of, to_array
 from defocus_core.picture.steps.table import BLUR, LENS, RADII, READ, through
-from defocus_core.picture.take import InputPair, Inputs, Take
+from defocus_core.picture.take import InputPair, Inputs, Pass, Take
 from defocus_core.picture.write import write
 from defocus_core.request.job import Job
+from defocus_core.request.output_kinds import KINDS
 from defocus_core.system import memory
 from defocus_core.system.interrupts import delayed_signals
-from defocus_core.system.process import imports
+from defocus_core.system.process import imports, set_to_render
 
-__all__ = ["choose_device", "compute", "load", "prepare", "read", "write"]
+if TYPE_CHECKING:
+    from defocus_core.renderer.engine.renderer import Renderer
+    from defocus_core.tensors.views import Views
+
+
+__all__ = ["choose_device", "compute", "load", "prepare", "read", "renderers", "write"]
 
 
 def read(job: Job) -> Inputs:
@@ -59,10 +77,72 @@ def prepare(job: Job, inputs: Inputs) -> Take:
     return replace(take, blur=radii, warnings=(*take.warnings, *radii.warnings, *inputs.warnings))
 
 
-def compute(job: Job, inputs: Inputs, progress: Callable[[int, int], None] | None = None) -> Take:
-    """The images and maps that a job asks for."""
+def compute(job: Job, inputs: Inputs, progress: Progress | None = None) -> Take:
+    """The images and maps that a job asks for.
+
+    Of those that need rendering as many regions at once as fit into memory; and one by one if a GPU
+    runs out of it.
+
+    `progress`: called with (tiles done, tiles in all).
+    """
+    import torch
+
     take = prepare(job, inputs)
-    return render(through(BLUR, take), progress) if job.outputs.need_rendering else take
+    if not job.outputs.need_rendering:
+        return take
+    take, images, maximum = through(BLUR, take), _Images(take), None
+    set_to_render()
+    begun = time.perf_counter(), time.process_time()
+    surfaces = surfaces_of(take)
+    passes = passes_of(surfaces)
+    while True:
+        images.clamped.clear()
+        try:
+            for number, (each, renderer) in enumerate(renderers(take, passes)):
+                images.reach = max(images.reach, renderer.reach)
+                fitting = maximum or regions_at_once(job, renderer, inputs.holding, take.device)[0]
+                if fitting < job.machine.threads:  # memory is short
+                    memory.keep_freed(False)
+                    memory.trim()
+                shown = progress and partial(_of_all, progress, number, len(passes))
+                images.invented = 0  # of one rendering
+                for part in renderer.tiles(fitting, shown):
+                    images.place(part, each, first=number == 0)
+            return _rendered(take, images, surfaces.lamps, renderer, begun)
+        except torch.OutOfMemoryError:  # other programs use the GPU, too
+            torch.cuda.empty_cache()
+            if maximum == 1:
+                problem = "does not fit into the memory of the GPU"
+                remedy = "use ‹device› cpu, or a smaller ‹tile›"
+                raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color) from None
+            maximum = 1
+
+
+def _rendered(
+    take: Take, images: _Images, lamps: int | None, renderer: Renderer, begun: tuple[float, float]
+) -> Take:
+    """The picture with its images; ``begun``: seconds, and those of processors, at the start."""
+    import torch
+
+    if take.device == "cuda":
+        torch.cuda.synchronize()
+    stats: dict[str, float] = {**renderer.stats, "pixels_invented": images.invented}
+    if lamps is not None:
+        stats["lights"] = lamps
+    if take.inputs.holding.scratch:
+        stats["scratch_mb"] = take.inputs.holding.arrays_mb
+    return replace(
+        take,
+        images=images.planes,
+        clamped=images.clamped,
+        reach=images.reach,
+        lamps=lamps,
+        repair=renderer.repair,
+        seconds=time.perf_counter() - begun[0],
+        cpu_seconds=time.process_time() - begun[1],
+        stats=stats,
+        warnings=(*take.warnings, *_idle(take, renderer), *_clamp_warning(renderer.stats)),
+    )
 
 
 def choose_device(name: str) -> str:
@@ -86,3 +166,94 @@ def load() -> None:
 
         import defocus_core.renderer.engine.renderer  # noqa: F401
     base_mb()
+
+
+Progress = Callable[[int, int], None]
+# Share of the pixels of left or right from which on a warning says that they were negative.
+_MANY_CLAMPED = 0.01
+_TRUSTED = 0.99  # share of the lens
+
+
+def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Renderer]]:
+    """Each pass with its renderer, which works region by region."""
+    from defocus_core.renderer.engine.renderer import Renderer
+
+    for each in passes:
+        scene = each.scene.of_colors(each.light, each.px, each.shared)
+        yield each, Renderer(scene, each.settings, hold=scene.layered is None and take.has_room)
+
+
+def _idle(take: Take, renderer: Renderer) -> list[str]:
+    """A warning if the width of edges that was given made no difference."""
+    width = take.job.reading.edge_width
+    if width is None or renderer.repair.fraction or take.inputs.plate:
+        return []
+    return [f"{take.inputs.depth.path.name}: ‹edge-width› {width:g}px changes no pixel"]
+
+
+def _clamp_warning(stats: Mapping[str, float]) -> list[str]:
+    """A warning if many pixels of left or right were negative."""
+    fraction = stats.get("pixels_clamped", 0) / stats["pixels"]
+    if fraction < _MANY_CLAMPED:
+        return []
+    why = "detail as fine as a pixel overshoots in half a lens"
+    return [f"left, right: below 0 in {100 * fraction:.0f} % of the pixels, and made 0: {why}"]
+
+
+def _of_all(progress: Progress, number: int, count: int, done: int, tiles: int) -> None:
+    """Report tiles of one of several renderings of a picture."""
+    progress(number * tiles + done, count * tiles)
+
+
+class _Images:
+    """The images of a job while they are rendered.
+
+    Attributes:
+        planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
+        clamped: number of pixels of each kind that were clamped to the range of half.
+        reach: px that light reaches at most.
+        invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
+    """
+
+    def __init__(self, take: Take) -> None:
+        job, (height, width, channels) = take.job, take.inputs.color.shape
+        keeping = take.inputs.holding.keeping
+        self.planes: dict[str, tuple[Any, ...]] = {}
+        self.clamped: dict[str, int] = {}
+        self.reach = self.invented = 0
+        for kind in job.outputs.rows:
+            if not kind.rendered:
+                continue
+            dtype = image_type(job) if kind.image else "float32"
+            count = len(kind.rendered) * (channels if kind.whole else 1)
+            self.planes[kind.name] = tuple(
+                keeping.new((height, width), dtype) for _ in range(count)
+            )
+
+    def place(self, part: Views, of: Pass, *, first: bool = True) -> None:
+        """Copy a rendered region to its place: the channels and kinds that were rendered.
+
+        Of trust, after the first colours, the least of all.
+        """
+        if of.order:
+            part = part._replace(images=[image[list(of.order)] for image in part.images])
+        top, left, height, width = part.box
+        rows, columns = slice(top, top + height), slice(left, left + width)
+        self.invented += int(np.count_nonzero(to_array(part.trust) < _TRUSTED))
+        for kind, planes in self.planes.items():
+            row = KINDS[kind]
+            views = [to_array(getattr(part, view)) for view in row.rendered]
+            if row.whole and len(of.channels) * len(views) < len(planes):
+                apart, some = len(planes) // len(views), of.channels
+                planes = tuple(planes[v * apart + c] for v in range(len(views)) for c in some)
+            pixels = views[0] if len(views) == 1 else np.concatenate(views)
+            pixels = pixels.reshape(len(planes), height, width)
+            if planes[0].dtype == np.float16:
+                pixels, beyond = clamped_half(pixels)
+                if beyond.any():
+                    count = int(np.count_nonzero(beyond.any(axis=0)))
+                    self.clamped[kind] = self.clamped.get(kind, 0) + count
+            for plane, values in zip(planes, pixels, strict=True):
+                if not (first or row.whole):
+                    values = np.minimum(values, plane[rows, columns])
+                plane[rows, columns] = values

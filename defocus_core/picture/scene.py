@@ -1,20 +1,26 @@
-"""Scene: what a lens sees of a take, and the settings of its renderer."""
+"""Scene: what a lens sees of a take, as the torch folders read it, and how it is rendered."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from defocus_core.io.arrays import times
+import numpy as np
+
+from defocus_core.io.arrays import LazyArray, times
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.radii import color_offsets, radii_of
-from defocus_core.picture.sources import map_windows, windows
 from defocus_core.picture.steps.table import PASSES, SCENE, through
 from defocus_core.picture.take import Pass, Surfaces, Take
 
 if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
+
     from defocus_core.renderer.engine.scene import Scene
     from defocus_core.renderer.engine.settings import Settings
+    from defocus_core.tensors.source import Pixels
 
 
 def surfaces_of(take: Take) -> Surfaces:
@@ -25,10 +31,25 @@ def surfaces_of(take: Take) -> Surfaces:
     return through(SCENE, Surfaces(take, (color,), (take.blur,), (light,), (px,)))
 
 
-def passes_of(take: Take, scene: Scene) -> tuple[Pass, ...]:
-    """All that is rendered of a scene; what says most of the picture comes last."""
+def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
+    """All that is rendered of surfaces; what says most of the picture comes last."""
+    take = surfaces.take
     channels = tuple(range(len(take.inputs.color.planes)))
-    return through(PASSES, (Pass(take, scene, settings_of(take), channels, channels),))
+    return through(PASSES, (Pass(take, _scene(surfaces), settings_of(take), channels, channels),))
+
+
+def _scene(surfaces: Surfaces) -> Scene:
+    """The scene of surfaces; what a step has not repaired stays."""
+    from defocus_core.depth.diagnosis import DepthRepair
+    from defocus_core.renderer.engine.scene import Scene
+    from defocus_core.renderer.layers.samples import Layered
+
+    repair, coverage = surfaces.repair or DepthRepair(), surfaces.coverage
+    if coverage is None:
+        light, px = surfaces.light[0], surfaces.px[0]
+        return Scene(light, px, surfaces.hidden, repair=repair, matte=surfaces.matte)
+    stacked = layer_windows(surfaces.light), layer_windows(surfaces.px), coverage
+    return Scene.of_layered(Layered.of(*stacked), repair)
 
 
 def settings_of(take: Take) -> Settings:
@@ -173,3 +194,61 @@ def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
     if offsets[0] == offsets[1]:
         return [((red, blue), offsets[0]), (others, 0.0)]
     return [((red,), offsets[0]), ((blue,), offsets[1]), (others, 0.0)]
+
+
+def windows(planes: Sequence[Any], device: str) -> LazyArray:
+    """NumPy's arrays [H, W] as a picture [C, H, W] on a device."""
+    planes = tuple(planes)
+    shape = len(planes), *planes[0].shape
+    return _source(shape, planes[0].dtype, device, lambda at: np.stack([p[at] for p in planes]))
+
+
+def map_windows(plane: Any, device: str) -> LazyArray:
+    """An array [H, W] of NumPy as tensors on a device."""
+    return _source(plane.shape, plane.dtype, device, lambda at: plane[at])
+
+
+def _source(shape: Sequence[int], dtype: Any, device: str, read: Callable[..., Any]) -> LazyArray:
+    """Tensors of a type of NumPy's, of what is read in slices of rows and columns."""
+    import torch
+
+    on = torch.device(device)
+
+    def tensor(window: Any) -> Tensor:
+        cuts = window if isinstance(window, tuple) else (window,)
+        return to_device(read(tuple(cut for cut in cuts if cut is not Ellipsis)), on)
+
+    return LazyArray(shape, torch.from_numpy(np.empty(0, dtype)).dtype, tensor, on)
+
+
+def layer_windows(pictures: Sequence[Pixels]) -> LazyArray:
+    """Pictures [..., H, W] of one size as one [L, ..., H, W] of float32."""
+    import torch
+
+    def read(window: Any) -> Tensor:
+        return torch.stack([picture[window].to(torch.float32) for picture in pictures])
+
+    shape = (len(pictures), *pictures[0].shape)
+    return LazyArray(shape, torch.float32, read, pictures[0].device)
+
+
+def to_device(values: Any, device: torch.device) -> Tensor:
+    """An array as a tensor on a device; the copy to a GPU goes on while the CPU works."""
+    import torch
+
+    tensor = torch.from_numpy(values)
+    if device.type != "cuda":
+        return tensor.to(device)
+    return tensor.pin_memory().to(device, non_blocking=True)
+
+
+def to_array(values: Tensor) -> Any:
+    """A tensor as an array in memory, after waiting for the work on the GPU that it needs."""
+    import torch
+
+    if not values.is_cuda:
+        return values.cpu().numpy()
+    held = torch.empty(values.shape, dtype=values.dtype, pin_memory=True)
+    held.copy_(values, non_blocking=True)
+    torch.cuda.current_stream(values.device).synchronize()
+    return held.numpy()

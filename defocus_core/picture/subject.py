@@ -179,7 +179,7 @@ def with_blur_and_focus(
 
     `whole_subject`: whether all of its surface is sharp, where no lens file is given.
     """
-    if len(pictures) != 1 or pictures[0].frame is not None or lenses.varies or lenses.radii:
+    if len(pictures) != 1 or pictures[0].frame is not None or lenses.is_complete:
         return lenses
     picture = pictures[0]
     given = lenses.options
@@ -270,4 +270,4 @@ def is_relative(path: Path, reading: DepthReading) -> bool:
     if holds_gdepth(path):
         return "Units" not in read_gdepth(path).metadata
     part = choose_page(path, describe(path).parts, reading.part)
-    return all(kind in ("uint8", "uint16") for _, kind in part.channels)
+    return all(channel.type in ("uint8", "uint16") for channel in part.channels)

@@ -5,25 +5,25 @@ A take is a job on its way from its files to its outputs, and what is known of i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from defocus_core.io.arrays import IN_MEMORY, Keeping
+import numpy as np
+
+from defocus_core.io.arrays import IN_MEMORY, Keeping, sample_plane
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.describe import describe
 from defocus_core.picture.memory_budget import Holding, holds_cells, room_on
 from defocus_core.picture.opening import aperture_in_pixels
-from defocus_core.picture.radii import Radii
-from defocus_core.picture.repair_words import repair_words
-from defocus_core.picture.sources import layer_windows
 from defocus_core.request.job import Job, Picture, Reading
 from defocus_core.request.lens import Lens
 from defocus_core.request.output_kinds import Kind
-from defocus_core.system.text import counted
+from defocus_core.system.text import counted, percent
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
@@ -32,6 +32,20 @@ if TYPE_CHECKING:
     from defocus_core.renderer.engine.settings import Settings
     from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, KnownLayer
     from defocus_core.tensors.source import Pixels
+
+
+class Radii(NamedTuple):
+    """The signed radii of the circle of confusion of a frame."""
+
+    # [H, W] float32. Where there is nothing, it is the greatest: nothing lies before nothing,
+    # and what lies beside it is seen through the whole lens
+    px: Any
+    limits: tuple[float, float]  # the least and the greatest of them, of what is there
+    infinity: float | None  # of what is infinitely far; None where the file holds radii
+    scale: float  # px for a disparity of 1 per mm; 1 where the file holds radii
+    # What became of radii that were larger than the lens lets them be, in words
+    warnings: tuple[str, ...] = ()
+
 
 _UNKNOWN = Radii(None, (0.0, 0.0), None, 1.0)
 
@@ -155,6 +169,11 @@ class Take:
         return holds_cells((len(color.planes), *color.shape[:2]), room)
 
     @property
+    def reads_hidden(self) -> bool:
+        """Whether a file of what is hidden is needed."""
+        return self.job.outputs.need_rendering and self.job.picture.hidden is not None
+
+    @property
     def metres(self) -> Any:
         """Planar depth in metres [H, W]; None if the file holds radii."""
         return None if self.inputs.depth.is_radius else self.inputs.depth.metres
@@ -204,6 +223,11 @@ class Surfaces:
         return bool(self.colors) and self.take.job.reading.depth_repair != "off"
 
     @property
+    def has_matte(self) -> bool:
+        """Whether the coverage of the subject counts: layers have their own."""
+        return self.take.inputs.matte is not None and self.take.inputs.layers is None
+
+    @property
     def knows_hidden(self) -> bool:
         """Whether files or other frames know what is hidden."""
         return self.take.inputs.hidden is not None or self.take.seen is not None
@@ -212,19 +236,6 @@ class Surfaces:
     def holds(self) -> bool:
         """Whether what is derived from the whole picture is kept."""
         return self.coverage is None and self.take.has_room
-
-    def scene(self) -> Scene:
-        """The scene of them."""
-        from defocus_core.depth.diagnosis import DepthRepair
-        from defocus_core.renderer.engine.scene import Scene
-        from defocus_core.renderer.layers.samples import Layered
-
-        repair = self.repair or DepthRepair()  # what a step has not repaired stays
-        if self.coverage is None:
-            light, px = self.light[0], self.px[0]
-            return Scene(light, px, self.hidden, repair=repair, matte=self.matte)
-        stacked = layer_windows(self.light), layer_windows(self.px), self.coverage
-        return Scene.of_layered(Layered.of(*stacked), repair)
 
 
 class Pass(NamedTuple):
@@ -254,3 +265,123 @@ class Contents(NamedTuple):
         """The contents with each array [H, W] changed."""
         extras = {name: change(plane) for name, plane in self.extras.items()}
         return self._replace(planes=tuple(map(change, self.planes)), extras=extras)
+
+
+def repair_words(repair: DepthRepair | None) -> str:
+    """How the depth was repaired before it was rendered; empty if it was not."""
+    if repair is None:
+        return ""
+    done = []
+    if repair.noise is not None:
+        done.append(f"noisy by {repair.noise:.2g} px of radius, smoothed within surfaces")
+    done += _edge_words(repair)
+    if repair.quantised:
+        done.append("of few levels, smoothed between them")
+    if done and repair.fraction:
+        done.append(f"{percent(repair.fraction)} of the pixels changed")
+    return "; ".join(done)
+
+
+def _edge_words(repair: DepthRepair) -> list[str]:
+    """What was found at edges, in one phrase."""
+    found = []
+    if repair.antialiased is not None:
+        found.append(f"averaged in {'disparity' if math.isinf(repair.antialiased) else 'distance'}")
+    elif repair.least_slope is not None:
+        of = "" if repair.ramps_of is None else " in distance"
+        over = "" if repair.edge_width is None else f" over {repair.edge_width:.3g} px"
+        found.append(f"soft{of}{over}")
+    if repair.edge_shifts is not None:
+        shift = round(repair.edge_shifts.median, 1)
+        found.append(
+            f"{abs(shift)} px too {'far out' if shift > 0 else 'far in'}" if shift else "uneven"
+        )
+    return [f"edges {' and '.join(found)}, made hard where the colours change"] if found else []
+
+
+def repair_record(repair: DepthRepair | None) -> dict[str, Any] | None:
+    """The repair in plain values; None where nothing was looked for.
+
+    Its keys are ``kinds``, of noise, anti-aliased, soft-edges, ramps, displaced-edges and
+    few-levels; ``noise_px``, of radius; ``edge_width_px`` of soft edges; ``displaced_px`` of edges
+    in the median, positive outwards; ``share`` of the pixels that were changed.
+    """
+    if repair is None:
+        return None
+    kinds = {
+        "noise": repair.noise is not None,
+        "anti-aliased": repair.antialiased is not None,
+        "soft-edges": repair.least_slope is not None and repair.antialiased is None,
+        "ramps": repair.ramps and repair.least_slope is None,
+        "displaced-edges": repair.edge_shifts is not None,
+        "few-levels": repair.quantised,
+    }
+    shift = None if repair.edge_shifts is None else repair.edge_shifts.median
+    return {
+        "kinds": [kind for kind, is_there in kinds.items() if is_there],
+        "noise_px": _round(repair.noise),
+        "edge_width_px": _round(repair.edge_width),
+        "displaced_px": _round(shift),
+        "share": _round(repair.fraction),
+    }
+
+
+def repair_attribute(repair: DepthRepair | None) -> str:
+    """The record in one line, for an EXR header; empty if nothing was changed."""
+    values = repair_record(repair)
+    if values is None or not values["kinds"]:
+        return ""
+    numbers = (f"{name}={value:g}" for name, value in values.items() if isinstance(value, float))
+    return " ".join((",".join(values["kinds"]), *numbers))
+
+
+def _round(value: float | None) -> float | None:
+    """Four significant digits."""
+    return None if value is None else float(f"{value:.4g}")
+
+
+_WHITE = 0.9999  # of an integer picture, in linear light
+_FLOATS = (".exr", ".hdr")  # whose light has no end
+RADII = ("coc_mean_px", "coc_p50_px", "coc_p99_px")  # mean, median, 99th percentile, unsigned
+# Keys of the measures, in the order of the table of a card.
+MEASURES = (*RADII, "clipped_share", "invented_share")
+
+
+def measures(take: Take) -> dict[str, float | None]:
+    """The measures of a picture.
+
+    Returns ``coc_mean_px``, ``coc_p50_px`` and ``coc_p99_px`` of the radii without sign, in px, of
+    pixels that hold something; ``clipped_share`` of the pixels that are white in a colour, not of
+    EXR and HDR; ``invented_share`` of the pixels of which less than 99 % of the lens saw what the
+    picture holds; None where nothing is known.
+    """
+    nothing = None if take.inputs.empty is None else sample_plane(take.inputs.empty)
+    pixels = take.stats.get("pixels", 0)
+    invented = take.stats.get("pixels_invented")
+    return {
+        **radius_measures(sample_plane(take.shown), nothing),
+        "clipped_share": _clipped_share(take),
+        "invented_share": None if invented is None or not pixels else invented / pixels,
+    }
+
+
+def radius_measures(radius: Any, nothing: Any) -> dict[str, float]:
+    """Mean, median and 99th percentile of the radii without sign, in px, by their keys.
+
+    `nothing`: where pixels hold nothing; None if nowhere.
+    """
+    sizes = np.abs((radius if nothing is None else radius[~nothing]).astype("float64"))
+    if not sizes.size:
+        return dict.fromkeys(RADII, 0.0)
+    # as `np.percentile` has them, which imports a tenth of NumPy
+    ordered, place = np.sort(sizes, axis=None), np.array([0.5, 0.99]) * (sizes.size - 1)
+    percentiles = np.interp(place, np.arange(sizes.size), ordered)
+    return dict(zip(RADII, map(float, (sizes.mean(), *percentiles)), strict=True))
+
+
+def _clipped_share(take: Take) -> float | None:
+    """The share of pixels of the input that are white in a colour; None of EXR and HDR."""
+    color = take.inputs.color
+    if color.path.suffix.lower() in _FLOATS:
+        return None
+    return float(np.mean(np.any([sample_plane(plane) >= _WHITE for plane in color.light], axis=0)))

@@ -11,16 +11,15 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from defocus_core.errors import CALLER, InputError, UsageProblem
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
-from defocus_core.request.job_options import ANIMATION_OPTIONS, INTERPOLATIONS
+from defocus_core.request.job_options import ANIMATION_OPTIONS, INTERPOLATIONS, field_of_view
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES, LensParam
 from defocus_core.request.quantities import read_at, text_of
-from defocus_core.request.reading_options import field_of_view
 from defocus_core.request.resolver import Given, alternatives, keys_of, refuse_contradiction
 from defocus_core.request.toml_file import Table, read_toml, refuse_unknown
 from defocus_core.request.toml_file import table as table_of
@@ -42,8 +41,8 @@ class Animation:
     """Options of a lens with keys."""
 
     # By option the frames that have a key, ascending, and the keys
-    keys: Keys = field(default_factory=dict)
-    interpolation: str = "linear"
+    keys: Keys
+    interpolation: str
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -100,8 +99,8 @@ def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
 
 def read_animation(
     files: Iterable[str], interpolation: str | None, table: Table | None = None
-) -> Animation:
-    """The animation of files and of ``[animate]``.
+) -> Animation | None:
+    """The animation of files and of ``[animate]``; None if they hold no keys.
 
     `interpolation`: linear or ease; None for that of TOML, or linear.
     """
@@ -126,9 +125,10 @@ def read_animation(
             raise UsageProblem("contradiction", problem, "remove one of them", path=file)
         every |= keys
     checked = {name: _checked(name, keys) for name, keys in every.items() if keys}
-    if checked:
-        where = _first(next(iter(checked.values()))).where
-        refuse_contradiction({name: Given("", where.at(name)) for name in checked})
+    if not checked:
+        return None
+    where = _first(next(iter(checked.values()))).where
+    refuse_contradiction({name: Given("", where.at(name)) for name in checked})
     return Animation(checked, interpolation or INTERPOLATIONS[0])
 
 

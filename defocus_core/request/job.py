@@ -178,6 +178,9 @@ def reading_through(reading: Reading, lens: Lens | None) -> Reading:
     return reading
 
 
+SPLIT_NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
+
+
 class Split(NamedTuple):
     """The split of a scene in a dataset; it changes nothing in the outputs."""
 

@@ -1,7 +1,7 @@
 """Jobs files: the pictures of a batch, the lenses that take each, and the outputs.
 
 A TOML file with the tables
-  [inputs]    pictures, see `inputs`
+  [inputs]    pictures, as below
   [split]     shares of train, test, …, see `splits`
   [dataset]   title, licence, source and citation, see `batch.datasets.origin`
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
@@ -12,10 +12,23 @@ A TOML file with the tables
   [sample]    random lenses, see `sweeps`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
               draw suits, or none was drawn, the picture is rejected
-  [reading]   depth-format and the other options of reading, see `reading_options`
+  [reading]   depth-format and the other options of reading, see `job_options`
   [outputs]   kinds, format, map-format, exr-type, compression, jpeg-quality, preview;
               inputs = "copy" adds the sharp picture and its depth, kinds image and depth
   [machine]   quality; depth-repair may stand here instead
+
+``[inputs]`` knows
+  color, depth                files, folders, or patterns like ``frames/*.exr``; without depth, each
+                              colour EXR holds its own; ``shot.####.exr`` numbers frames
+  frames, missing             of such a shot the frames wanted, and what to do without a file
+  hidden-color, hidden-depth  what lies behind, in the same form
+  over-color, over-depth      the plate that elements lie over, in the same form
+  holdout-color               deep pictures that hide what is behind them, in the same form
+  matte                       the coverage of the subject of each picture, in the same form
+  list                        CSV or JSONL files with a row for each picture
+  pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
+A row has ``color`` and, if need be, ``depth``, those of hidden and over, ``stem`` (what
+its outputs are named) and any option of a lens. Paths are relative to the file they stand in.
 
 All that decides what the outputs look like stands in it; where they go and who computes them does
 not.
@@ -24,25 +37,35 @@ not.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from defocus_core.errors import UsageProblem
-from defocus_core.request.animation import read_animation
-from defocus_core.request.inputs import read_inputs
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, SHOT_OPTIONS
+from defocus_core.errors import InputError, Place, UsageProblem
+from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.io.row_files import Row, read_rows
+from defocus_core.request.animation import Animation, read_animation
+from defocus_core.request.job import OTHERS, Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.job_options import (
+    INPUT_OPTIONS,
+    MACHINE_OPTIONS,
+    OUTPUT_OPTIONS,
+    READING_OPTIONS,
+    SHOT_OPTIONS,
+)
 from defocus_core.request.lens import Lens
-from defocus_core.request.lens_files import reading_in
+from defocus_core.request.lens_files import lens_path, reading_in
 from defocus_core.request.origin import JobsSource, read_origin
-from defocus_core.request.parameters import METADATA
-from defocus_core.request.picture_lenses import lens_file_of, read_lenses
-from defocus_core.request.reading_options import READING_OPTIONS
+from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find
+from defocus_core.request.parameters import LENS_OPTIONS, METADATA
+from defocus_core.request.picture_lenses import PictureLenses
+from defocus_core.request.quantities import pixel_count
 from defocus_core.request.resolver import (
     OPTIONS,
+    Layer,
     fields_of,
     keys_of,
     layer_in,
@@ -50,9 +73,11 @@ from defocus_core.request.resolver import (
     outputs_of,
     reading_of,
 )
-from defocus_core.request.shots import decisions_of, with_shot
+from defocus_core.request.shots import with_shot
 from defocus_core.request.splits import read_splits
+from defocus_core.request.sweeps import read_sampling, read_sweep
 from defocus_core.request.toml_file import Table, parsed_toml, read_bytes, refuse_unknown, table
+from defocus_core.system.memory import without_collections
 
 TABLES = (
     *("inputs", "split", "lens", "animate", "shot", "sweep", "sample"),
@@ -95,15 +120,15 @@ def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machi
     read_origin(tables["dataset"])
     reading = _reading(tables["reading"], tables["lens"], tables["machine"])
     animation = read_animation((), None, tables["animate"])
-    lenses = read_lenses(tables["lens"], tables["sweep"], tables["sample"], animation, reading)
+    lenses = _lenses(tables["lens"], tables["sweep"], tables["sample"], animation, reading)
     outputs = outputs_of(layer_in(tables["outputs"], OUTPUT_OPTIONS), outputs)
     quality = fields_of(layer_in(tables["machine"], MACHINE_OPTIONS, "depth-repair"))
-    entries, shot = read_inputs(tables["inputs"], animation.frames)
+    entries, shot = read_inputs(tables["inputs"], () if animation is None else animation.frames)
     if (count := len(entries) * lenses.count) > MAX_JOBS:
         problem, remedy = f"asks for {count} pictures", f"split it into files of at most {MAX_JOBS}"
         raise UsageProblem("out-of-range", problem, remedy, path=path)
     machine = replace(machine, **quality)
-    splits = read_splits(tables["split"]).of([entry.picture for entry in entries])
+    splits = read_splits(tables["split"], [entry.picture for entry in entries])
     jobs = [
         Job(entry.picture, lens, reading, outputs, machine, suffix, split=split)
         for entry, split in zip(entries, splits, strict=True)
@@ -114,9 +139,9 @@ def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machi
     def lens_of(picture: Picture, suffix: str) -> Lens:
         return next(lenses.lenses(picture, [lenses.suffixes.index(suffix)]))[1]
 
-    decisions = decisions_of(layer_in(tables["shot"], SHOT_OPTIONS))
-    every, moving = [each.picture for each in shot], "focus-at" in animation.keys
-    return Batch(with_shot(jobs, every, lens_of, decisions, moving=moving), source)
+    decisions = layer_in(tables["shot"], SHOT_OPTIONS)
+    every = [each.picture for each in shot]
+    return Batch(with_shot(jobs, every, lens_of, decisions, moving=lenses.moves_focus), source)
 
 
 def read_jobs(path: Path, outputs: Outputs, machine: Machine) -> list[Job]:
@@ -130,8 +155,182 @@ def _reading(section: Table, lens: Table, machine: Table) -> Reading:
     if repair and "depth-repair" in section.values:
         problem, place = "stands in [reading], too", machine.place("depth-repair")
         raise UsageProblem("contradiction", problem, "keep one of them", path=place)
+    file = _lens_file(lens)
     return reading_of(
-        reading_in(lens_file_of(lens)),
+        {} if file is None else reading_in(file),
         layer_of(repair, READING_OPTIONS, machine.place),
         layer_in(section, READING_OPTIONS),
     )
+
+
+def _lenses(
+    lens: Table, sweep: Table, sample: Table, animation: Animation | None, reading: Reading
+) -> PictureLenses:
+    """The lenses that ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]`` ask for."""
+    lens.refuse_unknown((*LENS_OPTIONS, "file", "max-coc", METADATA))
+    if "max-coc" in lens.values and "max-coc" in sample.values:
+        problem = "is in [sample], too"
+        raise UsageProblem("contradiction", problem, "remove one", path=lens.place("max-coc"))
+    return PictureLenses(
+        own=layer_of(lens.values, LENS_OPTIONS, lens.place),
+        where=lens.place(),
+        file=_lens_file(lens),
+        file_key="file",
+        radii=reading.holds_radii,
+        animation=animation,
+        metadata=lens.flag(METADATA) or False,
+        metres=UNITS[reading.depth_unit or "m"],
+        points=read_sweep(sweep),
+        sampling=read_sampling(sample),
+        max_coc=(sample if "max-coc" in sample.values else lens).parsed("max-coc", pixel_count),
+    )
+
+
+def _lens_file(lens: Table) -> Path | None:
+    """The lens file that ``[lens]`` names, relative to the jobs file, or one that ships."""
+    name = lens.text("file")
+    return None if name is None else lens.file.parent / lens_path(Path(name), lens.place("file"))
+
+
+# The options that name files, by their keys.
+_FILES = {key: row.name for key, row in keys_of(INPUT_OPTIONS).items() if row.is_path}
+_KNOWN = (*LENS_OPTIONS, *_FILES, "stem")
+_KNOWN_SET = frozenset(_KNOWN)
+_TRIED = 100  # first rows of which one file at least must exist
+_EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A picture, its place in a file for errors, and its own lens options."""
+
+    picture: Picture
+    where: Place
+    options: Layer = field(default_factory=dict)
+
+
+def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> tuple[list[Entry], list[Entry]]:
+    """The pictures of ``[inputs]`` in the order of the file, and all frames of its shot, if any.
+
+    `table`: ``[inputs]``, whose patterns give pictures by name.
+    """
+    table.refuse_unknown(tuple(keys_of(INPUT_OPTIONS)))
+    entries, shot = _from_files(table, keyed)
+    for name in table.texts("list"):
+        file = table.file.parent / name
+        entries += _from_rows(read_rows(file, "list of pictures", _EXAMPLE), file)
+    entries += _from_tables(table)
+    if not entries:
+        remedy = 'write color = "frames/*.exr" and depth = "depth/*.exr" below [inputs]'
+        raise UsageProblem("empty", "names no picture", remedy, path=table.file, field="[inputs]")
+    named: dict[str, Entry] = {}
+    for entry in entries:
+        stem = entry.picture.stem
+        first = named.setdefault(stem, entry)
+        if first is not entry:
+            problem = f"has the same name as that of {first.where}, '{stem}'"
+            raise UsageProblem("duplicate", problem, "give it a stem of its own", path=entry.where)
+    return entries, shot
+
+
+def _others(paths: Mapping[str, Path], where: Place) -> dict[str, tuple[Path, Path | None]]:
+    """Colour and depth of what belongs to each picture, by role."""
+    for role in OTHERS:
+        if f"{role}-depth" in paths and role not in paths:
+            problem = f"stands without {INPUT_OPTIONS[role].key}"
+            path = where.at(f"{role}-depth")
+            raise UsageProblem("missing-option", problem, "add that", path=path)
+    return {role: (paths[role], paths.get(f"{role}-depth")) for role in OTHERS if role in paths}
+
+
+def _from_files(table: Table, keyed: tuple[int, ...]) -> tuple[list[Entry], list[Entry]]:
+    values = {key: value for key, value in table.values.items() if key not in ("list", "pictures")}
+    options = layer_of(values, INPUT_OPTIONS, table.place)
+    paths = {name: Path(each.text) for name, each in options.items() if INPUT_OPTIONS[name].is_path}
+    if "color" not in paths:
+        if options:
+            place = next(iter(options.values())).place
+            raise UsageProblem("missing-option", "stands without color", "add color", path=place)
+        return [], []
+    found = find(
+        paths["color"],
+        paths.get("depth"),
+        _others(paths, table.place()),
+        patterns_in=table.file.parent,
+        frames=choice_of(options, table.place, keyed),
+    )
+    pictures, shot = ([Entry(picture, table.place()) for picture in each] for each in found)
+    return pictures, shot
+
+
+def _from_tables(table: Table) -> list[Entry]:
+    tables = table.values.get("pictures", [])
+    if not isinstance(tables, list) or not all(isinstance(row, dict) for row in tables):
+        remedy = "write [[inputs.pictures]] above each picture's color and depth"
+        raise UsageProblem(
+            "malformed", "is not a list of tables", remedy, path=table.place("pictures")
+        )
+    if not tables:
+        return []
+    places = (Place(table.file, f"[[inputs.pictures]] {number}") for number in count(1))
+    return _from_rows(zip(places, tables, strict=False), table.file)
+
+
+def _from_rows(rows: Iterable[Row], file: Path) -> list[Entry]:
+    """The pictures of rows; a missing file fails in its own job, unless all of them are missing."""
+    with without_collections():
+        entries = [_entry(row, where, file) for where, row in rows]
+    if not entries:
+        raise InputError("empty", "has no row", "write one for each picture", path=file)
+    if not any(entry.picture.color.exists() for entry in entries[:_TRIED]):
+        first = entries[0]
+        remedy = f"paths are relative to {file.parent}, the folder of {file.name}"
+        raise InputError(
+            "not-found", f"{first.picture.color}: no such file", remedy, path=first.where
+        )
+    return entries
+
+
+def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
+    if not _KNOWN_SET.issuperset(row):
+        refuse_unknown(row, _KNOWN, where, "a row")
+    options = layer_of(row, LENS_OPTIONS, where.at)
+    paths = {
+        name: file.parent / _path(row[key], where, key)
+        for key, name in _FILES.items()
+        if key in row
+    }
+    if "color" not in paths:
+        raise InputError("empty", "has no color", "give it the path of a colour file", path=where)
+    color = paths["color"]
+    if "depth" not in paths and color.suffix.lower() not in SCENE_SUFFIXES:
+        raise InputError(
+            "empty",
+            "has no depth, and its color is not an EXR that holds both",
+            "give depth",
+            path=where,
+        )
+    others: dict[str, Any] = {
+        role: Picture(other.stem, other, depth or other)
+        for role, (other, depth) in _others(paths, where).items()
+    }
+    stem = _stem(row["stem"], where) if "stem" in row else color.stem
+    return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)
+
+
+def _path(value: object, where: Place, key: str) -> str:
+    if not isinstance(value, str) or not value or "\0" in value:
+        problem, remedy = f"{value!r} is not a path", "write it in quotes"
+        raise InputError("malformed", problem, remedy, path=where.at(key))
+    return value
+
+
+def _stem(value: object, where: Place) -> str:
+    stem = str(value)
+    odd = not stem or "/" in stem or "\0" in stem or stem.startswith(".") or not stem.isprintable()
+    if odd or not isinstance(value, str | int):
+        remedy = "it becomes OUT/<kind>/<stem>.<ext>, so write a plain name"
+        raise InputError(
+            "malformed", f"{value!r} cannot name a file", remedy, path=where, field="stem"
+        )
+    return stem

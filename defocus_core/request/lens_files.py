@@ -16,8 +16,8 @@ from importlib.resources import files
 from pathlib import Path
 
 from defocus_core.errors import Place, UsageProblem, did_you_mean
+from defocus_core.request.job_options import READING_OPTIONS
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, OPENING
-from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.request.resolver import Given, Layer, layer_of
 from defocus_core.request.toml_file import read_toml, refuse_unknown
 from defocus_core.system.text import note
@@ -34,21 +34,19 @@ def read_lens_file(file: Path) -> dict[str, Given]:
     return layer_of(stored, rows, Place(file).at)
 
 
-def reading_in(file: Path | None) -> Layer:
-    """The options of reading of a lens file, if there is one; a folder of such has none."""
-    if file is None or file.is_dir():
+def reading_in(file: Path) -> Layer:
+    """The options of reading of a lens file; a folder of such has none."""
+    if file.is_dir():
         return {}
     return {name: each for name, each in read_lens_file(file).items() if name in READING_OPTIONS}
 
 
-def lens_in(file: Path | None, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
-    """The options of the lens of a lens file, if there is one, that count below others.
+def lens_in(file: Path, where: Place, *, in_pixels: bool, radii: bool) -> Layer:
+    """The options of the lens of a lens file that count below others.
 
     `where`: the option that names the file; `in_pixels`: others have a blur in pixels; `radii`: the
     depth files hold radii, and what decides them is left out, with a note.
     """
-    if file is None:
-        return {}
     stored = {name: each for name, each in read_lens_file(file).items() if name in LENS_OPTIONS}
     if "blur" in stored:
         return stored

@@ -9,18 +9,26 @@ pair up, whatever else their names are.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from defocus_core.errors import InputError, UsageProblem
+from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.reading import holds_depth
 from defocus_core.io.safe_files import missing
-from defocus_core.io.shots.frame_patterns import ALL, FrameChoice, chosen, frames_of, is_pattern
+from defocus_core.io.shots.frame_patterns import (
+    ALL,
+    FrameChoice,
+    chosen,
+    frame_choice,
+    frames_of,
+    is_pattern,
+)
 from defocus_core.io.wildcards import has_wildcard, matching, texts_before
 from defocus_core.request.job import OTHERS, Picture
 from defocus_core.request.output_kinds import PREVIEW
+from defocus_core.request.resolver import Layer
 from defocus_core.system.text import note
 
 COLOR_SUFFIXES = frozenset(
@@ -80,7 +88,9 @@ def find(
         )
     if depth is not None:
         _refuse_frames(color, depth)
-    with_text = all(texts_before(path) == texts_before(color) for path in paths)
+    with_text = patterns_in is not None and all(
+        texts_before(path) == texts_before(color) for path in paths
+    )
     colors, pictures = _pair(color, depth, patterns_in, with_text)
     for role, (other_color, other_depth) in others.items():
         # a plate needs no depth, nor does a matte, and a holdout has its own
@@ -93,6 +103,14 @@ def find(
             other: dict[str, Any] = {role: paired[name]}
             pictures[name] = replace(picture, **other)
     return list(pictures.values()), []
+
+
+def choice_of(options: Layer, at: Callable[[str], Place], keyed: tuple[int, ...]) -> FrameChoice:
+    """The frames that options ask for; ``at``: the place of an option, ``keyed``: with a key."""
+    frames, missing = (
+        options[name].text if name in options else None for name in ("frames", "missing")
+    )
+    return frame_choice(frames, missing, (at("frames"), at("missing")), keyed)
 
 
 def _refuse_frames(color: Path, depth: Path) -> None:

@@ -7,22 +7,18 @@ is animated, drawn or swept is set nowhere else, as it would be ignored there.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from defocus_core.errors import CALLER, Place, UsageProblem
-from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.images.describe import describe
-from defocus_core.io.shots.key_files import FIELD_OF_VIEW
-from defocus_core.request.animation import Animation, focal_length
-from defocus_core.request.job import Picture, Reading
+from defocus_core.request.job import Picture
 from defocus_core.request.lens import DEFAULTS, Draw, Lens
-from defocus_core.request.lens_files import lens_in, lens_path
-from defocus_core.request.parameters import LENS_OPTIONS, METADATA
-from defocus_core.request.quantities import pixel_count
+from defocus_core.request.parameters import METADATA
 from defocus_core.request.resolver import (
     Given,
     Layer,
@@ -31,18 +27,27 @@ from defocus_core.request.resolver import (
     drawn_lens,
     given,
     laid_over,
-    layer_of,
     lens_of,
+    missing_options,
     place_of_focus,
     refuse_optics,
     refuse_taken,
     value_of,
 )
-from defocus_core.request.sweeps import Point, Sampling, read_sampling, read_sweep
-from defocus_core.request.toml_file import Table
 
-KEYS = (*LENS_OPTIONS, "file", "max-coc", METADATA)
+if TYPE_CHECKING:
+    from defocus_core.request.animation import Animation
+
 _NONE: Layer = {}
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How many lenses are drawn for a picture, and what each option is drawn from."""
+
+    count: int = 0
+    seed: int = 0
+    options: Layer = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -55,16 +60,17 @@ class PictureLenses:
     file_key: str = "lens"  # the option that names it
     # The depth files hold radii, so that a lens is the shape of its opening alone
     radii: bool = False
-    animation: Animation = field(default_factory=Animation)
+    animation: Animation | None = None
     metadata: bool = False  # whether options are taken from the metadata of each colour file
     metres: float = 1.0  # the unit of the scene, for metadata in it
-    points: tuple[Point, ...] = (Point("", {}),)  # the lenses of the sweep
+    # The options of each lens of the sweep, by what it adds to the name of a sample
+    points: Mapping[str, Layer] = field(default_factory=lambda: {"": _NONE})
     sampling: Sampling = field(default_factory=Sampling)  # what is drawn, for each point
     max_coc: float | None = None  # largest CoC radius in px that a lens may have; None for any
     # What was made: options and lenses of points for all pictures; options of lens files that were
     # read, beside a blur in pixels or without
     _made: dict[int, tuple[Layer, Lens | None]] = field(default_factory=dict, init=False)
-    _stored: dict[tuple[Path | None, bool], Layer] = field(default_factory=dict, init=False)
+    _stored: dict[tuple[Path, bool], Layer] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         """Refuse options that are set twice, and metadata that change nothing."""
@@ -77,8 +83,8 @@ class PictureLenses:
     @cached_property
     def taken(self) -> dict[str, str]:
         """The options that are animated, drawn or swept, and where."""
-        taken = self.animation.taken
-        tables = [*((each.options, "[sweep]") for each in self.points)]
+        taken = {} if self.animation is None else self.animation.taken
+        tables = [*((options, "[sweep]") for options in self.points.values())]
         for layer, table in (*tables, (self.sampling.options, "[sample]")):
             refuse_taken(layer, {name: words for name, words in taken.items() if words != table})
             taken |= {same: table for name in layer for same in alternatives(name)}
@@ -93,12 +99,23 @@ class PictureLenses:
     def suffixes(self) -> list[str]:
         """What each lens adds to the name of a sample."""
         draws = [f"_s{index:03}" for index in range(self.sampling.count)] or [""]
-        return [point.suffix + draw for point in self.points for draw in draws]
+        return [suffix + draw for suffix in self.points for draw in draws]
 
     @property
     def varies(self) -> bool:
         """Whether each picture may have another lens."""
-        return bool(self.animation.keys) or self.metadata or self._is_folder
+        return self.animation is not None or self.metadata or self._is_folder
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether it lacks nothing that a lone picture of relative depth may decide."""
+        fixed = self.varies or self.radii
+        return fixed or not ("blur" in self.options or missing_options(self.options))
+
+    @property
+    def moves_focus(self) -> bool:
+        """Whether the pixel in focus is another one in each frame."""
+        return self.animation is not None and "focus-at" in self.animation.keys
 
     @property
     def _is_folder(self) -> bool:
@@ -135,26 +152,27 @@ class PictureLenses:
         `numbers`: which of the lenses, ascending from 0; `row`: options of this picture alone.
         """
         refuse_taken(row, self.taken)
+        points = [*self.points.items()]
         draws, alike = self.sampling.count, not (self.varies or row)
         options, metadata = (self.options, _NONE) if alike else self._options(picture, row)
         for which, mine in groupby(numbers, lambda number: number // max(draws, 1)):
-            point = self.points[which]
+            suffix, swept = points[which]
             made = self._made.get(which) if alike else None
             if made is None:
-                set_to: Layer = laid_over(options, point.options)
+                set_to: Layer = laid_over(options, swept)
                 self._check(set_to, metadata, picture)
                 made = set_to, None if draws else lens_of(set_to, self.max_coc)
                 if alike:
                     self._made[which] = made
             set_to, lens = made
             if lens is not None:
-                yield point.suffix, lens
+                yield suffix, lens
                 continue
             texts = tuple((name, each.text) for name, each in set_to.items())
             source = place_of_focus(set_to)
             for index in (number % draws for number in mine):
-                draw = Draw(self.sampling.seed, picture.stem + point.suffix, index, texts)
-                yield f"{point.suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
+                draw = Draw(self.sampling.seed, picture.stem + suffix, index, texts)
+                yield f"{suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
 
     def _check(self, options: Layer, metadata: Layer, picture: Picture | None) -> None:
         """Raise UsageProblem for options that make no lens."""
@@ -178,7 +196,11 @@ class PictureLenses:
         if file is not None and picture is not None and self._is_folder:
             file = file / f"{picture.stem}.toml"
         in_pixels = "blur" in above or "blur" in self.taken
+        if file is None:
+            return {}
         if (file, in_pixels) not in self._stored:
+            from defocus_core.request.lens_files import lens_in
+
             where = self.where.at(self.file_key)
             stored = lens_in(file, where, in_pixels=in_pixels, radii=self.radii)
             self._stored[file, in_pixels] = stored
@@ -196,8 +218,11 @@ class PictureLenses:
 
     def _keyed(self, picture: Picture, others: Layer) -> Layer:
         """The options of the frame of a picture; ``others`` may have the width of the sensor."""
-        if not self.animation.keys:
+        if self.animation is None:
             return {}
+        from defocus_core.io.shots.key_files import FIELD_OF_VIEW
+        from defocus_core.request.animation import focal_length
+
         if picture.frame is None:
             problem = f"moves the lens, but {picture.color} has no frame number"
             raise UsageProblem(
@@ -211,32 +236,3 @@ class PictureLenses:
             text = focal_length(fov.text, width, (info.width, info.height))
             keyed["focal-length"] = Given(text, fov.place)
         return keyed
-
-
-def read_lenses(
-    lens: Table, sweep: Table, sample: Table, animation: Animation, reading: Reading
-) -> PictureLenses:
-    """The lenses that ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]`` ask for."""
-    lens.refuse_unknown(KEYS)
-    if "max-coc" in lens.values and "max-coc" in sample.values:
-        problem = "is in [sample], too"
-        raise UsageProblem("contradiction", problem, "remove one", path=lens.place("max-coc"))
-    return PictureLenses(
-        own=layer_of(lens.values, LENS_OPTIONS, lens.place),
-        where=lens.place(),
-        file=lens_file_of(lens),
-        file_key="file",
-        radii=reading.holds_radii,
-        animation=animation,
-        metadata=lens.flag(METADATA) or False,
-        metres=UNITS[reading.depth_unit or "m"],
-        points=tuple(read_sweep(sweep)),
-        sampling=read_sampling(sample),
-        max_coc=(sample if "max-coc" in sample.values else lens).parsed("max-coc", pixel_count),
-    )
-
-
-def lens_file_of(lens: Table) -> Path | None:
-    """The lens file that ``[lens]`` names, relative to the jobs file, or one that ships."""
-    name = lens.text("file")
-    return None if name is None else lens.file.parent / lens_path(Path(name), lens.place("file"))

@@ -3,7 +3,7 @@
 Options stand in layers, each laid over those before it: a lens file, the metadata of a picture, the
 keys of its frame, a jobs file or the command line, the row of a picture, a sweep. A layer has the
 text of each option, as the command line takes it, and its place, for errors. What an option is set
-to is checked once, by its row in `parameters` or `reading_options`: its type and range as a layer
+to is checked once, by its row in `parameters` or `job_options`: its type and range as a layer
 is made; what it excludes, needs, and beside what it changes nothing, when all layers are known.
 """
 
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.errors import CALLER, Place, UsageProblem, reason
 from defocus_core.request.job import Outputs, Reading
-from defocus_core.request.job_options import OUTPUT_OPTIONS, TABLES, in_one_file
+from defocus_core.request.job_options import OUTPUT_OPTIONS, READING_OPTIONS, TABLES, in_one_file
 from defocus_core.request.lens import EFFECTS, Draw, Lens
 from defocus_core.request.output_kinds import INPUTS
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, METADATA, OPENING, Param
@@ -33,11 +33,10 @@ from defocus_core.request.quantities import (
     switch,
     text_of,
 )
-from defocus_core.request.reading_options import READING_OPTIONS
-from defocus_core.request.toml_file import Table
 
 if TYPE_CHECKING:
     from defocus_core.optics.distributions import Distribution
+    from defocus_core.request.toml_file import Table
 
 
 class Given(NamedTuple):

@@ -8,7 +8,7 @@ others.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import cache
 
 from defocus_core.errors import UsageProblem
@@ -22,47 +22,33 @@ AVERAGED = 9  # frames whose depth is averaged: noise falls to a third
 _LOOKED_AT = 13  # frames that may show what one of them hides
 
 
-@dataclass(frozen=True)
-class SharedDecisions:
-    """What the frames of a shot have in common."""
-
-    steady: bool | None = None  # whether what depth decides is decided once; None for the default
-    # Number of frames over which a focus that depth decides is averaged; None for one focus for
-    # all of the shot, or each frame's own if the point moves
-    focus_smooth: int | None = None
-    motion: str | None = None  # layer of motion vectors; None if there is none
-    options: Layer = field(default_factory=dict)  # that said so
-
-
-def decisions_of(options: Layer) -> SharedDecisions:
-    """What options of a shot decide."""
-    return SharedDecisions(**fields_of(options), options=options)
-
-
 def with_shot(
     jobs: Sequence[Job],
     every: Sequence[Picture],
     lens_of: Callable[[Picture, str], Lens],
-    decisions: SharedDecisions,
+    options: Layer,
     *,
     moving: bool,
 ) -> list[Job]:
     """The jobs of frames, each with the frames that decide what it looks like.
 
-    `every`: all frames of the shot that are there, ascending; empty if there is no shot.
+    `every`: all frames of the shot that are there, ascending; empty if there is no shot; `options`:
+    those of a shot; `moving`: whether the pixel in focus is another one in each frame.
     """
     if not every:
-        for given in decisions.options.values():
+        for given in options.values():
             problem = "is for the frames of a shot, but no path numbers them"
             remedy = "give patterns like 'shot.####.exr'"
             raise UsageProblem("idle-option", problem, remedy, path=given.place)
         return list(jobs)
-    if decisions.focus_smooth is not None and not any(map(_is_found, jobs)):
+    asked = fields_of(options)
+    smooth, motion = asked.get("focus_smooth"), asked.get("motion")
+    if smooth is not None and not any(map(_is_found, jobs)):
         problem = "has no effect: the depth does not decide the focus"
-        place = decisions.options["focus-smooth"].place
+        place = options["focus-smooth"].place
         raise UsageProblem("idle-option", problem, "leave it out, or focus-at X,Y", path=place)
     places = {picture.frame: place for place, picture in enumerate(every)}
-    steady = decisions.steady is not False
+    steady = asked.get("steady") is not False
 
     @cache
     def sample(suffix: str) -> tuple[FrameLens, ...]:
@@ -75,18 +61,18 @@ def with_shot(
         if place is None:  # a picture of a list
             return None
         focus: tuple[FrameLens, ...] = ()
-        if _is_found(job) and (decisions.focus_smooth or moving):
-            averaged = neighbours_of(len(every), place, decisions.focus_smooth or 1)
+        if _is_found(job) and (smooth or moving):
+            averaged = neighbours_of(len(every), place, smooth or 1)
             focus = tuple(FrameLens(every[k], lens_of(every[k], job.suffix)) for k in averaged)
         repairs = steady and job.reading.depth_repair != "off"
         decides = repairs or (steady and _is_found(job) and not focus)
-        around = _LOOKED_AT if decisions.motion else AVERAGED if repairs else 0
+        around = _LOOKED_AT if motion else AVERAGED if repairs else 0
         neighbours = neighbours_of(len(every), place, around) if around else ()
         made = Shot(
             sample=sample(job.suffix) if decides else (),
             neighbours=tuple(every[k] for k in neighbours),
             focus=focus,
-            motion=decisions.motion,
+            motion=motion,
         )
         return None if made == Shot() else made
 

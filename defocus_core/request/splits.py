@@ -13,19 +13,19 @@ from __future__ import annotations
 
 import os
 import re
+from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from hashlib import blake2b
 from itertools import accumulate
 
-from defocus_core.errors import CALLER, Place, UsageProblem
+from defocus_core.errors import Place, UsageProblem
 from defocus_core.io.wildcards import has_wildcard, wild_text
-from defocus_core.request.job import NO_SPLIT, Job, Picture, Split
+from defocus_core.request.job import NO_SPLIT, SPLIT_NAME, Job, Picture, Split
 from defocus_core.request.toml_file import Table
 from defocus_core.system.text import counted, note
 
-NAME = re.compile(r"[A-Za-z0-9_]{1,40}")
 _SCENE = "scene"
 _ROUNDING = 1e-6
 # Of an expression, which scenes were once: what tells it from a pattern, and pieces of patterns.
@@ -37,50 +37,43 @@ _AS_PATTERN = (
 )
 
 
-@dataclass(frozen=True)
-class Splits:
-    """The shares and numbers of the splits by name, and where the scene is in the name."""
+def read_splits(section: Table, pictures: Sequence[Picture]) -> list[Split]:
+    """The split of each picture by ``[split]``; none without it."""
+    fractions, counts = _shares(section)
+    pattern, place = section.text(_SCENE), section.place(_SCENE)
+    if pattern is not None:
+        if not fractions and not counts:
+            problem = "stands without shares"
+            raise UsageProblem("missing-option", problem, "add train = 0.9", path=place)
+        _refuse_expression(pattern, place)
+    if not fractions and not counts:
+        return [NO_SPLIT] * len(pictures)
+    where = section.place(next(iter(counts), _SCENE)) if pattern is None else place
+    scenes = [_scene_of(picture, pattern, where) for picture in pictures]
+    first, exact = sorted({*scenes}, key=_place_of), dict[str, str]()
+    wanted = sum(counts.values())
+    if wanted > len(first) or (counts and not fractions and wanted < len(first)):
+        problem = f"the numbers ask for {counted(wanted, 'scene')}, and there are {len(first)}"
+        remedy = "let the numbers add up to them, or give one split a share, as train = 1.0"
+        raise UsageProblem("out-of-range", problem, remedy, path=where)
+    for name, count in counts.items():
+        exact |= dict.fromkeys(first[len(exact) : len(exact) + count], name)
+    names, ends = list(fractions), [*accumulate(fractions.values())]
+    for scene in first[len(exact) :]:  # shares may add up to a little less than 1
+        exact[scene] = names[min(bisect_right(ends, _place_of(scene)), len(names) - 1)]
+    return [Split(exact[scene], scene, (*counts, *fractions)) for scene in scenes]
 
-    fractions: Mapping[str, float]
-    counts: Mapping[str, int] = field(default_factory=dict)  # of those of which it is exact
-    scene: str = ""  # a pattern; empty for the whole name, or the shot
-    where: Place = CALLER
 
-    def of(self, pictures: Sequence[Picture]) -> list[Split]:
-        """The split of each picture."""
-        if not (self.fractions or self.counts):
-            return [NO_SPLIT] * len(pictures)
-        choices, scenes = (*self.counts, *self.fractions), self._scenes_of(pictures)
-        first, exact = sorted({*scenes}, key=_place_of), dict[str, str]()
-        wanted = sum(self.counts.values())
-        if wanted > len(first) or (self.counts and not self.fractions and wanted < len(first)):
-            problem = f"the numbers ask for {counted(wanted, 'scene')}, and there are {len(first)}"
-            remedy = "let the numbers add up to them, or give one split a share, as train = 1.0"
-            raise UsageProblem("out-of-range", problem, remedy, path=self.where)
-        for name, count in self.counts.items():
-            exact |= dict.fromkeys(first[len(exact) : len(exact) + count], name)
-        return [Split(exact.get(s) or self._split_of(s), s, choices) for s in scenes]
-
-    def _split_of(self, scene: str) -> str:
-        place = _place_of(scene)
-        names, ends = list(self.fractions), accumulate(self.fractions.values())
-        passed = sum(end <= place for end in ends)
-        return names[min(passed, len(names) - 1)]  # shares may add up to a little less than 1
-
-    def _scenes_of(self, pictures: Sequence[Picture]) -> list[str]:
-        names = [picture.stem for picture in pictures]
-        if not self.scene:
-            shots = [picture.frame is not None for picture in pictures]
-            return [
-                re.sub(r"\d+$", "", name) if of_shot else name
-                for name, of_shot in zip(names, shots, strict=True)
-            ]
-        scenes = [wild_text(name, self.scene) for name in names]
-        for name, scene in zip(names, scenes, strict=True):
-            if not scene:
-                problem, remedy = f"finds no scene in '{name}'", "make it match each name"
-                raise UsageProblem("no-scene", problem, remedy, path=self.where)
-        return [scene or "" for scene in scenes]
+def _scene_of(picture: Picture, pattern: str | None, where: Place) -> str:
+    """The scene that a picture is of, by its name."""
+    name = picture.stem
+    if pattern is None:
+        return name if picture.frame is None else re.sub(r"\d+$", "", name)
+    scene = wild_text(name, pattern)
+    if not scene:
+        problem, remedy = f"finds no scene in '{name}'", "make it match each name"
+        raise UsageProblem("no-scene", problem, remedy, path=where)
+    return scene
 
 
 def _place_of(scene: str) -> float:
@@ -122,13 +115,13 @@ def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) 
     ]
 
 
-def read_splits(section: Table) -> Splits:
-    """The splits of ``[split]``; none without it."""
+def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
+    """The shares of splits, and the numbers of scenes of others, by name."""
     fractions, counts = {}, {}
     for name, value in section.values.items():
         if name == _SCENE:
             continue
-        if not NAME.fullmatch(name):
+        if not SPLIT_NAME.fullmatch(name):
             problem = "cannot be the name of a split"
             raise UsageProblem(
                 "malformed", problem, "use letters, digits and _", path=section.place(name)
@@ -147,16 +140,7 @@ def read_splits(section: Table) -> Splits:
         raise UsageProblem(
             "malformed", problem, "let them add up to 1", path=section.file, field="[split]"
         )
-    text = section.text(_SCENE)
-    where = section.place(next(iter(counts), _SCENE))
-    if text is None:
-        return Splits(fractions, counts, where=where)
-    if not fractions and not counts:
-        raise UsageProblem(
-            "missing-option", "stands without shares", "add train = 0.9", path=section.place(_SCENE)
-        )
-    _refuse_expression(text, section.place(_SCENE))
-    return Splits(fractions, counts, text, section.place(_SCENE))
+    return fractions, counts
 
 
 def _refuse_expression(text: str, where: Place) -> None:

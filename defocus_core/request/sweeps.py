@@ -15,13 +15,13 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 from defocus_core.errors import Place, UsageProblem
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES
+from defocus_core.request.picture_lenses import Sampling
 from defocus_core.request.quantities import Percentile, read_at, short, text_of, whole, whole_within
 from defocus_core.request.resolver import (
     Given,
@@ -38,16 +38,8 @@ _RANGE = re.compile(r"(.+?)\.\.(.+?)@\s*(\d{1,6})\s*(?:in\s+(\w+)\s*)?")
 _RANGE_EXAMPLE = "write it like 0.5m..8m @ 12 in disparity"
 
 
-@dataclass(frozen=True)
-class Point:
-    """One lens of a sweep: the suffix of its samples, and its swept options."""
-
-    suffix: str
-    options: Layer
-
-
-def read_sweep(table: Table) -> list[Point]:
-    """The lenses of ``[sweep]``, the first option slowest; one without options if empty."""
+def read_sweep(table: Table) -> dict[str, Layer]:
+    """The options of each lens of ``[sweep]`` by its suffix, the first option slowest."""
     table.refuse_unknown((*LENS_OPTIONS, "lenses"))
     axes = [_sets(table)] if "lenses" in table.values else []
     for name in LENS_OPTIONS:
@@ -64,8 +56,8 @@ def _refuse_many(count: int, where: Place) -> None:
         raise UsageProblem("out-of-range", problem, f"ask for at most {MAX_LENSES}", path=where)
 
 
-def _points(table: Table, axes: Sequence[Sequence[Layer]]) -> list[Point]:
-    points: dict[str, Point] = {}
+def _points(table: Table, axes: Sequence[Sequence[Layer]]) -> dict[str, Layer]:
+    points: dict[str, Layer] = {}
     for combination in product(*axes):
         options: dict[str, Given] = {}
         for part in combination:
@@ -85,8 +77,8 @@ def _points(table: Table, axes: Sequence[Sequence[Layer]]) -> list[Point]:
             raise UsageProblem(
                 "contradiction", problem, "remove one of them", path=table.file, field="[sweep]"
             )
-        points[suffix] = Point(suffix, options)
-    return list(points.values())
+        points[suffix] = options
+    return points
 
 
 def _values(name: str, value: object, where: Place) -> list[Given]:
@@ -151,15 +143,6 @@ def _end(name: str, text: str, where: Place) -> float:
 
 
 _SAMPLE_KEYS = ("n", "seed", "max-coc", *LENS_OPTIONS)
-
-
-@dataclass(frozen=True)
-class Sampling:
-    """How many lenses are drawn for a picture, and what each option is drawn from."""
-
-    count: int = 0
-    seed: int = 0
-    options: Layer = field(default_factory=dict)
 
 
 def read_sampling(table: Table) -> Sampling:

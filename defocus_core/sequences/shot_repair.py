@@ -12,8 +12,7 @@ from statistics import median
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.distance_scale import DistanceScale
-from defocus_core.depth.silhouettes import EdgeShifts
-from defocus_core.depth.silhouettes import MINIMUM, STEEP
+from defocus_core.depth.silhouettes import MINIMUM, STEEP, EdgeShifts
 
 
 def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> DepthRepair:

@@ -16,7 +16,7 @@ from refusals import refuses
 
 from defocus_core.batch.datasets import finished, sample_index
 from defocus_core.batch.journal.journal import Ledger, Shard, journal_path, shards
-from defocus_core.batch.journal.progress import sweep_up
+from defocus_core.batch.journal.runs import sweep_up
 from defocus_core.compare.goldens import read_store
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault

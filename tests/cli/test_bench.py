@@ -9,7 +9,7 @@ from command_line import color_exr, depth_exr, refused, run
 from reference import flatten, layered, lens_points
 from scenes import SIZE, card_layers
 
-from defocus_core.bench import tables
+from defocus_core.bench import error
 from defocus_core.bench.error import Row
 from defocus_core.bench.timing import MeasuredCost
 from defocus_core.evaluation.metrics import Errors
@@ -68,10 +68,6 @@ def test_less_can_be_asked_for(tiny):
     assert methods == ["input", "sum", "over", "draft"]
 
 
-def test_a_set_without_scenes_is_refused(tmp_path):
-    refused(bench("--truth", tmp_path), 3, "empty", tmp_path)
-
-
 def test_a_missing_truth_is_named(tiny, tmp_path):
     (tmp_path / "a").mkdir()
     camera = (tiny / "card" / "camera.json").read_text()
@@ -103,10 +99,10 @@ def row(method, psnr, ssim=0.9, rel_rmse=0.1):
 )
 def test_what_a_baseline_does_better_is_flagged(other, lost):
     rows = [other, row("draft", 20.0), row("standard", 30.0)]
-    assert {name for r in tables.regressions(rows) for name in r["lost"]} == lost
-    marked = [each.method for each in rows if tables.losses(each, rows)]
+    assert {name for r in error.regressions(rows) for name in r["lost"]} == lost
+    marked = [each.method for each in rows if error.losses(each, rows)]
     assert marked == (["standard"] if lost else [])
-    told = [line for line in tables.summary_lines(rows) if line.startswith("! card r7")]
+    told = [line for line in error.summary_lines(rows) if line.startswith("! card r7")]
     assert bool(told) == bool(lost)
 
 
@@ -117,7 +113,7 @@ def test_means_cap_what_is_easy_and_leave_out_what_tells_nothing():
     smooth = Row(
         "slope", "r7", "standard", row("standard", 64.0).errors, MeasuredCost(3.0, 2.0, 7.0)
     )
-    (mean,) = tables.means([row("standard", 30.0), easy, smooth])
+    (mean,) = error.means([row("standard", 30.0), easy, smooth])
     assert (mean["shots"], mean["psnr"], mean["seconds"]) == (2, 40.0, 2.0)
     assert mean["peak_mb"] == 7.0
     assert mean["psnr_edges"] is None

@@ -1,10 +1,6 @@
 """``defocus compare`` of two finished batches: recipes first, then pixels, sample by sample."""
 
-from __future__ import annotations
-
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -131,22 +127,3 @@ def test_a_journal_that_cannot_be_read_is_refused(made, tmp_path):
     for folder in (one, two):
         (folder / "journal.jsonl").write_text("")
     refused(run("compare", one, two), 3, "empty", one)
-
-
-def test_torch_is_not_loaded_for_batches(made):
-    words = ["compare", str(made[1]), str(made[1])]
-    code = (
-        "import sys; from defocus_cli.main import main; "
-        f"code = main({words!r}); sys.exit(code + 10 * ('torch' in sys.modules))"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
-
-
-def test_the_number_of_threads_changes_nothing(made, tmp_path):
-    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m", "--exr-type", "float")
-    files = (made[0] / "rgb" / "a.exr", made[0] / "z" / "a.exr")
-    for threads in "12":
-        out = tmp_path / threads
-        assert run("render", *files, *lens, "-o", out, "--threads", threads).code == 0
-    ran = run("compare", tmp_path / "1", tmp_path / "2")
-    assert (ran.code, ran.out.splitlines()[-1]) == (0, "1 pair: 1 same")

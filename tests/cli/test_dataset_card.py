@@ -10,7 +10,7 @@ import pytest
 from batches import contents, jobs_file
 from command_line import pair, read_exr, refused, run, succeed
 
-from defocus_core.picture import plain_path
+from defocus_core import run_batch
 
 JOBS = """
 [inputs]
@@ -190,18 +190,16 @@ def test_shards_that_a_killed_run_left_without_their_list_are_packed_again(folde
 
 
 @pytest.mark.parametrize("edit", [None, "[dataset]\ntitle = 'Other'\n"])
-def test_the_jobs_file_is_read_once(edit, folder, monkeypatch):
-    jobs, compute = folder / "jobs.toml", plain_path.compute
+def test_the_jobs_file_is_read_once(edit, folder):
+    jobs = folder / "jobs.toml"
     before = jobs.read_bytes()
 
-    def edited(*of):
+    def edited(*_):
         jobs.unlink(missing_ok=True)
         if edit is not None:
             jobs.write_text(edit + JOBS)
-        return compute(*of)
 
-    monkeypatch.setattr(plain_path, "compute", edited)
-    batch(folder, "--processes", "1")
+    run_batch(jobs, folder / "out", ended=edited)
     assert (folder / "out" / "jobs.toml").read_bytes().endswith(b"\n" + before)
     assert card(folder)["origin"] == {}
 

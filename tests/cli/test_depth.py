@@ -21,8 +21,6 @@ from command_line import (
 from depth_files import npy, pfm, png
 
 from defocus_core.batch.datasets.finished import samples
-from defocus_core.request.job import Machine, Outputs, Reading
-from defocus_core.request.jobs_file import read_jobs
 
 
 def depth(*args):
@@ -128,52 +126,6 @@ def test_options_win_over_the_lens_file(tmp_path):
     np.testing.assert_allclose(record["depth"]["range_m"], [0.01, 0.04], rtol=1e-6)
     (record,) = run("info", "--json", path, "--lens", lens, "--depth-unit", "m").json["files"]
     assert record["depth"]["range_m"] == [1.0, 4.0]
-
-
-def test_every_reading_option_is_a_key_of_a_jobs_file(tmp_path):
-    color, path = pair(tmp_path)
-    text = f"""[inputs]
-color = "{color}"
-depth = "{path}"
-[lens]
-focal-length = "50mm"
-fnumber = 2
-focus = "2m"
-[reading]
-depth-format = "disparity"
-depth-scale = "1/256"
-depth-kind = "disparity"
-depth-range = ["2m", "inf"]
-focal-px = 721.5
-baseline = "0.54m"
-doffs = -3
-radial = true
-fov = 60
-sky = 1e4
-invalid = "fill"
-resize-depth = "nearest"
-depth-channel = "Z"
-part = 1
-"""
-    (tmp_path / "jobs.toml").write_text(text)
-    outputs, machine = Outputs(tmp_path / "o"), Machine()
-    (job,) = read_jobs(tmp_path / "jobs.toml", outputs, machine)
-    assert job.reading == Reading(
-        depth_format="disparity",
-        depth_scale=1 / 256,
-        depth_kind="disparity",
-        depth_range=(2000.0, np.inf),
-        focal_px=721.5,
-        baseline=540.0,
-        doffs=-3.0,
-        geometry="radial",
-        fov=60.0,
-        sky=1e4,
-        invalid="fill",
-        resize_depth="nearest",
-        depth_channel="Z",
-        part=1,
-    )
 
 
 def test_radial_depth_takes_the_field_of_view_of_the_lens(tmp_path):

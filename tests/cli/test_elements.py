@@ -268,11 +268,6 @@ def test_a_view_is_rendered_as_if_it_were_alone(make, tmp_path):
     )
 
 
-def test_a_view_of_files_without_views_is_refused(tmp_path):
-    made = write(tmp_path / "a.exr", element(disc()))
-    refused(render(made, tmp_path / "o", "--view", "left"), 3, "no-such-view", made)
-
-
 def test_info_tells_views_windows_and_what_alpha_leaves_out(tmp_path):
     made = views_in_parts(tmp_path / "a.exr")
     told = run("info", made, "--view", "left").out

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 import torch
 from command_line import (
-    LENS,
     color_exr,
     depth_exr,
     files_under,
@@ -33,8 +32,7 @@ from command_line import (
 )
 from image_files import multi_part, save, write_deep
 
-from defocus_core.batch.journal.lock import locked
-from defocus_core.errors import CODES
+from defocus_core.batch.journal.runs import locked
 from defocus_core.request import toml_file
 
 HEAD = """[inputs]
@@ -165,6 +163,7 @@ render rgb.exr z.exr -o out.png LENS --outputs coc → \
 compare link rgb.exr → \
 3 wrong-type link: is a directory but rgb.exr is a file; name two files, or two directories
 status link → 3 empty link: has no journal; name the directory that a batch writes to
+merge link → 3 empty link: …
 bench --truth link → 3 empty link: holds no <scene>/camera.json; name a directory of such scenes
 R --lens '' → 2 empty --lens: is empty; give a path
 render rgb.exr rgb.exr -o out LENS → \
@@ -489,19 +488,6 @@ def test_pictures_of_other_formats_alone_in_a_folder_are_none(tmp_path, depth, o
         refused_input(render(path.parent, depth.parent, "-o", out), path.parent, "empty")
 
 
-def test_json_of_a_command_that_has_no_result_is_its_error(tmp_path, color):
-    missing = tmp_path / "none"
-    asked = {("info", missing): 3, ("status", missing): 3, ("batch", missing, "-o", "out"): 3}
-    for words, code in {**asked, ("info",): 2, ("render", missing, "-o", "out", *LENS): 3}.items():
-        ran = run(*words, "--json")
-        message = ran.err.removeprefix("defocus: ").removesuffix("\n")
-        error = ran.json["error"]
-        assert error["code"] in {*CODES, None}
-        assert (error["message"], error["exit_code"], ran.code) == (message, code, code)
-    assert "error" not in run("info", color, missing, "--json").json
-    assert run("info", missing).out == ""
-
-
 def test_a_link_in_a_folder_that_leads_in_a_circle(tmp_path, out):
     for stem in "ab":
         color, depth = pair(tmp_path, stem)
@@ -555,9 +541,8 @@ def test_cuda_that_is_not_there(color, depth, out):
     photograph(color, depth, "-o", out, "--device", "auto")
 
 
-@pytest.mark.parametrize("module", ["defocus_cli", "defocus_cli.main"])
-def test_the_package_is_the_command(module):
-    words = [sys.executable, "-m", module, "--version"]
+def test_the_module_of_the_command_line_is_the_command():
+    words = [sys.executable, "-m", "defocus_cli.main", "--version"]
     ran = subprocess.run(words, capture_output=True, text=True, check=True)
     assert ran.stdout.startswith("defocus ")
 

@@ -1,7 +1,5 @@
 """``defocus golden``: accepted pictures are kept and checked."""
 
-from __future__ import annotations
-
 import json
 import shutil
 
@@ -136,15 +134,6 @@ def test_what_is_no_folder_of_goldens_is_refused(jobs, goldens, tmp_path):
         refused(ran, 3, "damaged", name)
         assert ("conflict markers" in ran.err) == ("<<<" in text)
         (goldens / name).unlink()
-
-
-def test_json_of_a_check_has_the_settings_too(jobs, goldens):
-    jobs.write_text(jobs.read_text().replace("fnumber = 2", "fnumber = 1.4"))
-    document = golden("check", jobs, goldens, "--json").json
-    assert document["settings_changed"] == [
-        f"{name}: lens.fnum 1.4 instead of 2.0" for name in "ab"
-    ]
-    assert document["same"] is False
 
 
 def test_branches_that_add_goldens_merge_and_a_deleted_one_is_told_from_a_new_one(

@@ -1,7 +1,5 @@
 """``--html`` and ``defocus report``: what the reports hold, and that their commands do it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import subprocess

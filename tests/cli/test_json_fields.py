@@ -11,7 +11,7 @@ from jobs_files import FIXED, INPUTS, jobs_file, pictures
 
 from defocus_cli.commands.help import text
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.picture.repair_words import repair_record
+from defocus_core.picture.take import repair_record
 from defocus_core.request.parameters import EFFECT_OPTIONS, RECORDED
 
 SECTIONS = dict(re.findall(r"(?ms)^## (.*?)\n(.*?)(?=^## |\Z)", text("json")))

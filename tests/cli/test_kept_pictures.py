@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from command_line import (
     LENS,
-    color_exr,
     depth_exr,
     files_under,
     pair,
@@ -72,13 +71,6 @@ def test_each_view_is_rendered_and_named(tmp_path, out):
     assert (out / "coc/left-a.exr").exists()
 
 
-def test_another_view_replaces_no_picture(tmp_path, out):
-    planes = {f"{v}.{c}": texture()[..., 0] for v in ("left", "right") for c in "RGB"}
-    files = write(tmp_path / "a.exr", planes, **VIEWS), depth_exr(tmp_path / "z.exr")
-    photograph(*files, "-o", out, *MAPS, "--view", "left")
-    refused(render(*files, "-o", out, *MAPS, "--view", "right"), 3, "exists", "a.exr")
-
-
 @pytest.mark.parametrize(
     ("name", "options"),
     [("p.png", ()), ("p.tif", ("--outputs", "coc")), ("p.exr", ("--outputs", "left"))],
@@ -92,10 +84,3 @@ def test_a_file_is_one_picture_without_a_journal(name, options, tmp_path, out):
     (out / name).write_bytes(b"of another program")
     refused(render(*files, "-o", out / name, *options), 3, "exists", out / name)
     photograph(*files, "-o", out / name, *options, "--overwrite")
-
-
-def test_a_file_is_none_of_its_inputs(tmp_path):
-    color, depth = color_exr(tmp_path / "a.exr"), depth_exr(tmp_path / "z.exr")
-    before = color.read_bytes()
-    refused(render(color, depth, "-o", color, "--overwrite"), 3, "replaces-input", color)
-    assert color.read_bytes() == before

@@ -16,8 +16,8 @@ from defocus_cli.commands.help import TOPICS, text
 from defocus_cli.commands.info import command as info
 from defocus_cli.commands.render import command as render_command
 from defocus_cli.main import COMMANDS
+from defocus_core.request.job_options import READING_OPTIONS
 from defocus_core.request.parameters import BLURRING, LENS_OPTIONS
-from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.system.process import cores
 
 

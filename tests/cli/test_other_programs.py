@@ -1,5 +1,6 @@
 """Files as other programs write them: what their headers, names and sizes say is heeded."""
 
+import json
 import struct
 import zlib
 
@@ -18,11 +19,12 @@ from command_line import (
     write_exr,
 )
 from image_files import SCANLINE, multi_part, png_chunk, random_planes, save
+from jobs_files import FIXED, jobs
 from refusals import refuses
 
 from defocus_core.io.picture_files import read_color, read_depth
 from defocus_core.io.row_files import read_rows
-from defocus_core.request.reading_options import READING_OPTIONS
+from defocus_core.request.job_options import READING_OPTIONS
 
 RAMP = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
 BUFFER = {"kind": "disparity", "range_mm": (100_000.0, 100.0)}
@@ -87,6 +89,17 @@ def test_an_option_of_reading_changes_the_picture_or_is_said_to_change_nothing(c
             assert f"--{name}" in ran.err or value in ran.err, (name, ran.err)
         elif f"--{name}" not in ran.err and name not in _DEFAULTS:
             assert (read_exr(own / "render" / "color.exr")["R"] != usual).any(), name
+
+
+def test_an_option_of_reading_is_a_key_of_jobs_files(tmp_path):
+    contradict = {"edge-width", "invert"}  # depth-repair off, and a depth that is not relative
+    said = {name: _SAID[name] for name in _SAID.keys() - contradict}
+    values = {n: text.split() if " " in text else text or True for n, text in said.items()}
+    keys = "".join(f"{name} = {json.dumps(value)}\n" for name, value in values.items())
+    (job,) = jobs(tmp_path, f"{FIXED}[reading]\n{keys}")
+    for name, value in said.items():
+        row = READING_OPTIONS[name]
+        assert getattr(job.reading, row.field) == row.parse(value), name
 
 
 def test_a_focal_length_is_in_pixels_of_the_depth_file(color, tmp_path):

@@ -9,7 +9,8 @@ import sys
 from contextlib import redirect_stderr, redirect_stdout, suppress
 
 import pytest
-from command_line import LENS, depth_exr, pair
+from batches import jobs_file
+from command_line import LENS, depth_exr, pair, succeed
 
 from defocus_cli import main
 from defocus_core.system.process import imports
@@ -28,6 +29,46 @@ RUN = "from defocus_cli.__main__ import run; run()"
 )
 def test_a_process_ends_with_the_exit_code_of_the_command(words, code):
     assert ended(RUN, *words).returncode == code
+
+
+CODECS = ("OpenEXR", "OpenImageIO", "scipy", "matplotlib", "distributed", "pandas", "torch")
+STEPS = """
+import json, sys
+from importlib import import_module
+for code, *banned in json.load(sys.stdin):
+    exec(code)
+    if loaded := sorted({*sys.modules} & {*banned}):
+        sys.exit(f"{code}: {loaded}")
+"""
+
+
+def test_what_is_heavy_is_loaded_by_what_needs_it_alone(tmp_path):
+    """In one process, which does more and more."""
+    (color, depth), jobs, out = pair(tmp_path, "a"), jobs_file(tmp_path, "a"), tmp_path / "out"
+    succeed("batch", jobs, "-o", out)
+    drawn = ("--diff", tmp_path / "d", "--junit", tmp_path / "x.xml", "--html", tmp_path / "x.html")
+    commands = [
+        (("--help",), ("numpy", *CODECS)),
+        (("help", "depth"), ("numpy", *CODECS)),
+        (("render", "--help"), CODECS),
+        (("render", color, depth, "-o", tmp_path / "r", "--dry-run", "--focus", "2"), CODECS),
+        (("batch", jobs, "-o", out), CODECS),
+        (("render", color, depth, "-o", tmp_path / "r"), ("torch",)),
+        (("info", depth), ("torch",)),
+        (("compare", color, depth, "--flip", "--json", *drawn), ("torch",)),
+        (("compare", out, out), ("torch",)),
+    ]
+    steps = [
+        ("import defocus_core; from defocus_cli.main import COMMANDS, main", "numpy", *CODECS),
+        *((f"main({list(map(str, words))!r})", *banned) for words, banned in commands[:2]),
+        ("for name in COMMANDS: import_module(f'defocus_cli.commands.{name}')", *CODECS),
+        *((f"main({list(map(str, words))!r})", *banned) for words, banned in commands[2:]),
+        (f"defocus_core.read_color({str(color)!r}); defocus_core.samples({str(out)!r})", "torch"),
+        (f"defocus_core.compare_images({str(color)!r}, {str(color)!r})", "torch"),
+    ]
+    command = [sys.executable, "-c", STEPS]
+    ran = subprocess.run(command, input=json.dumps(steps), capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
 
 
 def test_modules_are_not_taken_down():

@@ -18,7 +18,6 @@ from command_line import (
     render,
     succeed,
     texture,
-    write_exr,
 )
 from image_files import multi_part
 
@@ -68,13 +67,6 @@ def test_blade_rotation_turns_it_counter_clockwise(tmp_path):
     assert left == right == pytest.approx(16 * np.sin(np.pi / 3), abs=2)
 
 
-def test_depth_channel_says_which_channel_is_the_depth(tmp_path):
-    depth = write_exr(tmp_path / "z.exr", Z=ramp(), other=ramp() * 2)
-    files = (color_exr(tmp_path / "c.exr"), depth)
-    assert_depth(coc(files, tmp_path / "out", *LENS), ramp())
-    assert_depth(coc(files, tmp_path / "out", *LENS, "--depth-channel", "other"), ramp() * 2)
-
-
 def assert_depth(radius, metres):
     expected = 50 * 50 / (2 * 1950) * (1 - 2 / metres) / (2 * PITCH)
     np.testing.assert_allclose(radius, expected, atol=1e-5)
@@ -90,14 +82,6 @@ def sharp(color, out, *args):
     depth = depth_exr(color.with_name("flat.exr"), np.full_like(ramp(), 2))
     photograph(color, depth, "-o", out, "--overwrite", "--exr-type", "float", *args)
     return read_exr(out / "render" / f"{color.stem}.exr")["R"]
-
-
-def test_color_layer_says_which_layer_is_rendered(tmp_path):
-    color = write_exr(tmp_path / "c.exr", **planes(0), **planes(1, "lamp_"))
-    plain = sharp(color, tmp_path / "1")
-    lamp = sharp(color, tmp_path / "2", "--color-layer", "lamp")
-    np.testing.assert_allclose(plain, planes(0)["R"], atol=1e-6)
-    np.testing.assert_allclose(lamp, planes(1)["R"], atol=1e-6)
 
 
 def test_part_says_which_part_is_rendered_and_where_the_depth_is(tmp_path):

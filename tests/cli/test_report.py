@@ -1,7 +1,5 @@
 """What ``defocus render`` tells people and scripts, and when it keeps quiet."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from contextlib import redirect_stderr
@@ -24,15 +22,11 @@ from command_line import (
     run,
     succeed,
     texture,
-    thin_lens_radius,
 )
 from image_files import save
 
 from defocus_cli.words.batch import tile_bar
-from defocus_core.request.output_kinds import KINDS
 from defocus_core.tensors.box import TILE
-
-EVERYTHING = ",".join(KINDS)
 
 
 def test_a_bar_counts_the_pictures_of_a_directory_on_a_terminal(tmp_path):
@@ -66,28 +60,6 @@ def test_a_bar_counts_the_tiles_of_a_lone_picture_on_a_terminal(tmp_path):
     assert "\r" not in unwatched.err
 
 
-def test_json_tells_what_was_done(tmp_path):
-    color, depth = pair(tmp_path)
-    ran = render(color, depth, "-o", tmp_path / "out", "--outputs", "render,coc", "--json")
-    (picture,) = ran.json["pictures"]
-    assert ran.json["defocus"]
-    assert picture["stem"] == "a"
-    assert (picture["color"], picture["depth"]) == (str(color), str(depth))
-    assert picture["size"] == [WIDTH, HEIGHT]
-    assert picture["lens"]["focal_length_mm"] == 50
-    assert picture["lens"]["fnumber"] == 2
-    assert picture["lens"]["sensor_width_mm"] == 36
-    assert picture["lens"]["focus_mm"] == 2000
-    assert picture["coc_px"] == pytest.approx(thin_lens_radius(np.array([1e3, 4e3])), rel=1e-5)
-    assert picture["outputs"] == {
-        kind: str(tmp_path / "out" / kind / "a.exr") for kind in ("render", "coc")
-    }
-    assert picture["render_seconds"] > 0
-    assert picture["render_cpu_seconds"] > 0
-    assert picture["warnings"] == []
-    assert isinstance(picture["stats"], dict)
-
-
 def test_people_are_told_in_one_line_on_stderr(tmp_path):
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", "--outputs", "left,right")
     assert ran.out == ""
@@ -109,12 +81,6 @@ def test_libraries_say_nothing_when_the_process_ends(tmp_path):
     assert ran.stdout == ""
     assert ran.stderr.count("\n") == 1
     assert "a: 24x16" in ran.stderr
-
-
-def test_verbose_says_what_was_chosen(tmp_path):
-    ran = render(*pair(tmp_path), "-o", tmp_path / "out", "-v", "--threads", "1")
-    assert "channel Z, metres" in ran.err
-    assert "1 thread" in ran.err
 
 
 def test_counts_of_what_was_computed_are_told_to_who_wants_more(tmp_path):

@@ -4,10 +4,10 @@ import os
 
 import pytest
 from batches import JOBS, jobs_file
-from command_line import depth_exr, ramp, refused, run
+from command_line import depth_exr, ramp, run
 
 from defocus_cli.words.batch import progress_lines, progress_record
-from defocus_core.batch.journal.journal import Journal
+from defocus_core import run_batch
 from defocus_core.batch.journal.progress import progress
 
 
@@ -35,26 +35,17 @@ def test_status_counts_and_names_what_failed(tmp_path, out):
     assert shown["reasons"] == {"input-unusable": 2}
 
 
-def test_status_can_be_asked_while_a_batch_runs(tmp_path, out, monkeypatch):
+def test_status_can_be_asked_while_a_batch_runs(tmp_path, out):
     seen = []
-    append = Journal.append
 
-    def asked(journal, record):
-        append(journal, record)
-        found = progress(out, 10)  # on a thread, where no stream can be redirected
+    def asked(job, record):
+        found = progress(out, 10)
         seen.append((progress_record(found), [*progress_lines(out, found)]))
 
-    path = jobs_file(tmp_path)
-    monkeypatch.setattr(Journal, "append", asked)
-    run("batch", path, "-o", out)
+    run_batch(jobs_file(tmp_path), out, ended=asked)
     told, words = seen[1]
     assert (told["ok"], told["left"], told["jobs"]) == (2, 2, 4)
     assert told["running"][0].startswith(f"process {os.getpid()} on ")
     assert told["jobs_per_second"] > 0
     assert told["eta_seconds"] == pytest.approx(2 / told["jobs_per_second"])
     assert any("the rest takes about " in line for line in words)
-
-
-def test_there_is_no_status_without_a_journal(tmp_path):
-    for command in ("status", "merge"):
-        refused(run(command, tmp_path), 3, "empty", tmp_path)

@@ -4,7 +4,7 @@ import pytest
 from command_line import Terminal, run
 
 from defocus_core.evaluation import lens_laws
-from defocus_core.evaluation.law_probes import Check, LawSetting
+from defocus_core.evaluation.lens_laws import Check, LawSetting
 
 HOLDS = Check("white stays white", "white over a slope", "-", 3e-7, 1e-5)
 BROKEN = Check("PSF radius", "off r", "%", 2.5, 1.0)

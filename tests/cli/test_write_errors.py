@@ -11,11 +11,23 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppres
 from pathlib import Path
 
 import pytest
-from command_line import LENS, files_under, pair, photograph, refused, render, succeed
+from batches import again, folders, records
+from command_line import (
+    LENS,
+    files_under,
+    hidden_in,
+    pair,
+    photograph,
+    refused,
+    render,
+    succeed,
+)
 
 from defocus_cli import main
 from defocus_core.picture import plain_path
 from defocus_core.system.interrupts import delayed_signals
+
+__all__ = ["folders"]
 
 
 def fill_at_the_third_file(monkeypatch):
@@ -101,13 +113,6 @@ def test_a_full_disk(color, depth, out, monkeypatch):
         assert not out.exists()
 
 
-def test_a_disk_that_fills_up_leaves_no_half_picture(color, depth, out, monkeypatch):
-    fill_at_the_third_file(monkeypatch)
-    ran = render(color, depth, "-o", out, "--outputs", "render,left,right")
-    refused(ran, 3, "unwritable", "color.exr")
-    assert not out.exists()
-
-
 def test_a_disk_that_fills_up_during_a_batch_names_the_file(tmp_path, out, monkeypatch):
     for stem in "ab":
         color, depth = pair(tmp_path, stem)
@@ -185,13 +190,60 @@ def test_ctrl_c_waits_for_imports_and_is_not_lost():
     assert done
 
 
-def test_ctrl_c_ends_a_lone_picture_with_130_and_one_line(color, depth, out, monkeypatch):
-    def pressed(*_):
-        os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(5)
+def signalled(monkeypatch, module, name, *numbers, at=1):
+    """Signals come while a step is at its work for the so many-th time."""
+    do, calls = getattr(module, name), []
 
-    monkeypatch.setattr(plain_path, "compute", pressed)
+    def step(*args, **named):
+        calls.append(name)
+        for number in numbers if len(calls) == at else ():
+            os.kill(os.getpid(), number)
+            time.sleep(0.2)  # what can be read ahead is read
+        return do(*args, **named)
+
+    monkeypatch.setattr(module, name, step)
+
+
+def test_ctrl_c_ends_a_lone_picture_with_130_and_one_line(color, depth, out, monkeypatch):
+    signalled(monkeypatch, plain_path, "compute", signal.SIGINT)
     refused(render(color, depth, "-o", out), 130, None)
+
+
+def test_ctrl_c_finishes_what_was_begun_and_the_rest_is_left(folders, out, monkeypatch):
+    with monkeypatch.context() as patched:
+        signalled(patched, plain_path, "compute", signal.SIGINT)
+        ran = again(folders, out)
+    assert ran.code == 130
+    assert "finishing what is being rendered; press Ctrl-C again" in ran.err
+    assert len(records(out)) == 1, "what was read ahead is left"
+    last = ran.err.splitlines()[-1]
+    assert last.startswith("defocus: interrupted, 2 of 3 jobs left; run the same")
+    assert again(folders, out).code == 0
+    assert len(records(out)) == 3
+
+
+def test_ctrl_c_again_stops_at_once(folders, out, monkeypatch):
+    signalled(monkeypatch, plain_path, "compute", signal.SIGINT, signal.SIGINT)
+    ran = again(folders, out)
+    first, last = ran.err.splitlines()
+    assert (ran.code, "press Ctrl-C again" in first) == (130, True)
+    assert last == "defocus: interrupted; pictures that were finished are kept"
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_the_system_ends_a_run_which_leaves_nothing_half_written(name, folders, out, monkeypatch):
+    number = signal.Signals[name]
+    with monkeypatch.context() as patched:  # the first that is replaced is the run's own note
+        signalled(patched, os, "replace", number, number, at=2)
+        ran = again(folders, out)
+    assert ran.code == 128 + number
+    last = f"defocus: ended by {name}; pictures that were finished are kept"
+    assert ran.err.splitlines()[-1] == last
+    assert hidden_in(out) <= {".journal.run"}
+    assert {path.stem for path in (out / "coc").iterdir()} >= {r["sample_id"] for r in records(out)}
+    assert again(folders, out).code == 0
+    assert len(records(out)) == 3
+    assert not hidden_in(out)
 
 
 def test_what_overwrite_replaced_comes_back_if_a_later_file_fails(color, depth, out, monkeypatch):

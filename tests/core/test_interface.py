@@ -3,7 +3,6 @@
 import ast
 import math
 import re
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from command_line import HEIGHT, WIDTH, color_exr, depth_exr, pair, ramp, run, texture
+from command_line import HEIGHT, WIDTH, color_exr, pair, ramp, run, texture
 from refusals import refuses
 
 import defocus_core
@@ -95,25 +94,6 @@ def test_the_help_lists_the_names_in_their_groups():
 def test_an_unknown_name_is_no_attribute():
     with pytest.raises(AttributeError, match="memory_bound"):
         defocus_core.memory_bound  # noqa: B018
-
-
-def test_files_are_read_and_compared_without_torch(tmp_path):
-    color, depth = pair(tmp_path)
-    code = (
-        "import sys; from defocus_core import compare_images, read_color, read_depth, samples\n"
-        f"read_color({str(color)!r}); read_depth({str(depth)!r})\n"
-        f"compare_images({str(color)!r}, {str(color)!r}); print('torch' in sys.modules)"
-    )
-    ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert ran.stdout == "False\n"
-
-
-def test_depth_is_an_array_of_metres(tmp_path):
-    depth = read_depth(depth_exr(tmp_path / "z.exr"))
-    assert depth.metres.dtype == np.float32
-    np.testing.assert_array_equal(depth.metres, ramp())
-    feet = read_depth(tmp_path / "z.exr", unit="ft")
-    np.testing.assert_allclose(feet.metres, 0.3048 * ramp(), rtol=1e-6)
 
 
 @pytest.mark.parametrize("suffix", ["exr", "tif"])

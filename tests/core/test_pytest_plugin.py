@@ -174,7 +174,7 @@ def said_by(folder, *options):
 def test_a_golden_has_the_name_of_its_node_and_those_of_no_test_are_pruned(processes, tmp_path):
     (tmp_path / "test_it.py").write_text(NODES)
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
-    assert said_by(tmp_path, "--golden-update", *processes) == []
+    assert said_by(tmp_path, "--golden-update") == []
     folder = tmp_path / "goldens" / "test_it"
     owned = {"TestLens/test_square[8].exr", "TestLens/test_square[16].exr", "named.exr"}
     found = {path.relative_to(folder).as_posix() for path in folder.rglob("*.exr")}
@@ -185,7 +185,7 @@ def test_a_golden_has_the_name_of_its_node_and_those_of_no_test_are_pruned(proce
         shutil.copyfile(folder / "named.exr", path)
     (folder / "notes.md").touch()
     for partial in (("-k", "named"), ("test_it.py::test_named",)):
-        assert said_by(tmp_path, *partial, *processes) == []
+        assert said_by(tmp_path, *partial) == []
         assert "nothing is removed" in said_by(tmp_path, "--golden-prune", *partial)[-1]
     words = ": no test owns this golden"
     told = said_by(tmp_path, *processes)
@@ -195,7 +195,7 @@ def test_a_golden_has_the_name_of_its_node_and_those_of_no_test_are_pruned(proce
     (folder / "linked.exr").symlink_to(outside)
     assert len(said_by(tmp_path, "--golden-prune", *processes)) == 1
     assert (lost[0].exists(), outside.exists(), (folder / "notes.md").exists()) == (0, 1, 1)
-    assert said_by(tmp_path, *processes) == []
+    assert said_by(tmp_path) == []
 
 
 def test_goldens_of_a_file_whose_tests_were_skipped_or_failed_are_not_judged(tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 import torch
-from torch.nn.functional import avg_pool2d, interpolate
+from torch.nn.functional import interpolate
 
 from defocus_core import render
 
@@ -48,12 +48,7 @@ def smoothly_wrong(radius):
     return radius + 0.6 * torch.sin(x + 1) * torch.cos(y)
 
 
-def blurred(radius):
-    """Known only as means over 15 px."""
-    return avg_pool2d(radius[None], 15, 1, 7, count_include_pad=False)[0]
-
-
-@pytest.mark.parametrize("coarsely", [smoothly_wrong, blurred, torch.round])
+@pytest.mark.parametrize("coarsely", [smoothly_wrong, torch.round])
 def test_a_coarse_depth_map_is_refined_by_a_dual_pixel_pair(coarsely):
     sharp, truth = textured(), true_radius()
     pair = render(sharp, truth, left_right=True)

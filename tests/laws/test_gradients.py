@@ -7,12 +7,12 @@ import pytest
 import torch
 from extremes import Extreme
 from measures import worst
-from scenes import RADII, pattern, slanted
+from scenes import QUALITIES, RADII, pattern, slanted
 from torch import Tensor
 from torch.autograd import gradcheck
 from torch.autograd.forward_ad import dual_level, make_dual
 
-from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
+from defocus_core import DefocusLens, RandomDefocus, render
 from defocus_core.evaluation.synthetic_scenes import scenery
 
 SIZE = (9, 11)
@@ -176,12 +176,12 @@ NUMBERS: list[tuple[str, str, float, tuple[float, float], dict[str, Any]]] = [
     ("high", "obstruction", 0.3, (0.0, 0.95), {}),
     ("reference", "obstruction", 0.3, (0.0, 0.95), {}),
     ("reference", "squeeze", 0.6, (0.05, 20.0), {}),
-    ("draft", "squeeze", 20.0, (0.05, 20.0), {}),
+    ("standard", "squeeze", 20.0, (0.05, 20.0), {}),
     ("standard", "curvature", 0.0, (0.0, 1.0), BLADES),
     ("reference", "curvature", 0.4, (0.0, 1.0), BLADES),
     ("standard", "curvature", 1.0, (0.0, 1.0), BLADES),
     ("standard", "spherical", -1.0, (-1.0, 1.0), {}),
-    ("draft", "spherical", 1.0, (-1.0, 1.0), {}),
+    ("standard", "spherical", 1.0, (-1.0, 1.0), {}),
     ("standard", "size", 0.8, (0.5, 2.0), {}),
     ("standard", "shift", 0.4, (0.0, 0.9), {}),
 ]

@@ -4,10 +4,10 @@ import pytest
 import torch
 from measures import inner, psnr, worst
 from reference import Layer, flatten, layered, lens_points
-from scenes import RADII, SIZE, card_layers, pattern, slanted
+from scenes import QUALITIES, RADII, SIZE, card_layers, pattern, slanted
 from two_cards import BORDER, truths
 
-from defocus_core import QUALITIES, HiddenLayer, render, render_layers
+from defocus_core import HiddenLayer, render, render_layers
 
 
 def behind(card_r, background_r):
@@ -139,6 +139,6 @@ def test_where_hidden_surfaces_meet_nothing_is_darker_or_brighter_than_they_are(
     card = ((x - 56).abs() < 14) & ((y - 48).abs() < 30)
     color, radius = torch.where(card, 0.05, color), torch.where(card, -16.0, radius)
     found = render(color[None].to(x), radius.to(x), quality=quality).render
-    few = 5e-3 if quality == "draft" else 1e-3  # coarse pixels of two px become px by polynomials
+    few = 1e-3
     assert float(found.min()) > 0.05 - few
     assert float(found.max()) < 0.9 + few

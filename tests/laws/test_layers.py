@@ -48,7 +48,7 @@ def test_one_opaque_layer_is_the_rendering_of_the_picture():
         assert bool((one[-1] == 1).all())
 
 
-@pytest.mark.parametrize("quality", ["draft", "standard", "reference"])
+@pytest.mark.parametrize("quality", ["standard", "reference"])
 def test_in_focus_layers_are_over_each_other(quality):
     colors, radius, coverage = scene((-1.0, 2.0, 5.0))
     coverage, colors = coverage * 0.7, colors * 0.7

@@ -13,7 +13,7 @@ SIGNED_RADIUS = {
     "edges": torch.where((X - 30).abs() < 10, -6.0, 9.0) + 0.02 * X,
     "slope": 0.2 * (X - 30.0),
 }
-QUALITIES = ["draft", "standard", "high"]
+QUALITIES = ["standard", "high"]
 
 
 def noise(*size):

@@ -7,6 +7,9 @@ from scenes import pattern, slanted
 from tolerances import RENDERED, WHITE
 
 from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.settings import Settings
 
 IMAGE, RADIUS = pattern().float(), slanted().float()
 
@@ -29,8 +32,8 @@ def test_white_stays_white_in_any_frame_at_any_radius(size, maximum):
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_even_light_of_any_sign_stays_even(quality, light):
     """Negative light, which wide colours have, was once taken for highlights in a draft."""
-    radius = spread((32, 48), 6.0)
-    o = render(torch.full((3, 32, 48), light), radius, quality=quality, left_right=True)
+    size = (184, 200) if quality == "draft" else (32, 48)
+    o = render(torch.full((3, *size), light), spread(size, 6.0), quality=quality, left_right=True)
     for picture in o.images:
         assert worst(picture / light, 1.0) < WHITE
 
@@ -131,7 +134,8 @@ def test_progress_counts_tiles():
 
 def test_a_finer_quality_has_more_slices():
     image, radius = IMAGE.repeat(1, 4, 4), 3 * RADIUS.repeat(4, 4)  # a smaller draft is standard
-    slices = [render(image, radius, quality=q).stats["slices"] for q in QUALITIES]
+    scene = Scene(image, radius)
+    slices = [Renderer(scene, Settings(quality=q)).stats["slices"] for q in QUALITIES]
     assert slices == sorted(set(slices))
 
 

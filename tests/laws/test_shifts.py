@@ -10,8 +10,6 @@ from defocus_core.depth.repair import repair_depth
 
 SIZE, AROUND = (64, 72), 24
 MOVED = [(1, 0), (0, 1), (3, 5), (11, 6)]
-# A draft is made of coarse pixels of two by two px.
-MOVED_DRAFT = [(2, 0), (6, 10)]
 FINE = 3
 
 
@@ -99,16 +97,10 @@ def test_repair_moves_with_the_picture(kind):
             assert torch.equal(part(moved, to), part(radii, (0, 0)))
 
 
-@pytest.mark.parametrize("kind", ["antialiased", "noisy"])
+@pytest.mark.parametrize("kind", ["antialiased", "noisy", "hard"])
 def test_a_picture_that_is_moved_is_rendered_alike(kind):
     for to in MOVED[1:3]:
         assert difference(kind, 0, to) < 2e-3
-
-
-@pytest.mark.parametrize("to", MOVED_DRAFT)
-def test_a_draft_that_is_moved_by_cells_is_rendered_alike(to):
-    """Its trust once was 1 beside what it does not trust."""
-    assert max(difference("hard", seed, to, quality="draft") for seed in range(2)) < 2e-3
 
 
 def test_trust_of_colors_apart_is_the_least_of_all():

@@ -5,7 +5,7 @@ import os
 import pytest
 from command_line import pair, render
 
-from defocus_core.batch.journal import identity
+from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.journal import JournalFile
 from defocus_core.batch.journal.record import Taken
 from defocus_core.request.lens import lens_record
@@ -86,9 +86,9 @@ def _pretended(job, out):
     for name, path in job.names.items():
         (out / path).parent.mkdir(exist_ok=True)
         (out / path).write_text(path)
-        outputs[name] = identity.stamp(out / path)._replace(path=path)
+        outputs[name] = resume.stamp(out / path)._replace(path=path)
     return Taken(
-        inputs={r: identity.stamp(p) for r, p in job.picture.files.items()},
+        inputs={r: resume.stamp(p) for r, p in job.picture.files.items()},
         outputs=outputs,
         lens=lens_record(job.lens),
         size=(1, 1),

@@ -13,7 +13,7 @@ import OpenEXR
 from click import ClickException
 
 from defocus_cli import main as entry
-from defocus_cli.options.types import option_name
+from defocus_cli.options.shared import option_name
 from defocus_core.errors import DefocusError
 
 LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")

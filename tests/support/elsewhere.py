@@ -1,7 +1,5 @@
 """Devices that are not the CPU, for tests: the pretended one, and a GPU where there is one."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import NamedTuple

@@ -1,16 +1,14 @@
 """Workers that render nothing and start at once; some jobs are bad for them."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
-from defocus_core.batch.journal.identity import versions
 from defocus_core.batch.journal.record import Failed
-from defocus_core.batch.workers import job_result, pool
+from defocus_core.batch.journal.resume import versions
+from defocus_core.batch.workers import pipeline, pool
 from defocus_core.batch.workers.pool import READY
 from defocus_core.picture import plain_path
 
@@ -45,8 +43,8 @@ def serve_slowly(connection):
         time.sleep(0.5)
         return Failed("failed", "fault", "makes nothing")
 
-    job_result.Reader = lambda: SimpleNamespace(read=lambda job: "inputs")
-    job_result.compute, plain_path.load = compute, lambda: None
+    pipeline.Reader = lambda: SimpleNamespace(read=lambda job: "inputs")
+    pipeline.compute, plain_path.load = compute, lambda: None
     pool.serve(connection)
 
 

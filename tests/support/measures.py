@@ -30,11 +30,3 @@ def centroid(image):
     share = image[0].double() / image[0].double().sum()
     H, W = share.shape
     return float((share.sum(0) * centred(W)).sum()), float((share.sum(1) * centred(H)).sum())
-
-
-def second_moments(image):
-    """Mean x² and y² of the first channel from the middle pixel, in px²."""
-    share = image[0].double() / image[0].double().sum()
-    H, W = share.shape
-    across, down = centred(W).square(), centred(H).square()
-    return float((share.sum(0) * across).sum()), float((share.sum(1) * down).sum())

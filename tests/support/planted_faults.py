@@ -1,28 +1,45 @@
-"""Faults planted into a picture, each with the words that name it, and pairs that are the same."""
+"""Faults planted into pictures, from barely visible to strong, and the names that are right.
 
-from __future__ import annotations
+`KINDS` is the table: what is right to say, what is plausible, and what makes B of a picture by a
+strength of 0 to 1. Pictures are rendered ones of scenes with known depth, held in memory.
+"""
 
+import io
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
+from functools import cache
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import OpenEXR
-from image_files import box, save
+import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+import torch
 
-from defocus_core.compare.comparison import compare_pair
+from defocus_core import Aperture, render
+from defocus_core.compare.comparison import compare_pair, compare_pictures
+from defocus_core.compare.findings.table import is_place
 from defocus_core.compare.pairing import FilePair
+from defocus_core.compare.picture import DecodedPicture
 from defocus_core.compare.record import CompareSettings
-from defocus_core.compare.thresholds import Rules
+from defocus_core.compare.thresholds import PRESETS, Rules
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.io.images.primaries import NAMED, REC_709, between_primaries
 
 Pixels = np.ndarray[Any, Any]
 HEIGHT, WIDTH = 90, 128
 _NO_RULES = Rules()
-PRIMARIES = ("Rec. 2020", "Display P3", "ACES AP1", "ACES AP0")
+_SAMPLES = Path(__file__).parents[2] / "sample_scenes"
+_TRUTH = Path(__file__).parents[3] / "shared" / "truth"
+SCENES = {
+    **{name: _SAMPLES / name for name in ("spheres", "lights", "leaves", "floor", "layered")},
+    **{f"traced {name}": _TRUTH / name for name in ("room", "cards", "night", "spheres", "fence")},
+}
+_SIZE = (240, 320)
+_LUMA = np.float32([0.2126, 0.7152, 0.0722])
+# Says how light moved, where, that two tie, or that it is slight: no cause is claimed.
+NO_CAUSE = ("spread otherwise", "softened", "too small to name")
 
 
 def scene():
@@ -38,6 +55,26 @@ def scene():
     return (image * (1 - cover) + cover * (6.0, 5.0, 3.0)).astype(np.float16).astype(np.float32)
 
 
+def compared(a, b, rules=_NO_RULES, **settings):
+    """The record of two files."""
+    return compare_pair(FilePair(b.name, a, b), rules, CompareSettings(**settings))[0]
+
+
+def write_planes(path, planes, compression=None, **header):
+    """An EXR file in scan lines, ZIP compressed unless another codec is named."""
+    codec = OpenEXR.ZIP_COMPRESSION if compression is None else compression
+    settings = {"compression": codec, "type": OpenEXR.scanlineimage, **header}
+    whole = {name: np.ascontiguousarray(plane) for name, plane in planes.items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    OpenEXR.File(settings, whole).write(str(path))
+    return path
+
+
+def planes(image, dtype=np.float16):
+    """The channels R, G and B of an image."""
+    return {name: image[..., index].astype(dtype) for index, name in enumerate("RGB")}
+
+
 def blurred(image, sigma):
     reach = int(3 * sigma) + 1
     weights = np.exp(-(np.arange(-reach, reach + 1) ** 2) / (2 * sigma**2))
@@ -49,34 +86,6 @@ def blurred(image, sigma):
         length = image.shape[axis]
         image = sum(weights[k] * np.take(padded, range(k, k + length), axis=axis) for k in steps)
     return np.asarray(image, np.float32)
-
-
-def _shifted(image, dx, dy):
-    rows = (np.arange(HEIGHT) - dy).clip(0, HEIGHT - 1)
-    columns = (np.arange(WIDTH) - dx).clip(0, WIDTH - 1)
-    return image[rows][:, columns]
-
-
-def _block(image, value):
-    image = image.copy()
-    image[10:14, 20:24] = value
-    return image
-
-
-def _cut(image):
-    kept = np.zeros_like(image)
-    kept[8:70, 5:100] = image[8:70, 5:100]
-    return kept
-
-
-def _encoded(image):
-    return linear_to_srgb(np.clip(image, 0, 1))
-
-
-def _of_channel(image, index, changed):
-    image = image.copy()
-    image[..., index] = changed[..., index]
-    return image
 
 
 def warped(image, degrees=0.0, scale=1.0, dx=0.0):
@@ -119,35 +128,18 @@ def through_disc(image, radius=2.0):
     return summed(image, np.clip(radius + 0.5 - np.hypot(y, x), 0, 1))
 
 
-def _noise(image, amount):
-    return amount * np.random.default_rng(1).standard_normal(image.shape)
-
-
-def _along(image):
-    return summed(image, 1.0 * (np.indices((9, 9))[0] == 4))
-
-
 def halved(image):
     """Means of 2 x 2 pixels."""
     height, width = (side // 2 * 2 for side in image.shape[:2])
     return image[:height, :width].reshape(height // 2, 2, width // 2, 2, 3).mean(axis=(1, 3))
 
 
-def doubled(small):
-    """Twice the size, bilinear."""
-    for axis in (0, 1):
-        pad = [(1, 1) if axis == k else (0, 0) for k in range(3)]
-        padded = np.pad(small, pad, mode="edge")
-        parts = [padded.take(range(k, k + small.shape[axis]), axis) for k in range(3)]
-        pair = [0.75 * parts[1] + 0.25 * parts[k] for k in (0, 2)]
-        shape = [n * (2 if axis == k else 1) for k, n in enumerate(small.shape)]
-        small = np.stack(pair, axis=axis + 1).reshape(shape)
-    return small.astype(np.float32)
-
-
-def median(image):
-    steps = [(y, x) for y in (-1, 0, 1) for x in (-1, 0, 1)]
-    return np.median([np.roll(image, step, (0, 1)) for step in steps], axis=0).astype(np.float32)
+def resized(image, size, how):
+    """By OpenImageIO."""
+    buffer = oiio.ImageBuf(oiio.ImageSpec(image.shape[1], image.shape[0], 3, oiio.FLOAT))
+    buffer.set_pixels(oiio.ROI(), np.ascontiguousarray(image, np.float32))
+    roi = oiio.ROI(0, size[1], 0, size[0], 0, 1, 0, 3)
+    return oiio.ImageBufAlgo.resize(buffer, filtername=how, roi=roi).get_pixels(oiio.FLOAT)
 
 
 def pulled(image, radii=(1.0, 2.0, 3.0)):
@@ -158,174 +150,768 @@ def pulled(image, radii=(1.0, 2.0, 3.0)):
     return (1 - share) * pictures[low, rows] + share * pictures[low + 1, rows]
 
 
-# What is done, and words of the line.
-FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
-    "right": (lambda a: _shifted(a, 1, 0), "shifted by (1, 0)"),
-    "left and down": (lambda a: _shifted(a, -3, 2), "shifted by (-3, 2)"),
-    "around": (lambda a: np.roll(a, -5, 0), "shifted by (0, -5)"),
-    "half a pixel": (
-        lambda a: (blurred(a, 1) + np.roll(blurred(a, 1), 1, 1)) / 2,
-        "another CoC or bokeh shape: blurred more",
-    ),
-    "mirrored": (lambda a: a[:, ::-1], "flipped left to right"),
-    "upside down": (lambda a: a[::-1], "flipped upside down"),
-    "turned": (lambda a: a[::-1, ::-1], "rotated by 180°"),
-    "side by side": (lambda a: np.roll(a, WIDTH // 2, 1), "left and right swapped"),
-    "BGR": (lambda a: a[..., ::-1], "channels swapped: R is B, B is R"),
-    "GBR": (lambda a: a[..., [1, 2, 0]], "channels swapped: R is G, G is B, B is R"),
-    "gamma 2 %": (lambda a: a**1.02, "another gamma: to the power 1.02"),
-    "gamma 2.2": (lambda a: a ** (1 / 2.2), "another gamma: to the power 0.4545"),
-    "encoded twice": (linear_to_srgb, "another gamma: sRGB-encoded once more"),
-    "display gamma": (
-        lambda a: srgb_to_linear(_encoded(a) ** 1.1),
-        "clipped at 1, another gamma: to the power 1.1, sRGB-encoded",
-    ),
-    "a stop": (lambda a: 2 * a, "another exposure: x 2 (+1 EV)"),
-    "2 % darker": (lambda a: 0.98 * a, "another exposure: x 0.98"),
-    "warmer": (
-        lambda a: a * np.float32([1.25, 1, 0.75]),
-        "another exposure of each channel: R x 1.25, B x 0.75",
-    ),
-    "clipped": (lambda a: np.minimum(a, 1), "clipped at 1,"),
-    "8 bits": (
-        lambda a: srgb_to_linear(np.rint(_encoded(a) * 255) / 255),
-        "clipped at 1, quantised to 8 bits",
-    ),
-    "8 bits, linear": (lambda a: np.rint(np.clip(a, 0, 1) * 255) / 255, "quantised to 8 bits"),
-    "larger CoC": (lambda a: blurred(a, 2), "another CoC: blurred more"),
-    "window of data": (_cut, "crop: 0 outside of 95x62 at 5,8"),
-    "cut": (lambda a: a[8:70, 5:100], "crop: 95x62 at 5,8 of 128x90"),
-    "half of the size": (lambda a: a[::2, ::2], "another size: 64x45"),
-    "on its side": (np.rot90, "rotated by 90° to the left"),
-    "NaN": (lambda a: _block(a, np.nan), "NaN in 16 pixels, the first at 20,10"),
-    "Inf": (lambda a: _block(a, np.inf), "Inf in 16 pixels, the first at 20,10"),
-    "negative": (lambda a: -a, "sign reversed"),
-    "black": (lambda a: 0 * a, "empty: R 0, G 0, B 0 everywhere"),
-    "noise": (lambda a: a + _noise(a, 0.01), "noise of about 0.0"),
-    # Of one channel.
-    "red moved": (lambda a: _of_channel(a, 0, warped(a, dx=0.8)), "R shifted by (0."),
-    "green offset": (lambda a: a + np.float32([0, 0.02, 0]), "G raised blacks: +0.02 of light"),
-    "blue noisy": (lambda a: _of_channel(a, 2, a + _noise(a, 0.02)), "B: noise of about 0.0"),
-    # Of colour spaces.
-    **{
-        name: (partial(converted, name), f"other primaries: {name} instead of Rec. 709")
-        for name in PRIMARIES
-    },
-    "grey": (
-        lambda a: (a @ np.float32([0.2126, 0.7152, 0.0722]))[..., None].repeat(3, axis=2),
-        "monochrome: 0.21 R +0.72 G +0.07 B",
-    ),
-    # Of rivals, which soften.
-    "disc of 2 px": (through_disc, "another CoC: blurred more, everywhere alike, as by a radius"),
-    "a line of 9 px": (_along, "motion blur: 9"),
-    "half, bilinear": (lambda a: doubled(halved(a)), "lower resolution: half resolution, bilinear"),
-    "median of neighbours": (median, "noise removed: smeared"),
-    "blurred down the frame": (pulled, "another CoC or bokeh shape: blurred more"),
-    "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharpened: detail x 1.6"),
-    # Small ones.
-    "a tenth of a pixel": (lambda a: warped(a, dx=0.1), "shifted by (0.1"),
-    "a twentieth of a pixel": (lambda a: warped(a, dx=0.05), "shifted by (0.05"),
-    "blue enlarged": (
-        lambda a: _of_channel(a, 2, warped(a, scale=1.006)),
-        "B scaled by 1.006,",
-    ),
-    "a little of light": (lambda a: a + 0.003, "raised blacks: +0.003"),
-}
-
-
-def compared(a, b, rules=_NO_RULES, **settings):
-    """The record of two files."""
-    return compare_pair(FilePair(b.name, a, b), rules, CompareSettings(**settings))[0]
-
-
-def write_planes(path, planes, compression=None, **header):
-    """An EXR file in scan lines, ZIP compressed unless another codec is named."""
-    codec = OpenEXR.ZIP_COMPRESSION if compression is None else compression
-    settings = {"compression": codec, "type": OpenEXR.scanlineimage, **header}
-    whole = {name: np.ascontiguousarray(plane) for name, plane in planes.items()}
-    path.parent.mkdir(parents=True, exist_ok=True)
-    OpenEXR.File(settings, whole).write(str(path))
-    return path
-
-
-def planes(image, dtype=np.float16):
-    """The channels R, G and B of an image."""
-    return {name: image[..., index].astype(dtype) for index, name in enumerate("RGB")}
-
-
-def _tiles(path, image):
-    save(path, image.astype(np.float16), tile=(32, 16))
-
-
-def _wide(path, image):
-    """More data than is shown."""
-    data, display = box(-8, -4, WIDTH + 7, HEIGHT + 3), box(0, 0, WIDTH - 1, HEIGHT - 1)
-    padded = planes(np.pad(image, ((4, 4), (8, 8), (0, 0)), constant_values=9.0))
-    write_planes(path, padded, dataWindow=data, displayWindow=display)
-
-
-def dark_border(image):
+def of_channel(image, index, changed):
     image = image.copy()
-    image[:6] = image[-5:] = image[:, :9] = 0.0
+    image[..., index] = changed[..., index]
     return image
 
 
-def narrow(path, image):
-    """Less data than is shown, with 0 in what is not there."""
-    inner = planes(image[6:-5, 9:])
-    data, display = box(9, 6, WIDTH - 1, HEIGHT - 6), box(0, 0, WIDTH - 1, HEIGHT - 1)
-    write_planes(path, inner, dataWindow=data, displayWindow=display)
+@dataclass(frozen=True)
+class Shot:
+    """A picture [H, W, 3] of light, and what it was rendered of.
+
+    Attributes:
+        light: the picture.
+        depth: planar depth [H, W] in m.
+        sharp: the picture before it was blurred, with some lights more.
+        focal: focal length in px.
+        rng: for places and noise.
+    """
+
+    light: Pixels
+    depth: Pixels
+    sharp: Pixels
+    focal: float
+    rng: np.random.Generator
+
+    @property
+    def shown(self):
+        """Values of 8 bits, as 0…1."""
+        return _rounded(linear_to_srgb(self.light.clip(0, 1)))
+
+    @property
+    def near(self):
+        """Where the nearest third of the depths is, 0 or 1 [H, W]."""
+        return (self.depth < np.quantile(self.depth, 0.33)).astype(np.float32)
+
+    @property
+    def yx(self):
+        """Places of −1 … 1 down and across, [2, H, W]."""
+        height, width = self.light.shape[:2]
+        return np.mgrid[-1 : 1 : height * 1j, -1 : 1 : width * 1j].astype(np.float32)
+
+    def noisy(self, amount=0.02):
+        """With noise of photons."""
+        noise = self.rng.standard_normal(self.light.shape)
+        return self.light + amount * np.sqrt(np.maximum(self.light, 0.01)) * noise
+
+    def rendered(self, scale=1.0, shift=0.0, move=0.0, view="render", **how):
+        """The picture by radii · scale + shift px, its near parts moved by ``move`` px."""
+        near = 1 / self.depth
+        radius, image = np.median(near) - near, self.sharp
+        radius = 5.5 * radius / np.abs(radius).max() * scale + shift
+        if move:
+            rows, columns = np.indices(radius.shape)
+            share = (near - near.min()) / np.ptp(near) - 0.3
+            x = (columns + np.rint(move * share).astype(int)).clip(0, radius.shape[1] - 1)
+            image, radius = image[rows, x], radius[rows, x]
+        picture = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
+        radii = torch.from_numpy(radius.astype(np.float32))
+        both = view != "render"
+        views = render(picture, radii, left_right=both, quality="draft", depth_repair="off", **how)
+        return np.ascontiguousarray(getattr(views, view).numpy().transpose(1, 2, 0))
 
 
-def _codec(name):
-    def write(path, image):
-        write_planes(path, planes(image), getattr(OpenEXR, f"{name}_COMPRESSION"))
-
-    return write
-
-
-def _parts(path, image, order="RGB"):
-    """Each channel in a part of its own, in an order."""
-    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
-    every = planes(image)
-    each = [(name, every[name]) for name in order]
-    made = [OpenEXR.Part({"name": name, **header}, {name: plane}) for name, plane in each]
-    OpenEXR.File(made).write(str(path))
-
-
-def _described(path, image):
-    write_planes(path, planes(image), comments="another day", owner="somebody else")
-
-
-def _as_float(path, image):
-    write_planes(path, planes(image, np.float32))
-
-
-def _downwards(path, image):
-    write_planes(path, planes(image), lineOrder=OpenEXR.DECREASING_Y)
+@cache
+def _scene(name):
+    folder = SCENES[name]
+    file = sorted(folder.glob("truth_*.exr"), key=lambda f: ("_left" in f.name, "_right" in f.name))
+    light, depth, sharp = (
+        oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
+        for path in (file[0], folder / "depth.exr", folder / "rgb.exr")
+    )
+    step = max(1, light.shape[0] // 270)
+    height, width = (n // step * step for n in light.shape[:2])
+    top, left = (n // step // 2 - side // 2 for n, side in zip((height, width), _SIZE, strict=True))
+    cut = (slice(top, top + _SIZE[0]), slice(left, left + _SIZE[1]))
+    light, sharp = (
+        v[:height, :width, :3].reshape(height // step, step, width // step, step, 3)
+        for v in (light, np.minimum(sharp, 8.0))
+    )
+    depth = depth[:height:step, :width:step, 0]
+    depth = np.minimum(depth, depth[np.isfinite(depth)].max())[cut]
+    light, sharp = (v.mean(axis=(1, 3))[cut].astype(np.float32) for v in (light, sharp))
+    rng = np.random.default_rng(len(name))
+    for _ in range(8):
+        y, x = (rng.integers(4, side - 4) for side in _SIZE)
+        sharp[y : y + 2, x : x + 2] = rng.uniform(2, 8.5) * np.float32([1, 0.9, 0.7])
+    return light.astype(np.float16).astype(np.float32), depth.astype(np.float32), sharp
 
 
-def _small_tiles(path, image):
-    save(path, image.astype(np.float16), tile=(16, 16))
+def shot(name, seed):
+    light, depth, sharp = _scene(name)
+    return Shot(light, depth, sharp, 1.4 * light.shape[1], np.random.default_rng(seed))
 
 
-# Codecs that change no half.
-_LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "HTJ2K32", "HTJ2K256")
-# Ways to write the scene anew that change no value, by name.
-BENIGN: dict[str, Callable[[Path, Pixels], Any]] = {
-    **{f"codec {name}": _codec(name) for name in _LOSSLESS},
-    "tiles": _tiles,
-    "float of half": _as_float,
-    "metadata": _described,
-    "more data than is shown": _wide,
-    "a part for each channel": _parts,
-    "parts in another order of channels": partial(_parts, order="BRG"),
-    "lines from the bottom": _downwards,
-    "smaller tiles": _small_tiles,
-    "owner and time": lambda path, image: write_planes(
-        path, planes(image), owner="them", capDate="2001:01:01 00:00:00"
+def _rounded(values, levels=255):
+    return (np.rint(values.clip(0, 1) * levels) / levels).astype(np.float32)
+
+
+def _between(low, high):
+    """Of a strength, geometrically."""
+    return lambda s: float(low * (high / low) ** s)
+
+
+# What makes A and B, as channels, of a shot by a strength.
+Made = tuple[dict[str, Pixels], dict[str, Pixels]]
+Make = Callable[[Shot, float], Made]
+
+
+def _rgb(image):
+    return planes(image, np.float32)
+
+
+def of_light(change):
+    """A of light, and B by a change of it."""
+    return lambda m, s: (_rgb(m.light), _rgb(np.asarray(change(m, s))))
+
+
+def of_shown(change):
+    """8 bits as a screen shows them, and a change of them, rounded again."""
+    return lambda m, s: (_rgb(m.shown), _rgb(_rounded(np.asarray(change(m, s)))))
+
+
+def of_depth(change):
+    return lambda m, s: ({"Z": m.depth}, {"Z": np.asarray(change(m, s), np.float32)})
+
+
+def of_render(how):
+    """The scene rendered, and rendered with other options."""
+    return lambda m, s: (_rgb(m.rendered()), _rgb(m.rendered(**how(s))))
+
+
+def shown_as(make, noise=0.0):
+    """A pair of light in 8 bits, with noise of B of so many steps."""
+
+    def made(m, s):
+        a, b = (
+            {n: linear_to_srgb(np.clip(v, 0, 1)) for n, v in side.items()} for side in make(m, s)
+        )
+        steps = noise / 255 * m.rng.uniform(-1, 1, (len(b), *m.depth.shape))
+        noisy = {n: v + step for (n, v), step in zip(b.items(), steps, strict=True)}
+        return tuple({n: _rounded(v) for n, v in side.items()} for side in (a, noisy))
+
+    return made
+
+
+def within(change):
+    """Only in a rectangle, of a quarter of the sides and more."""
+
+    def made(m, s):
+        b, (height, width) = m.light.copy(), m.depth.shape
+        y, x = m.rng.integers(0, height // 2), m.rng.integers(0, width // 2)
+        cut = (slice(y, y + height // 3), slice(x, x + width // 3))
+        b[cut] = change(m, s)[cut]
+        return b
+
+    return made
+
+
+def tones(curve):
+    """A curve of the sRGB-encoded values below 1; light beyond keeps its distance to white."""
+
+    def change(m, s):
+        shown = curve(linear_to_srgb(m.light.clip(0, 1)), s)
+        return srgb_to_linear(shown.clip(0, 1)) + np.maximum(m.light - 1, 0)
+
+    return change
+
+
+def _chromatic(m, s):
+    amount = _between(0.0004, 0.015)(s)
+    red = of_channel(m.light, 0, warped(m.light, scale=1 + amount))
+    return of_channel(red, 2, warped(m.light, scale=1 - amount))
+
+
+_GLYPHS = {
+    "D": "1111010001100011000110001100011110",
+    "E": "11111100001111010000100001000011111",
+    "R": "11110100011000111110101001001010001",
+    "O": "01110100011000110001100011000101110",
+    "T": "11111001000010000100001000010000100",
+    "S": "01111100001000001110000010000111110",
+}
+
+
+def _written(m, s, scale, color, opacity):
+    """With letters of 5 x 7 squares of ``scale`` px, edges anti-aliased."""
+    height, width = m.depth.shape
+    y, x = m.rng.integers(0, height // 2), m.rng.integers(0, width // 4)
+    cover = np.zeros((height, width, 1), np.float32)
+    for k, letter in enumerate("STORED"[: 3 + int(3 * s)]):
+        bits = np.array([*_GLYPHS[letter].ljust(35, "0")], np.float32).reshape(7, 5, 1)
+        part = cover[y : y + 7 * scale, x + k * 6 * scale :][:, : 5 * scale]
+        part += np.kron(bits, np.ones((scale, scale, 1)))[: part.shape[0], : part.shape[1]]
+    cover = opacity * blurred(cover, 0.4).clip(0, 1)
+    return m.light * (1 - cover) + cover * np.float32(color)
+
+
+_COLORS = ((1, 1, 1), (0, 0, 0), (1, 0.8, 0.1), (0.1, 0.2, 0.8))
+
+
+def _lettered(m, s):
+    color = _COLORS[int(m.rng.integers(0, 4))]
+    return _written(m, s, int(m.rng.integers(1, 4)), color, 0.6 + 0.4 * s)
+
+
+def _watermarked(m, s):
+    return _written(m, s, int(m.rng.integers(4, 9)), (1, 1, 1), _between(0.04, 0.4)(s))
+
+
+def _garbage_line(m, s):
+    b, row = m.light.copy(), int(m.rng.integers(0, len(m.light)))
+    amount = _between(0.05, 1.0)(s)
+    b[row] = b[row] * (1 - amount) + amount * m.rng.random(b[row].shape)
+    return b
+
+
+def _bloom(m, s):
+    bright = np.maximum(m.light - np.quantile(m.light, 0.98), 0)
+    return m.light + _between(0.03, 0.6)(s) * blurred(bright, m.rng.uniform(4, 16))
+
+
+def _radial(m, s):
+    y, x = m.yx
+    height, width = m.depth.shape
+    focal = m.focal / _between(0.4, 3.0)(s)  # a wider angle is stronger
+    return m.depth * np.sqrt(1 + (x * x * width**2 + y * y * height**2) / (4 * focal * focal))
+
+
+def _shuffled(m, s):
+    """Whole numbers of 12 slabs of depth, in blocks across; some exchanged."""
+    slabs = np.digitize(m.depth, np.quantile(m.depth, np.linspace(0, 1, 7)[1:-1]))
+    ids = (slabs * 2 + (m.yx[1] > 0)).astype(np.float32)
+    known = np.unique(ids)
+    order, some = np.arange(len(known)), m.rng.permutation(len(known))[: max(2, round(s * 12))]
+    order[some] = np.roll(order[some], 1)
+    return {"id": ids}, {"id": known[order][np.searchsorted(known, ids)].astype(np.float32)}
+
+
+def _smaller(m, s):
+    """Reduced and enlarged again by one filter of four."""
+    how = ("triangle", "lanczos3", "keys", "blackman-harris")[int(m.rng.integers(0, 4))]
+    size = [round(n * (1 - _between(0.04, 0.75)(s))) for n in m.depth.shape]
+    return resized(resized(m.light, size, how), m.depth.shape, how)
+
+
+def _jpeg(image, quality, subsampling="4:2:0"):
+    from PIL import Image
+
+    file = io.BytesIO()
+    picture = Image.fromarray(np.rint(image * 255).astype(np.uint8))
+    picture.save(file, "JPEG", quality=quality, subsampling=subsampling)
+    return np.asarray(Image.open(file), np.float32) / 255
+
+
+def _bilateral(image, strength=0.08):
+    """Smeared as by a denoiser: means of neighbours that are alike."""
+    shown = linear_to_srgb(image.clip(0, 1)).mean(axis=2)
+    total, weights = np.zeros_like(image), np.zeros((*shown.shape, 1), np.float32)
+    for dy, dx in np.ndindex(5, 5):
+        moved, beside = (np.roll(v, (dy - 2, dx - 2), (0, 1)) for v in (image, shown))
+        weight = np.exp(-np.square((beside - shown) / strength))[..., None]
+        total, weights = total + weight * moved, weights + weight
+    return (total / weights).astype(np.float32)
+
+
+def _denoised(m, s):
+    noisy = m.noisy(_between(0.008, 0.06)(s)).astype(np.float32)
+    clean = (m.light, _bilateral(noisy), blurred(noisy, 1.0))[int(m.rng.integers(0, 2))]
+    return _rgb(noisy), _rgb(clean)
+
+
+def _cleaned_png(m, s):
+    noise = _between(1.5, 8)(s) / 255 * m.rng.standard_normal(m.shown.shape)
+    noisy = _rounded(m.shown + noise)
+    clean = (m.shown, _rounded(_bilateral(noisy, 0.1)))[int(m.rng.integers(0, 2))]
+    return _rgb(noisy), _rgb(clean)
+
+
+def _right_half_moved(m, s):
+    half = m.light.shape[1] // 2
+    b = m.light.copy()
+    b[:, half:] = warped(m.light, dx=_between(0.1, 3)(s))[:, half:]
+    return b
+
+
+def _light_missing(m, s):
+    (y, x), (cy, cx) = m.yx, m.rng.uniform(-0.7, 0.7, 2)
+    lit = np.exp(-((y - cy) ** 2 + (x - cx) ** 2) / 0.15)[..., None]
+    return m.light * (1 - _between(0.05, 0.9)(s) * lit)
+
+
+def _environment(m, s):
+    y, x = m.yx
+    phase = m.rng.uniform(0, 6, 3)
+    shade = np.stack(
+        [np.sin(2.2 * x + 1.7 * y + p) * np.cos(1.3 * x - 2 * y + p) for p in phase], 2
+    )
+    return m.light * (1 + _between(0.03, 0.5)(s) * shade * (0.4 + m.near[..., None]))
+
+
+def of_alpha(change):
+    """A picture that is transparent beyond a soft disc; what is done to its light and alpha."""
+
+    def made(m, s):
+        y, x = m.yx
+        alpha = (6 * (0.7 - np.hypot(x, y * 0.8))).clip(0, 1).astype(np.float32)
+        light = m.light * alpha[..., None]
+        image, other = change(light, alpha, s)
+        return {**_rgb(light), "A": alpha}, {**_rgb(image), "A": np.asarray(other, np.float32)}
+
+    return made
+
+
+def _eroded(alpha, s):
+    reach = range(-1 - int(3.99 * s), 2 + int(3.99 * s))
+    for axis in (0, 1):
+        alpha = np.min([np.roll(alpha, k, axis) for k in reach], axis=0)
+    return alpha
+
+
+def _no_specular(m, s):
+    shine = np.maximum(m.light - np.quantile(m.light, 0.6 + 0.3 * (1 - s)), 0)
+    diffuse = m.light - shine
+    passes = (("diffuse", diffuse), ("specular", shine))
+    more = {f"{name}.{c}": v for name, layer in passes for c, v in _rgb(layer).items()}
+    return {**_rgb(m.light), **more}, {**_rgb(diffuse), **more}
+
+
+def _sheared(m, s):
+    steps = np.rint(np.linspace(0, _between(2, 20)(s), len(m.light))).astype(int)
+    return np.stack([np.roll(row, k, 0) for row, k in zip(m.light, steps, strict=True)])
+
+
+def _barrel(m, s):
+    from scipy.ndimage import map_coordinates
+
+    y, x = m.yx
+    k = _between(0.001, 0.03)(s) * (x * x + y * y)
+    at = [(v * (1 + k) + 1) / 2 * (n - 1) for v, n in zip((y, x), m.depth.shape, strict=True)]
+    channels = (m.light[..., c] for c in range(3))
+    return np.stack([map_coordinates(c, at, order=3, mode="nearest") for c in channels], 2)
+
+
+def _object_moved(m, s):
+    step = 1 + int(_between(1, 9)(s))
+    mask = np.roll(m.near, step, 1)[..., None]
+    return np.where(mask > 0, np.roll(m.light, step, 1), m.light)
+
+
+def _tiles_exchanged(m, s):
+    b, side = m.light.copy(), 32
+    one, other = np.s_[side : 2 * side, :side], np.s_[:side, 2 * side : 3 * side]
+    b[one], b[other] = m.light[other], m.light[one]
+    return b
+
+
+def _tile_gains(m, s):
+    gains = 1 + _between(0.006, 0.03)(s) * m.rng.uniform(-1, 1, (20, 20))
+    rows, columns = (np.arange(n) // 32 for n in m.depth.shape)
+    return m.light * np.float32(gains[rows][:, columns])[..., None]
+
+
+def _seams(m, s):
+    """Lines, or bands, between tiles of another gain."""
+    b = m.light.copy()
+    period, wide, gain = ((32, 1, -1), (64, 4, 1))[int(m.rng.integers(0, 2))]
+    for axis, length in enumerate(m.depth.shape):
+        near = (np.arange(length) + wide // 2) % period < wide
+        near[: period // 2] = False
+        b[(near,) if axis == 0 else (slice(None), near)] *= 1 + gain * _between(0.02, 0.1)(s)
+    return b
+
+
+def _halo(m, s):
+    """Light of another strength on the far side of silhouettes."""
+    disparity = 1 / m.depth
+    near = disparity > 0.5 * (disparity.max() + np.median(disparity))
+    wide = summed(near[..., None].astype(np.float32), np.ones((7, 7)))[..., 0] > 0
+    return m.light * np.where(wide & ~near, 1 + _between(0.1, 0.5)(s), 1)[..., None]
+
+
+def _covered(m, s):
+    """A block of the picture replaced by another part of it."""
+    b, (height, width) = m.light.copy(), m.depth.shape
+    b[height // 2 : height // 2 + 60, 20:110] = m.light[10:70, width // 2 : width // 2 + 90]
+    return b
+
+
+def _dropped(m, s):
+    b, n = m.light.copy(), round(_between(3, 30)(s))
+    b[m.rng.integers(0, len(b), n), m.rng.integers(0, b.shape[1], n)] = 0
+    return b
+
+
+def _bits(s):
+    return 2 ** (7 - int(3.99 * s)) - 1
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of fault: names that are right, what makes it, and names that mislead nobody."""
+
+    right: tuple[str, ...]
+    make: Make
+    plausible: tuple[str, ...] = ()
+    dtype: str = "float16"
+
+
+_REGION = (
+    *("in one region", "in shadows", "in highlights", "at edges", "out of focus only"),
+    *("in focus only", "at silhouettes", "at the border"),
+)
+_PNG = "uint8"
+_COC = ("another CoC", "softened", "spread otherwise")
+_NOISE = ("noise removed", "noise")
+_TONES = ("another tone curve", "another gamma", "another contrast")
+_FRAME = ("another view or frame",)
+_BOKEH = ("another bokeh shape", "another CoC or bokeh shape")
+_HUE = np.float32([[0.9, -0.1, 0.2], [0.2, 0.9, -0.1], [-0.1, 0.2, 0.9]])
+
+
+def _light(right, change, plausible=()):
+    return Kind(right, of_light(change), plausible)
+
+
+def _shown(right, change, plausible=()):
+    return Kind(right, of_shown(change), plausible, _PNG)
+
+
+def _depth(right, change, plausible):
+    return Kind(right, of_depth(change), plausible, "float32")
+
+
+KINDS: dict[str, Kind] = {
+    # Of depth and of numbers.
+    "depth normalised": _depth(
+        ("normalised",),
+        lambda m, s: (
+            (m.depth - (1 - s) * m.depth.min())
+            / (m.depth.max() * (1 + 2 * s) - (1 - s) * m.depth.min())
+        ),
+        ("multiplied", "offset"),
     ),
-    "a float of half in PIZ": lambda path, image: write_planes(
-        path, planes(image, np.float32), OpenEXR.PIZ_COMPRESSION
+    "inverse depth": _depth(
+        ("normalised", "inverse"),
+        lambda m, s: (1 / m.depth - 1 / m.depth.max() * (1 - s)) / (1 / m.depth.min()),
+        _TONES,
+    ),
+    "radial depth": _depth(("radial depth",), _radial, ("vignette",)),
+    "ids shuffled": Kind(("ids exchanged",), _shuffled, _REGION),
+    # Of renders by other options.
+    "f-number": Kind(
+        ("another CoC",), of_render(lambda s: {"scale": 1 / (1 + _between(0.02, 0.5)(s))})
+    ),
+    "radii doubled": Kind(("another CoC",), of_render(lambda s: {"scale": 2.0})),
+    "focus moved": Kind(("another CoC",), of_render(lambda s: {"shift": _between(0.3, 2)(s)})),
+    "left": Kind((*_FRAME, "left and right swapped"), of_render(lambda s: {"view": "left"})),
+    "another frame": Kind(_FRAME, of_render(lambda s: {"move": -_between(3, 9)(s)})),
+    "blades": Kind(
+        _BOKEH,
+        of_render(lambda s: {"aperture": Aperture(blades=5 + int(2 * s), rotation=15 * s)}),
+        ("another CoC",),
+    ),
+    "moved while open": Kind(
+        ("motion blur", *_FRAME),
+        lambda m, s: (
+            _rgb(m.rendered()),
+            _rgb(np.mean([m.rendered(move=float(v)) for v in range(-4, 5)], axis=0)),
+        ),
+    ),
+    # Of places.
+    "text": _light(("overlay",), _lettered, _REGION),
+    "watermark": _light(("overlay",), _watermarked, _REGION),
+    "line of garbage": _light(("damaged lines",), _garbage_line, _REGION),
+    "denoised tile": _light(
+        ("in one region", "noise removed"),
+        within(lambda m, s: _bilateral(m.light, _between(0.02, 0.2)(s))),
+        _REGION,
+    ),
+    "blurred tile": _light(
+        ("in one region",), within(lambda m, s: blurred(m.light, _between(0.5, 3)(s))), _REGION
+    ),
+    "brighter tile": _light(
+        ("in one region",), within(lambda m, s: m.light * (1 + _between(0.01, 0.5)(s))), _REGION
+    ),
+    "a block of another place": _light(
+        ("in one region", "tiles exchanged"), _covered, ("overlay",)
+    ),
+    "grey object": _light(
+        _REGION,
+        lambda m, s: (
+            m.light
+            + _between(0.1, 1.0)(s) * m.near[..., None] * ((m.light @ _LUMA)[..., None] - m.light)
+        ),
+    ),
+    "object brighter": _light(
+        _REGION, lambda m, s: m.light * (1 + _between(0.02, 1)(s) * m.near[..., None])
+    ),
+    "object moved": _light((*_FRAME, "in one region"), _object_moved, _REGION),
+    "right half moved": _light(("in one region", *_FRAME), _right_half_moved),
+    "light missing": _light(_REGION, _light_missing),
+    "environment rotated": _light(_REGION, _environment),
+    "cropped to black": _light(
+        ("crop",),
+        lambda m, s: m.light * (np.abs(m.yx).max(axis=0) < 0.99 - 0.2 * s)[..., None],
+        _REGION,
+    ),
+    "halo": _light(("halo",), _halo, _REGION),
+    "seams": _light(("seams",), _seams),
+    "gain of tiles": _light(("seams",), _tile_gains),
+    "tiles exchanged": _light(("tiles exchanged",), _tiles_exchanged),
+    "fields exchanged": _light(
+        ("fields exchanged",), lambda m, s: m.light[np.arange(len(m.light)) ^ 1]
+    ),
+    "hot pixels": _light(
+        ("fireflies",),
+        lambda m, s: m.light + _between(0.2, 20)(s) * (m.rng.random((*m.depth.shape, 1)) < 2e-4),
+    ),
+    "dropped pixels": _light(("dropped pixels",), _dropped),
+    # Of alpha and passes.
+    "alpha eroded": Kind(("eroded",), of_alpha(lambda a, w, s: (a, _eroded(w, s))), _REGION),
+    "alpha thinner": Kind(
+        ("multiplied", "another exposure"),
+        of_alpha(lambda a, w, s: (a, w * (1 - _between(0.01, 0.5)(s)))),
+    ),
+    "alpha blurred": Kind(
+        _COC, of_alpha(lambda a, w, s: (a, through_disc(w[..., None], 1 + 4 * s)[..., 0]))
+    ),
+    "alpha to a power": Kind(
+        _TONES, of_alpha(lambda a, w, s: (a, w ** (1 + _between(0.05, 1)(s))))
+    ),
+    "divided by alpha": Kind(
+        ("premultiplication",),
+        of_alpha(lambda a, w, s: (np.where(w[..., None] > 0, a / w.clip(1e-6)[..., None], 0), w)),
+    ),
+    "multiplied by alpha": Kind(
+        ("premultiplication",), of_alpha(lambda a, w, s: (a * w[..., None], w))
+    ),
+    "specular missing": Kind(("missing layer",), _no_specular, _REGION),
+    # Of values in place.
+    "exposure": _light(("another exposure",), lambda m, s: m.light * (1 + _between(0.002, 0.5)(s))),
+    "noisy and brighter": Kind(
+        ("another exposure",),
+        lambda m, s: (_rgb(m.noisy()), _rgb(m.noisy() * (1 + _between(0.03, 0.3)(s)))),
+        _NOISE,
+    ),
+    "white balance": _light(
+        ("another exposure",),
+        lambda m, s: m.light * (1 + _between(0.01, 0.3)(s) * np.float32([1, 0, -1])),
+    ),
+    "tone curve": _light(
+        _TONES, tones(lambda v, s: v + _between(0.1, 0.8)(s) * v * (1 - v) * (v - 0.5))
+    ),
+    "filmic": _light(_TONES, lambda m, s: m.light / (1 + _between(0.05, 0.5)(s) * m.light)),
+    "contrast": _light(_TONES, tones(lambda v, s: 0.5 + (1 + _between(0.02, 0.2)(s)) * (v - 0.5))),
+    "veiled": _light(
+        ("raised blacks",), lambda m, s: m.light + _between(0.005, 0.06)(s) * (1 - m.light)
+    ),
+    "linear gradient": _light(
+        ("vignette",),
+        lambda m, s: m.light * (1 - _between(0.02, 0.5)(s) * (m.yx[1][..., None] + 1) / 2),
+        _REGION,
+    ),
+    "vignette": _light(
+        ("vignette",),
+        lambda m, s: (
+            m.light * (1 - _between(0.02, 0.5)(s) * np.square(m.yx).sum(axis=0)[..., None])
+        ),
+    ),
+    "saturation": _light(
+        ("another saturation",),
+        lambda m, s: (
+            m.light
+            + _between(0.03, 0.7)(s)
+            * float(m.rng.choice([-1, 1]))
+            * (m.light - (m.light @ _LUMA)[..., None])
+        ),
+    ),
+    "primaries": _light(
+        ("other primaries",),
+        lambda m, s: converted(("Rec. 2020", "Display P3", "ACES AP1")[int(2.99 * s)], m.light),
+    ),
+    "hue turned": _light(("other primaries",), lambda m, s: m.light @ _HUE),
+    "clipped": _light(
+        ("clipped",), lambda m, s: np.minimum(m.light, np.quantile(m.light, 0.999 - 0.3 * s))
+    ),
+    "red clipped": _light(
+        ("clipped",), lambda m, s: of_channel(m.light, 0, np.minimum(m.light, 0.8 - 0.5 * s))
+    ),
+    "cut from below": _light(("clipped",), lambda m, s: np.maximum(m.light, 0.005 + 0.03 * s)),
+    "6 bits": _light(
+        ("quantised to",),
+        lambda m, s: srgb_to_linear(_rounded(linear_to_srgb(m.light.clip(0, 1)), _bits(s))),
+    ),
+    "6 bits in 8": _shown(("quantised to",), lambda m, s: _rounded(m.shown, _bits(s))),
+    "lift, PNG": _shown(
+        ("raised blacks",), lambda m, s: m.shown + _between(1.5, 24)(s) / 255, _TONES
+    ),
+    "lift of light, PNG": _shown(
+        ("raised blacks",),
+        lambda m, s: linear_to_srgb(
+            (srgb_to_linear(m.shown) + _between(0.003, 0.06)(s)).clip(0, 1)
+        ),
+        _TONES,
+    ),
+    "green offset, PNG": _shown(
+        ("raised blacks", "another white", "another exposure"),
+        lambda m, s: m.shown + _between(1.5, 20)(s) / 255 * np.float32([0, 1, 0]),
+        _TONES,
+    ),
+    "gamma, PNG": _shown(
+        ("another gamma",), lambda m, s: m.shown ** (1 + _between(0.02, 0.6)(s)), _TONES
+    ),
+    "inverted, PNG": _shown((*_TONES, "sign reversed", "inverted"), lambda m, s: 1 - m.shown),
+    # Of sharpness and of noise.
+    "bloom": _light(("bloom",), _bloom, ("raised blacks", "spread otherwise")),
+    "gaussian blur": _light(
+        _COC, lambda m, s: blurred(m.light, _between(0.35, 4)(s)), ("lower resolution",)
+    ),
+    "larger disc": _light(
+        _COC, lambda m, s: through_disc(m.light, _between(0.7, 6)(s)), ("lower resolution",)
+    ),
+    "red blurred": _light(
+        _COC, lambda m, s: of_channel(m.light, 0, through_disc(m.light, 1 + 2 * s))
+    ),
+    "focus pulled": _light(
+        ("another CoC",), lambda m, s: pulled(m.light, np.arange(0.5, 2 + 3 * s, 0.5))
+    ),
+    "slanted motion blur": _light(
+        ("motion blur",), lambda m, s: summed(m.light, np.eye(5 + 2 * int(3.99 * s)))
+    ),
+    "resized and back": _light(("lower resolution",), _smaller, _COC),
+    "half resolution": _light(
+        ("lower resolution",),
+        lambda m, s: (
+            np.kron(halved(m.light), np.ones((2, 2, 1)))
+            if s < 0.5
+            else resized(halved(m.light), m.depth.shape, "triangle")
+        ),
+        _COC,
+    ),
+    "sharpened, PNG": _shown(
+        ("sharpened",),
+        lambda m, s: m.shown + _between(0.15, 2)(s) * (m.shown - blurred(m.shown, 1.2)),
+        ("another CoC",),
+    ),
+    "ghost": _light(
+        (*_FRAME, "doubled", "motion blur"),
+        lambda m, s: m.light + _between(0.03, 0.5)(s) * (np.roll(m.light, 9, 1) - m.light),
+        ("spread otherwise",),
+    ),
+    "noise removed": Kind(_NOISE, _denoised, ("softened",)),
+    "noise removed, PNG": Kind(_NOISE, _cleaned_png, ("softened",), _PNG),
+    "smeared": _light(("noise removed",), lambda m, s: _bilateral(m.light, _between(0.04, 0.2)(s))),
+    "noise": _light(("noise",), lambda m, s: m.noisy(_between(0.003, 0.06)(s))),
+    "another seed": Kind(
+        ("noise",),
+        lambda m, s: tuple(_rgb(m.noisy(_between(0.003, 0.06)(s))) for _ in "ab"),
+    ),
+    "dithered": _shown(
+        ("noise", "too small to name"),
+        lambda m, s: m.shown + _between(1, 8)(s) / 255 * (m.rng.random(m.shown.shape) - 0.5),
+    ),
+    "JPEG": _shown(
+        ("compressed with losses",),
+        lambda m, s: _jpeg(m.shown, round(97 - 50 * s)),
+        ("too small to name",),
+    ),
+    "darker, then JPEG": _shown(
+        ("compressed with losses", "another exposure", *_TONES),
+        lambda m, s: _jpeg(linear_to_srgb((0.9 * m.light).clip(0, 1)), round(97 - 30 * s), "4:4:4"),
+    ),
+    # Of geometry.
+    "chromatic aberration": _light(("chromatic aberration",), _chromatic, ("scaled",)),
+    "red moved": _light(
+        ("shifted", "chromatic aberration"),
+        lambda m, s: of_channel(m.light, 0, warped(m.light, dx=_between(0.1, 2)(s))),
+    ),
+    "blue enlarged": _light(
+        ("scaled", "chromatic aberration"),
+        lambda m, s: of_channel(m.light, 2, warped(m.light, scale=1 + _between(0.002, 0.02)(s))),
+    ),
+    "shift": _light(("shifted",), lambda m, s: warped(m.light, dx=_between(0.05, 2.5)(s))),
+    "turned": _light(("rotated",), lambda m, s: warped(m.light, degrees=_between(0.1, 3)(s))),
+    "overscan cropped": _light(
+        ("scaled", "shifted"), lambda m, s: warped(m.light, scale=_between(1.002, 1.08)(s))
+    ),
+    "rolling shutter": _light((*_FRAME, "sheared"), _sheared, ("shifted",)),
+    "lens distortion": _light(("scaled", *_FRAME), _barrel, ("shifted",)),
+}
+# What is also done to pictures of 8 bits, and to those with noise of two steps.
+_IN_8_BITS = ("chromatic aberration", "text", "watermark", "line of garbage", "bloom", "turned")
+_IN_8_BITS += ("resized and back", "tone curve", "vignette", "saturation", "f-number", "seams")
+_NOISY = ("another frame", "left", "blades", "fields exchanged", "tiles exchanged", "halo")
+_NOISY += ("primaries", "focus pulled", "gaussian blur", "white balance")
+for _names, _noise in ((_IN_8_BITS, 0.0), (_NOISY, 2.5)):
+    KINDS |= {
+        f"{name}, PNG": Kind(
+            KINDS[name].right, shown_as(KINDS[name].make, _noise), KINDS[name].plausible, _PNG
+        )
+        for name in _names
+    }
+
+
+def _flipped(m, s):
+    """Last bits of half floats."""
+    half = m.light.astype(np.float16)
+    return (half.view(np.int16) + (m.rng.random(half.shape) < 0.1)).view(np.float16)
+
+
+# What does not matter.
+BENIGN: dict[str, Kind] = {
+    "last bits": Kind(
+        (),
+        of_light(lambda m, s: m.light * (1 + m.rng.uniform(-2e-6, 2e-6, m.light.shape))),
+        dtype="float32",
+    ),
+    "last bits, absolute": Kind(
+        (),
+        of_light(lambda m, s: m.light + m.rng.uniform(-2e-5, 2e-5, m.light.shape)),
+        dtype="float32",
+    ),
+    "rounded to half": Kind(
+        (),
+        lambda m, s: (_rgb(m.rendered()), _rgb(m.rendered().astype(np.float16))),
+        dtype="float32",
+    ),
+    "last bit of half": _light((), _flipped),
+    "threads": Kind((), of_render(lambda s: {"threads": 2}), dtype="float32"),
+    "tiles": Kind((), of_render(lambda s: {"tile": 64}), dtype="float32"),
+    "minus zero": _light((), lambda m, s: np.where(m.light == 0, np.float32(-0.0), m.light)),
+    "last step": _shown(
+        (), lambda m, s: m.shown + (m.rng.random(m.shown.shape) < 0.02) / np.float32(255)
     ),
 }
+
+
+def _decoded(planes, dtype, name):
+    height, width = next(iter(planes.values())).shape
+    stored = planes if dtype == _PNG else {n: p.astype(dtype) for n, p in planes.items()}
+    kind = {"float16": "half", "float32": "float"}.get(dtype, dtype)
+    types, gamma = dict.fromkeys(stored, kind), None if dtype == _PNG else 1.0
+    return DecodedPicture(Path(name), width, height, stored, types, gamma=gamma)
+
+
+def pair(row, scene, strength, seed):
+    """The record of a planted fault by the rules of a render."""
+    sides = row.make(shot(scene, seed), strength)
+    a, b = (_decoded(p, row.dtype, f"{n}.exr") for p, n in zip(sides, "ab", strict=True))
+    return compare_pictures("pair", a, b, PRESETS["render"], CompareSettings())[0]
+
+
+def judged(row, record):
+    """``right``, ``plausible``, ``wrong``, ``none`` or ``silent``, and what is said."""
+    said = [finding.name for finding in record.findings]
+    if not record.differing:
+        return "right", said  # nothing changed
+    if record.status == "same" and not said:
+        return "silent", said
+    if any(name.startswith(row.right) for name in said):
+        return "right", said
+    if not said or said == ["too small to name"]:
+        return ("right" if row.right == _REGION else "none"), said
+    if all(is_place(n) or n.startswith((*row.plausible, *NO_CAUSE)) for n in said):
+        return "plausible", said
+    return "wrong", said

@@ -21,9 +21,9 @@ from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.errors import NoteKinds, one_line
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
+from defocus_core.request.job import SPLIT_NAME
 from defocus_core.request.origin import Origin
 from defocus_core.request.output_kinds import KINDS
-from defocus_core.request.splits import NAME
 from defocus_core.system.text import note
 
 JSON, _README = "card.json", "README.md"
@@ -65,7 +65,7 @@ def read(out: Path) -> dict[str, Any]:
     """The card of OUT, with the files that it speaks of; an empty one if it cannot be read."""
     with suppress(OSError, ValueError, LookupError, TypeError, AttributeError, RecursionError):
         card: dict[str, Any] = json.loads(Folder(out).read(JSON))
-        if all(NAME.fullmatch(name) for name in card["splits"]) and (out / _README).exists():
+        if all(SPLIT_NAME.fullmatch(name) for name in card["splits"]) and (out / _README).exists():
             return card
     return {}
 

@@ -25,15 +25,16 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from defocus_core.batch.journal.record import Record, Taken
+from defocus_core.batch.journal.runs import INDEX
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole
-from defocus_core.picture.measures import MEASURES
+from defocus_core.picture.take import MEASURES
 from defocus_core.request.job import FRAME_ROLE
 from defocus_core.request.lens import EFFECTS
 from defocus_core.request.origin import Origin
 from defocus_core.request.output_kinds import KINDS
 
-NAME = "metadata.jsonl"
+NAME = INDEX
 _OWN = (b'"sample_id": ', b'"outputs_blake2b": ')  # what a line of ours has
 _SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)*")')
 _LONGEST_LINE = 2**24  # bytes

@@ -24,7 +24,7 @@ from operator import itemgetter
 from pathlib import Path
 
 from defocus_core.batch.datasets import sample_index
-from defocus_core.batch.journal.progress import SHARDS_FOLDER
+from defocus_core.batch.journal.runs import SHARDS_FOLDER
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import written_whole

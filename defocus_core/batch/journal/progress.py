@@ -1,98 +1,31 @@
-"""How far a batch is: jobs by how they ended, open runs, and shards, made one by `merge`.
-
-A run notes the names of its jobs in ``OUT/.journal.run``, until all are done.
-"""
+"""How far a batch is: jobs by how they ended, open runs, and shards, made one by `merge`."""
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from hashlib import blake2b
 from pathlib import Path
 from typing import NamedTuple
 
 from defocus_core.batch.journal.journal import (
-    JournalFile,
     Ledger,
     Shard,
-    journal_path,
     require_journal,
     shards,
 )
-from defocus_core.batch.journal.lock import holder, lock_path, locked
-from defocus_core.batch.journal.record import Record, is_moment, now
-from defocus_core.errors import InputError, cannot_read
-from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import LEFTOVER, left_in, sync_folder, written_whole
-from defocus_core.request.output_kinds import KINDS
+from defocus_core.batch.journal.record import Record
+from defocus_core.batch.journal.runs import (
+    OpenRun,
+    gather,
+    holder,
+    lock_path,
+    locked,
+    open_run,
+    run_path,
+    sweep_up,
+)
 from defocus_core.system.text import note
-
-SHARDS_FOLDER = "shards"  # of tars
-
-
-@dataclass
-class OpenRun:
-    """A run that did not come to its end, and what it did."""
-
-    begun: str  # when, UTC
-    left: set[str]  # samples of its jobs that did not end since
-    again: set[str] = field(default_factory=set)  # those of them that ended before
-    ended: int = 0
-    last: str = ""  # when the last of them ended
-
-
-def run_path(out: Path, shard: Shard | None = None) -> Path:
-    """The file that notes a run on OUT, or on a shard."""
-    return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
-
-
-def note_run(out: Path, shard: Shard | None, samples: Iterable[str]) -> Path:
-    """Note a run by its samples; one on all of OUT has those that runs on shards left."""
-    path = run_path(out, shard)
-    with written_whole(path) as file:
-        file.write(json.dumps({"begun": now(), "jobs": [*samples]}).encode() + b"\n")
-    for other in out.glob(".journal-*.run") if shard is None else ():
-        other.unlink(missing_ok=True)
-    return path
-
-
-def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
-    """The run on OUT, or on a shard, that is noted; None if it came to its end."""
-    path = run_path(out, shard)
-    try:
-        text = Folder(path.parent).read(path.name)
-    except FileNotFoundError:
-        return None
-    except OSError as error:
-        raise cannot_read(path, error, "remove it") from None
-    with suppress(ValueError, TypeError, KeyError, RecursionError):
-        stored = json.loads(text)
-        run = OpenRun(stored["begun"], {*stored["jobs"]})
-        if is_moment(run.begun) and all(isinstance(name, str) for name in run.left):
-            return run
-    remedy = "remove the file, and what the run left half-written; the next run begins anew"
-    raise InputError("malformed", "is not the note of a run", remedy, path=path)
-
-
-def sweep_up(out: Path) -> None:
-    """Remove the half-written files of processes that were killed; the lock of OUT must be held.
-
-    The index and shards are written without the lock: those of a process that runs are left alone.
-    """
-    below = Folder(out)
-    for folder in ("", SHARDS_FOLDER):
-        for name in left_in(out / folder):
-            with suppress(OSError):
-                below.remove(f"{folder}/{name}" if folder else name)
-    for folder in KINDS:
-        with suppress(OSError):
-            for name in below.names(folder):
-                if LEFTOVER.fullmatch(name):
-                    below.remove(f"{folder}/{name}")
 
 
 @dataclass
@@ -201,35 +134,3 @@ def merge(out: Path) -> Merged:
     of = max((part.of for part in parts), default=0)
     missing = [f"{n}/{of}" for n in range(1, of + 1) if Shard(n, of) not in parts]
     return Merged(sum(1 for _ in Ledger(out).live()), len(parts), missing)
-
-
-def refuse_other_division(out: Path, own: Shard) -> None:
-    """Refuse a shard beside records of another division, of which none comes last."""
-    for shard in shards(out):
-        if shard.of != own.of and journal_path(out, shard).exists():
-            problem = f"belongs to another number of shards than {own.number}/{own.of}"
-            remedy = f"run 'defocus merge {out}' first"
-            raise InputError("contradiction", problem, remedy, path=journal_path(out, shard))
-
-
-def gather(out: Path) -> list[Shard]:
-    """Put the records of all shards into the journal of OUT, whose lock must be held."""
-    parts = [shard for shard in shards(out) if journal_path(out, shard).exists()]
-    if parts:
-        with written_whole(journal_path(out)) as file:
-            file.writelines(_joined([None, *parts], out))
-        sync_folder(out)  # before the journals of the shards are removed
-    for shard in parts:
-        journal_path(out, shard).unlink()
-    return parts
-
-
-def _joined(parts: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
-    """The lines of journals, each of them once."""
-    known = set[bytes]()
-    for part in parts:
-        for line in JournalFile(journal_path(out, part)).lines():
-            digest = blake2b(line.text.rstrip(b"\n"), digest_size=16).digest()
-            if digest not in known:
-                known.add(digest)
-                yield line.text.rstrip(b"\n") + b"\n"

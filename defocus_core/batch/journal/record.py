@@ -31,10 +31,10 @@ from defocus_core.errors import (
 )
 from defocus_core.io.below import path_fault
 from defocus_core.io.safe_files import MALFORMED
+from defocus_core.request.job import SPLIT_NAME
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.parameters import RECORDED
-from defocus_core.request.splits import NAME
 
 REJECTIONS = {
     "coc-too-large": "the blur would be larger than max-coc allows",
@@ -249,7 +249,7 @@ FIELDS: Mapping[str, Field] = {
         _TEXT,
         "its split, if there are any",
         "old",
-        check=(lambda split: not split or bool(NAME.fullmatch(split)), "which is not a name"),
+        check=(lambda split: not split or bool(SPLIT_NAME.fullmatch(split)), "which is not a name"),
     ),
     "recipe": Field(_TEXT, "hash of all that decides its outputs but the bytes of the inputs"),
     "status": Field(

@@ -15,11 +15,11 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.journal import identity
+from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.record import End
-from defocus_core.batch.workers import job_result
-from defocus_core.batch.workers.dispatch import Lost, dispatch
-from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.batch.workers import pipeline
+from defocus_core.batch.workers.pool import Lost, dispatch
+from defocus_core.batch.workers.run import Chunk, Done, Execute
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.request.job import Job
 from defocus_core.system.text import note
@@ -85,7 +85,7 @@ class _Cluster:
     def submit(self, chunk: Chunk) -> None:
         """Give the scheduler a chunk."""
         job = chunk[0][1]
-        key = f"{job.sample_id}-{identity.recipe(job)}-{next(self.serial)}"
+        key = f"{job.sample_id}-{resume.recipe(job)}-{next(self.serial)}"
         jobs = [_absolute(job) for _, job in chunk]
         future = self.client.submit(do, jobs, self.threads or 1, key=key, pure=False)
         self.flight[future] = chunk
@@ -102,7 +102,7 @@ class _Cluster:
             )
         error = future.exception()
         if error is None:
-            answer, own = future.result(), identity.versions()
+            answer, own = future.result(), resume.versions()
             if answer["versions"] != own:
                 both = (answer["versions"], own)
                 remote, local = ("{version}, renderer {renderer}".format(**it) for it in both)
@@ -129,11 +129,11 @@ class _Cluster:
 
 def do(jobs: list[Job], threads: int) -> dict[str, Any]:
     """Do jobs of one picture on a worker; gives their results, and the versions there."""
-    reader, results = job_result.Reader(), []
+    reader, results = pipeline.Reader(), []
     for each in jobs:
         job = replace(each, machine=replace(each.machine, threads=threads))
-        results.append(job_result.write(job_result.compute(job, reader.read(job))))
-    return {"versions": identity.versions(), "results": results}
+        results.append(pipeline.write(pipeline.compute(job, reader.read(job))))
+    return {"versions": resume.versions(), "results": results}
 
 
 def _absolute(value: Any) -> Any:

@@ -4,27 +4,124 @@ Each picture is computed while the next one is decoded and the one before is enc
 memory allows. At most one picture waits to be computed and one to be written, whatever the number
 of jobs. Small pictures are read, rendered and written in turn: threads would only wait for each
 other.
+
+What is sent between processes has no arrays: outputs are relative to the root, inputs have no
+paths, and an exception stays in the process that raised it.
 """
 
 from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import suppress
+from dataclasses import replace
 from itertools import chain, islice
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from defocus_core.batch.journal.record import Failed
-from defocus_core.batch.workers import job_result
-from defocus_core.batch.workers.job_result import TileCount
-from defocus_core.batch.workers.plan import Chunk, Done
+from defocus_core.batch.journal import resume
+from defocus_core.batch.journal.record import Failed, Stamp, Taken, failure
+from defocus_core.batch.workers.run import Chunk, Done
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
-from defocus_core.picture.take import Inputs, Take
+from defocus_core.picture.take import Inputs, Take, measures, repair_record
 from defocus_core.request.job import Job
+from defocus_core.request.lens import lens_record
+from defocus_core.request.parameters import LENS_FILES
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.process import settings_kept
+
+TileCount = Callable[[int, int], None]
+_DIGITS = 6  # of radii and measures
+
+
+class Reader:
+    """Decodes the pictures of jobs; jobs of one picture that follow one another share it."""
+
+    def __init__(self) -> None:
+        self._last: tuple[object, Inputs] | None = None
+
+    def read(self, job: Job) -> Inputs | Failed:
+        """The inputs of a job, decoded, unless they cannot be."""
+        key = (job.picture, job.reading, job.lens_focal, job.outputs.need_rendering)
+        if self._last is not None and self._last[0] == key:
+            inputs = self._last[1]
+            shared = {role: stamp for role, stamp in inputs.stamps.items() if role in job.files}
+            lens_files = {role: path for role, path in job.files.items() if role in LENS_FILES}
+            return replace(inputs, stamps=shared | _stamps(lens_files), seconds=0.0)
+        self._last = None  # free a picture before the next is decoded
+        start, stamps = time.perf_counter(), _stamps(job.files)
+        try:
+            inputs = plain_path.read(job)
+        except Exception as error:
+            return failure(error, "read", stamps)
+        inputs = replace(inputs, stamps=stamps, seconds=time.perf_counter() - start)
+        self._last = key, inputs
+        return inputs
+
+
+def _stamps(files: Mapping[str, Path]) -> dict[str, Stamp]:
+    """The stamps of files by role; what cannot be read is reported by its decoder."""
+    stamps: dict[str, Stamp] = {}
+    for role, path in files.items():
+        with suppress(OSError):
+            stamps[role] = resume.settled_stamp(path)
+    return stamps
+
+
+def compute(job: Job, inputs: Inputs | Failed, progress: TileCount | None = None) -> Take | Failed:
+    """Compute a job whose inputs are decoded."""
+    if isinstance(inputs, Failed):
+        return inputs
+    try:
+        return plain_path.compute(job, inputs, progress)
+    except Exception as error:
+        return failure(error, "render", inputs.stamps)
+
+
+def write(take: Take | Failed) -> Taken | Failed:
+    """Write what a job computed; when this returns, it is durable."""
+    if isinstance(take, Failed):
+        return take
+    start = time.perf_counter()
+    job, inputs = take.job, take.inputs.stamps
+    try:
+        take = plain_path.write(take)
+        root = job.outputs.root
+        outputs = {
+            name: resume.stamp(root / path, root)._replace(path=path)
+            for name, path in job.names.items()
+        }
+    except Exception as error:
+        return failure(error, "write", inputs)
+    seconds = {
+        "read": take.inputs.seconds,
+        "render": take.seconds,
+        "write": time.perf_counter() - start,
+        "cpu": take.cpu_seconds,
+    }
+    return Taken(
+        inputs=dict(inputs),
+        outputs=outputs,
+        lens=lens_record(take.lens),
+        size=take.size,
+        coc_px=take.limits,
+        color_note=take.color_note,
+        depth_note=take.depth_words(),
+        depth_repair=repair_record(take.repair),
+        device=take.device,
+        measures={
+            name: None if value is None else float(f"{value:.{_DIGITS}g}")
+            for name, value in measures(take).items()
+        },
+        warnings=tuple(take.warnings),
+        seconds={step: round(value, 4) for step, value in seconds.items()},
+        stats=dict(take.stats),
+    )
+
 
 # Pixels up to which a picture is small.
 _SMALL = 1 << 16
@@ -50,9 +147,9 @@ def execute(
         if len(first) > 1:
             run(chain(first, jobs), done, stopped=stopped)
         for number, job in first if len(first) == 1 else ():
-            take = job_result.compute(job, job_result.Reader().read(job), progress)
+            take = compute(job, Reader().read(job), progress)
             with delayed_signals():  # nothing stays half-written, or written and not told
-                done(number, job_result.write(take))
+                done(number, write(take))
 
 
 def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tuple[int, Job]]:
@@ -74,43 +171,43 @@ def run(
     `done`: called with number and end of each as soon as it is durable, on another thread or on
     this one, one at a time.
     """
-    gate, reader, numbered = Gate(), job_result.Reader(), iter(jobs)
+    gate, reader, numbered = Gate(), Reader(), iter(jobs)
     decoding, ended = threading.Lock(), threading.Event()
 
-    def read() -> _Read | None:
+    def decode() -> _Read | None:
         for number, job in numbered:
             gate.enter(number, job)
             with decoding:
                 return None if ended.is_set() else (number, job, reader.read(job))
         return None
 
-    def write(number: int, take: Take | Failed) -> None:
+    def finish(number: int, take: Take | Failed) -> None:
         try:
-            done(number, job_result.write(take))
+            done(number, write(take))
         finally:
             gate.leave(number)
 
     ahead, behind = ThreadPoolExecutor(1, "reader"), ThreadPoolExecutor(1, "writer")
     behind.submit(int).result()  # a pool loses a thread that a signal interrupts in its start
-    following: Callable[[], _Read | None] = ahead.submit(read).result
+    following: Callable[[], _Read | None] = ahead.submit(decode).result
     last: Future[None] | None = None
     try:
         while (item := following()) is not None:
             number, job, inputs = item
             is_small = isinstance(inputs, Inputs) and math.prod(inputs.color.shape[:2]) <= _SMALL
-            following = read if is_small else ahead.submit(read).result
+            following = decode if is_small else ahead.submit(decode).result
             if stopped():
                 break
-            take = job_result.compute(job, inputs)
+            take = compute(job, inputs)
             del item, inputs
             if last is not None:
                 last.result()
             if is_small:
                 with delayed_signals():
-                    write(number, take)
+                    finish(number, take)
                 last = None
             else:
-                last = behind.submit(write, number, take)
+                last = behind.submit(finish, number, take)
             del take
     finally:
         ended.set()

@@ -1,6 +1,9 @@
-"""Jobs of a batch in worker processes on this machine.
+"""Jobs given to workers that may die, until all have ended: to processes on this machine.
 
-A process that dies is replaced when there is work for another; `dispatch` does its jobs again.
+A worker that dies (a crash in a decoder, the system short of memory) may have been killed by any of
+the jobs that it had. Each of them is done again when the others have ended, with no other job
+beside it where it is; one that has seen so many workers die as `Workers.strikes` has failed. A
+process that dies is replaced when there is work for another.
 """
 
 from __future__ import annotations
@@ -9,30 +12,100 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
-from functools import cached_property
-from itertools import chain, islice
+from itertools import chain
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from queue import SimpleQueue
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from defocus_core.batch.journal.record import End
+from defocus_core.batch.journal.record import End, Failed
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.dask_pool import execute_at
-from defocus_core.batch.workers.dispatch import Lost, dispatch
-from defocus_core.batch.workers.plan import Chunk, Done, Execute
+from defocus_core.batch.workers.run import Chunk, Done
 from defocus_core.errors import InputError
-from defocus_core.picture import memory_budget, plain_path
-from defocus_core.request.job import Job, Machine
-from defocus_core.system import memory
-from defocus_core.system.process import cores
+from defocus_core.picture import plain_path
+from defocus_core.request.job import Job
 
 if TYPE_CHECKING:
     from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
+
+
+class Lost(NamedTuple):
+    """Jobs of a worker that died."""
+
+    jobs: Chunk
+    words: str = ""  # how it died; empty if it had begun none of them
+
+
+class Workers(Protocol):
+    """Those who do jobs: processes, or a cluster."""
+
+    strikes: int  # workers that a job may kill before it has failed
+    apart: int  # jobs at a time that have no other job beside them
+
+    def has_room(self) -> bool:
+        """Whether another chunk can be submitted."""
+
+    def submit(self, chunk: Chunk) -> None:
+        """Give a worker a chunk."""
+
+    def collect(self) -> Iterator[tuple[int, End] | Lost]:
+        """Wait a while for results, and for workers that died."""
+
+    def stop(self) -> None:
+        """Begin no further job."""
+
+    def close(self) -> None:
+        """End all workers."""
+
+
+def dispatch(
+    workers: Workers, chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]
+) -> None:
+    """Do all jobs, or until stopped."""
+    flight: dict[int, Job] = {}
+    suspects: deque[tuple[int, Job]] = deque()
+    strikes: Counter[int] = Counter()
+    alone = False
+    try:
+        while True:
+            while not stopped():
+                chunk = next(chunks, None) if workers.has_room() else []
+                if chunk is None and suspects and len(flight) < (workers.apart if alone else 1):
+                    chunk, alone = [suspects.popleft()], True
+                if not chunk:
+                    break
+                flight |= dict(chunk)
+                workers.submit(chunk)
+            if stopped():
+                workers.stop()
+            if not flight:
+                return
+            for told in workers.collect():
+                if not isinstance(told, Lost):
+                    number, end = told
+                    if flight.pop(number, None) is not None:
+                        done(number, end)
+                    continue
+                for number, _ in told.jobs:
+                    del flight[number]
+                if stopped():
+                    continue
+                if not told.words:
+                    chunks = chain([told.jobs], chunks)
+                for number, job in told.jobs if told.words else ():
+                    strikes[number] += 1
+                    if strikes[number] < workers.strikes:
+                        suspects.append((number, job))
+                        continue
+                    died = told.words.format(times=strikes[number])
+                    message = f"{job.picture.color}: {died}; see if it is damaged"
+                    done(number, Failed("failed", "worker-died", message))
+    finally:
+        workers.close()
 
 
 Serve = Callable[[Connection], None]
@@ -202,67 +275,3 @@ def _without_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-# A core more for each process saves more than a thread more in it, for these wait for one another;
-# but each should find this much memory.
-ROOM_MB = 2000
-MANY = 64  # workers of a cluster, whose number may change
-_GPUS = ("/dev/nvidiactl", "/dev/kfd", "/dev/dxg")  # NVIDIA, AMD, Windows' subsystem
-
-
-@dataclass(frozen=True)
-class WorkerConfig:
-    """The processes that compute."""
-
-    scheduler: str  # ``local``, or the address of a Dask scheduler
-    processes: int | None  # on this machine; None for as many as suit it
-    threads: int | None = None  # of each; None for what makes use of all cores
-    device: str = "auto"  # or cpu, or cuda
-    memory: int | None = None  # bytes of each process; None for its share of what is available
-    tile: int | None = None  # px on a side of a tile; None for the usual
-
-    @property
-    def machine(self) -> Machine:
-        """The machine settings of each job."""
-        share, available = None, memory.available_mb()
-        if self.scheduler == "local" and self.count > 1 and available is not None:
-            share = int(memory_budget.SHARE * available / self.count * memory.MB)
-        threads = self.threads or cores() // self.count or 1
-        return Machine("standard", self.device, threads, self.memory or share, self.tile)
-
-    @cached_property
-    def count(self) -> int:
-        """The number of processes, counted once, since free memory changes.
-
-        One for a GPU; else the cores divided by the threads, or without a number of threads one for
-        each core, as far as memory goes: a core left over costs less than one process fewer.
-        """
-        if self.processes is not None:
-            return self.processes
-        if self.device == "cuda" or (self.device == "auto" and any(map(os.path.exists, _GPUS))):
-            return 1
-        if self.threads is not None:
-            return max(1, cores() // self.threads)
-        available = memory.available_mb()
-        maximum = cores() if available is None else int(available // ROOM_MB)
-        return max(1, min(cores(), maximum))
-
-    @property
-    def spread(self) -> int:
-        """Over how many workers the jobs of one picture are to be spread."""
-        return self.count if self.scheduler == "local" else MANY
-
-    def execute(self) -> Execute:
-        """The executor of the jobs."""
-        if self.scheduler != "local":
-            return execute_at(self.scheduler, threads=self.threads)
-
-        def execute(chunks: Iterator[Chunk], done: Done, stopped: Callable[[], bool]) -> None:
-            first = [*islice(chunks, 2)]
-            if [len(chunk) for chunk in first] == [1]:  # a process takes longer to start than a job
-                pipeline.execute(iter(first), done, stopped)
-            elif first:
-                dispatch(Processes(self.count), chain(first, chunks), done, stopped)
-
-        return execute

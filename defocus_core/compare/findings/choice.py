@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
-from defocus_core.compare.findings.finding import Finding
-from defocus_core.compare.findings.places import LocatedPair, place_of
+from defocus_core.compare.findings.places import place_of
 from defocus_core.compare.findings.softness import has_room, is_large, white_noise
-from defocus_core.compare.findings.table import CAUSES, Cause
+from defocus_core.compare.findings.table import CAUSES, Cause, Finding
 from defocus_core.compare.pairing import partners
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels
@@ -68,14 +67,13 @@ def diagnose(
     findings = []
     if chosen is not None:
         finding = _by_metadata(_by_channels(chosen.finding, evidence), a.metadata, b.metadata)
-        share = round(max(0.0, 1 - chosen.left), 4)
-        findings = [Finding(finding.name, finding.text, finding.values, share)]
-    if evidence.is_slight and (not findings or findings[0].name == _PLACED_TOO):
+        findings = [replace(finding, explained=round(max(0.0, 1 - chosen.left), 4))]
+        if finding.name != _PLACED_TOO:
+            return findings
+    if evidence.is_slight:
         return [Finding("too small to name", "too small to name")]
-    if not findings or findings[0].name == _PLACED_TOO:
-        place = place_of(LocatedPair(evidence, (a, b), corner, coc))
-        findings += [] if place is None else [place]
-    return findings
+    place = place_of(evidence, (a, b), corner, coc)
+    return findings if place is None else [*findings, place]
 
 
 def _chosen(evidence: Evidence) -> Explanation | None:

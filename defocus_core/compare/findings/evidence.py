@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.metrics import unclipped
 from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.selection import widened
@@ -38,7 +38,7 @@ _GOES_ON = 0.2  # least density of detail outside of it, by that inside
 _NAMED = 0.8  # share left beyond which no explanation is named
 _LEVELS = 32  # of a curve
 _STILL = 0.1  # greatest share of a predicted change that lies where the pictures are equal
-_LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
+LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
 # RMS of what number types round off, on the scale of differences: absolute, and of the level.
 _STEPS = {"uint8": (0.35 / 255, 0.0), "uint16": (0.35 / 65535, 0.0), "half": (0.0, 4e-4)}
 _FLOAT = (0.0, 1e-6)
@@ -204,12 +204,7 @@ class Evidence:
     @cached_property
     def lossy(self) -> float:
         """The power of noise that a codec may have left; all is possible in 8 bits."""
-        return LOSSY if "uint8" in self.types or set(self.codecs) & _LOSSY_CODECS else 0.0
-
-    @property
-    def loses(self) -> bool:
-        """Whether the codec of B loses something, and that of A does not."""
-        return self.codecs[1] in _LOSSY_CODECS and self.codecs[0] not in _LOSSY_CODECS
+        return LOSSY if "uint8" in self.types or set(self.codecs) & LOSSY_CODECS else 0.0
 
     @cached_property
     def noise(self) -> float:
@@ -229,12 +224,12 @@ class Evidence:
         half = len(self.places[0]) // 2
         pair = rest[:, :half], rest[:, half:]
         every = _power(whole[:, :half], whole[:, half:])
-        unshared = _unshared(*pair)
+        white = unshared(*pair)
         # Detail that is no multiple of that of the other side is noise of both.
         sides = (side[:, half:] - side[:, :half] for side in (aim - whole, aim))
         detail = np.stack([side.ravel() for side in sides]).astype("f8")
         alone = float(np.linalg.eigvalsh(detail @ detail.T / max(detail.shape[1], 1))[0])
-        return min(unshared, max(self.lossy, _FORGIVEN * every, alone))
+        return min(white, max(self.lossy, _FORGIVEN * every, alone))
 
     @cached_property
     def _still(self) -> NDArray[np.bool_]:
@@ -356,7 +351,7 @@ class Evidence:
         noise: float | None = None,
     ) -> float:
         """Share of the difference of the frame that is left if its light were as predicted."""
-        used, whole, rest = self._framed_pairs(predicted, where)
+        used, whole, rest = self.framed_pairs(predicted, where)
         most = max(self.lossy, _FORGIVEN * _power(*whole)) if noise is None else noise
         left = unexplained(whole, rest, self.step, most) if used.any() else math.inf
         still = (self.pixels.greatest[self.frame] == 0) & ~self.clipped_near
@@ -365,18 +360,12 @@ class Evidence:
         shown = self.scaled_light(predicted)
         return math.inf if self._changes_still(shown, self._framed_shown[0], still) else left
 
-    def noise_framed(
-        self, predicted: NDArray[Any], where: NDArray[np.bool_] | None = None
-    ) -> float:
-        """The power of the noise that is left of the frame if its light were as predicted."""
-        return _unshared(*self._framed_pairs(predicted, where)[2])
-
     @cached_property
     def _framed_shown(self) -> tuple[NDArray[Any], NDArray[Any]]:
         a, b = (self.scaled_light(side) for side in self.framed)
         return a, b
 
-    def _framed_pairs(
+    def framed_pairs(
         self, predicted: NDArray[Any], where: NDArray[np.bool_] | None
     ) -> tuple[NDArray[np.bool_], tuple[Any, Any], tuple[Any, Any]]:
         """Where a prediction is looked at, and the difference and what is left of it there."""
@@ -446,7 +435,7 @@ def unexplained(
     if _is_slight(every, step) or not every:  # rounding alone would explain much of it
         return 0.0 if left == 0.0 < every else math.inf
     # What neighbours do not share is noise.
-    allowed = step * step + min(_unshared(*rest), noise)
+    allowed = step * step + min(unshared(*rest), noise)
     if every < _SIGNAL * allowed:
         return math.inf
     return math.sqrt(max(left - allowed, 0.0) / (every - allowed))
@@ -461,7 +450,7 @@ def _power(here: NDArray[Any], beside: NDArray[Any]) -> float:
     return values / (2 * here.size) if here.size else 0.0
 
 
-def _unshared(here: NDArray[Any], beside: NDArray[Any]) -> float:
+def unshared(here: NDArray[Any], beside: NDArray[Any]) -> float:
     """The power of values that they do not share with their neighbours."""
     shared = float(np.multiply(here, beside, dtype="f8").sum()) / here.size if here.size else 0.0
     return max(_power(here, beside) - max(shared, 0.0), 0.0)

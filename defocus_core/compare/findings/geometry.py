@@ -141,17 +141,21 @@ def _means(planes: NDArray[Any], side: int) -> NDArray[np.float32]:
     return np.asarray(rows.reshape(*rows.shape[:-1], across, side).mean(axis=-1))
 
 
+def _shifted(
+    evidence: Evidence, dx: int, dy: int, places: tuple[Any, Any] | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """A moved by (dx, dy), [C, N], at the samples or other places, and where it was within."""
+    (rows, columns), (height, width) = places or evidence.places, evidence.size
+    y, x = rows - dy, columns - dx
+    within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+    return evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1)), within
+
+
 @lru_cache(maxsize=1)
 def _offsets_tried(evidence: Evidence) -> list[tuple[float, int, int]]:
     """What shifts by whole pixels leave, and these, the best first."""
-    rows, columns = evidence.places
-    height, width = evidence.size
-    tried: list[tuple[float, int, int]] = []
-    for dx, dy in dict.fromkeys([(0, 0), *_offsets(evidence)]):
-        y, x = rows - dy, columns - dx
-        within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        predicted = evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1))
-        tried.append((evidence.left(predicted, within), dx, dy))
+    offsets = dict.fromkeys([(0, 0), *_offsets(evidence)])
+    tried = [(evidence.left(*_shifted(evidence, *offset)), *offset) for offset in offsets]
     return sorted(tried, key=lambda each: (round(each[0], 2), abs(each[1]) + abs(each[2])))
 
 
@@ -198,10 +202,9 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
             move, better = _fitted(evidence, first, move, free)
             if not better:
                 continue
-            left, cost = (
-                _left_by_move(evidence, move),
-                0.01 * len(free) - 0.01 + 0.03 * (free is _LENS),
-            )
+            inside, (there,) = _moved(evidence, *evidence.places, move, evidence.names)
+            left = evidence.left(_interpolated(evidence)[1](there), inside)
+            cost = 0.01 * len(free) - 0.01 + 0.03 * (free is _LENS)
             name, text, values = _moved_words(move, _far(evidence))
             if name == "shifted" and left > EXACT and np.abs(move).max() > _ALMOST_WHOLE:
                 name = _OF_PARTS
@@ -224,9 +227,8 @@ def _chromatic(evidence: Evidence) -> Iterator[Explanation]:
     growths, predicted, within = {}, [], np.ones(evidence.places[0].shape, bool)
     for name in names:
         move, _ = _fitted(evidence, (name,), np.zeros(7), _GROWTH)
-        scale, back = _interpolated(evidence)
-        inside, sums = _moved(evidence, *evidence.places, move, (name,), scale)
-        predicted.append(back(sums[0])[0])
+        inside, (there,) = _moved(evidence, *evidence.places, move, (name,))
+        predicted.append(_interpolated(evidence)[1](there)[0])
         growths[name], within = 1 + move[1] / _far(evidence), within & inside
     factors = [*growths.values(), *([1.0] if len(names) < 3 else [])]
     alike = _SCALED_ALIKE * max(abs(factor - 1) for factor in factors)
@@ -269,7 +271,7 @@ def _fitted(
     slope = steepness(was) if scale == evidence.light else 1.0
     move, rest, ways = start.copy(), aim - was, [aim]
     for _ in range(_STEPS):
-        inside, (there, down, right) = _moved(evidence, *places, move, names, scale, sloped=True)
+        inside, (there, down, right) = _moved(evidence, *places, move, names, sloped=True)
         out = (y * y + x * x) * (down * y + right * x)
         ways = [
             -v * slope * inside
@@ -294,19 +296,6 @@ def _interpolated(evidence: Evidence) -> tuple[_Scale, _Scale]:
     return evidence.scaled, evidence.unscaled
 
 
-def _left_by_move(evidence: Evidence, move: NDArray[Any]) -> float:
-    """What a move leaves: light may have been interpolated as such, or as a screen shows it."""
-    scales: list[tuple[_Scale, _Scale]] = [(evidence.scaled, evidence.unscaled)]
-    if evidence.pixels.color:
-        scales.insert(evidence.gamma != 1.0, (evidence.light, evidence.stored))
-    least = math.inf
-    for (scale, back), weights in product(scales, (keys, linear)):
-        if _EXPLAINED < least < 0.8 or least == math.inf:
-            inside, sums = _moved(evidence, *evidence.places, move, evidence.names, scale, weights)
-            least = min(least, evidence.left(back(sums[0]), inside))
-    return least
-
-
 def keys(t: Any) -> Any:
     """The cubic kernel of Keys (1981), with a = -1/2, at distances in px."""
     t = np.abs(t)
@@ -326,14 +315,11 @@ def _moved(
     columns: NDArray[Any],
     move: NDArray[Any],
     names: Sequence[str],
-    scale: _Scale | None = None,
-    kernel: Callable[[Any], Any] = keys,
     *,
     sloped: bool = False,
 ) -> tuple[NDArray[np.bool_], list[NDArray[Any]]]:
     """Places of A that were within it, and A there, if asked for with its slopes down and right."""
-    scale, far = scale or evidence.scaled, _far(evidence)
-    height, width = evidence.size
+    far, (height, width) = _far(evidence), evidence.size
     y, x = (rows - (height - 1) / 2) / far, (columns - (width - 1) / 2) / far
     out = move[6] * (y * y + x * x)
     at_y = rows - move[0] - move[1] * y - move[2] * x - out * y
@@ -342,13 +328,11 @@ def _moved(
     top, left = np.floor(at_y).astype(np.intp), np.floor(at_x).astype(np.intp)
     taps = np.arange(-1, 3)[:, None]
     lines, row = (top + taps).clip(0, height - 1)[:, None], (left + taps).clip(0, width - 1)
-    values = scale(evidence.at("a", lines, row, names))  # [C, 4, 4, N]
+    values = _interpolated(evidence)[0](evidence.at("a", lines, row, names))  # [C, 4, 4, N]
     down, across = at_y - top - taps, at_x - left - taps
-    ways = [(kernel(down), kernel(across))]
+    ways = [(keys(down), keys(across))]
     if sloped:
-        slopes = [
-            (kernel(t + _AROUND) - kernel(t - _AROUND)) / (2 * _AROUND) for t in (down, across)
-        ]
+        slopes = [(keys(t + _AROUND) - keys(t - _AROUND)) / (2 * _AROUND) for t in (down, across)]
         ways += [(slopes[0], ways[0][1]), (ways[0][0], slopes[1])]
     return inside, [np.einsum("kn,jn,ckjn->cn", k, j, values) for k, j in ways]
 
@@ -435,29 +419,23 @@ def moved_in_parts(evidence: Evidence) -> Iterator[Explanation]:
 
 def displaced(evidence: Evidence) -> Iterator[Explanation]:
     """Light of B is that of A and that of A moved: added up, or the one or the other in places."""
-    (rows, columns), (height, width) = evidence.places, evidence.size
     a, b = evidence.sampled
     light, aim = evidence.light(a), evidence.light(b)
     slope = steepness(light) * evidence.fits * evidence.steady
     shown, shown_aim = evidence.scaled(a), evidence.scaled(b)
 
-    def moved_by(dx: int, dy: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """A there, and where that is within the picture."""
-        y, x = rows - dy, columns - dx
-        within = (y >= 0) & (y < height) & (x >= 0) & (x < width)
-        return evidence.at("a", y.clip(0, height - 1), x.clip(0, width - 1)), within
-
     def left_in_places(dx: int, dy: int) -> float:
         """What is left if each pixel is that of A or of A moved, whichever is nearer."""
-        there, within = moved_by(dx, dy)
-        shown_there = evidence.scaled(there)
-        apart = (np.square(side - shown_aim).sum(axis=0) for side in (shown_there, shown))
+        there, within = _shifted(evidence, dx, dy)
+        apart = (
+            np.square(side - shown_aim).sum(axis=0) for side in (evidence.scaled(there), shown)
+        )
         return evidence.left(np.where(within & np.less(*apart), there, a), exact=True)
 
     offsets = _offsets(evidence, of_difference=True)
     peaks = [peak for peak in offsets if math.hypot(*peak) >= _LEAST_APART]
     for dx, dy in peaks:
-        there, within = moved_by(dx, dy)
+        there, within = _shifted(evidence, dx, dy)
         copy = evidence.light(there)
         one, other = summed_up([light, copy], aim - light, slope * within)
         predicted = light * (1 + one) + copy * other
@@ -480,18 +458,15 @@ def _nearest_move(evidence: Evidence) -> tuple[int, int]:
     """The move (dx, dy) of a few px by which pixels that differ are most like one of A or of it."""
     rows, columns = evidence.places
     chosen = np.flatnonzero(evidence.fits & (evidence.pixels.greatest[rows, columns] > 0))
-    rows, columns = (places[chosen[: _CHOSEN // 2]] for places in (rows, columns))
-    a, b = (evidence.scaled(evidence.at(side, rows, columns)) for side in "ab")
+    places = rows[chosen[: _CHOSEN // 2]], columns[chosen[: _CHOSEN // 2]]
+    a, b = (evidence.scaled(evidence.at(side, *places)) for side in "ab")
     before = np.abs(b - a).sum(axis=0)
-    costs = {}
-    for dy, dx in product(range(-_NEAR, _NEAR + 1), repeat=2):
-        y, x = (
-            (rows - dy).clip(0, evidence.size[0] - 1),
-            (columns - dx).clip(0, evidence.size[1] - 1),
-        )
-        there = np.abs(evidence.scaled(evidence.at("a", y, x)) - b).sum(axis=0)
-        costs[dx, dy] = float(np.minimum(before, there).sum())
-    return min(costs, key=lambda move: costs[move])
+
+    def cost(move: tuple[int, int]) -> float:
+        there = evidence.scaled(_shifted(evidence, *move, places)[0])
+        return float(np.minimum(before, np.abs(there - b).sum(axis=0)).sum())
+
+    return min(((dx, dy) for dy, dx in product(range(-_NEAR, _NEAR + 1), repeat=2)), key=cost)
 
 
 def eroded(evidence: Evidence) -> Iterator[Explanation]:
@@ -500,15 +475,13 @@ def eroded(evidence: Evidence) -> Iterator[Explanation]:
     signs = np.sign(b - a)
     if (signs < 0).any() == (signs > 0).any():
         return
-    (rows, columns), (height, width) = evidence.places, evidence.size
     name, choose = ("eroded", np.minimum) if (signs < 0).any() else ("dilated", np.maximum)
     for of in ("square", "disc"):
         predicted = a.copy()
         for reach in range(1, _MOST_ERODED + 1):
             for dy, dx in product(range(-reach, reach + 1), repeat=2):
                 if of == "square" or dy * dy + dx * dx <= reach * reach:
-                    y, x = (rows + dy).clip(0, height - 1), (columns + dx).clip(0, width - 1)
-                    predicted = choose(predicted, evidence.at("a", y, x))
+                    predicted = choose(predicted, _shifted(evidence, dx, dy)[0])
             left = evidence.left(predicted, exact=True)
             if left > _TOWARDS:
                 break

@@ -17,12 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import Evidence, blocks_in_turn
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.picture import DecodedPicture
 from defocus_core.compare.selection import beside_jumps, read_radius, widened
 from defocus_core.errors import InputError
 
-_Mask = NDArray[np.bool_]
+# Name, words after it, pixels, and the least share of the difference that they hold.
+_Places = Iterator[tuple[str, str, NDArray[np.bool_], float]]
+_Cut = tuple[slice, slice]
 
 _LOOKED_AT = 2**19  # pixels, of which every n-th row and column are kept
 _TELLS = 0.35  # least relative entropy of a place, in nats
@@ -39,129 +41,117 @@ _ONE_SIGN = 0.9  # share of the squared difference that makes it brighter, or da
 _DEPTHS = ("Z", "depth.Z", "depth")  # channels
 
 
-class LocatedPair:
-    """A pair where its difference is looked at, and what is known of its scene.
-
-    Attributes:
-        evidence: the pair.
-        cut: the rows and columns that are looked at.
-        sides: A and B [C, h, w] on the scale of differences.
-        power: the squared difference [h, w], with the sign of the difference.
-        maps: signed ``radius`` [H, W] in px and ``depth`` [H, W], if they are at hand: in a file
-            that is named, in a channel, or in a file beside one of both.
-    """
-
-    def __init__(
-        self,
-        evidence: Evidence,
-        files: tuple[DecodedPicture, DecodedPicture],
-        corner: tuple[int, int],
-        coc: Path | None,
-    ) -> None:
-        (x, y), (height, width) = corner, evidence.size
-        step = slice(None, None, max(1, math.ceil(math.sqrt(height * width / _LOOKED_AT))))
-        self.evidence, self.cut = evidence, (step, step)
-        self.sides = [evidence.scaled(evidence.at(side, *self.cut)) for side in "ab"]
-        difference = (self.sides[1] - self.sides[0]).astype(np.float64)
-        finite = evidence.pixels.finite
-        self.power = (difference * np.abs(difference)).sum(axis=0)
-        self.power *= True if finite is None else finite[self.cut]
-        full, within = (
-            (files[0].height, files[0].width),
-            (slice(y, y + height), slice(x, x + width)),
-        )
-        self.maps: dict[str, Any] = {}
-        for name, plane in ((n, p) for file in files for n, p in file.planes.items()):
-            kind = "depth" if name in _DEPTHS else "radius" if name == "coc" else ""
-            if kind and plane.shape == full:
-                self.maps.setdefault(kind, np.nan_to_num(plane[within].astype(np.float32)))
-        beside = [
-            f.path.parent.parent / "coc" / f"{f.path.stem}.exr" for f in files if f.path.parent
-        ]
-        for path in beside if coc is None else [coc, *beside]:
-            if "radius" not in self.maps and path.is_file():
-                with suppress(InputError):
-                    self.maps["radius"] = read_radius(path, full)[within]
-
-
-def _by_scene(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
-    """Where the radius or the depth says something of a place."""
-    radius, depth, reaches = shown.maps.get("radius"), shown.maps.get("depth"), [_EDGE_REACH]
-    if radius is not None:
-        sharp = np.abs(radius[shown.cut]) <= _SHARP
-        yield "in focus only", "", sharp, _ONLY
-        yield "out of focus only", "", ~sharp, _ONLY
-        jumps = beside_jumps(radius)
-        reaches.append(math.ceil(float(np.abs(radius).max())))
-    elif depth is not None:
-        inverse = 1 / np.maximum(depth, 1e-9)
-        low, high = np.quantile(inverse[shown.cut], (0.01, 0.99))
-        jumps = beside_jumps(inverse, max(_JUMP * float(high - low), 1e-9))
-    else:
-        return
-    for reach in reaches:
-        yield "at silhouettes", f", within {reach} px", widened(jumps, reach)[shown.cut], _MOST
-
-
-def _by_light(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
-    """Where A is steep, whatever the depth is; where its brightest channel is bright, or dark."""
-    if shown.evidence.pixels.color:
-        steep = np.hypot(*np.gradient(shown.sides[0].mean(axis=0)))
-        yield "at edges", "", widened(steep > np.quantile(steep, _STEEPEST), 1), _MOST
-        light = shown.sides[0].max(axis=0)  # what is new in B is no light of A
-        bright = _BRIGHT if shown.evidence.gamma == 1.0 else _BRIGHT_ON_SCREEN
-        yield "in highlights", "", light > bright, _MOST
-        yield "in shadows", "", light < _DARK, _MOST
-
-
-def _by_frame(shown: LocatedPair) -> Iterator[tuple[str, str, _Mask, float]]:
-    """The border, and the rectangle that holds most of the blocks that choose it."""
-    size, step = shown.evidence.size, shown.cut[0].step
-    for wide in _BORDERS:
-        inner = np.zeros(size, bool)
-        inner[wide:-wide, wide:-wide] = True
-        yield "at the border", f", within {wide} px", ~inner[shown.cut], _MOST
-    power = np.abs(shown.power) * blocks_in_turn(size)[shown.cut]
-    if not power.any():
-        return
-    ends = []
-    for axis in (0, 1):
-        total = np.cumsum(power.sum(axis=1 - axis))
-        first, last = np.searchsorted(total, (_TAILS * total[-1], (1 - _TAILS) * total[-1]))
-        ends.append((int(first) * step, min((int(last) + 1) * step, size[axis])))
-    (top, bottom), (left, right) = ends
-    if shown.evidence.is_rectangle:
-        top, left, bottom, right = shown.evidence.window
-    within = np.zeros(size, bool)
-    within[top:bottom, left:right] = True
-    how = f" of {right - left}x{bottom - top} at {left},{top}"
-    yield "in one region", how, within[shown.cut], _MOST
-
-
-def place_of(shown: LocatedPair) -> Finding | None:
+def place_of(
+    evidence: Evidence,
+    files: tuple[DecodedPicture, DecodedPicture],
+    corner: tuple[int, int],  # column and row of the first pixel that is compared
+    coc: Path | None,  # a file of radii
+) -> Finding | None:
     """The place that tells most of where the difference lies; None if none tells enough."""
-    power = np.abs(shown.power)
+    every = max(1, math.ceil(math.sqrt(math.prod(evidence.size) / _LOOKED_AT)))
+    cut = (slice(None, None, every), slice(None, None, every))
+    a, b = (evidence.scaled(evidence.at(side, *cut)) for side in "ab")
+    difference = (b - a).astype(np.float64)
+    signed = (difference * np.abs(difference)).sum(axis=0)
+    signed *= True if evidence.pixels.finite is None else evidence.pixels.finite[cut]
+    power = np.abs(signed)
     total = float(power.sum())
-    if shown.evidence.is_small or total**2 < _FEWEST * float(np.square(power).sum()):
+    if evidence.is_small or total**2 < _FEWEST * float(np.square(power).sum()):
         return None
-    measures = ~blocks_in_turn(shown.evidence.size)[shown.cut]
-    told = []
-    ways = (_by_frame,) if shown.evidence.is_rectangle else (_by_scene, _by_light, _by_frame)
-    for name, how, mask, least in chain.from_iterable(way(shown) for way in ways):
+    measures, told = ~blocks_in_turn(evidence.size)[cut], []
+    ways = [_by_frame(evidence, power * ~measures, cut)]
+    if not evidence.is_rectangle:
+        maps = _maps(evidence.size, files, corner, coc)
+        ways = [_by_scene(maps, cut), _by_light(evidence, a), *ways]
+    for name, how, mask, least in chain.from_iterable(ways):
         used = measures if name == "in one region" else np.ones(mask.shape, bool)
-        every = float(power[used].sum())
-        share = float(power[mask & used].sum()) / every if every else 0.0
+        whole = float(power[used].sum())
+        share = float(power[mask & used].sum()) / whole if whole else 0.0
         area = np.count_nonzero(mask & used) / np.count_nonzero(used)
         if share >= least and 0 < area < 1 and (tells := _relative_entropy(share, area)) >= _TELLS:
             told.append((tells, name, how, share, area, mask))
     if not told:
         return None
     _, name, how, share, area, mask = max(told, key=lambda each: each[0])
-    sign = float(shown.power[mask].sum()) / float(power[mask].sum())
+    sign = float(signed[mask].sum()) / float(power[mask].sum())
     kind = "brighter" if sign > _ONE_SIGN else "darker" if sign < -_ONE_SIGN else ""
     words = f"{share:.0%} of the difference in {area:.1%} of the pixels"
     text = f"{name}{how}: {words}" + (f", {kind}" if kind else "")
     return Finding(name, text, {"share": round(share, 4), "area": round(area, 4), "kind": kind})
+
+
+def _maps(
+    size: tuple[int, int],
+    files: tuple[DecodedPicture, DecodedPicture],
+    corner: tuple[int, int],
+    coc: Path | None,
+) -> dict[str, NDArray[Any]]:
+    """Signed ``radius`` in px and ``depth`` [H, W], of a named file, a channel, a file beside."""
+    full = files[0].height, files[0].width
+    within = tuple(slice(at, at + n) for at, n in zip(corner[::-1], size, strict=True))
+    maps: dict[str, NDArray[Any]] = {}
+    for name, plane in ((n, p) for file in files for n, p in file.planes.items()):
+        kind = "depth" if name in _DEPTHS else "radius" if name == "coc" else ""
+        if kind and plane.shape == full:
+            maps.setdefault(kind, np.nan_to_num(plane[within].astype(np.float32)))
+    beside = [f.path.parent.parent / "coc" / f"{f.path.stem}.exr" for f in files if f.path.parent]
+    for path in beside if coc is None else [coc, *beside]:
+        if "radius" not in maps and path.is_file():
+            with suppress(InputError):
+                maps["radius"] = read_radius(path, full)[within]
+    return maps
+
+
+def _by_scene(maps: dict[str, NDArray[Any]], cut: _Cut) -> _Places:
+    """Where the radius or the depth says something of a place."""
+    radius, depth, reaches = maps.get("radius"), maps.get("depth"), [_EDGE_REACH]
+    if radius is not None:
+        sharp = np.abs(radius[cut]) <= _SHARP
+        yield "in focus only", "", sharp, _ONLY
+        yield "out of focus only", "", ~sharp, _ONLY
+        jumps = beside_jumps(radius)
+        reaches.append(math.ceil(float(np.abs(radius).max())))
+    elif depth is not None:
+        inverse = 1 / np.maximum(depth, 1e-9)
+        low, high = np.quantile(inverse[cut], (0.01, 0.99))
+        jumps = beside_jumps(inverse, max(_JUMP * float(high - low), 1e-9))
+    else:
+        return
+    for reach in reaches:
+        yield "at silhouettes", f", within {reach} px", widened(jumps, reach)[cut], _MOST
+
+
+def _by_light(evidence: Evidence, a: NDArray[Any]) -> _Places:
+    """Where A is steep, whatever the depth is; where its brightest channel is bright, or dark."""
+    if evidence.pixels.color:
+        steep = np.hypot(*np.gradient(a.mean(axis=0)))
+        yield "at edges", "", widened(steep > np.quantile(steep, _STEEPEST), 1), _MOST
+        light = a.max(axis=0)  # what is new in B is no light of A
+        bright = _BRIGHT if evidence.gamma == 1.0 else _BRIGHT_ON_SCREEN
+        yield "in highlights", "", light > bright, _MOST
+        yield "in shadows", "", light < _DARK, _MOST
+
+
+def _by_frame(evidence: Evidence, power: NDArray[Any], cut: _Cut) -> _Places:
+    """The border, and the rectangle that holds most of the power of what chooses it."""
+    size, step = evidence.size, cut[0].step
+    for wide in _BORDERS:
+        inner = np.zeros(size, bool)
+        inner[wide:-wide, wide:-wide] = True
+        yield "at the border", f", within {wide} px", ~inner[cut], _MOST
+    if not power.any():
+        return
+    top, left, bottom, right = evidence.window
+    if not evidence.is_rectangle:
+        ends = []
+        for axis in (0, 1):
+            total = np.cumsum(power.sum(axis=1 - axis))
+            first, last = np.searchsorted(total, (_TAILS * total[-1], (1 - _TAILS) * total[-1]))
+            ends.append((int(first) * step, min((int(last) + 1) * step, size[axis])))
+        (top, bottom), (left, right) = ends
+    within = np.zeros(size, bool)
+    within[top:bottom, left:right] = True
+    yield "in one region", f" of {right - left}x{bottom - top} at {left},{top}", within[cut], _MOST
 
 
 def _relative_entropy(share: float, area: float) -> float:

@@ -29,6 +29,7 @@ from defocus_core.compare.findings.evidence import (
     summed_up,
     sums_of_parts,
     unexplained,
+    unshared,
 )
 from defocus_core.compare.findings.geometry import keys, linear
 
@@ -116,7 +117,8 @@ class Softened:
     def noise(self) -> float:
         """The power of noise that no model explains: what the freest of them leave at least."""
         free = [*self.in_parts, *(predicted for predicted, _, _ in self.denoised)]
-        return min(LOSSY, *(self.evidence.noise_framed(each, self.measures) for each in free))
+        pairs = (self.evidence.framed_pairs(each, self.measures)[2] for each in free)
+        return min(LOSSY, *(unshared(*rest) for rest in pairs))
 
     @cached_property
     def in_parts(self) -> list[NDArray[Any]]:

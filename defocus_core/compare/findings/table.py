@@ -1,14 +1,16 @@
 """Findings: a row for each model of a cause, and the places of what no cause explains.
 
-A row says which findings its model makes, and what is evidence for each, as `defocus help compare`
-has it; when it is tried; what it may leave of a difference, if it is to be named; and its rivals.
-Names of rules, help and tests are made of these rows.
+A finding is the name of a difference, with the evidence for it. A row says which findings its model
+makes, and what is evidence for each, as `defocus help compare` has it; when it is tried; what it
+may leave of a difference, if it is to be named; and its rivals. Names of rules, help and tests are
+made of these rows.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
 
 LEFT = 0.4  # largest share of a difference that an explanation may leave, if it is to be named
 EXACT = 0.15  # the same for what predicts all values
@@ -60,7 +62,12 @@ CAUSES = (
             "missing layer": "A without one of its layers, like a specular pass",
         },
     ),
-    Cause("tone.exchanged_ids", {"ids exchanged": "the same numbers, in other places"}, left=EXACT),
+    Cause(
+        "tone.exchanged_ids",
+        {"ids exchanged": "the same numbers, in other places"},
+        left=EXACT,
+        local=True,
+    ),
     Cause(
         "tone.normalised",
         {"normalised": "0…1 of other numbers, like depth; or their inverse"},
@@ -215,7 +222,30 @@ EVIDENCE = STRUCTURE | {n: words for row in CAUSES for n, words in row.findings.
 FINDINGS = (*EVIDENCE, *PLACES)  # first words of all names, for rules like found:clipped
 
 
-def help_lines() -> Iterator[str]:
-    """The rows of the tables of `defocus help compare`."""
-    for name, words in (EVIDENCE | PLACES).items():
-        yield f"| `{name}` | {words} |"
+@dataclass(frozen=True)
+class Finding:
+    """What happened to B, as far as the pixels show.
+
+    Attributes:
+        name: the cause in fixed words, like ``shifted`` or ``clipped at 1``.
+        text: the cause with its numbers, as a person reads it.
+        values: the numbers, for programs.
+        explained: share of the RMSE that the cause explains, 1 if it explains all; None where
+            there is no such share.
+    """
+
+    name: str
+    text: str
+    values: Mapping[str, Any] = field(default_factory=dict)
+    explained: float | None = None
+
+    @property
+    def code(self) -> str:
+        """The kind of finding in one word, like ``clipped`` or ``at-silhouettes``."""
+        kinds = [kind for kind in FINDINGS if f"{self.name} ".startswith(f"{kind} ")]
+        return max(kinds, key=len, default=self.name).replace(" ", "-").lower()
+
+
+def is_place(name: str) -> bool:
+    """Whether a finding says where a difference is, and no cause."""
+    return name in PLACES

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation, steepness, summed_up
-from defocus_core.compare.findings.finding import Finding
+from defocus_core.compare.findings.table import Finding
 from defocus_core.compare.metrics import LUMINANCE
 from defocus_core.compare.pairing import other_view
 from defocus_core.compare.picture import color_layers, layers

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.findings.evidence import (
+    LOSSY_CODECS,
     Evidence,
     Explanation,
     blocks_in_turn,
@@ -30,8 +31,6 @@ _STRONGEST = 4.0  # gain of a halo
 _LENGTH = 4.0  # of a halo, in widths of it
 _GAIN_LEFT = 0.3
 _FEW = 1e-3  # share of the pixels that fireflies are at most
-# Lines that would hold the difference if each held as much: at least these, and this share of all.
-_LONE, _ALIKE = 1.2, 0.35
 _FEW_TILES = 0.1  # share of the tiles that hold a difference in one place
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
 _SPARK = 0.1  # least difference of a firefly
@@ -109,48 +108,65 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
     changed = evidence.pixels.greatest[evidence.frame] > 0
     if not 24 <= np.count_nonzero(changed) < _MOST_COVERED * changed.size:
         return
-    turn = blocks_in_turn(changed.shape, 4)
+    measures = ~blocks_in_turn(changed.shape, 4)[changed]
+    top, first, bottom, last = evidence.window
+    where = f"within {last - first}x{bottom - top} at {first},{top}"
     for scale in (evidence.light, evidence.scaled):
         a, b = (scale(side).astype("f8")[:, changed] for side in frame)
-        size = np.abs(b - a).sum(axis=0)
-        chosen = size > np.quantile(size, 0.6)
+        change, power = b - a, np.square(b - a)
+        for color, opacity, each, chosen in _colors_over(a, change):
+            low, high = float(color.min()), float(color.max())
+            # A gain would make it black, too; and what is 0 is lost, and written over by none.
+            if (high < 0.02 and opacity < 0.5) or (high < 0.002 and opacity > 0.98):
+                continue
+            covered = float(power[:, chosen].sum() / power.sum()) >= _COVERED
+            if not (covered and -0.05 < low <= high < 1.05 and (chosen & measures).any()):
+                continue
+            own = np.where(chosen, opacity, each.clip(0, opacity))  # rims
+            rest = np.square((change - own * (color - a))[:, measures]).sum()
+            left = math.sqrt(float(rest / power[:, measures].sum()))
+            said = " ".join(f"{v:.2g}" for v in color[:, 0])
+            how = f": {opacity:.0%} of one colour ({said}) {where}, like text"
+            values = {"opacity": opacity, "color": color[:, 0].tolist()}
+            yield Explanation(left, "overlay", how, values, -0.02)
+
+
+def _colors_over(a: NDArray[Any], change: NDArray[Any]) -> Iterator[tuple[Any, float, Any, Any]]:
+    """A colour [C, 1], its opacity, that of each pixel [N], and the pixels that have it.
+
+    B = (1 - opacity) A + opacity color, the same opacity in all channels. It is sought among the
+    pixels that change most, and among those that come as near to the colour that they all near.
+    """
+
+    def opacities(color: NDArray[Any]) -> NDArray[Any]:
+        toward = color - a
+        squares = np.maximum(np.square(toward).sum(axis=0), 1e-9)
+        return np.asarray((change * toward).sum(axis=0) / squares)
+
+    power = np.square(change).sum(axis=0)
+    strong = power > np.quantile(power, 0.6)
+    if np.count_nonzero(strong) < 12:
+        return
+    # The point that is nearest to all lines through A along the change.
+    lines, points, weights = change[:, strong], a[:, strong], power[strong]
+    matrix = np.eye(len(a)) * weights.sum() - lines @ lines.T
+    aim = (points * weights).sum(axis=1) - lines @ (lines * points).sum(axis=0)
+    ridge = 1e-9 * np.trace(matrix) * np.eye(len(a))
+    nearing = opacities(np.linalg.lstsq(matrix + ridge, aim, rcond=None)[0][:, None])
+    usual = float(np.quantile(nearing[strong], 0.75))
+    for chosen in (strong, np.abs(nearing - usual) < _OPACITY * usual):
         for _ in range(4):
             if np.count_nonzero(chosen) < 12:
                 break
-            # B = (1 - opacity) A + opacity color, the same opacity in all channels.
-            x, y = (v[:, chosen] - v[:, chosen].mean(axis=1, keepdims=True) for v in (a, b))
-            opacity = 1 - float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
+            x, y = (v[:, chosen] - v[:, chosen].mean(axis=1, keepdims=True) for v in (a, change))
+            opacity = -float((x * y).sum() / max(float(np.square(x).sum()), 1e-300))
             if not opacity > 0.01:
                 break
-            color = (b - (1 - opacity) * a)[:, chosen].mean(axis=1, keepdims=True) / opacity
-            toward = color - a
-            each = ((b - a) * toward).sum(axis=0) / np.maximum(np.square(toward).sum(axis=0), 1e-9)
+            color = (a + change / opacity)[:, chosen].mean(axis=1, keepdims=True)
+            each = opacities(color)
             chosen = np.abs(each - opacity) < _OPACITY * opacity
         else:
-            black = float(color.max()) < 0.02 and opacity < 0.5  # a gain would do it, too
-            covered = float(np.square(b - a)[:, chosen].sum() / np.square(b - a).sum())
-            measured = chosen & ~turn[changed]
-            lost = (
-                float(color.max()) < 0.002 and opacity > 0.98
-            )  # it is 0, and written over by none
-            if (
-                black
-                or lost
-                or covered < _COVERED
-                or not -0.05 < color.min() <= color.max() < 1.05
-                or not measured.any()
-            ):
-                continue
-            own = np.where(chosen, min(opacity, 1.0), each.clip(0, min(opacity, 1.0)))  # rims
-            kept = ~turn[changed]
-            rest = np.square((b - a - own * toward)[:, kept]).sum()
-            left = math.sqrt(float(rest / np.square((b - a)[:, kept]).sum()))
-            said = " ".join(f"{v:.2g}" for v in color[:, 0])
-            top, first, bottom, last = evidence.window
-            where = f"within {last - first}x{bottom - top} at {first},{top}"
-            how = f": {min(opacity, 1):.0%} of one colour ({said}) {where}, like text"
-            values = {"opacity": opacity, "color": color[:, 0].tolist()}
-            yield Explanation(left, "overlay", how, values, -0.02)
+            yield color, min(opacity, 1.0), each, chosen
 
 
 def seams(evidence: Evidence) -> Iterator[Explanation]:
@@ -174,8 +190,6 @@ def seams(evidence: Evidence) -> Iterator[Explanation]:
             outside = sum(float(np.where(line, 0, p).mean()) for p, line in sides) / total
             if max(float((p[line] > 0).mean()) for p, line in sides) < 0.6 or outside > 0.2:
                 continue
-            if not _is_repeated(*max(sides, key=lambda side: float(side[0].sum()))):
-                continue
             near = lines[1][:, None] | lines[0]
             rest = np.where(near, np.float32(0), difference)[shown]
             pairs = [(v[:, :-1], v[:, 1:]) for v in (difference[shown], rest)]
@@ -194,16 +208,6 @@ def _profile(difference: NDArray[Any]) -> NDArray[Any]:
     means = np.add.reduceat(difference, np.arange(0, len(difference), _SEGMENT), axis=0) / _SEGMENT
     power = np.square(means).mean(axis=0, dtype="f8")
     return np.asarray(np.maximum(power - 2.5 * np.median(power), 0))
-
-
-def _is_repeated(profile: NDArray[Any], line: NDArray[np.bool_]) -> bool:
-    """Whether the difference lies on several of the lines of a period, and not on a lone one."""
-    starts = np.flatnonzero(line & ~np.roll(line, 1))
-    sums = np.add.reduceat(np.where(line, profile, 0), starts)
-    if len(sums) < 2:
-        return False
-    count = float(sums.sum()) ** 2 / max(float(np.square(sums).sum()), 1e-300)
-    return count >= min(len(sums), max(_LONE, _ALIKE * len(sums)))
 
 
 def _spacing(profile: NDArray[Any]) -> int:
@@ -321,7 +325,8 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
 
     if min(luma[0].shape) < 6 * _DCT:
         return
-    if evidence.loses and np.sqrt(np.square(change).mean()) < _MOST_LOST:
+    loses = [codec in LOSSY_CODECS for codec in evidence.codecs] == [False, True]
+    if loses and np.sqrt(np.square(change).mean()) < _MOST_LOST:
         means = sums_of_parts(change, _DCT) / _DCT
         kept = math.sqrt(float(np.square(means).sum() / np.square(change).sum()))
         how = f": {evidence.codecs[1]} instead of {evidence.codecs[0]}, by the headers"

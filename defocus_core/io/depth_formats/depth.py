@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
-from defocus_core.io.depth_formats.file_types import read_numbers, refuse_assumed
+from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.reading import (
     AS_IT_IS,
     DepthNumbers,
@@ -25,7 +25,9 @@ from defocus_core.io.depth_formats.reading import (
 )
 from defocus_core.io.depth_formats.rules import HALF_MAX, decoded, is_sky, resolved
 from defocus_core.io.depth_formats.table import NAMES, DepthFormat
+from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
 Valid = Callable[[slice], NDArray[np.bool_]]  # where some rows have a depth
@@ -69,6 +71,9 @@ def _filled_along_rows(
     return filled
 
 
+# What to do about invalid pixels: of most files, and of samples, behind which others may lie.
+_FILL = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
+_OF_SAMPLES = "write inf for sky, and leave samples without depth out"
 _UPSIDE_DOWN = 4  # orientations of Exif beyond it lie on their side
 
 
@@ -83,16 +88,11 @@ class Depth:
         channel: the channel's name in the file, empty where channels have none.
         note: how the file was understood, for people.
         is_radius: whether the file holds radii instead of depth.
-        is_assumed: whether only the type of the file says that 16 bits are
-            millimetres.
-        is_integer: whether the numbers of the file are integers, which have no inf.
-        named: whether the user named the format, which says what 0 is.
         replaced: how many invalid pixels were taken as far, or filled.
-        replaced_words: the same for people; empty if none.
+        hole_remedy: what to do about invalid pixels.
         data_window: its data window in words, if it does not cover the picture.
         overscan: pixels beyond the picture shown.
-        is_deep: whether it is that of the nearest samples of deep pixels.
-        told: what else is to be said of how it was read.
+        warnings: what was taken for granted, and what was replaced, for people.
         empty: where the colour is an element's and holds nothing, bool [H, W]; None if nowhere.
             The depth is inf there, a radius 0.
         is_relative: whether the numbers are relative disparity, which gives radii as well.
@@ -104,15 +104,11 @@ class Depth:
     channel: str
     note: str
     is_radius: bool = False
-    is_assumed: bool = False
-    is_integer: bool = False
-    named: bool = False
     replaced: int = 0
-    replaced_words: str = ""
+    hole_remedy: str = _FILL
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
-    is_deep: bool = False
-    told: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     empty: Any = None
     is_relative: bool = False
     inverted: bool = False
@@ -122,16 +118,6 @@ class Depth:
         """(width, height) of the picture shown, in px."""
         rows, columns = self.overscan.shown(*self.metres.shape)
         return columns.stop - columns.start, rows.stop - rows.start
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What was taken for granted, and what was replaced, for people."""
-        granted = (
-            f"{self.path.name}: 16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›"
-        )
-        replaced = f"{self.path.name}: {self.replaced_words}"
-        said = (*([granted] * self.is_assumed), *([replaced] * bool(self.replaced_words)))
-        return *said, *self.told
 
     @property
     def is_exact(self) -> bool:
@@ -146,14 +132,13 @@ class Depth:
     @property
     def ends(self) -> tuple[float, float] | None:
         """The least and the greatest of the valid depths of what is there; None of nothing."""
-        ends: list[np.float32] = []
+        least, greatest = np.float32(np.inf), np.float32(-np.inf)
         for rows in bands(self.metres.shape):
             valid = self.valid(rows)
-            valid = valid if self.empty is None else valid & ~self.empty[rows]
-            if valid.any():
-                known = self.metres[rows][valid]
-                ends += [known.min(), known.max()]
-        return (float(min(ends)), float(max(ends))) if ends else None
+            known = self.metres[rows][valid if self.empty is None else valid & ~self.empty[rows]]
+            least = min(least, known.min(initial=np.inf))
+            greatest = max(greatest, known.max(initial=-np.inf))
+        return None if greatest == -np.inf else (float(least), float(greatest))
 
     def valid(self, rows: slice) -> NDArray[np.bool_]:
         """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
@@ -195,15 +180,17 @@ def read_depth(
     samples = read_numbers(path, reading, keeping, stored, overscan)
     row = resolved(reading, samples, lens_focal)
     values, division = divided(samples, alpha, reading.unpremultiply_depth, keeping)
-    is_assumed = samples.type == "16-bit PNG" and not reading.says_scale
-    if is_assumed:
-        refuse_assumed(path, values)
     told = []
+    if samples.type == "16-bit PNG" and not reading.says_scale:
+        from defocus_core.io.depth_formats.file_types import refuse_assumed
+
+        refuse_assumed(path, values)
+        told.append("16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›")
     every = (is_sky(values[rows], row) for rows in bands(values.shape))
     if reading.sky is not None and not any(sky.any() for sky in every):
-        told.append(f"{path.name}: ‹sky› {reading.sky:g} marks no pixel")
+        told.append(f"‹sky› {reading.sky:g} marks no pixel")
     if reading.turn_depth is not None and orientation == 1:
-        told.append(f"{path.name}: ‹turn-depth› turns nothing: the colour names no orientation")
+        told.append("‹turn-depth› turns nothing: the colour names no orientation")
     metres, half_sky = _decode(values, row, keeping, overscan)
     words = [samples.words, division, row.words, *_apply_marks(samples, row, metres)]
     if turn != 1:
@@ -217,20 +204,38 @@ def read_depth(
         samples.channel,
         f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}",
         is_radius=row.rule == "radius",
-        is_assumed=is_assumed,
-        is_integer=samples.is_integer,
-        named=reading.depth_format is not None,
+        hole_remedy=_hole_remedy(samples, reading, row),
         data_window=samples.data_window,
-        is_deep=samples.is_deep,
         overscan=overscan,
         is_relative=reading.relative,
         inverted=reading.invert is not None,
     )
     if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"
-        told.append(f"{path.name}: {problem}; say ‹depth-format› nuke-scanline, or metres")
-    depth = replace(depth, told=tuple(told))
+        told.append(f"{problem}; say ‹depth-format› nuke-scanline, or metres")
+    depth = replace(depth, warnings=tuple(f"{path.name}: {words}" for words in told))
     return depth if reading.invalid == "error" else _replaced(depth, reading.invalid)
+
+
+def read_numbers(
+    path: Path,
+    reading: DepthReading,
+    keeping: Keeping,
+    size: tuple[int, int] | None,
+    overscan: Overscan = NO_OVERSCAN,
+) -> DepthNumbers:
+    """The numbers of a depth file, of a type that the named format comes in."""
+    row, read = reading.row, exr_depth_numbers
+    if row.files == ("headerless",) or not is_exr(read_head(path)):
+        from defocus_core.io.depth_formats.file_types import other_numbers as read
+    samples = read(path, reading, keeping, size, overscan)
+    if reading.depth_format is not None and samples.type not in row.files:
+        files = ", ".join(row.files)
+        problem = f"is read as {samples.words}, and {row.name} comes as {files}"
+        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
+    if row.stride != 1:
+        samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
+    return samples
 
 
 def require_valid(depth: Depth) -> None:
@@ -240,27 +245,27 @@ def require_valid(depth: Depth) -> None:
         return
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
-    remedy = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
-    if depth.is_relative:
-        remedy = "fill the holes; or say ‹invalid› far, or fill"
-    elif depth.is_radius:
-        remedy = "write a finite radius there"
-    if _is_behind(depth):
+    remedy = depth.hole_remedy
+    if remedy != _OF_SAMPLES and _is_behind(depth):
         problem, remedy = _BEHIND
-    if depth.is_deep:  # where other samples may lie behind the first
-        problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
-        remedy = "write inf for sky, and leave samples without depth out"
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
-        remedy = "render the whole display window, or give the colour alpha; or say ‹invalid› far"
-    if depth.is_integer and depth.named:
-        remedy = "say ‹invalid› far if they are sky, or fill if they are holes"
-    elif depth.is_integer:
-        remedy = (
-            "say ‹depth-format›, since 0 is a hole for some and sky for others; "
-            "or ‹invalid› far, or fill"
-        )
     raise InputError("invalid-depth", problem, remedy, path=depth.path)
+
+
+def _hole_remedy(samples: DepthNumbers, reading: DepthReading, row: DepthFormat) -> str:
+    if samples.is_integer and reading.depth_format is not None:
+        return "say ‹invalid› far if they are sky, or fill if they are holes"
+    if samples.is_integer:
+        zero = "since 0 is a hole for some and sky for others"
+        return f"say ‹depth-format›, {zero}; or ‹invalid› far, or fill"
+    if samples.data_window:
+        return "render the whole display window, or give the colour alpha; or say ‹invalid› far"
+    if samples.is_deep:
+        return _OF_SAMPLES
+    if reading.relative:
+        return "fill the holes; or say ‹invalid› far, or fill"
+    return "write a finite radius there" if row.rule == "radius" else _FILL
 
 
 _BEHIND = (
@@ -300,14 +305,11 @@ def _decode(
 
 def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterator[str]:
     """Set what alpha, another array or a mask beside the file marks; what was used, in words."""
-    marks = list(samples.marks)
+    marks = samples.marks
     if row.mask is not None:
         from defocus_core.io.depth_formats.sidecars import mask_beside
 
-        if (mask := mask_beside(row.mask, samples.path, metres.shape)) is not None:
-            marks.append(mask)
-        else:
-            yield "no mask beside it"
+        marks += (mask_beside(row.mask, samples.path, metres.shape),)
     for mark in marks:
         for rows in bands(metres.shape):
             metres[rows] = np.where(mark.pixels[rows], np.float32(mark.depth), metres[rows])
@@ -323,7 +325,7 @@ def _replaced(depth: Depth, how: str) -> Depth:
     count, _ = count_of((~depth.valid(rows), rows.start) for rows in bands(shape))
     if not count:
         words = f"{depth.path.name}: ‹invalid› {how} finds no invalid pixel"
-        return replace(depth, told=(*depth.told, words))
+        return replace(depth, warnings=(*depth.warnings, words))
     if depth.is_radius and not depth.is_relative:
         problem = f"is NaN or infinite in {counted(count, 'pixel')}"
         remedy = "radii have no far: mend them, leave ‹invalid› out"
@@ -345,8 +347,8 @@ def _replaced(depth: Depth, how: str) -> Depth:
     else:
         fill_from_farther(depth.metres, depth.valid, farther)
         words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
-    note = f"{depth.note}, {words}"
-    return replace(depth, note=note, replaced=count, replaced_words=words)
+    warnings = (*depth.warnings, f"{depth.path.name}: {words}")
+    return replace(depth, note=f"{depth.note}, {words}", replaced=count, warnings=warnings)
 
 
 # Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.

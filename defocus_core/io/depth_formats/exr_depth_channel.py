@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
+from itertools import starmap
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -58,7 +58,9 @@ def exr_depth_numbers(
 
     parts = read_parts(path, headers, keeping, wanted, overscan)
     pixels = parts[header.index].channels[chosen.source]
-    if lacks and not all(_equal(pixels, parts[header.index].channels[name]) for name in grey):
+    others = [parts[header.index].channels[name] for name in grey]
+    pairs = ((pixels[rows], one[rows]) for one in others for rows in bands(pixels.shape))
+    if lacks and not all(starmap(np.array_equal, pairs)):
         raise lacks
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""
@@ -95,10 +97,6 @@ def _chosen(
         if not set("RGB") <= set(every) <= set("RGBA"):
             raise
         return every["R"], [every["G"].source, every["B"].source], error
-
-
-def _equal(one: Any, other: Any) -> bool:
-    return all(np.array_equal(one[rows], other[rows]) for rows in bands(one.shape))
 
 
 def choose_depth_channel(

@@ -1,4 +1,4 @@
-"""Depth files of every type opened: which type a file is of, and its numbers."""
+"""Depth files of every type but EXR opened: which type a file is of, and its numbers."""
 
 from __future__ import annotations
 
@@ -7,18 +7,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import Keeping, bands
-from defocus_core.io.depth_formats.exr_depth_channel import (
-    NO_DEPTH,
-    NoDepthChannel,
-    exr_depth_numbers,
+from defocus_core.io.array_files import (
+    NAMED,
+    ArrayEntry,
+    array_type,
+    read_entries,
+    read_headerless,
+    squeezed,
+    wrong_shape,
 )
+from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, NoDepthChannel
+from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
 from defocus_core.io.depth_formats.reading import (
     DepthNumbers,
     DepthReading,
@@ -26,87 +32,47 @@ from defocus_core.io.depth_formats.reading import (
     holds_gdepth,
     require_size,
 )
+from defocus_core.io.depth_formats.rules import linear
+from defocus_core.io.depth_formats.sidecars import with_sidecar
 from defocus_core.io.depth_formats.table import DepthFormat
 from defocus_core.io.exr.channel_choice import require_part
-from defocus_core.io.exr.header import is_exr
-from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
+from defocus_core.io.exr.windows import Overscan
+from defocus_core.io.images import raster
 from defocus_core.io.safe_files import decoding, is_heic, is_jpeg, read_head
 from defocus_core.system.text import percent
-
-if TYPE_CHECKING:
-    from defocus_core.io.array_files import ArrayEntry
-    from defocus_core.io.images.raster import Raster
 
 # Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma.
 _CHROMA_NOISE, _LUMA = 24, (0.299, 0.587, 0.114)
 WANTED = "EXR, PFM, NPY or float TIFF, or 16-bit PNG in millimetres"
 
-
 Size = tuple[int, int] | None  # (width, height) of the colour of a depth file, if it has one
 
 
-def read_numbers(
-    path: Path,
-    reading: DepthReading,
-    keeping: Keeping,
-    size: Size,
-    overscan: Overscan = NO_OVERSCAN,
+def other_numbers(
+    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
 ) -> DepthNumbers:
-    """The numbers of a depth file, of a type that the named format comes in."""
-    row, kind = reading.row, _type_of(path, reading)
-    if reading.depth_channel is not None and kind != "EXR" and not _has_names(kind):
+    """The numbers of a depth file that is no EXR."""
+    row, head = reading.row, read_head(path, 32)
+    is_photo = "GDepth" in row.files or (reading.depth_format is None and holds_gdepth(path))
+    is_headerless = row.files == ("headerless",)
+    kind = "" if is_headerless or is_heic(head) else array_type(head)
+    if reading.depth_channel is not None and kind not in NAMED:
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
-    samples = _READERS.get(kind, _from_arrays)(path, reading, keeping, size, overscan)
-    if reading.depth_format is not None and samples.type not in row.files:
-        files = ", ".join(row.files)
-        problem = f"is read as {samples.words}, and {row.name} comes as {files}"
-        raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
-    if row.stride != 1:
-        samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
-    return samples
-
-
-def _has_names(kind: str) -> bool:
-    """Whether the arrays of a file of a type have names."""
-    from defocus_core.io.array_files import NAMED
-
-    return kind in NAMED
-
-
-def _type_of(path: Path, reading: DepthReading) -> str:
-    """The type by which a file is read: a key of `_READERS`, or a type of arrays."""
-    row, head = reading.row, read_head(path, 32)
-    if row.files == ("headerless",):
-        return "headerless"
-    if is_exr(head):
-        return "EXR"
+    if is_headerless:
+        rows = read_headerless(path, size or row.size or (0, 0))
+        return DepthNumbers(path, rows, "headerless", "float32 rows")
     if is_heic(head):
-        return "HEIC"
-    from defocus_core.io.array_files import array_type
-
-    is_photo = "GDepth" in row.files or (reading.depth_format is None and holds_gdepth(path))
-    return array_type(head) or ("GDepth" if is_jpeg(head) and is_photo else "picture")
-
-
-def _headerless(
-    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
-) -> DepthNumbers:
-    from defocus_core.io.array_files import read_headerless
-
-    width, height = size or reading.row.size or (0, 0)
-    return DepthNumbers(path, read_headerless(path, (width, height)), "headerless", "float32 rows")
+        return _from_photo(path, reading, read_heic(path), size)
+    if kind:
+        return _from_arrays(path, reading, kind, size)
+    if is_jpeg(head) and is_photo:
+        return _from_photo(path, reading, read_gdepth(path), size)
+    return _from_picture(path, reading, keeping, size)
 
 
-def _from_photo(
-    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
-) -> DepthNumbers:
+def _from_photo(path: Path, reading: DepthReading, photo: DepthNumbers, size: Size) -> DepthNumbers:
     """Numbers of a depth image in a photograph; relative ones as 1 / z."""
-    from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
-    from defocus_core.io.depth_formats.rules import linear
-    from defocus_core.io.depth_formats.sidecars import with_sidecar
-
-    photo = read_heic(path) if is_heic(read_head(path)) else read_gdepth(path)
     if not reading.relative and photo.type == "GDepth" and "Units" not in photo.metadata:
         problem = "has GDepth without Units, which is relative"
         remedy = "say ‹blur› 20px ‹focus-at› X,Y instead of a lens"
@@ -123,12 +89,8 @@ def _from_photo(
     return replace(photo, values=near.astype(np.float32))
 
 
-def _from_arrays(
-    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
-) -> DepthNumbers:
-    from defocus_core.io.array_files import array_type, read_entries
-
-    row, entries, kind = reading.row, read_entries(path), array_type(read_head(path, 32))
+def _from_arrays(path: Path, reading: DepthReading, kind: str, size: Size) -> DepthNumbers:
+    row, entries = reading.row, read_entries(path)
     name = _array_name(path, entries, reading)
     values = _frame(path, entries[name], kind, reading, size)
     marks: tuple[Mark, ...] = ()
@@ -163,7 +125,7 @@ def _frame(
 ) -> NDArray[Any]:
     """One map of an array in a file, of which no more than that is loaded."""
     row, shape, index = reading.row, entry.shape, None
-    frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and _has_names(kind)))
+    frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and kind in NAMED))
     if frames and shape[0] != 1 and row.plane is None:
         if reading.part is None:
             remedy = "choose one with ‹part›, counted from 0"
@@ -178,8 +140,6 @@ def _frame(
 
 def _map_of(path: Path, values: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     """One map [H, W] of an array of any number of axes."""
-    from defocus_core.io.array_files import squeezed, wrong_shape
-
     values = squeezed(values)
     if values.ndim == 3 and row.plane is not None:
         values = values[:, :, row.plane]
@@ -188,12 +148,8 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     return values.T if row.axes.endswith("WH") else values
 
 
-def _from_picture(
-    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
-) -> DepthNumbers:
+def _from_picture(path: Path, reading: DepthReading, keeping: Keeping, size: Size) -> DepthNumbers:
     """Numbers of a PNG, TIFF or JPEG: one channel, or the bits of a pixel of several."""
-    from defocus_core.io.images import raster
-
     row = reading.row
     page = raster.choose_page(path, raster.read_pages(path, wanted=WANTED), reading.part)
     if page.deep:
@@ -202,10 +158,11 @@ def _from_picture(
     kind, shape = f"{bits} {path.suffix[1:].upper()}", (page.height, page.width)
     require_size(path, reading, shape, size)
     if row.weights or row.bits == "float32":
-        several = len(page.channels) in (3, 4) and page.type == "uint8"
-        file_type = f"8-bit {'RGBA' if len(page.channels) == 4 else 'RGB'}" if several else kind
-        values = raster.read_whole(path, page)
-        return DepthNumbers(path, _unpacked(values, row) if several else values, file_type, kind)
+        channels = {3: "RGB", 4: "RGBA"}.get(len(page.channels), "") * (page.type == "uint8")
+        file_type, values = f"8-bit {channels}" if channels else kind, raster.read_whole(path, page)
+        if file_type in row.files:
+            values = _unpacked(values, row)
+        return DepthNumbers(path, values, file_type, kind)
     _refuse_unsuited(path, page, reading)
     dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
     values = keeping.new(shape, dtypes.get(page.type, np.float32))
@@ -231,16 +188,6 @@ def _unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     return np.ascontiguousarray(samples[..., [2, 1, 0, 3]]).view("<f4")[..., 0]
 
 
-# How a file of each type is read; those of arrays by `_from_arrays`.
-_READERS = {
-    "headerless": _headerless,
-    "EXR": exr_depth_numbers,
-    "HEIC": _from_photo,
-    "GDepth": _from_photo,
-    "picture": _from_picture,
-}
-
-
 def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
     """The luma of samples [h, w, 3…] of equal channels, or of 8 bits but for a codec's noise."""
     colors = samples[:, :, :3]
@@ -255,25 +202,28 @@ def _grey(path: Path, samples: NDArray[Any]) -> NDArray[Any]:
     return np.rint(colors @ _LUMA).astype(samples.dtype)
 
 
-def _refuse_unsuited(path: Path, raster: Raster, reading: DepthReading) -> None:
+def _refuse_unsuited(path: Path, page: raster.Raster, reading: DepthReading) -> None:
     """Refuse pictures of 8 bits, and of several channels, unless options declare them as depth."""
-    if raster.type == "uint8" and not reading.says_scale:
+    if reading.says_scale:
+        return
+    if page.type == "uint8":
         problem = "has 8 bits, too few for depth and without a metric scale"
         remedy = f"save depth as {WANTED}; or say ‹depth-range› NEAR FAR and ‹depth-kind›; "
         remedy += "or take it as relative with ‹blur› 20px ‹focus-at› X,Y instead of a lens"
         raise InputError("unknown-unit", problem, remedy, path=path)
-    if raster.channels[0] in NO_DEPTH and not reading.says_scale:
-        problem = f"has no depth channel, only {raster.channels[0]}"
+    if page.channels[0] in NO_DEPTH:
+        problem = f"has no depth channel, only {page.channels[0]}"
         remedy = "give the depth; signed radii are ‹depth-format› coc"
         raise NoDepthChannel("no-depth", problem, remedy, path=path)
-    if len(raster.channels) == 2 and not reading.says_scale:
-        problem = f"has channels {', '.join(raster.channels)}; depth is one channel"
+    if len(page.channels) == 2:
+        problem = f"has channels {', '.join(page.channels)}; depth is one channel"
         remedy = "save the depth as a single grey channel"
         raise InputError("not-one-channel", problem, remedy, path=path)
 
 
 _TOP = 65535  # of 16 bits
 _PARTS = 6  # of a path, from its end, that are looked at
+_KITTI_FOLDERS = r"proj_depth/(groundtruth|velodyne_raw)/|_selection_cropped/|kitti"
 _KITTI_SIZES = ((1242, 375), (1241, 376), (1238, 374), (1226, 370), (1224, 370), (1216, 352))
 
 
@@ -290,12 +240,7 @@ class Sign:
 
 
 SIGNS = (
-    Sign(
-        "kitti",
-        r"proj_depth/(groundtruth|velodyne_raw)/|_selection_cropped/|kitti",
-        zeros=(0.2, 1),
-        maximum=32000,
-    ),
+    Sign("kitti", _KITTI_FOLDERS, zeros=(0.2, 1), maximum=32000),
     Sign("kitti", sizes=_KITTI_SIZES, zeros=(0.5, 1), maximum=32000),
     Sign("vkitti2", r"vkitti|virtual.?kitti|frames/depth/camera_[01]/", zeros=(0, 0)),
     Sign("vkitti2", sizes=((1242, 375),), zeros=(0, 0), tops=0.001),
@@ -327,16 +272,14 @@ def refuse_assumed(path: Path, values: Any) -> None:
             and sign.tops <= tops
             and maximum <= sign.maximum
         ):
-            told = [f"its path has '{found[0]}'"] if sign.path else [f"{size[0]}x{size[1]} px"]
-            told += [
-                f"{percent(share)} are {n}" for n, share in ((0, zeros), (_TOP, tops)) if share
-            ]
+            told = [f"its path has '{found[0]}'" if sign.path else f"{size[0]}x{size[1]} px"]
+            ends = {0: zeros, _TOP: tops}
+            told += [f"{percent(share)} are {n}" for n, share in ends.items() if share]
             problem = f"has 16 bits that may be {sign.format}, not millimetres: {', '.join(told)}"
             remedy = f"say ‹depth-format› {sign.format}, or ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=path)
     if zeros and tops:
         problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
-        remedy = (
-            "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or ‹depth-format›"
-        )
+        remedy = "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or "
+        remedy += "‹depth-format›"
         raise InputError("unknown-unit", problem, remedy, path=path)

@@ -43,7 +43,7 @@ def sharp_original(path: Path) -> Iterator[Path]:
         yield path
         return
     try:
-        with _unpack(base64.b64decode(data, validate=False)) as image:
+        with _unpack(data) as image:
             yield image
     except ValueError as error:
         problem = f"has a damaged picture in GImage:Data ({reason(error)})"
@@ -59,7 +59,7 @@ def read_heic(path: Path) -> DepthNumbers:
     if values is None:
         remedy = "take the photograph in portrait mode"
         raise InputError("no-depth", "has no depth image", remedy, path=path)
-    values = values if values.ndim == 2 else values[:, :, 0]
+    values = np.atleast_3d(values)[:, :, 0]
     metadata = images[0].info["metadata"] or {}
     return DepthNumbers(path, values, "HEIC", "HEIC depth image", metadata=metadata)
 
@@ -69,16 +69,13 @@ def read_gdepth(path: Path) -> DepthNumbers:
 
     With Near, Far, Format, Units and MeasureType.
     """
-    metadata = {
-        name.removeprefix("GDepth:"): text
-        for name, text in _properties(path).items()
-        if name.startswith("GDepth:")
-    }
+    found = _properties(path).items()
+    metadata = {name[7:]: text for name, text in found if name.startswith("GDepth:")}
     if "Data" not in metadata:
         remedy = "check what took or edited it"
         raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
     try:
-        with _unpack(base64.b64decode(metadata.pop("Data"), validate=False)) as image:
+        with _unpack(metadata.pop("Data")) as image:
             values = read_whole(image, read_pages(image)[0])[:, :, 0]
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
@@ -91,8 +88,7 @@ def read_gdepth(path: Path) -> DepthNumbers:
 def _properties(path: Path) -> dict[str, str]:
     """The properties GDepth:… and GImage:… of the XMP of a JPEG."""
     read_head(path)
-    with path.open("rb") as file:
-        packet = b"".join(_xmp(file.read())).decode("utf-8", "replace")
+    packet = b"".join(_xmp(path.read_bytes())).decode("utf-8", "replace")
     attributes = {name: one or other for name, one, other in _PROPERTY.findall(packet)}
     return attributes | dict(_ELEMENT.findall(packet))
 
@@ -115,8 +111,9 @@ def _xmp(data: bytes) -> Iterator[bytes]:
 
 
 @contextmanager
-def _unpack(data: bytes) -> Iterator[Path]:
-    """A file of an encoded image: OpenImageIO reads files alone."""
+def _unpack(text: str) -> Iterator[Path]:
+    """A file of an image that a property encodes: OpenImageIO reads files alone."""
+    data = base64.b64decode(text, validate=False)
     suffix = ".png" if data.startswith(b"\x89PNG") else ".jpg"
     with tempfile.NamedTemporaryFile(suffix=suffix) as file:
         file.write(data)

@@ -87,14 +87,8 @@ class DepthReading:
     @property
     def says_scale(self) -> bool:
         """Whether the scale of numbers of any type is said."""
-        return (
-            self.relative
-            or self.depth_format is not None
-            or self.depth_unit is not None
-            or self.depth_scale is not None
-            or self.depth_range is not None
-            or self.depth_kind == "disparity"
-        )
+        said = (self.depth_format, self.depth_unit, self.depth_scale, self.depth_range)
+        return self.relative or self.depth_kind == "disparity" or said != (None,) * 4
 
     @property
     def asked_by(self) -> dict[str, str]:
@@ -128,8 +122,7 @@ class DepthReading:
         if any(value is not None for value in (self.fov, self.focal_px, row.focal_px)):
             return False
         file_says = bool(row.radial_channels) or row.sidecar == "gdepth"
-        geometry = self.geometry or row.geometry
-        return geometry == "radial" or (file_says and self.geometry is None)
+        return (self.geometry or ("radial" if file_says else row.geometry)) == "radial"
 
 
 # Fields that say what the numbers of a file are in metres or radii.
@@ -175,10 +168,10 @@ def require_size(
 def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> InputError:
     """The error for depth of rows and columns beside a colour of a width and a height."""
     problem = f"is {shape[1]}x{shape[0]} px but its colour is {size[0]}x{size[1]} px"
-    if shape == size:
-        remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
-        return InputError("wrong-size", f"{problem}, turned", remedy, path=path)
     remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
+    if shape == size:
+        problem = f"{problem}, turned"
+        remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
     return InputError("wrong-size", problem, remedy, path=path)
 
 

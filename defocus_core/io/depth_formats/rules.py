@@ -129,9 +129,9 @@ def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) ->
         problem = "has the same distance twice"
         raise UsageProblem("out-of-range", problem, "give two distances", field="depth-range")
     holds = RULES[row.rule].holds
-    ends, shown = (
-        ((near, far), (near, far)) if holds == "depth" else ((1 / far, 1 / near), (far, near))
-    )
+    ends = shown = near, far
+    if holds != "depth":
+        ends, shown = (1 / far, 1 / near), (far, near)
     top, which = samples.top, ""
     if not samples.is_integer:
         top, which = _top_of_floats(row, samples)
@@ -150,8 +150,8 @@ def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]
     for rows in bands(samples.values.shape):
         band = samples.values[rows]
         finite = band[np.isfinite(band)]
-        if finite.size:
-            minimum, maximum = min(minimum, float(finite.min())), max(maximum, float(finite.max()))
+        minimum = min(minimum, float(finite.min(initial=np.inf)))
+        maximum = max(maximum, float(finite.max(initial=-np.inf)))
     is_of_network = "depth-range" in row.needs and row.rule == "inverse"
     if is_of_network and minimum >= 0 and maximum > 1 + 1e-3:
         return maximum, ", the greatest of the file,"
@@ -170,20 +170,18 @@ def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> 
         _ask(reading, row, "depth-scale", "METRES")
     unit = reading.depth_unit
     if reading.depth_format is None and unit is None:
-        unit = "mm" if samples.type == "16-bit PNG" else "m"  # the custom
-        if reading.depth_scale is not None:
-            unit = "m"
-        elif samples.is_integer and unit == "m":
-            numbers = f"has {samples.channel} in whole numbers"
-            if not samples.channel:
-                numbers = f"holds {samples.values.dtype} numbers"
+        is_custom = reading.depth_scale is None
+        unit = "mm" if is_custom and samples.type == "16-bit PNG" else "m"
+        if is_custom and samples.is_integer and unit == "m":
+            numbers = f"holds {samples.values.dtype} numbers"
+            if samples.channel:
+                numbers = f"has {samples.channel} in whole numbers"
+            remedy = "‹depth-format› apple-heic" if samples.type == "HEIC" else "‹depth-unit› mm"
             problem = f"{numbers}, whose unit is unknown"
-            named = samples.type == "HEIC"
-            remedy = "say ‹depth-format› apple-heic" if named else "say ‹depth-unit› mm"
-            raise InputError("unknown-unit", problem, remedy, path=samples.path)
+            raise InputError("unknown-unit", problem, f"say {remedy}", path=samples.path)
     own = row.integer_scale if samples.is_integer else None
     scale = (row.scale if own is None else own) * UNITS[unit or "m"]
-    words = [UNIT_WORDS.get(unit or "", "")]
+    words = [UNIT_WORDS[unit] if unit else ""]
     if reading.depth_scale is not None:
         scale *= reading.depth_scale
         words.append(f"× {reading.depth_scale:g}")
@@ -273,10 +271,6 @@ def linear(at_zero: float, at_top: float, top: float) -> tuple[float, float]:
     return (at_top - at_zero) / top, at_zero
 
 
-def _radii(_: DepthReading, row: DepthFormat, __: DepthNumbers) -> DepthFormat:
-    return replace(row, words="signed CoC radius in px")
-
-
 def _same(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
     return scaled
 
@@ -294,7 +288,9 @@ RULES = {
         "disparity", ("depth-scale", "baseline", "doffs", "focal-px"), _by_cameras, _inverted
     ),
     "per-metre": DepthRule("disparity", ("depth-scale",), _per_metre, _inverted),
-    "radius": DepthRule("radii", (), _radii, _same),
+    "radius": DepthRule(
+        "radii", (), lambda _, row, __: replace(row, words="signed CoC radius in px"), _same
+    ),
 }
 
 

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import read_plain
@@ -24,11 +23,8 @@ from defocus_core.io.depth_formats.table import DepthFormat, Mask
 from defocus_core.io.images.raster import choose_page, read_pages, read_whole
 from defocus_core.io.safe_files import MALFORMED, decoding
 
-# What a reader raises that meets another content than it expects.
-_FAULTS = (OSError, *MALFORMED)
 _LONGEST = 1 << 20  # bytes of a sidecar
 _CHECK = "check the file"
-
 
 Found = Mapping[str, Any]  # fields of a `DepthFormat`
 
@@ -40,7 +36,7 @@ def with_sidecar(row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
         return row
     try:
         return replace(row, **_SIDECARS[row.sidecar].read(place, samples))
-    except (*_FAULTS, configparser.Error) as error:
+    except (OSError, *MALFORMED, configparser.Error) as error:  # another content
         problem = f"does not say what {row.sidecar} of {samples.path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
 
@@ -52,10 +48,8 @@ def _text(path: Path) -> str:
 def _calib(place: Path, _: DepthNumbers) -> Found:
     """Middlebury: ``cam0=[f 0 cx; 0 f cy; 0 0 1]``, ``doffs=``, ``baseline=`` in mm."""
     lines = dict(line.split("=", 1) for line in _text(place).splitlines() if "=" in line)
-    focal = float(lines["cam0"].strip(" []").split()[0])
-    return _calibrated(
-        place.name, focal, float(lines["baseline"]) / 1000, float(lines.get("doffs", 0))
-    )
+    focal, baseline = float(lines["cam0"].strip(" []").split()[0]), float(lines["baseline"]) / 1000
+    return _calibrated(place.name, focal, baseline, float(lines.get("doffs", 0)))
 
 
 def _dmin(place: Path, _: DepthNumbers) -> Found:
@@ -139,11 +133,10 @@ def _gdepth(_: Path, samples: DepthNumbers) -> Found:
     metadata = samples.metadata
     unit = {"m": 1.0, "mm": 1e-3}[str(metadata["Units"])]
     near, far = (_positive(float(metadata[key]) * unit) for key in ("Near", "Far"))
-    rules = {
+    rule, ends = {
         "RangeInverse": ("per-metre", (1 / near, 1 / far)),
         "RangeLinear": ("scale", (near, far)),
-    }
-    rule, ends = rules[metadata["Format"]]
+    }[metadata["Format"]]
     geometry = "radial" if metadata.get("MeasureType") == "OpticRay" else "planar"
     words = f"GDepth {metadata['Format']}"
     return {"words": words, "rule": rule, "ends": ends, "geometry": geometry}
@@ -240,29 +233,22 @@ def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     return {role: file for role, file in files.items() if file not in (None, path)}
 
 
-def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark | None:
-    """What a mask of a depth file marks; None if there is no such file."""
+def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark:
+    """What a mask of a depth file marks, as it is stored: nothing if there is no such file."""
     place = _found(mask.places, path)
     if place is None:
-        return None
-    values = _mask_values(place, shape, path)
+        return Mark(np.broadcast_to(np.False_, shape), math.nan, "no mask beside it")
+    if place.suffix == ".npy":
+        with decoding(place):
+            values = np.load(place, mmap_mode="r", allow_pickle=False)
+            values = values.reshape(values.shape[:2])
+    else:
+        values = read_whole(place, choose_page(place, read_pages(place), None))[:, :, 0]
+    if values.shape != shape:
+        sizes = [f"{'x'.join(map(str, each[::-1]))} px" for each in (values.shape, shape)]
+        problem = f"is {sizes[0]} and {path} is {sizes[1]}"
+        raise InputError("wrong-size", problem, _CHECK, path=place)
     words = f"mask {place.name}"
     if mask.sky is not None:
         return Mark(values == mask.sky, math.inf, words)
     return Mark((values == 0) == mask.zeros, math.nan, words)
-
-
-def _mask_values(path: Path, shape: tuple[int, int], depth: Path) -> NDArray[Any]:
-    """First channel of a mask [H, W], as it is stored, if it has the shape of its depth."""
-    if path.suffix == ".npy":
-        with decoding(path):
-            values: NDArray[Any] = np.load(path, mmap_mode="r", allow_pickle=False)
-            values = values.reshape(values.shape[:2]) if values.ndim == 3 else values
-            rows, columns = values.shape
-    else:
-        values = read_whole(path, choose_page(path, read_pages(path), None))[:, :, 0]
-        rows, columns = values.shape
-    if (rows, columns) != shape:
-        problem = f"is {columns}x{rows} px and {depth} is {shape[1]}x{shape[0]} px"
-        raise InputError("wrong-size", problem, _CHECK, path=path)
-    return values

@@ -83,99 +83,81 @@ class DepthFormat:
     aliases: tuple[str, ...] = ()
 
 
-# What rows have in common: 16 bits of which 0 is a hole, and EXR in units of a scene.
+# What rows have in common: disparity in px of two cameras; 16 bits of which 0 is a hole, EXR in
+# units of a scene.
+_stereo = partial(DepthFormat, rule="inverse")
 _png16 = partial(DepthFormat, files=("16-bit PNG",), invalid=(0,))
 _exr = partial(DepthFormat, files=("EXR",), takes=("depth-unit",))
 
 STEREO_DATASETS = (
-    DepthFormat(
-        "middlebury",
-        "Middlebury stereo",
-        ("PFM",),
-        rule="inverse",
-        invalid_infinity=True,
-        sidecar="calib.txt",
+    _stereo(
+        "middlebury", "Middlebury stereo", ("PFM",), invalid_infinity=True, sidecar="calib.txt"
     ),
-    DepthFormat(
+    _stereo(
         "middlebury2006",
         "Middlebury 2005 and 2006 as PNG of any size: numbers are px of the full size",
         ("8-bit PNG",),
-        rule="inverse",
         invalid=(0,),
         sidecar="dmin.txt",
         aliases=("middlebury2005",),
     ),
-    DepthFormat(
+    _stereo(
         "middlebury2003",
         "Middlebury 2003 as PNG, a quarter of the size",
         ("8-bit PNG",),
-        rule="inverse",
         scale=1 / 4,
         invalid=(0,),
         note="pictures of half the size need ‹depth-scale› 2",
     ),
-    DepthFormat(
+    _stereo(
         "sceneflow",
         "FlyingThings3D, Monkaa, Driving",
         ("PFM",),
-        rule="inverse",
         focal_px=1050.0,
         baseline=1.0,
         note="pictures of 15 mm need ‹focal-px› 450",
         aliases=("flyingthings3d", "monkaa", "driving"),
     ),
-    DepthFormat(
+    _stereo(
         "cityscapes",
         "Cityscapes, disparity: (v - 1) / 256 px",
         ("16-bit PNG",),
-        rule="inverse",
         scale=1 / 256,
         invalid=(0,),
         sidecar="camera.json",
     ),
-    DepthFormat(
-        "irs",
-        "IRS",
-        ("EXR",),
-        rule="inverse",
-        channels=("G", "*"),
-        invalid=(0,),
-        focal_px=480.0,
-        baseline=0.1,
+    _stereo(
+        "irs", "IRS", ("EXR",), channels=("G", "*"), invalid=(0,), focal_px=480.0, baseline=0.1
     ),
-    DepthFormat(
+    _stereo(
         "unrealstereo4k",
         "UnrealStereo4K",
         ("NPY",),
-        rule="inverse",
         invalid=(0,),
         invalid_infinity=True,
         sidecar="Extrinsics",
     ),
-    DepthFormat(
+    _stereo(
         "ffs-stereo4d",
         "Stereo4D of Fast Foundation Stereo, (255² R + 255 G + B) / 1000 px",
         ("8-bit RGB", "8-bit RGBA"),
-        rule="inverse",
         scale=1 / 1000,
         weights=(255.0**2, 255.0, 1.0),
     ),
-    DepthFormat(
+    _stereo(
         "spring",
         "Spring, .dsp5 at twice the size",
         ("HDF5",),
-        rule="inverse",
         channels=("disparity",),
         stride=2,
         invalid=(0,),
         baseline=0.065,
         sidecar="intrinsics.txt",
     ),
-    DepthFormat(
+    _stereo(
         "hci-lightfield",
         "HCI 4D light fields, disparity about the focus plane",
         ("PFM",),
-        rule="inverse",
         sidecar="parameters.cfg",
     ),
 )
@@ -226,13 +208,7 @@ NETWORKS = (
     DepthFormat(
         "marigold", "Marigold, affine depth", ("NPY", "16-bit PNG"), needs=("depth-range",)
     ),
-    DepthFormat(
-        "apple-heic",
-        "iPhone portrait, HEIC",
-        ("HEIC",),
-        rule="per-metre",
-        sidecar="heic",
-    ),
+    DepthFormat("apple-heic", "iPhone portrait, HEIC", ("HEIC",), rule="per-metre", sidecar="heic"),
     _exr(
         "alicevision",
         "AliceVision, Meshroom, depthMap.exr",
@@ -330,12 +306,7 @@ RENDERERS = (
         note="radial in versions before March 2026, planar since",
         aliases=("newton",),
     ),
-    _exr(
-        "nuke-scanline",
-        "Nuke, ScanlineRender, 1/z",
-        rule="per-metre",
-        channels=("depth.Z", "Z"),
-    ),
+    _exr("nuke-scanline", "Nuke, ScanlineRender, 1/z", rule="per-metre", channels=("depth.Z", "Z")),
     _exr(
         "arnold",
         "Arnold, Redshift, Karma",
@@ -487,10 +458,7 @@ DEPTH_DATASETS = (
         note="without a metric scale: ‹depth-scale› says metres of 1",
     ),
     _png16(
-        "tum",
-        "TUM RGB-D, Bonn, SmartPortraits",
-        scale=1 / 5000,
-        aliases=("bonn", "smartportraits"),
+        "tum", "TUM RGB-D, Bonn, SmartPortraits", scale=1 / 5000, aliases=("bonn", "smartportraits")
     ),
     _png16(
         "ibims1",

@@ -14,7 +14,6 @@ light of the farther one by its alpha, and both count by what shows of them.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,16 +24,7 @@ from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.channel_choice import is_depth
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
 from defocus_core.io.exr.header import DTYPES, Header
-from defocus_core.io.exr.windows import Overscan, Window
-
-
-@dataclass(frozen=True)
-class DeepLayers:
-    """The samples of a deep picture as layers of its frame, nearest first."""
-
-    # For each the arrays [H, W] by name of the channel
-    layers: tuple[Mapping[str, Any], ...]
-    merged: int  # number of pixels that had more samples than there are layers
+from defocus_core.io.exr.windows import Overscan
 
 
 def flat_channels(
@@ -57,7 +47,7 @@ def flat_channels(
                 rows = total.reshape(strip.window.height, strip.window.width)
             else:
                 rows = strip.dense(strip.rank == 0, values)
-            _paste(plane, rows, strip.window, frame)
+            frame.paste(plane, rows, strip.window)
     return planes
 
 
@@ -67,8 +57,12 @@ def deep_layers(
     names: tuple[str, ...],
     keeping: Keeping,
     overscan: Overscan,
-) -> DeepLayers:
-    """The samples as layers, of which there are as many as the pixel with most samples needs."""
+) -> tuple[list[dict[str, Any]], int]:
+    """The samples as layers, nearest first, as many as the pixel with most samples needs.
+
+    Returns the arrays [H, W] of each by name of the channel, and the number of pixels that had more
+    samples than there are layers.
+    """
     frame, crowded = header.display.grown(overscan), 0
     layers: list[dict[str, Any]] = []
     kinds = {channel.name: channel.type for channel in header.channels}
@@ -77,18 +71,14 @@ def deep_layers(
         strip, count = merge_samples(strip, (*names, ALPHA))
         crowded += count
         while len(layers) < max(1, strip.maximum):
-            layers.append(
-                {
-                    name: keeping.new((frame.height, frame.width), DTYPES[kinds.get(name, "float")])
-                    for name in wanted
-                }
-            )
+            types = {name: DTYPES[kinds.get(name, "float")] for name in wanted}
+            layers.append({n: keeping.new((frame.height, frame.width), types[n]) for n in wanted})
         for number, layer in enumerate(layers):
             chosen = np.flatnonzero(strip.rank == number)
             for name in wanted if len(chosen) else ():
                 rows = strip.dense(chosen, strip.values[name])
-                _paste(layer[name], rows, strip.window, frame)
-    return DeepLayers(tuple(layers), crowded)
+                frame.paste(layer[name], rows, strip.window)
+    return layers, crowded
 
 
 def _fractions(strip: Strip) -> NDArray[Any]:
@@ -103,12 +93,6 @@ def _fractions(strip: Strip) -> NDArray[Any]:
         through[later] *= through[later - step]
         step *= 2
     return np.where(strip.rank > 0, np.roll(through, 1), 1.0)
-
-
-def _paste(plane: Any, rows: NDArray[Any], window: Window, frame: Window) -> None:
-    place, shown = frame.cut(window), window.cut(frame)
-    if rows[shown].size:
-        plane[place] = rows[shown]
 
 
 _OPAQUE = 1e6  # absorption of alpha 1
@@ -158,26 +142,18 @@ def merge_samples(strip: Strip, light: tuple[str, ...]) -> tuple[Strip, int]:
     crowded = np.unique(strip.pixel[strip.rank >= MAX_LAYERS])
     if not len(crowded):
         return strip, 0
-    kept = ~np.isin(strip.pixel, crowded)
-    pieces = [(strip.pixel[kept], strip.rank[kept], {n: strip.values[n][kept] for n in light})]
-    depths = [strip.values[DEPTH][kept]]
+    kept, names = ~np.isin(strip.pixel, crowded), (*light, DEPTH)
+    pieces = [[strip.pixel[kept], strip.rank[kept], *(strip.values[n][kept] for n in names)]]
     for some in _alike(crowded, np.bincount(strip.pixel)[crowded]):
         values, near = _merge_pixels(strip, some, light)
         alive = near >= 0
         rank = np.cumsum(alive, 1) - 1
-        pieces.append(
-            (
-                np.repeat(some, alive.sum(1)),
-                rank[alive],
-                {n: each[alive] for n, each in zip(light, values, strict=True)},
-            )
-        )
         with np.errstate(divide="ignore"):
-            depths.append((1 / near[alive]).astype(np.float32))
-    pixel, rank = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
-    merged = {n: np.concatenate([piece[2][n] for piece in pieces]).astype("f4") for n in light}
-    merged[DEPTH] = np.concatenate(depths)
-    return Strip(strip.window, pixel, rank, merged), len(crowded)
+            numbers = [*(each[alive] for each in values), 1 / near[alive]]
+        pieces.append([np.repeat(some, alive.sum(1)), rank[alive], *numbers])
+    pixel, rank, *merged = map(np.concatenate, zip(*pieces, strict=True))
+    named = zip(names, merged, strict=True)
+    return Strip(strip.window, pixel, rank, {n: x.astype("f4") for n, x in named}), len(crowded)
 
 
 def _alike(pixels: NDArray[Any], counts: NDArray[Any]) -> Iterator[NDArray[Any]]:

@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -22,7 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.exr.header import MULTIPART, Channel, Header, channels_of, raw_headers
+from defocus_core.io.exr.header import (
+    DTYPES,
+    MULTIPART,
+    Channel,
+    Header,
+    channels_of,
+    raw_headers,
+)
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.safe_files import damaged, once
 
@@ -31,16 +37,11 @@ _AT_ONCE, _MAXIMUM, _MAX_OF_TILE = 1 << 18, 1 << 21, 1 << 24
 # Decoded bytes of samples that any file may promise; beyond, how many for each byte of the file:
 # cards of one colour take 1 byte for 200, and a file made to fill the memory for 1000.
 _ANY, _RATIO = 1 << 26, 250
-_DTYPES = {"uint": "<u4", "half": "<f2", "float": "<f4"}
 _COMPRESSIONS = NONE, ZIPS = 0, 2  # RLE is hardly written
 
 
-# Samples of some rows: their window, for each the number of its pixel there, values by channel
-Samples = tuple[Window, NDArray[np.int32], dict[str, NDArray[np.generic]]]
-
-
 class _Chunk(NamedTuple):
-    """A chunk as its header promises it: place in px, place in the file, bytes of both halves."""
+    """A chunk as its header promises it: place in px and in the file, bytes of both halves."""
 
     y: int
     x: int
@@ -50,38 +51,18 @@ class _Chunk(NamedTuple):
     unpacked: int
 
 
-@dataclass(frozen=True)
-class _Part:
+class _Part(NamedTuple):
     """A deep part: where its rows lie, and how they are packed."""
 
     data: Window
     tile: tuple[int, int]  # width and height of its tiles; of parts in scan lines, of a row
+    across: int  # number of chunks side by side
+    down: int  # and above each other
     is_tiled: bool  # whether it has tiles
     compression: int  # of the file format
     channels: tuple[Channel, ...]  # all, in the order of the file
+    sample_bytes: int  # decoded, of a sample
     number: int | None  # of the part, if there may be several
-
-    @property
-    def across(self) -> int:
-        """Number of chunks side by side."""
-        return -(-self.data.width // self.tile[0])
-
-    @property
-    def down(self) -> int:
-        """Number of chunks above each other."""
-        return -(-self.data.height // self.tile[1])
-
-    @property
-    def sample_bytes(self) -> int:
-        """Decoded bytes of a sample."""
-        return sum(np.dtype(_DTYPES[channel.type]).itemsize for channel in self.channels)
-
-
-def decoded(path: Path, header: Header) -> Iterator[Samples]:
-    """The samples of a deep part, some rows at a time."""
-    with _open(path, header) as (file, part, chunks):
-        for strip_chunks in _strips(part, chunks):
-            yield _samples(file, part, strip_chunks)
 
 
 @once
@@ -112,7 +93,8 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
     for before in parts[: header.index]:
         start += 8 * max(*struct.unpack("<i", before["chunkCount"].value), 0)
     attributes = parts[header.index]
-    tile, is_tiled = (header.data.width, 1), attributes["type"].value.startswith(b"deeptile")
+    is_tiled = attributes["type"].value.startswith(b"deeptile")
+    tile = header.data.width, 1
     if is_tiled:
         tile = struct.unpack_from("<II", attributes["tiles"].value)
     compression = attributes["compression"].value[0]
@@ -121,8 +103,11 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
         raise ValueError(f"deep samples of compression {compression}, not none or ZIPS")
     if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, header.data.width):
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
+    across, down = -(-header.data.width // tile[0]), -(-header.data.height // tile[1])
+    sample_bytes = sum(np.dtype(DTYPES[channel.type]).itemsize for channel in channels)
     number = header.index if version & MULTIPART else None
-    return _Part(header.data, tile, is_tiled, compression, channels, number), start
+    packing = (is_tiled, compression, channels, sample_bytes, number)
+    return _Part(header.data, tile, across, down, *packing), start
 
 
 def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:
@@ -164,7 +149,7 @@ def _check_promise(path: Path, part: _Part, chunks: Sequence[_Chunk]) -> None:
         raise InputError("too-large", problem, remedy, path=path)
 
 
-def _strips(part: _Part, chunks: Sequence[_Chunk]) -> Iterator[Sequence[_Chunk]]:
+def _rows(part: _Part, chunks: Sequence[_Chunk]) -> Iterator[Sequence[_Chunk]]:
     """Chunks of rows that follow each other, of so many pixels and samples as fit at once."""
     first, each = 0, part.across
     pixels = each * part.tile[0] * part.tile[1]
@@ -178,11 +163,13 @@ def _strips(part: _Part, chunks: Sequence[_Chunk]) -> Iterator[Sequence[_Chunk]]
         first = end
 
 
-def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
-    """The samples of chunks that fill rows."""
+def _samples(
+    file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]
+) -> tuple[Window, NDArray[np.int32], Mapping[str, NDArray[Any]]]:
+    """The samples of chunks that fill rows: window, number of the pixel of each, values."""
     width, top = part.data.width, chunks[0].y
     values: dict[str, list[NDArray[np.generic]]] = {
-        each.name: [np.zeros(0, _DTYPES[each.type])] for each in part.channels
+        each.name: [np.zeros(0, DTYPES[each.type])] for each in part.channels
     }
     pixels: list[NDArray[np.int64]] = [np.zeros(0, np.int64)]
     for chunk in (chunk for chunk in chunks if chunk.unpacked):
@@ -194,7 +181,7 @@ def _samples(file: BinaryIO, part: _Part, chunks: Sequence[_Chunk]) -> Samples:
         at = 0
         for of_row in counts.sum(1).tolist():
             for channel in part.channels:
-                piece = np.frombuffer(data, _DTYPES[channel.type], of_row, at)
+                piece = np.frombuffer(data, DTYPES[channel.type], of_row, at)
                 values[channel.name].append(piece)
                 at += piece.nbytes
     x0, y0, x1, y1 = part.data
@@ -275,32 +262,44 @@ class DeepSummary(NamedTuple):
 def summary(path: Path, header: Header) -> DeepSummary:
     """The samples of a deep part, in figures."""
     maximum = total = pixels = 0
-    ends: list[float] = []
+    least, greatest = np.inf, -np.inf
     for strip in strips(path, header):
         maximum, total = max(maximum, strip.maximum), total + len(strip.rank)
         pixels += int(np.count_nonzero(strip.rank == 0))
         depth = strip.values.get(DEPTH, np.zeros(0))
         finite = depth[np.isfinite(depth)]
-        ends += [float(finite.min()), float(finite.max())] if len(finite) else []
-    return DeepSummary(maximum, total, pixels, (min(ends), max(ends)) if ends else None)
+        least = min(least, float(finite.min(initial=least)))
+        greatest = max(greatest, float(finite.max(initial=greatest)))
+    ends = (least, greatest) if least <= greatest else None
+    return DeepSummary(maximum, total, pixels, ends)
 
 
 def strips(path: Path, header: Header) -> Iterator[Strip]:
     """The samples of a deep part, some rows at a time."""
-    for samples in decoded(path, header):
-        yield _strip(path, samples, header)
+    with _open(path, header) as (file, part, chunks):
+        for rows in _rows(part, chunks):
+            yield _strip(path, header, *_samples(file, part, rows))
 
 
-def _strip(path: Path, samples: Samples, header: Header) -> Strip:
+def _strip(
+    path: Path,
+    header: Header,
+    window: Window,
+    pixel: NDArray[np.int32],
+    own: Mapping[str, NDArray[Any]],
+) -> Strip:
     """Some decoded rows: their samples, sorted; of another view's channels nothing."""
-    window, pixel, own = samples
-    values: dict[str, NDArray[Any]] = {}
-    channels = {channel.name: channel for channel in header.channels}
-    for name, channel in channels.items():
-        numbers, plain = own[name], channel.plain
-        is_whole = channel.type == "uint"
-        values[plain if plain in _OF_LAYERS else name] = numbers.astype("u4" if is_whole else "f4")
-    _check_alpha(path, values)
+    # Of a view, the names of layers are plain ones
+    names = {c.name: c.plain if c.plain in _OF_LAYERS else c.name for c in header.channels}
+    values = {
+        names[c.name]: own[c.name].astype("u4" if c.type == "uint" else "f4")
+        for c in header.channels
+    }
+    alpha = values.get(ALPHA, np.ones(len(pixel), np.float32))
+    if wrong := int(np.count_nonzero(~((alpha >= 0) & (alpha <= 1 + _ROUNDING)))):
+        problem = f"has an alpha that is not between 0 and 1 in {wrong} samples"
+        raise InputError("out-of-range", problem, "render or save it again", path=path)
+    values[ALPHA] = np.minimum(alpha, 1)
     if BACK in values and DEPTH in values:
         values[DEPTH] = _middle(values[DEPTH], values[BACK])
     depth = np.nan_to_num(values.get(DEPTH, pixel[:0]), nan=np.inf, posinf=np.inf)
@@ -308,20 +307,8 @@ def _strip(path: Path, samples: Samples, header: Header) -> Strip:
     pixel, values = pixel[order], {name: each[order] for name, each in values.items()}
     index, is_first = np.arange(len(pixel)), np.diff(pixel, prepend=-1) > 0
     rank = index - np.maximum.accumulate(np.where(is_first, index, 0))
-    for name, channel in channels.items():  # of a view
-        values[name] = values[channel.plain if channel.plain in _OF_LAYERS else name]
+    values |= {name: values[plain] for name, plain in names.items()}
     return Strip(window, pixel, rank.astype(np.int32), values)
-
-
-def _check_alpha(path: Path, values: dict[str, NDArray[Any]]) -> None:
-    """Add an alpha of 1 if there is none, and make 1 what rounding has made more."""
-    some = next(iter(values.values()))
-    alpha = values.get(ALPHA, np.ones(len(some), np.float32))
-    wrong = int(np.count_nonzero(~((alpha >= 0) & (alpha <= 1 + _ROUNDING))))
-    if wrong:
-        problem = f"has an alpha that is not between 0 and 1 in {wrong} samples"
-        raise InputError("out-of-range", problem, "render or save it again", path=path)
-    values[ALPHA] = np.minimum(alpha, 1)
 
 
 def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:

@@ -20,9 +20,8 @@ from defocus_core.io.exr.windows import Overscan, Window
 from defocus_core.io.safe_files import check_size, damaged, once, read_head
 
 MAGIC = b"\x76\x2f\x31\x01"
-PIXEL_TYPES = {0: "uint", 1: "half", 2: "float"}
-_BYTES = {"uint": 4, "half": 2, "float": 4}
-DTYPES = {"uint": "uint32", "half": "float16", "float": "float32"}  # of NumPy
+# NumPy's by the types of channels, which files number in this order; their last figure is bytes
+DTYPES = {"uint": "<u4", "half": "<f2", "float": "<f4"}
 _LONG_NAMES, _DEEP, MULTIPART = 0x400, 0x800, 0x1000
 _SHORT_NAME, _LONGEST_NAME = 31, 255
 _LONGEST_VALUE = 2**24  # bytes of an attribute
@@ -37,13 +36,11 @@ _MOST = {
     "bytes": 2**27,
 }
 # Attributes that describe how this one file is laid out, not the picture.
-STRUCTURAL = frozenset(
-    {
-        *("channels", "dataWindow", "displayWindow", "lineOrder", "tiles", "type", "version"),
-        *("compression", "dwaCompressionLevel", "zipCompressionLevel", "chunkCount"),
-        *("name", "multiView", "deepImageState", "maxSamplesPerPixel"),
-    }
-)
+STRUCTURAL = {
+    *("channels", "dataWindow", "displayWindow", "lineOrder", "tiles", "type", "version", "name"),
+    *("compression", "dwaCompressionLevel", "zipCompressionLevel", "chunkCount"),
+    *("multiView", "deepImageState", "maxSamplesPerPixel"),
+}
 
 
 class Raw(NamedTuple):
@@ -58,13 +55,16 @@ class Channel:
     """One channel of a header."""
 
     name: str
-    type: str  # uint, half or float
+    type: str  # uint, half or float; of no EXR, as NumPy or OpenImageIO names it
     plain: str  # its name without that of a view
 
 
 @dataclass(frozen=True)
 class Header:
-    """One part of an EXR file; its attributes are those that another file may carry."""
+    """One part of an EXR file, or what pages and arrays of other files have of one.
+
+    Its attributes are those that another file may carry.
+    """
 
     index: int
     name: str  # empty in most single-part files
@@ -77,7 +77,18 @@ class Header:
     multi_view: tuple[str, ...] = ()
     shown: str = ""  # the view that the channels are restricted to; empty if to none
     compression: str = "zip"  # the codec of its pixels, as `compression` names it
+    whole: bool = True  # whether it is no thumbnail or mask of another one, as of a TIFF
     attributes: Mapping[str, Raw] = field(default_factory=dict, compare=False)
+
+    @property
+    def has_overscan(self) -> bool:
+        """Whether it has pixels beyond the picture shown."""
+        return not self.display.covers(self.data)
+
+    @property
+    def views(self) -> tuple[str, ...]:
+        """Of a file of several cameras, the views that it has channels of."""
+        return (self.view,) if self.view else self.multi_view
 
     @property
     def view(self) -> str:
@@ -107,7 +118,7 @@ class Header:
     @property
     def pixel_bytes(self) -> int:
         """Bytes of one decoded pixel, all channels."""
-        return sum(_BYTES[channel.type] for channel in self.channels)
+        return sum(int(DTYPES[channel.type][-1]) for channel in self.channels)
 
 
 class _Refused(Exception):  # noqa: N818 - it is said of a header
@@ -119,14 +130,24 @@ def is_exr(head: bytes) -> bool:
     return head.startswith(MAGIC)
 
 
+def no_exr(path: Path) -> InputError:
+    """The error for another file in the place of an OpenEXR file."""
+    return InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
+
+
 @once
 def read_headers(path: Path) -> tuple[Header, ...]:
     """Headers of all parts, sizes checked."""
     if not is_exr(read_head(path)):
-        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
+        raise no_exr(path)
     try:
         with path.open("rb") as file:
-            headers = tuple(_parts(file))
+            version, parts = raw_headers(file)
+            headers, total = list[Header](), 0
+            for attributes in parts:
+                headers.append(_header(len(headers), attributes, deep=bool(version & _DEEP)))
+                total += len(headers[-1].channels)
+                _limit(channels=total)
     except UnicodeDecodeError as error:
         problem = f"has a name in its header that is not UTF-8, {error.object!r}"
         remedy = "write it again with plain names"
@@ -136,9 +157,9 @@ def read_headers(path: Path) -> tuple[Header, ...]:
     except (OSError, ValueError, struct.error) as error:
         raise damaged(path, str(error), "has a damaged OpenEXR header") from error
     for header in headers:
-        check_size(path, header.data.width, header.data.height, header.pixel_bytes)
-        check_size(path, header.display.width, header.display.height, header.pixel_bytes)
-    return headers
+        for window in (header.data, header.display):
+            check_size(path, window.width, window.height, header.pixel_bytes)
+    return tuple(headers)
 
 
 def read_attributes(file: BinaryIO) -> dict[str, Raw]:
@@ -200,18 +221,6 @@ def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
     if not parts:
         raise ValueError("no parts")
     return version, parts
-
-
-def _parts(file: BinaryIO) -> list[Header]:
-    version, parts = raw_headers(file)
-    deep = bool(version & _DEEP)
-    headers: list[Header] = []
-    total = 0
-    for index, attributes in enumerate(parts):
-        headers.append(_header(index, attributes, deep=deep))
-        total += len(headers[-1].channels)
-        _limit(channels=total)
-    return headers
 
 
 # Bytes of attributes by their type, and the types of those that every reader looks at: openexr.com,
@@ -284,13 +293,13 @@ def channels_of(value: bytes) -> list[Channel]:
         if end < 0:
             raise ValueError("the channel list does not end")
         kind, xs, ys = struct.unpack_from("<i4x2i", value, end + 1)
-        if kind not in PIXEL_TYPES or xs < 1 or ys < 1:
+        if not 0 <= kind < len(DTYPES) or xs < 1 or ys < 1:
             raise ValueError(f"channel type {kind}, sampling {xs}×{ys}")
         name = value[at:end].decode()
         if (xs, ys) != (1, 1):  # as of luminance and chroma
             problem = f"has fewer samples than pixels in channel {name}"
             raise _Refused("subsampled", problem, "save it with all, colour as R, G and B")
-        channels.append(Channel(name, PIXEL_TYPES[kind], name))
+        channels.append(Channel(name, [*DTYPES][kind], name))
         _limit(channels=len(channels))
         at = end + 17
     return channels
@@ -325,10 +334,7 @@ class Codec(NamedTuple):
         return kind in self.loses and (not self.names or name.rpartition(".")[2] in self.names)
 
 
-_FLOATS = ("float16", "float32")
-_DWA_NAMES = frozenset({"R", "G", "B", "Y", "RY", "BY"})  # openexr.com, DwaCompressor
-
-
+_OF_DWA = ("float16", "float32"), frozenset({"R", "G", "B", "Y", "RY", "BY"})  # DwaCompressor
 CODECS = {
     "none": Codec(0, 1),
     "rle": Codec(1, 1),
@@ -338,8 +344,8 @@ CODECS = {
     "pxr24": Codec(5, 16, ("float32",)),
     "b44": Codec(6, 32, ("float16",)),
     "b44a": Codec(7, 32, ("float16",)),
-    "dwaa": Codec(8, 32, _FLOATS, _DWA_NAMES),
-    "dwab": Codec(9, 256, _FLOATS, _DWA_NAMES),
+    "dwaa": Codec(8, 32, *_OF_DWA),
+    "dwab": Codec(9, 256, *_OF_DWA),
     "htj2k256": Codec(10, 256),
     "htj2k32": Codec(11, 32),
 }

@@ -49,11 +49,8 @@ def read_parts(
 ) -> tuple[ExrPart, ...]:
     """All parts of an EXR file, decoded."""
     headers = read_headers(path) if headers is None else headers
-    opening = (
-        nullcontext()
-        if all(header.deep for header in headers)
-        else opened_image(path, partial(damaged, path))
-    )
+    is_flat = not all(header.deep for header in headers)
+    opening = opened_image(path, partial(damaged, path)) if is_flat else nullcontext()
     with decoding(path), quiet(), opening as file:
         return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
 
@@ -77,12 +74,9 @@ def _part(
     frame = header.display.grown(overscan)
     size = (frame.height, frame.width)
     channels = {name: keeping.new(size, DTYPES[kind]) for name, kind in types.items()}
-    if channels:
-        for window, piece in _pieces(path, file, header, types, keeping):
-            place, shown = frame.cut(window), window.cut(frame)
-            for name, pixels in piece.items():
-                if pixels[shown].size:
-                    channels[name][place] = pixels[shown]
+    for window, piece in _pieces(path, file, header, types, keeping) if types else ():
+        for name, pixels in piece.items():
+            frame.paste(channels[name], pixels, window)
     return ExrPart(header, channels)
 
 

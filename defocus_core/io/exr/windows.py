@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class Overscan(NamedTuple):
@@ -70,11 +70,6 @@ class Window(NamedTuple):
         sides = Overscan(*(max(0, side) for side in (left, top, right, bottom)))
         return sides if whole else sides.within(Overscan(*[maximum] * 4))
 
-    def united(self, other: Window) -> Window:
-        """The smallest window that covers this one and another."""
-        (x0, y0), (x1, y1) = map(min, self[:2], other[:2]), map(max, self[2:], other[2:])
-        return Window(x0, y0, x1, y1)
-
     def within(self, other: Window) -> Window:
         """The part of this window that lies in another, which it meets."""
         (x0, y0), (x1, y1) = map(max, self[:2], other[:2]), map(min, self[2:], other[2:])
@@ -87,10 +82,18 @@ class Window(NamedTuple):
 
     def cut(self, other: Window) -> tuple[slice, slice]:
         """The rows and columns of this window that lie in another; none if they are apart."""
-        return (
-            _cut(self.y0, self.height, other.y0, other.y1),
-            _cut(self.x0, self.width, other.x0, other.x1),
-        )
+        places = []
+        for start, end, first, last in zip(self[:2], self[2:], other[:2], other[2:], strict=True):
+            begin = min(max(first, start), end + 1)
+            places.append(slice(begin - start, max(begin, min(last, end) + 1) - start))
+        columns, rows = places
+        return rows, columns
+
+    def paste(self, plane: Any, pixels: Any, window: Window) -> None:
+        """Fill the array of this window with the pixels of another, where they meet."""
+        place, met = self.cut(window), pixels[window.cut(self)]
+        if met.size:
+            plane[place] = met
 
 
 class Layout(NamedTuple):
@@ -100,9 +103,3 @@ class Layout(NamedTuple):
     display: Window | None = None  # the display window; None of all pixels
     # The views whose channels are in the file, the default one first; none of one
     views: tuple[str, ...] = ()
-
-
-def _cut(start: int, length: int, first: int, last: int) -> slice:
-    """The part of a row of pixels from ``start`` on that lies between two pixels, both included."""
-    begin = min(max(first - start, 0), length)
-    return slice(begin, max(begin, min(last - start + 1, length)))

@@ -9,8 +9,8 @@ layer is the colour; further channels are light that is blurred with it, or carr
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
-from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,9 +111,8 @@ class Color:
     @property
     def pixels(self) -> NDArray[np.float32]:
         """The whole image, float32 [H, W, C]."""
-        return np.stack(
-            [plane[:] for plane in self.planes[: len(self.channels)]], axis=2, dtype=np.float32
-        )
+        own = self.planes[: len(self.channels)]
+        return np.stack([plane[:] for plane in own], axis=2, dtype=np.float32)
 
 
 SHARP_INSIDE = "the sharp picture inside it"  # ends the note of a photograph of which that is read
@@ -171,7 +170,10 @@ def read_color(
         extras=extras,
         pixel_aspect=_aspect(chosen.header),
         corner=(chosen.header.display.x0, chosen.header.display.y0),
-        data=reduce(Window.united, (header.data for header in headers)),
+        data=Window(
+            *(min(header.data[side] for header in headers) for side in (0, 1)),
+            *(max(header.data[side] for header in headers) for side in (2, 3)),
+        ),
         overscan=overscan,
         note=_exr_note(chosen, overscan),
         warnings=tuple(filter(None, [default_warning(every, view)])),
@@ -191,9 +193,7 @@ def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -
         remedy = "use EXR, PNG, JPEG, TIFF, WEBP or HDR for colour"
         raise InputError("no-color", problem, remedy, path=path)
     page = choose_page(path, read_pages(path), part)
-    if not original:
-        return _from_raster(path, page, keeping)
-    with sharp_original(path) as sharp:
+    with sharp_original(path) if original else nullcontext(path) as sharp:
         if sharp == path:
             return _from_raster(path, page, keeping)
         color = _from_raster(sharp, read_pages(sharp)[0], keeping)
@@ -209,11 +209,9 @@ def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -
 
 def count_beyond(color: Color, maximum: float) -> tuple[int, str]:
     """Number of pixels of a colour image that are NaN or beyond ±most, and the first as x,y."""
+    most = np.float32(maximum)
     return count_of(
-        (
-            ~np.logical_and.reduce([np.abs(p[rows]) <= np.float32(maximum) for p in color.planes]),
-            rows.start,
-        )
+        (~np.logical_and.reduce([np.abs(p[rows]) <= most for p in color.planes]), rows.start)
         for rows in bands(color.shape)
     )
 
@@ -244,37 +242,31 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
     if channels in ((), ("A",)):
         problem = f"has no colour channels (R, G, B or Y), only {', '.join(names)}"
         raise InputError("no-color", problem, "save it as RGB or grey", path=path)
-    which = [names.index(c) for c in channels]
+    which, space = [names.index(c) for c in channels], raster.space
     size = raster.height, raster.width
     planes = tuple(keeping.new(size, np.float32) for _ in channels)
     for window, every in read_samples(path, raster.page):
         samples = every[:, :, which]
         alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
-        colour = samples if alpha is None else samples[:, :, :-1]
         pixels = linear_light(
-            colour,
+            samples if alpha is None else samples[:, :, :-1],
             alpha,
-            gamma=raster.space.gamma,
+            gamma=space.gamma,
             associated=raster.associated,
-            profile=raster.space.profile,
+            profile=space.profile,
         )
         parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
         for index, plane in enumerate(planes):
             plane[window] = parts[:, :, index]
-    note, unheeded = raster.space.note, raster.space.unheeded
-    space = raster.space
-    attributes = {**raster.tags, **space.attributes, **primaries_attribute(space.primaries)}
-    warnings = []
-    if unheeded:
-        warnings.append(f"its {unheeded} is not applied; convert it to sRGB, or to linear EXR")
-        note = f"{note}, its {unheeded} not applied"
+    unheeded = f"its {space.unheeded} is not applied" if space.unheeded else ""
+    warnings = (f"{unheeded}; convert it to sRGB, or to linear EXR",) if unheeded else ()
     return Color(
         planes,
         channels,
         path,
-        attributes,
-        note=note,
-        warnings=tuple(warnings),
+        {**raster.tags, **space.attributes, **primaries_attribute(space.primaries)},
+        note=", ".join(filter(None, (space.note, unheeded.replace(" is not", " not")))),
+        warnings=warnings,
         within_white=raster.type.startswith("uint"),
         orientation=raster.orientation,
     )
@@ -311,30 +303,27 @@ def _aspect(header: Header) -> float:
 def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     header, names = chosen.header, chosen.channels.values()
     kinds = {channel.type for channel in header.channels if channel.name in names}
-    layer = "" if chosen.default else f"layer {chosen.name} as {''.join(chosen.channels)}"
-    thumbnail = "its thumbnail, which is sharp, left out" * (_THUMBNAIL in header.attributes)
-    view = f"view {header.shown}" if header.shown else ""
-    kind = f"EXR {' and '.join(sorted(kinds))}, linear"
-    declared = declared_primaries(header.attributes)
-    primaries = "" if same_primaries(declared, REC_709) else f"primaries {primaries_name(declared)}"
-    aspect = _aspect(header)
-    pixels = "" if aspect == 1 else f"pixels {aspect:g} times as wide as high"
-    return ", ".join(
-        filter(None, (kind, layer, primaries, view, pixels, header.cut_note(overscan), thumbnail))
-    )
+    declared, aspect = declared_primaries(header.attributes), _aspect(header)
+    words = {
+        f"EXR {' and '.join(sorted(kinds))}, linear": True,
+        f"layer {chosen.name} as {''.join(chosen.channels)}": not chosen.default,
+        f"primaries {primaries_name(declared)}": not same_primaries(declared, REC_709),
+        f"view {header.shown}": bool(header.shown),
+        f"pixels {aspect:g} times as wide as high": aspect != 1,
+        header.cut_note(overscan): bool(header.cut_note(overscan)),
+        "its thumbnail, which is sharp, left out": _THUMBNAIL in header.attributes,
+    }
+    return ", ".join(text for text, is_said in words.items() if is_said)
 
 
 def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
     """Channels of one type: half if all are half, else float32."""
     if all(plane.dtype == np.float16 for plane in planes):
         return tuple(planes)
-    floats = []
-    for plane in planes:
-        if plane.dtype != np.float32:
-            native, plane = plane, keeping.new(plane.shape, np.float32)
-            for rows in bands(plane.shape):
-                plane[rows] = native[rows]
-        floats.append(plane)
+    floats = [p if p.dtype == np.float32 else keeping.new(p.shape, np.float32) for p in planes]
+    for native, plane in zip(planes, floats, strict=True):
+        for rows in bands(plane.shape) if native is not plane else ():
+            plane[rows] = native[rows]
     return tuple(floats)
 
 

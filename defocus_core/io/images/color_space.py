@@ -91,9 +91,8 @@ def sound_profile(data: bytes, colors: int) -> bytes:
     size, count = (struct.unpack_from(">I", data, place)[0] for place in (0, _HEAD))
     data = data[:size]
     table = data[_HEAD + 4 :][: 12 * count]
-    ends = [
-        start + of for _, start, of in struct.iter_unpack(">4sII", table[: len(table) // 12 * 12])
-    ]
+    entries = struct.iter_unpack(">4sII", table[: len(table) // 12 * 12])
+    ends = [start + of for _, start, of in entries]
     space = b"GRAY" if colors == 1 else b"RGB "
     fits = data[16:20] == space and data[20:24] in (b"XYZ ", b"Lab ") and data[36:40] == b"acsp"
     is_whole = len(data) == size and len(ends) == count and max(ends, default=0) <= size
@@ -118,10 +117,10 @@ def _parsed(data: bytes) -> Profile | None:
 
 def _rising(curves: tuple[tuple[float, ...], ...], primaries: Chromaticities) -> Profile | None:
     """A profile of finite numbers whose curves rise from black to white, so that none is flat."""
-    if not np.isfinite([*primaries, *np.ravel(curves)]).all() or (np.diff(curves) < 0).any():
-        return None
+    is_finite = np.isfinite([*primaries, *np.ravel(curves)]).all()
     rises = all(curve[-1] - curve[0] > _LEAST_RISE for curve in curves)
-    return Profile(curves, primaries) if rises else None
+    is_sound = is_finite and rises and (np.diff(curves) >= 0).all()
+    return Profile(curves, primaries) if is_sound else None
 
 
 def _tags(data: bytes) -> dict[str, bytes]:
@@ -147,10 +146,8 @@ def _curve(data: bytes) -> tuple[float, ...]:
     if data[:4] != b"curv":
         raise ValueError("a curve of no known type")
     count: int = struct.unpack_from(">I", data, 8)[0]
-    if count == 0:
-        return tuple(steps.tolist())
-    numbers = np.frombuffer(data, ">u2", count, 12)
-    if count == 1:
+    numbers = np.frombuffer(data, ">u2", count, 12) if count else np.array([256])
+    if len(numbers) == 1:
         return tuple((steps ** (float(numbers[0]) / 256)).tolist())
     return tuple(np.interp(steps, np.linspace(0, 1, count), numbers / 65535).tolist())
 
@@ -319,8 +316,7 @@ def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
     """Integers as 0…1, floats as they are."""
     if samples.dtype.kind != "u":
         return samples.astype(np.float32)
-    top = np.iinfo(samples.dtype).max
-    return (samples / top).astype(np.float32)
+    return (samples / np.iinfo(samples.dtype).max).astype(np.float32)
 
 
 def quantised(values: NDArray[np.float32], bits: int) -> NDArray[Any]:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.header import Channel, Header, is_exr, read_headers
 from defocus_core.io.exr.windows import Window
 from defocus_core.io.safe_files import once, read_head
 
@@ -16,37 +16,10 @@ if TYPE_CHECKING:
     from defocus_core.io.array_files import ArrayEntry
 
 # Bytes of a number of each type, as the parts of a file name it.
-SAMPLE_BYTES = {
-    **dict.fromkeys(("uint8", "int8"), 1),
-    **dict.fromkeys(("uint16", "int16", "half", "float16"), 2),
-    **dict.fromkeys(("uint", "uint32", "int32", "float", "float32"), 4),
-    **dict.fromkeys(("uint64", "int64", "double", "float64"), 8),
-}
+SAMPLE_BYTES = {"half": 2, "uint": 4, "float": 4, "double": 8}
+SAMPLE_BYTES |= {f"{kind}{8 * n}": n for kind in ("uint", "int", "float") for n in (1, 2, 4, 8)}
 # A file of more numbers than either of these is nearly empty: real pictures pack less tightly.
 MOST_NUMBERS, NUMBERS_OF_A_BYTE = 2**26, 32
-
-
-@dataclass(frozen=True)
-class PartInfo:
-    """One part of an EXR file, or page of a TIFF."""
-
-    index: int
-    name: str  # empty where it has none
-    channels: tuple[tuple[str, str], ...]
-    deep: bool  # whether its pixels are deep
-    whole: bool = True  # whether it is no thumbnail or mask of another one
-    # Of an EXR of several cameras, the views that the part has channels of
-    views: tuple[str, ...] = ()
-    # Of an EXR, x and y of its first and last pixel; None of other files
-    data_window: Window | None = None
-    display_window: Window | None = None  # the same of the picture shown
-    pixel_aspect: float = 1.0  # width of a pixel by its height
-
-    @property
-    def has_overscan(self) -> bool:
-        """Whether it has pixels beyond the picture shown."""
-        display, data = self.display_window, self.data_window
-        return display is not None and data is not None and not display.covers(data)
 
 
 @dataclass(frozen=True)
@@ -56,7 +29,7 @@ class FileInfo:
     path: Path
     width: int  # of the picture shown, in px
     height: int  # in px
-    parts: tuple[PartInfo, ...]  # one, except in some EXR and TIFF files
+    parts: tuple[Header, ...]  # one, except in some EXR and TIFF files
     at_once: bool  # whether its decoder may hold all of it; else it is read in pieces
     pixels: int  # as many as are read at most, with those beyond the picture shown
 
@@ -66,9 +39,14 @@ class FileInfo:
         return any(part.deep for part in self.parts)
 
     @property
+    def names(self) -> list[str]:
+        """Of the channels of all parts."""
+        return [channel.name for part in self.parts for channel in part.channels]
+
+    @property
     def numbers(self) -> int:
         """Of all channels, as many as are read at most."""
-        return self.pixels * sum(len(part.channels) for part in self.parts)
+        return self.pixels * len(self.names)
 
     @property
     def nearly_empty(self) -> str:
@@ -85,23 +63,10 @@ def describe(path: Path) -> FileInfo:
     head = read_head(path, 32)
     if is_exr(head):
         headers = read_headers(path)
-        parts = tuple(
-            PartInfo(
-                header.index,
-                header.name,
-                tuple((channel.name, channel.type) for channel in header.channels),
-                header.deep,
-                views=(header.view,) if header.view else header.multi_view,
-                data_window=header.data,
-                display_window=header.display,
-                pixel_aspect=header.pixel_aspect,
-            )
-            for header in headers
-        )
         shown = headers[0].display
         frames = (h.display.grown(h.data.beyond(h.display)) for h in headers)
         maximum = max(frame.width * frame.height for frame in frames)
-        return FileInfo(path, shown.width, shown.height, parts, at_once=False, pixels=maximum)
+        return FileInfo(path, shown.width, shown.height, headers, at_once=False, pixels=maximum)
     return _of_no_exr(path, head)
 
 
@@ -115,7 +80,11 @@ def _of_no_exr(path: Path, head: bytes) -> FileInfo:
     known = "EXR, PNG, JPEG, TIFF, WEBP, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(
-        PartInfo(p.page, "", tuple((name, p.type) for name in p.channels), p.deep, p.whole)
+        replace(
+            _part(p.page, [(name, p.type) for name in p.channels], p.width, p.height),
+            deep=p.deep,
+            whole=p.whole,
+        )
         for p in pages
     )
     first = next((page for page in pages if page.whole), pages[0])
@@ -132,5 +101,14 @@ def _arrays(path: Path, entries: Mapping[str, ArrayEntry], *, at_once: bool) -> 
         channels.append((f"{name or 'Z'}{axes}", entry.dtype))
         sizes.append(shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:])
     (height, width), maximum = sizes[0], max(map(math.prod, sizes))
-    part = PartInfo(0, "", tuple(channels), deep=False)
+    part = _part(0, channels, width, height)
     return FileInfo(path, width, height, (part,), at_once, maximum)
+
+
+def _part(index: int, channels: Sequence[tuple[str, str]], width: int, height: int) -> Header:
+    """A page or an array, of channels by name and type, as a part."""
+    named, frame = (
+        [Channel(*each, each[0]) for each in channels],
+        Window(0, 0, width - 1, height - 1),
+    )
+    return Header(index, "", tuple(named), frame, frame, deep=False)

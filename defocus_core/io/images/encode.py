@@ -16,6 +16,7 @@ import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,8 @@ from defocus_core.io.safe_files import quiet, read_head, size_limit, unwritable,
 from defocus_core.system.text import counted
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
-FORMATS |= {".webp": "webp"}
+FORMATS[".webp"] = "webp"
+Attributes = Mapping[str, str | int | Tag | Embedded]
 _SOFTWARE = "defocus"
 _CLIPPED = ("shown as white", "shown as black")  # ends of warnings
 _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
@@ -77,10 +79,8 @@ def write_image(
     """
     if path.suffix.lower() == ".exr":
         planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
-        named = dict(zip(channels, planes, strict=True))
-        return write_exr_image(
-            path, named, exr_type, "zip", attributes, extras or {}, Layout(), clamped=0
-        )
+        named, more = dict(zip(channels, planes, strict=True)), extras or {}
+        return write_exr_image(path, named, exr_type, "zip", attributes, more, Layout(), clamped=0)
     if isinstance(pixels, tuple):
         pixels = stacked(pixels)
     if path.suffix.lower() not in FORMATS:
@@ -92,15 +92,12 @@ def write_image(
         for name, value in attributes.items()
         if isinstance(value, Tag | Embedded) or (name.startswith(OWN) and isinstance(value, str))
     }
-    if codec in ("jpeg", "webp"):
+    if codec in _UNGUARDED:
         metadata["Compression"] = f"{codec}:{jpeg_quality}"
     to_srgb = None if PROFILE in attributes else srgb_matrix(path, channels, attributes)
     warnings = _write_display(path, pixels, channels, codec, bits, metadata, to_srgb)
-    return (
-        warnings
-        if has_clipped or to_srgb is not None
-        else [each for each in warnings if not each.endswith(_CLIPPED)]
-    )
+    has_clipped = has_clipped or to_srgb is not None
+    return [each for each in warnings if has_clipped or not each.endswith(_CLIPPED)]
 
 
 def srgb_matrix(
@@ -131,22 +128,16 @@ def _write_display(
     profile = embedded.profile if isinstance(embedded, Embedded) else None
     above = below = 0
     if is_grey := codec == "webp" and channels[0] == "Y":  # which has three colours
-        metadata = {name: value for name, value in metadata.items() if name != PROFILE}
-        profile = None
+        metadata, profile = {n: x for n, x in metadata.items() if n != PROFILE}, None
+    encode = partial(display_encoded, channels=channels, bits=depth, keep_alpha=keep_alpha)
+    encode = partial(encode, to_srgb=to_srgb, profile=profile)
 
     def encoded() -> Iterator[NDArray[Any]]:
         nonlocal above, below
         for rows in bands(pixels.shape):
-            strip = display_encoded(
-                *(pixels[rows], channels, depth),
-                keep_alpha=keep_alpha,
-                to_srgb=to_srgb,
-                profile=profile,
-            )
-            samples, above, below = strip[0], above + strip[1], below + strip[2]
-            yield (
-                np.concatenate([samples[:, :, :1]] * 2 + [samples], axis=2) if is_grey else samples
-            )
+            samples, *clipped = encode(pixels[rows])
+            above, below = above + clipped[0], below + clipped[1]
+            yield samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples
 
     write_samples(path, pixels.shape[:2], encoded(), codec, metadata)
     warnings = []
@@ -173,31 +164,25 @@ def display_encoded(
     `to_srgb`: matrix [3, 3] to the primaries of sRGB; None if they are that already. Returns uint8
     or uint16 [H, W, C'], and the two counts.
     """
-    colour = np.asarray(pixels, np.float32)
-    alpha = None
-    white: Any = np.float32(1.0)
-    if channels[-1] == "A":
-        colour, alpha = colour[:, :, :-1], colour[:, :, -1:]
-        white = alpha if keep_alpha else white
+    count = len(channels) - (channels[-1] == "A")
+    colour, alpha = np.split(np.asarray(pixels, np.float32), [count], axis=2)
+    has_alpha = keep_alpha and count < len(channels)
+    white: Any = alpha if has_alpha else np.float32(1.0)
     colour = converted(colour, to_srgb)
     # Compared before it is divided: where alpha is nearly 0, so is colour, and both are rounded.
     above = int(np.count_nonzero((colour > white + _ROUNDING).any(axis=2)))
     below = int(np.count_nonzero((colour < -_ROUNDING).any(axis=2)))
-    if alpha is not None and keep_alpha:
+    if has_alpha:
         colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
     samples = linear_to_srgb(colour) if profile is None else profile.samples(colour)
     encoded = quantised(samples, bits)
-    if alpha is not None and keep_alpha:
+    if has_alpha:
         encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)
     return encoded, above, below
 
 
 def write_map(path: Path, plane: Any, channel: str = "Z") -> None:
-    """Write an array [H, W] of numbers as a float32 TIFF, as they are, with a channel's name.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
+    """Write an array [H, W] of numbers as a float32 TIFF, as they are, with a channel's name."""
     strips = (plane[rows][..., None].astype("float32") for rows in bands(plane.shape))
     # no predictor: not all read it
     named: dict[str, str | int] = {"tiff:predictor": 1, OWN_CHANNEL: f"{OWN}{channel}"}
@@ -209,7 +194,7 @@ def write_samples(
     size: tuple[int, int],  # (height, width)
     samples: Iterable[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str | int | Tag | Embedded],
+    attributes: Attributes,
 ) -> None:
     """Write uint8, uint16 or float32 samples as they are.
 
@@ -225,7 +210,7 @@ def encoded_samples(
     size: tuple[int, int],
     samples: Iterable[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str | int | Tag | Embedded],
+    attributes: Attributes,
 ) -> bytes:
     """What `write_samples` writes to ``path``.
 
@@ -233,16 +218,19 @@ def encoded_samples(
     JPEG ends the process, and that of WEBP never ends.
     """
     limit, strips = size_limit(), iter(samples)
+
+    def refuse_beyond(count: float) -> None:
+        if count >= limit:
+            raise unwritable(path, OSError(errno.EFBIG, os.strerror(errno.EFBIG)))
+
     if codec in _UNGUARDED and limit < math.inf:
         every = list(strips)
-        if _trial_size(size, every, codec, attributes) >= limit:
-            raise unwritable(path, OSError(errno.EFBIG, os.strerror(errno.EFBIG)))
+        refuse_beyond(_trial_size(size, every, codec, attributes))
         strips = iter(every)
     with _memory(path) as memory:
         error = _encoder_error(str(memory), size, strips, codec, attributes)
         data = memory.read_bytes()
-    if len(data) >= limit:
-        raise unwritable(path, OSError(errno.EFBIG, os.strerror(errno.EFBIG)))
+    refuse_beyond(len(data))
     if error:
         problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
         raise InputError("unwritable", problem, "write EXR instead", path=path)
@@ -253,10 +241,7 @@ def encoded_samples(
 
 
 def _trial_size(
-    size: tuple[int, int],
-    strips: Sequence[NDArray[Any]],
-    codec: str,
-    attributes: Mapping[str, str | int | Tag | Embedded],
+    size: tuple[int, int], strips: Sequence[NDArray[Any]], codec: str, attributes: Attributes
 ) -> float:
     """How many bytes samples are encoded to, at most; inf where the system does not count them."""
     try:
@@ -298,7 +283,7 @@ def _encoder_error(
     size: tuple[int, int],
     samples: Iterator[NDArray[Any]],
     codec: str,
-    attributes: Mapping[str, str | int | Tag | Embedded],
+    attributes: Attributes,
 ) -> str:
     """Encode samples to a file; what the encoder complains about, empty if nothing."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
@@ -317,12 +302,7 @@ def _encoder_error(
         return "" if done and output.close() else output.geterror() or "no reason given"
 
 
-def _spec(
-    size: tuple[int, int],
-    samples: NDArray[Any],
-    codec: str,
-    attributes: Mapping[str, str | int | Tag | Embedded],
-) -> Any:
+def _spec(size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Attributes) -> Any:
     import OpenImageIO as oiio  # noqa: N813
 
     (height, width), count = size, samples.shape[2]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import accumulate, chain, islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from defocus_core.errors import InputError
 from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
+from defocus_core.io.exr.header import no_exr
 from defocus_core.io.images.color_space import ColorSpace, color_space
 from defocus_core.io.images.primaries import PROFILE, REC_709, Chromaticities
 from defocus_core.io.safe_files import (
@@ -34,9 +35,8 @@ from defocus_core.io.safe_files import (
     read_head,
 )
 
-_SAMPLES = {"uint8": "uint8", "uint16": "uint16"} | dict.fromkeys(
-    ("half", "float", "double"), "float"
-)
+_SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
+_SAMPLES["double"] = "float"
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
 # How files of these kinds begin
 _MAGIC = (b"\x89PNG", b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"RIFF", b"#?")
@@ -63,13 +63,13 @@ class Raster:
     channels: tuple[str, ...]  # names, upper case for colour and alpha: R, G, B, A or Y
     type: str  # sample type in OpenImageIO's words
     space: ColorSpace  # how its samples become light
-    associated: bool  # whether colour is already multiplied by alpha
-    deep: bool  # whether it holds deep data, which has no samples
     at_once: bool  # whether its decoder may hold all of it
-    orientation: int  # by which it was turned, as Exif counts them: 1 is upright, 2 to 8
-    page: int  # which image of the file it is, from 0: a TIFF may have several
-    whole: bool  # whether it is no thumbnail or mask of another one
-    tags: Mapping[str, Tag]  # its metadata on camera and author
+    associated: bool = False  # whether colour is already multiplied by alpha
+    deep: bool = False  # whether it holds deep data, which has no samples
+    orientation: int = 1  # by which it was turned, as Exif counts them: 1 is upright, 2 to 8
+    page: int = 0  # which image of the file it is, from 0: a TIFF may have several
+    whole: bool = True  # whether it is no thumbnail or mask of another one
+    tags: Mapping[str, Tag] = field(default_factory=dict)  # its metadata on camera and author
 
 
 def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR") -> list[Raster]:
@@ -115,7 +115,7 @@ def pnm_top(path: Path) -> int | None:
 def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
     """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
 
-    `pages`: of Raster or PartInfo.
+    `pages`: of Raster or Header.
     """
     if len(pages) == 1:  # as of EXR files: one part serves the colour and the depth
         return pages[0]
@@ -152,7 +152,10 @@ def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice
             problem = f"has samples of type {spec.format}"
             remedy = "save it with 8, 16 or float samples"
             raise InputError("unsupported", problem, remedy, path=path)
-        for rows in _strips(spec):
+        high = spec.tile_height or 1
+        step = -(-bands((spec.height, spec.width))[0].stop // high) * high
+        for top in range(0, spec.height, step):
+            rows = slice(top, min(top + step, spec.height))
             with decoding(path, "cannot be read"), quiet():
                 place = (spec.y + rows.start, spec.y + rows.stop), (spec.x, spec.x + spec.width)
                 samples = decode_window(path, file, page, *place, (0, spec.nchannels), kind)
@@ -190,20 +193,8 @@ def _heic_page(path: Path) -> Raster:
         data = np.frombuffer(bytes(data), np.uint8)
         spec.attribute(PROFILE, oiio.TypeDesc(f"uint8[{len(data)}]"), data)
     space = color_space(spec)
-    return Raster(
-        width=width,
-        height=height,
-        channels=channels,
-        type="uint8",
-        space=replace(space, note=f"HEIC, {space.note}"),
-        associated=False,
-        deep=False,
-        at_once=True,
-        orientation=1,
-        page=0,
-        whole=True,
-        tags={},
-    )
+    space = replace(space, note=f"HEIC, {space.note}")
+    return Raster(width, height, channels, "uint8", space, at_once=True)
 
 
 @contextmanager
@@ -211,7 +202,7 @@ def _open(path: Path, formats: str) -> Iterator[Any]:
     """An `ImageInput` of a file; ``formats`` are proposed if it is of none of these."""
     head = read_head(path)
     if path.suffix.lower() == ".exr":
-        raise InputError("wrong-type", "is not an OpenEXR file", "check what wrote it", path=path)
+        raise no_exr(path)
 
     def refusal(why: str) -> InputError:
         if "format reader" not in why and head.startswith(_MAGIC):
@@ -228,14 +219,6 @@ def _open(path: Path, formats: str) -> Iterator[Any]:
         yield file
 
 
-def _strips(spec: Any) -> Iterator[slice]:
-    """Rows that are decoded at a time, whole tiles if there are any."""
-    high = spec.tile_height or 1
-    step = -(-bands((spec.height, spec.width))[0].stop // high) * high
-    for top in range(0, spec.height, step):
-        yield slice(top, min(top + step, spec.height))
-
-
 def upright(stored: Any, orientation: int) -> Any:
     """An array [H, W, …] as it is stored, turned by its orientation (EXIF 1 to 8)."""
     turned = stored.swapaxes(0, 1) if orientation in SIDEWAYS else stored
@@ -246,14 +229,14 @@ def upright(stored: Any, orientation: int) -> Any:
 def _place(spec: Any, rows: slice) -> tuple[slice, slice]:
     """Rows and columns of the upright picture that rows of the stored one become."""
     turn = spec.get_int_attribute("Orientation", 1)
-    places, sizes = [rows, slice(0, spec.width)], [spec.height, spec.width]
+    (y, height), (x, width) = sides = (rows, spec.height), (slice(0, spec.width), spec.width)
     if turn in SIDEWAYS:
-        places, sizes = places[::-1], sizes[::-1]
-    for axis, turns in enumerate((_BOTTOM_UP, _RIGHT_TO_LEFT)):
-        if turn in turns:
-            place, size = places[axis], sizes[axis]
-            places[axis] = slice(size - place.stop, size - place.start)
-    return places[0], places[1]
+        (y, height), (x, width) = sides[::-1]
+    if turn in _BOTTOM_UP:
+        y = slice(height - y.stop, height - y.start)
+    if turn in _RIGHT_TO_LEFT:
+        x = slice(width - x.stop, width - x.start)
+    return y, x
 
 
 def _raster(path: Path, file: Any, page: int) -> Raster:
@@ -267,14 +250,11 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
     if orientation in SIDEWAYS:
         width, height = height, width
     return Raster(
-        width=width,
-        height=height,
-        channels=tuple(_canonical(spec)),
-        type=str(spec.format),
-        space=color_space(spec, _png_primaries(path)),
+        *(width, height, tuple(_canonical(spec)), str(spec.format)),
+        color_space(spec, _png_primaries(path)),
+        at_once=_is_at_once(path, spec, file.format_name()),
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
-        at_once=_is_at_once(path, spec, file.format_name()),
         orientation=orientation,
         page=page,
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
@@ -328,14 +308,10 @@ def _canonical(spec: Any) -> Iterator[str]:
 
 # OpenImageIO's names; other attributes describe how the file is encoded.
 _TAG_GROUPS = ("Exif:", "GPS:", "IPTC:")
-_TAGS = {
-    *("Make", "Model", "Artist", "Copyright", "ImageDescription", "DateTime"),
-    *("FNumber", "ExposureTime"),
-}
+_TAGS = {"Make", "Model", "Artist", "Copyright", "ImageDescription", "DateTime", "FNumber"}
+_TAGS |= {"ExposureTime"}
 # The output may differ from these, or they are of unknown structure.
-_NO_TAGS = {
-    *("Exif:PixelXDimension", "Exif:PixelYDimension", "Exif:ColorSpace", "Exif:MakerNote"),
-}
+_NO_TAGS = ("Exif:PixelXDimension", "Exif:PixelYDimension", "Exif:ColorSpace", "Exif:MakerNote")
 # Of all tags, as text: JPEG has 64 KB for them, and its encoder ends the process if they are more.
 _MAX_BYTES = 2**14
 
@@ -348,24 +324,20 @@ class Tag(NamedTuple):
 
 def tags_of(spec: Any) -> dict[str, Tag]:
     """The tags in an OpenImageIO ``spec``, by name, the shortest first, as many as fit a JPEG."""
-    named = {
-        attribute.name: attribute.value
-        for attribute in spec.extra_attribs
-        if (attribute.name in _TAGS or attribute.name.startswith(_TAG_GROUPS))
-        and "rational" not in str(attribute.type)  # OpenImageIO makes floats of those of EXIF
-    }
     tags = {
-        name: Tag(_text(value) if isinstance(value, str) else value)
-        for name, value in named.items()
-        if name not in _NO_TAGS and isinstance(value, str | int | float | tuple)
+        each.name: Tag(_text(each.value) if isinstance(each.value, str) else each.value)
+        for each in spec.extra_attribs
+        if (each.name in _TAGS or each.name.startswith(_TAG_GROUPS))
+        and "rational" not in str(each.type)  # OpenImageIO makes floats of those of EXIF
+        and each.name not in _NO_TAGS
+        and isinstance(each.value, str | int | float | tuple)
     }
     sizes = {name: len(str(tag.value).encode()) for name, tag in tags.items()}
     shortest_first = sorted(tags, key=sizes.__getitem__)
-    totals = accumulate(sizes[name] for name in shortest_first)
-    fitting = [
-        name for name, total in zip(shortest_first, totals, strict=True) if total <= _MAX_BYTES
-    ]
-    return {name: tags[name] for name in fitting}
+    totals = accumulate(map(sizes.__getitem__, shortest_first))
+    return {
+        n: tags[n] for n, total in zip(shortest_first, totals, strict=True) if total <= _MAX_BYTES
+    }
 
 
 def _text(text: str) -> str:

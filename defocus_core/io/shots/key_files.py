@@ -49,13 +49,12 @@ def read_keys(file: Path) -> Keys:
         frame, values = frame_of(row.get("frame", ""), place), dict(row)
         if {"x", "y"} & row.keys():
             values["focus-at"] = ",".join(values.pop(name, "") for name in "xy").strip(",")
+        values.pop("frame", None)
         for option, text in values.items():
-            if option != "frame":
-                _add(
-                    keys.setdefault(option, {}),
-                    Key(text, place.at(option.removeprefix(FIELD_OF_VIEW))),
-                    frame,
-                )
+            key = Key(text, place.at(option.removeprefix(FIELD_OF_VIEW)))
+            if (other := keys.setdefault(option, {}).setdefault(frame, key)) is not key:
+                problem = f"is another key of frame {frame}, like {other.where}"
+                raise InputError("duplicate", problem, "remove one of them", path=key.where)
     if not keys:
         raise InputError("empty", "has no key", f"begin it with a line like {_HEADER}", path=file)
     return keys
@@ -98,10 +97,3 @@ def _chan(file: Path) -> Iterator[Row]:
             remedy = "export the camera with its vertical field of view, the eighth number"
             raise InputError("malformed", problem, remedy, path=place)
         yield place, {"frame": cells[0], FIELD_OF_VIEW: cells[_CHAN_COLUMNS - 1]}
-
-
-def _add(keys: dict[int, Key], key: Key, frame: int) -> None:
-    if frame in keys:
-        problem = f"is another key of frame {frame}, like {keys[frame].where}"
-        raise InputError("duplicate", problem, "remove one of them", path=key.where)
-    keys[frame] = key

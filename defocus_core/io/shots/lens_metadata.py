@@ -33,66 +33,43 @@ class OptionFromMetadata(NamedTuple):
 
 
 Numbers = Mapping[str, float]
-Rule = tuple[str, Callable[[float, Numbers], str | None]]
+Rule = Callable[[float, Numbers], float]  # of the number, and all of the file; NaN if it is none
 
 
-def _times(factor: float, unit: str) -> Callable[[float, Numbers], str | None]:
-    """A positive number as a text with a unit, infinity as inf."""
-
-    def text(value: float, _: Numbers) -> str | None:
-        if value == math.inf and unit == "m":
-            return "inf"
-        return f"{value * factor:.7g}{unit}" if 0 < value < math.inf else None
-
-    return text
+def _same(value: float, _: Numbers) -> float:
+    return value
 
 
-def _target(value: float, numbers: Numbers) -> str | None:
-    """V-Ray's target distance: in the unit of the scene."""
-    return f"{value * numbers['metres']:.7g}m" if 0 < value < _NO_TARGET else None
-
-
-def _pitch(value: float, numbers: Numbers) -> str | None:
-    """The width of the sensor, from its pitch in micrometres and its columns."""
-    columns = numbers.get("columns", 0.0)
-    return f"{value * columns / 1000:.7g}mm" if 0 < value * columns < math.inf else None
-
-
-def _subject(value: float, _: Numbers) -> str | None:
-    if value > _INFINITE:
-        return "inf"
-    return f"{value:.7g}m" if 0 < value < math.inf else None
-
-
-def _equivalent(value: float, numbers: Numbers) -> str | None:
+def _equivalent(value: float, numbers: Numbers) -> float:
     """The width of the sensor as the picture is shown, from its diagonal by that of 35 mm film."""
     foclen, width, height = (numbers.get(n, 0.0) for n in ("Exif:FocalLength", "width", "height"))
     if not (foclen > 0 and value > 0 and width > 0):
-        return None
-    return f"{_FILM_DIAGONAL * foclen / value * width / math.hypot(width, height):.6g}mm"
+        return math.nan
+    return float(f"{_FILM_DIAGONAL * foclen / value * width / math.hypot(width, height):.6g}")
 
 
-# The attributes of each option, the first that there is wins.
-_RULES: dict[str, tuple[Rule, ...]] = {
-    "focal-length": (
-        *((f"{which}FocalLength", _times(1, "mm")) for which in ("pinhole", "effective")),
-        ("nominalFocalLength", _times(1, "mm")),
-        ("cameraFocalLength", _times(1, "mm")),
-        ("Exif:FocalLength", _times(1, "mm")),
-    ),
-    "fnumber": (
-        *((name, _times(1, "")) for name in ("aperture", "tStop", "cameraFNumber")),
-        *((name, _times(1, "")) for name in ("Exif:FNumber", "FNumber")),
-    ),
+_FOCAL_LENGTHS = [f"{of}FocalLength" for of in ("pinhole", "effective", "nominal", "camera")]
+_FNUMBERS = ("aperture", "tStop", "cameraFNumber")
+# The unit of each option, and its attributes, of which the first that there is wins.
+_RULES: dict[str, tuple[str, dict[str, Rule]]] = {
+    "focal-length": ("mm", dict.fromkeys((*_FOCAL_LENGTHS, "Exif:FocalLength"), _same)),
+    "fnumber": ("", dict.fromkeys((*_FNUMBERS, "Exif:FNumber", "FNumber"), _same)),
     "sensor-width": (
-        ("sensorPhotositePitch", _pitch),
-        ("cameraAperture", _times(1, "mm")),
-        ("Exif:FocalLengthIn35mmFilm", _equivalent),
+        "mm",
+        {
+            "sensorPhotositePitch": lambda pitch, of: pitch * of.get("columns", 0.0) / 1000,
+            "cameraAperture": _same,
+            "Exif:FocalLengthIn35mmFilm": _equivalent,
+        },
     ),
     "focus": (
-        ("focus", _times(1, "m")),
-        ("cameraTargetDistance", _target),
-        ("Exif:SubjectDistance", _subject),
+        "m",
+        {
+            "focus": _same,
+            # V-Ray's, in the unit of the scene
+            "cameraTargetDistance": lambda z, of: z * of["metres"] if z < _NO_TARGET else math.nan,
+            "Exif:SubjectDistance": lambda z, _: math.inf if z > _INFINITE else z,
+        },
     ),
 }
 
@@ -101,12 +78,12 @@ def lens_of(path: Path, metres: float = 1.0) -> dict[str, OptionFromMetadata]:
     """The lens options that the metadata of a colour file holds."""
     numbers = {**_numbers(path), "metres": metres}
     taken: dict[str, OptionFromMetadata] = {}
-    for option, rules in _RULES.items():
-        for name, text_of in rules:
-            text = text_of(numbers[name], numbers) if name in numbers else None
-            if text is not None:
+    for option, (unit, rules) in _RULES.items():
+        for name in (name for name in rules if name in numbers and option not in taken):
+            value = rules[name](numbers[name], numbers)
+            if 0 < value < math.inf or (value == math.inf and option == "focus"):
+                text = f"{value:.7g}{unit}" if value < math.inf else "inf"
                 taken[option] = OptionFromMetadata(text, name)
-                break
     return taken
 
 

@@ -104,12 +104,13 @@ def read_deep(pair: InputPair, header: Header) -> Layers:
 def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> Layers:
     """The samples of a deep part as layers, with the channels of light that are wanted."""
     color, depth = pair.color, pair.depth
-    read = deep_layers(pair.picture.color, header, sources, pair.keeping, color.overscan)
-    metres = [_metres(layer[DEPTH], pair) for layer in read.layers]
-    alpha = tuple(layer[ALPHA] for layer in read.layers)
+    path = pair.picture.color
+    layers, merged = deep_layers(path, header, sources, pair.keeping, color.overscan)
+    metres = [_metres(layer[DEPTH], pair) for layer in layers]
+    alpha = tuple(layer[ALPHA] for layer in layers)
     depths = tuple(_depth(depth, *both) for both in zip(metres, alpha, strict=True))
-    light = tuple(tuple(layer[name] for name in sources) for layer in read.layers)
-    return Layers(light, alpha, depths, len(color.light), read.merged)
+    light = tuple(tuple(layer[name] for name in sources) for layer in layers)
+    return Layers(light, alpha, depths, len(color.light), merged)
 
 
 def _metres(numbers: Any, pair: InputPair) -> Any:

@@ -12,7 +12,7 @@ from defocus_core.io.arrays import bands, times
 from defocus_core.io.images.primaries import refuse_other_primaries
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.sources import map_windows, windows
+from defocus_core.picture.scene import map_windows, windows
 from defocus_core.picture.take import InputPair, Surfaces, Take
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from defocus_core.io.images.color_space import unit
 from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.pair import stretch_words
-from defocus_core.picture.sources import map_windows
+from defocus_core.picture.scene import map_windows
 from defocus_core.picture.take import Surfaces, Take
 from defocus_core.system.text import note
 

@@ -48,11 +48,6 @@ def _is_deep(take: Take) -> bool:
     return take.job.outputs.need_rendering and is_deep
 
 
-def _has_hidden(take: Take) -> bool:
-    """Whether a file of what is hidden is needed."""
-    return take.job.outputs.need_rendering and take.job.picture.hidden is not None
-
-
 def _lens_is_found(take: Take) -> bool:
     """Whether the lens depends on the picture."""
     lens = take.lens
@@ -75,26 +70,10 @@ def _frames_repair(take: Take) -> bool:
     return take.job.outputs.need_rendering and take.inputs.layers is None
 
 
-def _has_neighbours(take: Take) -> bool:
-    """Whether there are frames beside it."""
-    return take.job.shot is not None and len(take.job.shot.neighbours) > 1
-
-
-def _has_matte(surfaces: Surfaces) -> bool:
-    """Whether the coverage of the subject counts: layers have their own."""
-    inputs = surfaces.take.inputs
-    return inputs.matte is not None and inputs.layers is None
-
-
 def _is_noisy(contents: Contents) -> bool:
     """Whether an image has the noise of a sensor."""
     kind = contents.kind
     return kind.image and bool(kind.rendered) and contents.take.lens.noise is not None
-
-
-def _has_overscan(contents: Contents) -> bool:
-    """Whether arrays go beyond the picture."""
-    return any(contents.take.inputs.color.overscan)
 
 
 def _may_end(contents: Contents) -> bool:
@@ -113,32 +92,36 @@ WINDOW: tuple[Step[InputPair], ...] = (
     Step("pair:read_overscan", "pixels beyond the picture are read", lambda p: p.has_overscan),
 )
 PAIR: tuple[Step[InputPair], ...] = (
-    Step("steps.resizing:pair", "depth has the size of the colour", lambda p: p.differs),
+    Step("pair:resized", "depth has the size of the colour", lambda p: p.differs),
     Step("element:empty_where_clear", "it is empty somewhere", lambda p: p.color.alpha is not None),
 )
 READ: tuple[Step[Take], ...] = (
     Step("steps.plate:read", "a plate lies below", lambda t: t.job.picture.over),
     Step("steps.matte:read", "its subject is cut out", lambda t: t.job.picture.matte is not None),
     Step("steps.deep:read", "samples lie behind each other", _is_deep),
-    Step("steps.hidden:read", "a file has what is hidden", _has_hidden),
+    Step("steps.hidden:read", "a file has what is hidden", lambda t: t.reads_hidden),
 )
 # The lens and its radii.
 LENS: tuple[Step[Take], ...] = (
-    Step("steps.shot_decisions:lens", "frames find the focus", _frames_focus),
+    Step("steps.shot:lens", "frames find the focus", _frames_focus),
     Step("focus:find_focus", "the picture decides the focus", _lens_is_found),
 )
 RADII: tuple[Step[Take], ...] = (
     Step("steps.plate:radii", "the plate shows where nothing is", lambda t: t.inputs.plate),
-    Step("steps.implausible:radii", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
-    Step("steps.shot_decisions:radii", "frames repair depth together", _frames_repair),
+    Step("radii:doubt_depth", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
+    Step("steps.shot:radii", "frames repair depth together", _frames_repair),
 )
 BLUR: tuple[Step[Take], ...] = (
-    Step("steps.neighbours:blur", "frames show each other more", _has_neighbours),
+    Step(
+        "steps.shot:blur",
+        "frames show each other more",
+        lambda t: t.job.shot and t.job.shot.neighbours[1:],
+    ),
 )
 # The scene, and how often it is rendered.
 SCENE: tuple[Step[Surfaces], ...] = (
     Step("scene:stack_layers", "layers are stacked", lambda s: s.take.inputs.layers),
-    Step("steps.matte:scene", "its subject has a coverage", _has_matte),
+    Step("steps.matte:scene", "its subject has a coverage", lambda s: s.has_matte),
     Step("scene:repair_surfaces", "depth is repaired", lambda s: s.is_repaired),
     Step("scene:light_lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
     Step("steps.hidden:scene", "what is hidden is known", lambda s: s.knows_hidden),
@@ -150,7 +133,11 @@ PASSES: tuple[Step[tuple[Pass, ...]], ...] = (
 # The planes of a file, as they are written.
 WRITE: tuple[Step[Contents], ...] = (
     Step("write:add_noise", "the sensor is noisy", _is_noisy),
-    Step("write:cut_overscan", "pixels beyond the picture are cut, or kept", _has_overscan),
+    Step(
+        "write:cut_overscan",
+        "pixels beyond the picture are cut, or kept",
+        lambda c: any(c.take.inputs.color.overscan),
+    ),
     Step("write:cut_border", "a border without light is cut", _may_end),
 )
 STAGES: tuple[tuple[Step[Any], ...], ...] = (

@@ -178,106 +178,96 @@ class ShownLayer(NamedTuple):
     moved: Tensor | None = None
 
 
-class Sliced(NamedTuple):
-    """A surface to be blurred."""
+class Slicing(NamedTuple):
+    """The blur of the slices of visible or of invented surfaces."""
 
-    surface: Surface
-    stride: int  # whether it uses every slice (1) or every other (2)
-    layer_of: list[int]  # for each slice the number of its layer
-    pieces: list[list[BlurPiece]]  # for each tile its layers at full resolution
-    reduced: dict[int, Reduced]  # layers at reduced resolution, by number
+    stride: int  # whether every slice (1) or every other (2) is used
+    level: int  # how many times resolution is halved before the blur
+    # The window of each slice of the frame, in coarse pixels of this resolution
+    windows: list[TransformWindow]
+    # For each slice the number of its layer; slices of a layer share a window, and are of one
+    # octave of blur if they are hidden
+    layers: list[int]
+    # For each slice the greatest reach of its light in coarse pixels of this resolution
+    coarse: list[int]
+    reaches: list[int]  # for each slice the greatest reach of its light in px of the frame
 
 
 class Blur:
-    """The blur of all slices of a frame, tile by tile."""
+    """The blur of all slices of a surface, tile by tile.
+
+    Attributes:
+        surface: The surface.
+        windows: The window of each of its slices.
+        pieces: For each tile its layers at full resolution.
+    """
 
     def __init__(
         self,
+        samples: SurfaceSamples,
         radii: tuple[float, ...],  # signed radius of each slice in px of the frame
-        windows: list[TransformWindow],
-        reaches: list[int],  # reach of each slice in px
+        slicing: Slicing,
         grid: Grid,
         groups: list[slice],
         middle: tuple[Axis, Axis],
         *,
         by_corners: bool = False,
     ) -> None:
-        """Keep the settings that all surfaces share."""
-        self._by_corners = by_corners
-        self._radii, self._windows = radii, windows
-        self._reaches = reaches
-        self._grid = grid
+        """Plan the surface for all tiles; blur its layers of reduced resolution."""
+        self._by_corners, self._stride, self._grid = by_corners, slicing.stride, grid
         each = CORNERS if by_corners else 1  # each part as the corners see it
         self._groups = [slice(each * group.start, each * group.stop) for group in groups]
-        self._middle = middle
-
-    def sliced(self, samples: SurfaceSamples, stride: int, layer_of: list[int]) -> Sliced:
-        """Plan a surface for all tiles; blur its layers of reduced resolution."""
-        whole = [w for w in self._windows if not w.level]
+        whole = [w for w in slicing.windows if not w.level]
         before = max((w.margin for w in whole), default=0)
         beyond = max((n - w.margin for w in whole for n in w.size), default=0)
-        layer_indices = layer_of[::stride]
-        radii, reaches = self._radii[::stride], self._reaches[::stride]
-        surface = Surface(samples, radii, reaches, layer_indices, self._grid, before, beyond)
+        every = slice(None, None, slicing.stride)
+        layers, self.windows = slicing.layers[every], slicing.windows[every]
+        self._layer_of = layers
+        self.surface = surface = Surface(
+            samples, radii[every], slicing.coarse[every], layers, grid, before, beyond
+        )
         tilted = {slice_index for tile_list in surface.tilted_plan for slice_index in tile_list}
         indices_of: dict[int, list[int]] = {}
-        for slice_index in sorted(
-            {slice_index for tile_list in surface.plan for slice_index in tile_list}
-        ):
-            indices_of.setdefault(layer_indices[slice_index], []).append(slice_index)
-        pieces: list[list[BlurPiece]] = [[] for _ in self._grid.tiles]
-        reduced: dict[int, Reduced] = {}
-        windows = {
-            n: self._windows[slice_indices[0] * stride] for n, slice_indices in indices_of.items()
-        }
+        for slice_index in sorted({number for plan in surface.plan for number in plan}):
+            indices_of.setdefault(layers[slice_index], []).append(slice_index)
+        self.pieces: list[list[BlurPiece]] = [[] for _ in grid.tiles]
+        self._reduced: dict[int, Reduced] = {}
+        windows = {n: self.windows[slice_indices[0]] for n, slice_indices in indices_of.items()}
         margins = {n: window.margin for n, window in windows.items() if not window.level}
         patches = dict(zip(margins, surface.patches(margins), strict=True)) if margins else {}
         for layer_index, slice_indices in indices_of.items():
             window = windows[layer_index]
             if window.level:
-                reduced[layer_index] = Reduced(
-                    surface,
-                    window,
-                    {slice_index: slice_index * stride for slice_index in slice_indices},
-                    tilted,
-                    self._groups,
-                    self._grid.box,
-                    self._middle,
+                numbers = {slice_index: slice_index * self._stride for slice_index in slice_indices}
+                self._reduced[layer_index] = Reduced(
+                    surface, window, numbers, tilted, self._groups, grid.box, middle
                 )
                 continue
             near = float(window.radii.abs().amin()) < NEAR
             for tile_list, plan, patch in zip(
-                pieces, surface.plan, patches[layer_index], strict=True
+                self.pieces, surface.plan, patches[layer_index], strict=True
             ):
-                reaching = [
-                    slice_index for slice_index in plan if layer_indices[slice_index] == layer_index
-                ]
+                reaching = [number for number in plan if layers[number] == layer_index]
                 if reaching and patch:
-                    tile_list.append(
-                        BlurPiece(
-                            layer_index, window, range(reaching[0], reaching[-1] + 1), patch, near
-                        )
-                    )
-        return Sliced(surface, stride, layer_of, pieces, reduced)
+                    indices = range(reaching[0], reaching[-1] + 1)
+                    tile_list.append(BlurPiece(layer_index, window, indices, patch, near))
 
-    def over_tile(self, sliced: Sliced, index: int) -> dict[int, ShownLayer]:
-        """The layers of the visible or the hidden surface over a tile: sums of blurred slices."""
+    def over_tile(self, index: int) -> dict[int, ShownLayer]:
+        """The layers of the surface over a tile: sums of blurred slices."""
         tile, shown = self._grid.tiles[index], dict[int, ShownLayer]()
-        for layer_index in {sliced.layer_of[k * sliced.stride] for k in sliced.surface.plan[index]}:
-            if layer_index in sliced.reduced and (
-                reduced := sliced.reduced[layer_index].over(tile)
-            ):
-                box = reduced[0].seen_from(tile)
-                shown[layer_index] = ShownLayer(box, self._blended(*reduced))
-        near = any(piece.near for piece in sliced.pieces[index])
-        shifts = sliced.surface.shifts(index) if near else None
-        for piece in sliced.pieces[index]:
+        for layer_index in {self._layer_of[k] for k in self.surface.plan[index]}:
+            reduced = self._reduced.get(layer_index)
+            if reduced and (part := reduced.over(tile)):
+                shown[layer_index] = ShownLayer(part[0].seen_from(tile), self._blended(*part))
+        near = any(piece.near for piece in self.pieces[index])
+        shifts = self.surface.shifts(index) if near else None
+        for piece in self.pieces[index]:
             blurs = self._blurred if piece.window.margin else self._sharp
             box = piece.patch.shown.seen_from(tile)
-            layer, moved = self._blended(piece.patch.shown, blurs(sliced, piece, index)), None
+            layer, moved = self._blended(piece.patch.shown, blurs(piece, index)), None
             if shifts is not None and piece.near:
                 # a part gets shifts for the coverage that it sees, no more
-                fraction = sliced.surface.fractions(piece.slice_indices, piece.patch.shown)
+                fraction = self.surface.fractions(piece.slice_indices, piece.patch.shown)
                 fraction = lesser(fraction, positive(layer[-len(shifts) :, -1:]))
                 moved = box.of(shifts) * fraction
             shown[piece.layer_index] = ShownLayer(box, layer, moved)
@@ -287,9 +277,9 @@ class Blur:
         """A layer [M, C + 1, h, w] in a box, from those of the corners of the region."""
         return blended(layer, box, self._grid.box) if self._by_corners else layer
 
-    def _blurred(self, sliced: Sliced, piece: BlurPiece, index: int) -> Tensor:
+    def _blurred(self, piece: BlurPiece, index: int) -> Tensor:
         """A layer where it shows: [M, C + 1, h, w]."""
-        surface, window, slice_indices = sliced.surface, piece.window, piece.slice_indices
+        surface, window, slice_indices = self.surface, piece.window, piece.slice_indices
         size = window.fitting(piece.patch.minimum)
         box = piece.patch.transformed(size, self._grid.tiles[index], window.size)
         # samples after the end of `lit` would wrap around into the tile
@@ -305,28 +295,27 @@ class Blur:
         ]
         tilted_slopes = surface.planes(tilted, self._grid.tiles[index].around(window.margin))
         planes = zip(tilted, tilted_slopes, strict=True)
-        slopes = {slice_index * sliced.stride: slope for slice_index, slope in planes}
+        slopes = {slice_index * self._stride: slope for slice_index, slope in planes}
         leaning = [
             i
             for i, slice_index in enumerate(slice_indices)
-            if slopes.get(slice_index * sliced.stride, 0) is None
+            if slopes.get(slice_index * self._stride, 0) is None
         ]
         kernels = window.tilted({k: slope for k, slope in slopes.items() if slope}, size)
         terms: list[tuple[Tensor, Tensor]] = []
         for i, slice_index in enumerate(slice_indices):
-            k = slice_index * sliced.stride
+            k = slice_index * self._stride
             terms.append((spectra[i], kernels[k] if k in kernels else window.spectrum(k, size)))
         if leaning:
             lean = surface.slopes(lit)[:, None, None]
             pairs = torch.fft.rfft2(lean * pixels[:, leaning], s=size)
             for i, pair in zip(leaning, pairs.unbind(2), strict=True):
-                terms += zip(
-                    pair, window.leaning(slice_indices[i] * sliced.stride, size), strict=True
-                )
+                leans = window.leaning(slice_indices[i] * self._stride, size)
+                terms += zip(pair, leans, strict=True)
         wanted = piece.patch.shown.seen_from(box)
         return blurred(terms, self._groups, size, wanted)
 
-    def _sharp(self, sliced: Sliced, piece: BlurPiece, index: int) -> Tensor:
+    def _sharp(self, piece: BlurPiece, index: int) -> Tensor:
         """A layer whose slices are not blurred, by all parts alike, in any tile."""
-        pixels = sliced.surface.members(piece.slice_indices, piece.patch.shown).sum(1)
+        pixels = self.surface.members(piece.slice_indices, piece.patch.shown).sum(1)
         return pixels.expand(self._groups[-1].stop, *pixels.shape)

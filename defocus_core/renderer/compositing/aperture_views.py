@@ -26,7 +26,7 @@ from defocus_core.renderer.compositing.saturating_sum import (
     shown_in_gaps,
     summed,
 )
-from defocus_core.renderer.compositing.sight import Openings, SightLimits
+from defocus_core.renderer.compositing.sight import Openings, Sight
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 
@@ -77,7 +77,7 @@ def _fraction_hidden(
     return (added / coverage.clamp(min=_MINIMUM)).clamp(max=1)
 
 
-# Gap in coverage that is not worth filling: dividing by the coverage makes up for it.
+# Gap between known surfaces that is not worth filling: dividing by the coverage makes up for it.
 _NEGLIGIBLE = 0.05
 # Share of the aperture that is too small to see anything through.
 _MIN_ROOM = 1e-4
@@ -109,71 +109,56 @@ class TileCompositor:
         blank: Tensor,
         full: Tensor | float,
         groups: list[slice],
-        sight: SightLimits | None,
+        sight: Sight | None,
+        *,
+        closed: bool,
     ) -> None:
         """Begin without surfaces.
 
         `groups`: parts whose gaps are filled or not together; `sight`: how far the lens sees at
-        each pixel; None where nothing limits it.
+        each pixel; None where nothing limits it; `closed`: whether surfaces cover all of each
+        pixel.
         """
         self.front = blank
         self.moved: Tensor | None = None
         self.invented: Tensor | None = None
         self.sight = sight
-        self._full, self._groups = full, groups
+        self._full, self._groups, self._closed = full, groups, closed
+        self._covered: dict[int, Tensor] = {}  # before each layer
+        self._hidden: list[tuple[ShownLayer, Tensor, Tensor]] = []  # with shares that are seen
         self._reserved: Tensor | None = None
 
-    def add(self, surfaces: dict[int, ShownLayer]) -> None:
-        """Add visible surfaces, given as layers by their numbers."""
-        for number, shown in sorted(surfaces.items()):
+    def add(self, number: int, shown: ShownLayer | None, behind: ShownLayer | None) -> None:
+        """Add what is visible of a layer, and what is known to be hidden of it."""
+        full, sight = self._full, self.sight
+        if isinstance(sight, Openings):
+            self._covered[number] = self.coverage()
+        if shown is not None:
             window = shown.box.of(self.front)
-            layer, fraction = shown_behind(window, shown.layer, _of(self._full, shown.box))
-            if self.sight and (seen := self.sight.over(shown.box).to(number)) is not None:
+            layer, fraction = shown_behind(window, shown.layer, _of(full, shown.box))
+            if sight and (seen := sight.over(shown.box).to(number)) is not None:
                 fraction = fraction * seen
             self.front = add_within(self.front, shown.box, layer, fraction)
             self.moved = with_moved(self.moved, self.front, shown, fraction)
+        if behind is not None and isinstance(sight, Openings):
+            room, now = sight.over(behind.box).to(number), self._covered[number]
+            # of opaque surfaces the layer before may hold another part of the same one
+            earlier = self._covered.get(number - 1, now) if self._closed else now
+            fraction = _fraction_hidden((earlier, now), self.front, shown, behind, full, room)
+            self.front = add_within(self.front, behind.box, behind.layer, fraction)
+            self._hidden.append((behind, fraction, room))
 
-    def add_known(
-        self,
-        visible: dict[int, ShownLayer],
-        hidden: dict[int, ShownLayer],
-        openings: Openings,
-        *,
-        closed: bool,
-    ) -> None:
-        """Add known surfaces, given as layers by their numbers."""
-        front, full, hidden_fractions = self.front, self._full, []
-        covered: dict[int, Tensor] = {}  # before each layer
-        for number in sorted({*visible, *hidden}):
-            shown, behind = visible.get(number), hidden.get(number)
-            covered[number] = front[:, -1:].clone()
-            if shown is not None:
-                within = _of(full, shown.box)
-                layer, fraction = shown_behind(shown.box.of(front), shown.layer, within)
-                fraction = fraction * openings.over(shown.box).to(number)
-                front = add_within(front, shown.box, layer, fraction)
-                self.moved = with_moved(self.moved, front, shown, fraction)
-            if behind is not None:
-                room = openings.over(behind.box).to(number)
-                # of opaque surfaces the layer before may hold another part of the same one
-                earlier = covered.get(number - 1) if closed else None
-                now = covered[number]
-                before = now if earlier is None else earlier, now
-                fraction = _fraction_hidden(before, front, shown, behind, full, room)
-                front = add_within(front, behind.box, behind.layer, fraction)
-                hidden_fractions.append((behind, fraction, room))
-        for behind, fraction, room in hidden_fractions if closed else ():
-            within, window = _of(full, behind.box), behind.box.of(front)
-            rest = behind.layer * (1 - fraction)
-            if seen := shown_in_gaps(window, rest, within, self._groups):
-                rest, left = seen
-                front = add_within(front, behind.box, rest, left * room)
-        self.front = front
-
-    def close(self, openings: Openings) -> None:
+    def close(self) -> None:
         """Close the gaps in opaque surfaces through which nothing is seen: they are errors."""
+        if not isinstance(self.sight, Openings):
+            return
+        for behind, fraction, room in self._hidden if self._closed else ():
+            within, window = _of(self._full, behind.box), behind.box.of(self.front)
+            if seen := shown_in_gaps(window, behind.layer * (1 - fraction), within, self._groups):
+                rest, left = seen
+                self.front = add_within(self.front, behind.box, rest, left * room)
         covered = self.front[:, -1:]
-        gap = (self._full - covered).clamp(min=0) * (1 - openings.room)
+        gap = (self._full - covered).clamp(min=0) * (1 - self.sight.room)
         larger = 1 + gap / covered.clamp(min=_MIN_ROOM)
         self.front = self.front * larger
         self._enlarge_invented(larger)
@@ -234,13 +219,18 @@ class TileCompositor:
             self.invented = torch.addcmul(self.invented, covered, share)
 
     def is_full(self) -> bool:
-        """Whether no gap is left that an invented surface may fill."""
-        return is_full(self.front, self._maximum)
+        """Whether no gap is left that is worth filling by an invented surface."""
+        known = isinstance(self.sight, Openings)
+        return is_full(self.front, self._maximum, _NEGLIGIBLE if known else 0.0)
 
-    def fill(self, layer: Tensor | None) -> None:
-        """Add an invented surface over the tile, [M, C + 1, h, w]; None where it is absent."""
+    def fill(self, layer: Tensor | None, pictures: Tensor | None = None) -> None:
+        """Add an invented surface over the tile, [M, C + 1, h, w]; None where it is absent.
+
+        `pictures`: [B, 1, 1], 0 for pictures of a batch without it; None to add it to all.
+        """
         if layer is None:
             return
+        layer = layer if pictures is None else layer * pictures
         seen = shown_in_gaps(self.front, layer, self._maximum, self._groups)
         if seen is None:
             return
@@ -255,15 +245,9 @@ class TileCompositor:
         parts = ((shown.box, shown.layer[:, -1:]) for shown in surfaces.values())
         self._reserved = summed(parts, size)
 
-    def is_nearly_full(self) -> bool:
-        """Whether the gaps that are left are not worth filling."""
-        return is_full(self.front, self._full, _NEGLIGIBLE)
-
     def add_alpha(self) -> None:
         """Add to the colours a last channel that is the coverage."""
         self.front = torch.cat([self.front, self.front[:, -1:]], 1)
-        if self.moved is not None:
-            self.moved = torch.cat([self.moved, torch.zeros_like(self.moved[:, :1])], 1)
 
     def leave_open(self) -> None:
         """Count the gaps that are left as covered: nothing is seen there."""

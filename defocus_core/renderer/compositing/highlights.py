@@ -82,8 +82,8 @@ def reached_by(farthest: int) -> int:
 
 def split(
     layers: Sequence[SampleLayer], channels: int, limit: float
-) -> tuple[tuple[SampleLayer, ...], Highlights | None]:
-    """Separate highlights from layers, in whose light they are ordinary; None if there are none.
+) -> tuple[Sequence[SampleLayer], list[Highlights]]:
+    """Separate highlights from layers, in whose light they are ordinary.
 
     `channels`: how many are colours, which alone the highlights have; alpha stays as it is.
     """
@@ -92,7 +92,7 @@ def split(
     least = torch.finfo(lights[0].dtype).tiny  # below it, some processors divide by 0
     bright = [each > max(limit, least) for each in brightness]
     if not any(bool(each.any()) for each in bright):
-        return tuple(layers), None
+        return layers, []
     rest, drawn = [], []
     for layer, light, each, where in zip(layers, lights, brightness, bright, strict=True):
         colors, others = layer.color.tensor_split([channels])
@@ -103,7 +103,7 @@ def split(
         beyond = light[:channels, row, column] * (1 - ordinary[row, column])
         drawn.append((at, beyond.T, layer.signed_radius[row, column]))
     at, colors, radius = (torch.cat(each) for each in zip(*drawn, strict=True))
-    return tuple(rest), Highlights(at, colors, radius)
+    return rest, [Highlights(at, colors, radius)]
 
 
 # A pixel is beside a depth edge if its radius and those of its neighbours span more px than this.

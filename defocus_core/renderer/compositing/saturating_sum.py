@@ -100,13 +100,14 @@ def add_within(total: Tensor, box: Box, values: Tensor, fraction: Tensor | None 
 
 
 def add_light(front: Tensor, light: Tensor) -> Tensor:
-    """Add light [M, C, h, w] that covers nothing to [M, C + 1, h, w].
+    """Add light [M, C, h, w] that covers nothing to the first channels of [M, C + 1 or more, h, w].
 
     `front` is overwritten by the result unless gradients are enabled.
     """
+    channels = light.shape[1]
     if torch.is_grad_enabled():
-        return torch.cat([front[:, :-1] + light, front[:, -1:]], 1)
-    front[:, :-1].add_(light)
+        return torch.cat([front[:, :channels] + light, front[:, channels:]], 1)
+    front[:, :channels].add_(light)
     return front
 
 

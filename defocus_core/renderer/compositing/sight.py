@@ -155,6 +155,10 @@ class Openings(NamedTuple):
         """The room [h, w] for what is hidden in a layer."""
         return torch.where(self.layer_index < layer_index, self.room, 1)
 
+    def to_octave(self, _: int) -> None:
+        """Nothing limits surfaces that are continued: they fill what is left at last."""
+        return
+
 
 def _reach_of_edges(opaque: Tensor) -> Tensor:
     """How far the blur [h, w] px of samples reaches that do not go on in all pixels beside."""
@@ -199,10 +203,14 @@ def _pooled(values: Tensor, height: int, width: int) -> Tensor:
     return max_pool2d(values, (height, width), 1, (height // 2, width // 2))
 
 
+Sight = SightLimits | Openings
+
 # Least share: a disc much larger than the frame would divide by nearly 0.
 _MIN_FRACTION = 0.01
-# Coverage that a pixel's own surface has besides what a pupil sees with its light aside, or with an
-# opaque middle that may hide the frame: there errors of a small coverage are larger.
+# Coverage that a pixel's own surface has besides what a pupil sees with its light aside, as that of
+# a picture may be: at a border of the frame it sees nothing within, and a pixel there is what it
+# was. And with an opaque middle that may hide the frame: there errors of a small coverage are
+# larger.
 ASIDE, OPAQUE = 1e-6, 1e-3
 # Intervals of the pupil's width in which areas are interpolated; errors stay below 5e-4.
 _STEPS = 128
@@ -271,12 +279,3 @@ def _summed_area(aperture: Aperture, part: Part, view: View | None) -> Tensor:
             return torch.nn.functional.pad(below, (1, 0, 1, 0))
         up_to = torch.stack([torch.full_like(limits, -1), limits], -1)
         return aperture.fraction_between(part, up_to[None], up_to[:, None])
-
-
-def border_fallback(color: Tensor, trace: float) -> Tensor:
-    """A trace of each pixel's own surface [C, h, w], colour and coverage [C + 1, h, w].
-
-    A pupil that is given as a picture may have its light aside: at a border of the frame it sees
-    nothing within, and a pixel there is what it was. So it is where an opaque middle hides all.
-    """
-    return torch.cat([color, torch.ones_like(color[:1])]) * trace

@@ -17,6 +17,7 @@ from defocus_core.optics.cat_eye import CatEye, falloff
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.renderer.blur.kernel_bank import TransformWindow
+from defocus_core.renderer.blur.layer_blur import Slicing
 from defocus_core.renderer.compositing.sight import ASIDE, OPAQUE
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.quality import Quality
@@ -43,6 +44,9 @@ class Content(NamedTuple):
     limit: float  # brightness that a highlight exceeds
     highlights: bool  # whether there are highlights
     double: bool  # whether float32 is too coarse for the pixels
+    is_layered: bool = False  # whether it is of layers with coverage: its views have alpha
+    open: bool = False  # whether there are pixels that layers do not cover
+    adds_alpha: bool = False  # whether alpha is the coverage, and no channel that is blurred
     each: tuple[Content, ...] = ()  # those of each picture of a batch; empty for one
 
     @classmethod
@@ -62,21 +66,6 @@ class Content(NamedTuple):
             limit=max(c.limit for c in contents),
             each=tuple(contents),
         )
-
-
-class Slicing(NamedTuple):
-    """The blur of the slices of visible or of invented surfaces."""
-
-    stride: int  # whether every slice (1) or every other (2) is used
-    level: int  # how many times resolution is halved before the blur
-    # The window of each slice of the frame, in coarse pixels of this resolution
-    windows: list[TransformWindow]
-    # For each slice the number of its layer; slices of a layer share a window, and are of one
-    # octave of blur if they are hidden
-    layers: list[int]
-    # For each slice the greatest reach of its light in coarse pixels of this resolution
-    coarse: list[int]
-    reaches: list[int]  # for each slice the greatest reach of its light in px of the frame
 
 
 class Slices(NamedTuple):

@@ -26,13 +26,12 @@ from defocus_core.renderer.blur.kernel_bank import by_group
 from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
-from defocus_core.renderer.compositing.sight import SightLimits
-from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.renderer.layers.layer import SampleLayer
-from defocus_core.renderer.layers.slice_radii import CompositeOrder, slice_position
+from defocus_core.renderer.compositing.sight import Sight
+from defocus_core.renderer.engine.region_layers import RegionPlace
+from defocus_core.renderer.layers.layer import HIDDEN, VISIBLE, SampleLayer
+from defocus_core.renderer.layers.slice_radii import CompositeOrder
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
-from defocus_core.tensors.box import Box, Grid
+from defocus_core.tensors.box import Box
 from defocus_core.tensors.pyramid import axes, halves, position_of
 from defocus_core.tensors.resampling import AxisWeights, coarse_read, linear_weights, resampled
 
@@ -44,7 +43,7 @@ class Hidden:
         self,
         octaves: dict[int, Tensor],
         enlarged: Callable[[Tensor], Tensor],  # makes px of coarse pixels
-        sight: SightLimits | None,
+        sight: Sight | None,
     ) -> None:
         """Keep the octaves of blur of the surface.
 
@@ -80,56 +79,51 @@ class Filling:
         level: How many times resolution is halved before the blur.
     """
 
-    def __init__(
-        self,
-        frame: SharedFrame,
-        grid: Grid,
-        boxes: tuple[Box, Box],
-        hidden: HiddenLayer,
-    ) -> None:
+    def __init__(self, place: RegionPlace, layer: SampleLayer) -> None:
         """Prepare a surface that has pixels."""
-        slicing = frame.slices.invented
-        self.level, self._stride = slicing.level, slicing.stride
-        self.windows = slicing.windows[:: slicing.stride]
-        self._octave_of_slice = frame.slices.octaves
+        frame, slicing = place.frame, place.frame.slices.invented
+        self.level = slicing.level
+        self._octave_of_slice = frame.slices.octaves[:: slicing.stride]
         self._octave_of_layer = dict(zip(slicing.layers, frame.slices.octaves, strict=True))
-        held, inner = boxes
-        self._fine = self._coarse = axes(frame.size, inner.top, inner.left)
-        self._tiles, around = grid.seen_from(inner), inner.seen_from(held)
-        coarse = self._tiles
+        self._fine = self._coarse = axes(frame.size, place.inner.top, place.inner.left)
+        tiles, around = place.grid.seen_from(place.inner), place.inner.seen_from(place.held)
+        coarse = tiles
         if self.level:
-            down, across = (halves(n, axis) for n, axis in zip(inner[2:], self._fine, strict=True))
+            down, across = (
+                halves(n, axis) for n, axis in zip(place.inner[2:], self._fine, strict=True)
+            )
             self._coarse = (down.axis, across.axis)
-            frame_axes = axes(frame.size, held.top, held.left)
-            rows, columns = (halves(n, axis) for n, axis in zip(held[2:], frame_axes, strict=True))
+            frame_axes = axes(frame.size, place.held.top, place.held.left)
+            rows, columns = (
+                halves(n, axis) for n, axis in zip(place.held[2:], frame_axes, strict=True)
+            )
             corner = rows.axis.middle - down.axis.middle, columns.axis.middle - across.axis.middle
             around = Box(*corner, down.length, across.length)
             read = [coarse_read(tile, self._fine, self._coarse, 1) for tile in coarse.tiles]
             coarse = coarse._replace(tiles=read)
-        self._coarse_of, self._groups = coarse.tiles, frame.division.groups
+        self._tiles, self._coarse_of = tiles.tiles, coarse.tiles
+        self._groups = frame.division.groups
         self._blur = Blur(
+            SurfaceSamples([layer], around=around),
             frame.slices.radii,
-            slicing.windows,
-            slicing.coarse,
+            slicing,
             coarse,
             self._groups,
             self._coarse,
             by_corners=frame.settings.field is not None,
         )
-        samples = _samples(hidden, frame.slices.radii[:: slicing.stride])._replace(around=around)
-        self._sliced = self._blur.sliced(samples, slicing.stride, slicing.layers)
-        self.plan = self._sliced.surface.plan
+        self.plan, self.windows = self._blur.surface.plan, self._blur.windows
         self._fractions: dict[tuple[float, int], AxisWeights] = {}
 
     def has(self, octave: int, index: int) -> bool:
         """Whether a part of the surface over a tile is of an octave of blur."""
-        return any(self._octave_of_slice[k * self._stride] == octave for k in self.plan[index])
+        return any(self._octave_of_slice[k] == octave for k in self.plan[index])
 
-    def over_tile(self, index: int, sight: SightLimits | None = None) -> Hidden:
+    def over_tile(self, index: int, sight: Sight | None = None) -> Hidden:
         """The surface over a tile, as far as the lens sees."""
-        tile, coarse = self._tiles.tiles[index], self._coarse_of[index]
+        tile, coarse = self._tiles[index], self._coarse_of[index]
         size = coarse.height, coarse.width
-        octaves = self._octaves(self._blur.over_tile(self._sliced, index), size)
+        octaves = self._octaves(self._blur.over_tile(index), size)
 
         def enlarged(surface: Tensor) -> Tensor:
             if not self.level:
@@ -160,15 +154,6 @@ class Filling:
         return self._fractions[key]
 
 
-def _samples(hidden: HiddenLayer, radii: tuple[float, ...]) -> SurfaceSamples:
-    """The pixels of a hidden surface, with their positions between its slices."""
-    color, radius, mask = hidden
-    positions = slice_position(torch.where(mask, radius, radii[0]), radii)
-    return SurfaceSamples(
-        [SampleLayer(color, mask[None].to(color), radius, sparse=True)], positions
-    )
-
-
 def _occluding(layers: list[Tensor]) -> Tensor:
     """Layers [m, C + 1, h, w] from front to back as one."""
     total = torch.zeros_like(layers[0])
@@ -177,14 +162,20 @@ def _occluding(layers: list[Tensor]) -> Tensor:
     return total
 
 
-def add_in_order(
+def composite(
     compositor: TileCompositor,
-    visible: dict[int, ShownLayer],
-    hidden: list[Filling],
+    surfaces: dict[str, dict[int, ShownLayer]],  # the layers of each kind by their numbers
+    continued: list[Filling],
     order: CompositeOrder,
     index: int,
 ) -> list[Filling]:
-    """Add the surfaces over a tile to its views."""
+    """Add the surfaces over a tile to its views; returns the continued ones that show.
+
+    Where what is visible hides known surfaces, all of these come first, in the order of layers.
+    """
+    visible, known = surfaces[VISIBLE], surfaces.get(HIDDEN, {})
+    if HIDDEN in surfaces:
+        order = CompositeOrder(0, 0, {})
     blurred: dict[Filling, Hidden] = {}
 
     def over_tile(surface: Filling) -> Hidden:
@@ -193,23 +184,21 @@ def add_in_order(
         return blurred[surface]
 
     def fill(octave: int) -> None:
-        for surface in hidden:
+        for surface in () if HIDDEN in surfaces else continued:
             if surface.has(octave, index) and not compositor.is_full():
-                layer, pictures = over_tile(surface).of(octave), with_octave(octave)
-                if layer is not None and pictures is not None:
-                    layer = layer * pictures
-                compositor.fill(layer)
+                compositor.fill(over_tile(surface).of(octave), with_octave(octave))
 
     def with_octave(octave: int) -> Tensor | None:
         return order.pictures_with(octave, compositor.front) if octave else None
 
-    def show(indices: set[int]) -> None:
-        compositor.add({n: visible[n] for n in visible if n in indices})
+    def show(numbers: set[int]) -> None:
+        for number in sorted(numbers & indices):
+            compositor.add(number, visible.get(number), known.get(number))
 
-    indices = set(visible)
+    indices = {*visible, *known}
     near = {k for k in indices if k < order.around}
     show(near)
-    has_more = bool(hidden) or max(indices) >= order.beyond if near else False
+    has_more = bool(continued) or max(indices) >= order.beyond if near else False
     covered = compositor.coverage() if has_more else None
     show({k for k in indices - near if k < order.beyond})
     fill(0)
@@ -220,8 +209,7 @@ def add_in_order(
             fill(octave)
         aside = compositor.set_aside(covered + (compositor.coverage() - before))
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
-    beyond = {k for k in indices if k >= order.beyond} | set(order.ahead.values())
-    for k in sorted(beyond):
+    for k in sorted({k for k in indices if k >= order.beyond} | set(order.ahead.values())):
         for octave in (octave for octave, first in order.ahead.items() if first == k):
             if aside is None:
                 fill(octave)
@@ -229,7 +217,8 @@ def add_in_order(
                 fill(octave)
                 compositor.close_gaps(aside, with_octave(octave))
         show({k})
-    for surface in hidden:
+    compositor.close()
+    for surface in continued:
         if not compositor.is_full():
             compositor.fill(over_tile(surface).whole())
     if aside is not None:

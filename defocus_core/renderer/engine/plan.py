@@ -22,6 +22,7 @@ from defocus_core.renderer.blur.kernel_bank import (
     spreads_of,
     transform_windows,
 )
+from defocus_core.renderer.blur.layer_blur import Slicing
 from defocus_core.renderer.compositing.highlights import reached_by, threshold
 from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
@@ -29,7 +30,6 @@ from defocus_core.renderer.engine.frame import (
     Division,
     SharedFrame,
     Slices,
-    Slicing,
 )
 from defocus_core.renderer.engine.scene import BRIGHTEST
 from defocus_core.renderer.engine.settings import Settings
@@ -334,7 +334,7 @@ def content_of(
     survey: Survey,
     quality: Quality,
     *,
-    layered: bool = False,
+    layered: Layered | None = None,
     all_ranges: tuple[float, float] | None = None,
 ) -> Content:
     """What a picture holds.
@@ -345,13 +345,16 @@ def content_of(
     limit = threshold(survey.brightness, survey.brightest, max(-survey.minimum, survey.maximum))
     return Content(
         limits=all_ranges or (survey.minimum, survey.maximum),
-        edges=layered or max(survey.steepest) > EDGE,
+        edges=layered is not None or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.min_slope**2,
         minimum=min(survey.darkest, 0.0),
-        channels=() if layered else survey.channels,
+        channels=survey.channels if layered is None else (),
         limit=limit,
         highlights=survey.brightest > limit,
         double=needs_double(survey, limit),
+        is_layered=layered is not None,
+        open=layered is not None and layered.open,
+        adds_alpha=layered is not None and not layered.blurs_alpha,
     )
 
 

@@ -22,6 +22,7 @@ from defocus_core.renderer.compositing.highlights import (
 )
 from defocus_core.renderer.compositing.sight import (
     Openings,
+    Sight,
     SightLimits,
     fraction_in_frame,
 )
@@ -30,19 +31,18 @@ from defocus_core.renderer.engine.frame import (
     corner_views,
     views_of,
 )
-from defocus_core.renderer.engine.layer_order import Filling
 from defocus_core.renderer.engine.scene import (
-    RegionSurfaces,
     Scene,
     SurfacesOfColors,
     continued,
     layers_within,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
-from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, without_known
 from defocus_core.renderer.layers.layer import (
+    CONTINUED,
     HIDDEN,
     SOLID,
+    TRACE,
     UNCOVERED,
     VISIBLE,
     SampleLayer,
@@ -53,7 +53,6 @@ from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.renderer.layers.slopes import AROUND, Shifts, slopes
 from defocus_core.tensors.box import Box, Grid
-from defocus_core.tensors.pyramid import axes
 
 # Samples at the border of the frame that are looked up at once; bounds memory.
 _SAMPLES_AT_ONCE = 1 << 17
@@ -79,12 +78,6 @@ class RegionPlace(NamedTuple):
         held, inner = box.grown(reach, frame.box), box.grown(reach, frame.scene)
         return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
 
-    def fills(self, surface: HiddenLayer | None) -> list[Filling]:
-        """A hidden surface to composite; nothing if it has no pixel."""
-        if surface is None or not bool(surface.mask.any()):
-            return []
-        return [Filling(self.frame, self.grid, (self.held, self.inner), surface)]
-
     def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor | None:
         """The shares [m, 1, ..., h, w] of parts that look into a box; None if all are 1."""
         frame, core = self.frame, self.grid.box
@@ -99,88 +92,96 @@ class RegionPlace(NamedTuple):
 class RegionLayers(NamedTuple):
     """What is seen in the rectangle `outer` of a region."""
 
-    # Those of each kind, nearest first; that of the surface that the depth names comes first
+    # Visible ones, nearest first, then other kinds; that of the surface that the depth names first
     layers: tuple[SampleLayer, ...]
-    positions: Tensor  # [H, W] of the first layer, between slice radii
-    highlights: Highlights | None
-    invented: list[Filling]  # surfaces that are continued behind edges
-    # How far the lens sees in the tiles: of a picture, by slices; of layers, past opaque samples
-    sight: SightLimits | Openings | None
+    lights: list[Highlights]  # which are drawn one by one
+    # How far the lens sees in the tiles: of a picture, by slices; of layers, past opaque samples.
+    # None where no surface hides another
+    sight: Sight | None
 
     def of(self, kind: str) -> list[SampleLayer]:
         """The layers of a kind."""
         return [layer for layer in self.layers if layer.kind == kind]
 
 
-def of_picture(
+def layers_at(
+    place: RegionPlace, scene: Scene, backdrop: Backdrop | SurfacesOfColors | None
+) -> RegionLayers:
+    """The layers of a region of a scene.
+
+    `backdrop`: the frame at low resolution, or the surfaces of all colours; None if nothing is
+    continued.
+    """
+    frame = place.frame
+    image, radius = (place.outer.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius))
+    if frame.content.edges:  # pixels beside them are looked up by their numbers
+        image, radius = image.contiguous(), radius.contiguous()
+    if scene.layered is not None:
+        assert not isinstance(backdrop, SurfacesOfColors), "layers of all colours"
+        seen = _of_layers(place, scene.layered, backdrop)
+        plain = image.clamp(max=frame.content.limit)  # with alpha, without the light of highlights
+    else:
+        seen = _of_picture(place, image, radius, backdrop)
+        plain = seen.layers[0].color
+    if not frame.trace:
+        return seen
+    trace = SampleLayer(plain, torch.full_like(plain[:1], frame.trace), radius, kind=TRACE)
+    return seen._replace(layers=(*seen.layers, trace))
+
+
+def _of_picture(
     place: RegionPlace,
-    scene: Scene,
-    image: Tensor,
-    signed_radius: Tensor,
+    image: Tensor,  # [C, ..., H, W]
+    radius: Tensor,  # [..., H, W] px
     backdrop: Backdrop | SurfacesOfColors | None,
 ) -> RegionLayers:
-    """What a picture [C, H, W] and its radii show and hide."""
+    """What a picture and its radii show and hide."""
     frame, content, slices = place.frame, place.frame.content, place.frame.slices
-    of_all: RegionSurfaces | None = None
-    layers: tuple[SampleLayer, ...] = (SampleLayer.whole(image, signed_radius),)
+    layers: Sequence[SampleLayer] = (SampleLayer.whole(image, radius),)
+    lights, behind, sight = list[Highlights](), list[SampleLayer](), None
     if isinstance(backdrop, SurfacesOfColors):
-        of_all = backdrop.at(place.outer, place.inside)
-        layers = of_all.layers
+        every = backdrop.at(place.outer, place.inside)
+        layers = [layer for layer in every if layer.kind == VISIBLE]
+        behind = [layer for layer in every if layer.kind == CONTINUED]
     elif backdrop is not None:
-        layers = layers_within(image, signed_radius, backdrop, place.outer)
-    highlights = None
+        layers = layers_within(image, radius, backdrop, place.outer)
     if content.highlights:
-        layers, highlights = split(layers, len(image), content.limit)
-    positions, sight = slice_position(signed_radius, slices.radii), None
+        layers, lights = split(layers, len(image), content.limit)
     if content.edges:
-        sight = SightLimits.of(signed_radius, positions, slices.visible.layers, slices.octaves)
+        positions = slice_position(radius, slices.radii)
+        sight = SightLimits.of(radius, positions, slices.visible.layers, slices.octaves)
         sight = sight.over(place.core).without([not one.edges for one in content.each])
-    invented = of_all.hidden if of_all else None
     if isinstance(backdrop, Backdrop):
-        around = place.outer, place.inside
-        invented = continued(layers[0], backdrop, *around, frame)
-    return RegionLayers(layers, positions, highlights, place.fills(invented), sight)
+        behind = [*continued(layers[0], backdrop, place.outer, place.inside, frame)]
+    return RegionLayers((*layers, *behind), lights, sight)
 
 
-def of_layers(
-    place: RegionPlace,
-    layered: Layered,
-    image: Tensor,
-    backdrop: Backdrop | SurfacesOfColors | None,
-) -> RegionLayers:
-    """What layers show and hide; `image`: [C + 1, H, W], the picture of them in focus."""
+def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) -> RegionLayers:
+    """What layers show and hide."""
     frame, slices = place.frame, place.frame.slices
     stack = layered.stack(place.outer, frame.dtype)
-    radius = stack.signed_radius[0]
+    radius, others, sight = stack.signed_radius[0], list[SampleLayer](), None
     visible, hidden = stack.visible(), stack.hidden()
-    if layered.mixed and isinstance(backdrop, Backdrop):
+    if layered.mixed and backdrop is not None:
         own, *nearer = layers_within(visible[0].color, radius, backdrop, place.outer)
         visible = (own, *visible[1:], *nearer)
         if nearer:  # which hide a part of it
             hidden = (own._replace(coverage=1 - own.coverage, sparse=True), *hidden[1:])
-    layers, highlights = split(visible, len(image) - 1, frame.content.limit)
-    if highlights is not None:  # with an alpha of 0
-        light = torch.cat([highlights.light, torch.zeros_like(highlights.light[:, :1])], 1)
-        highlights = highlights._replace(light=light)
-    solid = SampleLayer.whole(image[:0], stack.solid(layered.limits[1]))
-    others = [*(layer._replace(kind=HIDDEN) for layer in hidden), solid._replace(kind=SOLID)]
+    layers, lights = split(visible, layered.colors.shape[1], frame.content.limit)
+    if hidden:
+        others = [layer._replace(kind=HIDDEN) for layer in hidden]
+        sight = Openings.of(stack.opaque(), slices.radii, slices.visible.layers).over(place.core)
+    solid = SampleLayer.whole(stack.color[0, :0], stack.solid(layered.limits[1]))
+    others.append(solid._replace(kind=SOLID))
     if layered.open and layered.is_continued:
         rest, farthest = stack.through[-1:], torch.full_like(radius, layered.limits[1])
         others.append(SampleLayer(rest[:0], rest, farthest, sparse=True, kind=UNCOVERED))
-    fills = list[Filling]()
     if backdrop is not None:
-        assert isinstance(backdrop, Backdrop), "layers of all colours"
-        around = place.outer, place.inside
-        invented, known = continued(layers[0], backdrop, *around, frame), stack.knows_behind()
-        if invented is not None and known is not None:
-            behind = place.inside.of(known), place.inside.of(stack.signed_radius[-1])
-            middle = axes(frame.size, place.held.top, place.held.left)
-            invented = without_known(invented, *behind, middle)
-        fills = place.fills(invented)
-    openings = Openings.of(stack.opaque(), slices.radii, slices.visible.layers)
-    positions = slice_position(radius, slices.radii)
-    sight = openings.over(place.core)
-    return RegionLayers((*layers, *others), positions, highlights, fills, sight)
+        known = stack.knows_behind()
+        behind = None if known is None else place.inside.of(stack.signed_radius[-1])
+        of_known = None if known is None or behind is None else (place.inside.of(known), behind)
+        others += continued(layers[0], backdrop, place.outer, place.inside, frame, of_known)
+    return RegionLayers((*layers, *others), lights, sight)
 
 
 def samples_within(place: RegionPlace, layers: Sequence[SampleLayer]) -> SurfaceSamples:
@@ -189,36 +190,36 @@ def samples_within(place: RegionPlace, layers: Sequence[SampleLayer]) -> Surface
     layers = [layer.within(place.inside) for layer in layers]
     if len(layers) > len(radii) + 1:
         layers = [layers[0], *of_slices(layers[1:], radii)]
-    return SurfaceSamples(layers, slice_position(layers[0].signed_radius, radii))
+    return SurfaceSamples(layers)
 
 
 def visible_samples(place: RegionPlace, seen: RegionLayers) -> SurfaceSamples:
     """The visible samples whose light reaches the tiles, with their slopes and shifts."""
     frame, inside, first = place.frame, place.inside, seen.layers[0]
-    radii, division = frame.slices.radii, frame.division
     around = inside.grown(AROUND, Box(0, 0, *first.signed_radius.shape[-2:]))
     inner, radius = inside.seen_from(around), around.of(first.signed_radius)
-    positions = around.of(seen.positions)
     lean = shifts = None
     if frame.content.tilted:
-        lean = slopes(radius, frame.quality.min_slope)
+        found = slopes(radius, frame.quality.min_slope)
+        lean = None if found is None else inner.of(found)
     if frame.settings.left_right and frame.copies_in_focus:
-        color = around.of(first.color)
+        color, division = around.of(first.color), frame.division
         halves = division.parts[division.pair]
-        shifts = Shifts(color, radius, positions, inner, radii, division.aperture, halves)
-    lean = None if lean is None else inner.of(lean)
+        shifts = Shifts(color, radius, inner, frame.slices.radii, division.aperture, halves)
     samples = samples_within(place, seen.of(VISIBLE))
-    return samples._replace(positions=inner.of(positions), slopes=lean, shifts=shifts)
+    return samples._replace(slopes=lean, shifts=shifts)
 
 
 def fractions_seen(
     place: RegionPlace, seen: RegionLayers, bounds: Box, parts: list[Part]
-) -> Tensor | None:
-    """As `RegionPlace.fractions`, in the mean over the visible samples of each pixel."""
+) -> Tensor | float:
+    """As `RegionPlace.fractions`, in the mean over the visible samples of each pixel; or 1."""
     first, *others = (layer.within(place.core) for layer in seen.of(VISIBLE))
     radius = first.signed_radius
     total = place.fractions(bounds, radius, parts)
-    if total is None or not first.sparse or not others:  # of a picture, its own surface alone
+    if total is None:
+        return 1.0
+    if not first.sparse or not others:  # of a picture, its own surface alone
         return total
     radii = torch.stack([layer.signed_radius for layer in others])
     weights = torch.stack([layer.covered for layer in others])
@@ -238,7 +239,7 @@ def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Ten
     Of layers, what hides a part of a light is in its coverage already.
     """
     radii, (aperture, parts, *_) = place.frame.slices.radii, place.frame.division
-    occluders = occluders_of(seen.of(SOLID) or seen.layers, radii)
+    occluders = occluders_of(seen.of(SOLID) or seen.of(VISIBLE), radii)
     barrel = views_of(place.frame, highlights.at, place.core, place.grid.box)
     return draw(highlights, occluders, radii, aperture, parts, place.core, barrel)
 

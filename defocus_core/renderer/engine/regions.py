@@ -16,7 +16,7 @@ from itertools import count, islice
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.layer_blur import Blur, Sliced
+from defocus_core.renderer.blur.layer_blur import Blur
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.saturating_sum import (
     ColorRange,
@@ -26,25 +26,19 @@ from defocus_core.renderer.compositing.saturating_sum import (
     picture,
     within_alpha,
 )
-from defocus_core.renderer.compositing.sight import (
-    Openings,
-    SightLimits,
-    border_fallback,
-)
 from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
     SharedFrame,
     frame_at,
 )
-from defocus_core.renderer.engine.layer_order import Filling, add_in_order
+from defocus_core.renderer.engine.layer_order import Filling, composite
 from defocus_core.renderer.engine.region_layers import (
     RegionLayers,
     RegionPlace,
     backdrop_in,
     discs,
     fractions_seen,
-    of_layers,
-    of_picture,
+    layers_at,
     samples_within,
     visible_samples,
 )
@@ -53,8 +47,7 @@ from defocus_core.renderer.engine.scene import (
     SurfacesOfColors,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
-from defocus_core.renderer.layers.layer import HIDDEN, UNCOVERED
-from defocus_core.renderer.layers.samples import Layered
+from defocus_core.renderer.layers.layer import CONTINUED, HIDDEN, TRACE, UNCOVERED, VISIBLE
 from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, regions
@@ -66,79 +59,54 @@ from defocus_core.tensors.views import Views, added, joined
 
 
 def region_of(
-    frame: SharedFrame,
-    grid: Grid,
-    scene: Scene,
-    backdrop: Backdrop | SurfacesOfColors | None,
+    frame: SharedFrame, grid: Grid, scene: Scene, backdrop: Backdrop | SurfacesOfColors | None
 ) -> Region:
-    """A rectangle of tiles of a scene.
-
-    `backdrop`: the frame at low resolution, or hidden surfaces that are continued for all colours;
-    None if nothing is continued.
-    """
-    frame = frame_at(frame, grid.box)
-    place = RegionPlace.of(frame, grid)
-    image, radius = (place.outer.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius))
-    if frame.content.edges:  # pixels beside them are looked up by their numbers
-        image, radius = image.contiguous(), radius.contiguous()
-    if scene.layered is None:
-        seen = of_picture(place, scene, image, radius, backdrop)
-        plain = seen.layers[0].color
-    else:
-        seen = of_layers(place, scene.layered, image, backdrop)
-        plain = image.clamp(max=frame.content.limit)  # with alpha, without the light of highlights
-    fallback = border_fallback(place.core.of(plain), frame.trace) if frame.trace else None
-    return Region(place, seen, scene.layered, fallback)
+    """A rectangle of tiles of a scene; `backdrop`: as in `layers_at`."""
+    place = RegionPlace.of(frame_at(frame, grid.box), grid)
+    return Region(place, layers_at(place, scene, backdrop))
 
 
 class Region:
     """A rectangle of tiles, and everything that they share."""
 
-    def __init__(
-        self,
-        place: RegionPlace,
-        seen: RegionLayers,
-        layered: Layered | None,
-        fallback: Tensor | None,
-    ) -> None:
-        """Prepare the blur of what is seen.
-
-        `layered`: the layers that are seen; None for a picture; `fallback`: [C + 1, h, w], what is
-        seen where nothing else is for sure; None without any.
-        """
+    def __init__(self, place: RegionPlace, seen: RegionLayers) -> None:
+        """Prepare the blur of what is seen."""
         frame = self._frame = place.frame
-        slicing, division = frame.slices.visible, frame.division
-        self._tiles = place.grid.tiles
-        self._layered, self._fallback, self._like = layered, fallback, seen.layers[0].color
-        self._sight, self._invented = seen.sight, seen.invented
-        self._blur = Blur(
-            frame.slices.radii,
-            slicing.windows,
-            slicing.coarse,
-            place.grid.seen_from(place.inner),
-            division.groups,
+        self._tiles, self._sight = place.grid.tiles, seen.sight
+        self._like = seen.layers[0].color
+        around, middle = (
+            place.inner.seen_from(place.held),
             axes(frame.size, place.inner.top, place.inner.left),
-            by_corners=frame.settings.field is not None,
         )
-        around = place.inner.seen_from(place.held)
 
-        def sliced(samples: SurfaceSamples) -> Sliced:
-            return self._blur.sliced(samples._replace(around=around), 1, slicing.layers)
+        def blur_of(samples: SurfaceSamples) -> Blur:
+            return Blur(
+                samples._replace(around=around),
+                frame.slices.radii,
+                frame.slices.visible,
+                place.grid.seen_from(place.inner),
+                frame.division.groups,
+                middle,
+                by_corners=frame.settings.field is not None,
+            )
 
-        self._visible = sliced(visible_samples(place, seen))
-        self._others = {
-            kind: sliced(samples_within(place, layers))
-            for kind in (HIDDEN, UNCOVERED)
-            if (layers := seen.of(kind))
-        }
+        self._blurs = {VISIBLE: blur_of(visible_samples(place, seen))}
+        for kind in (HIDDEN, UNCOVERED):
+            if layers := seen.of(kind):
+                self._blurs[kind] = blur_of(samples_within(place, layers))
+        self._continued = [Filling(place, layer) for layer in seen.of(CONTINUED)]
+        division = frame.division
         centre = division.parts[division.centre]
+        # Shares of the parts of the aperture that look into the frame, and as far as it goes on
         self._in_frame = fractions_seen(place, seen, frame.box, centre)
-        self._in_scene: Tensor | None = None
+        self._in_scene: Tensor | float = 1.0
         if frame.cut:
             self._in_scene = fractions_seen(place, seen, frame.scene, division.parts)
         self._range = ColorRange.of(frame.content.channels, self._like, frame.content.minimum)
-        highlights = seen.highlights
-        self._highlights = discs(place, seen, highlights) if highlights else None
+        self._traces = [
+            torch.cat(layer.within(place.core).light_and_coverage) for layer in seen.of(TRACE)
+        ]
+        self._discs = [discs(place, seen, lights) for lights in seen.lights]
 
     def tile(self, index: int) -> Views:
         """The views of one tile of the region."""
@@ -160,7 +128,7 @@ class Region:
         fraction = division.left_fraction
         pair = pair_of(centre, left, right, minimum=content.minimum, fraction=fraction)
         images = self._range.bounded_pair(pair, centre, fraction)
-        if self._layered is not None:
+        if content.is_layered:
             images = within_alpha(images, fraction)
         images = frame.settings.dual_pixel.crossed(images, centre)
         return Views([centre, *images], trust, counts, box)
@@ -174,45 +142,33 @@ class Region:
         mean = self._frame.division.mean
         observed = covered if invented is None else covered - invented
         fraction = mean(observed) / mean(covered)
-        if self._in_frame is not None and not self._frame.is_inside(box, self._frame.box):
+        if isinstance(self._in_frame, Tensor) and not self._frame.is_inside(box, self._frame.box):
             expected = box.seen_from(self._tiles[0]).of(self._in_frame)
             fraction = fraction * mean(expected[:, 0])
         return fraction.clamp(0, 1)[None]
 
     def _composited(self, index: int) -> tuple[TileCompositor, list[Filling]]:
         """The views of a tile by the parts of the aperture, and the hidden surfaces they needed."""
-        sight = self._sight and self._sight.over(self._tiles[index].seen_from(self._tiles[0]))
-        compositor = self._blank(index, sight if isinstance(sight, SightLimits) else None)
-        visible = self._blur.over_tile(self._visible, index)
-        others = {kind: self._blur.over_tile(of, index) for kind, of in self._others.items()}
-        layered, reaching = self._layered, self._reaching(index)
-        if UNCOVERED in others:
-            compositor.reserve(others[UNCOVERED])
-        if HIDDEN in others and isinstance(sight, Openings) and layered is not None:
-            compositor.add_known(visible, others[HIDDEN], sight, closed=not layered.open)
-            compositor.close(sight)
-            needed = [] if compositor.is_nearly_full() else reaching
-            for surface in needed:
-                compositor.fill(surface.over_tile(index).whole())
-        else:
-            order = self._frame.slices.composite_order
-            needed = add_in_order(compositor, visible, reaching, order, index)
-        if layered is not None and not layered.blurs_alpha:
+        frame, content, tile = self._frame, self._frame.content, self._tiles[index]
+        sight = self._sight and self._sight.over(tile.seen_from(self._tiles[0]))
+        division, shape = frame.division, self._like.shape
+        blank = self._like.new_zeros(len(division.parts), shape[0] + 1, *shape[1:-2], *tile[2:])
+        full = self._full(index)
+        compositor = TileCompositor(blank, full, division.groups, sight, closed=not content.open)
+        surfaces = {kind: blur.over_tile(index) for kind, blur in self._blurs.items()}
+        if UNCOVERED in surfaces:
+            compositor.reserve(surfaces[UNCOVERED])
+        order = frame.slices.composite_order
+        needed = composite(compositor, surfaces, self._reaching(index), order, index)
+        if content.adds_alpha:
             compositor.add_alpha()
-        if layered is not None and layered.open:
+        if content.open:
             compositor.leave_open()
         return compositor, needed
 
-    def _blank(self, index: int, sight: SightLimits | None) -> TileCompositor:
-        """The views of a tile without surfaces."""
-        size, like = self._tiles[index][2:], self._like
-        division = self._frame.division
-        blank = like.new_zeros(len(division.parts), len(like) + 1, *like.shape[1:-2], *size)
-        return TileCompositor(blank, self._full(index), division.groups, sight)
-
     def _reaching(self, index: int) -> list[Filling]:
         """The hidden surfaces that reach a tile."""
-        return [surface for surface in self._invented if surface.plan[index]]
+        return [surface for surface in self._continued if surface.plan[index]]
 
     def _lit(self, views: Tensor, index: int) -> Tensor:
         """The views of all parts, with highlights.
@@ -221,25 +177,29 @@ class Region:
         it, so that errors of the coverage do not make them brighter.
         """
         box = self._tiles[index].seen_from(self._tiles[0])
-        if self._fallback is not None:
-            views = views + box.of(self._fallback)
-        if self._highlights is None:
-            return views
-        inside = 1.0 if self._in_scene is None else box.of(self._in_scene)
-        return add_light(views, box.of(self._highlights) * (views[:, -1:] / inside))
+        for trace in self._traces:
+            views = views + box.of(trace)
+        inside = box.of(self._in_scene) if isinstance(self._in_scene, Tensor) else 1.0
+        for lights in self._discs:
+            coverage = views[:, -1:] / inside
+            views = add_light(views, box.of(lights) * coverage)
+        return views
 
     def _full(self, index: int) -> Tensor | float:
         """The greatest coverage in a tile."""
         tile, frame = self._tiles[index], self._frame
-        if self._in_scene is None or not frame.content.edges or frame.is_inside(tile, frame.scene):
+        if not isinstance(self._in_scene, Tensor) or not frame.content.edges:
+            return 1.0
+        if frame.is_inside(tile, frame.scene):
             return 1.0
         return tile.seen_from(self._tiles[0]).of(self._in_scene)
 
     def _counts(self, index: int, needed: list[Filling]) -> dict[str, int]:
         """Counts of the work done for a tile, and of the work of a renderer that skips nothing."""
         windows, area = self._frame.slices.visible.windows, self._tiles[index].area
-        reaching, pieces = self._reaching(index), self._visible.pieces[index]
-        visible = [windows[slice_index] for slice_index in self._visible.surface.plan[index]]
+        of_visible, reaching = self._blurs[VISIBLE], self._reaching(index)
+        pieces = of_visible.pieces[index]
+        visible = [windows[slice_index] for slice_index in of_visible.surface.plan[index]]
         hidden = [
             surface.windows[slice_index]
             for surface in reaching

@@ -34,6 +34,7 @@ from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
 from defocus_core.renderer.engine.settings import STANDARD, Settings
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.layers.quality import Quality, find
+from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import SHARP, plane_of
 from defocus_core.tensors.derived import chosen
 from defocus_core.tensors.device_plan import launches_cost, tile_pixels
@@ -198,9 +199,7 @@ class Renderer:
             self.reaching = layered.most_blurred()
             border = border_range(self.reaching)
         limits = scene.surfaces and scene.surfaces.shared.limits
-        content = scene.content or self._content(
-            counted, signed_radius, quality, limits, layered=layered is not None
-        )
+        content = scene.content or self._content(counted, signed_radius, quality, limits, layered)
         self.frame = frame_of(
             counted,
             signed_radius,
@@ -218,8 +217,7 @@ class Renderer:
         signed_radius: Pixels,
         quality: Quality,
         limits: tuple[float, float] | None,
-        *,
-        layered: bool,
+        layered: Layered | None,
     ) -> Content:
         """What the picture holds, of whose pixels [C, h, w] count."""
         dtype = computed_in(counted, signed_radius)

@@ -20,21 +20,20 @@ from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.renderer.compositing.highlights import split
 from defocus_core.renderer.engine.frame import Content, SharedFrame
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
-from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, KnownLayer, hidden_layer
-from defocus_core.renderer.layers.layer import SampleLayer, layers_of, mixed_within
+from defocus_core.renderer.inpainting.hidden_layers import (
+    HiddenLayer,
+    KnownLayer,
+    hidden_layer,
+    without_known,
+)
+from defocus_core.renderer.layers.layer import CONTINUED, SampleLayer, layers_of, mixed_within
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import Mapped, chosen, held, plus, stacked
 from defocus_core.tensors.neighbourhoods import range_of
+from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.source import Pixels, Scalar, banded
 from defocus_core.tensors.validation import backward_only, described
-
-
-class RegionSurfaces(NamedTuple):
-    """The surfaces of a rectangle."""
-
-    layers: tuple[SampleLayer, ...]
-    hidden: HiddenLayer | None  # those that are continued behind them; None where nothing is hidden
 
 
 class SharedSurfaces:
@@ -64,33 +63,33 @@ class SharedSurfaces:
         minimum, maximum = float(limits[:, 0].amin()), float(limits[:, 1].amax())
         added = [float(torch.as_tensor(px).detach()) for px in offsets]
         self.limits = minimum + min(added), maximum + max(added)
-        self._hidden: dict[tuple[Box, Box], HiddenLayer | None] = {}
+        self._continued: dict[tuple[Box, Box], tuple[SampleLayer, ...]] = {}
         self._taken: Counter[tuple[Box, Box]] = Counter()
 
     def of(self, channels: Sequence[int], px: Scalar) -> SurfacesOfColors:
         """The surfaces of some channels, whose radii have an offset."""
         return SurfacesOfColors(self, list(channels), px)
 
-    def at(self, outer: Box, inside: Box) -> RegionSurfaces:
-        """The visible surfaces of the rectangle `outer`, the hidden ones within `inside` of it."""
+    def at(self, outer: Box, inside: Box) -> tuple[SampleLayer, ...]:
+        """The visible layers of the rectangle `outer`, and what is continued within `inside`."""
         frame, position = self._frame, (outer, inside)
         pixels, radius = (
             outer.of(x).to(frame.dtype).contiguous() for x in (self._pixels, self._radius)
         )
         layers = layers_within(pixels, radius, self._backdrop, outer)
-        if position in self._hidden:
-            hidden = self._hidden[position]
+        if position in self._continued:
+            behind = self._continued[position]
         else:
-            ordinary = layers
+            ordinary: Sequence[SampleLayer] = layers
             if frame.content.highlights:
                 ordinary, _ = split(layers, self.colors, frame.content.limit)
-            hidden = continued(ordinary[0], self._backdrop, outer, inside, frame)
+            behind = continued(ordinary[0], self._backdrop, outer, inside, frame)
         if self.keeps:
-            self._hidden[position] = hidden
+            self._continued[position] = behind
             self._taken[position] += 1
             if self._taken[position] == self._groups:
-                del self._hidden[position]
-        return RegionSurfaces(layers, hidden)
+                del self._continued[position]
+        return (*layers, *behind)
 
     def prepare(self) -> None:
         """Find now what is found once for the whole frame."""
@@ -124,19 +123,14 @@ class SurfacesOfColors(NamedTuple):
     channels: list[int]  # the numbers of the colours
     px: Scalar  # px that are added to their radii
 
-    def at(self, outer: Box, inside: Box) -> RegionSurfaces:
+    def at(self, outer: Box, inside: Box) -> tuple[SampleLayer, ...]:
         """As those of all colours."""
-        every, hidden = self.shared.at(outer, inside)
-        layers = tuple(
+        return tuple(
             layer._replace(
                 color=layer.color[self.channels], signed_radius=layer.signed_radius + self.px
             )
-            for layer in every
+            for layer in self.shared.at(outer, inside)
         )
-        if hidden is None:
-            return RegionSurfaces(layers, None)
-        color, radius, mask = hidden
-        return RegionSurfaces(layers, HiddenLayer(color[self.channels], radius + self.px, mask))
 
 
 def layers_within(
@@ -155,10 +149,19 @@ def continued(
     outer: Box,
     inside: Box,
     frame: SharedFrame,
-) -> HiddenLayer | None:
-    """The hidden layer of a region; None without any."""
+    known: tuple[Tensor, Tensor] | None = None,  # as in `without_known`, within `inside`
+) -> tuple[SampleLayer, ...]:
+    """The layer that is continued behind the edges of a visible one, if there is any."""
     level = frame.slices.invented.level
-    return hidden_layer(layer.color, layer.signed_radius, backdrop, outer, inside, level=level)
+    hidden = hidden_layer(layer.color, layer.signed_radius, backdrop, outer, inside, level=level)
+    if hidden is not None and known is not None:
+        held = inside.top + outer.top, inside.left + outer.left
+        hidden = without_known(hidden, *known, axes(frame.size, *held))
+    if hidden is None or not bool(hidden.mask.any()):
+        return ()
+    color, radius, mask = hidden
+    coverage = mask[None].to(color)
+    return (SampleLayer(color, coverage, radius, sparse=True, kind=CONTINUED),)
 
 
 # Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.

@@ -19,8 +19,11 @@ from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.sparse_masks import flat_nonzero
 
 # Kinds of layers: what a pinhole sees; what nearer samples of the same pixels hide; what no sample
-# covers, without colours; and the nearest opaque sample of each pixel, before lights.
-VISIBLE, HIDDEN, UNCOVERED, SOLID = "visible", "hidden", "uncovered", "solid"
+# covers, without colours; and what is continued behind edges, maybe at half of the resolution.
+VISIBLE, HIDDEN, UNCOVERED, CONTINUED = "visible", "hidden", "uncovered", "continued"
+# And the nearest opaque sample of each pixel, before lights; and the trace of itself that a pixel
+# keeps where the pupil may see nothing of the frame.
+SOLID, TRACE = "solid", "trace"
 
 
 class SampleLayer(NamedTuple):
@@ -52,6 +55,11 @@ class SampleLayer(NamedTuple):
     def covered(self) -> Tensor:
         """[..., H, W], coverage of all pixels."""
         return self.coverage.expand(1, *self.signed_radius.shape)[0]
+
+    @property
+    def light_and_coverage(self) -> list[Tensor]:
+        """Both, [C, ..., H, W] and [1, ..., H, W]."""
+        return [self.light, self.covered[None]]
 
     def within(self, box: Box) -> SampleLayer:
         """The layer in a box."""

@@ -342,7 +342,6 @@ class SurfaceSamples(NamedTuple):
     """The layers of a surface that are blurred together, with what part of the lens sees of it."""
 
     layers: Sequence[SampleLayer]
-    positions: Tensor  # [..., H, W] positions of the first layer between slice radii
     slopes: Tensor | None = None  # [2, H, W] of the radius, px per px; None if nothing is tilted
     # Sub-pixel shifts of the colours near focus; None if they are not rendered
     shifts: Shifts | None = None
@@ -379,7 +378,8 @@ class Surface:
         beyond: int,  # greatest distance in px from the first row of a tile to the end of a window
     ) -> None:
         """Plan the slices of a layer."""
-        size = samples.positions.shape[-2], samples.positions.shape[-1]
+        radius = samples.layers[0].signed_radius
+        size = radius.shape[-2], radius.shape[-1]
         around = samples.around or Box(0, 0, *size)
         # counted from the first sample that is repeated
         self._given = Box(-around.top, -around.left, *size)
@@ -391,10 +391,9 @@ class Surface:
         self._framed_box = Box(top, left, below - top, beside - left)
         count = len(reaches)
         sharp = reaches.index(0) if 0 in reaches else None
-        others = [slice_position(layer.signed_radius, radii) for layer in samples.layers[1:]]
         self._samples = [
-            self._with_frame(layer, positions, count, sharp)
-            for layer, positions in zip(samples.layers, [samples.positions, *others], strict=True)
+            self._with_frame(layer, slice_position(layer.signed_radius, radii), count, sharp)
+            for layer in samples.layers
         ]
         self._positions, self._shifts = self._samples[0].positions, samples.shifts
         self._first = samples.layers[0]
@@ -425,7 +424,7 @@ class Surface:
         self, layer: SampleLayer, positions: Tensor, count: int, sharp: int | None
     ) -> _FramedLayer:
         """A layer and its positions [..., H, W] in the frame."""
-        light = self._framed([layer.light, layer.covered[None]])
+        light = self._framed(layer.light_and_coverage)
         framed = self._framed([positions[None]])[0]
         inner = self._unframed(self._own, framed)
         exists = self._unframed(self._own, light.detach()[-1] > 0) if layer.sparse else None

@@ -24,7 +24,7 @@ from torch.nn.functional import pad
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, Part
-from defocus_core.renderer.layers.slice_radii import SHARP, SOFT, slice_before
+from defocus_core.renderer.layers.slice_radii import SHARP, SOFT, slice_before, slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import range_of
@@ -125,21 +125,21 @@ class Shifts:
         self,
         color: Tensor,  # [C, H, W]
         signed_radius: Tensor,  # [H, W] px
-        positions: Tensor,  # [H, W] positions between slice radii
         inner: Box,
         radii: tuple[float, ...],  # [K] px, of the slices
         aperture: Aperture,
         parts: list[Part],
     ) -> None:
         """Keep the surface."""
-        self._color, self._radius, self._positions = color, signed_radius, positions
+        self._color, self._radius = color, signed_radius
+        self._positions = slice_position(signed_radius, radii)
         self._whole = Box(-inner.top, -inner.left, *signed_radius.shape[-2:])
         requires_grad = aperture.requires_grad
         apparent = _apparent.__wrapped__ if requires_grad else _apparent
         half = parts[0] if parts[0].is_uneven else LEFT
         known = aperture if requires_grad else aperture.fixed
         # [K] or, of the pupils of a batch, [K B], picture by picture
-        found = stacked(apparent(radii, known, half), positions).reshape(len(radii), -1)
+        found = stacked(apparent(radii, known, half), signed_radius).reshape(len(radii), -1)
         self._apparent, self._count = found.T.flatten(), len(radii)
         # pixels of lesser radii have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
@@ -147,7 +147,7 @@ class Shifts:
         # x, and y where it makes a difference
         level = (torch.as_tensor(y * y < _LEVEL**2).all() for _, y in centroids)
         dims = 1 if all(map(bool, level)) else 2
-        means = stacked([mean for pair in centroids for mean in pair], positions)
+        means = stacked([mean for pair in centroids for mean in pair], signed_radius)
         self._centroids = means.view(-1, 2, *means.shape[1:])[:, :dims]
 
     def over(self, box: Box) -> Tensor | None:

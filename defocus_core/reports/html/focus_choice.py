@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.batch.journal.identity import settings
+from defocus_core.batch.journal.resume import settings
 from defocus_core.errors import InputError, printable
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN
@@ -30,7 +30,7 @@ from defocus_core.picture.subject import on_ramp, subject_of
 from defocus_core.picture.take import InputPair, Inputs
 from defocus_core.reports.html.item import LIGHT, PLAIN, Item, Layer
 from defocus_core.reports.html.layers import pack
-from defocus_core.reports.html.page import KEYS, Payloads, plain, write_page
+from defocus_core.reports.html.page import KEYS, plain, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
@@ -96,7 +96,7 @@ def write_choice(
             if progress:
                 progress(done * len(strengths) + n + 1, len(focuses) * len(strengths))
     item = Item(picture.color.name, "", passes=True, layers=[sharp, _depth_layer(small, depth)])
-    payloads = Payloads()
+    payloads: dict[str, str] = {}
     data = {
         "items": [plain(item, payloads)],
         "drafts": plain(drafts, payloads),

@@ -59,13 +59,6 @@ def unit_scale(planes: Sequence[NDArray[Any]]) -> float:
     return 2.0 ** math.ceil(math.log2(maximum)) if maximum else 1.0
 
 
-def is_exact(planes: Sequence[NDArray[Any]], scale: float) -> bool:
-    """Whether halves hold the values of planes."""
-    halves = zip(half_bits(planes, scale).view(np.float16), planes, strict=True)
-    with np.errstate(all="ignore"):
-        return all(np.array_equal(h, _scaled(p, scale), equal_nan=True) for h, p in halves)
-
-
 def half_bits(planes: Sequence[NDArray[Any]], scale: float) -> NDArray[np.uint16]:
     """The bits of planes [H, W] as halves, [C, H, W]."""
     with np.errstate(all="ignore"):
@@ -172,51 +165,47 @@ def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
 
 
 def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) -> list[Layer]:
-    """All layers, with the values of those that are no views and of the size of the first."""
-    size = drawn[0].layer.size
-    kept = [each for each in drawn if each.layer.key not in VIEWS and each.layer.size == size]
-    valued = {layer.key: layer for layer in with_values(kept, window_of(size, place))}
-    return [valued.get(each.layer.key, each.layer) for each in drawn]
+    """All layers, with the values of those that are no views and of the size of the first.
 
-
-def with_values(drawn: Sequence[Drawn], box: Box) -> list[Layer]:
-    """Layers with their values within a box; those of A and B have one scale.
-
-    Where halves do not hold the values of A and B, their difference is a layer of its own.
+    Values are of a window about a place; those of A and B have one scale. Where halves do not hold
+    the values of A and B, their difference is a layer of its own.
     """
-    cut = {each.layer.key: _within(each.planes, box) for each in drawn}
-    pair = [plane for key in (A, B) for plane in cut.get(key, ())]
-    shared = common_scale(pair)
+    size = drawn[0].layer.size
+    x, y, width, height = box = window_of(size, place)
+    cut = {
+        each.layer.key: [plane[y : y + height, x : x + width] for plane in each.planes]
+        for each in drawn
+        if each.layer.key not in VIEWS and each.layer.size == size
+    }
+    shared = common_scale([plane for key in (A, B) for plane in cut.get(key, ())])
     layers, base = [], None
-    for each in drawn:
-        layer, planes = each.layer, cut[each.layer.key]
+    for layer in (each.layer for each in drawn):
+        planes, values = cut.get(layer.key, ()), None
         if layer.kind == HEAT:
-            layers.append(_difference(layer, cut, shared, box))
-            continue
-        is_pair = layer.key in (A, B)
-        scale = shared if is_pair else common_scale(planes)
-        bits = half_bits(planes, scale)
-        packed = pack(bits, box, scale, base if layer.key == B else None)
-        base = (layer.key, bits) if layer.key == A else base
-        layers.append(replace(layer, values=packed))
+            values = _difference(cut[A], cut[B], shared, box)
+        elif planes:
+            scale = shared if layer.key in (A, B) else common_scale(planes)
+            bits = half_bits(planes, scale)
+            values = pack(bits, box, scale, base if layer.key == B else None)
+            base = (layer.key, bits) if layer.key == A else base
+        layers.append(replace(layer, values=values))
     return layers
 
 
 def _difference(
-    layer: Layer, cut: Mapping[str, Sequence[NDArray[Any]]], scale: float, box: Box
-) -> Layer:
-    """The layer of a difference with its values, if those of A and B do not tell it exactly."""
-    if is_exact([*cut[A], *cut[B]], scale):
-        return layer
+    a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]], scale: float, box: Box
+) -> StoredValues | None:
+    """The values of a difference, if those of A and B as halves do not tell it exactly."""
+    planes, halves = [*a, *b], half_bits([*a, *b], scale).view(np.float16)
     with np.errstate(all="ignore"):
-        planes = [np.subtract(b, a, dtype=np.float64) for a, b in zip(cut[A], cut[B], strict=True)]
+        if all(
+            np.array_equal(h, _scaled(p, scale), equal_nan=True)
+            for h, p in zip(halves, planes, strict=True)
+        ):
+            return None
+        planes = [np.subtract(new, old, dtype=np.float64) for old, new in zip(a, b, strict=True)]
     step = unit_scale(planes)
-    return replace(layer, values=pack(half_bits(planes, step), box, step))
-
-
-def _within(planes: Sequence[NDArray[Any]], box: Box) -> list[NDArray[Any]]:
-    x, y, width, height = box
-    return [plane[y : y + height, x : x + width] for plane in planes]
+    return pack(half_bits(planes, step), box, step)
 
 
 def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[Drawn]:

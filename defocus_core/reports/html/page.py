@@ -17,7 +17,7 @@ import hashlib
 import json
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -60,7 +60,7 @@ _THUMBNAILS = 30_000  # characters of the thumbnails of an item
 def write_report(path: Path, report: Report) -> None:
     """Write the HTML file of a report, whole or not at all."""
     items = fitted(report.items)
-    payloads = Payloads()
+    payloads: dict[str, str] = {}
     drawn = [plain(item, payloads) for item in items]
     facets = dict.fromkeys(name for item in drawn for name in item["facets"])
     write_page(
@@ -96,11 +96,11 @@ def _room_words(items: Sequence[Item]) -> str:
     )
 
 
-def plain(value: Any, payloads: Payloads) -> Any:
+def plain(value: Any, payloads: dict[str, str]) -> Any:
     """A record as JSON has it, by the names of its fields.
 
-    Texts lose control characters, bytes are the name of a payload, and a number that JSON has not
-    is the name that the script gives to it.
+    Texts lose control characters, bytes are the name of a payload (empty if there are none), and a
+    number that JSON has not is the name that the script gives to it.
     """
     if is_dataclass(value):
         return {each.name: plain(getattr(value, each.name), payloads) for each in fields(value)}
@@ -111,7 +111,9 @@ def plain(value: Any, payloads: Payloads) -> Any:
     if isinstance(value, list | tuple):
         return [plain(each, payloads) for each in value]
     if isinstance(value, bytes):
-        return payloads.add(value)
+        name = f"p{len(payloads)}" if value else ""
+        payloads |= {name: base64.b64encode(value).decode("ascii")} if value else {}
+        return name
     if isinstance(value, str):
         return printable(value)
     if isinstance(value, float) and not math.isfinite(value):
@@ -146,39 +148,46 @@ class ValuesRoom:
 
 def fitted(items: Sequence[Item], room: int = ROOM) -> list[Item]:
     """The items without the payloads that there is no room for, in so many characters."""
+    costs: dict[tuple[int, str, str], int] = {}  # by item, layer and what of it
+    first, valued, others = [], [], []
+    for n, item in enumerate(items):
+        for layer in item.layers:
+            costs[n, layer.key, "thumbnail"] = length(layer.thumbnail)
+            costs[n, layer.key, "values"] = length(layer.values.payload) if layer.values else 0
+        # The two that are shown at first, and their difference.
+        shown = {each.key for k, each in enumerate(item.layers) if k < 2 or each.key == DIFFERENCE}
+        first.append({(n, key, "thumbnail") for key in shown})
+        others.append({(n, e.key, "thumbnail") for e in item.layers if e.key not in shown})
+        values = {(n, each.key, "values") for each in item.layers if each.values}
+        valued.append(values and values | others[n])
+    kept: set[tuple[int, str, str]] = set()
+
+    def keep(groups: Sequence[set[tuple[int, str, str]]], room: int) -> int:
+        """Keep what fits, and return the room left; one too large lets smaller ones follow."""
+        for group in groups:
+            cost = sum(costs[payload] for payload in group - kept)
+            if 0 < cost <= room:
+                room -= cost
+                kept.update(group)
+        return room
+
     room -= sum(map(text_room, items))
-    first, others, values = zip(*map(_costs, items), strict=True) if items else ((), (), ())
-    shown, left = _spent(room // 2, first)
-    with_others = [cost and cost + more for cost, more in zip(values, others, strict=True)]
-    valued, left = _spent(left + room - room // 2, with_others)
-    beside, _ = _spent(left, [0 if n in valued else cost for n, cost in enumerate(others)])
-    return [
-        replace(item, layers=_present(item, n in shown, n in beside | valued, n in valued))
-        for n, item in enumerate(items)
-    ]
+    left = keep(first, room // 2) + room - room // 2
+    keep(others, keep(valued, left))
+    return [replace(item, layers=_kept_layers(n, item, kept)) for n, item in enumerate(items)]
 
 
-def _costs(item: Item) -> tuple[int, int, int]:
-    """Characters of its thumbnails that are shown at first, of the others, and of its values."""
-    thumbnails = [(length(each.thumbnail), _is_first(item, each)) for each in item.layers]
-    values = sum(length(each.values.payload) for each in item.layers if each.values)
-    first = sum(cost for cost, is_first in thumbnails if is_first)
-    return first, sum(cost for cost, _ in thumbnails) - first, values
-
-
-def _spent(room: int, costs: Sequence[int]) -> tuple[set[int], int]:
-    """Numbers of the items that fit, and the room left; one too large lets smaller ones follow."""
-    fitting = set()
-    for number, cost in enumerate(costs):
-        if 0 < cost <= room:
-            room -= cost
-            fitting.add(number)
-    return fitting, room
-
-
-def _is_first(item: Item, layer: Layer) -> bool:
-    """Whether a layer is one of the two that are shown at first, or their difference."""
-    return layer.key == DIFFERENCE or layer in item.layers[:2]
+def _kept_layers(n: int, item: Item, kept: Container[tuple[int, str, str]]) -> list[Layer]:
+    """The layers that have something to show."""
+    layers = (
+        replace(
+            layer,
+            thumbnail=layer.thumbnail if (n, layer.key, "thumbnail") in kept else b"",
+            values=layer.values if (n, layer.key, "values") in kept else None,
+        )
+        for layer in item.layers
+    )
+    return [layer for layer in layers if layer.thumbnail or layer.values]
 
 
 def text_room(item: Item) -> int:
@@ -187,36 +196,8 @@ def text_room(item: Item) -> int:
     return _FRAME + 2 * len(item.name + item.words) + sum(map(len, texts))
 
 
-def _present(item: Item, first: bool, others: bool, values: bool) -> list[Layer]:
-    """The layers that have something to show."""
-    layers = [
-        replace(
-            layer,
-            thumbnail=layer.thumbnail if (first if _is_first(item, layer) else others) else b"",
-            values=layer.values if values else None,
-        )
-        for layer in item.layers
-    ]
-    return [layer for layer in layers if layer.thumbnail or layer.values]
-
-
-class Payloads:
-    """Base64 of pictures and values by the name of its element."""
-
-    def __init__(self) -> None:
-        self.texts: dict[str, str] = {}
-
-    def add(self, data: bytes) -> str:
-        """The name of the element with some bytes; empty if there are none."""
-        if not data:
-            return ""
-        name = f"p{len(self.texts)}"
-        self.texts[name] = base64.b64encode(data).decode("ascii")
-        return name
-
-
 def write_page(
-    path: Path, name: str, *, data: Mapping[str, Any], payloads: Payloads, **values: Any
+    path: Path, name: str, *, data: Mapping[str, Any], payloads: dict[str, str], **values: Any
 ) -> None:
     """Write the page of a template, whole or not at all; `data`: items, and what is the page's."""
     import jinja2
@@ -251,7 +232,7 @@ def write_page(
         script=safe(script),
         script_hash=_hash(script),
         data=safe(text),
-        payloads=payloads.texts.items(),
+        payloads=payloads.items(),
         **values,
     )
     refuse_other(path, "html")

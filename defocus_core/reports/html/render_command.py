@@ -9,9 +9,9 @@ from typing import Any
 from defocus_core.batch.journal.journal import input_place
 from defocus_core.batch.journal.record import Record, Stamps
 from defocus_core.request.job import OTHERS, Machine, Picture
+from defocus_core.request.job_options import READING_OPTIONS
 from defocus_core.request.lens import DEFAULTS
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
-from defocus_core.request.reading_options import READING_OPTIONS
 from defocus_core.system.text import command_line
 
 OUT = "again"  # where the command writes

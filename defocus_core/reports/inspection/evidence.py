@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import DefocusError
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
-from defocus_core.io.depth_formats.depth import read_depth
-from defocus_core.io.depth_formats.file_types import read_numbers
+from defocus_core.io.depth_formats.depth import read_depth, read_numbers
 from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading, holds_gdepth
 from defocus_core.io.depth_formats.table import FLOATS, ROWS
 from defocus_core.io.images.color import read_color
@@ -80,7 +79,7 @@ def evidence_of(
 
 def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
     """Evidence of the names of channels, and of files beside the depth file."""
-    names = [name.split(" ")[0] for part in info.parts for name, _ in part.channels]
+    names = [name.split(" ")[0] for name in info.names]
     for name, patterns in _TELLING_NAMES.items():
         hits = [n for n in names if any(fnmatchcase(n, pattern) for pattern in patterns)]
         if hits:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,11 +19,11 @@ from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.deep_samples import summary
-from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.header import Header, is_exr
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
-from defocus_core.io.images.describe import SAMPLE_BYTES, FileInfo, PartInfo, describe
+from defocus_core.io.images.describe import SAMPLE_BYTES, FileInfo, describe
 from defocus_core.io.images.raster import read_samples
 from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
@@ -30,10 +31,9 @@ from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.pair import read as read_both
-from defocus_core.picture.radii import radii_of, signed_radius
-from defocus_core.picture.repair_words import repair_record, repair_words
-from defocus_core.picture.steps.implausible import of_radii
-from defocus_core.picture.take import InputPair
+from defocus_core.picture.radii import of_radii, radii_of, signed_radius
+from defocus_core.picture.scene import map_windows
+from defocus_core.picture.take import InputPair, repair_record, repair_words
 from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
@@ -55,7 +55,37 @@ _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no
 MAX_READ = 25  # frames that are decoded, evenly spread over the shot
 
 
-def color_figures(color: Color) -> dict[str, Any]:
+@dataclass(frozen=True)
+class _Asked:
+    """A file to inspect, and how it is read."""
+
+    path: Path
+    reading: Reading
+    keeping: Keeping
+    lens: Lens | None  # what to say the blur of; None for none
+    of: FileInfo | None  # the file of the picture that its depth is of; None for its own
+
+    @property
+    def lens_focal(self) -> float | None:
+        """The focal length of the lens by the width of its sensor."""
+        return None if self.lens is None else self.lens.foclen / self.lens.sensor_width
+
+    def depth(self, color: Color | None) -> Depth:
+        """The depth, with nothing where the alpha of its colour is 0."""
+        depth = read_depth(
+            self.path,
+            self.reading,
+            keeping=self.keeping,
+            lens_focal=self.lens_focal,
+            overscan=NO_OVERSCAN if color is None else color.overscan,
+            alpha=None if color is None else color.alpha,
+        )
+        if color is None or depth.metres.shape != color.shape[:2]:
+            return depth
+        return element_depth(depth, color, self.keeping)
+
+
+def _color_figures(color: Color) -> dict[str, Any]:
     """Its channels, the pixels that are not finite, and those that alpha leaves out, in part too.
 
     Pixels beyond the picture shown count.
@@ -70,20 +100,12 @@ def color_figures(color: Color) -> dict[str, Any]:
     return told
 
 
-def depth_figures(
-    path: Path,
-    reading: Reading,
-    keeping: Keeping,
-    lens: Lens | None,
-    color: Color | None,
-    of: FileInfo | None = None,
-) -> tuple[str, dict[str, Any]]:
+def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, Any]]:
     """How the depth would be read, and its figures; ranges are None without valid pixels.
 
-    `lens`: what to say the blur of; None for none; `color`: the colour of the same file; None if it
-    has none; `of`: the file of the picture that the depth is of; None for its own.
+    `color`: the colour of the same file; None if it has none.
     """
-    depth = _read(path, reading, keeping, lens, color)
+    depth, lens, of, keeping = asked.depth(color), asked.lens, asked.of, asked.keeping
     height, width = depth.metres.shape
     sky = valid = nothing = 0
     limits: list[float] = []  # of valid depth, sky included
@@ -106,7 +128,9 @@ def depth_figures(
         seen = depth
         if of is not None:
             try:
-                seen = _beside(of, path, reading, lens)
+                beside = Keeping(scratch=4 * of.pixels > NUMBERS_IN_MEMORY)
+                files = Picture("", of.path, asked.path)
+                seen = read_both(InputPair(files, asked.reading, beside, asked.lens_focal))[1]
             except DefocusError as error:
                 warnings = (f"not rendered beside {of.path.name}: {error.problem}; {error.remedy}",)
         lens = with_blur_reach(with_focus(lens, seen), (seen,))
@@ -119,7 +143,7 @@ def depth_figures(
             else signed_radius(lens, extremes, size).clip(-most, most).tolist()
         )
         if not invalid and not warnings and seen.size == size:
-            repair, warnings = _repair(seen, lens, reading, keeping)
+            repair, warnings = _repair(seen, lens, asked.reading, keeping)
     reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
     return depth.note, {
         "range_m": None if depth.is_radius else reach,
@@ -136,39 +160,25 @@ def depth_figures(
     }
 
 
-def _read(
-    path: Path, reading: Reading, keeping: Keeping, lens: Lens | None, color: Color | None
-) -> Depth:
-    """The depth of a file, with nothing where the alpha of its colour is 0."""
-    depth = read_depth(
-        path,
-        reading,
-        keeping=keeping,
-        lens_focal=None if lens is None else lens.foclen / lens.sensor_width,
-        overscan=NO_OVERSCAN if color is None else color.overscan,
-        alpha=None if color is None else color.alpha,
-    )
-    if color is None or depth.metres.shape != color.shape[:2]:
-        return depth
-    return element_depth(depth, color, keeping)
-
-
-def _beside(of: FileInfo, path: Path, reading: Reading, lens: Lens) -> Depth:
-    """The depth of a file as it is rendered beside its colour."""
-    keeping = Keeping(scratch=4 * of.pixels > NUMBERS_IN_MEMORY)
-    lens_focal = lens.foclen / lens.sensor_width
-    wanted = InputPair(Picture("", of.path, path), reading, keeping, lens_focal)
-    return read_both(wanted)[1]
-
-
 def _repair(
     depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
+    import torch
+
+    from defocus_core.depth.repair import diagnose_depth
+
     with suppress(InputError):  # too near to be rendered, as the radius shows
         radii, declared = radii_of(lens, depth, keeping), reading.says_scale
         warnings = of_radii(depth, radii.px, radii.limits, lens, declared=declared)
-        return radii.diagnose(reading), tuple(warnings)
+        repair = diagnose_depth(
+            map_windows(radii.px, "cpu"),
+            radii.infinity,
+            torch.get_num_threads(),
+            depth_repair=reading.depth_repair,
+            edge_width=reading.edge_width,
+        )
+        return repair, tuple(warnings)
     return None, ()
 
 
@@ -183,7 +193,7 @@ def picture_of(files: Sequence[Path]) -> FileInfo | None:
         return None
     with suppress(DefocusError):
         for info in map(describe, files):
-            if {"R", "G", "B"} <= {name for part in info.parts for name, _ in part.channels}:
+            if {"R", "G", "B"} <= set(info.names):
                 return info
     return None
 
@@ -214,17 +224,16 @@ def inspect(
     evidence: tuple[str, ...] = ()
     if not color_note:
         keeping = Keeping(scratch=info.numbers > NUMBERS_IN_MEMORY)
+        asked = _Asked(path, reading, keeping, lens, of)
         picture, color_note = _color_of(info, reading, keeping)
-        color = picture and color_figures(picture)
-        depth_note, depth = _depth_of(
-            path, reading, keeping, lens, picture, arrays=has_frames, of=of
-        )
+        color = picture and _color_figures(picture)
+        depth_note, depth = _depth_of(asked, picture, arrays=has_frames)
         maps = _maps(info, keeping)
         evidence = () if maps else evidence_of(path, reading, info, keeping)
     return {
         "file": str(path),
         "size": [info.width, info.height],
-        "parts": [_part_record(part) | _samples_of(path, part) for part in info.parts],
+        "parts": [_part_record(path, part) for part in info.parts],
         "color": color,
         "color_note": color_note,
         "depth": depth,
@@ -237,8 +246,7 @@ def inspect(
 def _color_of(info: FileInfo, reading: Reading, keeping: Keeping) -> tuple[Color | None, str]:
     """The colour of a file and how it is read; None, and why it has none."""
     path, overscan = info.path, NO_OVERSCAN
-    names = {name for part in info.parts for name, _ in part.channels}
-    if not (is_exr(read_head(path)) or {"R", "G", "B"} <= names or "Y" in names):
+    if not (is_exr(read_head(path)) or {"R", "G", "B"} <= set(info.names) or "Y" in info.names):
         return None, "has no colour channels"
     with suppress(InputError):  # only where depth lies beside the colour
         overscan = overscan_of(InputPair(Picture("", path, path), reading))
@@ -261,23 +269,16 @@ def _color_of(info: FileInfo, reading: Reading, keeping: Keeping) -> tuple[Color
 
 
 def _depth_of(
-    path: Path,
-    reading: Reading,
-    keeping: Keeping,
-    lens: Lens | None,
-    picture: Color | None,
-    *,
-    arrays: bool,
-    of: FileInfo | None,
+    asked: _Asked, picture: Color | None, *, arrays: bool
 ) -> tuple[str, dict[str, Any] | None]:
     """How the depth of a file is read and its figures; why it has none, and None."""
-    if reading.row.rule == "radius":
+    if asked.reading.row.rule == "radius":
         return "holds signed radii in px, which 'defocus render' takes as they are", None
     try:
-        return depth_figures(path, reading, keeping, lens, picture, of)
+        return _depth_figures(asked, picture)
     except InputError as error:
         absent = picture is not None or arrays or error.code in _ABSENT
-        if not absent or (reading.depth_channel and is_exr(read_head(path))):
+        if not absent or (asked.reading.depth_channel and is_exr(read_head(asked.path))):
             raise
         usual = picture is not None and error.code in ("unknown-unit", "not-one-channel")
         return error.problem if usual else _clause(error), None
@@ -287,7 +288,7 @@ def _too_large(info: FileInfo) -> str:
     """Why a file takes too much time or memory to decode; empty if it does not."""
     if info.nearly_empty:
         return f"not decoded: {info.nearly_empty}"
-    kinds = ([kind for _, kind in part.channels] for part in info.parts)
+    kinds = ([channel.type for channel in part.channels] for part in info.parts)
     samples = max(sum(SAMPLE_BYTES.get(kind, 8) for kind in each) for each in kinds)
     decoded = info.at_once * info.pixels * samples / MB
     if decoded <= MAX_AT_ONCE:
@@ -295,34 +296,27 @@ def _too_large(info: FileInfo) -> str:
     return f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
 
 
-def _samples_of(path: Path, part: PartInfo) -> dict[str, Any]:
-    """The samples of a deep part of an EXR in figures; nothing of others."""
-    if not part.deep or part.data_window is None:
-        return {}
-    counts = summary(path, read_headers(path)[part.index])
-    return {
-        "samples": {
+def _part_record(path: Path, part: Header) -> dict[str, Any]:
+    """A part of a file in plain values; windows are those of an EXR, samples of a deep one."""
+    told = {
+        "index": part.index,
+        "name": part.name,
+        "deep": part.deep,
+        "channels": {channel.name: channel.type for channel in part.channels},
+        "views": list(part.views),
+    }
+    if not is_exr(read_head(path)):
+        return told
+    told["data_window"], told["display_window"] = list(part.data), list(part.display)
+    told["pixel_aspect"] = part.pixel_aspect
+    if part.deep:
+        counts = summary(path, part)
+        told["samples"] = {
             "most_of_a_pixel": counts.maximum,
             "total": counts.total,
             "pixels": counts.pixels,
             "range_z": None if counts.ends is None else list(counts.ends),
         }
-    }
-
-
-def _part_record(part: PartInfo) -> dict[str, Any]:
-    """A part of a file in plain values; windows are those of an EXR."""
-    told = {
-        "index": part.index,
-        "name": part.name,
-        "deep": part.deep,
-        "channels": dict(part.channels),
-        "views": list(part.views),
-    }
-    if part.data_window is not None and part.display_window is not None:
-        told["data_window"] = list(part.data_window)
-        told["display_window"] = list(part.display_window)
-        told["pixel_aspect"] = part.pixel_aspect
     return told
 
 
@@ -361,7 +355,7 @@ def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: 
 
 def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
-    kinds = [name for part in info.parts for name, _ in part.channels if name in NO_DEPTH]
+    kinds = [name for name in info.names if name in NO_DEPTH]
     if not kinds or container_type(read_head(info.path, 32)):  # an array may have such a name, too
         return []
     maps = []

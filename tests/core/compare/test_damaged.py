@@ -1,7 +1,5 @@
 """Damaged files: none crashes the comparison, and none is the same unless its pixels are."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import fuzzing

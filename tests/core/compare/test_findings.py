@@ -1,25 +1,32 @@
 """What happened to a picture is named, and what changes no value is not taken for a difference."""
 
-from __future__ import annotations
-
 import json
+from collections.abc import Callable
+from functools import partial
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import OpenEXR
 import pytest
 from command_line import run
-from image_files import save
+from image_files import box, multi_part, save
 from planted_faults import (
-    BENIGN,
-    FAULTS,
     HEIGHT,
     WIDTH,
     blurred,
     compared,
-    dark_border,
-    narrow,
+    converted,
+    halved,
+    of_channel,
     planes,
+    pulled,
+    resized,
     scene,
+    summed,
+    through_disc,
+    warped,
     write_planes,
 )
 
@@ -29,7 +36,178 @@ from defocus_core.compare.thresholds import rule
 from defocus_core.io.images.color_space import linear_to_srgb, srgb_to_linear
 from defocus_core.reports.comparison_words import line
 
+Pixels = np.ndarray[Any, Any]
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
+
+
+def _shifted(image, dx, dy):
+    rows = (np.arange(HEIGHT) - dy).clip(0, HEIGHT - 1)
+    columns = (np.arange(WIDTH) - dx).clip(0, WIDTH - 1)
+    return image[rows][:, columns]
+
+
+def _block(image, value):
+    image = image.copy()
+    image[10:14, 20:24] = value
+    return image
+
+
+def _cut(image):
+    kept = np.zeros_like(image)
+    kept[8:70, 5:100] = image[8:70, 5:100]
+    return kept
+
+
+def _encoded(image):
+    return linear_to_srgb(np.clip(image, 0, 1))
+
+
+def _noise(image, amount):
+    return amount * np.random.default_rng(1).standard_normal(image.shape)
+
+
+def _along(image):
+    return summed(image, 1.0 * (np.indices((9, 9))[0] == 4))
+
+
+def median(image):
+    steps = [np.roll(image, (y, x), (0, 1)) for y, x in product((-1, 0, 1), repeat=2)]
+    return np.median(steps, axis=0).astype(np.float32)
+
+
+# What is done, and words of the line.
+FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
+    "right": (lambda a: _shifted(a, 1, 0), "shifted by (1, 0)"),
+    "left and down": (lambda a: _shifted(a, -3, 2), "shifted by (-3, 2)"),
+    "around": (lambda a: np.roll(a, -5, 0), "shifted by (0, -5)"),
+    "half a pixel": (
+        lambda a: (blurred(a, 1) + np.roll(blurred(a, 1), 1, 1)) / 2,
+        "another CoC or bokeh shape: blurred more",
+    ),
+    "mirrored": (lambda a: a[:, ::-1], "flipped left to right"),
+    "upside down": (lambda a: a[::-1], "flipped upside down"),
+    "turned": (lambda a: a[::-1, ::-1], "rotated by 180°"),
+    "side by side": (lambda a: np.roll(a, WIDTH // 2, 1), "left and right swapped"),
+    "BGR": (lambda a: a[..., ::-1], "channels swapped: R is B, B is R"),
+    "GBR": (lambda a: a[..., [1, 2, 0]], "channels swapped: R is G, G is B, B is R"),
+    "gamma 2 %": (lambda a: a**1.02, "another gamma: to the power 1.02"),
+    "gamma 2.2": (lambda a: a ** (1 / 2.2), "another gamma: to the power 0.4545"),
+    "encoded twice": (linear_to_srgb, "another gamma: sRGB-encoded once more"),
+    "display gamma": (
+        lambda a: srgb_to_linear(_encoded(a) ** 1.1),
+        "clipped at 1, another gamma: to the power 1.1, sRGB-encoded",
+    ),
+    "a stop": (lambda a: 2 * a, "another exposure: x 2 (+1 EV)"),
+    "2 % darker": (lambda a: 0.98 * a, "another exposure: x 0.98"),
+    "warmer": (
+        lambda a: a * np.float32([1.25, 1, 0.75]),
+        "another exposure of each channel: R x 1.25, B x 0.75",
+    ),
+    "clipped": (lambda a: np.minimum(a, 1), "clipped at 1,"),
+    "8 bits": (
+        lambda a: srgb_to_linear(np.rint(_encoded(a) * 255) / 255),
+        "clipped at 1, quantised to 8 bits",
+    ),
+    "8 bits, linear": (lambda a: np.rint(np.clip(a, 0, 1) * 255) / 255, "quantised to 8 bits"),
+    "larger CoC": (lambda a: blurred(a, 2), "another CoC: blurred more"),
+    "window of data": (_cut, "crop: 0 outside of 95x62 at 5,8"),
+    "cut": (lambda a: a[8:70, 5:100], "crop: 95x62 at 5,8 of 128x90"),
+    "half of the size": (lambda a: a[::2, ::2], "another size: 64x45"),
+    "on its side": (np.rot90, "rotated by 90° to the left"),
+    "NaN": (lambda a: _block(a, np.nan), "NaN in 16 pixels, the first at 20,10"),
+    "Inf": (lambda a: _block(a, np.inf), "Inf in 16 pixels, the first at 20,10"),
+    "negative": (lambda a: -a, "sign reversed"),
+    "black": (lambda a: 0 * a, "empty: R 0, G 0, B 0 everywhere"),
+    "noise": (lambda a: a + _noise(a, 0.01), "noise of about 0.0"),
+    # Of one channel.
+    "red moved": (lambda a: of_channel(a, 0, warped(a, dx=0.8)), "R shifted by (0."),
+    "green offset": (lambda a: a + np.float32([0, 0.02, 0]), "G raised blacks: +0.02 of light"),
+    "blue noisy": (lambda a: of_channel(a, 2, a + _noise(a, 0.02)), "B: noise of about 0.0"),
+    # Of colour spaces.
+    **{
+        name: (partial(converted, name), f"other primaries: {name} instead of Rec. 709")
+        for name in ("Rec. 2020", "Display P3", "ACES AP1", "ACES AP0")
+    },
+    "grey": (
+        lambda a: (a @ np.float32([0.2126, 0.7152, 0.0722]))[..., None].repeat(3, axis=2),
+        "monochrome: 0.21 R +0.72 G +0.07 B",
+    ),
+    # Of rivals, which soften.
+    "disc of 2 px": (through_disc, "another CoC: blurred more, everywhere alike, as by a radius"),
+    "a line of 9 px": (_along, "motion blur: 9"),
+    "half, bilinear": (
+        lambda a: resized(halved(a), a.shape, "triangle"),
+        "lower resolution: half resolution, bilinear",
+    ),
+    "median of neighbours": (median, "noise removed: smeared"),
+    "blurred down the frame": (pulled, "another CoC or bokeh shape: blurred more"),
+    "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharpened: detail x 1.6"),
+    # Small ones.
+    "a tenth of a pixel": (lambda a: warped(a, dx=0.1), "shifted by (0.1"),
+    "a twentieth of a pixel": (lambda a: warped(a, dx=0.05), "shifted by (0.05"),
+    "blue enlarged": (
+        lambda a: of_channel(a, 2, warped(a, scale=1.006)),
+        "B scaled by 1.006,",
+    ),
+    "a little of light": (lambda a: a + 0.003, "raised blacks: +0.003"),
+}
+
+
+def dark_border(image):
+    image = image.copy()
+    image[:6] = image[-5:] = image[:, :9] = 0.0
+    return image
+
+
+def windowed(path, image, data):
+    """With the display window of the scene, whatever the data window is."""
+    write_planes(
+        path, planes(image), dataWindow=data, displayWindow=box(0, 0, WIDTH - 1, HEIGHT - 1)
+    )
+
+
+def narrow(path, image):
+    """Less data than is shown, with 0 in what is not there."""
+    windowed(path, image[6:-5, 9:], box(9, 6, WIDTH - 1, HEIGHT - 6))
+
+
+def _wide(path, image):
+    """More data than is shown."""
+    padded = np.pad(image, ((4, 4), (8, 8), (0, 0)), constant_values=9.0)
+    windowed(path, padded, box(-8, -4, WIDTH + 7, HEIGHT + 3))
+
+
+def _parts(path, image, order="RGB"):
+    """Each channel in a part of its own, in an order."""
+    every = planes(image)
+    multi_part(path, **{name: {name: every[name]} for name in order})
+
+
+def _written(compression=None, dtype=np.float16, **header):
+    codec = compression and getattr(OpenEXR, f"{compression}_COMPRESSION")
+    return lambda path, image: write_planes(path, planes(image, dtype), codec, **header)
+
+
+def _tiles(path, image, tile=(32, 16)):
+    save(path, image.astype(np.float16), tile=tile)
+
+
+# Codecs that change no half.
+_LOSSLESS = ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "HTJ2K32", "HTJ2K256")
+# Ways to write the scene anew that change no value, by name.
+BENIGN: dict[str, Callable[[Path, Pixels], Any]] = {
+    **{f"codec {name}": _written(name) for name in _LOSSLESS},
+    "tiles": _tiles,
+    "smaller tiles": partial(_tiles, tile=(16, 16)),
+    "float of half": _written(dtype=np.float32),
+    "a float of half in PIZ": _written("PIZ", np.float32),
+    "metadata": _written(comments="another day", owner="somebody else"),
+    "owner and time": _written(owner="them", capDate="2001:01:01 00:00:00"),
+    "more data than is shown": _wide,
+    "a part for each channel": _parts,
+    "parts in another order of channels": partial(_parts, order="BRG"),
+    "lines from the bottom": _written(lineOrder=OpenEXR.DECREASING_Y),
+}
 
 
 def names(record):

@@ -1,7 +1,5 @@
 """What is accepted appears whole, and nothing outside of the folder is touched."""
 
-from __future__ import annotations
-
 import json
 import os
 from pathlib import Path
@@ -34,7 +32,7 @@ def folder(tmp_path):
 
 @pytest.fixture
 def fresh(folder, monkeypatch):
-    monkeypatch.setattr("defocus_core.batch.journal.identity.settings", lambda _: {})
+    monkeypatch.setattr("defocus_core.batch.journal.resume.settings", lambda _: {})
     job: Any = SimpleNamespace(sample_id="a", names=dict(enumerate(sorted(NEW))))
     return SimpleNamespace(jobs=[job], root=folder.parent / "root", inputs={})
 

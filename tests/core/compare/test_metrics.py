@@ -1,7 +1,5 @@
 """Metrics are those of the renderer's own evaluation, and mean what their names say."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,15 +1,12 @@
 """A difference that no cause explains is said by its place, if it has one."""
 
-from __future__ import annotations
-
-import compare_pairs
 import numpy as np
 import planted_faults
 import pytest
 from image_files import save
 from planted_faults import planes, write_planes
 
-from defocus_core.compare.findings.finding import is_place
+from defocus_core.compare.findings.table import is_place
 from defocus_core.io.images.color_space import linear_to_srgb
 
 SIZE = (120, 160)
@@ -98,7 +95,7 @@ def test_without_a_map_silhouettes_are_edges(tmp_path):
 @pytest.mark.parametrize("name", ["spheres", "lights"])
 def test_few_pixels_give_no_name_by_chance(name, tmp_path):
     """Of crops of 24 x 16 px, another exposure is named, and another f-number is nothing else."""
-    source = compare_pairs.source(name, 3)
+    source = planted_faults.shot(name, 0)
     a, wide = source.rendered(), source.rendered(2.0)
     for top, left in np.ndindex(3, 4):
         cut = (slice(16 * top, 16 * top + 16), slice(24 * left, 24 * left + 24))

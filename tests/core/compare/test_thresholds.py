@@ -1,7 +1,5 @@
 """Rules of flags and of a file, and which of them a picture is judged by."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from command_line import write_exr

@@ -108,8 +108,7 @@ def test_depth_in_levels_has_a_gradient():
     assert torch.autograd.gradcheck(without_terraces, radius)
 
 
-@pytest.mark.parametrize("quality", ["draft", "standard"])
-def test_no_thin_lines_show_what_lies_far_behind(quality):
+def test_no_thin_lines_show_what_lies_far_behind():
     """A black surface in levels, bent about the focus, before a wall that is white."""
     y, x = (torch.arange(n, dtype=torch.float64) for n in SIZE)
     radius = (0.07 * (x - 60) + 0.03 * (y[:, None] - 40)).clamp(min=-3)
@@ -119,8 +118,8 @@ def test_no_thin_lines_show_what_lies_far_behind(quality):
     radius[:40], image[:, :40] = squares.repeat_interleave(4, 0).repeat_interleave(8, 1), 1.0
     radius[:, :20], image[..., :20] = 30.0, 1.0
     assert seen(radius)
-    found = render(image, radius.float(), quality=quality).render[:, 56:-4, 36:-8]
-    rough = render(image, without_gaps(radius).float(), quality=quality).render[:, 56:-4, 36:-8]
+    found = render(image, radius.float()).render[:, 56:-4, 36:-8]
+    rough = render(image, without_gaps(radius).float()).render[:, 56:-4, 36:-8]
     assert worst(found, 0.0) < 0.03
     assert worst(rough, 0.0) < 0.03  # what is opaque has no holes
 

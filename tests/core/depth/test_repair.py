@@ -65,28 +65,21 @@ def test_depth_of_a_renderer_needs_no_repair(kind):
         assert torch.equal(auto, off)
 
 
-@pytest.mark.parametrize(
-    ("damage", "quality"), [("noise", "standard"), ("soft_edges", "draft"), ("quantised", "draft")]
-)
-def test_repair_is_rendering_of_repaired_depth(damage, quality):
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_repair_is_rendering_of_repaired_depth(damage):
     image, radius = DAMAGED[damage]()
     whole, _ = repair_depth(radius, image)
-    auto = render(image, radius, quality=quality).render
-    off = render(image, whole, quality=quality, depth_repair="off").render
-    assert torch.equal(auto, off)
-    assert not torch.equal(auto, render(image, radius, quality=quality, depth_repair="off").render)
+    auto = render(image, radius).render
+    assert torch.equal(auto, render(image, whole, depth_repair="off").render)
+    assert not torch.equal(auto, render(image, radius, depth_repair="off").render)
 
 
-@pytest.mark.parametrize(
-    ("damage", "quality"), [("noise", "draft"), ("soft_edges", "standard"), ("quantised", "draft")]
-)
-def test_windows_are_repaired_as_the_whole(damage, quality, no_room):
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_windows_are_repaired_as_the_whole(damage, no_room):
     image, radius = DAMAGED[damage]()
-    whole = render(image, radius, quality=quality)
+    whole = render(image, radius)
     for hold in (False, True):
-        renderer = Renderer(
-            Scene(Windows(image), Windows(radius)), Settings(quality=quality), hold=hold
-        )
+        renderer = Renderer(Scene(Windows(image), Windows(radius)), hold=hold)
         assert same(put_together(renderer), whole)
 
 

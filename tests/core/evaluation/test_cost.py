@@ -1,7 +1,5 @@
 """Laws of the cost of a rendering: its work grows with what is done, and tells seconds."""
 
-from __future__ import annotations
-
 import time
 
 import pytest

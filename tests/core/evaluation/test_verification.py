@@ -10,8 +10,8 @@ import torch
 from torch.nn.functional import avg_pool2d
 
 from defocus_core import Views
-from defocus_core.evaluation import law_probes, lens_laws
-from defocus_core.evaluation.law_probes import Check, LawSetting, levels
+from defocus_core.evaluation import lens_laws
+from defocus_core.evaluation.lens_laws import Check, LawSetting, levels
 from defocus_core.renderer.render import render as true_render
 
 Render = Callable[..., Views]
@@ -196,7 +196,7 @@ def test_a_disc_is_measured_as_what_it_is(r):
     """The disc is anti-aliased over one pixel: 0.8 px of a linear fall."""
     at = torch.arange(61, dtype=torch.float64) - 30
     disc = (r + 0.5 - torch.hypot(at, at[:, None])).clamp(0, 1)
-    assert law_probes.rim_width(disc, r) == pytest.approx(0.8, abs=0.1)
-    assert law_probes.disc_radius(disc) == pytest.approx(r, rel=0.01)
-    assert law_probes.centroid(disc.roll((2, -3), (0, 1))) == pytest.approx((-3, 2))
-    assert law_probes.rim_width(torch.ones_like(disc), r) == math.inf
+    assert lens_laws.rim_width(disc, r) == pytest.approx(0.8, abs=0.1)
+    assert lens_laws.disc_radius(disc) == pytest.approx(r, rel=0.01)
+    assert lens_laws.centroid(disc.roll((2, -3), (0, 1))) == pytest.approx((-3, 2))
+    assert lens_laws.rim_width(torch.ones_like(disc), r) == math.inf

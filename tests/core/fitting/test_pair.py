@@ -1,9 +1,11 @@
 """The blur between two pictures is found again, whatever else differs between them."""
 
+from functools import cache
+
 import pytest
 import torch
 
-from defocus_core import Aperture, DefocusLens, DualPixel, fit, fnum_of_strength, render
+from defocus_core import DefocusLens, DualPixel, fit, fnum_of_strength, render
 from defocus_core.fitting.pictures import registered
 
 STRENGTH, FOCUS = 14.0, 0.45  # px for a disparity of 1; disparity
@@ -24,9 +26,15 @@ def blurred(image, disparity, **options):
     return render(image, STRENGTH * (FOCUS - disparity), **options).render
 
 
-def test_focus_and_strength_are_found_from_two_pictures():
+@cache
+def plainly():
+    """The fit of a pair that differs in blur alone."""
     image, disparity = scene()
-    found = fit(image, disparity, blurred(image, disparity))
+    return fit(image, disparity, blurred(image, disparity))
+
+
+def test_focus_and_strength_are_found_from_two_pictures():
+    found = plainly()
     assert found.strength == pytest.approx(STRENGTH, rel=0.01)
     assert found.focus == pytest.approx(FOCUS, abs=0.01)
     assert found.strength_error < 0.02
@@ -112,24 +120,6 @@ def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading():
     assert not found.doubts  # the focus is given, not extrapolated
 
 
-def test_the_pupil_is_chosen_that_explains_the_picture():
-    image, disparity = scene()
-    image[:, 20::32, 16::32] = 8.0  # lights show it
-    observed = blurred(image, disparity, aperture=Aperture(5))
-    found = fit(image, disparity, observed, apertures=[Aperture(), Aperture(5)])
-    assert found.aperture.blades == 5
-
-
-def test_the_rotation_of_the_blades_is_found():
-    image, disparity = scene()
-    image[:, 20::32, 16::32] = 8.0
-    observed = blurred(image, disparity, aperture=Aperture(5, 25.0))
-    found = fit(image, disparity, observed, apertures=[Aperture(), Aperture(5)], rotation=True)
-    assert found.aperture.blades == 5
-    assert found.aperture.rotation % 72 == pytest.approx(25.0, abs=3)
-    assert found.strength == pytest.approx(STRENGTH, rel=0.02)
-
-
 @pytest.mark.parametrize("power", [pytest.param(0.7, marks=pytest.mark.bench), 1.5])
 def test_the_power_is_found_by_which_pictures_are_light(power):
     image, disparity = scene()
@@ -139,15 +129,6 @@ def test_the_power_is_found_by_which_pictures_are_light(power):
     assert found.gamma_error < 0.05
     assert found.strength == pytest.approx(STRENGTH, rel=0.01)
     assert fit(files[0], disparity, files[1]).psnr[0] < found.psnr[0] - 3
-
-
-def test_a_shift_between_the_pictures_is_found():
-    image, disparity = scene(120)
-    observed = blurred(image, disparity)
-    moved = fit(image[:, 4:-4, 4:-4], disparity[4:-4, 4:-4], observed[:, 2:-6, 7:-1], shift=True)
-    assert moved.shift == pytest.approx((-3.0, 2.0), abs=0.1)
-    assert moved.strength == pytest.approx(STRENGTH, rel=0.01)
-    assert moved.focus == pytest.approx(FOCUS, abs=0.01)
 
 
 def pair_of_waves(magnification, shift, side=160):
@@ -171,7 +152,7 @@ def pair_of_waves(magnification, shift, side=160):
 
 @pytest.mark.parametrize(
     ("magnification", "shift"),
-    [(1.005, (1.4, -0.6)), (0.995, (-2.3, 0.4)), (1.001, (0.3, 1.2)), (1.0, (0.7, 0.0))],
+    [(1.005, (1.4, -0.6)), (0.995, (-2.3, 0.4)), (1.001, (0.3, 1.2))],
 )
 def test_magnification_and_shift_of_a_pair_are_found(magnification, shift):
     sharp, disparity, observed = pair_of_waves(magnification, shift)
@@ -185,11 +166,10 @@ def test_magnification_and_shift_of_a_pair_are_found(magnification, shift):
 
 def test_a_pair_of_one_size_is_explained_as_well_with_a_registration():
     image, disparity = scene()
-    observed = blurred(image, disparity)
-    found, without = (fit(image, disparity, observed, shift=s) for s in (True, False))
+    found = fit(image, disparity, blurred(image, disparity), shift=True)
     assert found.magnification == pytest.approx(1, abs=1e-4)
     assert found.shift == pytest.approx((0, 0), abs=0.05)
-    assert found.psnr[0] > without.psnr[0] - 0.1
+    assert found.psnr[0] > plainly().psnr[0] - 0.1
 
 
 def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them():
@@ -230,10 +210,11 @@ def test_depth_is_repaired_in_a_fit_as_it_is_asked_for():
     padded = torch.nn.functional.pad(disparity[None, None], (3, 3, 3, 3), mode="replicate")
     soft = torch.nn.functional.conv2d(padded, box)[0, 0]
     observed = blurred(image, disparity)
-    repaired, as_given = (fit(image, soft, observed, depth_repair=r) for r in ("auto", "off"))
+    known = {"blurred": observed, "focus": FOCUS}
+    repaired, as_given = (fit(image, soft, **known, depth_repair=r) for r in ("auto", "off"))
     assert repaired.psnr[1] > as_given.psnr[1] + 0.5
-    surfaces = fit(image, soft, observed, edge_width=0.0)
-    assert surfaces.psnr[1] < repaired.psnr[1]
+    with pytest.raises(ValueError, match="edge_width=4"):
+        fit(image, soft, **known, depth_repair="off", edge_width=4.0)
 
 
 def test_what_cannot_be_told_is_said():

@@ -35,7 +35,7 @@ def encoded(planes):
 
 
 @pytest.mark.skipif(not REAL.exists(), reason="needs ../shared/real")
-@pytest.mark.parametrize("name", PHOTOGRAPHS)
+@pytest.mark.parametrize("name", ["hall", pytest.param("street", marks=pytest.mark.bench)])
 def test_nothing_changes_beyond_the_reach_of_lights(tmp_path, name):
     (color, depth, *kind), lens, (beyond, changed) = PHOTOGRAPHS[name]
     found = {}

@@ -11,8 +11,7 @@ import pytest
 from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.focus import with_blur_reach
-from defocus_core.picture.radii import radii_of
-from defocus_core.picture.steps.implausible import of_file, of_radii
+from defocus_core.picture.radii import of_file, of_radii, radii_of
 from defocus_core.request.lens import Lens
 
 LENS = Lens(50.0, 2.0, 2000.0)

@@ -16,8 +16,8 @@ from command_line import color_exr, depth_exr, files_under, pair, ramp, refused,
 from image_files import save
 from refusals import refuses
 
-from defocus_core.batch.workers import pool
-from defocus_core.batch.workers.pool import WorkerConfig
+from defocus_core.batch import run_batch
+from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.io import arrays
 from defocus_core.io.arrays import Scratch
 from defocus_core.picture import memory_budget, plain_path
@@ -353,7 +353,7 @@ def test_each_core_has_a_process_if_there_is_memory_for_it(
 ):
     free = iter([available])
     monkeypatch.setattr(memory, "available_mb", lambda: next(free, 0.0))
-    monkeypatch.setattr(pool, "cores", lambda: 8)
+    monkeypatch.setattr(run_batch, "cores", lambda: 8)
     crew = WorkerConfig("local", processes, threads, "cpu", 7, None)
     assert (crew.count, crew.machine.threads) == shared_out
     assert crew.count == shared_out[0], "whatever is free by now"

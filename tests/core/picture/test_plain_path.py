@@ -17,19 +17,10 @@ from defocus_core.picture.steps.table import STAGES
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens
 
-# Of any picture that is rendered: its depth is doubted.
-ALWAYS = {"implausible"}
 # What reads and writes files of other types than a plain EXR.
 OTHER_FILES = {
-    *(
-        "array_files",
-        "chroma",
-        "color_space",
-        "deep_layers",
-        "deep_samples",
-        "encode",
-    ),
-    *("lens_metadata", "photo_depth", "raster", "sidecars"),
+    *("array_files", "chroma", "color_space", "deep_layers", "deep_samples", "encode"),
+    *("file_types", "lens_metadata", "photo_depth", "raster", "sidecars"),
 }
 STEPS = [step for stage in STAGES for step in stage]
 
@@ -82,7 +73,7 @@ def test_what_does_not_apply_is_not_imported(tmp_path):
     )
     names = [name for name in ran.stdout.split() if name.startswith("defocus_core.")]
     loaded = {name.split(".")[-1] for name in names if f"{steps.__name__}." in name}
-    assert loaded == {"table", *ALWAYS}
+    assert loaded == {"table"}
     assert {name.split(".")[-1] for name in names}.isdisjoint(OTHER_FILES)
 
 

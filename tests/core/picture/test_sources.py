@@ -12,7 +12,7 @@ from elsewhere import NAME, elsewhere, here, there
 from torch import Tensor
 
 from defocus_core.io.arrays import computed, stacked, times
-from defocus_core.picture.sources import (
+from defocus_core.picture.scene import (
     layer_windows,
     map_windows,
     to_array,

@@ -15,8 +15,8 @@ from defocus_core.request.splits import read_splits, with_recorded
 from defocus_core.request.toml_file import Table
 
 
-def splits(**values):
-    return read_splits(Table(Path("jobs.toml"), "split", values))
+def splits(*pictures, **values):
+    return read_splits(Table(Path("jobs.toml"), "split", values), pictures)
 
 
 def picture(stem, frame=None):
@@ -24,13 +24,13 @@ def picture(stem, frame=None):
 
 
 def assigned(names, **values):
-    found = splits(**values).of([picture(name) for name in names])
+    found = splits(*map(picture, names), **values)
     return {name: split.name for name, split in zip(names, found, strict=True)}
 
 
 def job(name, **values):
     asked = Outputs(Path("out"))
-    lens, (split,) = Lens(50.0, 2.0, 2000.0), splits(**values).of([picture(name)])
+    lens, (split,) = Lens(50.0, 2.0, 2000.0), splits(picture(name), **values)
     return Job(picture(name), lens, Reading(), asked, Machine(), split=split)
 
 
@@ -80,17 +80,17 @@ def test_a_split_that_is_none_any_more_or_leaks_is_given_up_and_said(recorded, c
 
 def test_the_frames_of_a_shot_share_their_split():
     shots = [picture(f"{name}.{n}", n) for name in ("a", "b") for n in range(9)]
-    found = splits(train=0.5, test=0.5).of(shots)
+    found = splits(*shots, train=0.5, test=0.5)
     assert (len(set(found[:9])), len(set(found[9:]))) == (1, 1)
 
 
 def test_a_pattern_says_what_a_scene_is():
-    both = splits(train=0.5, test=0.5, scene="*_#")
-    found = both.of([picture(f"{scene}_{n}") for n in range(9) for scene in "ab"])
+    pictures = [picture(f"{scene}_{n}") for n in range(9) for scene in "ab"]
+    found = splits(*pictures, train=0.5, test=0.5, scene="*_#")
     assert [split.name for split in found] == ["train", "test"] * 9
     for scene, name in (("*_#", "x"), ("*_##", "x_1"), ("*#", "12"), ("[ab]_#", "c_1")):
         with refuses_as("no-scene scene"):
-            splits(train=1, scene=scene).of([picture(name)])
+            splits(picture(name), train=1, scene=scene)
     assert assigned("a") == {"a": ""}, "without shares"
 
 
@@ -105,7 +105,7 @@ def test_a_pattern_says_what_a_scene_is():
     ],
 )
 def test_a_scene_is_what_wildcards_stand_for_without_the_numbers(pattern, name, scene):
-    (found,) = splits(train=1, scene=pattern).of([picture(name)])
+    (found,) = splits(picture(name), train=1, scene=pattern)
     assert found.scene == scene
 
 
@@ -128,7 +128,7 @@ def test_an_expression_is_refused_with_its_pattern(expression, pattern):
 
 def test_patterns_of_many_wildcards_end():
     with refuses_as("no-scene scene"):
-        splits(train=1, scene="*a" * 40 + "#").of([picture("a" * 250)])
+        splits(picture("a" * 250), train=1, scene="*a" * 40 + "#")
 
 
 @pytest.mark.parametrize(

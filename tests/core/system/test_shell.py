@@ -1,7 +1,5 @@
 """Command lines mean to a shell what they say."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 from pathlib import Path

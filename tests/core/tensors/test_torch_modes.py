@@ -69,17 +69,16 @@ def pictures(seen):
 
 
 @lru_cache
-def two_tiles(quality):
+def two_tiles():
     image, radius = scenery("cards", 72, 220, 30.0)
-    return image, radius, pictures(render(image, radius, quality=quality, left_right=True))
+    return image, radius, pictures(render(image, radius, left_right=True))
 
 
-@pytest.mark.parametrize("quality", ["draft", "standard"])
-def test_the_callers_modes_do_not_change_a_picture(mode, quality):
-    image, radius, wanted = two_tiles(quality)
+def test_the_callers_modes_do_not_change_a_picture(mode):
+    image, radius, wanted = two_tiles()
     with mode:
-        seen = pictures(render(image, radius, quality=quality, left_right=True, threads=2))
-        parts = list(Renderer(Scene(image, radius), Settings(quality=quality)).tiles())
+        seen = pictures(render(image, radius, left_right=True, threads=2))
+        parts = list(Renderer(Scene(image, radius), Settings()).tiles())
     assert torch.equal(seen, wanted)
     assert all(torch.equal(part.render, part.box.of(wanted[:3])) for part in parts)
 

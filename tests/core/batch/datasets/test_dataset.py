@@ -19,7 +19,7 @@ from records import pack, write_index
 from defocus_cli.words import batch as batch_report
 from defocus_core import BatchDataset, run_batch
 from defocus_core.batch.datasets.finished import samples
-from defocus_core.batch.journal import identity
+from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.errors import InputError
@@ -230,6 +230,6 @@ def require_true(out):
     with suppress(InputError):
         for sample in samples(out):
             for kind, hashed in sample.record["outputs_blake2b"].items():
-                assert identity.stamp(sample.files[kind]).blake2b == hashed
+                assert resume.stamp(sample.files[kind]).blake2b == hashed
             told = header(sample.files["coc"])
             assert told["defocus:fnumber"] == f"{sample.lens.fnum:.9g}"

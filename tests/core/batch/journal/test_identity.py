@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.batch.journal import identity
+from defocus_core.batch.journal import resume
 from defocus_core.errors import Place
 from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
@@ -28,7 +28,7 @@ def test_where_and_by_whom_it_is_done_is_no_part_of_a_job():
         machine=Machine(device="cpu", threads=8),
         lens=replace(JOB.lens, focus_source=Place("lens.toml")),
     )
-    assert identity.recipe(elsewhere) == identity.recipe(JOB)
+    assert resume.recipe(elsewhere) == resume.recipe(JOB)
 
 
 @pytest.mark.parametrize(
@@ -48,24 +48,24 @@ def test_where_and_by_whom_it_is_done_is_no_part_of_a_job():
     ],
 )
 def test_what_decides_the_outputs_is(change):
-    assert identity.recipe(replace(JOB, **change)) != identity.recipe(JOB)
+    assert resume.recipe(replace(JOB, **change)) != resume.recipe(JOB)
 
 
 def test_another_renderer_is_another_recipe_and_another_release_is_not(monkeypatch):
-    before = identity.recipe(JOB)
-    monkeypatch.setattr(identity, "version", lambda: "99.0")
-    assert identity.recipe(JOB) == before
-    assert identity.recipe(JOB, renderer=99) != before
+    before = resume.recipe(JOB)
+    monkeypatch.setattr(resume, "version", lambda: "99.0")
+    assert resume.recipe(JOB) == before
+    assert resume.recipe(JOB, renderer=99) != before
 
 
 def test_the_largest_radius_that_is_allowed_is_no_part_of_a_recipe():
     bounded = replace(JOB, lens=replace(JOB.lens, max_coc=40.0))
-    assert identity.recipe(bounded) == identity.recipe(JOB)
+    assert resume.recipe(bounded) == resume.recipe(JOB)
 
 
 def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_torch():
     code = (
-        "import sys; from defocus_core.batch.journal.identity import versions;"
+        "import sys; from defocus_core.batch.journal.resume import versions;"
         "print(versions()['renderer'], 'torch' in sys.modules)"
     )
     ran = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -75,27 +75,27 @@ def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_tor
 def test_a_file_is_unchanged_by_size_and_time_or_else_by_its_bytes(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"abc")
-    stamp = identity.stamp(path)
-    assert identity.unchanged(path, stamp)
+    stamp = resume.stamp(path)
+    assert resume.unchanged(path, stamp)
     os.utime(path)
-    assert identity.unchanged(path, stamp), "touched, not changed"
+    assert resume.unchanged(path, stamp), "touched, not changed"
     path.write_bytes(b"abd")
-    assert not identity.unchanged(path, stamp)
+    assert not resume.unchanged(path, stamp)
     os.utime(path, ns=(0, stamp.mtime_ns))
-    assert identity.unchanged(path, stamp), "cannot be seen from outside"
-    assert not identity.unchanged(path, stamp, read=True)
+    assert resume.unchanged(path, stamp), "cannot be seen from outside"
+    assert not resume.unchanged(path, stamp, read=True)
     path.write_bytes(b"abcd")
-    assert not identity.unchanged(path, stamp)
-    assert not identity.unchanged(tmp_path / "none", stamp)
+    assert not resume.unchanged(path, stamp)
+    assert not resume.unchanged(tmp_path / "none", stamp)
 
 
 def test_a_time_that_is_only_just_past_is_not_relied_on(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"abc")
-    fresh = identity.settled_stamp(path)
+    fresh = resume.settled_stamp(path)
     assert fresh.mtime_ns is None
-    assert identity.unchanged(path, fresh)
+    assert resume.unchanged(path, fresh)
     path.write_bytes(b"abd")
-    assert not identity.unchanged(path, fresh)
+    assert not resume.unchanged(path, fresh)
     os.utime(path, (0, 0))
-    assert identity.settled_stamp(path).mtime_ns == 0
+    assert resume.settled_stamp(path).mtime_ns == 0

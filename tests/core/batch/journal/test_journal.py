@@ -17,8 +17,8 @@ from defocus_core.batch.journal.journal import (
     input_path,
     journal_path,
 )
-from defocus_core.batch.journal.progress import gather
 from defocus_core.batch.journal.record import record_of, values_of
+from defocus_core.batch.journal.runs import gather
 
 WHOLE = {
     "recipe": "r",

@@ -11,11 +11,11 @@ import pytest
 from refusals import files_end_at, refuses
 
 from defocus_core.batch.journal.journal import Shard
-from defocus_core.batch.journal.lock import holder, lock_path, locked
+from defocus_core.batch.journal.runs import holder, lock_path, locked
 
 HOLD = (
     "import sys, time; from pathlib import Path\n"
-    "from defocus_core.batch.journal.lock import locked\n"
+    "from defocus_core.batch.journal.runs import locked\n"
     "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
 )
 

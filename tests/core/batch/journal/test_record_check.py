@@ -10,8 +10,9 @@ from refusals import refuses
 import defocus_core
 from defocus_core.batch.datasets import update
 from defocus_core.batch.journal.journal import Ledger, journal_path
-from defocus_core.batch.journal.progress import open_run, progress, run_path
+from defocus_core.batch.journal.progress import progress
 from defocus_core.batch.journal.record import FIELDS, fault_of, record_of, values_of
+from defocus_core.batch.journal.runs import open_run, run_path
 
 NEEDED = (
     *("sample_id", "recipe", "status", "reason", "message", "settings", "inputs", "outputs"),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.batch.workers import job_result, pipeline
+from defocus_core.batch.workers import pipeline
 from defocus_core.picture import plain_path
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens
@@ -60,9 +60,9 @@ class Steps:
 @pytest.fixture
 def steps(monkeypatch):
     made = Steps()
-    monkeypatch.setattr(job_result, "Reader", lambda: made)
-    monkeypatch.setattr(job_result, "compute", made.compute)
-    monkeypatch.setattr(job_result, "write", made.write)
+    monkeypatch.setattr(pipeline, "Reader", lambda: made)
+    monkeypatch.setattr(pipeline, "compute", made.compute)
+    monkeypatch.setattr(pipeline, "write", made.write)
     return made
 
 
@@ -167,7 +167,7 @@ def test_jobs_of_one_picture_are_decoded_once(tmp_path, monkeypatch):
         return Inputs(*[None] * 3)
 
     monkeypatch.setattr(plain_path, "read", load)
-    reader = job_result.Reader()
+    reader = pipeline.Reader()
     for name in "aaabba":
         picture = Picture(name, tmp_path / name, tmp_path / name)
         reader.read(Job(picture, LENS, Reading(), Outputs(tmp_path), Machine()))

@@ -11,8 +11,7 @@ import fake_worker
 import pytest
 from jobs_files import chunks_of
 
-from defocus_core.batch.workers.dispatch import dispatch
-from defocus_core.batch.workers.pool import STRIKES, Processes
+from defocus_core.batch.workers.pool import STRIKES, Processes, dispatch
 from defocus_core.errors import InputError
 from defocus_core.request.lens import Lens
 

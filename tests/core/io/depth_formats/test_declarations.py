@@ -1,7 +1,5 @@
 """What a user says of a depth file decides its depth; what nobody says is asked for by name."""
 
-from __future__ import annotations
-
 import math
 import sys
 from zipfile import ZipFile
@@ -48,7 +46,7 @@ def test_the_ends_of_a_range_are_those_of_the_type(dtype, tmp_path):
     np.testing.assert_allclose(depth, 2 + share * 48, rtol=1e-6)
 
 
-DISPARITY = {"depth_kind": "disparity"}
+DISPARITY, RANGE = {"depth_kind": "disparity"}, {"depth_range": (1, 2)}
 
 
 @pytest.mark.parametrize(
@@ -118,16 +116,8 @@ def test_the_field_of_view_of_distances_to_the_point(tmp_path):
         ({"geometry": "radial", "fov": 60.0, "focal_px": 9.0}, "contradiction", "fov"),
         ({"depth_range": (1, 2)}, "missing-option", "depth-range"),
         ({"depth_range": (1, 1), "depth_kind": "depth"}, "out-of-range", "depth-range"),
-        (
-            {"depth_range": (1, 2), "depth_kind": "depth", "depth_scale": 2.0},
-            "contradiction",
-            "depth-scale",
-        ),
-        (
-            {"depth_range": (1, 2), "depth_kind": "disparity", "doffs": 2.0},
-            "contradiction",
-            "doffs",
-        ),
+        ({**RANGE, "depth_kind": "depth", "depth_scale": 2.0}, "contradiction", "depth-scale"),
+        ({**RANGE, **DISPARITY, "doffs": 2.0}, "contradiction", "doffs"),
         ({"depth_kind": "disparity", "depth_unit": "cm"}, "idle-option", "depth-unit"),
     ],
 )
@@ -160,21 +150,15 @@ def test_relative_disparity_of_a_video_needs_a_range(tmp_path):
     assert metres[0, 0] == 2
 
 
-@pytest.mark.parametrize(
-    ("name", "magic", "library"),
-    [
-        ("a.h5", HDF5_MAGIC, "h5py"),
-        ("a.heic", HEIC_MAGIC, "pillow_heif"),
-    ],
-)
-def test_a_library_that_is_not_there_is_named_with_its_extra(
-    name, magic, library, tmp_path, monkeypatch
-):
-    monkeypatch.setitem(sys.modules, library, None)
-    (tmp_path / name).write_bytes(magic + bytes(64))
-    extra = {"h5py": "hdf5", "pillow_heif": "heif"}[library]
-    with refuses("needs-extra", f"pip install 'defocus[{extra}]'", path=tmp_path / name):
-        read(tmp_path / name)
+def test_a_library_that_is_not_there_is_named_with_its_extra(tmp_path, monkeypatch):
+    for extra, magic, library in (
+        ("hdf5", HDF5_MAGIC, "h5py"),
+        ("heif", HEIC_MAGIC, "pillow_heif"),
+    ):
+        monkeypatch.setitem(sys.modules, library, None)
+        (tmp_path / extra).write_bytes(magic + bytes(64))
+        with refuses("needs-extra", f"pip install 'defocus[{extra}]'", path=tmp_path / extra):
+            read(tmp_path / extra)
 
 
 def test_older_matlab_files_are_refused(tmp_path):
@@ -187,6 +171,9 @@ def test_another_type_of_file_than_the_format_comes_in(tmp_path):
     path = npy(tmp_path / "a.npy", [[1.0]])
     with refuses("wrong-type", "is read as NPY", "16-bit PNG", path=path):
         read(path, depth_format="kitti")
+    path = png(tmp_path / "rgb.png", np.full((2, 3, 3), 9), np.uint8)  # bits of four channels
+    with refuses("wrong-type", "8-bit RGBA", path=path):
+        read(path, depth_format="tartanair2")
 
 
 def test_an_array_of_a_container_is_chosen_by_name(tmp_path):

@@ -1,7 +1,5 @@
 """Each depth format decodes a file that its own rules wrote: no flip, sky far, holes invalid."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -27,23 +25,17 @@ DEPTH = np.array([[1.0, 2.5, 4.0, 5.5], [8.0, 9.0, 10.5, 12.0], [15.0, 16.0, 18.
 HOLE = (2, 0)
 SKY = (0, 3)
 RANGE, PLANAR = {"depth_range": (1000.0, 20_000.0)}, {"geometry": "planar"}
+RGB, HEIC_NUMBERS = dict.fromkeys("RGB", DEPTH), np.arange(12).reshape(3, 4) * 20
 
 
 @dataclass(frozen=True)
 class Example:
-    """A file of a format.
-
-    Attributes:
-        path: the file.
-        metres: planar depth; inf is sky, NaN invalid.
-        said: what a reading must say beside the format.
-        rtol: half of the relative step of the file's numbers, more or less.
-    """
+    """A file of a format."""
 
     path: Path
-    metres: Any
-    said: dict[str, Any] = field(default_factory=dict)
-    rtol: float = 1e-6
+    metres: Any  # planar depth; inf is sky, NaN invalid
+    said: dict[str, Any] = field(default_factory=dict)  # what a reading must say beside the format
+    rtol: float = 1e-6  # half of the relative step of the file's numbers, more or less
 
 
 def marked(values=DEPTH, *, hole=None, sky=None):
@@ -60,14 +52,15 @@ def metres(*, hole=False, sky=False):
     return marked(hole=NAN if hole else None, sky=INF if sky else None)
 
 
-def png_of(folder, *, scale, hole=None, sky=None):
-    """A 16-bit PNG of depth · scale."""
-    numbers = np.round(marked(DEPTH * scale, hole=hole, sky=sky))
-    expected = np.round(DEPTH * scale) / scale
-    expected = marked(
-        expected, hole=None if hole is None else NAN, sky=None if sky is None else INF
-    )
-    return Example(png(folder / "a.png", numbers), expected)
+ALPHA = marked(np.ones((3, 4)), sky=0)
+
+
+def png_of(folder, *, scale, factor=1.0, hole=None, sky=None):
+    """A 16-bit PNG of depth · factor · scale."""
+    rounded = np.round(DEPTH * factor * scale)
+    path = png(folder / "a.png", marked(rounded, hole=hole, sky=sky))
+    hole, sky = (None if mark is None else end for mark, end in ((hole, NAN), (sky, INF)))
+    return Example(path, marked(rounded / scale, hole=hole, sky=sky))
 
 
 def exr(folder, name, numbers, **others):
@@ -85,11 +78,6 @@ def radial(focal, depth=DEPTH):
 def of_hdf5(folder, **arrays):
     path = folder / "a.hdf5"
     return write_hdf5(path, {name: np.asarray(v, np.float32) for name, v in arrays.items()})
-
-
-def _hypersim(folder):
-    focal = 886.81 * 4 / 1024
-    return Example(of_hdf5(folder, dataset=marked(radial(focal), hole=NAN)), metres(hole=True))
 
 
 def _tartanair2(folder):
@@ -149,9 +137,8 @@ def _middlebury(folder):
     text = "cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]\ncam1=[1 0 0; 0 1 0; 0 0 1]\n"
     (folder / "calib.txt").write_text(f"{text}doffs=124.343\nbaseline=193.001\nwidth=2964\n")
     disparity = 3979.911 * 0.193001 / DEPTH - 124.343 / 1
-    return Example(
-        pfm(folder / "disp0.pfm", marked(disparity, hole=INF)), metres(hole=True), rtol=2e-5
-    )
+    path = pfm(folder / "disp0.pfm", marked(disparity, hole=INF))
+    return Example(path, metres(hole=True), rtol=2e-5)
 
 
 def _middlebury2006(folder):
@@ -199,16 +186,10 @@ def _moge(folder):
     return Example(write_exr(folder / "depth.exr", Y=np.float32(numbers)), expected)
 
 
-def _affine(folder):
-    share = (DEPTH - 1) / 19
-    return Example(npy(folder / "a.npy", share), metres(), RANGE, rtol=1e-5)
-
-
 def _relative(folder):
     numbers = np.round(255 * (1 / DEPTH - 1 / 20) / (1 - 1 / 20))
-    expected = 1 / (1 / 20 + numbers / 255 * (1 - 1 / 20))
     path = png(folder / "a.png", numbers, np.uint8)
-    return Example(path, expected, RANGE)
+    return Example(path, 1 / (1 / 20 + numbers / 255 * (1 - 1 / 20)), RANGE)
 
 
 def _video(folder):
@@ -221,26 +202,17 @@ def _heic(folder):
     return Example(folder / "a.heic", 1 / (0.15 + HEIC_NUMBERS / 255 * (3.22 - 0.15)))
 
 
-HEIC_NUMBERS = np.arange(12).reshape(3, 4) * 20
-
-
 def _gdepth(folder):
-    numbers = np.arange(12).reshape(3, 4) * 20
-    image = png(folder / "depth.png", numbers, np.uint8).read_bytes()
-    properties = {"Format": "RangeInverse", "Near": 0.5, "Far": 25.0, "Mime": "image/png"}
-    path = gdepth(folder / "a.jpg", image, **properties, Units="m", MeasureType="OpticalAxis")
     near, far = 0.5, 25.0
-    return Example(path, far * near / (far - numbers / 255 * (far - near)))
+    image = png(folder / "depth.png", HEIC_NUMBERS, np.uint8).read_bytes()
+    properties = {"Format": "RangeInverse", "Near": near, "Far": far, "Mime": "image/png"}
+    path = gdepth(folder / "a.jpg", image, **properties, Units="m", MeasureType="OpticalAxis")
+    return Example(path, far * near / (far - HEIC_NUMBERS / 255 * (far - near)))
 
 
 def _npz(folder, said=None, **arrays):
     np.savez(folder / "a.npz", **{k: v.astype(np.float32) for k, v in arrays.items()})
     return Example(folder / "a.npz", metres(sky=True), said or {})
-
-
-def _blenderproc(folder):
-    path = of_hdf5(folder, colors=DEPTH * 2, depth=marked(sky=1e10), distance=DEPTH * 3)
-    return Example(path, metres(sky=True))
 
 
 def _exr_of(folder, name, hole=None, sky=None, factor=1.0, **others):
@@ -260,25 +232,6 @@ def _npy_of(folder, hole=None, sky=None):
     return Example(path, metres(hole=hole is not None, sky=sky is not None))
 
 
-def _nuke(folder):
-    path = exr(folder, "depth.Z", marked(1 / DEPTH, sky=0), R=DEPTH, G=DEPTH, B=DEPTH)
-    return Example(path, metres(sky=True))
-
-
-def _arnold(folder):
-    alpha = marked(np.ones((3, 4)), sky=0)
-    return _exr_of(folder, "Z", hole=0, sky=3.0, R=DEPTH, G=DEPTH, B=DEPTH, A=alpha)
-
-
-def _houdini(folder):
-    alpha = marked(np.ones((3, 4)), sky=0)
-    return _exr_of(folder, "Pz", hole=0, sky=3.0, factor=-1, A=alpha)
-
-
-def _sceneflow(folder):
-    return Example(pfm(folder / "a.pfm", marked(1050 / DEPTH, sky=0)), metres(sky=True))
-
-
 def _class_mask(folder, name, number, scale):
     (folder / "depth").mkdir()
     classes = marked(np.full((3, 4), 7), sky=number)
@@ -287,14 +240,6 @@ def _class_mask(folder, name, number, scale):
     png(place, classes, np.uint8)
     path = write_exr(folder / "depth" / "a_0003.exr", Z=np.float32(DEPTH / scale))
     return Example(path, metres(sky=True), rtol=1e-5)
-
-
-def _omniobject3d(folder):
-    return Example(exr(folder, "X", DEPTH * 3, B=DEPTH * 2, Y=marked(sky=65504)), metres(sky=True))
-
-
-def _ros(folder):
-    return png_of(folder, scale=1000, hole=0)
 
 
 def _cityscapes(folder):
@@ -333,10 +278,6 @@ def _moge_png(folder):
     return Example(path, metres(hole=True, sky=True), rtol=1e-4)
 
 
-def _irs(folder):
-    return Example(exr(folder, "G", marked(48 / DEPTH, hole=0)), metres(hole=True))
-
-
 def _alicevision(folder):
     camera = np.array([[4.0, 0, 1.5], [0, 4.0, 1.0], [0, 0, 1]])
     turned = camera @ np.linalg.qr(np.arange(9.0).reshape(3, 3) + np.eye(3))[0]
@@ -346,6 +287,17 @@ def _alicevision(folder):
     z = marked(radial(4.0), hole=-1).astype("f4")
     OpenEXR.File({**header, **attributes}, {"Z": np.ascontiguousarray(z)}).write(str(path))
     return Example(path, metres(hole=True))
+
+
+def _unreal(folder):
+    numbers = marked(DEPTH * 100, sky=65504 * 3e3)
+    depth = {f"FinalImageMovieRenderQueue_WorldDepth.{c}": numbers for c in "RGB"}
+    depth["FinalImageMovieRenderQueue_WorldDepth.A"] = numbers * 0 + 1
+    color = {"R": DEPTH, "G": DEPTH * 2, "B": DEPTH, "A": DEPTH * 0 + 1}
+    path = folder / "a.exr"
+    planes = {name: np.float32(values) for name, values in (depth | color).items()}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(path))
+    return Example(path, metres(sky=True))
 
 
 EXAMPLES: dict[str, Callable[[Path], Example]] = {
@@ -359,14 +311,18 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "blender": lambda f: _exr_of(
         f, "ViewLayer.Depth.Z", sky=1e10, **{"ViewLayer.Mist.Z": DEPTH * 2, "ViewLayer.A": DEPTH}
     ),
-    "blenderproc": _blenderproc,
+    "blenderproc": lambda f: Example(
+        of_hdf5(f, colors=DEPTH * 2, depth=marked(sky=1e10), distance=DEPTH * 3), metres(sky=True)
+    ),
     "mujoco-warp": lambda f: Example(npy(f / "a.npy", marked()), metres(), PLANAR),
     "urbansyn": lambda f: _class_mask(f, "ss/ss_{number}.png", 10, 1e5),
     "synscapes": lambda f: _class_mask(f, "class/{stem}.png", 23, 1),
-    "omniobject3d": _omniobject3d,
-    "ros": _ros,
+    "omniobject3d": lambda f: Example(
+        exr(f, "X", DEPTH * 3, B=DEPTH * 2, Y=marked(sky=65504)), metres(sky=True)
+    ),
+    "ros": partial(png_of, scale=1000, hole=0),
     "cityscapes": _cityscapes,
-    "irs": _irs,
+    "irs": lambda f: Example(exr(f, "G", marked(48 / DEPTH, hole=0)), metres(hole=True)),
     "unrealstereo4k": _unrealstereo4k,
     "ffs-stereo4d": _ffs,
     "moge-png": _moge_png,
@@ -374,24 +330,28 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "kubric": lambda f: _npz(f, PLANAR, depth=marked(sky=INF)),
     "alicevision": _alicevision,
     "mitsuba": lambda f: _radial_exr(f, "depth"),
-    "unreal-mrq": lambda f: _unreal(f),
+    "unreal-mrq": _unreal,
     "unity-perception": partial(_radial_exr, name="R", geometry="radial"),
     "carla": _carla,
-    "nuke-scanline": _nuke,
-    "arnold": _arnold,
-    "houdini": _houdini,
+    "nuke-scanline": lambda f: Example(
+        exr(f, "depth.Z", marked(1 / DEPTH, sky=0), **RGB), metres(sky=True)
+    ),
+    "arnold": partial(_exr_of, name="Z", hole=0, sky=3.0, **RGB, A=ALPHA),
+    "houdini": partial(_exr_of, name="Pz", hole=0, sky=3.0, factor=-1, A=ALPHA),
     "vray-zdepth": lambda f: Example(
         exr(f, "Z", (20 - DEPTH) / 19), metres(), {"depth_range": (20_000.0, 1000.0)}, 1e-5
     ),
     "colmap": lambda f: Example(colmap(f / "a.bin", marked(hole=0)), metres(hole=True)),
-    "hypersim": _hypersim,
+    "hypersim": lambda f: Example(
+        of_hdf5(f, dataset=marked(radial(886.81 * 4 / 1024), hole=NAN)), metres(hole=True)
+    ),
     "tartanair": partial(_npy_of, sky=10000.0),
     "tartanair2": _tartanair2,
     "sintel": _sintel,
     "kitti": partial(png_of, scale=256, hole=0),
     "vkitti2": partial(png_of, scale=100, sky=65535),
     "nyu-mat": _nyu_mat,
-    "matterport": lambda f: _quarter(f),
+    "matterport": partial(png_of, scale=4000, factor=0.8, hole=0),
     "diode": _diode,
     "eth3d": _eth3d,
     "pointodyssey": partial(png_of, scale=65.535, hole=0, sky=65535),
@@ -401,7 +361,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "bedlam": lambda f: _exr_of(f, "Depth", sky=30000.0, factor=100, R=DEPTH, G=DEPTH, B=DEPTH * 2),
     "3dkenburns": lambda f: _exr_of(f, "Z", sky=30000.0, factor=1000),
     "png-mm": partial(png_of, scale=1000, hole=0),
-    "tum": lambda f: _fifth(f),
+    "tum": partial(png_of, scale=5000, factor=0.5, hole=0),
     "ibims1": _ibims1,
     "infinigen": lambda f: Example(
         npy(f / "a.npy", np.stack([marked(hole=NAN, sky=INF), DEPTH, DEPTH], axis=2)),
@@ -418,7 +378,7 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "megadepth": lambda f: Example(
         of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, {"depth_scale": 3.0}
     ),
-    "sceneflow": _sceneflow,
+    "sceneflow": lambda f: Example(pfm(f / "a.pfm", marked(1050 / DEPTH, sky=0)), metres(sky=True)),
     "spring": _spring,
     "hci-lightfield": _hci,
     "moge": _moge,
@@ -426,31 +386,10 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "depth-anything": _relative,
     "video-depth-anything": _video,
     "depth-anything-3": lambda f: _npz(f, PLANAR, depth=marked(sky=INF)[None]),
-    "marigold": _affine,
+    "marigold": lambda f: Example(npy(f / "a.npy", (DEPTH - 1) / 19), metres(), RANGE, 1e-5),
     "apple-heic": _heic,
     "android-gdepth": _gdepth,
 }
-
-
-def _unreal(folder):
-    numbers = marked(DEPTH * 100, sky=65504 * 3e3)
-    depth = {f"FinalImageMovieRenderQueue_WorldDepth.{c}": numbers for c in "RGB"}
-    depth["FinalImageMovieRenderQueue_WorldDepth.A"] = numbers * 0 + 1
-    color = {"R": DEPTH, "G": DEPTH * 2, "B": DEPTH, "A": DEPTH * 0 + 1}
-    path = folder / "a.exr"
-    planes = {name: np.float32(values) for name, values in (depth | color).items()}
-    OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(path))
-    return Example(path, metres(sky=True))
-
-
-def _quarter(folder):
-    numbers = marked(np.round(DEPTH * 0.8 * 4000), hole=0)
-    return Example(png(folder / "a.png", numbers), metres(hole=True) * 0.8)
-
-
-def _fifth(folder):
-    numbers = marked(np.round(DEPTH * 0.5 * 5000), hole=0)
-    return Example(png(folder / "a.png", numbers), metres(hole=True) * 0.5)
 
 
 @pytest.fixture(autouse=True)

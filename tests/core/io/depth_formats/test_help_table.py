@@ -1,7 +1,5 @@
 """The help topic on depth lists every format as the table has it."""
 
-from __future__ import annotations
-
 from defocus_cli.commands.help import text
 from defocus_core.errors import with_dashes
 from defocus_core.io.depth_formats.table import ANY, FLOATS, ROWS, SKY

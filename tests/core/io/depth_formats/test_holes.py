@@ -1,7 +1,5 @@
 """Pixels without depth are filled from the farther neighbour, or become sky."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from depth_files import npy

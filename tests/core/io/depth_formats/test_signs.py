@@ -1,7 +1,5 @@
 """16 bits without a unit are refused where they look like a named format, and nowhere else."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from depth_files import png

@@ -1,9 +1,7 @@
 """OpenEXR files: native in, native out, and nothing damaged gets through unnoticed."""
 
-from __future__ import annotations
-
 import struct
-from contextlib import suppress
+from contextlib import nullcontext
 from itertools import product
 from typing import Any
 
@@ -12,10 +10,9 @@ import OpenEXR
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
 from command_line import header
-from image_files import SCANLINE, box, random_planes, write_deep, write_window
+from image_files import SCANLINE, box, random_planes, write_window
 from refusals import refuses
 
-from defocus_core.errors import InputError
 from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import CODECS, codec_of, read_headers
@@ -32,11 +29,8 @@ def test_every_pixel_type_comes_back_bit_for_bit(tmp_path):
     }
     write_exr(tmp_path / "a.exr", planes, {})
     (part,) = read_parts(tmp_path / "a.exr")
-    assert {c.name: c.type for c in part.header.channels} == {
-        "half": "half",
-        "float": "float",
-        "id": "uint",
-    }
+    kinds = {c.name: c.type for c in part.header.channels}
+    assert kinds == {"half": "half", "float": "float", "id": "uint"}
     for name, plane in planes.items():
         assert part.channels[name].tobytes() == plane.tobytes()
 
@@ -53,18 +47,8 @@ def test_metadata_goes_through_and_structure_does_not(tmp_path):
         np.testing.assert_array_equal(header(tmp_path / "b.exr")[name], value)
 
 
-def test_writing_leaves_the_callers_arguments_alone(tmp_path):
-    attributes: dict[str, object] = {"defocus:focus": "2m"}
-    planes = random_planes("RGB")
-    write_exr(tmp_path / "a.exr", planes, attributes)
-    assert attributes == {"defocus:focus": "2m"}
-    assert set(planes) == set("RGB")
-
-
-@pytest.mark.parametrize(
-    "data",
-    [(-2, -3, 14, 12), (3, 2, 7, 6), (5, 5, 20, 20), (40, 40, 50, 50)],
-    ids=["overscan", "inside", "overlap", "outside"],
+@pytest.mark.parametrize(  # overscan, inside, overlap, outside
+    "data", [(-2, -3, 14, 12), (3, 2, 7, 6), (5, 5, 20, 20), (40, 40, 50, 50)]
 )
 def test_the_display_window_is_what_comes_back(tmp_path, data):
     x0, y0, x1, y1 = data
@@ -74,21 +58,6 @@ def test_the_display_window_is_what_comes_back(tmp_path, data):
     write_window(tmp_path / "a.exr", {"Z": written}, box(*data), box(0, 0, 9, 7))
     (part,) = read_parts(tmp_path / "a.exr")
     np.testing.assert_array_equal(part.channels["Z"], everywhere[20:28, 20:30])
-
-
-def test_headers_name_parts_types_and_depth_of_data(tmp_path):
-    parts = [
-        OpenEXR.Part({"name": "rgba", **SCANLINE}, random_planes("RGBA")),
-        OpenEXR.Part({"name": "ids", **SCANLINE}, {"id": np.zeros((24, 32), np.uint32)}),
-    ]
-    OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
-    rgba, ids = read_headers(tmp_path / "a.exr")
-    assert (rgba.name, ids.name) == ("rgba", "ids")
-    assert [c.name for c in rgba.channels] == ["A", "B", "G", "R"]
-    assert ids.channels[0].type == "uint"
-    assert not rgba.deep
-    write_deep(tmp_path / "deep.exr")
-    assert read_headers(tmp_path / "deep.exr")[0].deep
 
 
 def test_clamping_to_half_counts_pixels_and_keeps_the_rest():
@@ -120,42 +89,6 @@ def test_a_part_lost_to_damage_is_an_error(tmp_path):
     path.write_bytes(path.read_bytes()[:-40])
     with refuses("damaged", path=path):
         read_parts(path)
-
-
-def test_damage_is_an_input_error_or_unseen_never_a_crash(tmp_path, capfd):
-    path = tmp_path / "a.exr"
-    write_exr(path, random_planes("RGBZ", (40, 50)), {"owner": "someone"})
-    sound = path.read_bytes()
-    rng = np.random.default_rng(2)
-    refused = 0
-    for trial in range(100):
-        damaged = bytearray(sound)
-        if trial % 4 == 0:
-            del damaged[int(rng.integers(1, len(sound))) :]
-        else:
-            damaged[int(rng.integers(len(sound)))] ^= 1 << int(rng.integers(8))
-        path.write_bytes(damaged)
-        with suppress(InputError):
-            read_parts(path)
-            continue
-        refused += 1
-    assert refused >= 50  # every truncation and most flips
-    assert capfd.readouterr() == ("", "")
-
-
-@pytest.mark.parametrize(
-    ("content", "code"),
-    [
-        (b"this is text\n" * 9, "wrong-type"),
-        (b"\x76\x2f\x31\x01", "damaged"),
-        (b"\x89PNG\r\n\x1a\n", "wrong-type"),
-    ],
-)
-def test_not_an_exr_file_says_so(tmp_path, content, code):
-    path = tmp_path / "a.exr"
-    path.write_bytes(content)
-    with refuses(code, path=path):
-        read_headers(path)
 
 
 COMPRESSIONS = [name for name in dir(OpenEXR) if name.endswith("_COMPRESSION")]
@@ -237,7 +170,7 @@ def test_tiled_parts_and_windows_are_the_same_in_pieces(tmp_path):
 
 
 def test_a_tile_too_large_to_be_decoded_at_once_is_refused(tmp_path):
-    planes = {name: np.zeros((4100, 4100), np.float32) for name in ("Y",)}
+    planes = {"Y": np.zeros((4100, 4100), np.float32)}
     OpenEXR.File(tiles(4100, 4100), planes).write(str(tmp_path / "a.exr"))
     with refuses("no-pieces", "‹memory›"):
         read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
@@ -282,8 +215,7 @@ def test_openexr_refuses_a_header_with_text_that_is_not_utf_8(tmp_path):
 @pytest.mark.parametrize("rows", [256, 512, 10_000])
 def test_strips_make_the_file_that_openexr_writes_at_once(rows, tmp_path):
     planes, corner = mixed_planes((600, 20)), (-3, 5)
-    row_bytes = 20 * sum(plane.dtype.itemsize for plane in planes.values())
-    strip_bytes = rows * row_bytes
+    strip_bytes = rows * 20 * sum(plane.dtype.itemsize for plane in planes.values())
     write_exr(tmp_path / "a.exr", planes, {"owner": "ünï"}, Layout(corner), strip_bytes=strip_bytes)
     window = box(-3, 5, 16, 604)
     told = {**SCANLINE, "owner": "ünï", "dataWindow": window, "displayWindow": window}
@@ -292,15 +224,12 @@ def test_strips_make_the_file_that_openexr_writes_at_once(rows, tmp_path):
 
 
 def test_pixels_of_an_aspect_that_none_has_are_refused(tmp_path):
-    for aspect, usual in ((1.0, True), (2.0, True), (11.0, False), (0.05, False)):
+    for aspect, refusal in ((1.0, False), (2.0, False), (11.0, True), (0.05, True)):
         path = tmp_path / f"{aspect}.exr"
-        header = {"type": OpenEXR.scanlineimage, "pixelAspectRatio": aspect}
-        planes = {name: np.zeros((4, 5), np.float16) for name in "RGB"}
-        OpenEXR.File(header, planes).write(str(path))
-        if usual:
-            assert choose_color(path, read_headers(path), layer=None, part=None)
-            continue
-        with refuses("unsupported", f"{aspect:g} times", path=path):
+        planes = random_planes("RGB", (4, 5))
+        OpenEXR.File({**SCANLINE, "pixelAspectRatio": aspect}, planes).write(str(path))
+        said = refuses("unsupported", f"{aspect:g} times", path=path) if refusal else nullcontext()
+        with said:
             choose_color(path, read_headers(path), layer=None, part=None)
 
 

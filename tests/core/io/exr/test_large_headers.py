@@ -1,7 +1,5 @@
 """Headers of many parts, channels, views and attributes: work is linear in them, and they end."""
 
-from __future__ import annotations
-
 import struct
 import time
 

@@ -1,7 +1,5 @@
 """Views of EXR files, as their attributes, parts and channels name them."""
 
-from __future__ import annotations
-
 import numpy as np
 import OpenEXR
 import pytest

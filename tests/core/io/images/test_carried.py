@@ -1,7 +1,5 @@
 """What an EXR output carries of its input, and what it is said not to."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 from typing import Any
 

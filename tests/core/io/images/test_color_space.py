@@ -1,7 +1,5 @@
 """What a file says of its colours is taken, or it is said that it is not."""
 
-from __future__ import annotations
-
 import struct
 
 import numpy as np

@@ -4,8 +4,6 @@ The suite reads 300 damaged files; DEFOCUS_FUZZ=5000 reads more, DEFOCUS_FUZZ_SE
 failure names its cases; ``fuzzing.case(sound_files(FOLDER), SEED, CASE)`` makes the bytes of one.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """Files of several images: a TIFF has pages, of which one is meant."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a photograph says about its camera and its author is in the pictures made of it."""
 
-from __future__ import annotations
-
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest

@@ -43,13 +43,14 @@ def test_a_slice_is_averaged_as_its_pixels_are(size, level):
     H, W = size
     generator = torch.Generator().manual_seed(level)
     color, coverage = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
-    places = torch.full(size, 2.0, dtype=torch.float64)
-    places[5:17, 9:30] = 0.25
+    r = torch.full(size, 4.0, dtype=torch.float64)
+    r[5:17, 9:30] = 0.5
     extra, share = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
     share = share * (torch.rand(size, generator=generator) < 0.02)
     radius, radii = torch.full(size, 1.0, dtype=torch.float64), (0.0, 2.0, 4.0)
+    places = slice_position(r, radii)
     nearer = SampleLayer(extra, share, radius, sparse=True)
-    samples = SurfaceSamples([SampleLayer(color, coverage, places), nearer], places)
+    samples = SurfaceSamples([SampleLayer(color, coverage, r), nearer])
     surface = Surface(samples, radii, [4, 4, 4], [0, 1, 1], grid_over(H, W), 4, 200)
     whole = torch.cat([color * coverage, coverage]) * (1 - places).clamp(min=0)
     whole += torch.cat([extra * share, share]) * (1 - slice_position(radius, radii)).clamp(min=0)

@@ -101,7 +101,7 @@ def test_another_side_of_tiles_changes_the_last_digits_alone(kind, tile):
 
 
 @pytest.mark.parametrize("kind", ["cards", "thin"])
-@pytest.mark.parametrize("quality", ["draft", "standard", "high"])
+@pytest.mark.parametrize("quality", ["standard", "high"])
 @pytest.mark.parametrize("tile", [48, 320])
 def test_a_tile_sees_all_that_spreads_to_it(kind, quality, tile):
     """In double precision nothing but what a tile left out would tell: large radii, edges."""

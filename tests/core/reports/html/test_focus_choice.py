@@ -1,7 +1,5 @@
 """The page to choose focus and blur on, in a real browser: what a click shows and says."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

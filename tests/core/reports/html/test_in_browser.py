@@ -1,7 +1,5 @@
 """The report in a real browser: what is shown, filtered, drawn, read and pressed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from browser import Page, chromium

@@ -1,7 +1,5 @@
 """Packed values are those that were packed, whatever the way."""
 
-from __future__ import annotations
-
 import zlib
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What there is no room for is left out, the last first."""
 
-from __future__ import annotations
-
 from defocus_core.reports.html import page
 from defocus_core.reports.html.item import LIGHT, Item, Layer, StoredValues
 

@@ -1,13 +1,11 @@
 """The command that renders a sample again says all of its lens, with all digits."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 
 from records import taken
 
-from defocus_core.batch.journal.identity import settings
+from defocus_core.batch.journal.resume import settings
 from defocus_core.errors import CALLER
 from defocus_core.reports.html.render_command import render_command
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading

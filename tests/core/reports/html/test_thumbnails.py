@@ -1,7 +1,5 @@
 """Thumbnails show what is there, however small."""
 
-from __future__ import annotations
-
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest

@@ -1,7 +1,5 @@
 """``defocus info`` names formats that the evidence fits, and what is wrong of a pair."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from command_line import ramp, run, write_exr
@@ -70,13 +68,6 @@ def test_channels_of_unreal(tmp_path):
     path = tmp_path / "u.exr"
     OpenEXR.File({"type": OpenEXR.scanlineimage}, planes).write(str(path))
     assert "unreal-mrq; say --depth-format unreal-mrq" in evidence(path)
-
-
-def test_arrays_of_hdf5(tmp_path):
-    path = write_hdf5(tmp_path / "a.hdf5", {"dataset": np.float32(ramp())})
-    ran = run("info", path)
-    assert ran.code == 0, ran.err
-    assert "depth: 1 m to 4 m" in ran.out
 
 
 def test_arrays_to_choose_from_are_named_and_their_format(tmp_path):

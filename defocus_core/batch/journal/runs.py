@@ -1,0 +1,219 @@
+"""Runs on OUT: the lock of its one writer, the notes of runs, and what killed ones leave.
+
+The system holds the lock on the file, and lets go of it when the process ends, however that ends.
+``.journal.lock`` is for all of OUT, ``.journal-2of8.lock`` for a shard of a batch. Shards of one
+division run side by side; nothing else does. A run notes the names of its jobs in
+``OUT/.journal.run``, until all are done.
+"""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import json
+import os
+import re
+import socket
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from hashlib import blake2b
+from pathlib import Path
+
+from defocus_core.batch.journal.journal import JournalFile, Shard, journal_path, shards
+from defocus_core.batch.journal.record import is_moment, now
+from defocus_core.errors import InputError, cannot_read
+from defocus_core.io.below import Folder
+from defocus_core.io.safe_files import (
+    LEFTOVER,
+    is_at,
+    left_in,
+    sync_folder,
+    unwritable,
+    written_whole,
+)
+from defocus_core.request.output_kinds import KINDS
+from defocus_core.system.text import note
+
+PATIENCE = 0.2  # seconds in which a holder may be gone that only looked whether there is one
+_HOLDER = re.compile(r"process \d{1,10} on [\w.-]{1,100}")
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)  # of file systems without
+Check = Callable[[], None]
+INDEX, SHARDS_FOLDER = "metadata.jsonl", "shards"  # of a data set, and of its tars
+
+
+def lock_path(out: Path, shard: Shard | None = None) -> Path:
+    """The lock file of OUT, or of a shard."""
+    return out / (f".journal-{shard.number}of{shard.of}.lock" if shard else ".journal.lock")
+
+
+@contextmanager
+def locked(out: Path, shard: Shard | None = None) -> Iterator[Check]:
+    """Hold the lock of an existing OUT, or of a shard, while the block runs.
+
+    `shard`: which part of a batch; None for all of it.
+    """
+    path = lock_path(out, shard)
+
+    def require_held() -> None:
+        if not is_at(path, number):
+            problem, remedy = "was removed while jobs were done", "run the same command again"
+            raise InputError("unwritable", problem, remedy, path=path)
+
+    with _held(path) as number:
+        for other in sorted(out.glob(".journal*.lock")):  # those of killed ones go
+            of_same_division = shard is not None and other.name.endswith(f"of{shard.of}.lock")
+            if other != path and not of_same_division:
+                with _held(other):
+                    pass
+        yield require_held
+
+
+def holder(path: Path) -> str | None:
+    """Who holds the lock of a file, in words; None if nobody does."""
+    with suppress(OSError), Folder(path.parent).open(path.name) as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            words = file.read(200).decode(errors="replace")
+            return words if _HOLDER.fullmatch(words) else "another process"
+    return None
+
+
+@contextmanager
+def _held(path: Path) -> Iterator[int]:
+    """Hold a lock, whose file is gone after the block; an error names who else holds it."""
+    end = time.monotonic() + PATIENCE
+    try:
+        while (number := _taken(path)) is None:
+            if time.monotonic() > end:
+                problem = f"{path.parent} is being written by {holder(path) or 'another process'}"
+                remedy = "wait for it, stop it, or choose another -o"
+                raise InputError("in-use", problem, remedy, path=path)
+            time.sleep(0.02)
+    except OSError as error:
+        raise unwritable(path, error) from error
+    try:
+        try:
+            os.ftruncate(number, 0)
+            os.write(number, f"process {os.getpid()} on {socket.gethostname()}".encode())
+        except OSError as error:
+            raise unwritable(path, error) from error
+        yield number
+    finally:
+        with suppress(OSError):  # OUT may be gone, and the lock another's
+            if is_at(path, number):
+                path.unlink()
+        os.close(number)
+
+
+def _taken(path: Path) -> int | None:
+    """The open file of a lock that is taken; None if another holds it."""
+    number = Folder(path.parent).append(path.name)
+    try:
+        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            os.close(number)
+            if isinstance(error, BlockingIOError):
+                return None
+            raise
+        note(f"{path.parent}: warning: its file system has no locks; let no other run write there")
+    if is_at(path, number):
+        return number
+    os.close(number)  # its holder has just removed it
+    return None
+
+
+@dataclass
+class OpenRun:
+    """A run that did not come to its end, and what it did."""
+
+    begun: str  # when, UTC
+    left: set[str]  # samples of its jobs that did not end since
+    again: set[str] = field(default_factory=set)  # those of them that ended before
+    ended: int = 0
+    last: str = ""  # when the last of them ended
+
+
+def run_path(out: Path, shard: Shard | None = None) -> Path:
+    """The file that notes a run on OUT, or on a shard."""
+    return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
+
+
+def note_run(out: Path, shard: Shard | None, samples: Iterable[str]) -> Path:
+    """Note a run by its samples; one on all of OUT has those that runs on shards left."""
+    path = run_path(out, shard)
+    with written_whole(path) as file:
+        file.write(json.dumps({"begun": now(), "jobs": [*samples]}).encode() + b"\n")
+    for other in out.glob(".journal-*.run") if shard is None else ():
+        other.unlink(missing_ok=True)
+    return path
+
+
+def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
+    """The run on OUT, or on a shard, that is noted; None if it came to its end."""
+    path = run_path(out, shard)
+    try:
+        text = Folder(path.parent).read(path.name)
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        raise cannot_read(path, error, "remove it") from None
+    with suppress(ValueError, TypeError, KeyError, RecursionError):
+        stored = json.loads(text)
+        run = OpenRun(stored["begun"], {*stored["jobs"]})
+        if is_moment(run.begun) and all(isinstance(name, str) for name in run.left):
+            return run
+    remedy = "remove the file, and what the run left half-written; the next run begins anew"
+    raise InputError("malformed", "is not the note of a run", remedy, path=path)
+
+
+def sweep_up(out: Path) -> None:
+    """Remove the half-written files of processes that were killed; the lock of OUT must be held.
+
+    The index and shards are written without the lock: those of a process that runs are left alone.
+    """
+    below = Folder(out)
+    for folder in ("", SHARDS_FOLDER):
+        for name in left_in(out / folder):
+            with suppress(OSError):
+                below.remove(f"{folder}/{name}" if folder else name)
+    for folder in KINDS:
+        with suppress(OSError):
+            for name in below.names(folder):
+                if LEFTOVER.fullmatch(name):
+                    below.remove(f"{folder}/{name}")
+
+
+def refuse_other_division(out: Path, own: Shard) -> None:
+    """Refuse a shard beside records of another division, of which none comes last."""
+    for shard in shards(out):
+        if shard.of != own.of and journal_path(out, shard).exists():
+            problem = f"belongs to another number of shards than {own.number}/{own.of}"
+            remedy = f"run 'defocus merge {out}' first"
+            raise InputError("contradiction", problem, remedy, path=journal_path(out, shard))
+
+
+def gather(out: Path) -> list[Shard]:
+    """Put the records of all shards into the journal of OUT, whose lock must be held."""
+    parts = [shard for shard in shards(out) if journal_path(out, shard).exists()]
+    if parts:
+        with written_whole(journal_path(out)) as file:
+            file.writelines(_joined([None, *parts], out))
+        sync_folder(out)  # before the journals of the shards are removed
+    for shard in parts:
+        journal_path(out, shard).unlink()
+    return parts
+
+
+def _joined(parts: Sequence[Shard | None], out: Path) -> Iterator[bytes]:
+    """The lines of journals, each of them once."""
+    known = set[bytes]()
+    for part in parts:
+        for line in JournalFile(journal_path(out, part)).lines():
+            digest = blake2b(line.text.rstrip(b"\n"), digest_size=16).digest()
+            if digest not in known:
+                known.add(digest)
+                yield line.text.rstrip(b"\n") + b"\n"
