@@ -22,7 +22,7 @@ from defocus_cli.words import console
 from defocus_core.batch.journal.journal import Shard
 from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.batch.workers import run
-from defocus_core.batch.workers.plan import Execution
+from defocus_core.batch.workers.run import Execution
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Outputs
 from defocus_core.request.jobs_file import read_batch

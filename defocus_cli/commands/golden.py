@@ -15,7 +15,7 @@ from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, op
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.run_batch import WorkerConfig
-from defocus_core.batch.workers.plan import Execution
+from defocus_core.batch.workers.run import Execution
 from defocus_core.compare.goldens import (
     FreshPictures,
     accept,

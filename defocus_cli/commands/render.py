@@ -20,7 +20,7 @@ from defocus_cli.options.shared import (
 from defocus_cli.words import batch as batch_report
 from defocus_cli.words import console
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.batch.workers.plan import Execution, make_plan
+from defocus_core.batch.workers.run import Execution, make_plan
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading, of_views
 from defocus_core.request.job_options import MACHINE_OPTIONS

@@ -12,8 +12,7 @@ import click
 
 from defocus_cli.words import console
 from defocus_core.batch.journal.record import Failed, Record, error_line
-from defocus_core.batch.workers.plan import Plan
-from defocus_core.batch.workers.run import Listener, Summary
+from defocus_core.batch.workers.run import Listener, Plan, Summary
 from defocus_core.errors import kind_of, with_dashes
 from defocus_core.io.arrays import scratch_folder
 from defocus_core.io.safe_files import spoken

@@ -11,7 +11,7 @@ import click
 
 from defocus_cli.words import console
 from defocus_cli.words.batch import done_before_line, job_line, job_record, reasons_lines
-from defocus_core.batch.workers.plan import Execution, Plan, make_plan
+from defocus_core.batch.workers.run import Execution, Plan, make_plan
 from defocus_core.errors import DefocusError, Rejected
 from defocus_core.picture import forecast
 from defocus_core.picture.forecast import Forecast

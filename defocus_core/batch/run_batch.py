@@ -14,9 +14,8 @@ from typing import Any
 from defocus_core.batch.journal.record import Record
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.dask_pool import execute_at
-from defocus_core.batch.workers.plan import Chunk, Done, Execute, Execution
 from defocus_core.batch.workers.pool import Processes, dispatch
-from defocus_core.batch.workers.run import Summary
+from defocus_core.batch.workers.run import Chunk, Done, Execute, Execution, Summary
 from defocus_core.errors import UsageProblem
 from defocus_core.picture import memory_budget
 from defocus_core.request.job import DEVICES, Job, Machine, Outputs

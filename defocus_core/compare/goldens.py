@@ -23,8 +23,7 @@ from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.journal.record import output_fault
 from defocus_core.batch.workers import run
-from defocus_core.batch.workers.plan import Execution
-from defocus_core.batch.workers.run import Listener, Summary
+from defocus_core.batch.workers.run import Execution, Listener, Summary
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import EXTRA, MISSING, Comparison
 from defocus_core.compare.run import Task, compare_all

@@ -1,12 +1,15 @@
 """Runs a command that ends at its n-th step on the disk, for each n, and again to its end.
 
     python stopped_at_steps.py kill|full EVERY FOLDER -- ARGUMENT…
+    python stopped_at_steps.py random SEED KILLS JOURNAL -- ARGUMENT…
 
 A step writes, syncs, makes, moves or removes a file. In each round the folder is as it was at
 first, the command is killed at its step, or the disk is full from then on, and the same command is
 run again. Prints, as JSON, for each round the exit code of the stopped command, the files that it
 left half-written, the exit code of the one that went on, and the files that differ in the end from
-those of a command that nothing stopped. EVERY is the distance of one n to the next.
+those of a command that nothing stopped. EVERY is the distance of one n to the next. In the second
+form runs are killed at random moments, until one comes to its end: how many, and how often a record
+was there without its files. What takes seconds to import is imported once: each run is a fork.
 """
 
 import hashlib
@@ -14,10 +17,12 @@ import io
 import itertools
 import json
 import os
+import random
 import re
 import shutil
 import signal
 import sys
+import time
 from pathlib import Path
 
 STEPS = ("write", "fsync", "fdatasync", "replace", "rename", "unlink", "mkdir", "rmdir")
@@ -85,8 +90,13 @@ FDOPEN = os.fdopen
 
 def run(arguments, steps=None):
     """Run a command in a process of its own; its exit code, negative that of a signal."""
+    return os.waitstatus_to_exitcode(os.waitpid(start(arguments, steps), 0)[1])
+
+
+def start(arguments, steps=None):
+    """Start a process that runs a command."""
     if child := os.fork():
-        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        return child
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.dup2(nowhere, 2)
@@ -154,12 +164,49 @@ def rounds(stop, every, folder, arguments):
     return told
 
 
+def size(path):
+    return path.stat().st_size if path.exists() else 0
+
+
+def lies(journal):
+    """Records that are whole and speak of files that are not."""
+    count = 0
+    for line in journal.read_bytes().split(b"\n")[:-1] if journal.exists() else ():
+        stamps = json.loads(line)["outputs"].values() if line else ()
+        count += any(size(journal.parent / stamp["path"]) != stamp["size"] for stamp in stamps)
+    return count
+
+
+def killed_at_random(seed, kills, journal, arguments):
+    """What comes of a command that is killed at moments when its journal has grown."""
+    moment, killed, lied = random.Random(seed), 0, 0
+    while killed < kills:
+        process = start(arguments)
+        goal, limit = size(journal) + moment.randrange(3500), time.monotonic() + 5
+        while os.waitpid(process, os.WNOHANG)[0] == 0:
+            if size(journal) > goal or time.monotonic() > limit:
+                time.sleep(moment.random() * 0.02)
+                os.kill(process, signal.SIGKILL)
+                os.waitpid(process, 0)
+                killed += 1
+                break
+            time.sleep(0.001)
+        else:
+            break
+        lied += lies(journal)
+    return {"killed": killed, "lies": lied, "code": run(arguments)}
+
+
 if __name__ == "__main__":
     from defocus_cli.main import main
     from defocus_core.picture import plain_path
 
     plain_path.load()
-    mode, every, folder = sys.argv[1:4]
-    sys.stdout.write(
-        json.dumps(rounds(fill if mode == "full" else kill, int(every), Path(folder), sys.argv[5:]))
-    )
+    at = sys.argv.index("--")
+    mode, *more, place = sys.argv[1:at]
+    if mode == "random":
+        told = killed_at_random(*map(int, more), Path(place), sys.argv[at + 1 :])
+    else:
+        stop = fill if mode == "full" else kill
+        told = rounds(stop, int(more[0]), Path(place), sys.argv[at + 1 :])
+    sys.stdout.write(json.dumps(told))

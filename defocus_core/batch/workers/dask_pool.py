@@ -18,8 +18,8 @@ from typing import Any
 from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.record import End
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.plan import Chunk, Done, Execute
 from defocus_core.batch.workers.pool import Lost, dispatch
+from defocus_core.batch.workers.run import Chunk, Done, Execute
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.request.job import Job
 from defocus_core.system.text import note

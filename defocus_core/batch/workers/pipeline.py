@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.record import Failed, Stamp, Taken, failure
-from defocus_core.batch.workers.plan import Chunk, Done
+from defocus_core.batch.workers.run import Chunk, Done
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
 from defocus_core.picture.take import Inputs, Take, measures, repair_record

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from defocus_core.batch.journal.record import End, Failed
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.plan import Chunk, Done
+from defocus_core.batch.workers.run import Chunk, Done
 from defocus_core.errors import InputError
 from defocus_core.picture import plain_path
 from defocus_core.request.job import Job

@@ -7,7 +7,7 @@ from jobs_files import touch
 from refusals import refuses
 
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.plan import (
+from defocus_core.batch.workers.run import (
     Execution,
     make_plan,
     refuse_misplaced,
