@@ -451,8 +451,8 @@ def least_steps(signed_radius: Pixels, soft: float | None) -> list[float]:
     minima, maxima = limits[..., 0].amin(0), limits[..., 1].amax(0)
     size = signed_radius.shape[-2:]
     return [
-        max(_MIN_STEP, _STEP * slope_of_soft_edges(*pair, size), soft or 0.0)
-        for pair in torch.stack([minima, maxima], 1).tolist()
+        max(_MIN_STEP, _STEP * slope_of_soft_edges(minimum, maximum, size), soft or 0.0)
+        for minimum, maximum in torch.stack([minima, maxima], 1).tolist()
     ]
 
 
