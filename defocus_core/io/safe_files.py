@@ -287,10 +287,9 @@ def size_limit() -> float:
 
 def unwritable(path: Path, error: OSError) -> InputError:
     """The InputError for an output that the system refused."""
+    room = "free some space or name another output directory"
     remedies = {
-        **dict.fromkeys(
-            (errno.ENOSPC, errno.EDQUOT), "free some space or name another output directory"
-        ),
+        **{errno.ENOSPC: room, errno.EDQUOT: room},
         errno.EFBIG: "allow larger files, as 'ulimit -f unlimited' does",
         errno.EISDIR: "it is a directory; name another output",
         errno.ELOOP: "put a directory or a file there, or name another output directory",

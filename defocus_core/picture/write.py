@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, bands, computed, count_of, stacked
-from defocus_core.io.exr.channel_choice import in_words, is_depth
+from defocus_core.io.exr.channel_choice import in_words, is_depth, name_in_view
 from defocus_core.io.exr.header import codec_of
-from defocus_core.io.exr.views import name_in_view
 from defocus_core.io.exr.windows import Layout, Overscan, Window
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_exr_image
 from defocus_core.io.images.color import Color

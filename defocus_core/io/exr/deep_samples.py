@@ -14,7 +14,6 @@ import struct
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -52,31 +51,18 @@ class _Chunk(NamedTuple):
     unpacked: int
 
 
-@dataclass(frozen=True)
-class _Part:
+class _Part(NamedTuple):
     """A deep part: where its rows lie, and how they are packed."""
 
     data: Window
     tile: tuple[int, int]  # width and height of its tiles; of parts in scan lines, of a row
+    across: int  # number of chunks side by side
+    down: int  # and above each other
     is_tiled: bool  # whether it has tiles
     compression: int  # of the file format
     channels: tuple[Channel, ...]  # all, in the order of the file
+    sample_bytes: int  # decoded, of a sample
     number: int | None  # of the part, if there may be several
-
-    @property
-    def across(self) -> int:
-        """Number of chunks side by side."""
-        return -(-self.data.width // self.tile[0])
-
-    @property
-    def down(self) -> int:
-        """Number of chunks above each other."""
-        return -(-self.data.height // self.tile[1])
-
-    @property
-    def sample_bytes(self) -> int:
-        """Decoded bytes of a sample."""
-        return sum(np.dtype(DTYPES[channel.type]).itemsize for channel in self.channels)
 
 
 @once
@@ -117,8 +103,11 @@ def _part(file: BinaryIO, header: Header) -> tuple[_Part, int]:
         raise ValueError(f"deep samples of compression {compression}, not none or ZIPS")
     if not 0 < tile[0] * tile[1] <= max(_MAX_OF_TILE, header.data.width):
         raise ValueError(f"tiles of {tile[0]}×{tile[1]} px")
+    across, down = -(-header.data.width // tile[0]), -(-header.data.height // tile[1])
+    sample_bytes = sum(np.dtype(DTYPES[channel.type]).itemsize for channel in channels)
     number = header.index if version & MULTIPART else None
-    return _Part(header.data, tile, is_tiled, compression, channels, number), start
+    packing = (is_tiled, compression, channels, sample_bytes, number)
+    return _Part(header.data, tile, across, down, *packing), start
 
 
 def _chunks(file: BinaryIO, part: _Part, start: int) -> list[_Chunk]:

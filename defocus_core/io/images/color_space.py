@@ -119,9 +119,8 @@ def _rising(curves: tuple[tuple[float, ...], ...], primaries: Chromaticities) ->
     """A profile of finite numbers whose curves rise from black to white, so that none is flat."""
     is_finite = np.isfinite([*primaries, *np.ravel(curves)]).all()
     rises = all(curve[-1] - curve[0] > _LEAST_RISE for curve in curves)
-    return (
-        Profile(curves, primaries) if is_finite and rises and (np.diff(curves) >= 0).all() else None
-    )
+    is_sound = is_finite and rises and (np.diff(curves) >= 0).all()
+    return Profile(curves, primaries) if is_sound else None
 
 
 def _tags(data: bytes) -> dict[str, bytes]:

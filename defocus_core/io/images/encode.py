@@ -16,6 +16,7 @@ import struct
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -78,10 +79,8 @@ def write_image(
     """
     if path.suffix.lower() == ".exr":
         planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
-        named = dict(zip(channels, planes, strict=True))
-        return write_exr_image(
-            path, named, exr_type, "zip", attributes, extras or {}, Layout(), clamped=0
-        )
+        named, more = dict(zip(channels, planes, strict=True)), extras or {}
+        return write_exr_image(path, named, exr_type, "zip", attributes, more, Layout(), clamped=0)
     if isinstance(pixels, tuple):
         pixels = stacked(pixels)
     if path.suffix.lower() not in FORMATS:
@@ -130,18 +129,13 @@ def _write_display(
     above = below = 0
     if is_grey := codec == "webp" and channels[0] == "Y":  # which has three colours
         metadata, profile = {n: x for n, x in metadata.items() if n != PROFILE}, None
+    encode = partial(display_encoded, channels=channels, bits=depth, keep_alpha=keep_alpha)
+    encode = partial(encode, to_srgb=to_srgb, profile=profile)
 
     def encoded() -> Iterator[NDArray[Any]]:
         nonlocal above, below
         for rows in bands(pixels.shape):
-            samples, *clipped = display_encoded(
-                pixels[rows],
-                channels,
-                depth,
-                keep_alpha=keep_alpha,
-                to_srgb=to_srgb,
-                profile=profile,
-            )
+            samples, *clipped = encode(pixels[rows])
             above, below = above + clipped[0], below + clipped[1]
             yield samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples
 

@@ -19,8 +19,8 @@ from defocus_core.io.arrays import bands, computed, times
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
 from defocus_core.io.depth_formats.reading import stretched
+from defocus_core.io.exr.channel_choice import views_of
 from defocus_core.io.exr.header import is_exr, read_headers
-from defocus_core.io.exr.views import views_of
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.images.color_space import unit

@@ -13,9 +13,6 @@ from jobs_files import chunks_of
 
 from defocus_core.batch.workers.pool import STRIKES, Processes, dispatch
 from defocus_core.errors import InputError
-from defocus_core.request.lens import Lens
-
-LENS = Lens(50.0, 2.0, 2000.0)
 
 
 def results_of(chunks, processes=2, stopped=lambda done: False, serve=fake_worker.serve):
