@@ -389,13 +389,8 @@ def measured_shifts(
     count, step = len(steps), torch.tensor(steps, dtype=signed_radius.dtype)[:, None, None]
     bound = steps[0] if count == 1 else step.to(signed_radius.device)
 
-    def silhouette(rows: tuple[int, int]) -> Tensor:
-        """The pixels [n, 2] of silhouettes in a band of rows."""
-        above = max(rows[0] - 1, 0)
-        edges = edges_of(signed_radius[..., above : rows[1] + 1, :].detach(), bound, scale)
-        return positions_of(edges[..., rows[0] - above : rows[1] - above, :])
-
-    found = dict(zip(every, threaded(silhouette, every, threads), strict=True))
+    on_edges = partial(_on_edges, signed_radius, step=bound, scale=scale)
+    found = dict(zip(every, threaded(on_edges, every, threads), strict=True))
     found = {rows: at for rows, at in found.items() if len(at)}
     if not found:
         return [None] * count
@@ -440,6 +435,19 @@ def measured_shifts(
         else None
         for (shifts, agreed), n, enough in zip(measured, seen, fewest, strict=True)
     ]
+
+
+def _on_edges(
+    signed_radius: Pixels,
+    rows: tuple[int, int],
+    *,
+    step: float | Tensor,
+    scale: DistanceScale | None,
+) -> Tensor:
+    """The pixels [n, 2] in a band of rows that are on edges."""
+    above = max(rows[0] - 1, 0)
+    edges = edges_of(signed_radius[..., above : rows[1] + 1, :].detach(), step, scale)
+    return positions_of(edges[..., rows[0] - above : rows[1] - above, :])
 
 
 def least_steps(signed_radius: Pixels, soft: float | None) -> list[float]:
