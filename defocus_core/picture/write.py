@@ -76,7 +76,6 @@ def _focus(take: Take, kind: Kind) -> _Channels:
 
 
 def _given_color(take: Take, kind: Kind) -> _Channels:
-    """The picture as it was given."""
     color = take.inputs.color
     return color.channels, tuple(color.planes[: len(color.channels)]), {}
 
@@ -205,7 +204,6 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
 
 
 def _write_preview(path: Path, contents: Contents) -> None:
-    """Write the preview of a file."""
     from defocus_core.picture import preview
 
     kind, planes = contents.kind, contents.planes
@@ -296,7 +294,6 @@ def add_noise(contents: Contents) -> Contents:
 
 
 def _noisy(plane: Any, electrons: float, read: float, words: str) -> LazyArray:
-    """An array [H, W] with noise."""
     seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
 
     def read_rows(rows: slice) -> NDArray[Any]:
