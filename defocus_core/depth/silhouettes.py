@@ -66,7 +66,8 @@ _FOOT_PX, FOOT_FRACTION = 10, 0.3013
 _LONGEST, _AS_STEEP = 16, 2.0**-10
 # Px of radius by which a ramp goes on beyond the end of a path at most; no round number.
 _ONE_LEVEL = 0.9013
-# Longer side in px of a picture in which wide ramps are looked for, and its least shorter one.
+# Longer side in px of a picture in which wide ramps are looked for; least shorter one of any that is
+# reduced.
 _REDUCED, _LEAST = 640, 32
 # Width in px of an edge of averages: depth that was filtered like colours, or resized.
 AVERAGED = 3
@@ -291,13 +292,15 @@ def steepness(signed_radius: Tensor) -> Tensor:
 
 
 # Greatest displacement in px; greatest depth in px from which on the colours of a surface are
-# sampled, which is the displacement that a profile shows for certain; and over how many px.
+# sampled, which is the displacement that a profile shows for certain, and its greatest cost; and over
+# how many px.
 FARTHEST, _DEEPEST, _SPAN = 8, 6, 5
 # Reach of a profile across a silhouette, in px to both sides: beyond the samples as many px show
 # whether a surface goes on in their colours.
 REACH = _DEEPEST + 2 * _SPAN + 1
-# Half width in px of the square around a pixel in which the normal is found, and its deviation.
-NORMAL, _NORMAL_DEVIATION = 3, 1.5
+# Half width in px of the square around a pixel in which the normal is found; half of it is the
+# standard deviation of the weights there.
+NORMAL = 3
 # Least step of an edge, as a share of the greatest one within FARTHEST px: less is the foot of a
 # ramp.
 _FOOT = 0.1251
@@ -309,13 +312,13 @@ _DEVIATION, _WIDER = 0.04, 4.8
 # Logarithm of the density of other colours on a surface, in least deviations; by how much it is
 # greater on the nearer one, whose rims differ, while the farther one goes on unchanged behind it.
 _OTHER, _RIM = -13.66, 2.0
-# Difference of logarithms that is sure; and greatest cost of a displacement in px.
-_SURE, _MAXIMUM = 4.0, 6.0
+# Difference of logarithms that is sure.
+_SURE = 4.0
 # Share of profiles that count from which evidence counts in full.
 _ENOUGH = 0.1
 # How well colours tell px apart that were not sampled, 1 for all, from where on they decide at all
-# and in full: those of a picture, and those of a silhouette; and how many such px each has in full.
-_OF_PICTURE, _OF_SILHOUETTE, _TOLD = (0.5, 0.65), (0.2, 0.5), 1.0
+# and in full: those of a picture, and those of a silhouette.
+_OF_PICTURE, _OF_SILHOUETTE = (0.5, 0.65), (0.2, 0.5)
 # Rounds in which distributions of colours, costs, and then displacements, are averaged over 5×5 px
 # of a silhouette.
 _ROUNDS, _SMOOTHING = 10, 3
@@ -329,7 +332,7 @@ _GRAINS = 1 << 8
 _RARITY, _COARSE, _BESIDE = 1.2, 0.05, 0.25
 # Displacement in px that is expected before colours are known; votes for it, and as a share of all;
 # rounds in which votes are counted.
-_BEFORE, _FEW, _FEW_SHARE, _EM = 3.0, 10.0, 0.02, 3
+_BEFORE, _FEW, _FEW_SHARE, _MAXIMIZATIONS = 3.0, 10.0, 0.02, 3
 # Px of radius by which a surface is more blurred; standard deviation of a displacement in px that
 # is none, and what is in doubt at most: it is given to the more blurred surface.
 _BLURRED, _CERTAIN, _DOUBTED = 6.0, 0.7, 4.0
@@ -340,9 +343,8 @@ _MIN_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
 _VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
-# Displacement that is looked for, as a share of the longer side of a picture; shorter side in px of
-# the smallest level.
-_FRACTION, _SMALLEST = 0.01, 32
+# Displacement that is looked for, as a share of the longer side of a picture.
+_FRACTION = 0.01
 # Px around a pixel that decide whether it is on a silhouette; and what it becomes.
 AROUND_EDGE = NORMAL + FARTHEST + 3
 AROUND = REACH + 2 * (2 * _ROUNDS + _SMOOTHING) + FARTHEST + AROUND_EDGE + AROUND_BY_COLOR
@@ -480,7 +482,7 @@ def _shifts_of(
     weight = found.fraction * _trust(found.told, _OF_SILHOUETTE) * trust.index_select(0, of)
     few = _FEW + _FEW_SHARE * sums_of_each(weight, of, count)
     votes = before = before * few / before.sum()
-    for _ in range(_EM):
+    for _ in range(_MAXIMIZATIONS):
         likely = ((found.costs + _rarity(votes).index_select(0, of)) / -_SPREAD).softmax(1)
         votes = before + sums_of_each(likely * weight, of, count)
     shifts = []
@@ -554,7 +556,7 @@ def coarse_shifts(
     size = (signed_radius.shape[-2], signed_radius.shape[-1])
     reach = max(_FRACTION * max(size), reach)
     levels = max(0, math.ceil(math.log2(reach / _DEEPEST)))
-    while levels and min(size) < _SMALLEST << levels:
+    while levels and min(size) < _LEAST << levels:
         levels -= 1
     found: list[CoarseShifts] = []
     for level, (radii, colors) in reversed(_levels_of(signed_radius, pixels, levels)):
@@ -856,7 +858,7 @@ def _silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
     own = flat[at[:, 0] * size[1] + at[:, 1]]
     offset = torch.arange(-NORMAL, NORMAL + 1, device=at.device, dtype=torch.float64)
     y, x = torch.meshgrid(offset, offset, indexing="ij")
-    weight = torch.exp((y * y + x * x) / (-2 * _NORMAL_DEVIATION**2))
+    weight = torch.exp((y * y + x * x) / (-2 * (NORMAL / 2) ** 2))
     farther = flat[squares_around(at, size, NORMAL)] > halfway(own, maximum)[:, None, None]
     normal = torch.stack([(farther * (weight * axis)).sum((1, 2)) for axis in (y, x)])
     return Silhouette(at, far, normal / normal.norm(dim=0).clamp(min=1e-6))
@@ -929,7 +931,7 @@ def _trust(told: Tensor, limits: tuple[float, float]) -> Tensor:
     Textures that are alike on both sides tell nothing, however different two samples of them are.
     """
     least, full = limits
-    score = (told[..., :1] + _TOLD * full) / (told[..., 1:] + _TOLD)
+    score = (told[..., :1] + full) / (told[..., 1:] + 1)  # one px that is told, for none at all
     return ((score - least) / (full - least)).clamp(0, 1)
 
 
@@ -986,7 +988,7 @@ def _displacement_costs(profiles: _Profiles, nearer: Tensor) -> Tensor:
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=costs.device)
     possible = (by <= near_depth[:, None]) & (-by <= far_depth[:, None])
     costs = costs - torch.where(possible, costs, torch.inf).amin(1, keepdim=True)
-    return torch.where(possible, costs.clamp(max=_MAXIMUM), _MAXIMUM)
+    return torch.where(possible, costs.clamp(max=_DEEPEST), float(_DEEPEST))
 
 
 def _along(like: Tensor) -> Tensor:
