@@ -98,7 +98,6 @@ class LensFile(FilePath):
 
 
 def _lens_options(names: Iterable[str]) -> list[Decorator]:
-    """Options of a lens, and the one of a lens file."""
     text = (
         'File of lens options, like focal-length = "50mm", or @NAME of one that ships '
         "('defocus lenses'); what is given beside it wins. For 'render', also a folder of a file "

@@ -12,9 +12,8 @@ from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel, choose_depth_channel
 from defocus_core.io.depth_formats.reading import stretched, wrong_size
-from defocus_core.io.exr.channel_choice import choose_color, require_part
+from defocus_core.io.exr.channel_choice import choose_color, in_view, require_part, require_view
 from defocus_core.io.exr.header import is_exr, read_headers
-from defocus_core.io.exr.views import in_view, require_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe

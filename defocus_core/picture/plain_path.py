@@ -201,7 +201,6 @@ def _clamp_warning(stats: Mapping[str, float]) -> list[str]:
 
 
 def _of_all(progress: Progress, number: int, count: int, done: int, tiles: int) -> None:
-    """Report tiles of one of several renderings of a picture."""
     progress(number * tiles + done, count * tiles)
 
 

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, with_dashes
 from defocus_core.io.arrays import LazyArray, bands, computed, count_of, stacked
-from defocus_core.io.exr.channel_choice import in_words, is_depth
+from defocus_core.io.exr.channel_choice import in_words, is_depth, name_in_view
 from defocus_core.io.exr.header import codec_of
-from defocus_core.io.exr.views import name_in_view
 from defocus_core.io.exr.windows import Layout, Overscan, Window
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_exr_image
 from defocus_core.io.images.color import Color
@@ -77,7 +76,6 @@ def _focus(take: Take, kind: Kind) -> _Channels:
 
 
 def _given_color(take: Take, kind: Kind) -> _Channels:
-    """The picture as it was given."""
     color = take.inputs.color
     return color.channels, tuple(color.planes[: len(color.channels)]), {}
 
@@ -206,7 +204,6 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
 
 
 def _write_preview(path: Path, contents: Contents) -> None:
-    """Write the preview of a file."""
     from defocus_core.picture import preview
 
     kind, planes = contents.kind, contents.planes
@@ -297,7 +294,6 @@ def add_noise(contents: Contents) -> Contents:
 
 
 def _noisy(plane: Any, electrons: float, read: float, words: str) -> LazyArray:
-    """An array [H, W] with noise."""
     seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
 
     def read_rows(rows: slice) -> NDArray[Any]:

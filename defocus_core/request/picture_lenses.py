@@ -175,7 +175,6 @@ class PictureLenses:
                 yield f"{suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
 
     def _check(self, options: Layer, metadata: Layer, picture: Picture | None) -> None:
-        """Raise UsageProblem for options that make no lens."""
         focal = metadata.get("focal-length")
         if focal and focal is options.get("focal-length") and "sensor-width" not in options:
             problem = f"is missing, and not in {focal.place.path} either"

@@ -100,7 +100,6 @@ def progress(out: Path, failures: int) -> Progress:
 
 
 def _add_run(state: Progress, who: str | None, run: OpenRun | None) -> None:
-    """Add the process, the jobs left and the rate of a run."""
     if who:
         state.running.append(who)
     if run is None:

@@ -17,6 +17,7 @@ from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     by_name,
     channels_of,
+    in_view,
     in_words,
     labels,
     last_word,
@@ -25,7 +26,6 @@ from defocus_core.io.exr.channel_choice import (
 )
 from defocus_core.io.exr.header import Header, read_headers
 from defocus_core.io.exr.reading import read_parts
-from defocus_core.io.exr.views import in_view
 from defocus_core.io.exr.windows import Overscan
 
 _DEPTH_NAMES = frozenset({"depth", "zdepth"})  # of channels, whatever their layer

@@ -19,10 +19,15 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, count_of
-from defocus_core.io.exr.channel_choice import ChannelGroup, choose_color, light_passes
+from defocus_core.io.exr.channel_choice import (
+    ChannelGroup,
+    choose_color,
+    default_warning,
+    in_view,
+    light_passes,
+)
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_headers
 from defocus_core.io.exr.reading import ExrPart, read_parts
-from defocus_core.io.exr.views import default_warning, in_view
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.images.primaries import (
     REC_709,
@@ -183,7 +188,6 @@ def read_color(
 
 
 def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -> Color:
-    """The colour of a file of another type."""
     from defocus_core.io.array_files import array_type
     from defocus_core.io.depth_formats.photo_depth import sharp_original
     from defocus_core.io.images.raster import choose_page, read_pages, upright

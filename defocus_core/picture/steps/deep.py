@@ -16,11 +16,10 @@ from defocus_core.io.arrays import bands, count_of
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.depth_formats.reading import DepthNumbers
 from defocus_core.io.depth_formats.rules import decoded, resolved
-from defocus_core.io.exr.channel_choice import choose_color
+from defocus_core.io.exr.channel_choice import choose_color, in_view
 from defocus_core.io.exr.deep_layers import deep_layers
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH
 from defocus_core.io.exr.header import Header, is_exr, read_headers
-from defocus_core.io.exr.views import in_view
 from defocus_core.io.safe_files import read_head
 from defocus_core.picture.layers import Layers, flat_layer
 from defocus_core.picture.pair import parts_of

@@ -183,7 +183,6 @@ def read_motion(files: Iterable[Path], channel: str, overscan: Overscan = NO_OVE
 
 
 def _planes(path: Path, names: set[str], overscan: Overscan) -> dict[str, NDArray[np.float32]]:
-    """Channels of a file."""
     parts = read_parts(path, wanted=lambda _, name: name in names, overscan=overscan)
     return {name: plane[:].astype("f4") for part in parts for name, plane in part.channels.items()}
 
@@ -405,7 +404,6 @@ _CACHE = _Cache()
 
 
 def _size_mb(value: Any) -> float:
-    """The memory of what was decoded."""
     if isinstance(value, Motion):
         return float(value.to_next.nbytes + value.to_previous.nbytes) / memory.MB
     color, depth = value

@@ -49,7 +49,6 @@ def _is_deep(take: Take) -> bool:
 
 
 def _lens_is_found(take: Take) -> bool:
-    """Whether the lens depends on the picture."""
     lens = take.lens
     decided = (lens.focus_at, lens.focus_percentile, lens.blur, lens.max_coc, lens.draw)
     return any(value is not None for value in decided)
@@ -63,7 +62,6 @@ def _frames_focus(take: Take) -> bool:
 
 
 def _frames_repair(take: Take) -> bool:
-    """Whether frames decide together how depth is repaired."""
     shot, is_off = take.job.shot, take.job.reading.depth_repair == "off"
     if shot is None or not shot.sample or is_off:
         return False
@@ -71,7 +69,6 @@ def _frames_repair(take: Take) -> bool:
 
 
 def _is_noisy(contents: Contents) -> bool:
-    """Whether an image has the noise of a sensor."""
     kind = contents.kind
     return kind.image and bool(kind.rendered) and contents.take.lens.noise is not None
 
@@ -87,7 +84,9 @@ def _may_end(contents: Contents) -> bool:
 # Files: an element and its plate, before and after they are decoded; then what belongs to them.
 WINDOW: tuple[Step[InputPair], ...] = (
     Step(
-        "steps.plate:window", "an element has the overscan of its plate", lambda p: p.picture.over
+        "steps.others:window_of_plate",
+        "an element has the overscan of its plate",
+        lambda p: p.picture.over,
     ),
     Step("pair:read_overscan", "pixels beyond the picture are read", lambda p: p.has_overscan),
 )
@@ -96,10 +95,14 @@ PAIR: tuple[Step[InputPair], ...] = (
     Step("element:empty_where_clear", "it is empty somewhere", lambda p: p.color.alpha is not None),
 )
 READ: tuple[Step[Take], ...] = (
-    Step("steps.plate:read", "a plate lies below", lambda t: t.job.picture.over),
-    Step("steps.matte:read", "its subject is cut out", lambda t: t.job.picture.matte is not None),
+    Step("steps.others:read_plate", "a plate lies below", lambda t: t.job.picture.over),
+    Step(
+        "steps.others:read_matte",
+        "its subject is cut out",
+        lambda t: t.job.picture.matte is not None,
+    ),
     Step("steps.deep:read", "samples lie behind each other", _is_deep),
-    Step("steps.hidden:read", "a file has what is hidden", lambda t: t.reads_hidden),
+    Step("steps.others:read_hidden", "a file has what is hidden", lambda t: t.reads_hidden),
 )
 # The lens and its radii.
 LENS: tuple[Step[Take], ...] = (
@@ -107,7 +110,9 @@ LENS: tuple[Step[Take], ...] = (
     Step("focus:find_focus", "the picture decides the focus", _lens_is_found),
 )
 RADII: tuple[Step[Take], ...] = (
-    Step("steps.plate:radii", "the plate shows where nothing is", lambda t: t.inputs.plate),
+    Step(
+        "steps.others:radii_of_both", "the plate shows where nothing is", lambda t: t.inputs.plate
+    ),
     Step("radii:doubt_depth", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
     Step("steps.shot:radii", "frames repair depth together", _frames_repair),
 )
@@ -121,10 +126,10 @@ BLUR: tuple[Step[Take], ...] = (
 # The scene, and how often it is rendered.
 SCENE: tuple[Step[Surfaces], ...] = (
     Step("scene:stack_layers", "layers are stacked", lambda s: s.take.inputs.layers),
-    Step("steps.matte:scene", "its subject has a coverage", lambda s: s.has_matte),
+    Step("steps.others:show_matte", "its subject has a coverage", lambda s: s.has_matte),
     Step("scene:repair_surfaces", "depth is repaired", lambda s: s.is_repaired),
     Step("scene:light_lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
-    Step("steps.hidden:scene", "what is hidden is known", lambda s: s.knows_hidden),
+    Step("steps.others:show_hidden", "what is hidden is known", lambda s: s.knows_hidden),
 )
 PASSES: tuple[Step[tuple[Pass, ...]], ...] = (
     Step("scene:pass_colors", "colours focus apart", lambda p: p[0].take.lens.axial_color),

@@ -159,7 +159,11 @@ def blurred(
     """
 
     def of_group(group: slice) -> Tensor:
-        return _crop_inverse(_sum_of_products(terms, group), window, box)
+        # rows of the box alone are transformed along them
+        rows = torch.fft.ifft(_sum_of_products(terms, group), dim=-2)
+        rows = rows[..., box.top : box.top + box.height, :]
+        whole: Tensor = torch.fft.irfft(rows, n=window[1], dim=-1)
+        return whole[..., box.left : box.left + box.width]
 
     return by_group(of_group, groups, terms[0][0].device)
 
@@ -187,17 +191,6 @@ def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor
     for spectrum, kernel in others:
         total = total.addcmul_(spectrum, of_group(kernel, spectrum))
     return total
-
-
-def _crop_inverse(spectrum: Tensor, window: tuple[int, int], box: Box) -> Tensor:
-    """Inverse transform of [..., h, w // 2 + 1], computed within a box alone.
-
-    `window`: (height, width) of the transform.
-    """
-    top, left, height, width = box
-    rows = torch.fft.ifft(spectrum, dim=-2)[..., top : top + height, :]
-    whole: Tensor = torch.fft.irfft(rows, n=window[1], dim=-1)
-    return whole[..., left : left + width]
 
 
 # Number of sizes of a window's transforms: quarters of the largest.

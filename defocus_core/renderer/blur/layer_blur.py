@@ -19,7 +19,7 @@ from defocus_core.renderer.layers.sliced_surface import Patch, Surface, SurfaceS
 from defocus_core.renderer.layers.slopes import NEAR
 from defocus_core.tensors.box import Box, Grid, Span
 from defocus_core.tensors.pyramid import Axis, position_of
-from defocus_core.tensors.resampling import AxisWeights, cubic_weights, resampled
+from defocus_core.tensors.resampling import AxisWeights, coarse_read, cubic_weights, resampled
 from defocus_core.tensors.ties import lesser, positive
 
 CORNERS = 4
@@ -120,14 +120,9 @@ class Reduced:
 
     def _spans(self, box: Box) -> tuple[Span, Span]:
         """The coarse pixels between which the pixels of a box lie: all that they have shares in."""
-        down, across = (
-            Span(
-                math.floor(self._position(d, box[d])),
-                math.floor(self._position(d, box[d] + box[d + 2] - 1)) + 2,
-            )
-            for d in (0, 1)
-        )
-        return down, across
+        down, across = self._middle
+        coarse = down._replace(middle=0), across._replace(middle=0)
+        return coarse_read(box, self._middle, coarse, self._level).sides
 
     def _read_by(self, box: Box) -> tuple[Span, Span]:
         """The coarse pixels that the pixels of a box are interpolated from: two on each side."""

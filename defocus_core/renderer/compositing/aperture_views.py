@@ -34,17 +34,6 @@ from defocus_core.tensors.device_plan import sent
 _MINIMUM = 1e-6
 
 
-def with_moved(
-    moved: Tensor | None, front: Tensor, shown: ShownLayer, fraction: Tensor
-) -> Tensor | None:
-    """The shifts of the colours of left and right, with those of a layer."""
-    if shown.moved is None:
-        return moved
-    count = len(shown.moved)
-    moved = torch.zeros_like(front[-count:, :-1]) if moved is None else moved
-    return add_within(moved, shown.box, shown.moved, fraction[-count:])
-
-
 def _of(full: Tensor | float, box: Box) -> Tensor | float:
     """The greatest coverage in a box."""
     return box.of(full) if isinstance(full, Tensor) else full
@@ -139,7 +128,11 @@ class TileCompositor:
             if sight and (seen := sight.over(shown.box).to(number)) is not None:
                 fraction = fraction * seen
             self.front = add_within(self.front, shown.box, layer, fraction)
-            self.moved = with_moved(self.moved, self.front, shown, fraction)
+            if shown.moved is not None:
+                count = len(shown.moved)
+                moved = self.moved
+                moved = torch.zeros_like(self.front[-count:, :-1]) if moved is None else moved
+                self.moved = add_within(moved, shown.box, shown.moved, fraction[-count:])
         if behind is not None and isinstance(sight, Openings):
             room, now = sight.over(behind.box).to(number), self._covered[number]
             # of opaque surfaces the layer before may hold another part of the same one
@@ -242,8 +235,8 @@ class TileCompositor:
     def reserve(self, surfaces: dict[int, ShownLayer]) -> None:
         """Keep invented surfaces out of the coverage of layers."""
         size = self.front.shape[-2], self.front.shape[-1]
-        parts = ((shown.box, shown.layer[:, -1:]) for shown in surfaces.values())
-        self._reserved = summed(parts, size)
+        parts = [(shown.box, shown.layer[:, -1:]) for shown in surfaces.values()]
+        self._reserved = summed(parts, size) if parts else None
 
     def add_alpha(self) -> None:
         """Add to the colours a last channel that is the coverage."""

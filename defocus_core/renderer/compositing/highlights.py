@@ -110,22 +110,6 @@ def split(
 _EDGE = 1.513
 
 
-class Occluder(NamedTuple):
-    """A surface that may stand before lights."""
-
-    signed_radius: Tensor  # [H, W] px
-    positions: Tensor  # [H, W] positions between slice radii
-    coverage: Tensor  # [H, W], the fraction of each pixel that the surface covers
-
-
-def occluders_of(layers: Sequence[SampleLayer], radii: tuple[float, ...]) -> list[Occluder]:
-    """Layers that may stand before lights; `radii`: signed radius of each slice in px."""
-    return [
-        Occluder(layer.signed_radius, slice_position(layer.signed_radius, radii), layer.covered)
-        for layer in layers
-    ]
-
-
 class Occluders:
     """Surfaces before lights.
 
@@ -134,17 +118,20 @@ class Occluders:
         blocks: [K, rows, columns] bool, the blocks that hold a pixel of each slice.
     """
 
-    def __init__(self, occluders: Sequence[Occluder], slices: int) -> None:
-        """Find the depth edges, and the blocks of each slice."""
-        self.size = occluders[0].positions.shape[0], occluders[0].positions.shape[1]
-        self._occluders = [
-            Occluder(radius.detach().flatten(), positions.flatten(), coverage.flatten())
-            for radius, positions, coverage in occluders
-        ]
-        r = occluders[0].signed_radius.detach()
+    def __init__(self, layers: Sequence[SampleLayer], radii: tuple[float, ...]) -> None:
+        """Find the depth edges, and the blocks of each slice; `radii`: those of slices in px."""
+        r = layers[0].signed_radius.detach()
+        self.size = r.shape[0], r.shape[1]
         nearest, farthest = (extreme_around(r, 1, end) for end in (torch.minimum, torch.maximum))
         self._edges = exceeding(farthest - nearest, _EDGE).flatten()
-        held = [_blocks(occluder, slices) for occluder in occluders]
+        held, self._occluders = [], []
+        for layer in layers:
+            radius, coverage = layer.signed_radius, layer.covered
+            positions, covered = slice_position(radius, radii), coverage.detach() > 0
+            present = None if bool(covered.all()) else covered
+            held.append(blocks_of(positions, len(radii), present))
+            values = radius.detach().flatten(), positions.flatten(), coverage.flatten()
+            self._occluders.append(values)
         self._slice_indices = [blocks.any(2).any(1).tolist() for blocks in held]
         self.blocks = torch.stack(held).any(0)
 
@@ -192,12 +179,6 @@ class Occluders:
                 # not the light's own surface
                 total.addcmul_(fraction.mul_(radius.sub_(limit).lt_(0)), coverage)
         return total
-
-
-def _blocks(occluder: Occluder, slices: int) -> Tensor:
-    """For each slice the blocks that hold a pixel of a surface: [K, rows, columns] bool."""
-    covered = occluder.coverage.detach() > 0
-    return blocks_of(occluder.positions, slices, None if bool(covered.all()) else covered)
 
 
 # A surface occludes a light if it is nearer by this many px of radius and by this share of it; no
@@ -264,9 +245,9 @@ class _Lights(NamedTuple):
 class Obstruction:
     """Surfaces before lights."""
 
-    def __init__(self, occluders: Sequence[Occluder], radii: tuple[float, ...]) -> None:
+    def __init__(self, layers: Sequence[SampleLayer], radii: tuple[float, ...]) -> None:
         """Find which blocks hold pixels of which slices."""
-        self._radii, self._occluders = radii, Occluders(occluders, len(radii))
+        self._radii, self._occluders = radii, Occluders(layers, radii)
         blocks = self._occluders.blocks
         self._sums = pad(blocks.cumsum(1).cumsum(2), (1, 0, 1, 0))  # [K, rows + 1, columns + 1]
 
@@ -435,7 +416,7 @@ class _Alike(NamedTuple):
 
 def draw(
     highlights: Highlights,
-    occluders: Sequence[Occluder],
+    layers: Sequence[SampleLayer],  # which may stand before lights
     radii: tuple[float, ...],
     aperture: Aperture,
     parts: list[Part],
@@ -443,9 +424,9 @@ def draw(
     barrel: View | None = None,
 ) -> Tensor:
     """The discs of all highlights as the parts of the aperture see them: [M, C, height, width]."""
-    maximum = max(*occluders[0].positions.shape, box.top + box.height, box.left + box.width)
+    maximum = max(*layers[0].signed_radius.shape, box.top + box.height, box.left + box.width)
     canvas = _Canvas(len(parts), highlights.light, box)
-    obstruction = Obstruction(occluders, radii)
+    obstruction = Obstruction(layers, radii)
     for alike in _alike(highlights, radii, maximum, box, barrel):
         squares = Squares.of(alike.extent)
         rims, cut = [], []

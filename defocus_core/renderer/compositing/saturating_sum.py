@@ -11,7 +11,7 @@ colours are bounded by the least and greatest value of their channel: an opaque 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import torch
@@ -140,16 +140,14 @@ def shown_in_gaps(
     return layer, fraction
 
 
-def summed(layers: Iterable[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor | None:
-    """The sum of layers that do not occlude each other.
+def summed(layers: Sequence[tuple[Box, Tensor]], size: tuple[int, int]) -> Tensor:
+    """The sum [M, C + 1, height, width] of layers that do not occlude each other.
 
-    `layers`: each [M, C + 1, h, w] within a rectangle; `size`: (height, width) of the sum. Returns
-    [M, C + 1, height, width]; None if there is no layer.
+    `layers`: one at least, each [M, C + 1, h, w] within a rectangle; `size`: that of the sum.
     """
-    total: Tensor | None = None
+    first = layers[0][1]
+    total = first.new_zeros(*first.shape[:-2], *size)
     for box, layer in layers:
-        if total is None:
-            total = layer.new_zeros(*layer.shape[:-2], *size)
         total = add_within(total, box, layer)
     return total
 

@@ -67,7 +67,7 @@ class Hidden:
         sides = ([o for o in self._octaves if (o > 0) - (o < 0) == side] for side in (-1, 0, 1))
         of_sides = ([self.of(octave) for octave in side] for side in sides if side)
         seen = [reduce(torch.add, [x for x in side if x is not None]) for side in of_sides]
-        return _occluding(seen) if seen else None
+        return reduce(add_behind, seen, torch.zeros_like(seen[0])) if seen else None
 
 
 class Filling:
@@ -122,8 +122,10 @@ class Filling:
     def over_tile(self, index: int, sight: Sight | None = None) -> Hidden:
         """The surface over a tile, as far as the lens sees."""
         tile, coarse = self._tiles[index], self._coarse_of[index]
-        size = coarse.height, coarse.width
-        octaves = self._octaves(self._blur.over_tile(index), size)
+        octaves: dict[int, list[tuple[Box, Tensor]]] = {}
+        for number, shown in sorted(self._blur.over_tile(index).items()):
+            of_octave = octaves.setdefault(self._octave_of_layer[number], [])
+            of_octave.append((shown.box, shown.layer))
 
         def enlarged(surface: Tensor) -> Tensor:
             if not self.level:
@@ -135,15 +137,8 @@ class Filling:
                 surface.device,
             )
 
-        return Hidden(octaves, enlarged, sight)
-
-    def _octaves(self, layers: dict[int, ShownLayer], size: tuple[int, int]) -> dict[int, Tensor]:
-        """The sum [m, C + 1, h, w] of the layers of each octave that has one."""
-        octaves: dict[int, list[tuple[Box, Tensor]]] = {}
-        for number, shown in sorted(layers.items()):
-            octaves.setdefault(self._octave_of_layer[number], []).append((shown.box, shown.layer))
-        sums = {octave: summed(octave_layers, size) for octave, octave_layers in octaves.items()}
-        return {octave: total for octave, total in sums.items() if total is not None}
+        size = coarse.height, coarse.width
+        return Hidden({o: summed(layers, size) for o, layers in octaves.items()}, enlarged, sight)
 
     def _between(self, dim: int, tile: Box, coarse: Box, like: Tensor) -> AxisWeights:
         """The shares of coarse pixels in the pixels of a tile, along one axis."""
@@ -152,14 +147,6 @@ class Filling:
         if key not in self._fractions:
             self._fractions[key] = linear_weights(*key, 0.5**self.level, like)
         return self._fractions[key]
-
-
-def _occluding(layers: list[Tensor]) -> Tensor:
-    """Layers [m, C + 1, h, w] from front to back as one."""
-    total = torch.zeros_like(layers[0])
-    for layer in layers:
-        total = add_behind(total, layer)
-    return total
 
 
 def composite(

@@ -17,7 +17,6 @@ from defocus_core.renderer.blur.layer_blur import blended
 from defocus_core.renderer.compositing.highlights import (
     Highlights,
     draw,
-    occluders_of,
     split,
 )
 from defocus_core.renderer.compositing.sight import (
@@ -177,10 +176,8 @@ def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) 
         rest, farthest = stack.through[-1:], torch.full_like(radius, layered.limits[1])
         others.append(SampleLayer(rest[:0], rest, farthest, sparse=True, kind=UNCOVERED))
     if backdrop is not None:
-        known = stack.knows_behind()
-        behind = None if known is None else place.inside.of(stack.signed_radius[-1])
-        of_known = None if known is None or behind is None else (place.inside.of(known), behind)
-        others += continued(layers[0], backdrop, place.outer, place.inside, frame, of_known)
+        known = stack.known_behind(place.inside)
+        others += continued(layers[0], backdrop, place.outer, place.inside, frame, known)
     return RegionLayers((*layers, *others), lights, sight)
 
 
@@ -239,9 +236,9 @@ def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Ten
     Of layers, what hides a part of a light is in its coverage already.
     """
     radii, (aperture, parts, *_) = place.frame.slices.radii, place.frame.division
-    occluders = occluders_of(seen.of(SOLID) or seen.of(VISIBLE), radii)
+    before = seen.of(SOLID) or seen.of(VISIBLE)
     barrel = views_of(place.frame, highlights.at, place.core, place.grid.box)
-    return draw(highlights, occluders, radii, aperture, parts, place.core, barrel)
+    return draw(highlights, before, radii, aperture, parts, place.core, barrel)
 
 
 def backdrop_in(frame: SharedFrame, scene: Scene) -> Backdrop | SurfacesOfColors | None:

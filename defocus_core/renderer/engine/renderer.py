@@ -34,7 +34,6 @@ from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
 from defocus_core.renderer.engine.settings import STANDARD, Settings
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.layers.quality import Quality, find
-from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import SHARP, plane_of
 from defocus_core.tensors.derived import chosen
 from defocus_core.tensors.device_plan import launches_cost, tile_pixels
@@ -199,7 +198,11 @@ class Renderer:
             self.reaching = layered.most_blurred()
             border = border_range(self.reaching)
         limits = scene.surfaces and scene.surfaces.shared.limits
-        content = scene.content or self._content(counted, signed_radius, quality, limits, layered)
+        content = scene.content
+        if content is None:
+            dtype = computed_in(counted, signed_radius)
+            (survey,) = surveyed(counted, signed_radius, dtype, threads)
+            content = content_of(survey, quality, layered=layered, all_ranges=limits)
         self.frame = frame_of(
             counted,
             signed_radius,
@@ -210,19 +213,6 @@ class Renderer:
             border=border,
         )
         self.scene = scene
-
-    def _content(
-        self,
-        counted: Pixels,
-        signed_radius: Pixels,
-        quality: Quality,
-        limits: tuple[float, float] | None,
-        layered: Layered | None,
-    ) -> Content:
-        """What the picture holds, of whose pixels [C, h, w] count."""
-        dtype = computed_in(counted, signed_radius)
-        (survey,) = surveyed(counted, signed_radius, dtype, self._settings.threads)
-        return content_of(survey, quality, layered=layered, all_ranges=limits)
 
     @property
     def at_half_size(self) -> bool:

@@ -183,11 +183,15 @@ class SampleStack(NamedTuple):
         """The radius [h, w] px of the nearest opaque sample; `farthest` where there is none."""
         return self.opaque().amin(0).clamp(max=farthest)
 
-    def knows_behind(self) -> Tensor | None:
-        """Where samples behind the nearest one are opaque together: [h, w] bool."""
+    def known_behind(self, box: Box) -> tuple[Tensor, Tensor] | None:
+        """Where samples behind the nearest are opaque together, and the radius of the last in px.
+
+        Both [h, w] in a box; None if there are none.
+        """
         if len(self.color) == 1:
             return None
-        return torch.prod(1 - self.color[1:, -1].detach(), 0) <= _CLEAR
+        known = torch.prod(1 - self.color[1:, -1].detach(), 0) <= _CLEAR
+        return box.of(known), box.of(self.signed_radius[-1])
 
     def visible(self) -> tuple[SampleLayer, ...]:
         """What shows: the nearest sample, and what shows of those behind it."""

@@ -8,7 +8,8 @@ import torch
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT
-from defocus_core.renderer.compositing.highlights import Highlights, Occluder, draw, threshold
+from defocus_core.renderer.compositing.highlights import Highlights, draw, threshold
+from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.order_statistics import Ranks, counted
@@ -132,10 +133,13 @@ def _at(light, away):
 
 
 def drawn(some, signed_radius, aperture, parts, box=WHOLE):
-    occluder = Occluder(
-        signed_radius, slice_position(signed_radius, RADII), torch.ones_like(signed_radius)
-    )
-    return draw(some, [occluder], RADII, aperture, parts, box)
+    return draw(some, [before(signed_radius)], RADII, aperture, parts, box)
+
+
+def before(radius, coverage=None):
+    """A surface that may stand before lights."""
+    coverage = torch.ones_like(radius) if coverage is None else coverage
+    return SampleLayer(radius[None, :0], coverage[None], radius)
 
 
 AT = [(30, 44), (0, 0), (60, 70), (28, 30), (3, 82), (29, 47)]
@@ -197,10 +201,9 @@ def test_a_shadow_is_as_dark_as_its_surface_covers(share):
     wire[:, 44] = True
     empty, whole = torch.zeros_like(radius), torch.ones_like(radius)
     front = torch.where(wire, 0.0, radius)
-    places = [slice_position(r, RADII) for r in (front, torch.where(wire, 0.0, radius))]
-    own = Occluder(front, places[0], torch.where(wire, share, whole))
-    fringe = Occluder(front, places[1], torch.where(wire, share, empty))
-    behind = Occluder(radius, slice_position(radius, RADII), whole)
+    own = before(front, torch.where(wire, share, whole))
+    fringe = before(front, torch.where(wire, share, empty))
+    behind = before(radius)
     some = Highlights(torch.tensor([[30, 40]]), radius.new_ones(1, 1), radius.new_tensor([24.0]))
     clear = draw(some, [behind], RADII, Aperture(), [FULL], WHOLE)[0, 0]
     for occluders in ([own], [behind, fringe]):
@@ -217,8 +220,8 @@ def test_the_shadow_of_a_slanted_wire_has_no_saw_teeth():
     front = torch.where(away < 1.5, -8.0, 24.0)
     share = (1.5 - away).clamp(0.0, 1.0)
     whole = torch.ones_like(front)
-    wire = Occluder(front, slice_position(front, RADII), torch.where(away < 1.5, share, whole))
-    behind = Occluder(24 * whole, slice_position(24 * whole, RADII), whole)
+    wire = before(front, torch.where(away < 1.5, share, whole))
+    behind = before(24 * whole)
     light = Highlights(torch.tensor([[30, 40]]), front.new_ones(1, 1), front.new_tensor([24.0]))
     clear, seen = (
         draw(light, [occluder], RADII, Aperture(), [FULL], WHOLE)[0, 0, 14:47]

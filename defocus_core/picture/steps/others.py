@@ -1,0 +1,274 @@
+"""Pictures that belong to another one: the plate below an element, what is hidden, a matte.
+
+A plate is rendered with its element as one scene. What is hidden is known by files, or because
+other frames have seen it. A matte is the coverage of the subject, 0 to 1, whose edges are those of
+the depth; portrait modes and segmentations write it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.errors import InputError, UsageProblem
+from defocus_core.io.arrays import bands, computed, times
+from defocus_core.io.depth_formats.depth import Depth
+from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
+from defocus_core.io.depth_formats.reading import stretched
+from defocus_core.io.exr.channel_choice import views_of
+from defocus_core.io.exr.header import is_exr, read_headers
+from defocus_core.io.exr.windows import Overscan
+from defocus_core.io.images.color import Color, read_color, require_finite
+from defocus_core.io.images.color_space import unit
+from defocus_core.io.images.primaries import refuse_other_primaries
+from defocus_core.io.images.raster import choose_page, read_pages, read_samples
+from defocus_core.io.safe_files import read_head
+from defocus_core.picture.element import element_depth
+from defocus_core.picture.layers import Layers, coverage
+from defocus_core.picture.pair import overscan_of, stretch_words
+from defocus_core.picture.pair import read as read_pair
+from defocus_core.picture.radii import radii_of
+from defocus_core.picture.scene import map_windows, windows
+from defocus_core.picture.take import InputPair, Plate, Surfaces, Take
+from defocus_core.system.text import counted, note
+
+if TYPE_CHECKING:
+    from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
+
+
+def window_of_plate(wanted: InputPair) -> InputPair:
+    """The element with the overscan that its plate has, too."""
+    below = _wanted(wanted)
+    return replace(wanted, limit=overscan_of(below))
+
+
+def read_plate(take: Take) -> Take:
+    """The element with its plate."""
+    picture, inputs = take.job.picture, take.inputs
+    if picture.hidden is not None:
+        raise UsageProblem(
+            "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
+        )
+    wanted = _wanted(InputPair.of(take.job, inputs.holding.keeping))
+    plate = _check(inputs.color, _plate(replace(wanted, limit=inputs.color.overscan, whole=True)))
+    pictures = inputs.color, plate.color
+    light = tuple((*c.light, *c.planes[len(c.channels) :]) for c in pictures)
+    empty = inputs.depth.empty, plate.depth.empty
+    nowhere = any(each is None for each in empty)
+    alpha = tuple(coverage(c.planes[0].shape, c.alpha) for c in pictures)
+    depths, colors = (inputs.depth, plate.depth), len(inputs.color.light)
+    return take.reading(
+        plate=plate,
+        layers=Layers(light, alpha, depths, colors, pictures=pictures),
+        empty=None if nowhere else computed(lambda a, b: a & b, *empty),
+        warnings=(*inputs.warnings, *plate.warnings),
+    )
+
+
+def radii_of_both(take: Take) -> Take:
+    """The radii of both, of which those in front are shown."""
+    plate, element, own = take.inputs.plate, take.inputs.depth, take.radii
+    assert plate is not None
+    below, shown = radii_of(take.lens, plate.depth, take.inputs.holding.keeping), own.px
+    if element.empty is not None:
+        shown = computed(lambda a, n, b: np.where(n, b, a), own.px, element.empty, below.px)
+    limits = min(own.limits[0], below.limits[0]), max(own.limits[1], below.limits[1])
+    return replace(take, shown=shown, limits=limits)
+
+
+def _wanted(element: InputPair) -> InputPair:
+    """The plate of an element; of the options that choose layers and parts are the element's."""
+    assert element.picture.over is not None
+    path, reading = element.picture.color, element.reading
+    has_views = is_exr(read_head(path)) and views_of(read_headers(path))
+    view = reading.view if has_views else None
+    reading = replace(reading, color_layer=None, depth_channel=None, part=None, view=view)
+    return replace(element, picture=element.picture.over, reading=reading)
+
+
+def _plate(wanted: InputPair) -> Plate:
+    """A plate, infinitely far if it has no depth."""
+    picture = wanted.picture
+    try:
+        if picture.depth != picture.color or is_exr(read_head(picture.color)):
+            return Plate(picture, wanted.reading, *read_pair(wanted))
+    except NoDepthChannel:
+        if picture.depth != picture.color:
+            raise
+    return _far_away(wanted)
+
+
+def _check(element: Color, plate: Plate) -> Plate:
+    """The plate with warnings of the element over it."""
+    path, alpha = plate.color.path, element.alpha
+    if alpha is None:
+        problem = "has no alpha, and hides the plate everywhere"
+        raise InputError(
+            "idle-option", problem, "give an element, or leave ‹over› out", path=element.path
+        )
+    sizes = [f"{w}x{h} px" for h, w, _ in (element.shape, plate.color.shape)]
+    if sizes[0] != sizes[1]:
+        problem = f"is {sizes[1]} but the element is {sizes[0]}"
+        raise InputError("wrong-size", problem, "give a plate of its size", path=path)
+    names = [(*c.channels[: len(c.light)], *c.passes) for c in (element, plate.color)]
+    if names[0] != names[1]:
+        problem = f"has {', '.join(names[1])} but the element {', '.join(names[0])}"
+        raise InputError("wrong-size", problem, "give a plate of the same channels", path=path)
+    refuse_other_primaries(path, plate.color.attributes, element.attributes, "the element")
+    beyond = glowing = 0
+    for rows in bands(alpha.shape):
+        fraction = np.asarray(alpha[rows])
+        beyond += int(np.count_nonzero((fraction < 0) | (fraction > 1)))
+        lit = np.logical_or.reduce([light[rows] != 0 for light in element.light])
+        glowing += int(np.count_nonzero((fraction <= 0) & lit))
+    warnings = list(plate.warnings)
+    if beyond:
+        warnings.append(f"alpha beyond 0…1 in {counted(beyond, 'pixel')} taken as 0 or 1")
+    if glowing:
+        warnings.append(f"light without alpha in {counted(glowing, 'pixel')} left out of ‹over›")
+    return replace(plate, warnings=tuple(warnings))
+
+
+def _far_away(wanted: InputPair) -> Plate:
+    """A plate without depth: infinitely far."""
+    picture, reading, overscan = wanted.picture, wanted.reading, wanted.limit
+    assert overscan is not None
+    if reading.holds_radii:
+        what, remedy = "radii", "give them as ‹over› PLATE RADII"
+        if reading.relative:
+            what, remedy = (
+                "disparity",
+                "give it as ‹over› PLATE DEPTH, of the scale of the element's",
+            )
+        raise InputError("radii", f"has no {what}", remedy, path=picture.color)
+    color = read_color(picture.color, view=reading.view, keeping=wanted.keeping, overscan=overscan)
+    require_finite(color)
+    metres = wanted.keeping.new(color.shape[:2], np.float32)
+    for rows in bands(color.shape):
+        metres[rows] = np.full(metres[rows].shape, np.inf, np.float32)
+    depth = Depth(metres, picture.color, "", "no depth, infinitely far", overscan=overscan)
+    warning = f"{picture.color.name}: the plate has no depth and is taken as infinitely far"
+    return Plate(picture, reading, color, element_depth(depth, color, wanted.keeping), (warning,))
+
+
+def read_hidden(take: Take) -> Take:
+    """The take with the files of its hidden layer."""
+    hidden, color = take.job.picture.hidden, take.inputs.color
+    wanted = InputPair.of(take.job, take.inputs.holding.keeping)
+    assert hidden is not None
+    behind, depth = read_pair(replace(wanted, picture=hidden))
+    if behind.shape != color.shape:
+        size, needed = (
+            f"{width}x{height} px of {channels} channels"
+            for height, width, channels in (behind.shape, color.shape)
+        )
+        problem = f"is {size} but the picture is {needed}"
+        raise InputError("wrong-size", problem, "give ‹hidden› of the same kind", path=hidden.color)
+    refuse_other_primaries(behind.path, behind.attributes, color.attributes, "the picture")
+    warnings = (f"hidden: {warning}" for warning in behind.warnings)
+    return take.reading(hidden=(behind, depth), warnings=(*take.inputs.warnings, *warnings))
+
+
+def show_hidden(surfaces: Surfaces) -> Surfaces:
+    """The surfaces with what is hidden: as files have it, and else as other frames saw it."""
+    take = surfaces.take
+    behind = None if take.inputs.hidden is None else _hidden_of_files(surfaces)
+    if take.seen is None:
+        return replace(surfaces, hidden=behind)
+    color, radius, mask = (each.to(take.device) for each in take.seen)
+    radius = radius * take.longer_axis
+    if behind is not None:
+        given = behind[2][:]
+        color, radius = behind[0][:].where(given, color), behind[1][:].where(given, radius)
+        mask = given | mask
+    return replace(surfaces, hidden=(color, radius, mask))
+
+
+def _hidden_of_files(surfaces: Surfaces) -> KnownLayer:
+    """The hidden layer of files: it is unknown where depth is inf and colour 0."""
+    take = surfaces.take
+    assert take.inputs.hidden is not None
+    color, depth = take.inputs.hidden
+    keeping = take.inputs.holding.keeping
+    known = keeping.new(depth.metres.shape, np.bool_)
+    for rows in bands(depth.metres.shape):
+        shown = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
+        known[rows] = np.isfinite(depth.metres[rows]) | shown
+    px = times(radii_of(take.lens, depth, keeping).px, take.longer_axis)
+    return (
+        windows(color.planes, take.device),
+        map_windows(px, take.device),
+        map_windows(known, take.device),
+    )
+
+
+def read_matte(take: Take) -> Take:
+    """The take with its matte, if it is rendered."""
+    picture, color = take.job.picture, take.inputs.color
+    if picture.over is not None:
+        problem = "stands beside ‹over›, whose element has its own alpha"
+        raise UsageProblem("contradiction", problem, "leave it out", field="matte")
+    if not take.job.outputs.need_rendering:
+        return take
+    assert picture.matte is not None
+    return take.reading(matte=_coverage(picture.matte.color, color.size, color.overscan))
+
+
+def show_matte(surfaces: Surfaces) -> Surfaces:
+    """The surface with its coverage."""
+    take = surfaces.take
+    return replace(surfaces, matte=map_windows(take.inputs.matte, take.device))
+
+
+def _coverage(path: Path, size: tuple[int, int], overscan: Overscan) -> NDArray[np.float32]:
+    """The coverage of a subject [H, W] in 0…1: the alpha of a file that has one, else its grey."""
+    values = _matte_values(path)
+    (height, width), (columns, rows) = values.shape, size
+    if (width, height) != size:
+        if (share := stretched((width, height), size)) is None:
+            problem = (
+                f"is {width}x{height} px, of another aspect than its picture, {columns}x{rows}"
+            )
+            remedy = "give a matte of the picture"
+            raise InputError("wrong-size", problem, remedy, path=path)
+        if share:
+            note(f"defocus: {path}: {width}x{height} px{stretch_words(share)}")
+        values = _resized(values, size)
+    pads = (overscan.top, overscan.bottom), (overscan.left, overscan.right)
+    return np.pad(values, pads, mode="edge")
+
+
+def _matte_values(path: Path) -> NDArray[np.float32]:
+    if is_exr(read_head(path)):
+        color = read_color(path)
+        colors = color.pixels if color.alpha is None else np.asarray(color.alpha[:])[:, :, None]
+    else:
+        page = choose_page(path, read_pages(path), None)
+        pieces = list(read_samples(path, page.page))
+        colors = np.zeros((page.height, page.width, len(page.channels)), np.float32)
+        for window, samples in pieces:
+            colors[window] = unit(samples)
+        if "A" in page.channels:
+            colors = colors[:, :, page.channels.index("A")][:, :, None]
+    values = np.asarray(colors[:, :, 0], np.float32)
+    if colors.shape[2] > 1 and (np.abs(colors[:, :, :3] - values[:, :, None]) > 0.1).any():
+        problem, remedy = "has colours, and a matte is grey", "give the matte, not the picture"
+        raise InputError("not-one-channel", problem, remedy, path=path)
+    if not ((values >= 0) & (values <= 1)).all():
+        problem = "has numbers beyond 0 to 1, which are not coverage"
+        raise InputError("out-of-range", problem, "scale it to 0 to 1", path=path)
+    return values
+
+
+def _resized(values: NDArray[np.float32], size: tuple[int, int]) -> NDArray[np.float32]:
+    """The matte at another size: it is smooth, unlike depth."""
+    import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
+
+    roi = oiio.ROI(0, size[0], 0, size[1], 0, 1, 0, 1)
+    buffer = oiio.ImageBuf(np.ascontiguousarray(values[:, :, None]))
+    found = oiio.ImageBufAlgo.resize(buffer, roi=roi, filtername="triangle")
+    return np.clip(np.asarray(found.get_pixels(oiio.FLOAT)).reshape(size[::-1]), 0, 1)
