@@ -16,13 +16,13 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.distance_scale import DistanceScale, distance_of, distance_scale
-from defocus_core.depth.edge_shifts import EdgeShifts
 from defocus_core.depth.noise import noise_from, scatter_counts
 from defocus_core.depth.quantised import are_few, steps_of
-from defocus_core.depth.soft_edges import (
+from defocus_core.depth.silhouettes import (
     FOOT_FRACTION,
     MINIMUM,
     STEEP,
+    EdgeShifts,
     are_steeper,
     hard_steps,
     reduced,

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.edge_shifts import least_step
 from defocus_core.depth.repair import repair_depth
+from defocus_core.depth.silhouettes import least_steps
 from defocus_core.tensors.derived import Mapped
 from defocus_core.tensors.neighbourhoods import halfway
 from defocus_core.tensors.resampling import beside, linear
@@ -54,7 +54,7 @@ class GuidedDepth(Mapped):
         self._scale = -_RANGE_PX / span if 0 < span < math.inf else -1.0
         coarse = (disparity * self._scale).to(depth.dtype)  # in focus at infinity
         soft = diagnosed(coarse, 0.0, 1).soft_edges is not None
-        step = least_step(coarse, None)
+        (step,) = least_steps(coarse, None)
 
         def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
             radii = linear(coarse, rows, columns, size)

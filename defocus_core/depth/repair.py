@@ -12,26 +12,23 @@ from torch.nn.functional import avg_pool2d, max_pool2d
 
 from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed, diagnosed_each
-from defocus_core.depth.edge_shifts import AROUND as AROUND_SHIFTS
-from defocus_core.depth.edge_shifts import (
-    EdgeShifts,
-    coarse_shifts,
-    least_step,
-    measured_shifts,
-    measured_shifts_of_each,
-    with_coarse_shifts,
-    with_shifted_edges,
-)
 from defocus_core.depth.matting import EDGE, SUBJECT
 from defocus_core.depth.noise import AROUND as AROUND_NOISE
 from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
-from defocus_core.depth.soft_edges import (
+from defocus_core.depth.silhouettes import AROUND as AROUND_SHIFTS
+from defocus_core.depth.silhouettes import (
     AVERAGED,
     STEEP,
+    EdgeShifts,
     around_ramps,
+    coarse_shifts,
+    least_steps,
+    measured_shifts,
     slope_of_soft_edges,
+    with_coarse_shifts,
+    with_shifted_edges,
     without_ramps,
     without_wide_ramps,
 )
@@ -124,15 +121,15 @@ def _with_edges_of_colors(
     scale, soft, shifts = repair.ramps_of, repair.least_slope, repair.edge_shifts
     measure = partial(measured_shifts, pixels=image, threads=threads, soft=soft, scale=scale)
     if decided is None and soft is None:
-        shifts = measure(radii)
+        (shifts,) = measure(radii)
     if shifts is None and (decided is not None or soft is None):
         return radii, None
-    step = least_step(radii, soft) if shifts is None else shifts.step
+    step = least_steps(radii, soft)[0] if shifts is None else shifts.step
     found = coarse_shifts(radii, image, step=step, scale=scale, reach=reach)
     if found:
         radii = hold_all(with_coarse_shifts(radii, found, step, scale), radii)
     if decided is None and soft is not None:
-        shifts = measure(radii)
+        (shifts,) = measure(radii)
     if shifts is None:
         return radii, None
     repair_window = partial(with_shifted_edges, shifts=shifts, scale=scale)
@@ -196,7 +193,7 @@ def repaired_each(
         whole = len(hard) == len(repairs)
         radii = signed_radius if whole else signed_radius.index_select(0, index)
         colors = pixels if whole else pixels.index_select(1, index)
-        shifts = dict(zip(hard, measured_shifts_of_each(radii, colors), strict=True))
+        shifts = dict(zip(hard, measured_shifts(radii, colors), strict=True))
     pictures = list(signed_radius)
     for place in range(len(pictures)):
         found = shifts.get(place)

@@ -53,7 +53,6 @@ class Scratch:
             raise InputError("no-space", problem, remedy, path=folder) from None
 
     def __getitem__(self, window: Any) -> NDArray[Any]:
-        """A copy of the window [rows] or [rows, columns]."""
         mapped = self._mapped[window]
         values = np.empty(mapped.shape, self.dtype)
         for rows in self._bands(mapped):
@@ -61,7 +60,6 @@ class Scratch:
         return values
 
     def __setitem__(self, window: Any, values: NDArray[Any]) -> None:
-        """Fill the window [rows] or [rows, columns]."""
         mapped = self._mapped[window]
         values = np.broadcast_to(values, mapped.shape)
         for rows in self._bands(mapped):

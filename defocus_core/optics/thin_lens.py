@@ -286,7 +286,9 @@ class ThinLens:
         z = self._limit(self._distance("depth", depth))
         s = self._parameter("foc_dist", z).abs()
         coc = coc_of(self._coc_per_disparity(s, z), 1 / s, z)
-        return coc if self.sharp_range is None else coc.masked_fill(self._is_sharp(z), 0.0)
+        if self.sharp_range is None:
+            return coc
+        return coc.masked_fill(between("sharp_range", self.sharp_range, z), 0.0)
 
     def signed_radius(self, depth: Scalar) -> Tensor:
         """Signed CoC radius r = c / (2 p) in px, the unit of the renderer.
@@ -404,10 +406,6 @@ class ThinLens:
             for limit in (self.d_close, self.d_far)
         )
         return z.clamp(minimum, maximum)
-
-    def _is_sharp(self, z: Tensor) -> Tensor:
-        """Whether distances lie within the sharp range."""
-        return between("sharp_range", self.sharp_range, z)
 
     def _parameter(self, name: str, other: Tensor) -> Tensor:
         """The attribute of that name, like another tensor: of 0 dimensions, or [B, 1, …]."""

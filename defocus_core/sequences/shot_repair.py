@@ -12,8 +12,7 @@ from statistics import median
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.distance_scale import DistanceScale
-from defocus_core.depth.edge_shifts import EdgeShifts
-from defocus_core.depth.soft_edges import MINIMUM, STEEP
+from defocus_core.depth.silhouettes import MINIMUM, STEEP, EdgeShifts
 
 
 def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> DepthRepair:

@@ -100,9 +100,8 @@ def in_order(parts: Sequence[tuple[list[int], Views]]) -> Views:
         return parts[0][1]
     each: dict[int, Views] = {}
     for numbers, views in parts:
-        of_one = [[image] for image in (*views.images, views.trust)]
-        if views.trust.dim() > 3:
-            of_one = [list(image) for image in (*views.images, views.trust)]
+        alone = views.trust.dim() == 3
+        of_one = [image[None] if alone else image for image in (*views.images, views.trust)]
         for number, (*images, trust) in zip(numbers, zip(*of_one, strict=True), strict=True):
             each[number] = Views(images, trust, {}, views.box)
     together = batch([each[number] for number in sorted(each)])

@@ -97,7 +97,6 @@ def _ruled(reading: DepthReading, row: DepthFormat) -> DepthFormat:
 
 
 def _refuse_idle(reading: DepthReading, row: DepthFormat) -> None:
-    """Refuse options that would mean nothing for the rule, or contradict one another."""
     rule = RULES[row.rule]
     takes = {*row.takes, *row.needs, *(() if row.ends else rule.options)}
     takes |= {"focal-px", "fov"} if row.geometry == "radial" else set()
@@ -218,7 +217,6 @@ def _by_cameras(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) 
 
 
 def _per_metre(reading: DepthReading, row: DepthFormat, _: DepthNumbers) -> DepthFormat:
-    """A format of 1 / z, in the unit of the scene."""
     scale = row.scale * (1.0 if reading.depth_scale is None else reading.depth_scale)
     return replace(row, scale=scale / UNITS[reading.depth_unit or "m"], words=f"{row.name}, 1 / z")
 
@@ -340,7 +338,6 @@ def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_]:
 
 
 def _metres(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.float32]:
-    """Depth, or distance to the point, in metres."""
     depth = RULES[row.rule].depth
     if depth is _same and (row.scale, row.shift) == (1, 0):
         return numbers.astype(np.float32, copy=False)

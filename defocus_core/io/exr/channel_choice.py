@@ -153,7 +153,6 @@ def _color_layers(header: Header) -> Iterable[ChannelGroup]:
 
 
 def _each(headers: Iterable[Header]) -> list[ChannelGroup]:
-    """Every channel alone."""
     return [
         ChannelGroup(header, channel.plain, {channel.plain: channel.name})
         for header in headers

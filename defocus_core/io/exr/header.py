@@ -197,7 +197,6 @@ def header_bytes(attributes: Mapping[str, Raw]) -> bytes:
 
 
 def _text(file: BinaryIO) -> str:
-    """Next zero-terminated string."""
     start, text = file.tell(), file.read(_LONGEST_NAME + 1)
     if (end := text.find(b"\0")) < 0:
         raise ValueError("a name does not end" if len(text) > _LONGEST_NAME else "it ends early")

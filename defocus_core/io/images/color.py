@@ -188,7 +188,6 @@ def read_color(
 
 
 def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -> Color:
-    """The colour of a file of another type."""
     from defocus_core.io.array_files import array_type
     from defocus_core.io.depth_formats.photo_depth import sharp_original
     from defocus_core.io.images.raster import choose_page, read_pages, upright

@@ -71,7 +71,6 @@ def describe(path: Path) -> FileInfo:
 
 
 def _of_no_exr(path: Path, head: bytes) -> FileInfo:
-    """The header of a file of another type."""
     from defocus_core.io import array_files as arrays
     from defocus_core.io.images.raster import read_pages
 

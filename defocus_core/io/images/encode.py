@@ -253,7 +253,6 @@ def _trial_size(
 
 
 def _written() -> int:
-    """How many bytes this thread has written so far."""
     lines = Path("/proc/thread-self/io").read_text().splitlines()
     return int(dict(line.split(": ") for line in lines)["wchar"])
 

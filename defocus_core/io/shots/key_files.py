@@ -81,7 +81,6 @@ def frame_of(text: str, where: Place) -> int:
 
 
 def _chan(file: Path) -> Iterator[Row]:
-    """The frames of a camera, and their field of view."""
     try:
         lines = read_plain(file).decode("utf-8-sig").splitlines()
     except OSError as error:

@@ -28,10 +28,14 @@ def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
     frame, channels = renderer.frame, renderer.scene.image.shape[0]
     size = frame.dtype.itemsize
     sample = (channels + 1) * size
-    pixels = frame.box.area
-    grids = computed_regions(renderer)
+    of_thread = _OF_THREAD
     if launches_cost(renderer.scene.image.device):
         threads = at_once = 1
+        area = max(tile.area for tile in frame.grid.tiles)
+        copies = copies_of_tile(frame.slices.visible.layers)
+        of_thread = float(area * sample * len(frame.division.parts) * copies)
+    pixels = frame.box.area
+    grids = computed_regions(renderer)
     at_once = max(1, min(at_once, len(grids)))
     copies = (
         _COPIES + _HIDDEN_COPIES * frame.content.edges + _VIEW_COPIES * frame.settings.left_right
@@ -49,17 +53,7 @@ def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
     whole = _FIXED + coarse + enlarged + spectra + repaired + _bytes_of_fill(renderer, grids)
-    return whole + threads * _bytes_of_tile(renderer) + at_once * (region + result)
-
-
-def _bytes_of_tile(renderer: Renderer) -> float:
-    """Bytes of a tile that is computed."""
-    frame = renderer.frame
-    if not launches_cost(renderer.scene.image.device):
-        return _OF_THREAD
-    sample = (renderer.scene.image.shape[0] + 1) * frame.dtype.itemsize * len(frame.division.parts)
-    area = max(tile.area for tile in frame.grid.tiles)
-    return float(area * sample * copies_of_tile(frame.slices.visible.layers))
+    return whole + threads * of_thread + at_once * (region + result)
 
 
 def _bytes_of_fill(renderer: Renderer, grids: list[Grid]) -> float:

@@ -66,10 +66,6 @@ class SharedSurfaces:
         self._continued: dict[tuple[Box, Box], tuple[SampleLayer, ...]] = {}
         self._taken: Counter[tuple[Box, Box]] = Counter()
 
-    def of(self, channels: Sequence[int], px: Scalar) -> SurfacesOfColors:
-        """The surfaces of some channels, whose radii have an offset."""
-        return SurfacesOfColors(self, list(channels), px)
-
     def at(self, outer: Box, inside: Box) -> tuple[SampleLayer, ...]:
         """The visible layers of the rectangle `outer`, and what is continued within `inside`."""
         frame, position = self._frame, (outer, inside)
@@ -306,7 +302,7 @@ class Scene:
             image=chosen(self.image, channels),
             signed_radius=plus(self.signed_radius, px),
             hidden=hidden,
-            surfaces=None if surfaces is None else surfaces.of(channels, px),
+            surfaces=surfaces if surfaces is None else SurfacesOfColors(surfaces, [*channels], px),
         )
 
 

@@ -1,11 +1,17 @@
-"""Edges of depth moved to the edges of the colours: estimated depth is some px too fat or too thin.
+"""Silhouettes: soft edges of depth become steps, and steps move to the edges of the colours.
 
-Beside a sharp subject a strip of the background would stay sharp, or the subject's own rim would be
-blurred. Some px within both surfaces their colours are known, as normal distributions along the
-silhouette; a displacement costs the pixels across it that would be left on the wrong side. The
-costs of all displacements are averaged along a silhouette before the least is chosen, so that it
-stays smooth (as in stereo, Hosni et al. 2013), and chosen softly, so that it holds still (Kendall
-et al. 2017). A displacement that is rare in the picture needs more evidence.
+Where the radius changes by more than a pixel or so per pixel, the depth map has smoothed an edge:
+the lens would not see so steep a surface as one, and some of its pixels would be sharp. From each
+pixel the paths of steepest descent and ascent lead to both ends of the ramp; it gets the radius of
+the closer end.
+
+Edges of estimated depth are some px too fat or too thin: beside a sharp subject a strip of the
+background would stay sharp, or the subject's own rim would be blurred. Some px within both surfaces
+their colours are known, as normal distributions along the silhouette; a displacement costs the
+pixels across it that would be left on the wrong side. The costs of all displacements are averaged
+along a silhouette before the least is chosen, so that it stays smooth (as in stereo, Hosni et al.
+2013), and chosen softly, so that it holds still (Kendall et al. 2017). A displacement that is rare
+in the picture needs more evidence.
 
 How far colours decide is tested on px whose side is known, beyond those that were sampled: textures
 that are alike on both sides fail there, and the depth's own edge stays.
@@ -16,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import accumulate
 from typing import NamedTuple
 
 import torch
@@ -24,16 +31,15 @@ from torch.nn.functional import avg_pool2d, embedding_bag, grid_sample
 
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
-from defocus_core.depth.soft_edges import slope_of_soft_edges
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.derived import Mapped
 from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import (
     extreme_around,
     halfway,
-    range_of,
     ranges_of,
     squares_around,
+    steps_beside,
 )
 from defocus_core.tensors.source import Pixels, banded, bands
 from defocus_core.tensors.sparse_masks import (
@@ -44,6 +50,245 @@ from defocus_core.tensors.sparse_masks import (
     tally,
 )
 from defocus_core.tensors.threads import threaded
+
+# Least slope of a ramp in px per px, on both sides of a pixel, whatever else the frame shows.
+STEEP = 1.513
+# No surface goes through the range of radii of a frame within so many px, or within such a share of
+# the frame's shorter side; and the least slope of a soft edge, in px per px.
+_WITHIN, _WITHIN_FRACTION, MINIMUM = 60, 1 / 4, 0.1513
+# Least step of a hard edge, as a multiple of this slope, and the greatest slope beside it, as a
+# share of the step.
+_HARD_STEP, _LEVEL = 2.013, 0.2513
+# Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
+_FOOT_PX, FOOT_FRACTION = 10, 0.3013
+# Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
+# in px by which steps are as steep.
+_LONGEST, _AS_STEEP = 16, 2.0**-10
+# Px of radius by which a ramp goes on beyond the end of a path at most; no round number.
+_ONE_LEVEL = 0.9013
+# Longer side in px of a picture in which wide ramps are looked for, and its least shorter one.
+_REDUCED, _LEAST = 640, 32
+# Width in px of an edge of averages: depth that was filtered like colours, or resized.
+AVERAGED = 3
+
+
+def longest_ramp(edge_width: float | None) -> int:
+    """Px of the longest ramp that is an edge, given the width of edges if it is known."""
+    return _LONGEST if edge_width is None else max(1, math.ceil(edge_width))
+
+
+def around_ramps(edge_width: float | None) -> int:
+    """Px around a pixel that decide what `without_ramps` makes of it."""
+    longest = longest_ramp(edge_width)
+    return longest + max(_FOOT_PX, longest // 2) + 3
+
+
+def without_ramps(
+    signed_radius: Tensor,  # [H, W] px
+    steep: float = STEEP,  # least slope of a ramp in px per px
+    edge_width: float | None = None,
+    scale: DistanceScale | None = None,
+) -> Tensor:
+    """Radii [H, W] px with steps in the place of ramps.
+
+    Hard edges and slopes of up to `steep` px per px stay, and so do slopes wider than edges are.
+    Of distance, far slopes are steep, too; they stay if their radii change slowly.
+
+    `edge_width`: width of the widest edges in px; None if it is not known, for 16 px; `scale`: of
+    distance, if ramps are ramps of distance; None if they are of disparity.
+    """
+    found = _ends_of_ramps(signed_radius, steep, edge_width, scale)
+    if found is None:
+        return signed_radius
+    index, near, far = found
+    radii = signed_radius.flatten()
+    values = radii.detach() if scale is None else scale.of(radii.detach())
+    source = torch.where(values[index] < halfway(values[near], values[far]), near, far)
+    return radii.index_copy(0, index, radii[source]).reshape(signed_radius.shape)
+
+
+def _ends_of_ramps(
+    signed_radius: Tensor, steep: float, edge_width: float | None, scale: DistanceScale | None
+) -> tuple[Tensor, Tensor, Tensor] | None:
+    """The numbers [n] of pixels on ramps that are edges, and of those at both of their ends.
+
+    Arguments as for `without_ramps`; None if there is no ramp.
+    """
+    longest = longest_ramp(edge_width)
+    foot_of = max(_FOOT_PX, longest // 2)
+    values = signed_radius.detach() if scale is None else scale.of(signed_radius.detach())
+    slope = steepness(values)
+    core = torch.where(exceeding(slope, steep), slope, 0.0)
+    if not bool(core.any()):
+        return None
+    ramp = slope > FOOT_FRACTION * extreme_around(core, foot_of, torch.maximum)
+    if scale is not None:  # a level of distance is many px of radius near the lens
+        ramp |= steepness(signed_radius) > FOOT_FRACTION * steep
+    foot, ramp = ramp, core > 0
+    for _ in range(foot_of):  # what lies beside it without a link is another surface
+        ramp |= extreme_around(ramp, 1, torch.maximum) & foot
+    at, (H, W) = positions_of(ramp), signed_radius.shape
+    index = at[:, 0] * W + at[:, 1]
+    radii, around = signed_radius.detach().flatten(), squares_around(at, (H, W)).flatten(1)
+    flat = values.flatten()
+    lowest = extreme_around(values, 1, torch.minimum).flatten()
+    near = _least_beside(flat, ramp, _path_end(flat, lowest, around, index, longest))
+    if edge_width is None:  # beyond a far end another surface may lie
+        far = _path_end(-flat, -flat, around, index, longest)
+    else:
+        highest = extreme_around(values, 1, torch.maximum).flatten()
+        far = _least_beside(-flat, ramp, _path_end(-flat, -highest, around, index, longest))
+    found = ~(ramp.flatten()[near] | ramp.flatten()[far])
+    if scale is not None:
+        along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
+        found &= radii[far] - radii[near] > FOOT_FRACTION * steep * along
+    kept = flat_nonzero(found)
+    return index[kept], near[kept], far[kept]
+
+
+def without_wide_ramps(signed_radius: Pixels, steep: float, scale: DistanceScale | None) -> Mapped:
+    """Radii [H, W] px with steps in the place of the ramps that a reduced picture shows.
+
+    What is soft over the same share of a picture is made a step, whatever its resolution: a network
+    sees a small picture, and its depth is enlarged.
+    """
+    (H, W), by = signed_radius.shape, reduction(signed_radius.shape)
+    coarse = reduced(signed_radius, by)
+    ends = torch.full((2, coarse.numel()), torch.inf, dtype=coarse.dtype, device=coarse.device)
+    small = None if scale is None else scale.times(1 / by)
+    found = _ends_of_ramps(coarse / by, steep, None, small)
+    if found is not None:
+        flat = coarse.flatten()
+        ends[:, found[0]] = torch.stack([flat[found[1]], -flat[found[2]]])
+    # beside the pixels of a ramp it ends between two pixels of the reduced picture
+    ends = extreme_around(ends.view(2, *coarse.shape), 1, torch.minimum)
+
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        radii = signed_radius[slice(*rows), slice(*columns)]
+        places = [
+            (torch.arange(first, end, device=radii.device) * coarse.shape[dim]).div(
+                size, rounding_mode="floor"
+            )
+            for dim, ((first, end), size) in enumerate(((rows, H), (columns, W)))
+        ]
+        near, far = ends[:, places[0]][:, :, places[1]]
+        far, own = -far, radii.detach()
+        closer = torch.where(own < halfway(near, far), near, far)
+        return torch.where((near < own) & (own < far), closer, radii)
+
+    return Mapped(read, (H, W), signed_radius)
+
+
+def reduction(size: Sequence[int]) -> int:
+    """How many times a picture (height, width) is as large as one whose ramps are all looked at."""
+    return max(1, min(max(size) // _REDUCED, min(size) // _LEAST))
+
+
+def reduced(signed_radius: Pixels, by: int) -> Tensor:
+    """Every so many pixels of radii [H, W] px, of the middle of the picture outwards."""
+    first = [(size - 1) % by // 2 for size in signed_radius.shape]
+    return signed_radius[first[0] :: by, first[1] :: by].detach()
+
+
+def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
+    """The pixels [n] at the lower ends of the paths of steepest descent from n pixels.
+
+    Of neighbours that are as steep the one with the lower end is taken, so that rounding decides
+    nothing. A path ends at any other pixel.
+
+    `values`: [H * W]; `lows`: the least value around each, by which ends are lower; `around`:
+    [n, 9] numbers of the pixels and of their neighbours; `index`: [n] numbers of the pixels;
+    `longest`: most px of a path.
+    """
+    beside = values[around]
+    steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
+    end = torch.arange(len(values), device=values.device)
+    for _ in range(longest):
+        limits = end[around]
+        lowest = torch.where(steepest, lows[limits], torch.inf).argmin(1, keepdim=True)
+        end.index_copy_(0, index, limits.gather(1, lowest)[:, 0])
+    return end[index]
+
+
+def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
+    """The least of the pixels around the ends [n] of paths: levels end a path too soon at times.
+
+    Of pixels that are as low one is taken that is on no ramp [H, W]; what is lower by more than a
+    level is not of the ramp.
+    """
+    row = at.div(ramp.shape[1], rounding_mode="floor")
+    size = ramp.shape[0], ramp.shape[1]
+    beside = squares_around(torch.stack([row, at - row * size[1]], 1), size).flatten(1)
+    around = values[beside] + _AS_STEEP * ramp.flatten()[beside]
+    around = torch.where(values[beside] < values[at][:, None] - _ONE_LEVEL, torch.inf, around)
+    return beside.gather(1, around.argmin(1, keepdim=True))[:, 0]
+
+
+def softness(slope: Tensor) -> Tensor:
+    """The slope [H, W] in the middle of ramps that are several px wide and long; 0 elsewhere.
+
+    `slope`: [H, W] px per px, of all ramps, from `steepness`.
+    """
+    return extreme_around(slope, 1, torch.minimum)
+
+
+def slope_of_soft_edges(minimum: float, maximum: float, size: Sequence[int]) -> float:
+    """The least slope in px per px of a soft edge in a frame with radii from least to most px.
+
+    `minimum`: least radius in px; `maximum`: greatest radius in px; `size`: (height, width) of the
+    frame.
+    """
+    within = min(_WITHIN, _WITHIN_FRACTION * min(size))
+    return min(STEEP, max(MINIMUM, (maximum - minimum) / within))
+
+
+def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None = None) -> Tensor:
+    """The number of steps of radii [H, W] px, from one pixel to the next, that are hard edges.
+
+    `signed_radius`: [H, W] px; `steep`: least slope of a soft edge in px per px.
+    """
+    count = torch.zeros((), dtype=torch.long, device=signed_radius.device)
+    for dim in (-1, -2):
+        before, step, after = steps_beside(signed_radius, dim)
+        high = step > _HARD_STEP * steep
+        if scale is not None:
+            before, step, after = steps_beside(scale.of(signed_radius), dim)
+            high &= step > _HARD_STEP * steep
+        level = torch.maximum(before, after) < _LEVEL * step
+        count += (high & level).sum()
+    return count
+
+
+def are_steeper(steps: Tensor, dim: int, slope: float) -> bool:
+    """Whether `steepness` along an axis exceeds a positive slope anywhere, from the axis' steps."""
+    n = steps.shape[dim] - 1
+    if n < 1:
+        return False
+    first, second = steps.narrow(dim, 0, n), steps.narrow(dim, 1, n)
+    if float((first * second).amax()) <= slope * slope:  # so one of each two is not steeper
+        return False
+    up, down = torch.minimum(first, second).amax(), torch.maximum(first, second).amin()
+    return float(torch.maximum(up, -down)) > slope
+
+
+def steepness(signed_radius: Tensor) -> Tensor:
+    """The slope of ramps at pixels [H, W] in px per px; 0 where there is no ramp.
+
+    The lesser slope of both sides of a pixel, where both go up or both go down, along the steeper
+    axis: 0 beside a hard edge.
+    """
+    r = signed_radius.detach()
+    slope = torch.zeros_like(r)
+    for dim in (-1, -2):
+        if r.shape[dim] > 2:
+            step = r.diff(dim=dim)
+            n = step.shape[dim] - 1
+            first, second = step.narrow(dim, 0, n), step.narrow(dim, 1, n)
+            inner = slope.narrow(dim, 1, n)
+            for minimum in (torch.minimum(first, second), -torch.maximum(first, second)):
+                torch.maximum(inner, minimum, out=inner)
+    return slope
+
 
 # Greatest displacement in px; greatest depth in px from which on the colours of a surface are
 # sampled, which is the displacement that a profile shows for certain; and over how many px.
@@ -84,7 +329,7 @@ _GRAINS = 1 << 8
 _RARITY, _COARSE, _BESIDE = 1.2, 0.05, 0.25
 # Displacement in px that is expected before colours are known; votes for it, and as a share of all;
 # rounds in which votes are counted.
-_BEFORE, _FEW, _FEW_SHARE, _MAXIMIZATIONS = 3.0, 10.0, 0.02, 3
+_BEFORE, _FEW, _FEW_SHARE, _EM = 3.0, 10.0, 0.02, 3
 # Px of radius by which a surface is more blurred; standard deviation of a displacement in px that
 # is none, and what is in doubt at most: it is given to the more blurred surface.
 _BLURRED, _CERTAIN, _DOUBTED = 6.0, 0.7, 4.0
@@ -114,10 +359,6 @@ class ShiftEvidence(NamedTuple):
     fraction: Tensor  # [n, 1], of the profiles around that show both surfaces
     told: Tensor  # [n, 2], of px beyond the samples: how well they are told apart, and their number
 
-    def decided(self) -> ShiftEvidence:
-        """The evidence as far as the colours of the whole picture decide anything."""
-        return self._replace(costs=self.costs * _trust(self.told.sum(0), _OF_PICTURE))
-
 
 class EdgeShifts(NamedTuple):
     """The displacements of a picture's edges from those of its colours."""
@@ -129,97 +370,128 @@ class EdgeShifts(NamedTuple):
 
 
 def measured_shifts(
-    signed_radius: Pixels,  # [H, W] px, without ramps
-    pixels: Pixels,  # [C, H, W] linear
-    threads: int,
+    signed_radius: Pixels,  # [H, W] px, or [B, H, W], without ramps
+    pixels: Pixels,  # [C, H, W] linear, or [C, B, H, W]
+    threads: int = 1,
     *,
-    soft: float | None,
+    soft: float | None = None,
     scale: DistanceScale | None = None,
-) -> EdgeShifts | None:
-    """The displacements of the edges of a picture; None if its edges lie where they should.
+) -> list[EdgeShifts | None]:
+    """The displacements of the edges of each picture; None where edges lie where they should.
+
+    Of many pixels those are examined that a hash of what is around them chooses: the same ones
+    wherever they lie in the frame.
 
     `soft`: slope in px of soft edges, which no edge steps less than; None for hard ones, which are
     shifted only if most are displaced alike.
     """
-    step = least_step(signed_radius, soft)
-    # edges that ran within objects were soft; hard ones may only be biased
-    rims = soft is not None
-    found, of_all = _evidence_of_some(signed_radius, pixels, step, threads, scale, rims=rims)
-    if float(found.fraction.sum()) <= (_VOTES * of_all if soft is None else 0):
-        return None
-    trust = float(_trust(found.told.sum(0), _OF_PICTURE))
-    return _shifts(_votes(found)[0], step, soft, trust)
+    every, steps = bands(signed_radius), least_steps(signed_radius, soft)
+    count, step = len(steps), torch.tensor(steps, dtype=signed_radius.dtype)[:, None, None]
+    bound = steps[0] if count == 1 else step.to(signed_radius.device)
 
+    on_edges = partial(_on_edges, signed_radius, step=bound, scale=scale)
+    found = dict(zip(every, threaded(on_edges, every, threads), strict=True))
+    found = {rows: at for rows, at in found.items() if len(at)}
+    if not found:
+        return [None] * count
 
-def measured_shifts_of_each(signed_radius: Tensor, pixels: Tensor) -> list[EdgeShifts | None]:
-    """What `measured_shifts` says of each picture of a batch of hard edges.
+    def pictures_of(rows: tuple[int, int]) -> Tensor:
+        return found[rows][:, 0].div(rows[1] - rows[0], rounding_mode="floor")
 
-    `signed_radius`: [B, H, W] px; `pixels`: [C, B, H, W] linear.
-    """
-    radii, colors, (B, H, _) = signed_radius.detach(), pixels.detach(), signed_radius.shape
-    limits = ranges_of(radii).tolist()
-    steps = [_step_of(minimum, maximum, radii, None) for minimum, maximum in limits]
-    at = positions_of(edges_of(radii, radii.new_tensor(steps)[:, None, None], None))
-    every = at[:, 0].div(H, rounding_mode="floor")
-    hashes = _hashes(at, radii, colors)
-    edges = tally(every, B).tolist()
-    chances = [min(_EXAMINED / max(count, 1), 1.0) for count in edges]
-    examined = hashes < hashes.new_tensor(chances)[every]
-    for number, count in enumerate(tally(every[examined], B).tolist()):
-        if 2 * count < min(_EXAMINED, edges[number]):
-            chances[number] = 1.0  # too much is alike
-            examined = examined | (every == number)
-    at, of = at[examined], every[examined]
-    if not len(at):
-        return [None] * B
-    found = _evidence(_silhouette_at(at, radii), radii, colors, along=False, rims=False)
-    trust = _trust(sums_of_each(found.told, of, B), _OF_PICTURE)
-    votes = torch.cat([_votes(found, of, B), trust, sums_of_each(found.fraction, of, B)], 1).cpu()
+    edges = tally(torch.cat(list(map(pictures_of, found))), count).tolist()
+
+    def evidence_of(rows: tuple[int, int], chances: list[float]) -> tuple[Tensor, ...]:
+        """The picture [n] of each pixel that is examined, and the evidence there."""
+        at, of, above = found[rows], pictures_of(rows), max(rows[0] - REACH, 0)
+        radii, colors = (
+            each[..., above : rows[1] + REACH, :].detach() for each in (signed_radius, pixels)
+        )
+        around = radii.shape[-2] - (rows[1] - rows[0])
+        at = torch.stack([at[:, 0] + of * around + (rows[0] - above), at[:, 1]], 1)
+        if min(chances) < 1:
+            hashes = _hashes(at, radii, colors)
+            examined = hashes < hashes.new_tensor(chances)[of]
+            at, of = at[examined], of[examined]
+        # edges that ran within objects were soft; hard ones may only be biased
+        rims, silhouette = soft is not None, _silhouette_at(at, radii)
+        return of, *_evidence(silhouette, radii, colors, along=False, rims=rims)
+
+    chances = [min(_EXAMINED / max(n, 1), 1.0) for n in edges]
+    while True:
+        parts = threaded(partial(evidence_of, chances=chances), list(found), threads)
+        of, *evidence = map(torch.cat, zip(*parts, strict=True))
+        examined = zip(tally(of, count).tolist(), edges, strict=True)
+        alike = [2 * few < min(_EXAMINED, n) for few, n in examined]
+        if not any(alike):
+            break
+        chances = [1.0 if few else chance for few, chance in zip(alike, chances, strict=True)]
+    measured = _shifts_of(ShiftEvidence(*evidence), steps, of)
+    seen = sums_of_each(evidence[1], of, count)[:, 0].tolist()
+    fewest = [0.0 if soft is not None else _VOTES * chance for chance in chances]
     return [
-        None if float(own[-1]) <= _VOTES * chance else _shifts(own[:-2], step, None, float(own[-2]))
-        for own, chance, step in zip(votes, chances, steps, strict=True)
+        shifts
+        if n > enough
+        and (soft is not None or (abs(shifts.median) >= _BIASED and agreed >= _AGREED))
+        else None
+        for (shifts, agreed), n, enough in zip(measured, seen, fewest, strict=True)
     ]
 
 
-def least_step(signed_radius: Pixels, soft: float | None) -> float:
-    """The least step in px of an edge of radii [H, W] px; `soft` as for `measured_shifts`."""
-    limits = torch.stack([range_of(band) for band in banded(signed_radius)])
-    minimum, maximum = torch.stack([limits[:, 0].amin(), limits[:, 1].amax()]).tolist()
-    return _step_of(minimum, maximum, signed_radius, soft)
+def _on_edges(
+    signed_radius: Pixels,
+    rows: tuple[int, int],
+    *,
+    step: float | Tensor,
+    scale: DistanceScale | None,
+) -> Tensor:
+    """The pixels [n, 2] in a band of rows that are on edges."""
+    above = max(rows[0] - 1, 0)
+    edges = edges_of(signed_radius[..., above : rows[1] + 1, :].detach(), step, scale)
+    return positions_of(edges[..., rows[0] - above : rows[1] - above, :])
 
 
-def _step_of(minimum: float, maximum: float, signed_radius: Pixels, soft: float | None) -> float:
-    """The least step in px of an edge of pictures [..., H, W] of a range of radii."""
-    slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape[-2:])
-    return max(_MIN_STEP, _STEP * slope, soft or 0.0)
+def least_steps(signed_radius: Pixels, soft: float | None) -> list[float]:
+    """The least step in px of an edge of each picture [..., H, W] px.
+
+    `soft`: as for `measured_shifts`.
+    """
+    limits = torch.stack([ranges_of(band).view(-1, 2) for band in banded(signed_radius)])
+    minima, maxima = limits[..., 0].amin(0), limits[..., 1].amax(0)
+    size = signed_radius.shape[-2:]
+    return [
+        max(_MIN_STEP, _STEP * slope_of_soft_edges(minimum, maximum, size), soft or 0.0)
+        for minimum, maximum in torch.stack([minima, maxima], 1).tolist()
+    ]
 
 
-def _shifts(votes: Tensor, step: float, soft: float | None, trust: float) -> EdgeShifts | None:
-    """The displacements that have votes [2 * FARTHEST + 1]; None if edges lie where they should."""
-    median, agreed = _median(votes)
-    if soft is None and (abs(median) < _BIASED or agreed < _AGREED):
-        return None
-    return EdgeShifts(step, median, tuple(_rarity(votes).tolist()), trust)
-
-
-def _votes(found: ShiftEvidence, of: Tensor | None = None, count: int = 1) -> Tensor:
-    """How many pixels of silhouettes [count, 2 * FARTHEST + 1] have each displacement.
+def _shifts_of(
+    found: ShiftEvidence, steps: list[float], of: Tensor | None = None
+) -> list[tuple[EdgeShifts, float]]:
+    """The displacements of each picture, and the share of them within a px of their median.
 
     By expectation and maximization: a pixel whose colours say little votes as the others do.
 
-    `of`: [n] the picture that each pixel is of; None if all are of one.
+    `steps`: least steps in px; `of`: [n] the picture that each pixel is of; None of one.
     """
-    of = torch.zeros(1, dtype=torch.long, device=found.costs.device) if of is None else of
+    of, count = torch.zeros_like(found.told[:1, 0].long()) if of is None else of, len(steps)
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device)
     before = torch.exp(by.abs().double() / -_BEFORE)
-    weight = found.fraction * _trust(found.told, _OF_SILHOUETTE)
-    weight = weight * _trust(sums_of_each(found.told, of, count), _OF_PICTURE).index_select(0, of)
+    trust = _trust(sums_of_each(found.told, of, count), _OF_PICTURE)
+    weight = found.fraction * _trust(found.told, _OF_SILHOUETTE) * trust.index_select(0, of)
     few = _FEW + _FEW_SHARE * sums_of_each(weight, of, count)
     votes = before = before * few / before.sum()
-    for _ in range(_MAXIMIZATIONS):
+    for _ in range(_EM):
         likely = ((found.costs + _rarity(votes).index_select(0, of)) / -_SPREAD).softmax(1)
         votes = before + sums_of_each(likely * weight, of, count)
-    return votes
+    shifts = []
+    for (*each, trusted), step in zip(torch.cat([votes, trust], 1).tolist(), steps, strict=True):
+        below, half = list(accumulate(each)), sum(each) / 2
+        middle = sum(1 for share in below if share < half)
+        median = middle - FARTHEST - 0.5 + (half - below[middle] + each[middle]) / each[middle]
+        agreed = sum(each[max(middle - 1, 0) : middle + 2]) / (2 * half)
+        rarity = _rarity(torch.tensor(each, dtype=torch.float64)).tolist()
+        shifts.append((EdgeShifts(step, median, tuple(rarity), trusted), agreed))
+    return shifts
 
 
 def _rarity(votes: Tensor) -> Tensor:
@@ -229,59 +501,6 @@ def _rarity(votes: Tensor) -> Tensor:
     fraction = (1 - 2 * _BESIDE) * fraction + _BESIDE * (limits[..., :-2] + limits[..., 2:])
     rarity = -_RARITY * (fraction + 0.01).log()
     return ((rarity - rarity.amin(-1, keepdim=True)) / _COARSE).round() * _COARSE
-
-
-def _evidence_of_some(
-    signed_radius: Pixels,
-    pixels: Pixels,
-    step: float,
-    threads: int,
-    scale: DistanceScale | None,
-    *,
-    rims: bool,
-) -> tuple[ShiftEvidence, float]:
-    """The evidence of single profiles across silhouettes, and the share of them that it is of.
-
-    Of many pixels those are examined that a hash of what is around them chooses: the same ones
-    wherever they lie in the frame.
-    """
-    every = bands(signed_radius)
-
-    def radii_of(first: int, end: int) -> tuple[Tensor, int]:
-        """Radii of the rows of a window, and the first of these rows."""
-        return signed_radius[max(first, 0) : end].detach(), max(first, 0)
-
-    def silhouette(rows: tuple[int, int]) -> Tensor:
-        """The pixels [n, 2] of a silhouette in a band of rows."""
-        radii, above = radii_of(rows[0] - 1, rows[1] + 1)
-        at = positions_of(edges_of(radii, step, scale)[rows[0] - above : rows[1] - above])
-        return at + sent([rows[0], 0], at)
-
-    found = list(threaded(silhouette, every, threads))
-    edges = sum(map(len, found))
-
-    def evidence_of(number: int, maximum: float) -> ShiftEvidence:
-        at, (first, end) = found[number], every[number]
-        if not len(at):
-            nothing = torch.zeros(0, 2 * FARTHEST + 1, dtype=torch.float64, device=at.device)
-            return ShiftEvidence(nothing, nothing[:, :1], nothing[:, :2])
-        radii, above = radii_of(first - REACH, end + REACH)
-        colors = pixels[..., above : end + REACH, :].detach()
-        at = at - sent([above, 0], at)
-        if maximum < 1:
-            at = at[_hashes(at, radii, colors) < maximum]
-        return _evidence(_silhouette_at(at, radii), radii, colors, along=False, rims=rims)
-
-    def of_all(maximum: float) -> ShiftEvidence:
-        parts = threaded(partial(evidence_of, maximum=maximum), range(len(every)), threads)
-        return ShiftEvidence(*map(torch.cat, zip(*parts, strict=True)))
-
-    maximum = min(_EXAMINED / max(edges, 1), 1.0)
-    evidence = of_all(maximum)
-    if 2 * len(evidence.fraction) < min(_EXAMINED, edges):
-        maximum = 1.0  # too much is alike
-        evidence = of_all(maximum)
-    return evidence, maximum
 
 
 def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
@@ -295,15 +514,6 @@ def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
     return ((mixed >> 40) & 0xFFFFFF).double() / (1 << 24)
 
 
-def _median(votes: Tensor) -> tuple[float, float]:
-    """The median displacement in px, and the share of the votes within a px of it."""
-    total, below = float(votes.sum()), votes.cumsum(0)
-    middle = int((below < total / 2).sum())
-    before = float(below[middle - 1]) if middle else 0.0
-    median = middle - FARTHEST - 0.5 + (total / 2 - before) / float(votes[middle])
-    return median, float(votes[max(middle - 1, 0) : middle + 2].sum()) / total
-
-
 def with_shifted_edges(
     signed_radius: Tensor, pixels: Tensor, shifts: EdgeShifts, scale: DistanceScale | None = None
 ) -> Tensor:
@@ -313,8 +523,7 @@ def with_shifted_edges(
     if silhouette is None:
         return signed_radius
     found = _evidence(silhouette, radii, colors)
-    found = found._replace(costs=found.costs * shifts.trust)
-    shift = _smooth_shifts(silhouette, radii, found, found.costs.new_tensor(shifts.rarity))
+    shift = _smooth_shifts(silhouette, radii, found, shifts)
     undecided = torch.zeros_like(radii, dtype=torch.bool)
     trust = _trust(found.told, _OF_SILHOUETTE)[:, 0]
     undecided[silhouette.at[:, 0], silhouette.at[:, 1]] = trust == 0
@@ -354,10 +563,10 @@ def coarse_shifts(
         if silhouette is None:
             continue
         evidence = _evidence(silhouette, radii, colors)
-        votes = _votes(evidence)[0]
-        shift = _smooth_shifts(silhouette, radii, evidence.decided(), _rarity(votes))
+        ((shifts, _),) = _shifts_of(evidence, [step])
+        shift = _smooth_shifts(silhouette, radii, evidence, shifts)
         field = _field_of(silhouette, shift, radii)
-        found.append(CoarseShifts(level, field, _median(votes)[0] * (1 << level)))
+        found.append(CoarseShifts(level, field, shifts.median * (1 << level)))
     return found
 
 
@@ -517,7 +726,7 @@ def _evidence(
 
 
 def _smooth_shifts(
-    silhouette: Silhouette, radii: Tensor, found: ShiftEvidence, rarity: Tensor
+    silhouette: Silhouette, radii: Tensor, found: ShiftEvidence, shifts: EdgeShifts
 ) -> Tensor:
     """The displacement [n] in px of each pixel of a silhouette, smooth along it.
 
@@ -525,8 +734,9 @@ def _smooth_shifts(
     pixels in doubt: what is left behind of it would be a sharp line.
     """
     W, flat = radii.shape[1], radii.flatten()
+    rarity = found.costs.new_tensor(shifts.rarity)
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=rarity.device).to(rarity.dtype)
-    likely = ((found.costs + rarity) / -_SPREAD).softmax(1)
+    likely = ((found.costs * shifts.trust + rarity) / -_SPREAD).softmax(1)
     shift = (likely * by).sum(1, keepdim=True)
     doubt = (likely * (by - shift).square()).sum(1, keepdim=True).sqrt()
     near, far = flat[silhouette.at[:, 0] * W + silhouette.at[:, 1]], flat[silhouette.far]
