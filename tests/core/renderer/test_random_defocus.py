@@ -63,8 +63,6 @@ def test_what_is_rendered_is_what_the_lens_drawn_takes():
         aperture = Aperture(int(drawn.blades[index]), float(drawn.blade_rotation[index]))
         wanted = render(image()[index], radius[0], aperture=aperture, quality="draft")
         torch.testing.assert_close(views.render[index], wanted.render)
-    assert views.left is not None
-    assert views.right is not None
     torch.testing.assert_close((views.left + views.right) / 2, views.render)
 
 
@@ -163,8 +161,6 @@ def test_what_nothing_can_be_drawn_from_is_refused(kind, values, words):
 def test_gradients_reach_image_and_depth():
     sharp, planes = image(1).requires_grad_(), depth(1).requires_grad_()
     draft(fnum=0.25)(sharp, planes, [3])[0].render.square().sum().backward()
-    assert sharp.grad is not None
-    assert planes.grad is not None
     assert sharp.grad.abs().max() > 0
     assert planes.grad.abs().max() > 0
 

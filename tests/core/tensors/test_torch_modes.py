@@ -63,8 +63,6 @@ def mode(request):
 
 
 def pictures(seen):
-    assert seen.left is not None
-    assert seen.right is not None
     return torch.cat([seen.render, seen.left, seen.right, seen.trust])
 
 

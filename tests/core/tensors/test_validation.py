@@ -168,7 +168,6 @@ def test_limits_on_depth_may_be_tensors_and_have_gradients():
     limited = lens()
     limited.d_close = torch.tensor([1500.0], requires_grad=True)
     limited.signed_coc(DEPTH).sum().backward()
-    assert limited.d_close.grad is not None
     assert float(limited.d_close.grad) > 0
 
 
@@ -231,7 +230,6 @@ def test_each_picture_has_memory_of_its_own(count, recorded):
     with torch.set_grad_enabled(recorded):
         seen = render(image, radius, left_right=True)
     for picture in (seen.render, seen.left, seen.right, seen.trust):
-        assert picture is not None
         assert picture.is_contiguous()
         assert picture.untyped_storage().nbytes() == picture.nbytes
 

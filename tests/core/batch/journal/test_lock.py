@@ -25,7 +25,6 @@ def held_elsewhere(out):
     """Another process that holds the lock."""
     words = [sys.executable, "-c", HOLD, str(out)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
         assert process.stdout.readline() == "held\n"
         yield process
         process.kill()

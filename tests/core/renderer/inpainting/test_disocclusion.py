@@ -33,7 +33,6 @@ def street(wires=WIRES):
 def test_behind_a_wire_comes_what_is_beside_it(level):
     image, radius = street()
     hidden = hidden_layer(image, radius, level=level)
-    assert hidden is not None
     step = 1 << level
     on_wire = (slice(None), slice(WIRES.start // step, WIRES.stop // step))
     of_sign, of_sky = (slice(a // step, b // step) for a, b in ((14, 50), (0, 6)))
@@ -50,7 +49,6 @@ def test_behind_a_wire_before_a_blurred_card_comes_what_is_sharper(level):
     image, radius = street(wires)
     radius = torch.where(radius == WIRE, -12.0, torch.where(radius == SIGN, -9.0, 0.0)).double()
     hidden = hidden_layer(image, radius, level=level)
-    assert hidden is not None
     step = 1 << level
     rows, columns = slice(26 // step, 38 // step), slice(wires.start // step, wires.stop // step)
     assert bool(hidden.mask[rows, columns].all())
@@ -107,7 +105,6 @@ def crossing(wall=0.0, wire=-8.0):
 def test_behind_a_crossing_goes_on_what_is_sharper(wall, channel, level):
     image, radius = crossing(wall)
     layer = hidden_layer(image, radius, level=level)
-    assert layer is not None
     step, sharper = 1 << level, min(wall, -8.0, key=abs)
     rows, columns = slice(32 // step, 34 // step), slice(-(-38 // step), 41 // step)
     assert bool(layer.mask[rows, columns].all())

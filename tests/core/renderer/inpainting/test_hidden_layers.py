@@ -32,7 +32,6 @@ def test_a_slope_hides_nothing():
 def test_hidden_is_only_what_lies_behind_the_rim_of_a_card(card_r, background_r):
     _, radius = card(card_r, background_r)
     found = hidden_layer(*card(card_r, background_r))
-    assert found is not None
     mask = found.mask
     behind = radius == card_r
     assert mask.any()
@@ -45,7 +44,6 @@ def test_hidden_is_only_what_lies_behind_the_rim_of_a_card(card_r, background_r)
 
 def test_hidden_content_comes_from_the_farther_side():
     found = hidden_layer(*card())
-    assert found is not None
     assert worst(found.color[:, found.mask], torch.tensor([[0.0], [1.0]])) < EXACT
     assert worst(found.signed_radius[found.mask], 4.0) < EXACT
 
@@ -56,7 +54,6 @@ def test_a_surface_that_rises_towards_an_edge_is_not_behind_itself():
     y = torch.arange(64, dtype=torch.float64)[:, None].expand(64, 56)
     box = (-23 + 0.9 * (wall + top - y)).clamp(min=-23)
     found = hidden_layer((y >= wall).to(y)[None], torch.where(y < wall, 20.0, box))
-    assert found is not None
     close = found.mask & (y < wall + top + 12)
     assert close[wall + top :].any()
     assert worst(found.color[0, close], 0.0) < EXACT
@@ -69,7 +66,6 @@ def test_beside_an_edge_hidden_content_is_as_what_is_next_to_it(edge):
     x = torch.arange(56, dtype=torch.float64).expand(SIZE)
     image = ((x >= edge - 2) & (x < edge)).to(x)
     found = hidden_layer(image[None], torch.where(x < edge, 6.0, -6.0).to(x))
-    assert found is not None
     assert float(found.color[0, :, edge].min()) > 0.7
 
 
@@ -77,7 +73,6 @@ def test_beside_an_edge_hidden_content_is_as_what_is_next_to_it(edge):
 def test_white_hides_white_and_what_is_hidden_is_farther(kind):
     radius = RADII[kind](SIZE)
     found = hidden_layer(torch.ones(1, *SIZE, dtype=torch.float64), radius)
-    assert found is not None
     assert found.mask.any()
     assert worst(found.color[:, found.mask], 1.0) < EXACT
     assert bool((found.signed_radius > radius)[found.mask].all())
@@ -89,7 +84,5 @@ def test_a_mirrored_frame_hides_the_mirrored(size, axis):
     image, radius = pattern(size), RADII["steps"](size)
     one = hidden_layer(image, radius)
     other = hidden_layer(image.flip(axis), radius.flip(axis))
-    assert one is not None
-    assert other is not None
     assert torch.equal(one.mask, other.mask.flip(axis))
     assert worst(one.color * one.mask, (other.color * other.mask).flip(axis)) < EXACT

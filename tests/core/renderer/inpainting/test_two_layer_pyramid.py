@@ -26,7 +26,6 @@ def planes(level):
     """All that a level tells, as pictures [..., h, w]; of the second surface 0 where it is none."""
     found = list(level.first.parts)
     if level.second is not None:
-        assert level.second_index is not None
         second_index = level.second_index.long()
         found += [
             torch.where(second_index < 0, 0.0, each[..., second_index])
