@@ -66,8 +66,7 @@ _FOOT_PX, FOOT_FRACTION = 10, 0.3013
 _LONGEST, _AS_STEEP = 16, 2.0**-10
 # Px of radius by which a ramp goes on beyond the end of a path at most; no round number.
 _ONE_LEVEL = 0.9013
-# Longer side in px of a picture in which wide ramps are looked for; least shorter one of any that is
-# reduced.
+# Longer side in px of a picture in which wide ramps are looked for; least shorter one of any level.
 _REDUCED, _LEAST = 640, 32
 # Width in px of an edge of averages: depth that was filtered like colours, or resized.
 AVERAGED = 3
@@ -292,8 +291,8 @@ def steepness(signed_radius: Tensor) -> Tensor:
 
 
 # Greatest displacement in px; greatest depth in px from which on the colours of a surface are
-# sampled, which is the displacement that a profile shows for certain, and its greatest cost; and over
-# how many px.
+# sampled, which is the displacement that a profile shows for certain, and the greatest cost of one;
+# and over how many px.
 FARTHEST, _DEEPEST, _SPAN = 8, 6, 5
 # Reach of a profile across a silhouette, in px to both sides: beyond the samples as many px show
 # whether a surface goes on in their colours.
