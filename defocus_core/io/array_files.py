@@ -77,7 +77,8 @@ def array_type(head: bytes) -> str:
 
 def container_type(head: bytes) -> str:
     """The same for a file of several arrays, or of frames; empty for any other."""
-    return array_type(head) * (array_type(head) in (*NAMED, _MATLAB_5))
+    kind = array_type(head)
+    return kind if kind in (*NAMED, _MATLAB_5) else ""
 
 
 def read_entries(path: Path) -> dict[str, ArrayEntry]:
@@ -156,11 +157,8 @@ def _rows(path: Path, start: int, width: int, height: int, dtype: str = "<f4") -
 
 
 def _mapped(values: NDArray[Any]) -> Iterator[tuple[str, ArrayEntry]]:
-    load = values.__getitem__
-    yield (
-        "",
-        ArrayEntry(values.shape, values.dtype.name, lambda at: load(... if at is None else at)),
-    )
+    dtype = values.dtype.name
+    yield "", ArrayEntry(values.shape, dtype, lambda at: values if at is None else values[at])
 
 
 def _pfm(path: Path) -> Iterator[tuple[str, ArrayEntry]]:

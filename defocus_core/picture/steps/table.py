@@ -84,7 +84,7 @@ def _may_end(contents: Contents) -> bool:
 # Files: an element and its plate, before and after they are decoded; then what belongs to them.
 WINDOW: tuple[Step[InputPair], ...] = (
     Step(
-        "steps.others:window_of_plate",
+        "steps.companions:window_of_plate",
         "an element has the overscan of its plate",
         lambda p: p.picture.over,
     ),
@@ -95,14 +95,14 @@ PAIR: tuple[Step[InputPair], ...] = (
     Step("element:empty_where_clear", "it is empty somewhere", lambda p: p.color.alpha is not None),
 )
 READ: tuple[Step[Take], ...] = (
-    Step("steps.others:read_plate", "a plate lies below", lambda t: t.job.picture.over),
+    Step("steps.companions:read_plate", "a plate lies below", lambda t: t.job.picture.over),
     Step(
-        "steps.others:read_matte",
+        "steps.companions:read_matte",
         "its subject is cut out",
         lambda t: t.job.picture.matte is not None,
     ),
     Step("steps.deep:read", "samples lie behind each other", _is_deep),
-    Step("steps.others:read_hidden", "a file has what is hidden", lambda t: t.reads_hidden),
+    Step("steps.companions:read_hidden", "a file has what is hidden", lambda t: t.reads_hidden),
 )
 # The lens and its radii.
 LENS: tuple[Step[Take], ...] = (
@@ -111,7 +111,9 @@ LENS: tuple[Step[Take], ...] = (
 )
 RADII: tuple[Step[Take], ...] = (
     Step(
-        "steps.others:radii_of_both", "the plate shows where nothing is", lambda t: t.inputs.plate
+        "steps.companions:radii_of_both",
+        "the plate shows where nothing is",
+        lambda t: t.inputs.plate,
     ),
     Step("radii:doubt_depth", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
     Step("steps.shot:radii", "frames repair depth together", _frames_repair),
@@ -126,10 +128,10 @@ BLUR: tuple[Step[Take], ...] = (
 # The scene, and how often it is rendered.
 SCENE: tuple[Step[Surfaces], ...] = (
     Step("scene:stack_layers", "layers are stacked", lambda s: s.take.inputs.layers),
-    Step("steps.others:show_matte", "its subject has a coverage", lambda s: s.has_matte),
+    Step("steps.companions:show_matte", "its subject has a coverage", lambda s: s.has_matte),
     Step("scene:repair_surfaces", "depth is repaired", lambda s: s.is_repaired),
     Step("scene:light_lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
-    Step("steps.others:show_hidden", "what is hidden is known", lambda s: s.knows_hidden),
+    Step("steps.companions:show_hidden", "what is hidden is known", lambda s: s.knows_hidden),
 )
 PASSES: tuple[Step[tuple[Pass, ...]], ...] = (
     Step("scene:pass_colors", "colours focus apart", lambda p: p[0].take.lens.axial_color),

@@ -1,4 +1,4 @@
-"""Pictures that belong to another one: the plate below an element, what is hidden, a matte.
+"""Companions of a picture: the plate below an element, what is hidden, a matte.
 
 A plate is rendered with its element as one scene. What is hidden is known by files, or because
 other frames have seen it. A matte is the coverage of the subject, 0 to 1, whose edges are those of
