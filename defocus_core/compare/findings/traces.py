@@ -31,6 +31,8 @@ _STRONGEST = 4.0  # gain of a halo
 _LENGTH = 4.0  # of a halo, in widths of it
 _GAIN_LEFT = 0.3
 _FEW = 1e-3  # share of the pixels that fireflies are at most
+# Lines that would hold the difference if each held as much: at least these, and this share of all.
+_LONE, _ALIKE = 1.2, 0.35
 _FEW_TILES = 0.1  # share of the tiles that hold a difference in one place
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
 _SPARK = 0.1  # least difference of a firefly
@@ -190,6 +192,8 @@ def seams(evidence: Evidence) -> Iterator[Explanation]:
             outside = sum(float(np.where(line, 0, p).mean()) for p, line in sides) / total
             if max(float((p[line] > 0).mean()) for p, line in sides) < 0.6 or outside > 0.2:
                 continue
+            if not _is_repeated(*max(sides, key=lambda side: float(side[0].sum()))):
+                continue
             near = lines[1][:, None] | lines[0]
             rest = np.where(near, np.float32(0), difference)[shown]
             pairs = [(v[:, :-1], v[:, 1:]) for v in (difference[shown], rest)]
@@ -208,6 +212,16 @@ def _profile(difference: NDArray[Any]) -> NDArray[Any]:
     means = np.add.reduceat(difference, np.arange(0, len(difference), _SEGMENT), axis=0) / _SEGMENT
     power = np.square(means).mean(axis=0, dtype="f8")
     return np.asarray(np.maximum(power - 2.5 * np.median(power), 0))
+
+
+def _is_repeated(profile: NDArray[Any], line: NDArray[np.bool_]) -> bool:
+    """Whether the difference lies on several of the lines of a period, and not on a lone one."""
+    starts = np.flatnonzero(line & ~np.roll(line, 1))
+    sums = np.add.reduceat(np.where(line, profile, 0), starts)
+    if len(sums) < 2:
+        return False
+    count = float(sums.sum()) ** 2 / max(float(np.square(sums).sum()), 1e-300)
+    return count >= min(len(sums), max(_LONE, _ALIKE * len(sums)))
 
 
 def _spacing(profile: NDArray[Any]) -> int:
