@@ -210,22 +210,25 @@ def run(
                 last = behind.submit(finish, number, take)
             del take
     finally:
-        ended.set()
-        gate.open()
         try:
+            ended.set()
+            gate.open()
             with decoding:  # a decoder written in C that outlives Python aborts the process
                 ahead.shutdown(wait=False)
         finally:
-            _wait_for(behind.submit(int))  # comes after what is being written
+            _wait_for(behind)
             behind.shutdown(wait=False)
     if last is not None:
         last.result()
 
 
-def _wait_for(end: Future[int]) -> None:
-    """Wait even if a signal comes meanwhile: nothing stays half-written; a second one ends it."""
+def _wait_for(pool: ThreadPoolExecutor) -> None:
+    """Wait for what a pool does even if a signal comes meanwhile; a second one ends it.
+
+    Nothing stays half-written.
+    """
     try:
-        wait([end])
+        wait([pool.submit(int)])  # which comes after it
     except BaseException:
-        wait([end])
+        wait([pool.submit(int)])
         raise
