@@ -69,9 +69,10 @@ def kernels(
     of the pupils of a batch.
     """
     view = joined(views) if views else None
-    pupils, pictures = [(aperture, view)], wanted or [[True] * len(radii)]
+    pupils: list[tuple[Aperture, View | None]] = [(aperture, view)]
+    pictures: Sequence[Sequence[bool]] = [[True] * len(radii)]
     if batch := isinstance(aperture, Apertures):
-        pupils = list(aperture.seeing(view))
+        pupils, pictures = list(aperture.seeing(view)), wanted
     side, points = 2 * extent + 1, len(views) or 1
     nothing = torch.zeros(3 if leaning else 1, points, side, side, dtype=radii.dtype)
 
@@ -193,6 +194,8 @@ def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor
     return total
 
 
+# Slices beyond those of a picture of a batch that surfaces may have a share in.
+_MORE = 2
 # Number of sizes of a window's transforms: quarters of the largest.
 _SIZES = 4
 # Number of slopes of a slice whose tilted kernels are cached.
@@ -251,7 +254,7 @@ class TransformWindow:
     parts: list[Part]  # the parts of the pupil
     like: Tensor  # a tensor of the dtype and device of the spectra
     views: tuple[View, ...] = ()  # views of the pupil: M counts each part once with each
-    each: tuple[range, ...] = ()  # the slices of each picture of a batch, if their pupils differ
+    each: Sequence[range] = ()  # the slices of each picture of a batch
     # Cached kernels, by number of the slice
     kernels: dict[int, Tensor] = field(default_factory=dict)
     # Cached spectra, by number of the slice, size, and whether they lean
@@ -377,7 +380,10 @@ class TransformWindow:
                 self.parts,
                 views=self.views,
                 leaning=leaning,
-                wanted=[[n in slices for n in missing] for slices in self.each],
+                wanted=[
+                    [own.start - _MORE <= n < own.stop + _MORE for n in missing]
+                    for own in self.each
+                ],
             )
             self.kernels.update(zip(missing, sent(computed, self.like.real), strict=True))
         return [self.kernels[n] for n in slice_indices]
@@ -394,7 +400,7 @@ def transform_windows(
     dtype: torch.dtype,
     device: torch.device,
     stride: int,
-    each: tuple[range, ...] = (),
+    each: Sequence[range] = (),
 ) -> list[TransformWindow]:
     """The window of each slice, one for each layer.
 

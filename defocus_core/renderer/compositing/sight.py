@@ -65,13 +65,6 @@ class SightLimits(NamedTuple):
         """Those in a box."""
         return self._replace(farthest=box.of(self.farthest))
 
-    def without(self, pictures: list[bool]) -> SightLimits:
-        """Those of a batch, without limits in some of its pictures."""
-        if not any(pictures):
-            return self
-        free = sent(pictures, self.farthest)[:, None, None].bool()
-        return self._replace(farthest=self.farthest.masked_fill(free, len(self.layer_of)))
-
     def to(self, layer_index: int) -> Tensor | None:
         """Whether [..., h, w] the lens sees as far as a layer; None if it does everywhere."""
         return self._to(bisect_left(self.layer_of, layer_index))

@@ -47,14 +47,14 @@ class Content(NamedTuple):
     is_layered: bool = False  # whether it is of layers with coverage: its views have alpha
     open: bool = False  # whether there are pixels that layers do not cover
     adds_alpha: bool = False  # whether alpha is the coverage, and no channel that is blurred
-    each: tuple[Content, ...] = ()  # those of each picture of a batch; empty for one
+    # Least and greatest signed radius in px of each picture of a batch; empty for one
+    ranges: tuple[tuple[float, float], ...] = ()
 
     @classmethod
     def of_batch(cls, contents: Sequence[Content]) -> Content:
         """The properties of all pictures of a batch together, which differ in range alone."""
         return contents[0]._replace(
             limits=(min(c.limits[0] for c in contents), max(c.limits[1] for c in contents)),
-            edges=any(c.edges for c in contents),
             tilted=any(c.tilted for c in contents),
             channels=tuple(
                 (min(least), max(greatest))
@@ -64,7 +64,7 @@ class Content(NamedTuple):
                 )
             ),
             limit=max(c.limit for c in contents),
-            each=tuple(contents),
+            ranges=tuple(c.limits for c in contents),
         )
 
 

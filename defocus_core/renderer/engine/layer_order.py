@@ -16,7 +16,7 @@ were not there, what they hide included, and shows in proportion where these lea
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import reduce
 
 import torch
@@ -32,6 +32,7 @@ from defocus_core.renderer.layers.layer import HIDDEN, VISIBLE, SampleLayer
 from defocus_core.renderer.layers.slice_radii import CompositeOrder
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.pyramid import axes, halves, position_of
 from defocus_core.tensors.resampling import AxisWeights, coarse_read, linear_weights, resampled
 
@@ -170,13 +171,17 @@ def composite(
             blurred[surface] = surface.over_tile(index, compositor.sight)
         return blurred[surface]
 
-    def fill(octave: int) -> None:
+    def fill(octave: int, pictures: Tensor | None = None) -> None:
         for surface in () if HIDDEN in surfaces else continued:
             if surface.has(octave, index) and not compositor.is_full():
-                compositor.fill(over_tile(surface).of(octave), with_octave(octave))
+                compositor.fill(over_tile(surface).of(octave), pictures)
 
-    def with_octave(octave: int) -> Tensor | None:
-        return order.pictures_with(octave, compositor.front) if octave else None
+    def ahead_of(number: int | None) -> Iterator[tuple[int, Tensor | None]]:
+        """The octaves that come before a layer, or anywhere, and in which pictures [B, 1, 1]."""
+        for (octave, first), which in order.ahead.items():
+            if number in (first, None):
+                some = None if all(which) else sent(which, compositor.front)[:, None, None]
+                yield octave, some
 
     def show(numbers: set[int]) -> None:
         for number in sorted(numbers & indices):
@@ -192,17 +197,19 @@ def composite(
     aside = None
     if covered is not None:
         before = compositor.coverage()
-        for octave in sorted(octave for octave in order.ahead if octave < 0):
-            fill(octave)
+        for octave, pictures in ahead_of(None):
+            if octave < 0:
+                fill(octave, pictures)
         aside = compositor.set_aside(covered + (compositor.coverage() - before))
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
-    for k in sorted({k for k in indices if k >= order.beyond} | set(order.ahead.values())):
-        for octave in (octave for octave, first in order.ahead.items() if first == k):
+    later = {first for _, first in order.ahead}
+    for k in sorted({k for k in indices if k >= order.beyond} | later):
+        for octave, pictures in ahead_of(k):
             if aside is None:
-                fill(octave)
+                fill(octave, pictures)
             elif octave > 0:
-                fill(octave)
-                compositor.close_gaps(aside, with_octave(octave))
+                fill(octave, pictures)
+                compositor.close_gaps(aside, pictures)
         show({k})
     compositor.close()
     for surface in continued:

@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.batched import Apertures
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.kernel_bank import (
     Spread,
@@ -39,6 +38,7 @@ from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import (
     SHARP,
+    CompositeOrder,
     composite_order,
     evenly,
     layers,
@@ -207,8 +207,6 @@ _BEYOND = 64
 _ANY_PX = 1 << 30  # no picture is larger
 # Pictures that a region holds for all of its tiles.
 _COPIES_OF_REGION = 6
-# Slices beyond those of a picture of a batch that surfaces may have a share in.
-_MORE = 2
 
 
 def frame_of(
@@ -253,15 +251,13 @@ def frame_of(
     sample *= math.prod(signed_radius.shape[:-2])
     grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
     sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
-    own = [_slice_radii(*one.limits, quality, settings) for one in content.each]
-    each: tuple[range, ...] = ()  # the slices of each picture among those of all, and two beyond
-    if isinstance(settings.aperture, Apertures):
-        first_last = ((bisect_left(radii, r[0]), bisect_right(radii, r[-1])) for r in own)
-        each = tuple(range(first - _MORE, last + _MORE) for first, last in first_last)
+    own = [_slice_radii(*one, quality, settings) for one in content.ranges]
+    each = [range(bisect_left(radii, r[0]), bisect_right(radii, r[-1])) for r in own]
     slicing = partial(
         _slicing, radii, sizes, settings.aperture, division.parts, dtype, pixels.device, each
     )
-    slices = _slices(radii, layer_indices, (fine, coarse), sizes[0], stride, slicing)
+    order = composite_order(radii, layer_indices, each)
+    slices = _slices(radii, layer_indices, order, (fine, coarse), sizes[0], stride, slicing)
     return SharedFrame(
         size,
         settings,
@@ -272,16 +268,9 @@ def frame_of(
         grid,
         margin,
         content,
-        _of_each(slices, own, quality),
+        slices,
         division,
     )
-
-
-def _of_each(slices: Slices, own: list[tuple[float, ...]], quality: Quality) -> Slices:
-    """The slices of a batch, with the octaves that are ahead by each picture's own slices."""
-    orders = (composite_order(radii, layers(radii, quality)) for radii in own)
-    greatest = tuple(max(map(abs, order.ahead), default=0) for order in orders)
-    return slices._replace(composite_order=slices.composite_order._replace(greatest=greatest))
 
 
 def centre_parts(settings: Settings, quality: Quality) -> int:
@@ -361,6 +350,7 @@ def content_of(
 def _slices(
     radii: tuple[float, ...],
     layer_indices: list[int],
+    order: CompositeOrder,
     resolutions: tuple[_Resolution, _Resolution],
     tile: tuple[int, int],
     stride: int,
@@ -368,7 +358,6 @@ def _slices(
 ) -> Slices:
     """The slices of what is visible and of what is invented, of fine and of coarse resolution."""
     fine, coarse = resolutions
-    order = composite_order(radii, layer_indices)
     of_hidden = octaves(radii)
     invented = merged_layers(layer_indices, of_hidden, coarse.spreads, _halved(tile, coarse.level))
     return Slices(
@@ -403,7 +392,7 @@ def _slicing(
     parts: list[Part],
     dtype: torch.dtype,
     device: torch.device,
-    each: tuple[range, ...],
+    each: list[range],
     resolution: _Resolution,
     layer_of: list[int],
     stride: int,

@@ -149,7 +149,7 @@ def _of_picture(
     if content.edges:
         positions = slice_position(radius, slices.radii)
         sight = SightLimits.of(radius, positions, slices.visible.layers, slices.octaves)
-        sight = sight.over(place.core).without([not one.edges for one in content.each])
+        sight = sight.over(place.core)
     if isinstance(backdrop, Backdrop):
         behind = [*continued(layers[0], backdrop, place.outer, place.inside, frame)]
     return RegionLayers((*layers, *behind), lights, sight)

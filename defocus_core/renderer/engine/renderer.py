@@ -94,7 +94,7 @@ def batches(
     ]
     alike: dict[object, list[int]] = {}
     for number, (content, own) in enumerate(zip(contents, settings, strict=True)):
-        key = content.double, *_pupil(own, quality)
+        key = content.double, content.edges, *_pupil(own, quality)
         alone = content.highlights or content.minimum < 0 or _is_opaque(content, own, pixels)
         plane = plane_of(*content.limits)
         alike.setdefault((*key, plane, number if alone else None), []).append(number)

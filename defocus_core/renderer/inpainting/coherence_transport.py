@@ -39,9 +39,8 @@ def structure(half: PyramidLevel) -> PyramidLevel:
     picture, r = (x.reshape(*x.shape[:-1], *half.shape) for x in (half.first.values, radius))
     x, y = (_slope(picture[:-1], r, dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
-    second = half.second
-    if second is not None:  # a second sheet has too few pixels for slopes
-        second = second.with_values(second.data.new_zeros(3, len(second.maximum)))
+    # a second sheet has too few pixels for slopes
+    second = half.second.with_values(tensor.new_zeros(3, len(half.second.weight)))
     return half._replace(first=half.first.with_values(tensor.flatten(1)), second=second)
 
 

@@ -53,14 +53,6 @@ class Backdrop(NamedTuple):
     fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
     size: tuple[int, int]  # (height, width) in px
     mixed: MixedPixels  # those of the frame, taken apart
-    # [B] px, the range of the radii of each picture of a batch; None if there is one
-    spans: Tensor | None = None
-
-    def is_of(self, level: PyramidLevel, of: Tensor | None) -> Tensor | None:
-        """Whether pixels [n] of pictures have a level; None if all have."""
-        if self.spans is None or of is None:
-            return None
-        return (_WIDER * self.spans > 1 << (level.level - 1)).index_select(0, of)
 
 
 def backdrop_of(
@@ -115,9 +107,11 @@ def backdrop_of(
     levels = [level]
     while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
-    spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0] if batch else None
+    if batch:  # each picture has as many levels as it has alone
+        spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0]
+        levels[1:] = [x.of_pictures(_WIDER * spans > 1 << (x.level - 1)) for x in levels[1:]]
     reach = reach_of(edges, grain, maximum - minimum, fine)
-    return Backdrop(half_level, levels, reach, fine, (H, W), mixed, spans)
+    return Backdrop(half_level, levels, reach, fine, (H, W), mixed)
 
 
 def _put_together(
@@ -153,13 +147,15 @@ class _Band(NamedTuple):
 def _halved(
     pixels: Tensor,
     signed_radius: Tensor,
-    limit: float,
+    limit: float | Tensor,
     grain: float,
     middle: tuple[Axis, Axis],
     mixed: MixedPixels,
 ) -> tuple[PyramidLevel, Tensor]:
     """The level of half resolution, and its edges."""
     r = signed_radius.detach()
+    if r.dim() > 2:  # no picture of a batch has highlights
+        limit = pixels.detach().amax((0, -2, -1))[:, None, None]
     farther = _beside_edges(r)
     own, *nearer = layers_of(pixels, signed_radius, mixed)
     weight = exceeding(own.color.detach().amax(0), limit).logical_not_().to(r.dtype)

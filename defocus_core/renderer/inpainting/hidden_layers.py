@@ -187,29 +187,23 @@ def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tenso
     """
     levels = backdrop.levels
     found, weights = nearby(levels[:_DIRECTIONS], asked, backdrop.fine)
-    exist = [backdrop.is_of(level, asked.of) for level in levels]
     values, weight, tensor = found[0, :-3], weights[0], found[0, -3:]
-    for more, fraction, exists in zip(found[1:], weights[1:], exist[1:_DIRECTIONS], strict=True):
+    for more, fraction in zip(found[1:], weights[1:], strict=True):
         missing = (1 - weight) * (weight < _ENOUGH)
-        missing = missing if exists is None else missing * exists
         values = torch.addcmul(values, more[:-3], missing)
         weight = torch.addcmul(weight, fraction, missing)
-        tensor = tensor + (more[-3:] if exists is None else more[-3:] * exists)
-    rest = list(zip(levels[_DIRECTIONS:], exist[_DIRECTIONS:], strict=True))
+        tensor = tensor + more[-3:]
+    rest = levels[_DIRECTIONS:]
     together = launches_cost(asked.at.device)
     for first in range(0, len(rest), max(1, len(rest)) if together else 1):
         some = rest[first : len(rest) if together else first + 1]
         lacking = flat_nonzero(weight < _ENOUGH)
         if not len(lacking):
             break
-        their_values, their_weights = nearby(
-            [level for level, _ in some], asked.select(lacking), backdrop.fine
-        )
+        their_values, their_weights = nearby(some, asked.select(lacking), backdrop.fine)
         own_values, own = values.index_select(1, lacking), weight.index_select(0, lacking)
-        for more, fraction, (_, exists) in zip(their_values, their_weights, some, strict=True):
+        for more, fraction in zip(their_values, their_weights, strict=True):
             missing = (1 - own) * (own < _ENOUGH)
-            if exists is not None:
-                missing = missing * exists.index_select(0, lacking)
             own_values = torch.addcmul(own_values, more[:-3], missing)
             own = torch.addcmul(own, fraction, missing)
         values = values.index_copy(1, lacking, own_values)

@@ -90,10 +90,8 @@ class PyramidLevel(NamedTuple):
     size: tuple[int, int]  # (height, width) in coarse pixels
     # The farthest surface in each coarse pixel, row by row, picture by picture of a batch
     first: CellSurface
-    # The surface in front of the first, for the coarse pixels that hold two
-    second: CellSurface | None
-    # [height * width] the index of each coarse pixel in `second`, or -1; None if all are -1
-    second_index: Tensor | None
+    second: CellSurface  # the surface in front of the first, for the coarse pixels that hold two
+    second_index: Tensor  # [height * width] the index of each coarse pixel in `second`, or -1
     middle: tuple[Axis, Axis]  # the middle of the frame, in coarse pixels
     level: int  # how many times resolution is halved
     edges: Tensor  # [height * width] bool, the coarse pixels that hold a depth edge
@@ -104,6 +102,19 @@ class PyramidLevel(NamedTuple):
         """The size, after the number of pictures of a batch: there is no such batch of one."""
         pictures = self.first.data.shape[1] // (self.size[0] * self.size[1])
         return self.size if pictures == 1 else (pictures, *self.size)
+
+    @property
+    def has_second(self) -> bool:
+        """Whether any coarse pixel holds two surfaces."""
+        return self.second.data.shape[1] > 0
+
+    def of_pictures(self, exists: Tensor) -> PyramidLevel:
+        """The level with surfaces in some pictures [B] bool of a batch alone."""
+        held = exists.repeat_interleave(self.size[0] * self.size[1])
+        data = self.first.data
+        data = torch.cat([data[:-3], (data[-3] * held)[None], data[-2:]])
+        index = torch.where(held, self.second_index, -1)
+        return self._replace(first=CellSurface(data), second_index=index)
 
 
 def pixels_of(
@@ -124,7 +135,12 @@ def pixels_of(
         each[None] for each in (weight, minimum, maximum)
     ]
     first = CellSurface(torch.cat(rows))
-    return PyramidLevel(size, first, None, None, middle, 0, r.new_zeros(0).bool(), whole)
+    second = CellSurface(first.data[:, :0]), _no_second(len(r), r.device)
+    return PyramidLevel(size, first, *second, middle, 0, r.new_zeros(0).bool(), whole)
+
+
+def _no_second(count: int, device: torch.device) -> Tensor:
+    return torch.full((1,), -1, dtype=torch.int32, device=device).expand(count)
 
 
 def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
@@ -140,7 +156,8 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     if count <= (_FEW_THERE if launches_cost(device) else _FEW):
         dense, near = _apart(*_every(pyramid_level, (down, across), overlapping), alike)
         is_edge = near.maximum > -torch.inf
-        second_index = torch.where(is_edge, torch.arange(count, device=device), -1)
+        numbers = torch.arange(count, dtype=torch.int32, device=device)
+        second_index = torch.where(is_edge, numbers, -1)
         return PyramidLevel(
             size, dense, near, second_index, middle, pyramid_level.level + 1, is_edge
         )
@@ -149,7 +166,8 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     edges = flat_nonzero(is_edge)
     further = weight[None], minimum.neg_()[None], maximum[None]
     dense = CellSurface(torch.cat([values, *further]))
-    result = PyramidLevel(size, dense, None, None, middle, pyramid_level.level + 1, is_edge)
+    second = CellSurface(dense.data[:, :0]), _no_second(count, device)
+    result = PyramidLevel(size, dense, *second, middle, pyramid_level.level + 1, is_edge)
     if not len(edges):
         return result
     pairs = [
@@ -178,7 +196,7 @@ def _dense(
     H, W = pyramid_level.size
     odd = (axes[0].axis.odd, axes[1].axis.odd)
     first, minimum = pyramid_level.first, pyramid_level.first.minimum
-    if pyramid_level.second_index is not None:
+    if pyramid_level.has_second:
         minimum = torch.where(pyramid_level.second_index < 0, minimum, -torch.inf)
 
     def coarse(values: Tensor, outside: float) -> Tensor:
@@ -260,7 +278,7 @@ def _split(
     index = torch.add(positions[1], rows[:, None], alpha=pyramid_level.size[1]).flatten()
     fraction = (fractions[0][:, None] * fractions[1]).flatten()
     data, count = pyramid_level.first.data.index_select(1, index), len(coarse)
-    if pyramid_level.second is not None and pyramid_level.second_index is not None:
+    if pyramid_level.has_second:
         second_index = pyramid_level.second_index.index_select(0, index)
         nearer = pyramid_level.second.data.index_select(1, second_index.clamp(min=0))
         # 0 where a coarse pixel has no second surface
@@ -277,7 +295,7 @@ def _every(
     """What all n coarse pixels of half resolution hold: [K + 3, k, n], and their shares [k, 1]."""
     data, shape = pyramid_level.first.data, pyramid_level.shape
     sheets = [data]
-    if pyramid_level.second is not None and pyramid_level.second_index is not None:
+    if pyramid_level.has_second:
         index = pyramid_level.second_index
         nearer = pyramid_level.second.data.index_select(1, index.clamp(min=0))
         sheets.append(torch.cat([nearer[:-3], nearer[-3:-2] * (index >= 0), nearer[-2:]]))
@@ -333,21 +351,17 @@ def stacked(
         width = level.size[1]
         rows = slice(start * width, end * width)
         firsts.append(level.first.data[:, rows])
-        number = torch.full_like(level.edges[rows], -1, dtype=torch.int32)
-        if level.second is not None and level.second_index is not None:
-            index = level.second_index[rows]
-            kept = flat_nonzero(index >= 0)
-            seconds.append(level.second.select(index.index_select(0, kept)))
-            number[kept] = torch.arange(
-                count, count + len(kept), dtype=torch.int32, device=kept.device
-            )
-            count += len(kept)
-        numbers.append(number)
+        index = level.second_index[rows]
+        kept = flat_nonzero(index >= 0)
+        seconds.append(level.second.select(index.index_select(0, kept)))
+        number = torch.arange(count, count + len(kept), dtype=torch.int32, device=kept.device)
+        numbers.append(torch.full_like(index, -1).index_copy_(0, kept, number))
+        count += len(kept)
     return PyramidLevel(
         (height, width),
         CellSurface(torch.cat(firsts, 1)),
-        _joined(seconds) if seconds else None,
-        torch.cat(numbers) if seconds else None,
+        _joined(seconds),
+        torch.cat(numbers),
         (axis, level.middle[1]),
         level.level,
         level.edges[:0],
@@ -420,33 +434,20 @@ def _nearby(
     number = number.reshape(-1)
     share = (shares[:, None, :, 0] * shares[None, :, :, 1]).permute(2, 0, 1, 3).reshape(-1)
     values, weight = _weighed(_joined([level.first for level in levels]), number, limits, share)
-    seconds = [level.second for level in levels if level.second is not None]
-    if seconds:
-        index = _second_indices(levels).index_select(0, number)
-        counts = [0 if level.second is None else len(level.second.weight) for level in levels]
+    seconds = _joined([level.second for level in levels])
+    if len(seconds.weight):
+        index = torch.cat([level.second_index for level in levels]).index_select(0, number)
+        counts = [len(level.second.weight) for level in levels]
         before = sent([0, *accumulate(counts[:-1])], index)[:, None]
         # 0 where a coarse pixel has no second sheet
         share = share * (index >= 0)
         number = (index.view(count, -1) + before).flatten().clamp_(min=0)
-        more = _weighed(_joined(seconds), number, limits, share)
+        more = _weighed(seconds, number, limits, share)
         values, weight = values + more[0], weight + more[1]
     values = values.view(-1, count, 4, n).sum(2).transpose(0, 1)
     weight = weight.view(count, 4, n).sum(1)
     maximum = weight.clamp(min=1)
     return values / maximum[:, None], weight / maximum
-
-
-def _second_indices(levels: Sequence[PyramidLevel]) -> Tensor:
-    """The index in the second surfaces of its level of each coarse pixel, or -1."""
-    nothing = levels[0].first.data.new_full((1,), -1, dtype=torch.int32)
-    return torch.cat(
-        [
-            nothing.expand(math.prod(level.shape))
-            if level.second_index is None
-            else level.second_index
-            for level in levels
-        ]
-    )
 
 
 def _weighed(

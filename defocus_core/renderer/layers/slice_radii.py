@@ -11,6 +11,7 @@ would be tinted by the sky. So such a hidden octave is composited before the mor
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -208,19 +209,10 @@ class CompositeOrder(NamedTuple):
     around: int  # number of the first visible layer that is not blurred nearer than focus
     # Number of the first visible layer beyond focus; greater than all numbers if there is none
     beyond: int
-    # For each hidden octave, nearest first, the number of the first visible layer that comes
-    # after it. Octaves that come before no visible layer are absent
-    ahead: dict[int, int]
-    # For each picture of a batch, whose slices are those of all, the greatest octave that is
-    # ahead by its own; empty where there is one picture
-    greatest: tuple[int, ...] = ()
-
-    def pictures_with(self, octave: int, like: Tensor) -> Tensor | None:
-        """1 for pictures [B, 1, 1] in which an octave is ahead, else 0; None if it is in all."""
-        if all(abs(octave) <= greatest for greatest in self.greatest):
-            return None
-        which = [float(abs(octave) <= greatest) for greatest in self.greatest]
-        return sent(which, like)[:, None, None]
+    # Hidden octaves, nearest first, with the number of the first visible layer that comes after
+    # each; and the pictures of a batch for which it is so by their own slices. Octaves that come
+    # before no visible layer are absent
+    ahead: dict[tuple[int, int], list[bool]]
 
 
 def octaves(radii: tuple[float, ...]) -> list[int]:
@@ -229,18 +221,25 @@ def octaves(radii: tuple[float, ...]) -> list[int]:
     return [size if r > 0 else -size for size, r in zip(sizes, radii, strict=True)]
 
 
-def composite_order(radii: tuple[float, ...], layer_indices: list[int]) -> CompositeOrder:
-    """The composite order of hidden octaves, by the radii in px and the layers of slices."""
-    minimum: dict[int, float] = {}
-    for r, layer_index in zip(radii, layer_indices, strict=True):
-        if r >= ALONE:
-            minimum[layer_index] = min(minimum.get(layer_index, r), r)
-    ahead = {}
-    for octave in sorted({o for o in octaves(radii) if o}):
-        maximum = ALONE * 2.0 ** abs(octave)
-        later = [layer_index for layer_index, r in minimum.items() if r >= _MORE * maximum]
-        if later:
-            ahead[octave] = min(later)
-    around = sum(r <= -ALONE for r in radii)
-    first = layer_indices[around] if around < len(radii) else len(radii)
-    return CompositeOrder(first, min(minimum, default=len(radii)), ahead)
+def composite_order(
+    radii: tuple[float, ...], layer_indices: list[int], each: Sequence[range] = ()
+) -> CompositeOrder:
+    """The composite order of hidden octaves, by the radii in px and the layers of slices.
+
+    `each`: the slices of each picture of a batch; none of one picture, which has all.
+    """
+    ahead: dict[tuple[int, int], list[bool]] = {}
+    each = each or [range(len(radii))]
+    for number, own in enumerate(each):
+        minimum: dict[int, float] = {}
+        for k in own:
+            if radii[k] >= ALONE:
+                minimum.setdefault(layer_indices[k], radii[k])
+        for octave in {o for o in octaves(radii[own.start : own.stop]) if o}:
+            maximum = ALONE * 2.0 ** abs(octave)
+            later = [layer_index for layer_index, r in minimum.items() if r >= _MORE * maximum]
+            if later:
+                ahead.setdefault((octave, min(later)), [False] * len(each))[number] = True
+    numbers = [*layer_indices, len(radii)]
+    around, beyond = (sum(r <= -ALONE for r in radii), sum(r < ALONE for r in radii))
+    return CompositeOrder(numbers[around], numbers[beyond], dict(sorted(ahead.items())))

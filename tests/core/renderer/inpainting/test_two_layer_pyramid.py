@@ -25,7 +25,7 @@ def levels(image, radius, count, weight=None):
 def planes(level):
     """All that a level tells, as pictures [..., h, w]; of the second surface 0 where it is none."""
     found = list(level.first.parts)
-    if level.second is not None:
+    if level.has_second:
         second_index = level.second_index.long()
         found += [
             torch.where(second_index < 0, 0.0, each[..., second_index])
@@ -36,8 +36,6 @@ def planes(level):
 
 def nearer(level):
     """The nearer surfaces of the coarse pixels that hold two."""
-    if level.second is None:
-        return level.first.select(torch.zeros(0, dtype=torch.long))
     return level.second.select(level.second_index[level.second_index >= 0].long())
 
 
