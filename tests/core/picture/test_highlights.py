@@ -38,21 +38,32 @@ def encoded(planes):
 @pytest.mark.parametrize("name", ["hall", pytest.param("street", marks=pytest.mark.bench)])
 def test_nothing_changes_beyond_the_reach_of_lights(tmp_path, name):
     (color, depth, *kind), lens, (beyond, changed) = PHOTOGRAPHS[name]
+    color, depth = (_half(REAL / file, tmp_path) for file in (color, depth))
     found = {}
     for word in ("off", "auto"):
         out = ("-o", tmp_path / word, "--outputs", "render,coc", "--highlights", word)
-        ran = run("render", REAL / color, REAL / depth, *kind, *lens, *out)
+        ran = run("render", color, depth, *kind, *lens, *out)
         assert ran.code == 0, ran.err
         (file,) = (tmp_path / word / "render").glob("*.exr")
         found[word] = encoded(read_exr(file))
     record = json.loads((tmp_path / "auto/journal.jsonl").read_text().splitlines()[-1])
-    assert int(record["color_note"].split(", ")[-1].split()[0]) > 50
+    assert int(record["color_note"].split(", ")[-1].split()[0]) > 25
     apart = np.abs(found["auto"] - found["off"]).max(0)
     assert (apart > 60).mean() > 1e-4, "lights are discs"
     radius = np.abs(read_exr(tmp_path / "off/coc" / file.name)["coc"])
-    far = ~_reached(REAL / color, radius)
+    far = ~_reached(color, radius)
     assert far.mean() > beyond
     assert (apart[far] > 1).mean() <= changed
+
+
+def _half(file, folder):
+    """The picture, at half its size."""
+    import OpenImageIO as oiio  # noqa: N813
+
+    image, path = oiio.ImageBuf(str(file)), folder / f"{file.stem}.png"
+    window = oiio.ROI(0, image.spec().width // 2, 0, image.spec().height // 2)
+    assert oiio.ImageBufAlgo.resize(image, roi=window).write(str(path))
+    return path
 
 
 def _reached(photograph, radius):
