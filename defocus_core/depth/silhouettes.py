@@ -817,7 +817,7 @@ class Silhouette(NamedTuple):
     """The pixels on the nearer side of edges."""
 
     at: Tensor  # [n, 2] rows and columns
-    far: Tensor  # [n] number of the farthest pixel beside each
+    far: Tensor  # [n] number of a pixel of the farther surface, of their median radius there
     normal: Tensor  # [2, n] direction (y, x) to the farther surface
 
 
@@ -852,15 +852,34 @@ def _silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
     """The silhouette at pixels [n, 2] of radii [..., H, W]."""
     size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
     beside = squares_around(at, size).flatten(1)[:, [1, 3, 5, 7]]  # along the axes
-    maximum, which = flat[beside].max(1)
-    far = beside.gather(1, which[:, None])[:, 0]
+    maximum = flat[beside].amax(1)
     own = flat[at[:, 0] * size[1] + at[:, 1]]
     offset = torch.arange(-NORMAL, NORMAL + 1, device=at.device, dtype=torch.float64)
     y, x = torch.meshgrid(offset, offset, indexing="ij")
     weight = torch.exp((y * y + x * x) / (-2 * (NORMAL / 2) ** 2))
     farther = flat[squares_around(at, size, NORMAL)] > halfway(own, maximum)[:, None, None]
     normal = torch.stack([(farther * (weight * axis)).sum((1, 2)) for axis in (y, x)])
-    return Silhouette(at, far, normal / normal.norm(dim=0).clamp(min=1e-6))
+    normal = normal / normal.norm(dim=0).clamp(min=1e-6)
+    beyond, _ = _across(at, normal, torch.arange(1.0, 2 * _DEEPEST, device=at.device), size)
+    median = flat[beyond].argsort(dim=1, stable=True)[:, _DEEPEST - 1 : _DEEPEST]
+    return Silhouette(at, beyond.gather(1, median)[:, 0], normal)
+
+
+def _across(
+    at: Tensor, normal: Tensor, along: Tensor, size: tuple[int, int]
+) -> tuple[Tensor, Tensor]:
+    """The numbers [n, K] of the pixels across a silhouette [n, 2], and whether the frame has them.
+
+    `normal`: [2, n]; `along`: [K] px from the silhouette to the farther surface; `size`: (height,
+    width) of the frame, whose closest pixel stands for one that is beyond it.
+    """
+    (H, W), row = size, at[:, :1].remainder(size[0])
+    y, x = (
+        start + (normal[d, :, None] * along).round().long()
+        for d, start in enumerate((row, at[:, 1:]))
+    )
+    inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
+    return (at[:, :1] - row + y.clamp(0, H - 1)) * W + x.clamp(0, W - 1), inside
 
 
 class _Profiles(NamedTuple):
@@ -897,15 +916,9 @@ class _Profiles(NamedTuple):
 def _profiles_of(silhouette: Silhouette, radii: Tensor) -> _Profiles:
     """The profiles across a silhouette of radii [..., H, W]."""
     at, far, normal = silhouette
-    (H, W), flat = radii.shape[-2:], radii.flatten()
-    row = at[:, :1].remainder(H)
-    y, x = (
-        start + (normal[d, :, None] * _along(at)).round().long()
-        for d, start in enumerate((row, at[:, 1:]))
-    )
-    inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
-    index = (at[:, :1] - row + y.clamp(0, H - 1)) * W + x.clamp(0, W - 1)
-    is_near = flat[index] < halfway(flat[at[:, 0] * W + at[:, 1]], flat[far])[:, None]
+    size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
+    index, inside = _across(at, normal, _along(at), size)
+    is_near = flat[index] < halfway(flat[at[:, 0] * size[1] + at[:, 1]], flat[far])[:, None]
     inwards = (is_near & inside)[:, : REACH + 1].flip(1).long().cumprod(1).sum(1)
     outwards = (~is_near & inside)[:, REACH + 1 :].long().cumprod(1).sum(1)
     return _Profiles(index, inwards, outwards)
