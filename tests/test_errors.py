@@ -193,7 +193,7 @@ ROWS = [
         ("obstruction must be from 0 to 0.95", {"obstruction": 1.0}),
         ("obstruction must be below 0.5, .*got 0.6", {"blades": 3, "obstruction": 0.6}),
         ("spherical must be from -1 to 1", {"spherical": -2.0}),
-        ("squeeze must be from 0.05 to 20", {"squeeze": 0.0}),
+        ("squeeze must be from 0.05 to 40", {"squeeze": 0.0}),
         ("image must be a PupilImage", {"image": LEFT}),
         ("blades must be 0 beside an image", {"image": PupilImage(LEFT), "blades": 6}),
     ),

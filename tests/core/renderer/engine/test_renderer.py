@@ -2,6 +2,7 @@
 
 import pytest
 import torch
+from counting import calls
 from windows import KINDS, Windows, put_together, same
 
 from defocus_core import render
@@ -133,19 +134,14 @@ def test_the_caller_who_takes_a_region_keeps_gradients():
     assert torch.is_grad_enabled()
 
 
-def test_pictures_of_one_size_and_quality_share_the_spectra_of_kernels(monkeypatch):
-    spectra, transformed = kernel_bank.kernel_spectra, list[int]()
-
-    def noted(kernels, window):
-        transformed.append(len(kernels))
-        return spectra(kernels, window)
-
-    monkeypatch.setattr(kernel_bank, "kernel_spectra", noted)
+def test_pictures_of_one_size_and_quality_share_the_spectra_of_kernels():
     image, radius = scenery("cards", 60, 80, 5.3)
-    one = render(image, radius).render
-    first = len(transformed)
-    assert torch.equal(render(image, radius).render, one)
-    assert 0 < len(transformed) == first
+    seen = []
+    first, second = (
+        calls(lambda: seen.append(render(image, radius).render), "kernel_spectra") for _ in range(2)
+    )
+    assert first > second == 0
+    assert torch.equal(*seen)
 
 
 def test_the_spectra_that_are_kept_take_no_more_bytes_than_allowed():
