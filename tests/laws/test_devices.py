@@ -42,7 +42,7 @@ from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors import device_plan
 
-SIZE = (72, 110)
+SIZE = (56, 80)
 
 # A disc that has lost a side.
 _V = torch.linspace(-1, 1, 15)
@@ -90,7 +90,7 @@ def pictures(image, radius, **options):
 
 
 def scene(kind="cards", size=SIZE):
-    made = scenery(kind, *size, 9.0)
+    made = scenery(kind, *size, 6.0)
     return made.image, made.signed_radius
 
 
@@ -281,7 +281,7 @@ def test_tiles_wait_for_nothing(device, kind, monkeypatch):
 
     monkeypatch.setattr(Region, "tile", noted)
     with torch.no_grad(), device.known(), Launches(device.name) as every:
-        render(device.there(image), device.there(radius), left_right=True, tile=48)
+        render(device.there(image), device.there(radius), left_right=True, tile=32)
     assert every.waits, "a wait is not seen"
     assert len(waited) > 4
     assert not any(waited)

@@ -42,7 +42,7 @@ def isolated(r, value=1.0, ground=0.0):
 @pytest.mark.parametrize("kind", RADII)
 def test_white_stays_white(kind, aperture):
     image, radius = (x.float() for x in white(kind))
-    for quality in QUALITIES:
+    for quality in QUALITIES if aperture == HEXAGON else ("standard",):
         o = render(image, radius, aperture=aperture, quality=quality, left_right=True)
         for picture in o.images:
             assert worst(picture, 1.0) < WHITE
