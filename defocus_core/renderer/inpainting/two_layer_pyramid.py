@@ -393,10 +393,9 @@ class SurfaceTable(NamedTuple):
     @classmethod
     def of(cls, levels: Sequence[PyramidLevel], fine: tuple[Axis, Axis]) -> SurfaceTable:
         """The table of levels of a frame; `fine`: where its middle is at full resolution."""
-        firsts = [level.first.data for level in levels]
-        like, counts = firsts[0].detach(), [first.shape[1] for first in firsts]
+        firsts = [level.first for level in levels]
+        like, counts = firsts[0].minimum, [len(first.weight) for first in firsts]
         seconds = [level.second for level in levels if level.second is not None]
-        data = torch.cat([*firsts, *(second.data for second in seconds)], 1)
         second, before = None, sum(counts)
         if seconds:
             numbers = []
@@ -419,8 +418,8 @@ class SurfaceTable(NamedTuple):
         width, start, area = sent(wholes, like.new_empty(0, dtype=torch.long))[..., None, None]
         return cls(
             tuple(level.level for level in levels),
-            data[:-3].T.contiguous(),
-            data[-3:-1],
+            torch.cat([sheet.values.T for sheet in (*firsts, *seconds)]),
+            torch.cat([sheet.data[-3:-1] for sheet in (*firsts, *seconds)], 1),
             second,
             *(origin, step, last, width, start, area),
         )
