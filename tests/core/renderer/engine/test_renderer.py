@@ -13,7 +13,6 @@ from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.tensors.box import TILE
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])
@@ -98,7 +97,7 @@ def test_another_side_of_tiles_changes_the_last_digits_alone(kind):
             maximum = torch.nn.functional.max_pool2d(a.abs()[None], 33, stride=1, padding=16)[0]
             limit = 2e-6 if name == "render" else 4e-6  # each half rests on half of the light
             assert float(((a - b).abs() / maximum.clamp(min=1e-3)).max()) < limit, name
-    assert torch.equal(render(image, radius, tile=TILE).render, usual.render)
+    assert torch.equal(render(image, radius, tile=200).render, usual.render)
 
 
 @pytest.mark.parametrize("kind", ["cards", "thin"])
