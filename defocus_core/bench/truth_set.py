@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 BLADES = {"disk": 0, "hexagon": 6}
 MIN_INNER = 11  # px that SSIM needs
-_HERE = Path(__file__).parents[1]
 
 
 @dataclass(frozen=True)
@@ -63,9 +62,9 @@ class Pictures:
 
 def sample_set() -> Path:
     """The scenes of the repository this runs from."""
-    for root in (_HERE, Path.cwd()):
-        if any((root / "sample_scenes").glob("*/camera.json")):
-            return root / "sample_scenes"
+    scenes = Path("sample_scenes").absolute()
+    if any(scenes.glob("*/camera.json")):
+        return scenes
     problem = "is missing, and the sample scenes are not part of an installed package"
     raise UsageProblem(
         "missing-option", problem, "name a directory of <scene>/camera.json", field="truth"

@@ -39,7 +39,7 @@ _RANGES = {
     "curvature": (0.0, 1.0, "0 is straight blades, 1 a disc"),
     "obstruction": (0.0, 0.95, "it is the opaque share of the radius"),
     "spherical": (-1.0, 1.0, "0 is a lens without spherical aberration"),
-    "squeeze": (0.05, 20.0, "2 is ovals twice as tall as wide"),
+    "squeeze": (0.05, 40.0, "2 is ovals twice as tall as wide"),
 }
 # Radii below this are drawn as this: far below half a pixel the kernel no longer changes.
 _MIN_RADIUS = 1e-6

@@ -33,15 +33,21 @@ def aperture_of(lens: Lens) -> Aperture:
     """The pupil of a lens."""
     from defocus_core.optics.aperture import Aperture
 
-    return Aperture(
-        blades=lens.blades,
-        rotation=lens.blade_rotation,
-        curvature=lens.blade_curvature,
-        obstruction=lens.obstruction,
-        spherical=lens.spherical,
-        image=None if lens.aperture_image is None else pupil_image(lens.aperture_image),
-        squeeze=lens.squeeze,
-    )
+    image = None if lens.aperture_image is None else pupil_image(lens.aperture_image)
+    try:
+        return Aperture(
+            blades=lens.blades,
+            rotation=lens.blade_rotation,
+            curvature=lens.blade_curvature,
+            obstruction=lens.obstruction,
+            spherical=lens.spherical,
+            image=image,
+            squeeze=lens.squeeze,
+        )
+    except ValueError:
+        problem = f"of {lens.obstruction:g} hides all that {lens.blades} blades leave open"
+        remedy = "give a smaller one, or more or rounder blades"
+        raise UsageProblem("contradiction", problem, remedy, field="obstruction") from None
 
 
 def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:

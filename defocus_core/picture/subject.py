@@ -98,7 +98,8 @@ def _looked_at(depth: Depth) -> tuple[NDArray[np.float64], int]:
     step = math.isqrt(math.prod(depth.metres.shape) // _LOOKED_AT) + 1
     numbers = np.asarray(depth.metres[:][::step, ::step], np.float64)
     if depth.is_relative:
-        return -numbers if depth.inverted else numbers, step
+        known = np.where(np.isfinite(numbers), numbers, np.nan)
+        return -known if depth.inverted else known, step
     with np.errstate(divide="ignore"):
         return np.where(numbers > 0, 1 / numbers, np.nan), step
 
@@ -113,7 +114,12 @@ def _around(disparity: NDArray[np.float64]) -> tuple[NDArray[Any], NDArray[Any],
     """The least and the greatest disparity around each pixel, and the most that a surface has."""
     reach = max(1, round(_NEAR_BY * max(disparity.shape) / 2))
     lowest, highest = (_extreme(disparity, reach, end) for end in (np.fmin, np.fmax))
-    return lowest, highest, _STEP * float(np.nanmax(highest) - np.nanmin(lowest))
+    return lowest, highest, _STEP * _range(disparity)
+
+
+def _range(values: NDArray[Any]) -> float:
+    """The greatest less the least value, NaN aside."""
+    return float(np.fmax.reduce(values, axis=None) - np.fmin.reduce(values, axis=None))
 
 
 def _extreme(values: NDArray[Any], reach: int, end: np.ufunc) -> NDArray[Any]:
@@ -139,7 +145,7 @@ def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
     if not len(alike):
         return None
     place = tuple(alike[np.argmin(np.hypot(*(alike - here).T))])
-    thickness = _THICKEST * (every.max() - every.min())
+    thickness = _THICKEST * _range(every)
     within = (
         smooth & (every >= low) & (every <= low + thickness)
         for low in np.linspace(every[place] - thickness, every[place], _PLACES)

@@ -165,7 +165,7 @@ def _found(
     runs_of_level: list[list[tuple[Runs, Tensor]]] = [[] for _ in pairs]
     for first, end in bands(image):
         top = max(first - around, 0)
-        light = image[..., top : min(end + around, size[0]), :].detach()[:colors]
+        light = _wide(image[..., top : min(end + around, size[0]), :]).detach()[:colors]
         blur = torch.full_like(light[0, first - top : end - top], _WIDEST)
         if signed_radius is not None:
             blur = signed_radius[first:end].detach().abs().to(blur)
@@ -314,6 +314,10 @@ def _count(levels: list[_BlobLevel], threshold: float, width: int) -> int:
     return len(blobs)
 
 
+def _wide(values: Tensor) -> Tensor:
+    return values.to(torch.promote_types(values.dtype, torch.float32))
+
+
 def _step(values: Tensor, low: Tensor | float, high: Tensor | float) -> Tensor:
     """A smooth step from 0 at `low` to 1 at `high`."""
     x = ((values - low) / (high - low)).clamp(0, 1)
@@ -327,7 +331,7 @@ def _lit(
 
     def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
         window = image[..., slice(*rows), slice(*columns)]
-        light, rest = window.tensor_split([colors])
+        light, rest = _wide(window).tensor_split([colors])
         bright = light.amax(0)
         at = positions_of(bright.detach() > levels[0].low)
         if not len(at):

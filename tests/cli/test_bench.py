@@ -77,8 +77,7 @@ def test_a_missing_truth_is_named(tiny, tmp_path):
     refused(bench("--truth", tmp_path), 3, "missing-option", "truth_r7.exr")
 
 
-def test_a_set_must_be_named_outside_the_repository(monkeypatch, here):
-    monkeypatch.setattr("defocus_core.bench.truth_set._HERE", here)
+def test_a_set_must_be_named_outside_the_repository(here):
     refused(bench(), 2, "missing-option", "truth")
 
 

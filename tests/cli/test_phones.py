@@ -6,6 +6,7 @@ import pytest
 from command_line import refused, run, succeed
 from depth_files import gdepth, png
 from image_files import save
+from optional_libraries import heic
 
 from defocus_core.io.images.color import read_color
 
@@ -72,31 +73,29 @@ def test_a_photograph_without_depth_says_what_to_give(tmp_path):
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])
-def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path, monkeypatch):
+def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path):
     pillow_heif = pytest.importorskip("pillow_heif")
     file = tmp_path / "a.heic"
     pillow_heif.from_bytes("RGB", SIZE[::-1], detail().tobytes()).save(str(file), quality=95)
     np.testing.assert_allclose(read_color(file).pixels[4, 4:8], 0.022, atol=0.02)
     values = near_left(near=20 if kind == 2 else 235).astype(np.uint8)
     said = {"representation_type": kind, "z_near": 0.5, "z_far": 9.0, "d_min": 0.1, "d_max": 2.0}
-    opened = pillow_heif.open_heif
-
-    class Depth:
-        info = {"metadata": said}  # noqa: RUF012
-        __array_interface__ = values.__array_interface__
-
-    def with_depth(path):
-        found = opened(path)
-        found.info["depth_images"] = [Depth()]
-        return found
-
-    monkeypatch.setattr(pillow_heif, "open_heif", with_depth)
-    lens = ("--focal-length", "70mm", "--fnumber", "1", "--sensor-width", "7mm")
-    for name, words in (("b", BLUR), ("c", (*lens, "--focus-at", "5,5")), ("d", ("--blur", "8px"))):
-        succeed("render", file, *words, "-o", tmp_path / f"{name}.png")
-        made = pixels(tmp_path / f"{name}.png")
-        assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:])
-    assert "colour: R, G, B" in run("info", file, *BLUR).out
+    lens = (
+        "--focal-length",
+        "70mm",
+        "--fnumber",
+        "1",
+        "--sensor-width",
+        "7mm",
+        "--focus-at",
+        "5,5",
+    )
+    with heic(values, np.asarray(pillow_heif.open_heif(str(file))), **said):
+        for words in (BLUR, (*lens, *BLUR[2:]), ("--blur", "8px")):
+            succeed("render", file, *words, "-o", tmp_path / "b.png", "--overwrite")
+            made = pixels(tmp_path / "b.png")
+            assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:])
+        assert "colour: R, G, B" in run("info", file, *BLUR).out
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "exr", "webp"])

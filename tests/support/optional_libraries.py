@@ -1,6 +1,7 @@
 """HDF5 and HEIC files for the tests; what a library cannot write is pretended."""
 
 import sys
+from contextlib import contextmanager
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
@@ -18,15 +19,22 @@ def write_hdf5(path, arrays):
     return path
 
 
-def with_heic(monkeypatch, depth, **metadata):
-    """Let pillow_heif be there, and every HEIC file have this depth image."""
+@contextmanager
+def instead(library, module):
+    """Let a library be this module, or not be there where it is None."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, library, module)
+        yield
+
+
+def heic(depth, picture=None, **metadata):
+    """Let pillow_heif be there, and every HEIC file have this depth image, and picture."""
     module: Any = ModuleType("pillow_heif")
     image = SimpleNamespace(info={"metadata": metadata})
     image.__array_interface__ = depth.__array_interface__
-    picture = np.full((*depth.shape, 3), 128, np.uint8)
-    info = {"depth_images": [image]}
-    file = SimpleNamespace(info=info, size=depth.shape[::-1], mode="RGB")
+    picture = np.full((*depth.shape, 3), 128, np.uint8) if picture is None else picture
+    file = SimpleNamespace(info={"depth_images": [image]}, size=picture.shape[1::-1], mode="RGB")
     file.__array_interface__ = picture.__array_interface__
     file.kept = picture, depth  # which the interfaces do not keep
     module.open_heif = lambda _: file
-    monkeypatch.setitem(sys.modules, "pillow_heif", module)
+    return instead("pillow_heif", module)

@@ -22,6 +22,7 @@ from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
+from weakref import finalize
 
 from defocus_core.batch.journal.record import (
     Record,
@@ -102,6 +103,7 @@ class JournalFile:
             except OSError as error:
                 remedy = "check its permissions, or copy it again"
                 raise cannot_read(path, error, remedy) from error
+            finalize(self, self._file.close)
 
     def lines(self) -> Iterator[Line]:
         """Each line but blank ones, and one whose writer died."""

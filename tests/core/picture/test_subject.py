@@ -83,6 +83,16 @@ def test_the_surface_in_focus_ends_at_its_rim_and_at_other_surfaces(soft, sign):
     assert surface_of(depth, FoundPixel(280, 100, depth.size)) is None, "the wall has one number"
 
 
+@pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
+def test_holes_do_not_change_what_is_in_focus(hole):
+    numbers = person()
+    numbers[150:170, 110:130] = hole
+    depth = depth_of(numbers, **RELATIVE)
+    assert surface_of(depth, subject_of(depth)) == (191, 214)
+    empty = depth_of(numbers[150:170, 110:130], **RELATIVE)
+    assert surface_of(empty, subject_of(empty)) is None
+
+
 def test_of_a_floor_15_percent_of_the_numbers_are_in_focus():
     floor = np.linspace(0, 255, 200)[:, None].repeat(300, 1)
     low, high = surface_of(depth_of(floor, **RELATIVE), FoundPixel(150, 120, (300, 200)))

@@ -75,6 +75,15 @@ def test_the_light_is_continuous_in_the_threshold_where_blobs_grow_together():
     assert lit[0][0, 21, 51] < 0.7 * lit[-1][0, 21, 51]
 
 
+@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
+def test_a_picture_of_any_type_has_the_lights_of_one_in_floats(dtype):
+    image, radius = street().to(dtype), torch.full((120, 400), 9.0)
+    lights = ClippedLights(image, *AUTO_LIGHTS, signed_radius=radius)
+    floats = ClippedLights(image.float(), *AUTO_LIGHTS, signed_radius=radius)
+    assert lights.count == floats.count == 2
+    torch.testing.assert_close(lights.added, floats.added.to(dtype))
+
+
 def test_windows_are_cut_from_the_whole():
     class Read:
         """A source that is no tensor."""

@@ -2,7 +2,7 @@
 
 import json
 import math
-import weakref
+import tracemalloc
 
 import pytest
 from records import record, write_index
@@ -10,7 +10,6 @@ from refusals import refuses
 
 from defocus_core.batch.datasets import update
 from defocus_core.batch.datasets.finished import samples
-from defocus_core.batch.journal import journal
 from defocus_core.batch.journal.journal import Journal, journal_path
 from defocus_core.batch.journal.record import record_of
 from defocus_core.request.lens import Lens
@@ -134,19 +133,16 @@ def write_all(out, records):
     update.index(out, None)
 
 
-def test_the_records_of_an_index_are_not_held(tmp_path, monkeypatch):
-    made, alive = [], []
-
-    def counted(values):
-        found = record_of(values)
-        made.append(weakref.ref(found))
-        alive.append(sum(one() is not None for one in made))
-        return found
-
-    monkeypatch.setattr(journal, "record_of", counted)
-    write_all(tmp_path, [record(tmp_path, f"{n:02}", split="train") for n in range(30)])
-    assert len(made) == 30
-    assert max(alive) < 6, "one is joined while the next is read"
+def test_the_records_of_an_index_are_not_held(tmp_path):
+    peaks = []
+    for count in (10, 100):
+        out = tmp_path / f"{count}"
+        write_all(out, [record(out, f"{n:03}", split="train") for n in range(count)])
+        tracemalloc.start()
+        update.index(out, None)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] - peaks[0] < 90 * 2000, "bytes of each; a record that is held takes 2800 more"
 
 
 @pytest.fixture

@@ -1,7 +1,6 @@
 """What a user says of a depth file decides its depth; what nobody says is asked for by name."""
 
 import math
-import sys
 from zipfile import ZipFile
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 from command_line import write_exr
 from depth_files import gdepth, npy, pfm, png
 from image_files import save
-from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, with_heic
+from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, heic, instead
 from refusals import refuses
 
 from defocus_core.errors import UsageProblem
@@ -150,15 +149,15 @@ def test_relative_disparity_of_a_video_needs_a_range(tmp_path):
     assert metres[0, 0] == 2
 
 
-def test_a_library_that_is_not_there_is_named_with_its_extra(tmp_path, monkeypatch):
-    for extra, magic, library in (
-        ("hdf5", HDF5_MAGIC, "h5py"),
-        ("heif", HEIC_MAGIC, "pillow_heif"),
-    ):
-        monkeypatch.setitem(sys.modules, library, None)
-        (tmp_path / extra).write_bytes(magic + bytes(64))
-        with refuses("needs-extra", f"pip install 'defocus[{extra}]'", path=tmp_path / extra):
-            read(tmp_path / extra)
+@pytest.mark.parametrize(
+    ("extra", "magic", "library"),
+    [("hdf5", HDF5_MAGIC, "h5py"), ("heif", HEIC_MAGIC, "pillow_heif")],
+)
+def test_a_library_that_is_not_there_is_named_with_its_extra(extra, magic, library, tmp_path):
+    path, words = tmp_path / extra, f"pip install 'defocus[{extra}]'"
+    path.write_bytes(magic + bytes(64))
+    with instead(library, None), refuses("needs-extra", words, path=path):
+        read(path)
 
 
 def test_older_matlab_files_are_refused(tmp_path):
@@ -239,10 +238,10 @@ def test_disparity_in_1_over_metres_has_no_calibration(option, tmp_path):
     assert read(path, depth_format="nuke-scanline", depth_unit="cm").metres[0, 0] == 0.01 / 1
 
 
-def test_a_scale_means_nothing_where_the_file_says_it(tmp_path, monkeypatch):
-    with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
+def test_a_scale_means_nothing_where_the_file_says_it(tmp_path):
     (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
-    with refuses("idle-option", field="depth-scale"):
+    file = heic(np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
+    with file, refuses("idle-option", field="depth-scale"):
         read(tmp_path / "a.heic", depth_format="apple-heic", depth_scale=2.0)
 
 

@@ -12,7 +12,7 @@ import OpenEXR
 import pytest
 from command_line import write_exr
 from depth_files import colmap, dpt, gdepth, npy, pfm, png, with_text
-from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
+from optional_libraries import HEIC_MAGIC, heic, write_hdf5
 from refusals import refuses
 
 from defocus_core.io.depth_formats.depth import read_depth, require_valid
@@ -393,8 +393,9 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
 
 
 @pytest.fixture(autouse=True)
-def libraries(monkeypatch):
-    with_heic(monkeypatch, HEIC_NUMBERS.astype(np.uint8), d_min=0.15, d_max=3.22)
+def libraries():
+    with heic(HEIC_NUMBERS.astype(np.uint8), d_min=0.15, d_max=3.22):
+        yield
 
 
 def test_every_format_has_an_example():

@@ -5,7 +5,7 @@ import pytest
 from command_line import ramp, run, write_exr
 from depth_files import gdepth, npy, pfm, png
 from image_files import save
-from optional_libraries import HEIC_MAGIC, with_heic, write_hdf5
+from optional_libraries import HEIC_MAGIC, heic, write_hdf5
 
 from defocus_core.io.depth_formats.table import FORMATS
 from defocus_core.reports.inspection.evidence import evidence_of_pair
@@ -112,13 +112,14 @@ def test_gdepth_in_a_photograph(tmp_path):
     assert "depth: 1.78431 m to" in run("info", path, "--depth-format", "android-gdepth").out
 
 
-def test_the_depth_image_of_a_heic_file(tmp_path, monkeypatch):
-    with_heic(monkeypatch, np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
-    (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
-    assert "say --depth-format apple-heic" in evidence(tmp_path / "a.heic")
-    assert run("depth", tmp_path / "a.heic", "-o", tmp_path / "z.exr").code == 0
-    ran = run("info", tmp_path / "a.heic", "--depth-format", "apple-heic")
-    assert "depth: 0.5 m to 10 m" in ran.out
+def test_the_depth_image_of_a_heic_file(tmp_path):
+    path = tmp_path / "a.heic"
+    path.write_bytes(HEIC_MAGIC)
+    with heic(np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0):
+        assert "say --depth-format apple-heic" in evidence(path)
+        assert run("depth", path, "-o", tmp_path / "z.exr").code == 0
+        told = run("info", path, "--depth-format", "apple-heic").out
+    assert "depth: 0.5 m to 10 m" in told
 
 
 def cards(count, side, checks):
