@@ -55,23 +55,23 @@ def no_room(monkeypatch):
     monkeypatch.setattr(derived, "HELD", 0)
 
 
+EXECUTE = WorkerConfig.execute
+
+
 @pytest.fixture(autouse=True, scope="session")
-def known_rate():
-    """Forecasts as of a machine that does 10^9 units of work in a second."""
+def machine():
+    """A machine that does 10^9 units of work in a second, and local batches in this process.
+
+    Another process takes 2 s to import torch.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(forecast, "work_per_second", lambda device, threads: 1e9)
+        here = lambda c: pipeline.execute if c.scheduler == "local" else EXECUTE(c)  # noqa: E731
+        patch.setattr(WorkerConfig, "execute", here)
         yield
 
 
-@pytest.fixture(autouse=True)
-def in_process(monkeypatch):
-    """Local batches are computed in the process of the test: another takes 2 s to import torch.
-
-    A test of worker processes undoes it.
-    """
-    execute = WorkerConfig.execute
-
-    def chosen(config):
-        return pipeline.execute if config.scheduler == "local" else execute(config)
-
-    monkeypatch.setattr(WorkerConfig, "execute", chosen)
+@pytest.fixture
+def in_processes(monkeypatch):
+    """From this call on, local batches are done in processes of their own."""
+    return lambda: monkeypatch.setattr(WorkerConfig, "execute", EXECUTE)

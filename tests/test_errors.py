@@ -3,6 +3,7 @@
 import ast
 import math
 import pickle
+import re
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from defocus_cli.commands.help import text
 from defocus_core import (
     Aperture,
     CatEye,
+    DefocusLens,
     DualPixel,
     GuidedDepth,
     HiddenLayer,
@@ -33,6 +35,8 @@ from defocus_core.errors import (
     with_dashes,
 )
 from defocus_core.optics.parts import Part
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 
 ROOT = Path(__file__).parents[1]
@@ -121,12 +125,25 @@ SIZE = (24, 32)
 IMAGE, RADIUS = torch.rand(3, *SIZE), torch.linspace(-4, 6, SIZE[1]).repeat(SIZE[0], 1)
 DEPTH, COVERAGE = torch.rand(SIZE) + 1, torch.ones(2, *SIZE)
 LAYERS, RADII = torch.stack([IMAGE, IMAGE]), torch.stack([RADIUS, RADIUS])
+DEPTHS = torch.linspace(1e3, 4e3, SIZE[1]).expand(1, *SIZE)
 HIDDEN = HiddenLayer(IMAGE, RADIUS + 9, RADIUS < 0)
 # Kernels of photodiodes that see the left and the right half, and one over the frame.
 LEFT = torch.ones(15, 15).triu()
 RIGHT = LEFT.flip(1)
 LEFT, RIGHT = RIGHT + 0.1, LEFT + 0.1
 KERNEL = torch.tensor(1.0, dtype=torch.float64)
+
+
+def lens(foclen=50.0, fnum=1.4, **options):
+    return DefocusLens(foclen, fnum, (36.0, 27.0), SIZE[::-1], **{"device": "cpu", **options})
+
+
+def drawn(image=IMAGE[None], depth=DEPTHS, seeds=(1,), **ranges):
+    return RandomDefocus(**ranges)(image, depth, seeds)
+
+
+def tiled(image=IMAGE, radius=RADIUS, hidden=None, **options):
+    return list(Renderer(Scene(image, radius, hidden), Settings(**options)).tiles())
 
 
 def of(given, door, *rows):
@@ -240,6 +257,55 @@ ROWS = [
             {"depth_repair": "off", "edge_width": 4.0},
         ),
     ),
+    ("foclen must be one number, got '50mm'; lengths are in mm", lambda: lens("50mm")),
+    (r"sensor_size must be \(width, height\), got 36", lambda: DefocusLens(50, 2, 36, 48)),
+    ("device must be one of torch's, got 'gpu'", lambda: lens(device="gpu")),
+    ("device must be one that is there, got 'xpu:9'; .* use cpu", lambda: lens(device="xpu:9")),
+    ("dtype must be floating point, got 'float32'", lambda: lens(dtype="float32")),
+    ("foclen must be one number, got True", lambda: lens(True)),
+    ("foc_dist must be one number, got None", lambda: lens().refocus(None)),
+    ("depth must be a number .*, got '1m'; .* without a unit", lambda: lens().coc("1m")),
+    (r"coc must .* of \[3\] .* got \[2\]", lambda: lens().dof(torch.ones(3) * 900, torch.ones(2))),
+    (r"points must be \[N, 3\]", lambda: lens().psf([[0, 0]])),
+    ("ks must be a whole number, .* got None", lambda: lens().psf(torch.ones(3), ks=None)),
+    ("ks must be a whole number, .* got nan", lambda: lens().psf(torch.ones(3), ks=math.nan)),
+    (r"grid must be \(rows, columns\), .* got 5", lambda: lens().psf_map(5)),
+    ("ks must be a whole number, .* got True", lambda: lens().psf(torch.ones(3), ks=True)),
+    ("depth must be one number", lambda: lens().psf_map(depth=torch.ones(2))),
+    ("image .* got ndarray of float32", lambda: lens().render_rgbd(IMAGE[None].numpy(), DEPTHS)),
+    ("depth must be .* got None", lambda: lens().render_rgbd(IMAGE[None], None)),
+    ("psf_ks must be a whole number", lambda: lens().render_rgbd(IMAGE[None], DEPTHS, "64")),
+    (
+        "signed_radius must be within 1e.08 px",
+        lambda: lens().render_rgbd(IMAGE[None], DEPTHS / 1e9),
+    ),
+    ("signed_radius must be .* of the image", lambda: render(IMAGE, 3.0)),
+    ("signed_radius must be .*complex64", lambda: render(IMAGE, RADIUS.to(torch.complex64))),
+    ("num_layers must be a whole number, .* 2.5", lambda: render(IMAGE, RADIUS, num_layers=2.5)),
+    ("num_layers must be 65536 at most, got 1000", lambda: render(IMAGE, RADIUS, num_layers=10**9)),
+    (r"quality must be one of .*, got \['high'\]", lambda: render(IMAGE, RADIUS, quality=["high"])),
+    ("threads must be a whole number", lambda: render(IMAGE, RADIUS, threads=1.5)),
+    ("tile must be a whole number", lambda: render(IMAGE, RADIUS, tile=math.inf)),
+    ("infinity must be a finite radius", lambda: render(IMAGE, RADIUS, infinity=math.nan)),
+    ("aperture must be an Aperture, got 6", lambda: render(IMAGE, RADIUS, aperture=6)),
+    ("hidden must be a HiddenLayer", lambda: render(IMAGE, RADIUS, hidden=(IMAGE, RADIUS))),
+    ("left_right must be True or False, got 'no'", lambda: render(IMAGE, RADIUS, left_right="no")),
+    ("depth must be positive, .* in 768 of 768", lambda: drawn(max_radius=3.0, depth=-DEPTHS)),
+    ("left_right must be True or False, got 2", lambda: tiled(left_right=2)),
+    ("blades must be a whole number", lambda: Aperture(3.5)),
+    ("blades must be 10000 at most", lambda: Aperture(10**6)),
+    ("rotation must be one number", lambda: Aperture(6, "15")),
+    (r"foclen must be one number, got \(24, 50\); in mm", lambda: drawn(foclen=(24, 50))),
+    (r"blades must be a whole number", lambda: drawn(blades=(0, 6))),
+    ("sensor_width must be one number, got None", lambda: drawn(sensor_width=None)),
+    ("threads must be at least 1", lambda: drawn(threads=0)),
+    ("image must hold a pixel", lambda: drawn(IMAGE[:0][None])),
+    ("depth must be a number .* got torch.bool", lambda: drawn(depth=DEPTHS > 0)),
+    ("threads must be at least 1", lambda: tiled(threads=0)),
+    ("image must be of floats of torch, got torch.uint8", lambda: tiled((255 * IMAGE).byte())),
+    ("of a pixel at least", lambda: tiled(IMAGE[:0])),
+    ("hidden must be color, signed_radius", lambda: tiled(hidden=(IMAGE, RADIUS, RADIUS[1:]))),
+    ("at_once must be at least 1", lambda: list(Renderer(Scene(IMAGE, RADIUS)).tiles(0))),
 ]
 
 
@@ -247,5 +313,6 @@ ROWS = [
     ("words", "door"), ROWS, ids=[f"{n}: {row[0]}" for n, row in enumerate(ROWS)]
 )
 def test_what_makes_no_sense_is_refused_by_name(words, door):
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match=words) as told:
         door()
+    assert re.search("; |one of", str(told.value)), "what would do"

@@ -313,14 +313,11 @@ _DEVIATION, _WIDER = 0.04, 4.8
 _OTHER, _RIM = -13.66, 2.0
 # Difference of logarithms that is sure.
 _SURE = 4.0
-# Share of profiles that count from which evidence counts in full.
-_ENOUGH = 0.1
 # How well colours tell px apart that were not sampled, 1 for all, from where on they decide at all
 # and in full: those of a picture, and those of a silhouette.
 _OF_PICTURE, _OF_SILHOUETTE = (0.5, 0.65), (0.2, 0.5)
-# Rounds in which distributions of colours, costs, and then displacements, are averaged over 5×5 px
-# of a silhouette.
-_ROUNDS, _SMOOTHING = 10, 3
+# Rounds in which distributions of colours, and costs, are averaged over 5×5 px of a silhouette.
+_ROUNDS = 10
 # Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
 # lies their mean, so that an edge does not jump from one to the other.
 _SPREAD = 0.15
@@ -329,16 +326,10 @@ _GRAINS = 1 << 8
 # Weight of rarity, and its grain, so coarse that few pixels more or less change nothing; share of a
 # displacement's votes that count for those a px beside it.
 _RARITY, _COARSE, _BESIDE = 1.2, 0.05, 0.25
-# Displacement in px that is expected before colours are known; votes for it, and as a share of all;
-# rounds in which votes are counted.
-_BEFORE, _FEW, _FEW_SHARE, _MAXIMIZATIONS = 3.0, 10.0, 0.02, 3
-# Px of radius by which a surface is more blurred; standard deviation of a displacement in px that
-# is none, and what is in doubt at most: it is given to the more blurred surface.
-_BLURRED, _CERTAIN, _DOUBTED = 6.0, 0.7, 4.0
+# Displacement in px that is expected before colours are known; rounds in which votes are counted.
+_BEFORE, _MAXIMIZATIONS = 3.0, 3
 # Pixels of silhouettes that are examined for the displacements of the picture; factors of a hash.
 _EXAMINED, _FACTORS = 1 << 10, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
-# Least step of an edge: in px, and as a multiple of the slope of a ramp.
-_MIN_STEP, _STEP = 0.3, 1.5
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
 _VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
@@ -346,7 +337,7 @@ _VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
 _FRACTION = 0.01
 # Px around a pixel that decide whether it is on a silhouette; and what it becomes.
 AROUND_EDGE = NORMAL + FARTHEST + 3
-AROUND = REACH + 2 * (2 * _ROUNDS + _SMOOTHING) + FARTHEST + AROUND_EDGE + AROUND_BY_COLOR
+AROUND = REACH + 4 * _ROUNDS + FARTHEST + AROUND_EDGE + AROUND_BY_COLOR
 # Half a px, so that averages of whole displacements are no ties.
 _HALF = 0.4937
 # Bytes that a profile takes while it is examined.
@@ -460,7 +451,7 @@ def least_steps(signed_radius: Pixels, soft: float | None) -> list[float]:
     minima, maxima = limits[..., 0].amin(0), limits[..., 1].amax(0)
     size = signed_radius.shape[-2:]
     return [
-        max(_MIN_STEP, _STEP * slope_of_soft_edges(minimum, maximum, size), soft or 0.0)
+        max(_HARD_STEP * slope_of_soft_edges(minimum, maximum, size), soft or 0.0)
         for minimum, maximum in torch.stack([minima, maxima], 1).tolist()
     ]
 
@@ -479,8 +470,7 @@ def _shifts_of(
     before = torch.exp(by.abs().double() / -_BEFORE)
     trust = _trust(sums_of_each(found.told, of, count), _OF_PICTURE)
     weight = found.fraction * _trust(found.told, _OF_SILHOUETTE) * trust.index_select(0, of)
-    few = _FEW + _FEW_SHARE * sums_of_each(weight, of, count)
-    votes = before = before * few / before.sum()
+    votes = before.expand(count, -1)
     for _ in range(_MAXIMIZATIONS):
         likely = ((found.costs + _rarity(votes).index_select(0, of)) / -_SPREAD).softmax(1)
         votes = before + sums_of_each(likely * weight, of, count)
@@ -524,7 +514,7 @@ def with_shifted_edges(
     if silhouette is None:
         return signed_radius
     found = _evidence(silhouette, radii, colors)
-    shift = _smooth_shifts(silhouette, radii, found, shifts)
+    shift = _likely_shifts(found, shifts)
     undecided = torch.zeros_like(radii, dtype=torch.bool)
     trust = _trust(found.told, _OF_SILHOUETTE)[:, 0]
     undecided[silhouette.at[:, 0], silhouette.at[:, 1]] = trust == 0
@@ -565,7 +555,7 @@ def coarse_shifts(
             continue
         evidence = _evidence(silhouette, radii, colors)
         ((shifts, _),) = _shifts_of(evidence, [step])
-        shift = _smooth_shifts(silhouette, radii, evidence, shifts)
+        shift = _likely_shifts(evidence, shifts)
         field = _field_of(silhouette, shift, radii)
         found.append(CoarseShifts(level, field, shifts.median * (1 << level)))
     return found
@@ -683,7 +673,11 @@ def _moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tens
     if not float(shift.abs().amax()) > _HALF:
         return signed_radius
     flat, taken = radii.flatten(), signed_radius.flatten()
-    near, far = at[:, 0] * W + at[:, 1], silhouette.far
+    # the median beyond an edge, for beside it a speck or the rest of a ramp may lie
+    along = torch.arange(1.0, 2 * _DEEPEST, device=at.device)
+    beyond, _ = _across(at, silhouette.normal, along, (H, W))
+    median = flat[beyond].argsort(dim=1, stable=True)[:, len(along) // 2, None]
+    near, far = at[:, 0] * W + at[:, 1], beyond.gather(1, median)[:, 0]
     order = torch.arange(len(at), device=at.device)
     for key in (flat[far], flat[near], shift, shift.abs()):  # decides where two are as close
         order = order[key[order].argsort(stable=True)]
@@ -722,29 +716,16 @@ def _evidence(
         return ShiftEvidence(costs, seen, told)
     together = _averaged(torch.cat([seen * costs, seen, told], 1), beside, _ROUNDS)
     weighted, fraction, told = together[:, :-3], together[:, -3:-2], together[:, -2:]
-    enough = (fraction / _ENOUGH).clamp(max=1) * _trust(told, _OF_SILHOUETTE)
-    return ShiftEvidence(weighted / fraction.clamp(min=1e-6) * enough, fraction, told)
+    costs = weighted / fraction.clamp(min=1e-6) * _trust(told, _OF_SILHOUETTE)
+    return ShiftEvidence(costs, fraction, told)
 
 
-def _smooth_shifts(
-    silhouette: Silhouette, radii: Tensor, found: ShiftEvidence, shifts: EdgeShifts
-) -> Tensor:
-    """The displacement [n] in px of each pixel of a silhouette, smooth along it.
-
-    Where it is uncertain, a nearer surface that is more blurred than the farther one gets the
-    pixels in doubt: what is left behind of it would be a sharp line.
-    """
-    W, flat = radii.shape[1], radii.flatten()
+def _likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
+    """The displacement [n] in px of each pixel of a silhouette, smooth along it."""
     rarity = found.costs.new_tensor(shifts.rarity)
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=rarity.device).to(rarity.dtype)
     likely = ((found.costs * shifts.trust + rarity) / -_SPREAD).softmax(1)
-    shift = (likely * by).sum(1, keepdim=True)
-    doubt = (likely * (by - shift).square()).sum(1, keepdim=True).sqrt()
-    near, far = flat[silhouette.at[:, 0] * W + silhouette.at[:, 1]], flat[silhouette.far]
-    more_blurred = ((near.abs() - far.abs()).double()[:, None] / _BLURRED).clamp(0, 1)
-    shift = shift - more_blurred * (doubt - _CERTAIN).clamp(0, _DOUBTED)
-    shift = _averaged(shift, _beside(silhouette.at, radii), _SMOOTHING)[:, 0]
-    return (shift.clamp(-FARTHEST, FARTHEST) * _GRAINS).round() / _GRAINS
+    return ((likely * by).sum(1) * _GRAINS).round() / _GRAINS
 
 
 def _beside(at: Tensor, radii: Tensor) -> Tensor:
@@ -863,6 +844,23 @@ def _silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
     return Silhouette(at, far, normal / normal.norm(dim=0).clamp(min=1e-6))
 
 
+def _across(
+    at: Tensor, normal: Tensor, along: Tensor, size: tuple[int, int]
+) -> tuple[Tensor, Tensor]:
+    """The numbers [n, K] of the pixels across a silhouette [n, 2], and whether the frame has them.
+
+    `normal`: [2, n]; `along`: [K] px from the silhouette to the farther surface; `size`: (height,
+    width) of the frame, whose closest pixel stands for one that is beyond it.
+    """
+    (H, W), row = size, at[:, :1].remainder(size[0])
+    y, x = (
+        start + (normal[d, :, None] * along).round().long()
+        for d, start in enumerate((row, at[:, 1:]))
+    )
+    inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
+    return (at[:, :1] - row + y.clamp(0, H - 1)) * W + x.clamp(0, W - 1), inside
+
+
 class _Profiles(NamedTuple):
     """Lines of pixels across silhouettes, from REACH px within the nearer surface to REACH out."""
 
@@ -897,15 +895,9 @@ class _Profiles(NamedTuple):
 def _profiles_of(silhouette: Silhouette, radii: Tensor) -> _Profiles:
     """The profiles across a silhouette of radii [..., H, W]."""
     at, far, normal = silhouette
-    (H, W), flat = radii.shape[-2:], radii.flatten()
-    row = at[:, :1].remainder(H)
-    y, x = (
-        start + (normal[d, :, None] * _along(at)).round().long()
-        for d, start in enumerate((row, at[:, 1:]))
-    )
-    inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
-    index = (at[:, :1] - row + y.clamp(0, H - 1)) * W + x.clamp(0, W - 1)
-    is_near = flat[index] < halfway(flat[at[:, 0] * W + at[:, 1]], flat[far])[:, None]
+    size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
+    index, inside = _across(at, normal, _along(at), size)
+    is_near = flat[index] < halfway(flat[at[:, 0] * size[1] + at[:, 1]], flat[far])[:, None]
     inwards = (is_near & inside)[:, : REACH + 1].flip(1).long().cumprod(1).sum(1)
     outwards = (~is_near & inside)[:, REACH + 1 :].long().cumprod(1).sum(1)
     return _Profiles(index, inwards, outwards)

@@ -171,11 +171,12 @@ def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...], *, pl
     if sharp.dim() != 3 or disparity.shape != sharp.shape[1:]:
         raise ValueError(
             "sharp must be [C, H, W] and disparity [H, W] of the same size, got "
-            f"{described(sharp)} and {described(disparity)}"
+            f"{described(sharp)} and {described(disparity)}; resample one of them"
         )
     for each in observed:
         if each.shape != sharp.shape:
-            raise ValueError(f"blurred must have the shape of sharp, got {described(each)}")
+            got = described(each)
+            raise ValueError(f"blurred must have the shape of sharp, got {got}; crop one of them")
     for name, values in (("sharp", sharp), ("disparity", disparity), ("blurred", observed[0])):
         if not bool(torch.isfinite(values).all()):
             raise ValueError(f"{name} must be finite; infinitely far is a disparity of 0")

@@ -89,6 +89,8 @@ def min_transform(lit: Span, wanted: Span, margin: int) -> int:
 
 
 TILE = 192
+# Side in px up to which a frame is one tile: of several, the light from around would be more.
+_ALONE = 256
 # Width in px of the blocks in which the presence of slices is recorded.
 BLOCK = MIN_TILE
 # Least px on a side of a region, unless the frame is smaller: what tiles share is computed once.
@@ -127,8 +129,10 @@ class Grid(NamedTuple):
         return self._replace(tiles=[tile.seen_from(other) for tile in self.tiles])
 
 
-def grid_over(height: int, width: int, side: int | tuple[int, int] = TILE) -> Grid:
+def grid_over(height: int, width: int, side: int | tuple[int, int] | None = None) -> Grid:
     """The grid of tiles of a side, or of a (height, width), over a frame."""
+    if side is None:
+        side = (max(height, 1), max(width, 1)) if max(height, width) <= _ALONE else TILE
     rows, columns = side if isinstance(side, tuple) else (side, side)
     tiles = [
         Box(y, x, min(rows, height - y), min(columns, width - x))

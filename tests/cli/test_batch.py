@@ -34,19 +34,19 @@ def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path, out):
     assert not hidden_in(out), "no lock and no note is left"
 
 
-def test_a_batch_is_the_same_whoever_does_it(tmp_path, out, monkeypatch):
+def test_a_batch_is_the_same_whoever_does_it(tmp_path, out, in_processes):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", tmp_path / "here")
-    monkeypatch.undo()
+    in_processes()
     succeed("batch", path, "-o", out, "--processes", "1")
     assert contents(out) == contents(tmp_path / "here")
     assert without_times(out) == without_times(tmp_path / "here")
 
 
-def test_one_job_that_is_left_starts_no_process(tmp_path, out, monkeypatch):
+def test_one_job_that_is_left_starts_no_process(tmp_path, out, in_processes, monkeypatch):
     path = jobs_file(tmp_path)
     run("batch", path, "-o", out, "--limit", "3")
-    monkeypatch.undo()
+    in_processes()
     here, compute = [], plain_path.compute
     monkeypatch.setattr(plain_path, "compute", lambda *of: here.append(of) or compute(*of))
     assert run("batch", path, "-o", out, "--processes", "2").code == 0
@@ -284,7 +284,6 @@ def test_shards_hold_what_the_index_lists_without_being_asked_for_again(tmp_path
 
 
 def test_a_scheduler_that_is_none_is_refused(tmp_path, out, monkeypatch):
-    monkeypatch.undo()
     path = jobs_file(tmp_path)
     refused(run("batch", path, "-o", out, "--scheduler", "head"), 2, "malformed", "scheduler")
     monkeypatch.setattr("defocus_core.batch.workers.dask_pool.find_spec", lambda name: None)

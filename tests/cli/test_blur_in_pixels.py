@@ -5,17 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from command_line import (
-    color_exr,
-    pair,
-    ramp,
-    read_exr,
-    refused,
-    run,
-    succeed,
-    texture,
-    write_exr,
-)
+from command_line import color_exr, pair, ramp, read_exr, refused, run, succeed, texture, write_exr
 from image_files import save
 
 from defocus_core import radius_from_relative_disparity, run_batch, samples

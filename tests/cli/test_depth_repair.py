@@ -2,14 +2,7 @@
 
 import numpy as np
 import pytest
-from command_line import (
-    color_exr,
-    depth_exr,
-    header,
-    read_exr,
-    run,
-    succeed,
-)
+from command_line import color_exr, depth_exr, header, read_exr, run, succeed
 
 WIDTH, HEIGHT = 144, 96
 LENS = ("--focal-length", "100mm", "--fnumber", "2", "--focus", "2m", "--sensor-width", "4mm")

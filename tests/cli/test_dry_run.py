@@ -3,16 +3,7 @@
 import os
 
 import pytest
-from command_line import (
-    color_exr,
-    depth_exr,
-    pair,
-    photograph,
-    ramp,
-    refused,
-    render,
-    texture,
-)
+from command_line import color_exr, depth_exr, pair, photograph, ramp, refused, render, texture
 
 from defocus_core.picture import forecast
 from defocus_core.tensors.box import TILE

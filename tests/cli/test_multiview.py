@@ -2,17 +2,7 @@
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-from command_line import (
-    HEIGHT,
-    LENS,
-    WIDTH,
-    files_under,
-    header,
-    pair,
-    read_exr,
-    run,
-    succeed,
-)
+from command_line import HEIGHT, LENS, WIDTH, files_under, header, pair, read_exr, run, succeed
 
 NEAR = (*LENS[:4], "--focus", "1m", "--sensor-width", "4mm")
 

@@ -12,16 +12,7 @@ from pathlib import Path
 
 import pytest
 from batches import again, folders, records
-from command_line import (
-    LENS,
-    files_under,
-    hidden_in,
-    pair,
-    photograph,
-    refused,
-    render,
-    succeed,
-)
+from command_line import LENS, files_under, hidden_in, pair, photograph, refused, render, succeed
 
 from defocus_cli import main
 from defocus_core.picture import plain_path

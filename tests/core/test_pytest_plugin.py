@@ -119,7 +119,7 @@ def test_a_report_of_all_checks_lies_beside_the_junit_file(processes, project):
     assert keys(shown, valued=True)[:2] == ["a", "b"]
     accept = dict(shown["commands"])["Accept as the golden"]
     assert accept == "pytest test_it.py::test_a_picture --golden-update"
-    assert passes(project, "--junitxml", "out/junit.xml", *processes) is None
+    assert passes(project, "--junitxml", "out/junit.xml") is None
     assert [each["status"] for each in items(file)] == ["same"]
 
 
@@ -183,7 +183,7 @@ def test_a_golden_has_the_name_of_its_node_and_those_of_no_test_are_pruned(proce
         assert said_by(tmp_path, *partial) == []
         assert "nothing is removed" in said_by(tmp_path, "--golden-prune", *partial)[-1]
     words = ": no test owns this golden"
-    told = said_by(tmp_path, *processes)
+    told = said_by(tmp_path)
     assert told == [f"{path.relative_to(tmp_path)}{words}" for path in reversed(lost)]
     outside = tmp_path / "mine.exr"
     shutil.move(lost[1], outside)

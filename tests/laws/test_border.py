@@ -11,14 +11,7 @@ from scenes import QUALITIES
 from tolerances import WHITE
 from torch.nn.functional import pad
 
-from defocus_core import (
-    Aperture,
-    CatEye,
-    DualPixel,
-    HiddenLayer,
-    render,
-    render_layers,
-)
+from defocus_core import Aperture, CatEye, DualPixel, HiddenLayer, render, render_layers
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 

@@ -53,5 +53,5 @@ def test_a_coarse_depth_map_is_refined_by_a_dual_pixel_pair(coarsely):
     sharp, truth = textured(), true_radius()
     pair = render(sharp, truth, left_right=True)
     coarse = coarsely(truth)
-    refined = refine_radius(sharp, coarse, pair.left, pair.right, steps=50, smooth=3e-3)
+    refined = refine_radius(sharp, coarse, pair.left, pair.right, steps=30, smooth=3e-3)
     assert (refined - truth).abs().mean() < (coarse - truth).abs().mean() / 2

@@ -178,7 +178,7 @@ NUMBERS: list[tuple[str, str, float, tuple[float, float], dict[str, Any]]] = [
     ("reference", "squeeze", 0.6, (0.05, 20.0), {}),
     ("standard", "squeeze", 20.0, (0.05, 20.0), {}),
     ("standard", "curvature", 0.0, (0.0, 1.0), BLADES),
-    ("reference", "curvature", 0.4, (0.0, 1.0), BLADES),
+    ("standard", "curvature", 0.4, (0.0, 1.0), BLADES),
     ("standard", "curvature", 1.0, (0.0, 1.0), BLADES),
     ("standard", "spherical", -1.0, (-1.0, 1.0), {}),
     ("standard", "spherical", 1.0, (-1.0, 1.0), {}),

@@ -16,7 +16,7 @@ from defocus_core import fit, metrics, render
 GRID = [(x / 4.5, y / 4.5) for x, y in product(range(-4, 5), repeat=2) if math.hypot(x, y) <= 4.5]
 OFFSETS = ((0.25, 0.25), (0.75, 0.75), (0.25, 0.75), (0.75, 0.25))
 MAX_DB = 1.0  # that the lens found may explain less than the lens known
-WIDTH, HEIGHT = 160, 92
+WIDTH, HEIGHT = 120, 69
 
 
 def tensor(picture):

@@ -20,7 +20,7 @@ def spread(size, maximum):
 
 
 @pytest.mark.parametrize("maximum", [0.0, 0.4, 1.0, 3.0, 30.0, 300.0, 1e5])
-@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3), (1, 120), (33, 17)])
+@pytest.mark.parametrize("size", [(1, 1), (1, 40), (40, 1), (2, 3), (33, 17)])
 def test_white_stays_white_in_any_frame_at_any_radius(size, maximum):
     for radius in (spread(size, maximum), torch.full(size, maximum), torch.full(size, -maximum)):
         o = render(torch.ones(1, *size), radius, left_right=True)

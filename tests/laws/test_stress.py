@@ -119,7 +119,7 @@ def scenes(draw, kinds=kinds):
     return image, radius
 
 
-few = settings(deadline=None, derandomize=True, max_examples=30)
+few = settings(deadline=None, derandomize=True, max_examples=20)
 
 
 def three(o):

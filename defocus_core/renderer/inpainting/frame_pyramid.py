@@ -18,13 +18,14 @@ from defocus_core.renderer.inpainting.coherence_transport import structure
 from defocus_core.renderer.inpainting.disocclusion import Reach, coarse_edges, grain_of, reach_of
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
     PyramidLevel,
+    SurfaceTable,
     coarser,
     pixels_of,
     stacked,
 )
 from defocus_core.renderer.layers.layer import layers_of, mixed_within
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import pieces, sent
+from defocus_core.tensors.device_plan import launches_cost, pieces, sent
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.pyramid import Axis, AxisHalving, axes, halves
 from defocus_core.tensors.source import Pixels, banded
@@ -38,6 +39,8 @@ _ROUNDED = 1.013e-3
 # Bytes that a pixel takes while it is made coarser; rows of quarter resolution around a band that
 # it depends on.
 _BYTES_EACH, _AROUND = 120, 3
+# Resolutions, a quarter and less, that decide the direction of lines together.
+_DIRECTIONS = 3
 # The last level has coarse pixels this many times as wide as the range of radii; no round number,
 # so that rounding decides nothing.
 _WIDER = 1.99
@@ -47,8 +50,11 @@ class Backdrop(NamedTuple):
     """A frame at low resolution."""
 
     half: PyramidLevel  # at half of the resolution: colour, and radius in px
-    # At a quarter of it, an eighth, and so on: these, and the structure tensor
-    levels: list[PyramidLevel]
+    adjacent: SurfaceTable  # the same, as it is looked up
+    # At a quarter of it, an eighth, and so on: these, and the structure tensor. Levels that decide
+    # directions are looked up together, and so are all others where an operation takes long to
+    # begin
+    levels: list[SurfaceTable]
     reach: Reach  # the reach of its depth edges
     fine: tuple[Axis, Axis]  # where the middle of the frame is at full resolution
     size: tuple[int, int]  # (height, width) in px
@@ -56,11 +62,11 @@ class Backdrop(NamedTuple):
     # [B] px, the range of the radii of each picture of a batch; None if there is one
     spans: Tensor | None = None
 
-    def is_of(self, level: PyramidLevel, of: Tensor | None) -> Tensor | None:
+    def is_of(self, level: int, of: Tensor | None) -> Tensor | None:
         """Whether pixels [n] of pictures have a level; None if all have."""
         if self.spans is None or of is None:
             return None
-        return (_WIDER * self.spans > 1 << (level.level - 1)).index_select(0, of)
+        return (_WIDER * self.spans > 1 << (level - 1)).index_select(0, of)
 
 
 def backdrop_of(
@@ -117,7 +123,11 @@ def backdrop_of(
         levels.append(coarser(levels[-1]))
     spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0] if batch else None
     reach = reach_of(edges, grain, maximum - minimum, fine)
-    return Backdrop(half_level, levels, reach, fine, (H, W), mixed, spans)
+    rest = levels[_DIRECTIONS:]
+    groups = [levels[:_DIRECTIONS], *([rest] if launches_cost(edges.device) else zip(rest))]
+    tables = [SurfaceTable.of(group, fine) for group in groups if group]
+    adjacent = SurfaceTable.of([half_level], fine)
+    return Backdrop(half_level, adjacent, tables, reach, fine, (H, W), mixed, spans)
 
 
 def _put_together(

@@ -26,7 +26,7 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
     nearby,
 )
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import launches_cost, sent
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.pyramid import Axis, averaged, halves, spread_out
 from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.sparse_masks import flat_nonzero
@@ -90,8 +90,6 @@ def in_coarse_pixels(mask: Tensor, middle: _Axes) -> Tensor:
 _BETWEEN = 0.377
 # Distance from the edge, in px of reach, up to which lines are continued.
 _LINES = 20.1 * DECAY
-# Resolutions, a quarter and less, that decide the direction of lines together.
-_DIRECTIONS = 3
 # Weight of a surface next to a hidden pixel, compared with the same surface in a wider surrounding.
 _NEXT = 4.0
 # Distance in px around a region from which hidden content is continued.
@@ -150,7 +148,7 @@ def hidden_layer(
     asked = HiddenQueries(pixels, front + (source - front) * _BETWEEN, ceiling, of)
     values, tensor, weight = _from_frame(backdrop, asked)
     values, weight = _with_adjacent_surface(values, weight, backdrop, asked, level)
-    surface = (values / weight.clamp(min=LEAST_WEIGHT)).T
+    surface = values / weight.clamp(min=LEAST_WEIGHT)[:, None]
     lines = torch.nonzero(source - shown <= _LINES)[:, 0]
     if len(lines):
         if level:  # the whole frame
@@ -160,7 +158,7 @@ def hidden_layer(
         else:
             picture, corner = torch.cat([image, signed_radius[None]]), [0, 0]
         spot, border, smooth = (x.index_select(0, lines) for x in (at, asked.border, surface))
-        way = tensor.index_select(1, lines).T
+        way = tensor.index_select(0, lines)
         own = None if of is None else of.index_select(0, lines)
         spot = spot + sent(corner, spot)
         colors = transported(picture, spot, border, smooth, way, level, own)
@@ -182,58 +180,50 @@ _ENOUGH = 0.5
 def _from_frame(backdrop: Backdrop, asked: HiddenQueries) -> tuple[Tensor, Tensor, Tensor]:
     """The farther surfaces around pixels of a frame, at a quarter of its resolution and less.
 
-    Each takes from the next coarser level what it lacks. Returns colour and radius [C + 1, n] times
-    weights, structure tensors [3, n], and weights [n].
+    Each takes from the next coarser level what it lacks. Returns colour and radius [n, C + 1] times
+    weights, structure tensors [n, 3], and weights [n].
     """
-    levels = backdrop.levels
-    found, weights = nearby(levels[:_DIRECTIONS], asked, backdrop.fine)
-    exist = [backdrop.is_of(level, asked.of) for level in levels]
-    values, weight, tensor = found[0, :-3], weights[0], found[0, -3:]
-    for more, fraction, exists in zip(found[1:], weights[1:], exist[1:_DIRECTIONS], strict=True):
-        missing = (1 - weight) * (weight < _ENOUGH)
-        missing = missing if exists is None else missing * exists
-        values = torch.addcmul(values, more[:-3], missing)
-        weight = torch.addcmul(weight, fraction, missing)
-        tensor = tensor + (more[-3:] if exists is None else more[-3:] * exists)
-    rest = list(zip(levels[_DIRECTIONS:], exist[_DIRECTIONS:], strict=True))
-    together = launches_cost(asked.at.device)
-    for first in range(0, len(rest), max(1, len(rest)) if together else 1):
-        some = rest[first : len(rest) if together else first + 1]
+    first, *rest = backdrop.levels
+    found, weights = nearby(first, asked)
+    values, weight, tensor = found[0, :, :-3], weights[0], found[0, :, -3:]
+    for level, more, fraction in zip(first.levels[1:], found[1:], weights[1:], strict=True):
+        exists = backdrop.is_of(level, asked.of)
+        values, weight = _filled(values, weight, more[:, :-3], fraction, exists)
+        tensor = tensor + (more[:, -3:] if exists is None else more[:, -3:] * exists[:, None])
+    for table in rest:
         lacking = flat_nonzero(weight < _ENOUGH)
         if not len(lacking):
             break
-        their_values, their_weights = nearby(
-            [level for level, _ in some], asked.select(lacking), backdrop.fine
-        )
-        own_values, own = values.index_select(1, lacking), weight.index_select(0, lacking)
-        for more, fraction, (_, exists) in zip(their_values, their_weights, some, strict=True):
-            missing = (1 - own) * (own < _ENOUGH)
-            if exists is not None:
-                missing = missing * exists.index_select(0, lacking)
-            own_values = torch.addcmul(own_values, more[:-3], missing)
-            own = torch.addcmul(own, fraction, missing)
-        values = values.index_copy(1, lacking, own_values)
+        some = asked.select(lacking)
+        own_values, own = values.index_select(0, lacking), weight.index_select(0, lacking)
+        for level, more, fraction in zip(table.levels, *nearby(table, some), strict=True):
+            exists = backdrop.is_of(level, some.of)
+            own_values, own = _filled(own_values, own, more[:, :-3], fraction, exists)
+        values = values.index_copy(0, lacking, own_values)
         weight = weight.index_copy(0, lacking, own)
     return values, tensor, weight
+
+
+def _filled(
+    values: Tensor, weight: Tensor, more: Tensor, fraction: Tensor, exists: Tensor | None
+) -> tuple[Tensor, Tensor]:
+    """Values [n, C + 1] and weights [n], with those of a coarser level where they lack it."""
+    missing = (1 - weight) * (weight < _ENOUGH)
+    missing = missing if exists is None else missing * exists
+    return torch.addcmul(values, more, missing[:, None]), torch.addcmul(weight, fraction, missing)
 
 
 def _with_adjacent_surface(
     values: Tensor, weight: Tensor, backdrop: Backdrop, asked: HiddenQueries, level: int
 ) -> tuple[Tensor, Tensor]:
     """Values and weights at half resolution, first those of the surface next to each pixel."""
-    offsets = (-0.5, 0.5) if level else (0.0,)
-    offset = sent([(y, x) for y in offsets for x in offsets], asked.border)
-    n, count = len(asked.at), len(offset)
-    spots = (offset[:, None] + asked.at).flatten(0, 1)
-    of = None if asked.of is None else asked.of.repeat(count)
-    each = HiddenQueries(spots, asked.border.repeat(count), asked.ceiling.repeat(count), of)
-    found, fraction = nearby([backdrop.half], each, backdrop.fine)
-    next_values = found[0].reshape(-1, count, n).mean(1)
-    fraction = fraction.reshape(count, n).mean(0)
+    found, fractions = nearby(backdrop.adjacent, asked, 0.5 if level else 0.0)
+    fraction = fractions[0]
     maximum = (fraction * _NEXT).clamp(max=1)
     left = 1 - maximum
-    next_values = next_values * (maximum / fraction.clamp(min=LEAST_WEIGHT))
-    return torch.addcmul(next_values, values, left), torch.addcmul(maximum, weight, left)
+    next_values = found[0] * (maximum / fraction.clamp(min=LEAST_WEIGHT))[:, None]
+    weight = torch.addcmul(maximum, weight, left)
+    return torch.addcmul(next_values, values, left[:, None]), weight
 
 
 # Colour, radius and mask as of a `HiddenLayer`, in memory or in files: undefined outside the mask,

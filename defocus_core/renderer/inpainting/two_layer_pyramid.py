@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import pad
+from torch.nn.functional import embedding_bag, pad
 
 from defocus_core.tensors.device_plan import launches_cost, pieces, sent
 from defocus_core.tensors.pyramid import (
@@ -373,87 +373,104 @@ class HiddenQueries(NamedTuple):
         return HiddenQueries(at, border, ceiling, of)
 
 
-def nearby(
-    levels: Sequence[PyramidLevel], asked: HiddenQueries, fine: tuple[Axis, Axis]
-) -> tuple[Tensor, Tensor]:
-    """The mean of the four coarse pixels of each level around each pixel, weighted by distance.
+class SurfaceTable(NamedTuple):
+    """The surfaces of some levels, as they are looked up: of all levels one after another."""
 
-    Of the surfaces that are continued to it alone: [L, K, n] values times weights, [L, n] weights.
+    levels: tuple[int, ...]  # how many times the resolution of each is halved
+    values: Tensor  # [N, K] the first surface of each coarse pixel, then the second ones
+    limits: Tensor  # [2, N] their weights and least radii
+    second: Tensor | None  # [m] for each first one the row of the second, or -1; None if all are -1
+    # [L, 2, 1] of each level: the row and column of pixel 0 of the frame among coarse pixels, those
+    # between two pixels, and the last coarse pixel; [L, 1, 1] its width, its first row in the table
+    # and the number of its coarse pixels
+    origin: Tensor
+    step: Tensor
+    last: Tensor
+    width: Tensor
+    start: Tensor
+    area: Tensor
+
+    @classmethod
+    def of(cls, levels: Sequence[PyramidLevel], fine: tuple[Axis, Axis]) -> SurfaceTable:
+        """The table of levels of a frame; `fine`: where its middle is at full resolution."""
+        firsts = [level.first for level in levels]
+        like, counts = firsts[0].minimum, [len(first.weight) for first in firsts]
+        seconds = [level.second for level in levels if level.second is not None]
+        second, before = None, sum(counts)
+        if seconds:
+            numbers = []
+            for level, count in zip(levels, counts, strict=True):
+                numbers.append(like.new_full((count,), -1, dtype=torch.long))
+                if level.second is not None and level.second_index is not None:
+                    numbers[-1] = torch.where(
+                        level.second_index < 0, -1, level.second_index + before
+                    )
+                    before += len(level.second.weight)
+            second = torch.cat(numbers)
+        places = []
+        for level in levels:  # a place among coarse pixels is affine in the row or column
+            for axis, middle, length in zip(fine, level.middle, level.size, strict=True):
+                ends = [position_of(pixel, axis, middle, level.level) for pixel in (0.0, 1.0)]
+                places.append((ends[0], ends[1] - ends[0], length - 1))
+        origin, step, last = sent(places, like).view(-1, 2, 1, 3).unbind(3)
+        rows = [level.size[1] for level in levels], [0, *accumulate(counts[:-1])]
+        wholes = *rows, [level.size[0] * level.size[1] for level in levels]
+        width, start, area = sent(wholes, like.new_empty(0, dtype=torch.long))[..., None, None]
+        return cls(
+            tuple(level.level for level in levels),
+            torch.cat([sheet.values.T for sheet in (*firsts, *seconds)]),
+            torch.cat([sheet.data[-3:-1] for sheet in (*firsts, *seconds)], 1),
+            second,
+            *(origin, step, last, width, start, area),
+        )
+
+
+def nearby(table: SurfaceTable, asked: HiddenQueries, around: float = 0.0) -> tuple[Tensor, Tensor]:
+    """The mean of the coarse pixels of each level around each pixel, weighted by distance.
+
+    Of the surfaces that are continued to it alone. `around`: px on each side, in rows and columns,
+    of the two places whose mean is asked for. Returns [L, n, K] values times weights, and [L, n]
+    weights.
     """
-    count = pieces(asked.at.device, _BYTES_OF_QUERY * len(levels))
+    count = pieces(asked.at.device, _BYTES_OF_QUERY * len(table.levels))
     if len(asked.at) <= count:
-        return _nearby(levels, asked, fine)
+        return _nearby(table, asked, around)
     numbers = torch.split(torch.arange(len(asked.at), device=asked.at.device), count)
-    parts = [_nearby(levels, asked.select(chunk), fine) for chunk in numbers]
+    parts = [_nearby(table, asked.select(chunk), around) for chunk in numbers]
     values, weights = zip(*parts, strict=True)
-    return torch.cat(values, 2), torch.cat(weights, 1)
+    return torch.cat(values, 1), torch.cat(weights, 1)
 
 
-def _nearby(
-    levels: Sequence[PyramidLevel], asked: HiddenQueries, fine: tuple[Axis, Axis]
-) -> tuple[Tensor, Tensor]:
+def _nearby(table: SurfaceTable, asked: HiddenQueries, around: float) -> tuple[Tensor, Tensor]:
     """The same for few pixels at once."""
-    count, n = len(levels), len(asked.at)
-    limits = [x.detach().repeat(4 * count) for x in (asked.border, asked.ceiling)]
-    like = asked.border.detach()
-    # a place among coarse pixels is affine in the row or column
-    ends = [
-        [position_of(float(pixel), axis, level.middle[d], level.level) for pixel in (0, 1)]
-        for level in levels
-        for d, axis in enumerate(fine)
-    ]
-    origin, step = sent([[a, b - a] for a, b in ends], like).view(count, 2, 2, 1).unbind(2)
-    position = torch.addcmul(origin, step, asked.at.T.to(like.dtype))  # [L, 2, n]
-    last = sent([[n - 1 for n in level.size] for level in levels], like)[..., None]
-    below = position.floor()
-    fraction = position - below
-    exists = torch.stack([below + 1, last - below]).clamp_(0, 1)
-    shares = torch.stack([1 - fraction, fraction]) * exists  # [2, L, 2, n]
-    beside = torch.minimum(torch.stack([below, below + 1]).clamp_(min=0), last).long()
-    widths = sent([level.size[1] for level in levels], beside)[:, None]
-    starts = [0, *accumulate(level.first.data.shape[1] for level in levels[:-1])]
-    row = beside[:, :, 0] * widths + sent(starts, beside)[:, None]  # [2, L, n]
+    border, ceiling = (x.detach()[None, :, None] for x in (asked.border, asked.ceiling))
+    position = torch.addcmul(table.origin, table.step, asked.at.T.to(border.dtype))  # [L, 2, n]
+    away = around * table.step if around else 0.0
+    below = (position - away).floor_()[..., None]
+    tap = below + torch.arange(3 if around else 2, device=below.device)  # [L, 2, n, t]
+    offset = tap - position[..., None]
+    if isinstance(away, Tensor):
+        shares = [1 - (offset + sign * away[..., None]).abs_() for sign in (-1, 1)]
+        share = (shares[0].clamp_(min=0) + shares[1].clamp_(min=0)) / 2
+    else:
+        share = 1 - offset.abs_()
+    inside = torch.minimum(tap.clamp(min=0), table.last[..., None])
+    share = share * (inside == tap)
+    row, column = inside.long().unbind(1)  # [L, n, t]
+    row = row * table.width + table.start
     if asked.of is not None:
-        areas = sent([level.size[0] * level.size[1] for level in levels], beside)[:, None]
-        row = row + asked.of * areas
-    number = (row[:, None] + beside[:, :, 1]).transpose(1, 2).transpose(0, 1)  # [L, 2, 2, n]
-    number = number.reshape(-1)
-    share = (shares[:, None, :, 0] * shares[None, :, :, 1]).permute(2, 0, 1, 3).reshape(-1)
-    values, weight = _weighed(_joined([level.first for level in levels]), number, limits, share)
-    seconds = [level.second for level in levels if level.second is not None]
-    if seconds:
-        index = _second_indices(levels).index_select(0, number)
-        counts = [0 if level.second is None else len(level.second.weight) for level in levels]
-        before = sent([0, *accumulate(counts[:-1])], index)[:, None]
-        # 0 where a coarse pixel has no second sheet
-        share = share * (index >= 0)
-        number = (index.view(count, -1) + before).flatten().clamp_(min=0)
-        more = _weighed(_joined(seconds), number, limits, share)
-        values, weight = values + more[0], weight + more[1]
-    values = values.view(-1, count, 4, n).sum(2).transpose(0, 1)
-    weight = weight.view(count, 4, n).sum(1)
+        row = row + asked.of[:, None] * table.area
+    number = (row[..., None] + column[..., None, :]).flatten(2)
+    share = (share[:, 0, :, :, None] * share[:, 1, :, None]).flatten(2)  # [L, n, t * t]
+    if table.second is not None:  # 0 where a coarse pixel has no second surface
+        second = table.second.index_select(0, number.flatten()).view(number.shape)
+        number = torch.cat([number, second.clamp(min=0)], 2)
+        share = torch.cat([share, share * (second >= 0)], 2)
+    weight, minimum = table.limits.index_select(1, number.flatten()).view(2, *number.shape)
+    minimum = minimum.detach()
+    weight = share * weight * ((minimum > border) & (minimum < ceiling))
+    bags = number.flatten(0, 1), table.values, weight.flatten(0, 1)
+    values = embedding_bag(*bags[:2], mode="sum", per_sample_weights=bags[2])
+    weight = weight.sum(2)
     maximum = weight.clamp(min=1)
-    return values / maximum[:, None], weight / maximum
-
-
-def _second_indices(levels: Sequence[PyramidLevel]) -> Tensor:
-    """The index in the second surfaces of its level of each coarse pixel, or -1."""
-    nothing = levels[0].first.data.new_full((1,), -1, dtype=torch.int32)
-    return torch.cat(
-        [
-            nothing.expand(math.prod(level.shape))
-            if level.second_index is None
-            else level.second_index
-            for level in levels
-        ]
-    )
-
-
-def _weighed(
-    sheet: CellSurface, coarse_pixel: Tensor, limits: Sequence[Tensor], fraction: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Values [K, n] of coarse pixels by weights, and weights [n]; 0 for radii beyond `limits`."""
-    values, weight, minimum, _ = sheet.select(coarse_pixel).parts
-    between = (minimum > limits[0]) & (minimum < limits[1])
-    weight = fraction * weight * between
-    return values * weight, weight
+    return values.view(*weight.shape, -1) / maximum[..., None], weight / maximum

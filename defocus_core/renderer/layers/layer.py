@@ -78,15 +78,14 @@ def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple
     index = mixed.at[:, 0] * signed_radius.shape[-1] + mixed.at[:, 1]
     own, nearer = mixed.own, mixed.nearer
 
-    def with_mixed(values: Tensor, of_mixed: Tensor) -> Tensor:
-        return values.flatten(1).index_copy(1, index, of_mixed).view(values.shape)
-
-    shape = len(nearer), *signed_radius.shape
-    color, coverage, radius = with_mixed(image.new_zeros(shape), nearer).tensor_split([-2, -1])
-    ones = image.new_ones(1, *signed_radius.shape)
+    size = signed_radius.shape
+    color = image.flatten(1).index_copy(1, index, own[:-1]).view(image.shape)
+    coverage = image.new_ones(1, size.numel()).index_copy_(1, index, own[-1:]).view(1, *size)
+    parts = image.new_zeros(len(nearer), size.numel()).index_copy_(1, index, nearer)
+    others = parts.view(-1, *size).tensor_split([-2, -1])
     return (
-        SampleLayer(with_mixed(image, own[:-1]), with_mixed(ones, own[-1:]), signed_radius),
-        SampleLayer(color, coverage, radius[0], sparse=True),
+        SampleLayer(color, coverage, signed_radius),
+        SampleLayer(others[0], others[1], others[2][0], sparse=True),
     )
 
 

@@ -24,8 +24,9 @@ from defocus_core.renderer.layers.slice_radii import (
 )
 from defocus_core.renderer.layers.slopes import Shifts
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, min_transform
-from defocus_core.tensors.device_plan import pieces
+from defocus_core.tensors.device_plan import launches_cost, pieces
 from defocus_core.tensors.pyramid import Axis, averaged
+from defocus_core.tensors.sparse_masks import flat_nonzero
 
 
 def continue_edges(values: Tensor, given: Box) -> None:
@@ -392,7 +393,7 @@ class Surface:
         count = len(reaches)
         sharp = reaches.index(0) if 0 in reaches else None
         self._samples = [
-            self._with_frame(layer, slice_position(layer.signed_radius, radii), count, sharp)
+            self._with_frame(layer, _positions(layer, radii), count, sharp)
             for layer in samples.layers
         ]
         self._positions, self._shifts = self._samples[0].positions, samples.shifts
@@ -555,6 +556,16 @@ class Surface:
             if extent.width:
                 aligned = _aligned(extent._replace(top=band.top, height=0), step, middle)
                 yield band._replace(left=aligned.left, width=aligned.width).grown(0, self._own)
+
+
+def _positions(layer: SampleLayer, radii: tuple[float, ...]) -> Tensor:
+    """The positions [..., H, W] of a layer between slice radii, looked up where it has samples."""
+    radius = layer.signed_radius
+    if not layer.sparse or launches_cost(radius.device):
+        return slice_position(radius, radii)
+    index = flat_nonzero(layer.covered.detach() > 0)
+    positions = slice_position(radius.flatten().index_select(0, index), radii)
+    return torch.zeros_like(radius).flatten().index_copy(0, index, positions).view_as(radius)
 
 
 def _bounds(blocks: Tensor, box: Box) -> Box | None:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.bench.launches import counted, line, names, with_table
+from defocus_core.bench.launches import Counted, CountedCase, counted, line, names, with_table
 
 HELP = Path(__file__).parents[3] / "defocus_cli" / "help" / "quality.md"
 ROWS = [row for row in HELP.read_text().splitlines() if "×" in row and row[0] == "|"]
@@ -28,7 +28,7 @@ def numbers(row):
 
 
 def test_a_table_takes_the_place_of_the_old_one():
-    case = counted(names()[0])
+    case = CountedCase("floor 9×5", Counted(890, 13, 1.25), Counted(1_100, 14, 2.0))
     text = with_table(None, [case, case], HELP)
     other = with_table(f"before\n\n{text}\nafter\n", [case], HELP)
     assert other == f"before\n\n{with_table(None, [case], HELP)}\nafter\n"

@@ -316,9 +316,15 @@ def test_an_edge_that_wanders_comes_to_where_the_colours_change(by):
     assert int((found != hard_depth()).sum()) < 0.4 * before
 
 
-@pytest.mark.parametrize(("near", "far", "by"), [(-20.0, 0.0, 4), (0.0, 20.0, 0)])
-def test_doubt_goes_to_a_nearer_surface_that_is_more_blurred(near, far, by):
-    """What is left of it beyond its edge would be a sharp line."""
-    doubt = EdgeShifts(0.3, 0.0, (0.0,) * (2 * FARTHEST + 1))
-    found = with_shifted_edges(hard_depth(near, far), two_colors(contrast=0.0), doubt)
-    assert torch.equal(found, soft_depth(1, by, near, far))
+def test_what_an_edge_uncovers_is_the_surface_beyond_it():
+    """A speck or the rest of a ramp beside an edge becomes no patch."""
+    four = torch.eye(2 * FARTHEST + 1)[FARTHEST + 4]
+    shifts = EdgeShifts(1.0, 4.0, tuple((20 * (1 - four)).tolist()))
+    radius = hard_depth()
+    radius[10:13, MIDDLE] = NEAR + 5  # the rest of a ramp
+    radius[40:43, MIDDLE + 20 : MIDDLE + 23] = FAR + 10  # a speck
+    found = with_shifted_edges(radius, two_colors(contrast=0.0), shifts)
+    moved = found[:, : MIDDLE - 4] == NEAR
+    assert moved.all()
+    assert (found[:, MIDDLE - 3 : MIDDLE - 1] == FAR).all()
+    assert ((found == FAR + 10) <= (radius == FAR + 10)).all()

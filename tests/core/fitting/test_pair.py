@@ -11,7 +11,7 @@ from defocus_core.fitting.pictures import registered
 STRENGTH, FOCUS = 14.0, 0.45  # px for a disparity of 1; disparity
 
 
-def scene(side=96):
+def scene(side=64):
     """Textured slopes and a card: light [3, H, W] and disparity [H, W]."""
     generator = torch.Generator().manual_seed(3)
     fine = torch.rand(3, side, side, generator=generator)
@@ -60,9 +60,9 @@ def test_exposure_and_white_balance_are_found_beside_the_blur():
 
 
 def test_a_falloff_of_light_that_differs_between_the_sides_misleads_no_exposure():
-    image, disparity = scene(160)
+    image, disparity = scene(112)
     views = render(image, STRENGTH * (FOCUS - disparity), left_right=True)
-    y, x = torch.meshgrid(*[torch.linspace(-1, 1, 160)] * 2, indexing="ij")
+    y, x = torch.meshgrid(*[torch.linspace(-1, 1, 112)] * 2, indexing="ij")
     corners = 1 / (1 + 0.4 * (x**2 + y**2)) ** 2  # cos⁴ of the angle
     pair = views.left * corners * (1 - 0.2 * x), views.right * corners * (1 + 0.1 * x)
     found = fit(image, disparity, pair, exposure=True, shift=True, crosstalk=True)
@@ -75,7 +75,7 @@ def test_a_falloff_of_light_that_differs_between_the_sides_misleads_no_exposure(
 
 def test_a_search_crosses_the_focus_to_the_same_blur_on_its_other_side():
     """A wall that is 1.4 px beyond the focus looks as one that is as much nearer."""
-    image, _ = scene(64)
+    image, _ = scene()
     wall = torch.linspace(0.05, 0.15, 64)[:, None].repeat(1, 64)
     wall[20:44, 20:44] = 0.9
     observed = render(image, 14 * (0.2 - wall)).render
@@ -100,9 +100,9 @@ def test_the_photodiodes_and_their_sides_are_found_with_the_lens():
 
 def test_a_plane_whose_focus_is_known_tells_its_sensor_and_its_shading():
     image, _ = scene()
-    plane, sensor = torch.full((96, 96), 0.2), DualPixel(crosstalk=0.2)
+    plane, sensor = torch.full((64, 64), 0.2), DualPixel(crosstalk=0.2)
     views = render(image, STRENGTH * (FOCUS - plane), left_right=True, dual_pixel=sensor)
-    darker = torch.linspace(1.1, 0.9, 96)
+    darker = torch.linspace(1.1, 0.9, 64)
     found = fit(
         image,
         plane,
@@ -131,7 +131,7 @@ def test_the_power_is_found_by_which_pictures_are_light(power):
     assert fit(files[0], disparity, files[1]).psnr[0] < found.psnr[0] - 3
 
 
-def pair_of_waves(magnification, shift, side=160):
+def pair_of_waves(magnification, shift, side=112):
     """Sharp [3, H, W], disparity [H, W] and blurred light, which is evaluated where it lies."""
     generator = torch.Generator().manual_seed(4)
     count, (across, down) = 120, shift
@@ -152,7 +152,7 @@ def pair_of_waves(magnification, shift, side=160):
 
 @pytest.mark.parametrize(
     ("magnification", "shift"),
-    [(1.005, (1.4, -0.6)), (0.995, (-2.3, 0.4)), (1.001, (0.3, 1.2))],
+    [(1.005, (1.4, -0.6)), (0.995, (-2.3, 0.4))],
 )
 def test_magnification_and_shift_of_a_pair_are_found(magnification, shift):
     sharp, disparity, observed = pair_of_waves(magnification, shift)
@@ -184,7 +184,7 @@ def test_a_shift_by_parts_of_a_px_moves_a_wave_by_them():
 
 def test_lights_that_are_clipped_do_not_mislead():
     """A light of 60 spreads as a disc, of which the clipped light of 1 explains nothing."""
-    image, disparity = scene(144)
+    image, disparity = scene(128)
     image = 0.7 * image
     image[:, 10::20, 10::20] = 60.0
     observed = blurred(image, disparity).clamp(max=1)
@@ -194,7 +194,7 @@ def test_lights_that_are_clipped_do_not_mislead():
 
 
 def test_pictures_of_which_all_is_clipped_are_refused():
-    image, disparity = scene(64)
+    image, disparity = scene()
     with pytest.raises(ValueError, match="hardly a pixel tells anything"):
         fit(torch.ones_like(image), disparity, torch.ones_like(image))
     flat = torch.full_like(image, 0.5)

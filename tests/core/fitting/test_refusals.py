@@ -89,14 +89,14 @@ def judged(sharp, disparity, observed, point):
 def test_a_hostile_pair_is_refused_by_the_right_lens_and_by_hardly_any(kind, strength):
     change, wanted = HOSTILE[kind]
     for name in NAMES[kind == "mirrored" :]:  # the floor is its own mirror image, nearly
-        light, disparity, observed, point = blurred(name, 120)
+        light, disparity, observed, point = blurred(name, 80)
         found = Candidate(strength * point.strength, point.focus)
         assert judged(light, disparity, change(light, observed, name), found) in wanted, name
 
 
 def test_a_sharp_picture_in_the_place_of_the_blurred_one_is_refused():
     for name in NAMES:
-        light, disparity, observed, point = blurred(name, 120)
+        light, disparity, observed, point = blurred(name, 80)
         assert judged(observed, disparity, light, point) in {*REFUSED, *OPTIONS}, name
 
 
@@ -112,7 +112,7 @@ def test_a_registration_at_the_end_of_its_range_is_refused(change):
 
 def test_the_right_lens_leaves_no_difference_of_a_clean_pair():
     for name in NAMES:
-        light, disparity, observed, point = blurred(name, 120)
+        light, disparity, observed, point = blurred(name, 80)
         residual = Residual(light, disparity, (observed,), exposure=False)
         there = residual.of(point, Optics(Aperture(), DualPixel()), residual.scale(None))
         assert error_of(*there) < 1e-12, name
@@ -120,7 +120,7 @@ def test_the_right_lens_leaves_no_difference_of_a_clean_pair():
 
 def test_the_right_lens_is_not_refused():
     for name in NAMES:
-        light, disparity, observed, point = blurred(name, 120)
+        light, disparity, observed, point = blurred(name, 80)
         assert not judged(light, disparity, observed, point), name
         assert not judged(
             light, disparity, observed.clamp(max=float(observed.quantile(0.8))), point

@@ -12,7 +12,7 @@ from defocus_core import Aperture, DualPixel, PupilImage, render
 SIDE = 96  # px of a square of the frame with one light in its middle
 SIZE = SIDE, 3 * SIDE
 OPENINGS = [
-    *(Aperture(blades, rotation) for blades in range(3, 10) for rotation in (0.0, 37.0, 90.0)),
+    *(Aperture(blades, rotation) for blades in range(3, 10) for rotation in (0.0, 37.0)),
     Aperture(),
     Aperture(7, 20.0, curvature=0.6),
     Aperture(6, obstruction=0.5, squeeze=1.6),
@@ -23,9 +23,9 @@ OPENINGS = [
 SENSORS = [DualPixel(), DualPixel("smooth"), DualPixel("split", 0.2), DualPixel("@pixel4")]
 
 
-def light(height, width):
+def light(height, width, side=SIDE):
     """A soft light in the middle of each square of a picture [H, W]."""
-    y, x = (np.arange(n, dtype=np.float32) % SIDE - SIDE // 2 for n in (height, width))
+    y, x = (np.arange(n, dtype=np.float32) % side - side // 2 for n in (height, width))
     return np.exp(-(x[None, :] ** 2 + y[:, None] ** 2) / 4)
 
 
@@ -38,14 +38,9 @@ def along_x(picture):
 @pytest.mark.parametrize("sensor", SENSORS, ids=lambda s: f"{s.model}-{s.crosstalk:g}")
 @pytest.mark.parametrize("r", [20.0, -20.0])
 def test_left_and_right_are_as_far_apart_as_their_centroids_in_the_opening(sensor, r):
-    image = torch.from_numpy(light(SIDE, SIDE))[None]
+    image, radius = torch.from_numpy(light(64, 64, 64))[None], torch.full((64, 64), r)
     for opening in OPENINGS:
-        views = render(
-            *(image, torch.full((SIDE, SIDE), r)),
-            aperture=opening,
-            left_right=True,
-            dual_pixel=sensor,
-        )
+        views = render(image, radius, aperture=opening, left_right=True, dual_pixel=sensor)
         apart = along_x(views.right[0]) - along_x(views.left[0])
         assert r * sensor.disparity(opening, nearer=r < 0) == pytest.approx(apart, rel=0.01)
 

@@ -12,13 +12,7 @@ from elsewhere import NAME, elsewhere, here, there
 from torch import Tensor
 
 from defocus_core.io.arrays import computed, stacked, times
-from defocus_core.picture.scene import (
-    layer_windows,
-    map_windows,
-    to_array,
-    to_device,
-    windows,
-)
+from defocus_core.picture.scene import layer_windows, map_windows, to_array, to_device, windows
 from defocus_core.tensors.derived import chosen, plus
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4)

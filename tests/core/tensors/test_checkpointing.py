@@ -23,7 +23,7 @@ def test_little_is_kept_for_a_backward_pass():
 
 
 def test_progress_ends_with_the_picture():
-    image, radius = torch.rand(3, 40, 210, requires_grad=True), torch.full((40, 210), 3.0)
+    image, radius = torch.rand(3, 40, 260, requires_grad=True), torch.full((40, 260), 3.0)
     told: list[tuple[int, int]] = []
     o = render(image, radius, progress=lambda *counts: told.append(counts))
     o.render.sum().backward()

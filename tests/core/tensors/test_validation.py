@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from defocus_core import Aperture, DefocusLens, Distribution, HiddenLayer, RandomDefocus, render
+from defocus_core import DefocusLens, Distribution, HiddenLayer, RandomDefocus, render
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
@@ -29,75 +28,6 @@ def drawn(image=IMAGE[None], depth=DEPTH, seeds=(1,), **ranges):
 
 def tiled(image=IMAGE, radius=RADIUS, hidden=None, **options):
     return list(Renderer(Scene(image, radius, hidden), Settings(**options)).tiles())
-
-
-WRONG: list[tuple[Callable[[], Any], str]] = [
-    (lambda: lens("50mm"), "foclen must be one number, got '50mm'; lengths are in mm"),
-    (lambda: DefocusLens(50, 2, 36, 48), r"sensor_size must be \(width, height\), got 36"),
-    (lambda: lens(device="gpu"), "device must be one of torch's, got 'gpu'"),
-    (lambda: lens(device="xpu:9"), "device must be one that is there, got 'xpu:9'; .* use cpu"),
-    (lambda: lens(dtype="float32"), "dtype must be floating point, got 'float32'"),
-    (lambda: lens(True), "foclen must be one number, got True"),
-    (lambda: lens().refocus(None), "foc_dist must be one number, got None"),
-    (lambda: lens().coc("1m"), "depth must be a number .*, got '1m'; .* without a unit"),
-    (lambda: lens().dof(torch.ones(3) * 900, torch.ones(2)), r"coc must .* of \[3\] .* got \[2\]"),
-    (lambda: lens().psf([[0, 0]]), r"points must be \[N, 3\]"),
-    (lambda: lens().psf(torch.ones(3), ks=None), "ks must be a whole number, .* got None"),
-    (lambda: lens().psf(torch.ones(3), ks=math.nan), "ks must be a whole number, .* got nan"),
-    (lambda: lens().psf_map(5), r"grid must be \(rows, columns\), .* got 5"),
-    (lambda: lens().psf(torch.ones(3), ks=True), "ks must be a whole number, .* got True"),
-    (lambda: lens().psf_map(depth=torch.ones(2)), "depth must be one number"),
-    (lambda: lens().render_rgbd(IMAGE[None].numpy(), DEPTH), "image .* got ndarray of float32"),
-    (lambda: lens().render_rgbd(IMAGE[None], None), "depth must be .* got None"),
-    (
-        lambda: lens().render_rgbd(IMAGE[None], DEPTH, "64"),
-        "psf_ks must be a whole number",
-    ),
-    (lambda: lens().render_rgbd(IMAGE[None], DEPTH / 1e9), "signed_radius must be within 1e.08 px"),
-    (lambda: render(IMAGE.tolist(), RADIUS), "image must be a tensor"),
-    (lambda: render(IMAGE, 3.0), "signed_radius must be .* of the image"),
-    (lambda: render(IMAGE, RADIUS.to(torch.complex64)), "signed_radius must be .*complex64"),
-    (lambda: render(IMAGE, RADIUS, num_layers=2.5), "num_layers must be a whole number, .* 2.5"),
-    (lambda: render(IMAGE, RADIUS, num_layers=10**9), "num_layers must be 65536 at most, got 1000"),
-    (lambda: render(IMAGE, RADIUS, aperture=0), "aperture must be an Aperture, got 0"),
-    (lambda: render(IMAGE, RADIUS, quality=["high"]), r"quality must be one of .*, got \['high'\]"),
-    (lambda: render(IMAGE, RADIUS, threads=1.5), "threads must be a whole number"),
-    (lambda: render(IMAGE, RADIUS, tile=math.inf), "tile must be a whole number"),
-    (lambda: render(IMAGE, RADIUS, infinity=math.nan), "infinity must be a finite radius"),
-    (lambda: render(IMAGE, RADIUS, aperture=6), "aperture must be an Aperture, got 6"),
-    (lambda: render(IMAGE, RADIUS, hidden=3), "hidden must be a HiddenLayer"),
-    (lambda: render(IMAGE, RADIUS, hidden=(IMAGE, RADIUS)), "hidden must be a HiddenLayer"),
-    (lambda: render(IMAGE, RADIUS, left_right="no"), "left_right must be True or False, got 'no'"),
-    (lambda: drawn(left_right=None), "left_right must be True or False, got None"),
-    (lambda: drawn(max_radius=3.0, depth=-DEPTH), "depth must be positive, .* in 192 of 192"),
-    (lambda: tiled(left_right=2), "left_right must be True or False, got 2"),
-    (lambda: Aperture("6"), "blades must be a whole number"),
-    (lambda: Aperture(3.5), "blades must be a whole number"),
-    (lambda: Aperture(10**6), "blades must be 10000 at most"),
-    (lambda: Aperture(6, "15"), "rotation must be one number"),
-    (
-        lambda: drawn(foclen=(24, 50)),
-        r"foclen must be one number, got \(24, 50\); in mm",
-    ),
-    (lambda: drawn(blades=(0, 6)), r"blades must be a whole number"),
-    (lambda: drawn(blades=6.5), "blades must be a whole number"),
-    (lambda: drawn(sensor_width=None), "sensor_width must be one number, got None"),
-    (lambda: drawn(threads=0), "threads must be at least 1"),
-    (lambda: drawn(IMAGE[:0][None]), "image must hold a pixel"),
-    (lambda: drawn(depth=DEPTH > 0), "depth must be a number .* got torch.bool"),
-    (lambda: tiled(threads=0), "threads must be at least 1"),
-    (lambda: tiled((255 * IMAGE).byte()), "image must be of floats of torch, got torch.uint8"),
-    (lambda: tiled(IMAGE[:0]), "of a pixel at least"),
-    (lambda: tiled(hidden=(IMAGE, RADIUS, RADIUS[1:])), "hidden must be color, signed_radius"),
-    (lambda: list(Renderer(Scene(IMAGE, RADIUS)).tiles(0)), "at_once must be at least 1"),
-]
-
-
-@pytest.mark.parametrize(("wrong", "said"), WRONG)
-def test_what_makes_no_sense_is_refused_by_name(wrong, said):
-    with pytest.raises(ValueError, match=said) as told:
-        wrong()
-    assert "; " in str(told.value), "what would do"
 
 
 def test_a_hidden_layer_is_of_floats():

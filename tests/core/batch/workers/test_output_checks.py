@@ -7,12 +7,7 @@ from jobs_files import touch
 from refusals import refuses
 
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.run import (
-    Execution,
-    make_plan,
-    refuse_misplaced,
-    refuse_unknown,
-)
+from defocus_core.batch.workers.run import Execution, make_plan, refuse_misplaced, refuse_unknown
 from defocus_core.io.safe_files import written_together, written_whole
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens

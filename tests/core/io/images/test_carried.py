@@ -6,16 +6,7 @@ from typing import Any
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import (
-    HEIGHT,
-    WIDTH,
-    header,
-    ramp,
-    read_exr,
-    refused_input,
-    render,
-    run,
-)
+from command_line import HEIGHT, WIDTH, header, ramp, read_exr, refused_input, render, run
 from image_files import SCANLINE, box, write_window
 
 from defocus_core.io.exr.header import Raw, read_headers

@@ -7,15 +7,15 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.blur.kernel_bank import kernel_spectra, reach, transform_length
 
 
-@pytest.mark.parametrize("n", [*range(1, 300), 1000, 4097, 12345])
-def test_a_transform_length_is_near_and_fast(n):
-    length = transform_length(n)
-    assert n <= length < 1.2 * n + 16
-    assert length % 16 == 0
-    for factor in (2, 3, 5, 7):
-        while length % factor == 0:
-            length //= factor
-    assert length == 1
+def test_a_transform_length_is_near_and_fast():
+    for n in (*range(1, 300), 1000, 4097, 12345):
+        length = transform_length(n)
+        assert n <= length < 1.2 * n + 16
+        assert length % 16 == 0
+        for factor in (2, 3, 5, 7):
+            while length % factor == 0:
+                length //= factor
+        assert length == 1
 
 
 @pytest.mark.parametrize("r", [0.0, 0.4, 0.5, 0.51, 1.5, -1.6, 7.0, -30.49])

@@ -5,11 +5,7 @@ import torch
 from measures import worst
 from tolerances import ROUNDING
 
-from defocus_core.renderer.compositing.saturating_sum import (
-    add_behind,
-    pair_of,
-    picture,
-)
+from defocus_core.renderer.compositing.saturating_sum import add_behind, pair_of, picture
 
 EXACT = ROUNDING[torch.float64]
 

@@ -13,7 +13,7 @@ from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.box import BLOCK, Box, Grid
 
-H, W = 560, 640
+H, W = 400, 480
 # Rows and columns that are out of focus.
 SPOTS = {
     "above": Box(0, 0, 40, W),

@@ -13,20 +13,19 @@ from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
-from defocus_core.tensors.box import TILE
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])
-@pytest.mark.parametrize(("threads", "at_once"), [(1, None), (3, 1), (2, 2)])
-def test_a_renderer_is_the_rendering(kind, threads, at_once):
+def test_a_renderer_is_the_rendering(kind):
     image, radius = scenery(kind, 700, 150, 6.0)
     whole = render(image, radius, left_right=True)
-    pixels, radii = Windows(image), Windows(radius)
-    renderer = Renderer(Scene(pixels, radii), Settings(left_right=True, threads=threads))
-    pictures = put_together(renderer, at_once)
-    assert pictures.keys() == {*KINDS, "trust"}
-    assert same(pictures, whole)
-    assert renderer.stats == whole.stats
+    for threads, at_once in ((1, None), (3, 1), (2, 2)):
+        pixels, radii = Windows(image), Windows(radius)
+        renderer = Renderer(Scene(pixels, radii), Settings(left_right=True, threads=threads))
+        pictures = put_together(renderer, at_once)
+        assert pictures.keys() == {*KINDS, "trust"}
+        assert same(pictures, whole)
+        assert renderer.stats == whole.stats
 
 
 def soft_picture(height, width):
@@ -87,30 +86,32 @@ def test_costs_are_the_same_through_windows_and_of_tensors():
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor"])
-@pytest.mark.parametrize("tile", [48, 80, 320])
-def test_another_side_of_tiles_changes_the_last_digits_alone(kind, tile):
+def test_another_side_of_tiles_changes_the_last_digits_alone(kind):
     image, radius = scenery(kind, 200, 140, 8.0)
     usual = render(image, radius, left_right=True)
-    other = render(image, radius, left_right=True, tile=tile)
-    assert other.stats["tiles"] != usual.stats["tiles"]
-    for name in KINDS:
-        a, b = getattr(usual, name), getattr(other, name)
-        maximum = torch.nn.functional.max_pool2d(a.abs()[None], 33, stride=1, padding=16)[0]
-        limit = 2e-6 if name == "render" else 4e-6  # of halves: each rests on half of the light
-        assert float(((a - b).abs() / maximum.clamp(min=1e-3)).max()) < limit, name
-    assert torch.equal(render(image, radius, tile=TILE).render, usual.render)
+    for tile in (48, 80, 160):
+        other = render(image, radius, left_right=True, tile=tile)
+        assert other.stats["tiles"] != usual.stats["tiles"]
+        for name in KINDS:
+            a, b = getattr(usual, name), getattr(other, name)
+            maximum = torch.nn.functional.max_pool2d(a.abs()[None], 33, stride=1, padding=16)[0]
+            limit = 2e-6 if name == "render" else 4e-6  # each half rests on half of the light
+            assert float(((a - b).abs() / maximum.clamp(min=1e-3)).max()) < limit, name
+    assert torch.equal(render(image, radius, tile=200).render, usual.render)
 
 
 @pytest.mark.parametrize("kind", ["cards", "thin"])
 @pytest.mark.parametrize("quality", ["standard", "high"])
-@pytest.mark.parametrize("tile", [48, 320])
-def test_a_tile_sees_all_that_spreads_to_it(kind, quality, tile):
+def test_a_tile_sees_all_that_spreads_to_it(kind, quality):
     """In double precision nothing but what a tile left out would tell: large radii, edges."""
     image, radius = (x.double() for x in scenery(kind, 200, 130, 24.0))
-    usual = render(image, radius, quality=quality, left_right=True)
-    other = render(image, radius, quality=quality, left_right=True, tile=tile)
+    usual, *others = (
+        render(image, radius, quality=quality, left_right=True, **tile)
+        for tile in ({}, {"tile": 48}, {"tile": 320})
+    )
     for name in KINDS:
-        assert float((getattr(usual, name) - getattr(other, name)).abs().max()) < 1e-7, name
+        for other in others:
+            assert float((getattr(usual, name) - getattr(other, name)).abs().max()) < 1e-7, name
 
 
 def test_a_tile_has_a_least_side():

@@ -70,9 +70,11 @@ def test_a_sign_in_focus_is_not_tinted_by_the_sky_behind_a_blurred_wire(quality,
     assert inside[2].max() == pytest.approx(2 * 2 / (math.pi * abs(WIRE)), rel=0.1)
 
 
-@pytest.mark.parametrize("quality", ["standard", "high"])
 @pytest.mark.parametrize("known", [False, True])
-@pytest.mark.parametrize("sign", [-9.0, -4.0, -2.5, 2.5, 4.0, 9.0])
+@pytest.mark.parametrize(
+    ("quality", "sign"),
+    [*(("standard", r) for r in (-9.0, -4.0, -2.5, 2.5, 4.0, 9.0)), ("high", -4.0), ("high", 2.5)],
+)
 def test_nor_is_a_sign_that_is_much_less_blurred_than_the_sky(quality, known, sign):
     """Whatever the colour of the sky, where the lens sees nothing but wires and the sign."""
     size, wire, sky = (120, 160), -20.0, 30.0

@@ -5,11 +5,7 @@ import torch
 from measures import worst
 from scenes import pattern
 
-from defocus_core.renderer.inpainting.two_layer_pyramid import (
-    coarser,
-    pixels_of,
-    stacked,
-)
+from defocus_core.renderer.inpainting.two_layer_pyramid import coarser, pixels_of, stacked
 from defocus_core.tensors.pyramid import axes
 
 
