@@ -142,6 +142,9 @@ class GroupedCommand(click.Command):
             place = args.index(first) if first in args[1:] and {first, second} <= known else 0
             is_given = len(args) > place + 2 and not args[place + 2].startswith("-")
             if place and is_given and not args[0].startswith("-"):
+                if second in args:
+                    problem = f"contradicts the second file of {first}"
+                    raise UsageProblem("contradiction", problem, "give one of them", field=second[2:])
                 args = [*args[: place + 2], second, *args[place + 2 :]]
         return args
 

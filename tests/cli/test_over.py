@@ -204,7 +204,8 @@ def test_what_makes_no_scene_is_refused(tmp_path):
         ((below, "--over", below), 3, "idle-option", below),
         ((ball, "--over", below, "--hidden", below, below), 2, "contradiction", "hidden"),
         ((ball, "--over-depth", below), 2, "missing-option", "over-depth"),
+        ((ball, "--over", below, below, "--over-depth", below), 2, "contradiction", "over-depth"),
         ((ball, "--over", acescg), 3, "wrong-type", acescg),
     ):
-        ran = run("render", "-o", tmp_path / "o", *LENS, "1m", *words)
+        ran = run("render", *words, "-o", tmp_path / "o", *LENS, "1m")
         refused(ran, exit_code, code, at)

@@ -136,7 +136,7 @@ def _write_display(
         nonlocal above, below, unknown
         for rows in bands(pixels.shape):
             samples, *clipped = encode(pixels[rows])
-            unknown += np.count_nonzero(np.isnan(pixels[rows]).any(-1))
+            unknown += int(np.isnan(pixels[rows]).any(-1).sum())
             above, below = above + clipped[0], below + clipped[1]
             yield samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples
 
