@@ -95,6 +95,7 @@ def test_a_plate_is_an_exr_two_files_or_a_folder_and_stands_in_jobs_files(tmp_pa
     for seen in (
         after,
         picture(tmp_path / "r", ball, "--over", colors, "--over-depth", depth),
+        picture(tmp_path / "t", "--memory", "2GB", "-q", ball, "--over", colors, depth),
         picture(tmp_path / "s", ball.parent, "--over", below.parent),
         read_exr(tmp_path / "q" / "render" / "a.exr"),
     ):
