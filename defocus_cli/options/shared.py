@@ -137,11 +137,21 @@ class GroupedCommand(click.Command):
 
     def _spelled_out(self, args: list[str]) -> list[str]:
         """The arguments with the options that second values are the values of."""
-        known = {name for param in self.params for name in param.opts}
+        values = {
+            name: 0 if getattr(param, "is_flag", False) else param.nargs
+            for param in self.params
+            for name in param.opts
+        }
         for first, second in self.seconds.items():
-            place = args.index(first) if first in args[1:] and {first, second} <= known else 0
+            place = args.index(first) if first in args[1:] and {first, second} <= {*values} else 0
             is_given = len(args) > place + 2 and not args[place + 2].startswith("-")
-            if place and is_given and not args[0].startswith("-"):
+            at = 0  # the first argument that is no option, and no value of one
+            while at < place and args[at].startswith("-"):
+                at += 1 + values.get(args[at], 0)
+            if at < place and is_given:
+                if second in args:
+                    problem, remedy = f"contradicts the second file of {first}", "give one of them"
+                    raise UsageProblem("contradiction", problem, remedy, field=second[2:])
                 args = [*args[: place + 2], second, *args[place + 2 :]]
         return args
 

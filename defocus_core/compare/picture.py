@@ -90,7 +90,8 @@ def _refuse_damaged_png(path: Path) -> None:
         size, kind = int.from_bytes(data[at : at + 4], "big"), bytes(data[at + 4 : at + 8])
         end = at + 8 + size
         if int.from_bytes(data[end : end + 4], "big") != zlib.crc32(data[at + 4 : end]):
-            problem = f"is truncated or damaged (the checksum of its chunk {kind!r} is wrong)"
+            name = kind.decode("ascii", "backslashreplace")
+            problem = f"is truncated or damaged (the checksum of its chunk {name} is wrong)"
             raise InputError("damaged", problem, "write or copy it again", path=path)
         at = end + 4
     if kind != b"IEND" or at != len(data):

@@ -162,6 +162,7 @@ def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
     ends: list[float] = []
     for rows in bands(px.shape):
         radius = px[rows] if depth.empty is None else px[rows][~depth.empty[rows]]
+        radius = radius[np.isfinite(radius)] if depth.is_radius else radius
         ends += [float(radius.min()), float(radius.max())] if radius.size else []
     least, greatest = min(ends, default=0.0), max(ends, default=0.0)
     remedy = "check ‹depth-unit› and ‹focus›"

@@ -85,6 +85,16 @@ def test_people_are_told_on_stdout(tmp_path):
         assert words in ran.out
 
 
+@pytest.mark.parametrize("hole", [np.nan, np.inf, -np.inf])
+def test_the_blur_of_relative_depth_is_that_of_its_valid_pixels(hole, tmp_path):
+    numbers = np.tile(np.float32([1, 2, 5]), (6, 3))
+    numbers[0, 0] = hole
+    depth = depth_exr(tmp_path / "z.exr", numbers)
+    (file,) = run("info", depth, "--blur", "6px", "--focus-value", "2", "--json").json["files"]
+    assert file["depth"]["coc_px"] == pytest.approx([-6, 2])
+    assert file["depth"]["invalid_pixels"] == 1
+
+
 @pytest.mark.parametrize(("map_format", "suffix"), [("exr", ".exr"), ("tiff", ".tif")])
 def test_maps_that_render_wrote_are_told_with_their_range_and_are_no_depth(
     map_format, suffix, tmp_path

@@ -95,6 +95,7 @@ def test_a_plate_is_an_exr_two_files_or_a_folder_and_stands_in_jobs_files(tmp_pa
     for seen in (
         after,
         picture(tmp_path / "r", ball, "--over", colors, "--over-depth", depth),
+        picture(tmp_path / "t", "--memory", "2GB", "-q", ball, "--over", colors, depth),
         picture(tmp_path / "s", ball.parent, "--over", below.parent),
         read_exr(tmp_path / "q" / "render" / "a.exr"),
     ):
@@ -204,7 +205,8 @@ def test_what_makes_no_scene_is_refused(tmp_path):
         ((below, "--over", below), 3, "idle-option", below),
         ((ball, "--over", below, "--hidden", below, below), 2, "contradiction", "hidden"),
         ((ball, "--over-depth", below), 2, "missing-option", "over-depth"),
+        ((ball, "--over", below, below, "--over-depth", below), 2, "contradiction", "over-depth"),
         ((ball, "--over", acescg), 3, "wrong-type", acescg),
     ):
-        ran = run("render", "-o", tmp_path / "o", *LENS, "1m", *words)
+        ran = run("render", *words, "-o", tmp_path / "o", *LENS, "1m")
         refused(ran, exit_code, code, at)

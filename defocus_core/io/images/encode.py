@@ -126,16 +126,17 @@ def _write_display(
     depth = {"png": bits, "tiff": 16}.get(codec, 8)
     keep_alpha, embedded = codec != "jpeg", metadata.get(PROFILE)
     profile = embedded.profile if isinstance(embedded, Embedded) else None
-    above = below = 0
+    above = below = unknown = 0
     if is_grey := codec == "webp" and channels[0] == "Y":  # which has three colours
         metadata, profile = {n: x for n, x in metadata.items() if n != PROFILE}, None
     encode = partial(display_encoded, channels=channels, bits=depth, keep_alpha=keep_alpha)
     encode = partial(encode, to_srgb=to_srgb, profile=profile)
 
     def encoded() -> Iterator[NDArray[Any]]:
-        nonlocal above, below
+        nonlocal above, below, unknown
         for rows in bands(pixels.shape):
             samples, *clipped = encode(pixels[rows])
+            unknown += int(np.isnan(pixels[rows]).any(-1).sum())
             above, below = above + clipped[0], below + clipped[1]
             yield samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples
 
@@ -143,6 +144,8 @@ def _write_display(
     warnings = []
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
+    if unknown:
+        warnings.append(f"{counted(unknown, 'pixel')} NaN, written as black")
     if above:
         warnings.append(f"{counted(above, 'pixel')} brighter than white {_CLIPPED[0]}")
     if below:

@@ -120,8 +120,10 @@ def test_clipped_highlights_are_counted(tmp_path):
     pixels = picture()
     pixels[2, 3] = 7
     pixels[2, 4] = 1.0000002  # white, as blur returns it
-    (warning,) = write_image(tmp_path / "a.png", pixels, "RGB", attributes={})
-    assert warning == "1 pixel brighter than white shown as white"
+    pixels[2, 5, 0] = np.nan
+    unknown, above = write_image(tmp_path / "a.png", pixels, "RGB", attributes={})
+    assert above == "1 pixel brighter than white shown as white"
+    assert unknown == "1 pixel NaN, written as black"
 
 
 def test_a_webp_holds_grey_as_three_colours_and_alpha(tmp_path):
