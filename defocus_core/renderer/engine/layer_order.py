@@ -16,7 +16,7 @@ were not there, what they hide included, and shows in proportion where these lea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import reduce
 
 import torch
@@ -32,7 +32,6 @@ from defocus_core.renderer.layers.layer import HIDDEN, VISIBLE, SampleLayer
 from defocus_core.renderer.layers.slice_radii import CompositeOrder
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.pyramid import axes, halves, position_of
 from defocus_core.tensors.resampling import AxisWeights, coarse_read, linear_weights, resampled
 
@@ -176,13 +175,6 @@ def composite(
             if surface.has(octave, index) and not compositor.is_full():
                 compositor.fill(over_tile(surface).of(octave), pictures)
 
-    def ahead_of(number: int | None) -> Iterator[tuple[int, Tensor | None]]:
-        """The octaves that come before a layer, or anywhere, and in which pictures [B, 1, 1]."""
-        for (octave, first), which in order.ahead.items():
-            if number in (first, None):
-                some = None if all(which) else sent(which, compositor.front)[:, None, None]
-                yield octave, some
-
     def show(numbers: set[int]) -> None:
         for number in sorted(numbers & indices):
             compositor.add(number, visible.get(number), known.get(number))
@@ -197,14 +189,14 @@ def composite(
     aside = None
     if covered is not None:
         before = compositor.coverage()
-        for octave, pictures in ahead_of(None):
+        for octave, pictures in order.before(None, compositor.front):
             if octave < 0:
                 fill(octave, pictures)
         aside = compositor.set_aside(covered + (compositor.coverage() - before))
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
     later = {first for _, first in order.ahead}
     for k in sorted({k for k in indices if k >= order.beyond} | later):
-        for octave, pictures in ahead_of(k):
+        for octave, pictures in order.before(k, compositor.front):
             if aside is None:
                 fill(octave, pictures)
             elif octave > 0:

@@ -214,6 +214,17 @@ class CompositeOrder(NamedTuple):
     # before no visible layer are absent
     ahead: dict[tuple[int, int], list[bool]]
 
+    def before(self, number: int | None, like: Tensor) -> list[tuple[int, Tensor | None]]:
+        """The octaves that come before a layer, or before any, with their pictures [B, 1, 1].
+
+        1 for pictures in which it is so, else 0; None if it is in all.
+        """
+        return [
+            (octave, None if all(which) else sent(which, like)[:, None, None])
+            for (octave, first), which in self.ahead.items()
+            if number in (first, None)
+        ]
+
 
 def octaves(radii: tuple[float, ...]) -> list[int]:
     """For each slice its octave: 0 if |r| < 2 px, 1 up to 4 px, ...; negative nearer than focus."""
