@@ -213,8 +213,7 @@ class TileCompositor:
 
     def is_full(self) -> bool:
         """Whether no gap is left that is worth filling by an invented surface."""
-        known = isinstance(self.sight, Openings)
-        return is_full(self.front, self._maximum, _NEGLIGIBLE if known else 0.0)
+        return is_full(self.front, self._maximum, self._negligible)
 
     def fill(self, layer: Tensor | None, pictures: Tensor | None = None) -> None:
         """Add an invented surface over the tile, [M, C + 1, h, w]; None where it is absent.
@@ -228,6 +227,9 @@ class TileCompositor:
         if seen is None:
             return
         layer, fraction = seen
+        if self._negligible:  # in each pixel for itself, whatever else is in the tile
+            gap = self._maximum - self.front[:, -1:]
+            fraction = fraction * (gap / self._negligible - 1).clamp(0, 1)
         self._add_invented(layer[:, -1], fraction[:, 0])
         whole = Box(0, 0, *self.front.shape[-2:])
         self.front = add_within(self.front, whole, layer, fraction)
@@ -247,6 +249,11 @@ class TileCompositor:
         color, covered = self.front.tensor_split([-1], 1)
         whole = torch.maximum(covered, sent(self._full, covered))
         self.front = torch.cat([color, whole], 1)
+
+    @property
+    def _negligible(self) -> float:
+        """The gap that is not worth filling."""
+        return _NEGLIGIBLE if isinstance(self.sight, Openings) else 0.0
 
     @property
     def _maximum(self) -> Tensor | float:

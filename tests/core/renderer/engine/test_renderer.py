@@ -1,5 +1,7 @@
 """A picture that is read through windows and handed out in regions is the picture."""
 
+from functools import partial
+
 import pytest
 import torch
 from counting import calls
@@ -85,19 +87,21 @@ def test_costs_are_the_same_through_windows_and_of_tensors():
     assert of_windows == cost(Renderer(Scene(image, radius)))
 
 
-@pytest.mark.parametrize("kind", ["most", "lights", "floor"])
+@pytest.mark.parametrize("kind", ["most", "lights", "floor", "hidden"])
 def test_another_side_of_tiles_changes_the_last_digits_alone(kind):
-    image, radius = scenery(kind, 200, 140, 8.0)
-    usual = render(image, radius, left_right=True)
-    for tile in (48, 80, 160):
-        other = render(image, radius, left_right=True, tile=tile)
+    image, radius = scenery("cards" if kind == "hidden" else kind, 200, 140, 8.0)
+    known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
+    rendered = partial(render, left_right=True, hidden=known if kind == "hidden" else None)
+    usual = rendered(image, radius)
+    for tile in (32, 80, 160):
+        other = rendered(image, radius, tile=tile)
         assert other.stats["tiles"] != usual.stats["tiles"]
         for name in KINDS:
             a, b = getattr(usual, name), getattr(other, name)
             maximum = torch.nn.functional.max_pool2d(a.abs()[None], 33, stride=1, padding=16)[0]
             limit = 2e-6 if name == "render" else 4e-6  # each half rests on half of the light
             assert float(((a - b).abs() / maximum.clamp(min=1e-3)).max()) < limit, name
-    assert torch.equal(render(image, radius, tile=200).render, usual.render)
+    assert torch.equal(rendered(image, radius, tile=200).render, usual.render)
 
 
 @pytest.mark.parametrize("kind", ["cards", "thin"])
