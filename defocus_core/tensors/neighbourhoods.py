@@ -62,13 +62,11 @@ def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
 def _joined(values: Tensor, step: int, dim: int, choice: Choice) -> Tensor:
     """The extreme of each value and the values `step` px before and after it, cut at the ends."""
     extreme, n = values.clone(), values.shape[dim]
-    first, last, rest = (0, step), (n - step, step), n - step
-    for target, source in (
-        ((step, rest), (0, rest)),
-        ((0, rest), (step, rest)),
-        (first, (0, 1)),
-        (last, (n - 1, 1)),
-    ):
+    rest = n - step
+    parts = [((step, rest), (0, rest)), ((0, rest), (step, rest))]
+    if step > 1:  # else the ends are themselves
+        parts += [((0, step), (0, 1)), ((rest, step), (n - 1, 1))]
+    for target, source in parts:
         part = extreme.narrow(dim, *target)
         choice(part, values.narrow(dim, *source), out=part)
     return extreme
