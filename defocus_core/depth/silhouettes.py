@@ -56,8 +56,8 @@ STEEP = 1.513
 # No surface goes through the range of radii of a frame within so many px, or within such a share of
 # the frame's shorter side; and the least slope of a soft edge, in px per px.
 _WITHIN, _WITHIN_FRACTION, MINIMUM = 60, 1 / 4, 0.1513
-# Least step of a hard edge, as a multiple of this slope, and the greatest slope beside it, as a
-# share of the step.
+# Least step of a hard edge, as a multiple of this slope; the greatest slope beside it, and the
+# least step within FARTHEST px of it that is no foot of a ramp, as a share of the step.
 _HARD_STEP, _LEVEL = 2.013, 0.2513
 # Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
 _FOOT_PX, FOOT_FRACTION = 10, 0.3013
@@ -300,9 +300,6 @@ REACH = _DEEPEST + 2 * _SPAN + 1
 # Half width in px of the square around a pixel in which the normal is found; half of it is the
 # standard deviation of the weights there.
 NORMAL = 3
-# Least step of an edge, as a share of the greatest one within FARTHEST px: less is the foot of a
-# ramp.
-_FOOT = 0.1251
 # Light beyond which sums of it would be infinite.
 _BRIGHTEST = 1e30
 # Least deviation of the colours of a surface, as a share of their mean; how many times wider they
@@ -816,7 +813,7 @@ def edges_of(radii: Tensor, step: float | Tensor, scale: DistanceScale | None) -
             torch.maximum(part, sign * rise, out=part)
     edges = exceeding(height, step)
     if bool(edges.any()):
-        edges &= height > _FOOT * extreme_around(height, FARTHEST, torch.maximum)
+        edges &= height > _LEVEL * extreme_around(height, FARTHEST, torch.maximum)
     return edges
 
 
