@@ -670,11 +670,12 @@ def _moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tens
     if not float(shift.abs().amax()) > _HALF:
         return signed_radius
     flat, taken = radii.flatten(), signed_radius.flatten()
-    # the median beyond an edge, for beside it a speck or the rest of a ramp may lie
+    # the median beyond an edge, for beside it a speck may lie; what is nearer there shows no tear
     along = torch.arange(1.0, 2 * _DEEPEST, device=at.device)
     beyond, _ = _across(at, silhouette.normal, along, (H, W))
     median = flat[beyond].argsort(dim=1, stable=True)[:, len(along) // 2, None]
     near, far = at[:, 0] * W + at[:, 1], beyond.gather(1, median)[:, 0]
+    far = torch.where(flat[far] < flat[silhouette.far], far, silhouette.far)
     order = torch.arange(len(at), device=at.device)
     for key in (flat[far], flat[near], shift, shift.abs()):  # decides where two are as close
         order = order[key[order].argsort(stable=True)]
