@@ -381,7 +381,7 @@ def random_lenses(**options):
 
 def depths_of(count, size):
     floor = torch.linspace(2000, 600, size[0])[:, None].repeat(1, size[1])
-    floor[10:24, 8:30] = 500
+    floor[10:24, 8:30] = 440
     return torch.stack([floor + 40 * number for number in range(count)])
 
 
