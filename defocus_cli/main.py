@@ -26,6 +26,7 @@ from defocus_cli.words.console import (
     print_json,
     write_stderr,
 )
+from defocus_core import gone
 from defocus_core.errors import (
     DefocusError,
     UsageProblem,
@@ -96,6 +97,7 @@ class LazyGroup(click.Group):
         """The command that ``args`` start with, and what is left of them."""
         if args[0] not in COMMANDS:
             remedy = did_you_mean(args[0], tuple(COMMANDS), "see 'defocus --help'")
+            remedy = gone.remedy("command", args[0], otherwise=remedy)
             raise UsageProblem("unknown-name", "no such command", remedy, path=args[0])
         return super().resolve_command(ctx, args)
 
@@ -169,6 +171,8 @@ def error_line(error: click.ClickException) -> str:
 
             table, _, key = KEYS.get(subject.removeprefix("--"), "").partition(" ")
             remedy = f"write {key} below {table} of the jobs file" if table else remedy
+        command = error.ctx.info_name if error.ctx else None
+        remedy = gone.remedy("option", subject.lstrip("-"), command or "", remedy)
     elif isinstance(error, click.BadParameter):
         subject = option_name(error.param)
         problem = "is missing" if isinstance(error, click.MissingParameter) else problem

@@ -7,8 +7,11 @@ imported when the name is first used.
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from defocus_core import gone
 
 if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table below
     from defocus_core.allowed_values import AUTO_LIGHTS as AUTO_LIGHTS
@@ -147,7 +150,13 @@ if not TYPE_CHECKING:  # which know all names from the imports above, and no oth
     def __getattr__(name: str) -> Any:
         """Import the module of a name that is used for the first time."""
         if name not in _MODULE_OF:
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+            words = f"module {__name__!r} has no attribute {name!r}"
+            remedy = gone.remedy("python", name)
+            # ``from defocus_core import NAME`` replaces the words of an AttributeError by its own
+            is_import = sys._getframe(1).f_code.co_name == "_handle_fromlist"
+            raise (ImportError if remedy and is_import else AttributeError)(
+                f"{words}; {remedy}" if remedy else words
+            )
         path = f"{__name__}.{_MODULE_OF[name]}"
         module = import_module(path)
         value = getattr(module, name) if hasattr(module, name) else import_module(f"{path}.{name}")

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from defocus_cli.words.console import Due
+from defocus_core import gone
 from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.request.quantities import byte_count, read_at
 
@@ -57,6 +58,17 @@ class ReportPath(FilePath):
         path = super().convert(value, param, ctx)
         refuse_other(path, self.kind)
         return path
+
+
+class Words(click.Choice[str]):
+    """Words to choose from."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The word, or an error that says what replaces one that went."""
+        where = position_of(param)
+        if value not in self.choices and (remedy := gone.remedy("value", value, where.field)):
+            raise UsageProblem("unknown-name", f"'{value}' is not known", remedy, path=where)
+        return super().convert(value, param, ctx)
 
 
 class Quantity(click.ParamType[Any]):
@@ -198,7 +210,7 @@ def option(
     names = [*named, into] if into else named
     metavar = " ".join(words[len(named) :])
     if isinstance(kind, Sequence):
-        kind = click.Choice(kind)
+        kind = Words(kind)
     elif callable(kind) and not isinstance(kind, click.ParamType):
         kind = Quantity(kind, metavar)
     elif kind is None and not metavar:

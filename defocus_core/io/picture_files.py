@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from defocus_core import gone
 from defocus_core.errors import UsageProblem, did_you_mean
 from defocus_core.io.depth_formats import depth as depth_files
 from defocus_core.io.depth_formats.depth import Depth, require_valid
@@ -222,6 +223,7 @@ def _one_of(field: str, word: str | None, known: Sequence[str], otherwise: str =
     if word is None or word in known:
         return word
     remedy = did_you_mean(str(word), known, otherwise or f"choose from {', '.join(known)}")
+    remedy = gone.remedy("value", word, field, remedy)
     raise UsageProblem("unknown-name", f"{word!r} is not known", remedy, field=field)
 
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.gone import remedy
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn
@@ -203,9 +204,8 @@ class RandomDefocus(torch.nn.Module):
         super().__init__()
         if unknown := options.keys() - OPTIONS.keys():
             name = min(unknown)
-            raise TypeError(
-                f"RandomDefocus() has no option {name}; choose from {', '.join(OPTIONS)}"
-            )
+            instead = remedy("python", name, "RandomDefocus", f"choose from {', '.join(OPTIONS)}")
+            raise TypeError(f"RandomDefocus() has no option {name}; {instead}")
         for name, row in OPTIONS.items():
             setattr(self, name, options.get(name, row.default))
         self.max_radius = max_radius

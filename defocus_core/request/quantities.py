@@ -14,6 +14,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import TypeVar
 
+from defocus_core import gone
 from defocus_core.allowed_values import AUTO_LIGHTS
 from defocus_core.errors import Place, UsageProblem, did_you_mean
 
@@ -74,7 +75,10 @@ def read_at(where: Place, parse: Callable[..., T], *texts: str) -> T:
             require_length(text)
         return parse(*texts)
     except QuantityError as error:
-        raise UsageProblem(error.code, error.problem, error.remedy, path=where) from None
+        remedy = error.remedy
+        for word in " ".join(texts).replace(",", " ").split():
+            remedy = gone.remedy("value", word, where.field, remedy)
+        raise UsageProblem(error.code, error.problem, remedy, path=where) from None
 
 
 def length(text: str) -> float:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from defocus_core.errors import InputError, Place, UsageProblem, cannot_read, did_you_mean, reason
+from defocus_core.gone import remedy_of_key
 from defocus_core.io.below import open_plain
 from defocus_core.request.quantities import read_at, text_of
 
@@ -99,7 +100,9 @@ def refuse_unknown(
     """Refuse keys, or table names, of a file that are not known."""
     for key in keys:
         if key not in known:
-            remedy = did_you_mean(key.replace("_", "-"), known, f"{owner} knows {', '.join(known)}")
+            known_as = f"{owner} knows {', '.join(known)}"
+            remedy = did_you_mean(key.replace("_", "-"), known, known_as)
+            remedy = remedy_of_key(key, owner, remedy)
             raise UsageProblem("unknown-name", f"unknown {what} '{key}'", remedy, path=where)
 
 

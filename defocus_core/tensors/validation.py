@@ -11,6 +11,8 @@ import torch
 from torch import Tensor
 from torch.autograd import forward_ad
 
+from defocus_core.gone import remedy
+
 T = TypeVar("T")
 # Most letters of a wrong value that an error shows.
 _LETTERS = 60
@@ -106,7 +108,11 @@ def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
     """One of the choices."""
     if isinstance(value, str) and value in choices:
         return value
-    raise ValueError(f"{name} must be one of {', '.join(choices)}, got {described(value)}")
+    instead = remedy("value", value, name.replace("_", "-"))
+    raise ValueError(
+        f"{name} must be one of {', '.join(choices)}, got {described(value)}"
+        + (f"; {instead}" if instead else "")
+    )
 
 
 def pair(name: str, sides: tuple[T, T]) -> tuple[T, T]:

@@ -119,7 +119,8 @@ R --lens underscored.toml → \
 R --lens misspelt.toml → \
 2 unknown-name misspelt.toml: unknown key 'focal-lenght'; did you mean focal-length?
 B match.toml → \
-2 unknown-name match.toml: [sample]: unknown key 'match'; [sample] knows n, seed, max-coc, …
+2 unknown-name match.toml: [sample]: unknown key 'match'; it went with 0.2.0: …
+retry out → 2 unknown-name retry: no such command; it went with 0.2.0: …
 B sweep.toml → 2 unknown-name sweep.toml: [sweep]: unknown key 'fnumbr'; did you mean fnumber?
 rendr → 2 unknown-name rendr: no such command; did you mean render?
 bokeh → 2 unknown-name bokeh: no such command; see 'defocus --help'

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from defocus_core.allowed_values import QUALITIES
+from defocus_core.gone import remedy
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,6 @@ QUALITY: dict[str, Quality] = dict(
 def find(name: str) -> Quality:
     """The settings of a quality."""
     if name not in QUALITIES:  # a name that has no hash is refused, too
-        raise ValueError(
-            f"quality must be one of {', '.join(QUALITIES)}, got {name!r}; standard suits most"
-        )
+        suited = remedy("value", name, "quality", "standard suits most")
+        raise ValueError(f"quality must be one of {', '.join(QUALITIES)}, got {name!r}; {suited}")
     return QUALITY[name]

@@ -1,0 +1,57 @@
+"""What went: options, their values, keys of files, commands, Python names; and what replaces each.
+
+To let something go, add a row below the version in which it goes; nothing else is needed, as all
+who meet a name that they do not know look here first. Its error then ends in the remedy
+``it went with 0.2.0: INSTEAD``. ``instead`` is an imperative without a full stop, and names options
+in angle quotes, like ‹clamp-blur›, but that of a Python name. The kinds of rows:
+
+- ``option``: of the command line, without dashes; ``of`` is the command that lost it, if others
+  keep it. Without ``of`` it is a key of any file, too: of jobs, lenses, rows, keys of frames.
+- ``key``: of files alone, or where a key is replaced otherwise than its option; ``of`` is its
+  table, like ``[sample]``, if others keep it.
+- ``value``: a word that the option or key ``of`` took, and the argument of that name in Python.
+- ``command``: of ``defocus``.
+- ``python``: a name of `defocus_core`, or an option of the class ``of``, now `RandomDefocus` alone.
+
+A row stays for two versions: that in which it went and the next. ``tests/core/test_gone.py`` meets
+every row as a user does, and says when one may leave.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+
+class Gone(NamedTuple):
+    """A name that went, and what to write instead."""
+
+    kind: str  # option, key, value, command or python
+    name: str
+    instead: str
+    of: str = ""
+
+
+GONE: dict[str, tuple[Gone, ...]] = {
+    "0.2.0": (
+        Gone("command", "retry", "give the batch's own command again, it does failed jobs"),
+        Gone("key", "match", "draw the lenses in ranges, like those of the set", "[sample]"),
+        Gone("option", "match", "draw the lenses of a set in [sample] of a jobs file", "fit"),
+        Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),
+        Gone("python", "rim_shift", "write cat_eye_shift", "RandomDefocus"),
+    ),
+}
+
+
+def remedy(kind: str, name: object, of: str = "", otherwise: str = "") -> str:
+    """What to write instead of a name that is not known: a row's words, or else ``otherwise``."""
+    for version, rows in GONE.items():
+        for row in rows:
+            if (row.kind, row.name) == (kind, name) and row.of in ("", of):
+                return f"it went with {version}: {row.instead}"
+    return otherwise
+
+
+def remedy_of_key(name: str, table: str, otherwise: str) -> str:
+    """As `remedy`, of a key of a file, which may have the name of an option."""
+    name = name.replace("_", "-")
+    return remedy("key", name, table, remedy("option", name, otherwise=otherwise))
