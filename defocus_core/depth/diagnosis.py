@@ -15,14 +15,14 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.displacement import EdgeShifts
 from defocus_core.depth.distance_scale import DistanceScale, distance_of, distance_scale
 from defocus_core.depth.noise import noise_from, scatter_counts
 from defocus_core.depth.quantised import are_few, steps_of
-from defocus_core.depth.silhouettes import (
+from defocus_core.depth.ramps import (
     FOOT_FRACTION,
     MINIMUM,
     STEEP,
-    EdgeShifts,
     are_steeper,
     hard_steps,
     reduced,
@@ -36,9 +36,10 @@ from defocus_core.tensors.neighbourhoods import extreme_around, ranges_of
 from defocus_core.tensors.source import Pixels, Scalar, bands
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, sums_of_each
 from defocus_core.tensors.threads import threaded
+from defocus_core.tensors.ties import off_round
 
 # Range of radius in px, within 3 px of each other, that matters.
-_MATTERS = 1.013
+_MATTERS = off_round(1.0)
 # Px around an edge in which both surfaces are seen.
 _BESIDE = 3
 # The share that 3 px span on an edge; the place on an edge, from either end, from which

@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import diagnosed
+from defocus_core.depth.displacement import least_steps
 from defocus_core.depth.repair import repair_depth
-from defocus_core.depth.silhouettes import least_steps
 from defocus_core.tensors.derived import Mapped
 from defocus_core.tensors.neighbourhoods import halfway
 from defocus_core.tensors.resampling import beside, linear

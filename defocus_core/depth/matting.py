@@ -19,10 +19,11 @@ from torch import Tensor
 from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.neighbourhoods import extreme_around, halfway, squares_around
 from defocus_core.tensors.sparse_masks import exceeding, positions_of
+from defocus_core.tensors.ties import off_round
 
 # A pixel is on an edge if its radius and those of its neighbours span more than EDGE px, and two of
 # these neighbours differ by more than _STEP px: less is a slope.
-EDGE, _STEP = 1.513, 1.013
+EDGE, _STEP = off_round(1.5), off_round(1.0)
 # Half width in px of the square around a pixel from which both surfaces are estimated, and the
 # standard deviation in px of the weights in it.
 AROUND, _NEARBY = 3, 2**0.5

@@ -18,19 +18,20 @@ from torch.nn.functional import pad
 
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.sparse_masks import exceeding, taken, tally, tally_of
+from defocus_core.tensors.ties import off_round
 
 # Greatest step in px between neighbours of one surface, and the least share of such neighbours.
-_STEP, _TOGETHER = 2.513, 0.5
+_STEP, _TOGETHER = off_round(2.5), 0.5
 # Least distance in px of a noisy pixel from the mean of its neighbours, and the least share of such
 # pixels in a noisy frame: two thirds stick out where everything is noise.
-_MINIMUM, _FRACTION = 0.02013, 0.1
+_MINIMUM, _FRACTION = off_round(0.02), 0.1
 # Number of intervals of the histogram of these distances, evenly spaced in the logarithm.
 _INTERVALS = 48
 # Median distance from the mean of two neighbours, in standard deviations of the noise.
 _MEDIAN = 1.1606
 # Difference in standard deviations, and in px, from which on a pixel is of another surface; and the
 # greater one, in standard deviations, for a pixel that has no other near pixel.
-_SURE, _MAXIMUM, _ALONE = 4.0, 3.513, 6.0
+_SURE, _MAXIMUM, _ALONE = 4.0, off_round(3.5), 6.0
 # Radius in px of the disc whose pixels are averaged, and the number of rounds.
 _NEAR, _TIMES = 2, 2
 # Px around a pixel that decide what it becomes.

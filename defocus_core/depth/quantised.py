@@ -16,6 +16,7 @@ from torch import Tensor
 from defocus_core.tensors.neighbourhoods import extreme_around, steps_beside
 from defocus_core.tensors.source import Pixels, bands
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, tally_of
+from defocus_core.tensors.ties import off_round
 
 # Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
 # least share within one surface, and the least share of these with a step that matters; and the
@@ -24,7 +25,7 @@ _ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
 _FEW, _MANY = 32, 256
 # Least and greatest step in px between terraces, and the greatest slope of a terrace beside a step,
 # as a share of the step.
-_MINIMUM, _MAXIMUM, _FLAT = 0.2013, 1.013, 0.1013
+_MINIMUM, _MAXIMUM, _FLAT = off_round(0.2), off_round(1.0), off_round(0.1)
 # Px over which a step is spread to each side.
 _WIDE = 4
 # Px around a pixel that decide what it becomes.

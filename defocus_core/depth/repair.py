@@ -12,29 +12,31 @@ from torch.nn.functional import avg_pool2d, max_pool2d
 
 from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
 from defocus_core.depth.diagnosis import DepthRepair, diagnosed, diagnosed_each
+from defocus_core.depth.displacement import AROUND as AROUND_SHIFTS
+from defocus_core.depth.displacement import (
+    EdgeShifts,
+    least_steps,
+    measured_shifts,
+    with_shifted_edges,
+)
+from defocus_core.depth.levels import coarse_shifts, with_coarse_shifts
 from defocus_core.depth.matting import EDGE, SUBJECT
 from defocus_core.depth.noise import AROUND as AROUND_NOISE
 from defocus_core.depth.noise import without_noise
 from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
 from defocus_core.depth.quantised import without_terraces
-from defocus_core.depth.silhouettes import AROUND as AROUND_SHIFTS
-from defocus_core.depth.silhouettes import (
+from defocus_core.depth.ramps import (
     AVERAGED,
     STEEP,
-    EdgeShifts,
     around_ramps,
-    coarse_shifts,
-    least_steps,
-    measured_shifts,
     slope_of_soft_edges,
-    with_coarse_shifts,
-    with_shifted_edges,
     without_ramps,
     without_wide_ramps,
 )
 from defocus_core.tensors.derived import Repaired, fraction_changed, held
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.source import Pixels, banded
+from defocus_core.tensors.ties import off_round
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import number, one_of
 
@@ -264,7 +266,7 @@ def _muted(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bo
 _AROUND_MATTE = 8
 # Px by which a subject may be farther than the rest and is taken as nearer: on a slope both are as
 # near, and rounding would decide.
-_NEARER = 0.0313
+_NEARER = off_round(0.03)
 
 
 class _Range(NamedTuple):

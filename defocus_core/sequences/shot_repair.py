@@ -11,8 +11,9 @@ from collections.abc import Sequence
 from statistics import median
 
 from defocus_core.depth.diagnosis import DepthRepair
+from defocus_core.depth.displacement import EdgeShifts
 from defocus_core.depth.distance_scale import DistanceScale
-from defocus_core.depth.silhouettes import MINIMUM, STEEP, EdgeShifts
+from defocus_core.depth.ramps import MINIMUM, STEEP
 
 
 def agreed_repair(repairs: Sequence[DepthRepair], scales: Sequence[float]) -> DepthRepair:

@@ -1,4 +1,6 @@
-"""Choices whose gradient does not hang on rounding: values that tie share it alike.
+"""Ties: choices whose gradient, and thresholds whose outcome, does not hang on rounding.
+
+Depth of few levels steps by round numbers of px: `off_round` keeps thresholds beside them.
 
 At a tie the derivative has two one-sided values. Half of each lies between them, whatever the order
 of sums, the device or the tile; the value that is chosen is that of torch's own function.
@@ -6,12 +8,19 @@ of sums, the device or the tile; the value that is chosen is that of torch's own
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor
 
 # Values of order 1 that differ by at most so many roundings tie, and by so much in any precision:
 # what differs by 1e-15 of a radius, after a draft's few sums.
 _ROUNDINGS, _LEAST = 8, 2e-14
+
+
+def off_round(bound: float) -> float:
+    """A threshold above a round one by 0.013 of its power of ten, which no round value meets."""
+    return round(bound + 0.013 * 10.0 ** math.floor(math.log10(bound)), 9)
 
 
 def tied(a: Tensor, b: Tensor | float) -> Tensor:

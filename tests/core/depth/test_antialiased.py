@@ -10,7 +10,7 @@ from torch.nn.functional import avg_pool2d, interpolate
 
 from defocus_core import DefocusLens
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.silhouettes import AVERAGED, without_ramps
+from defocus_core.depth.ramps import AVERAGED, without_ramps
 
 SIZE = (144, 200)
 FINE = 8

@@ -9,20 +9,22 @@ from scenes import RADII, pattern
 from torch.nn.functional import max_pool2d
 
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.repair import repair_depth
-from defocus_core.depth.silhouettes import AROUND as AROUND_SHIFTS
-from defocus_core.depth.silhouettes import (
+from defocus_core.depth.displacement import AROUND as AROUND_SHIFTS
+from defocus_core.depth.displacement import (
     FARTHEST,
     EdgeShifts,
     edges_of,
-    hard_steps,
     measured_shifts,
+    with_shifted_edges,
+)
+from defocus_core.depth.ramps import (
+    hard_steps,
     slope_of_soft_edges,
     softness,
     steepness,
-    with_shifted_edges,
     without_ramps,
 )
+from defocus_core.depth.repair import repair_depth
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import Repaired
 from defocus_core.tensors.neighbourhoods import extreme_around

@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from defocus_core import DepthRepair, render
-from defocus_core.depth.silhouettes import EdgeShifts
+from defocus_core.depth.displacement import EdgeShifts
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings

@@ -8,6 +8,7 @@ from defocus_core import render
 from defocus_core.evaluation.lens_laws import rounded, worst_relative
 from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
 from defocus_core.tensors.neighbourhoods import halfway
+from defocus_core.tensors.ties import off_round
 
 # What the last bits of a picture of order one may make of it.
 ROUNDED = 2e-4  # rounding where the lens sees little, up to 1e-4; a tie broken otherwise is 1e-2
@@ -134,3 +135,8 @@ def test_resolutions_do_not_depend_on_the_last_bit_of_the_range():
     ends[0, 0], ends[-1, -1] = -8.0, 8.0
     counts = {len(backdrop_of(image, ends * (1 + bit)).levels) for bit in (-1e-6, 0.0, 1e-6)}
     assert len(counts) == 1
+
+
+@pytest.mark.parametrize(("bound", "threshold"), [(1.5, 1.513), (0.25, 0.2513), (0.02, 0.02013)])
+def test_thresholds_lie_just_above_round_numbers(bound, threshold):
+    assert off_round(bound) == threshold

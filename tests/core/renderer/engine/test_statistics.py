@@ -4,7 +4,7 @@ import pytest
 import torch
 
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.silhouettes import around_ramps, without_ramps
+from defocus_core.depth.ramps import around_ramps, without_ramps
 from defocus_core.renderer.engine.plan import needs_double, surveyed
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import Repaired

@@ -1,9 +1,4 @@
-"""Silhouettes: soft edges of depth become steps, and steps move to the edges of the colours.
-
-Where the radius changes by more than a pixel or so per pixel, the depth map has smoothed an edge:
-the lens would not see so steep a surface as one, and some of its pixels would be sharp. From each
-pixel the paths of steepest descent and ascent lead to both ends of the ramp; it gets the radius of
-the closer end.
+"""Displacements of depth edges from those of the colours, and depth whose edges they moved.
 
 Edges of estimated depth are some px too fat or too thin: beside a sharp subject a strip of the
 background would stay sharp, or the subject's own rim would be blurred. Some px within both surfaces
@@ -19,27 +14,24 @@ that are alike on both sides fail there, and the depth's own edge stays.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import partial
 from itertools import accumulate
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn.functional import avg_pool2d, embedding_bag, grid_sample
+from torch.nn.functional import embedding_bag
 
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
-from defocus_core.tensors.box import Box, Span
-from defocus_core.tensors.derived import Mapped
+from defocus_core.depth.ramps import HARD_STEP, LEVEL, slope_of_soft_edges
 from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import (
     extreme_around,
     halfway,
     ranges_of,
     squares_around,
-    steps_beside,
 )
 from defocus_core.tensors.source import Pixels, banded, bands
 from defocus_core.tensors.sparse_masks import (
@@ -51,252 +43,13 @@ from defocus_core.tensors.sparse_masks import (
 )
 from defocus_core.tensors.threads import threaded
 
-# Least slope of a ramp in px per px, on both sides of a pixel, whatever else the frame shows.
-STEEP = 1.513
-# No surface goes through the range of radii of a frame within so many px, or within such a share of
-# the frame's shorter side; and the least slope of a soft edge, in px per px.
-_WITHIN, _WITHIN_FRACTION, MINIMUM = 60, 1 / 4, 0.1513
-# Least step of a hard edge, as a multiple of this slope; the greatest slope beside it, and the
-# least step within FARTHEST px of it that is no foot of a ramp, as a share of the step.
-_HARD_STEP, _LEVEL = 2.013, 0.2513
-# Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
-_FOOT_PX, FOOT_FRACTION = 10, 0.3013
-# Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
-# in px by which steps are as steep.
-_LONGEST, _AS_STEEP = 16, 2.0**-10
-# Px of radius by which a ramp goes on beyond the end of a path at most; no round number.
-_ONE_LEVEL = 0.9013
-# Longer side in px of a picture in which wide ramps are looked for; least shorter one of any level.
-_REDUCED, _LEAST = 640, 32
-# Width in px of an edge of averages: depth that was filtered like colours, or resized.
-AVERAGED = 3
-
-
-def longest_ramp(edge_width: float | None) -> int:
-    """Px of the longest ramp that is an edge, given the width of edges if it is known."""
-    return _LONGEST if edge_width is None else max(1, math.ceil(edge_width))
-
-
-def around_ramps(edge_width: float | None) -> int:
-    """Px around a pixel that decide what `without_ramps` makes of it."""
-    longest = longest_ramp(edge_width)
-    return longest + max(_FOOT_PX, longest // 2) + 3
-
-
-def without_ramps(
-    signed_radius: Tensor,  # [H, W] px
-    steep: float = STEEP,  # least slope of a ramp in px per px
-    edge_width: float | None = None,
-    scale: DistanceScale | None = None,
-) -> Tensor:
-    """Radii [H, W] px with steps in the place of ramps.
-
-    Hard edges and slopes of up to `steep` px per px stay, and so do slopes wider than edges are.
-    Of distance, far slopes are steep, too; they stay if their radii change slowly.
-
-    `edge_width`: width of the widest edges in px; None if it is not known, for 16 px; `scale`: of
-    distance, if ramps are ramps of distance; None if they are of disparity.
-    """
-    found = _ends_of_ramps(signed_radius, steep, edge_width, scale)
-    if found is None:
-        return signed_radius
-    index, near, far = found
-    radii = signed_radius.flatten()
-    values = radii.detach() if scale is None else scale.of(radii.detach())
-    source = torch.where(values[index] < halfway(values[near], values[far]), near, far)
-    return radii.index_copy(0, index, radii[source]).reshape(signed_radius.shape)
-
-
-def _ends_of_ramps(
-    signed_radius: Tensor, steep: float, edge_width: float | None, scale: DistanceScale | None
-) -> tuple[Tensor, Tensor, Tensor] | None:
-    """The numbers [n] of pixels on ramps that are edges, and of those at both of their ends.
-
-    Arguments as for `without_ramps`; None if there is no ramp.
-    """
-    longest = longest_ramp(edge_width)
-    foot_of = max(_FOOT_PX, longest // 2)
-    values = signed_radius.detach() if scale is None else scale.of(signed_radius.detach())
-    slope = steepness(values)
-    core = torch.where(exceeding(slope, steep), slope, 0.0)
-    if not bool(core.any()):
-        return None
-    ramp = slope > FOOT_FRACTION * extreme_around(core, foot_of, torch.maximum)
-    if scale is not None:  # a level of distance is many px of radius near the lens
-        ramp |= steepness(signed_radius) > FOOT_FRACTION * steep
-    foot, ramp = ramp, core > 0
-    for _ in range(foot_of):  # what lies beside it without a link is another surface
-        ramp |= extreme_around(ramp, 1, torch.maximum) & foot
-    at, (H, W) = positions_of(ramp), signed_radius.shape
-    index = at[:, 0] * W + at[:, 1]
-    radii, around = signed_radius.detach().flatten(), squares_around(at, (H, W)).flatten(1)
-    flat = values.flatten()
-    lowest = extreme_around(values, 1, torch.minimum).flatten()
-    near = _least_beside(flat, ramp, _path_end(flat, lowest, around, index, longest))
-    if edge_width is None:  # beyond a far end another surface may lie
-        far = _path_end(-flat, -flat, around, index, longest)
-    else:
-        highest = extreme_around(values, 1, torch.maximum).flatten()
-        far = _least_beside(-flat, ramp, _path_end(-flat, -highest, around, index, longest))
-    found = ~(ramp.flatten()[near] | ramp.flatten()[far])
-    if scale is not None:
-        along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
-        found &= radii[far] - radii[near] > FOOT_FRACTION * steep * along
-    kept = flat_nonzero(found)
-    return index[kept], near[kept], far[kept]
-
-
-def without_wide_ramps(signed_radius: Pixels, steep: float, scale: DistanceScale | None) -> Mapped:
-    """Radii [H, W] px with steps in the place of the ramps that a reduced picture shows.
-
-    What is soft over the same share of a picture is made a step, whatever its resolution: a network
-    sees a small picture, and its depth is enlarged.
-    """
-    (H, W), by = signed_radius.shape, reduction(signed_radius.shape)
-    coarse = reduced(signed_radius, by)
-    ends = torch.full((2, coarse.numel()), torch.inf, dtype=coarse.dtype, device=coarse.device)
-    small = None if scale is None else scale.times(1 / by)
-    found = _ends_of_ramps(coarse / by, steep, None, small)
-    if found is not None:
-        flat = coarse.flatten()
-        ends[:, found[0]] = torch.stack([flat[found[1]], -flat[found[2]]])
-    # beside the pixels of a ramp it ends between two pixels of the reduced picture
-    ends = extreme_around(ends.view(2, *coarse.shape), 1, torch.minimum)
-
-    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        radii = signed_radius[slice(*rows), slice(*columns)]
-        places = [
-            (torch.arange(first, end, device=radii.device) * coarse.shape[dim]).div(
-                size, rounding_mode="floor"
-            )
-            for dim, ((first, end), size) in enumerate(((rows, H), (columns, W)))
-        ]
-        near, far = ends[:, places[0]][:, :, places[1]]
-        far, own = -far, radii.detach()
-        closer = torch.where(own < halfway(near, far), near, far)
-        return torch.where((near < own) & (own < far), closer, radii)
-
-    return Mapped(read, (H, W), signed_radius)
-
-
-def reduction(size: Sequence[int]) -> int:
-    """How many times a picture (height, width) is as large as one whose ramps are all looked at."""
-    return max(1, min(max(size) // _REDUCED, min(size) // _LEAST))
-
-
-def reduced(signed_radius: Pixels, by: int) -> Tensor:
-    """Every so many pixels of radii [H, W] px, of the middle of the picture outwards."""
-    first = [(size - 1) % by // 2 for size in signed_radius.shape]
-    return signed_radius[first[0] :: by, first[1] :: by].detach()
-
-
-def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
-    """The pixels [n] at the lower ends of the paths of steepest descent from n pixels.
-
-    Of neighbours that are as steep the one with the lower end is taken, so that rounding decides
-    nothing. A path ends at any other pixel.
-
-    `values`: [H * W]; `lows`: the least value around each, by which ends are lower; `around`:
-    [n, 9] numbers of the pixels and of their neighbours; `index`: [n] numbers of the pixels;
-    `longest`: most px of a path.
-    """
-    beside = values[around]
-    steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
-    end = torch.arange(len(values), device=values.device)
-    for _ in range(longest):
-        limits = end[around]
-        lowest = torch.where(steepest, lows[limits], torch.inf).argmin(1, keepdim=True)
-        end.index_copy_(0, index, limits.gather(1, lowest)[:, 0])
-    return end[index]
-
-
-def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
-    """The least of the pixels around the ends [n] of paths: levels end a path too soon at times.
-
-    Of pixels that are as low one is taken that is on no ramp [H, W]; what is lower by more than a
-    level is not of the ramp.
-    """
-    row = at.div(ramp.shape[1], rounding_mode="floor")
-    size = ramp.shape[0], ramp.shape[1]
-    beside = squares_around(torch.stack([row, at - row * size[1]], 1), size).flatten(1)
-    around = values[beside] + _AS_STEEP * ramp.flatten()[beside]
-    around = torch.where(values[beside] < values[at][:, None] - _ONE_LEVEL, torch.inf, around)
-    return beside.gather(1, around.argmin(1, keepdim=True))[:, 0]
-
-
-def softness(slope: Tensor) -> Tensor:
-    """The slope [H, W] in the middle of ramps that are several px wide and long; 0 elsewhere.
-
-    `slope`: [H, W] px per px, of all ramps, from `steepness`.
-    """
-    return extreme_around(slope, 1, torch.minimum)
-
-
-def slope_of_soft_edges(minimum: float, maximum: float, size: Sequence[int]) -> float:
-    """The least slope in px per px of a soft edge in a frame with radii from least to most px.
-
-    `minimum`: least radius in px; `maximum`: greatest radius in px; `size`: (height, width) of the
-    frame.
-    """
-    within = min(_WITHIN, _WITHIN_FRACTION * min(size))
-    return min(STEEP, max(MINIMUM, (maximum - minimum) / within))
-
-
-def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None = None) -> Tensor:
-    """The number of steps of radii [H, W] px, from one pixel to the next, that are hard edges.
-
-    `signed_radius`: [H, W] px; `steep`: least slope of a soft edge in px per px.
-    """
-    count = torch.zeros((), dtype=torch.long, device=signed_radius.device)
-    for dim in (-1, -2):
-        before, step, after = steps_beside(signed_radius, dim)
-        high = step > _HARD_STEP * steep
-        if scale is not None:
-            before, step, after = steps_beside(scale.of(signed_radius), dim)
-            high &= step > _HARD_STEP * steep
-        level = torch.maximum(before, after) < _LEVEL * step
-        count += (high & level).sum()
-    return count
-
-
-def are_steeper(steps: Tensor, dim: int, slope: float) -> bool:
-    """Whether `steepness` along an axis exceeds a positive slope anywhere, from the axis' steps."""
-    n = steps.shape[dim] - 1
-    if n < 1:
-        return False
-    first, second = steps.narrow(dim, 0, n), steps.narrow(dim, 1, n)
-    if float((first * second).amax()) <= slope * slope:  # so one of each two is not steeper
-        return False
-    up, down = torch.minimum(first, second).amax(), torch.maximum(first, second).amin()
-    return float(torch.maximum(up, -down)) > slope
-
-
-def steepness(signed_radius: Tensor) -> Tensor:
-    """The slope of ramps at pixels [H, W] in px per px; 0 where there is no ramp.
-
-    The lesser slope of both sides of a pixel, where both go up or both go down, along the steeper
-    axis: 0 beside a hard edge.
-    """
-    r = signed_radius.detach()
-    slope = torch.zeros_like(r)
-    for dim in (-1, -2):
-        if r.shape[dim] > 2:
-            step = r.diff(dim=dim)
-            n = step.shape[dim] - 1
-            first, second = step.narrow(dim, 0, n), step.narrow(dim, 1, n)
-            inner = slope.narrow(dim, 1, n)
-            for minimum in (torch.minimum(first, second), -torch.maximum(first, second)):
-                torch.maximum(inner, minimum, out=inner)
-    return slope
-
-
 # Greatest displacement in px; greatest depth in px from which on the colours of a surface are
 # sampled, which is the displacement that a profile shows for certain, and the greatest cost of one;
 # and over how many px.
-FARTHEST, _DEEPEST, _SPAN = 8, 6, 5
+FARTHEST, DEEPEST, _SPAN = 8, 6, 5
 # Reach of a profile across a silhouette, in px to both sides: beyond the samples as many px show
 # whether a surface goes on in their colours.
-REACH = _DEEPEST + 2 * _SPAN + 1
+REACH = DEEPEST + 2 * _SPAN + 1
 # Half width in px of the square around a pixel in which the normal is found; half of it is the
 # standard deviation of the weights there.
 NORMAL = 3
@@ -330,8 +83,6 @@ _EXAMINED, _FACTORS = 1 << 10, (0x9E3779B97F4A7C1, 0x2545F4914F6CDD1D)
 # A picture of hard edges is shifted if so many profiles count, if the median displacement is so
 # many px, and if such a share of the votes lie within a px of it.
 _VOTES, _BIASED, _AGREED = 20, 0.75, 0.6
-# Displacement that is looked for, as a share of the longer side of a picture.
-_FRACTION = 0.01
 # Px around a pixel that decide whether it is on a silhouette; and what it becomes.
 AROUND_EDGE = NORMAL + FARTHEST + 3
 AROUND = REACH + 4 * _ROUNDS + FARTHEST + AROUND_EDGE + AROUND_BY_COLOR
@@ -403,7 +154,7 @@ def measured_shifts(
             at, of = at[examined], of[examined]
         # edges that ran within objects were soft; hard ones may only be biased
         rims, silhouette = soft is not None, _silhouette_at(at, radii)
-        return of, *_evidence(silhouette, radii, colors, along=False, rims=rims)
+        return of, *edge_evidence(silhouette, radii, colors, along=False, rims=rims)
 
     chances = [min(_EXAMINED / max(n, 1), 1.0) for n in edges]
     while True:
@@ -414,7 +165,7 @@ def measured_shifts(
         if not any(alike):
             break
         chances = [1.0 if few else chance for few, chance in zip(alike, chances, strict=True)]
-    measured = _shifts_of(ShiftEvidence(*evidence), steps, of)
+    measured = shifts_of(ShiftEvidence(*evidence), steps, of)
     seen = sums_of_each(evidence[1], of, count)[:, 0].tolist()
     fewest = [0.0 if soft is not None else _VOTES * chance for chance in chances]
     return [
@@ -448,12 +199,12 @@ def least_steps(signed_radius: Pixels, soft: float | None) -> list[float]:
     minima, maxima = limits[..., 0].amin(0), limits[..., 1].amax(0)
     size = signed_radius.shape[-2:]
     return [
-        max(_HARD_STEP * slope_of_soft_edges(minimum, maximum, size), soft or 0.0)
+        max(HARD_STEP * slope_of_soft_edges(minimum, maximum, size), soft or 0.0)
         for minimum, maximum in torch.stack([minima, maxima], 1).tolist()
     ]
 
 
-def _shifts_of(
+def shifts_of(
     found: ShiftEvidence, steps: list[float], of: Tensor | None = None
 ) -> list[tuple[EdgeShifts, float]]:
     """The displacements of each picture, and the share of them within a px of their median.
@@ -507,163 +258,25 @@ def with_shifted_edges(
 ) -> Tensor:
     """Radii [H, W] px whose edges lie where the colours of [C, H, W] have theirs."""
     radii, colors = signed_radius.detach(), pixels.detach()
-    silhouette = _silhouette_of(radii, shifts.step, scale)
+    silhouette = silhouette_of(radii, shifts.step, scale)
     if silhouette is None:
         return signed_radius
-    found = _evidence(silhouette, radii, colors)
-    shift = _likely_shifts(found, shifts)
+    found = edge_evidence(silhouette, radii, colors)
+    shift = likely_shifts(found, shifts)
     undecided = torch.zeros_like(radii, dtype=torch.bool)
     trust = _trust(found.told, _OF_SILHOUETTE)[:, 0]
     undecided[silhouette.at[:, 0], silhouette.at[:, 1]] = trust == 0
     undecided = extreme_around(undecided, NORMAL, torch.maximum)
-    return radii_by_color(_moved(signed_radius, silhouette, shift), colors, ~undecided)
+    return radii_by_color(moved(signed_radius, silhouette, shift), colors, ~undecided)
 
 
-class CoarseShifts(NamedTuple):
-    """The displacements that a level of half resolution, or of less, shows."""
-
-    level: int  # how many times resolution is halved
-    field: Tensor  # [h, w] in coarse px, around silhouettes; 0 elsewhere
-    median: float  # px of full resolution
-
-
-def coarse_shifts(
-    signed_radius: Pixels,  # [H, W] px, without ramps
-    pixels: Pixels,  # [C, H, W] linear
-    *,
-    step: float,  # least step in px of an edge
-    scale: DistanceScale | None = None,
-    reach: float = 0.0,  # px of displacement to look for at least
-) -> list[CoarseShifts]:
-    """The displacements that coarse levels show, coarsest first, each beside the one before it.
-
-    What is the same share of a picture is found alike, whatever its resolution.
-    """
-    size = (signed_radius.shape[-2], signed_radius.shape[-1])
-    reach = max(_FRACTION * max(size), reach)
-    levels = max(0, math.ceil(math.log2(reach / _DEEPEST)))
-    while levels and min(size) < _LEAST << levels:
-        levels -= 1
-    found: list[CoarseShifts] = []
-    for level, (radii, colors) in reversed(_levels_of(signed_radius, pixels, levels)):
-        radii = _moved_coarsely(radii, found, step, scale, level)
-        silhouette = _silhouette_of(radii, step, scale)
-        if silhouette is None:
-            continue
-        evidence = _evidence(silhouette, radii, colors)
-        ((shifts, _),) = _shifts_of(evidence, [step])
-        shift = _likely_shifts(evidence, shifts)
-        field = _field_of(silhouette, shift, radii)
-        found.append(CoarseShifts(level, field, shifts.median * (1 << level)))
-    return found
-
-
-def with_coarse_shifts(
-    signed_radius: Pixels, found: list[CoarseShifts], step: float, scale: DistanceScale | None
-) -> Mapped:
-    """Radii [H, W] px with their edges moved by all coarse displacements."""
-    H, W = signed_radius.shape
-    farthest = sum(float(each.field.abs().amax()) * (1 << each.level) for each in found)
-    around = math.ceil(farthest) + len(found) * AROUND_EDGE
-
-    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        box = Box.over(Span(*rows), Span(*columns))
-        window = box.grown(around, Box(0, 0, H, W))
-        radii = window.of(signed_radius)
-        moved = _moved_coarsely(radii, found, step, scale, corner=window[:2], size=(H, W))
-        return box.seen_from(window).of(moved)
-
-    return Mapped(read, (H, W), signed_radius, around)
-
-
-def _moved_coarsely(
-    signed_radius: Tensor,  # [H, W] px
-    found: Sequence[CoarseShifts],
-    step: float,
-    scale: DistanceScale | None,
-    level: int = 0,  # of the radii
-    corner: tuple[int, ...] = (0, 0),  # where they begin in the picture
-    size: tuple[int, ...] | None = None,  # of the picture; None for that of the radii
-) -> Tensor:
-    """Radii [H, W] px with edges moved by one coarse displacement after another."""
-    silhouette = None
-    for each in found:
-        radii = signed_radius.detach()
-        silhouette = silhouette or _silhouette_of(radii, step, scale)
-        if silhouette is None:
-            break
-        at = (silhouette.at + sent([*corner], silhouette.at)).T.double()
-        shift = _read_at(each.field, at, size or radii.shape) * (1 << (each.level - level))
-        moved = _moved(signed_radius, silhouette, shift)
-        if moved is not signed_radius:
-            signed_radius, silhouette = moved, None
-    return signed_radius
-
-
-def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
-    """A field [h, w] at rows and columns [2, n] of a picture of a size, linearly interpolated."""
-    places = (2 * at + 1) / sent([[size[0]], [size[1]]], at) - 1
-    places = places.flip(0).T[None, None].to(field.dtype)
-    read = grid_sample(field[None, None], places, padding_mode="border", align_corners=False)
-    return read[0, 0, 0].double()
-
-
-def _levels_of(
-    signed_radius: Pixels, pixels: Pixels, levels: int
-) -> list[tuple[int, tuple[Tensor, Tensor]]]:
-    """Radii [h, w] px and colours [C, h, w] of each level of reduced resolution from 1 on."""
-    found, radii, colors = [], signed_radius, pixels
-    for level in range(1, levels + 1):
-        both = [_halved_rows(radii, colors, rows) for rows in bands(radii)]
-        radii, colors = (torch.cat(part, -2) for part in zip(*both, strict=True))
-        found.append((level, (radii, colors)))
-    return found
-
-
-def _halved_rows(
-    signed_radius: Pixels, pixels: Pixels, rows: tuple[int, int]
-) -> tuple[Tensor, Tensor]:
-    """Radii and mean colours of the coarse pixels whose first rows are among some rows.
-
-    Of an even length two pixels make one, of an odd one every second does with its neighbours:
-    mirrored, it is the same. The radius is one of those there, neither the least nor the greatest.
-    """
-    H, W = signed_radius.shape
-    first = max(rows[0] - 1, 0)
-    window = slice(first, rows[1] + 1)
-    radii, colors = signed_radius[window].detach(), pixels[..., window, :].detach()
-    own = []
-    for dim, length in ((-2, H), (-1, W)):
-        start = length // 2 % 2 if length % 2 else 0
-        index = torch.arange(start, length - 1 + length % 2, 2, device=radii.device)
-        if dim == -2:
-            index = index[(index >= rows[0]) & (index < rows[1])]
-        top, end = (first, radii.shape[-2] - 1) if dim == -2 else (0, length - 1)
-        before, after = (index - 1, index + 1) if length % 2 else (index, index + 1)
-        places = [(i - top).clamp(0, end) for i in (before, index, after)]
-        left, middle, right = (colors.index_select(dim, place) for place in places)
-        colors = (left + 2 * middle + right) / 4 if length % 2 else (left + right) / 2
-        own.append((places[1], places[1] if length % 2 else places[2]))
-    four = [radii[y][:, x] for y in own[0] for x in own[1]]
-    return torch.stack(four, -1).sort(-1).values[..., 1].contiguous(), colors
-
-
-def _field_of(silhouette: Silhouette, shift: Tensor, radii: Tensor) -> Tensor:
-    """Displacements [n] of a silhouette as a field [h, w] px around it: means of 5×5 px."""
-    both = shift.new_zeros(2, radii.numel(), dtype=torch.float32)
-    number = silhouette.at[:, 0] * radii.shape[1] + silhouette.at[:, 1]
-    both[:, number] = torch.stack([shift, torch.ones_like(shift)]).float()
-    total, count = avg_pool2d(both.view(2, 1, *radii.shape), 5, 1, 2)[:, 0]
-    return torch.where(count > 0, total / count.clamp(min=1e-3), 0.0)
-
-
-def _silhouette_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Silhouette | None:
+def silhouette_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Silhouette | None:
     """The silhouette in radii [H, W] px; None without edges."""
     at = positions_of(edges_of(radii, step, scale))
     return _silhouette_at(at, radii) if len(at) else None
 
 
-def _moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tensor:
+def moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tensor:
     """Radii [H, W] px with a silhouette moved by px [n]."""
     radii, at = signed_radius.detach(), silhouette.at
     H, W = radii.shape
@@ -671,7 +284,7 @@ def _moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tens
         return signed_radius
     flat, taken = radii.flatten(), signed_radius.flatten()
     # the median beyond an edge, for beside it a speck may lie; what is nearer there shows no tear
-    along = torch.arange(1.0, 2 * _DEEPEST, device=at.device)
+    along = torch.arange(1.0, 2 * DEEPEST, device=at.device)
     beyond, _ = _across(at, silhouette.normal, along, (H, W))
     median = flat[beyond].argsort(dim=1, stable=True)[:, len(along) // 2, None]
     near, far = at[:, 0] * W + at[:, 1], beyond.gather(1, median)[:, 0]
@@ -691,7 +304,7 @@ def _moved(signed_radius: Tensor, silhouette: Silhouette, shift: Tensor) -> Tens
     return shifted.reshape(H, W)
 
 
-def _evidence(
+def edge_evidence(
     silhouette: Silhouette, radii: Tensor, pixels: Tensor, *, along: bool = True, rims: bool = True
 ) -> ShiftEvidence:
     """The evidence of colours [C, H, W] at pixels of radii [H, W], averaged along a silhouette.
@@ -718,7 +331,7 @@ def _evidence(
     return ShiftEvidence(costs, fraction, told)
 
 
-def _likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
+def likely_shifts(found: ShiftEvidence, shifts: EdgeShifts) -> Tensor:
     """The displacement [n] in px of each pixel of a silhouette, smooth along it."""
     rarity = found.costs.new_tensor(shifts.rarity)
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=rarity.device).to(rarity.dtype)
@@ -814,7 +427,7 @@ def edges_of(radii: Tensor, step: float | Tensor, scale: DistanceScale | None) -
             torch.maximum(part, sign * rise, out=part)
     edges = exceeding(height, step)
     if bool(edges.any()):
-        edges &= height > _LEVEL * extreme_around(height, FARTHEST, torch.maximum)
+        edges &= height > LEVEL * extreme_around(height, FARTHEST, torch.maximum)
     return edges
 
 
@@ -875,7 +488,7 @@ class _Profiles(NamedTuple):
         """Px [n] to the nearer and the farther surface, where their colours are sampled."""
         # the middle of a thin surface is as deep as one can get
         near, far = (
-            (count.double() / 2).clamp(max=_DEEPEST) for count in (self.inwards, self.outwards)
+            (count.double() / 2).clamp(max=DEEPEST) for count in (self.inwards, self.outwards)
         )
         return near, far
 
@@ -977,7 +590,7 @@ def _displacement_costs(profiles: _Profiles, nearer: Tensor) -> Tensor:
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=costs.device)
     possible = (by <= near_depth[:, None]) & (-by <= far_depth[:, None])
     costs = costs - torch.where(possible, costs, torch.inf).amin(1, keepdim=True)
-    return torch.where(possible, costs.clamp(max=_DEEPEST), float(_DEEPEST))
+    return torch.where(possible, costs.clamp(max=DEEPEST), float(DEEPEST))
 
 
 def _along(like: Tensor) -> Tensor:

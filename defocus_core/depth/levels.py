@@ -1,0 +1,172 @@
+"""Levels of reduced resolution, on which edges that lie farther off are displaced first.
+
+What is the same share of a picture is found alike, whatever its resolution.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn.functional import avg_pool2d, grid_sample
+
+from defocus_core.depth.displacement import (
+    AROUND_EDGE,
+    DEEPEST,
+    Silhouette,
+    edge_evidence,
+    likely_shifts,
+    moved,
+    shifts_of,
+    silhouette_of,
+)
+from defocus_core.depth.distance_scale import DistanceScale
+from defocus_core.depth.ramps import LEAST_SIDE
+from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.derived import Mapped
+from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.source import Pixels, bands
+
+# Displacement that is looked for, as a share of the longer side of a picture.
+_FRACTION = 0.01
+
+
+class CoarseShifts(NamedTuple):
+    """The displacements that a level of half resolution, or of less, shows."""
+
+    level: int  # how many times resolution is halved
+    field: Tensor  # [h, w] in coarse px, around silhouettes; 0 elsewhere
+    median: float  # px of full resolution
+
+
+def coarse_shifts(
+    signed_radius: Pixels,  # [H, W] px, without ramps
+    pixels: Pixels,  # [C, H, W] linear
+    *,
+    step: float,  # least step in px of an edge
+    scale: DistanceScale | None = None,
+    reach: float = 0.0,  # px of displacement to look for at least
+) -> list[CoarseShifts]:
+    """The displacements that coarse levels show, coarsest first, each beside the one before it.
+
+    What is the same share of a picture is found alike, whatever its resolution.
+    """
+    size = (signed_radius.shape[-2], signed_radius.shape[-1])
+    reach = max(_FRACTION * max(size), reach)
+    levels = max(0, math.ceil(math.log2(reach / DEEPEST)))
+    while levels and min(size) < LEAST_SIDE << levels:
+        levels -= 1
+    found: list[CoarseShifts] = []
+    for level, (radii, colors) in reversed(_levels_of(signed_radius, pixels, levels)):
+        radii = _moved_coarsely(radii, found, step, scale, level)
+        silhouette = silhouette_of(radii, step, scale)
+        if silhouette is None:
+            continue
+        evidence = edge_evidence(silhouette, radii, colors)
+        ((shifts, _),) = shifts_of(evidence, [step])
+        shift = likely_shifts(evidence, shifts)
+        field = _field_of(silhouette, shift, radii)
+        found.append(CoarseShifts(level, field, shifts.median * (1 << level)))
+    return found
+
+
+def with_coarse_shifts(
+    signed_radius: Pixels, found: list[CoarseShifts], step: float, scale: DistanceScale | None
+) -> Mapped:
+    """Radii [H, W] px with their edges moved by all coarse displacements."""
+    H, W = signed_radius.shape
+    farthest = sum(float(each.field.abs().amax()) * (1 << each.level) for each in found)
+    around = math.ceil(farthest) + len(found) * AROUND_EDGE
+
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        box = Box.over(Span(*rows), Span(*columns))
+        window = box.grown(around, Box(0, 0, H, W))
+        radii = window.of(signed_radius)
+        radii = _moved_coarsely(radii, found, step, scale, corner=window[:2], size=(H, W))
+        return box.seen_from(window).of(radii)
+
+    return Mapped(read, (H, W), signed_radius, around)
+
+
+def _moved_coarsely(
+    signed_radius: Tensor,  # [H, W] px
+    found: Sequence[CoarseShifts],
+    step: float,
+    scale: DistanceScale | None,
+    level: int = 0,  # of the radii
+    corner: tuple[int, ...] = (0, 0),  # where they begin in the picture
+    size: tuple[int, ...] | None = None,  # of the picture; None for that of the radii
+) -> Tensor:
+    """Radii [H, W] px with edges moved by one coarse displacement after another."""
+    silhouette = None
+    for each in found:
+        radii = signed_radius.detach()
+        silhouette = silhouette or silhouette_of(radii, step, scale)
+        if silhouette is None:
+            break
+        at = (silhouette.at + sent([*corner], silhouette.at)).T.double()
+        shift = _read_at(each.field, at, size or radii.shape) * (1 << (each.level - level))
+        radii = moved(signed_radius, silhouette, shift)
+        if radii is not signed_radius:
+            signed_radius, silhouette = radii, None
+    return signed_radius
+
+
+def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
+    """A field [h, w] at rows and columns [2, n] of a picture of a size, linearly interpolated."""
+    places = (2 * at + 1) / sent([[size[0]], [size[1]]], at) - 1
+    places = places.flip(0).T[None, None].to(field.dtype)
+    read = grid_sample(field[None, None], places, padding_mode="border", align_corners=False)
+    return read[0, 0, 0].double()
+
+
+def _levels_of(
+    signed_radius: Pixels, pixels: Pixels, levels: int
+) -> list[tuple[int, tuple[Tensor, Tensor]]]:
+    """Radii [h, w] px and colours [C, h, w] of each level of reduced resolution from 1 on."""
+    found, radii, colors = [], signed_radius, pixels
+    for level in range(1, levels + 1):
+        both = [_halved_rows(radii, colors, rows) for rows in bands(radii)]
+        radii, colors = (torch.cat(part, -2) for part in zip(*both, strict=True))
+        found.append((level, (radii, colors)))
+    return found
+
+
+def _halved_rows(
+    signed_radius: Pixels, pixels: Pixels, rows: tuple[int, int]
+) -> tuple[Tensor, Tensor]:
+    """Radii and mean colours of the coarse pixels whose first rows are among some rows.
+
+    Of an even length two pixels make one, of an odd one every second does with its neighbours:
+    mirrored, it is the same. The radius is one of those there, neither the least nor the greatest.
+    """
+    H, W = signed_radius.shape
+    first = max(rows[0] - 1, 0)
+    window = slice(first, rows[1] + 1)
+    radii, colors = signed_radius[window].detach(), pixels[..., window, :].detach()
+    own = []
+    for dim, length in ((-2, H), (-1, W)):
+        start = length // 2 % 2 if length % 2 else 0
+        index = torch.arange(start, length - 1 + length % 2, 2, device=radii.device)
+        if dim == -2:
+            index = index[(index >= rows[0]) & (index < rows[1])]
+        top, end = (first, radii.shape[-2] - 1) if dim == -2 else (0, length - 1)
+        before, after = (index - 1, index + 1) if length % 2 else (index, index + 1)
+        places = [(i - top).clamp(0, end) for i in (before, index, after)]
+        left, middle, right = (colors.index_select(dim, place) for place in places)
+        colors = (left + 2 * middle + right) / 4 if length % 2 else (left + right) / 2
+        own.append((places[1], places[1] if length % 2 else places[2]))
+    four = [radii[y][:, x] for y in own[0] for x in own[1]]
+    return torch.stack(four, -1).sort(-1).values[..., 1].contiguous(), colors
+
+
+def _field_of(silhouette: Silhouette, shift: Tensor, radii: Tensor) -> Tensor:
+    """Displacements [n] of a silhouette as a field [h, w] px around it: means of 5×5 px."""
+    both = shift.new_zeros(2, radii.numel(), dtype=torch.float32)
+    number = silhouette.at[:, 0] * radii.shape[1] + silhouette.at[:, 1]
+    both[:, number] = torch.stack([shift, torch.ones_like(shift)]).float()
+    total, count = avg_pool2d(both.view(2, 1, *radii.shape), 5, 1, 2)[:, 0]
+    return torch.where(count > 0, total / count.clamp(min=1e-3), 0.0)

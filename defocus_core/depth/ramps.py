@@ -1,0 +1,265 @@
+"""Ramps of depth at soft edges, and the steps that take their place.
+
+Where the radius changes by more than a pixel or so per pixel, the depth map has smoothed an edge:
+the lens would not see so steep a surface as one, and some of its pixels would be sharp. From each
+pixel the paths of steepest descent and ascent lead to both ends of the ramp; it gets the radius of
+the closer end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+from defocus_core.depth.distance_scale import DistanceScale
+from defocus_core.tensors.derived import Mapped
+from defocus_core.tensors.neighbourhoods import (
+    extreme_around,
+    halfway,
+    squares_around,
+    steps_beside,
+)
+from defocus_core.tensors.source import Pixels
+from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of
+from defocus_core.tensors.ties import off_round
+
+# Least slope of a ramp in px per px, on both sides of a pixel, whatever else the frame shows.
+STEEP = off_round(1.5)
+# No surface goes through the range of radii of a frame within so many px, or within such a share of
+# the frame's shorter side; and the least slope of a soft edge, in px per px.
+_WITHIN, _WITHIN_FRACTION, MINIMUM = 60, 1 / 4, off_round(0.15)
+# Least step of a hard edge, as a multiple of this slope; the greatest slope beside it, and the
+# least step within 8 px of it that is no foot of a ramp, as a share of the step.
+HARD_STEP, LEVEL = off_round(2.0), off_round(0.25)
+# Foot of a ramp: the pixels within so many px of a steep one that have this share of its slope.
+_FOOT_PX, FOOT_FRACTION = 10, off_round(0.3)
+# Longest path to an end of a ramp, in px, unless the width of edges is known; difference of radii
+# in px by which steps are as steep.
+_LONGEST, _AS_STEEP = 16, 2.0**-10
+# Px of radius by which a ramp goes on beyond the end of a path at most.
+_ONE_LEVEL = off_round(0.9)
+# Longer side in px of a picture in which wide ramps are looked for; least shorter one of any level.
+_REDUCED, LEAST_SIDE = 640, 32
+# Width in px of an edge of averages: depth that was filtered like colours, or resized.
+AVERAGED = 3
+
+
+def longest_ramp(edge_width: float | None) -> int:
+    """Px of the longest ramp that is an edge, given the width of edges if it is known."""
+    return _LONGEST if edge_width is None else max(1, math.ceil(edge_width))
+
+
+def around_ramps(edge_width: float | None) -> int:
+    """Px around a pixel that decide what `without_ramps` makes of it."""
+    longest = longest_ramp(edge_width)
+    return longest + max(_FOOT_PX, longest // 2) + 3
+
+
+def without_ramps(
+    signed_radius: Tensor,  # [H, W] px
+    steep: float = STEEP,  # least slope of a ramp in px per px
+    edge_width: float | None = None,
+    scale: DistanceScale | None = None,
+) -> Tensor:
+    """Radii [H, W] px with steps in the place of ramps.
+
+    Hard edges and slopes of up to `steep` px per px stay, and so do slopes wider than edges are.
+    Of distance, far slopes are steep, too; they stay if their radii change slowly.
+
+    `edge_width`: width of the widest edges in px; None if it is not known, for 16 px; `scale`: of
+    distance, if ramps are ramps of distance; None if they are of disparity.
+    """
+    found = _ends_of_ramps(signed_radius, steep, edge_width, scale)
+    if found is None:
+        return signed_radius
+    index, near, far = found
+    radii = signed_radius.flatten()
+    values = radii.detach() if scale is None else scale.of(radii.detach())
+    source = torch.where(values[index] < halfway(values[near], values[far]), near, far)
+    return radii.index_copy(0, index, radii[source]).reshape(signed_radius.shape)
+
+
+def _ends_of_ramps(
+    signed_radius: Tensor, steep: float, edge_width: float | None, scale: DistanceScale | None
+) -> tuple[Tensor, Tensor, Tensor] | None:
+    """The numbers [n] of pixels on ramps that are edges, and of those at both of their ends.
+
+    Arguments as for `without_ramps`; None if there is no ramp.
+    """
+    longest = longest_ramp(edge_width)
+    foot_of = max(_FOOT_PX, longest // 2)
+    values = signed_radius.detach() if scale is None else scale.of(signed_radius.detach())
+    slope = steepness(values)
+    core = torch.where(exceeding(slope, steep), slope, 0.0)
+    if not bool(core.any()):
+        return None
+    ramp = slope > FOOT_FRACTION * extreme_around(core, foot_of, torch.maximum)
+    if scale is not None:  # a level of distance is many px of radius near the lens
+        ramp |= steepness(signed_radius) > FOOT_FRACTION * steep
+    foot, ramp = ramp, core > 0
+    for _ in range(foot_of):  # what lies beside it without a link is another surface
+        ramp |= extreme_around(ramp, 1, torch.maximum) & foot
+    at, (H, W) = positions_of(ramp), signed_radius.shape
+    index = at[:, 0] * W + at[:, 1]
+    radii, around = signed_radius.detach().flatten(), squares_around(at, (H, W)).flatten(1)
+    flat = values.flatten()
+    lowest = extreme_around(values, 1, torch.minimum).flatten()
+    near = _least_beside(flat, ramp, _path_end(flat, lowest, around, index, longest))
+    if edge_width is None:  # beyond a far end another surface may lie
+        far = _path_end(-flat, -flat, around, index, longest)
+    else:
+        highest = extreme_around(values, 1, torch.maximum).flatten()
+        far = _least_beside(-flat, ramp, _path_end(-flat, -highest, around, index, longest))
+    found = ~(ramp.flatten()[near] | ramp.flatten()[far])
+    if scale is not None:
+        along = torch.hypot(*(((near - far) // W).double(), (near % W - far % W).double()))
+        found &= radii[far] - radii[near] > FOOT_FRACTION * steep * along
+    kept = flat_nonzero(found)
+    return index[kept], near[kept], far[kept]
+
+
+def without_wide_ramps(signed_radius: Pixels, steep: float, scale: DistanceScale | None) -> Mapped:
+    """Radii [H, W] px with steps in the place of the ramps that a reduced picture shows.
+
+    What is soft over the same share of a picture is made a step, whatever its resolution: a network
+    sees a small picture, and its depth is enlarged.
+    """
+    (H, W), by = signed_radius.shape, reduction(signed_radius.shape)
+    coarse = reduced(signed_radius, by)
+    ends = torch.full((2, coarse.numel()), torch.inf, dtype=coarse.dtype, device=coarse.device)
+    small = None if scale is None else scale.times(1 / by)
+    found = _ends_of_ramps(coarse / by, steep, None, small)
+    if found is not None:
+        flat = coarse.flatten()
+        ends[:, found[0]] = torch.stack([flat[found[1]], -flat[found[2]]])
+    # beside the pixels of a ramp it ends between two pixels of the reduced picture
+    ends = extreme_around(ends.view(2, *coarse.shape), 1, torch.minimum)
+
+    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
+        radii = signed_radius[slice(*rows), slice(*columns)]
+        places = [
+            (torch.arange(first, end, device=radii.device) * coarse.shape[dim]).div(
+                size, rounding_mode="floor"
+            )
+            for dim, ((first, end), size) in enumerate(((rows, H), (columns, W)))
+        ]
+        near, far = ends[:, places[0]][:, :, places[1]]
+        far, own = -far, radii.detach()
+        closer = torch.where(own < halfway(near, far), near, far)
+        return torch.where((near < own) & (own < far), closer, radii)
+
+    return Mapped(read, (H, W), signed_radius)
+
+
+def reduction(size: Sequence[int]) -> int:
+    """How many times a picture (height, width) is as large as one whose ramps are all looked at."""
+    return max(1, min(max(size) // _REDUCED, min(size) // LEAST_SIDE))
+
+
+def reduced(signed_radius: Pixels, by: int) -> Tensor:
+    """Every so many pixels of radii [H, W] px, of the middle of the picture outwards."""
+    first = [(size - 1) % by // 2 for size in signed_radius.shape]
+    return signed_radius[first[0] :: by, first[1] :: by].detach()
+
+
+def _path_end(values: Tensor, lows: Tensor, around: Tensor, index: Tensor, longest: int) -> Tensor:
+    """The pixels [n] at the lower ends of the paths of steepest descent from n pixels.
+
+    Of neighbours that are as steep the one with the lower end is taken, so that rounding decides
+    nothing. A path ends at any other pixel.
+
+    `values`: [H * W]; `lows`: the least value around each, by which ends are lower; `around`:
+    [n, 9] numbers of the pixels and of their neighbours; `index`: [n] numbers of the pixels;
+    `longest`: most px of a path.
+    """
+    beside = values[around]
+    steepest = beside <= beside.amin(1, keepdim=True) + _AS_STEEP
+    end = torch.arange(len(values), device=values.device)
+    for _ in range(longest):
+        limits = end[around]
+        lowest = torch.where(steepest, lows[limits], torch.inf).argmin(1, keepdim=True)
+        end.index_copy_(0, index, limits.gather(1, lowest)[:, 0])
+    return end[index]
+
+
+def _least_beside(values: Tensor, ramp: Tensor, at: Tensor) -> Tensor:
+    """The least of the pixels around the ends [n] of paths: levels end a path too soon at times.
+
+    Of pixels that are as low one is taken that is on no ramp [H, W]; what is lower by more than a
+    level is not of the ramp.
+    """
+    row = at.div(ramp.shape[1], rounding_mode="floor")
+    size = ramp.shape[0], ramp.shape[1]
+    beside = squares_around(torch.stack([row, at - row * size[1]], 1), size).flatten(1)
+    around = values[beside] + _AS_STEEP * ramp.flatten()[beside]
+    around = torch.where(values[beside] < values[at][:, None] - _ONE_LEVEL, torch.inf, around)
+    return beside.gather(1, around.argmin(1, keepdim=True))[:, 0]
+
+
+def softness(slope: Tensor) -> Tensor:
+    """The slope [H, W] in the middle of ramps that are several px wide and long; 0 elsewhere.
+
+    `slope`: [H, W] px per px, of all ramps, from `steepness`.
+    """
+    return extreme_around(slope, 1, torch.minimum)
+
+
+def slope_of_soft_edges(minimum: float, maximum: float, size: Sequence[int]) -> float:
+    """The least slope in px per px of a soft edge in a frame with radii from least to most px.
+
+    `minimum`: least radius in px; `maximum`: greatest radius in px; `size`: (height, width) of the
+    frame.
+    """
+    within = min(_WITHIN, _WITHIN_FRACTION * min(size))
+    return min(STEEP, max(MINIMUM, (maximum - minimum) / within))
+
+
+def hard_steps(signed_radius: Tensor, steep: float, scale: DistanceScale | None = None) -> Tensor:
+    """The number of steps of radii [H, W] px, from one pixel to the next, that are hard edges.
+
+    `signed_radius`: [H, W] px; `steep`: least slope of a soft edge in px per px.
+    """
+    count = torch.zeros((), dtype=torch.long, device=signed_radius.device)
+    for dim in (-1, -2):
+        before, step, after = steps_beside(signed_radius, dim)
+        high = step > HARD_STEP * steep
+        if scale is not None:
+            before, step, after = steps_beside(scale.of(signed_radius), dim)
+            high &= step > HARD_STEP * steep
+        level = torch.maximum(before, after) < LEVEL * step
+        count += (high & level).sum()
+    return count
+
+
+def are_steeper(steps: Tensor, dim: int, slope: float) -> bool:
+    """Whether `steepness` along an axis exceeds a positive slope anywhere, from the axis' steps."""
+    n = steps.shape[dim] - 1
+    if n < 1:
+        return False
+    first, second = steps.narrow(dim, 0, n), steps.narrow(dim, 1, n)
+    if float((first * second).amax()) <= slope * slope:  # so one of each two is not steeper
+        return False
+    up, down = torch.minimum(first, second).amax(), torch.maximum(first, second).amin()
+    return float(torch.maximum(up, -down)) > slope
+
+
+def steepness(signed_radius: Tensor) -> Tensor:
+    """The slope of ramps at pixels [H, W] in px per px; 0 where there is no ramp.
+
+    The lesser slope of both sides of a pixel, where both go up or both go down, along the steeper
+    axis: 0 beside a hard edge.
+    """
+    r = signed_radius.detach()
+    slope = torch.zeros_like(r)
+    for dim in (-1, -2):
+        if r.shape[dim] > 2:
+            step = r.diff(dim=dim)
+            n = step.shape[dim] - 1
+            first, second = step.narrow(dim, 0, n), step.narrow(dim, 1, n)
+            inner = slope.narrow(dim, 1, n)
+            for minimum in (torch.minimum(first, second), -torch.maximum(first, second)):
+                torch.maximum(inner, minimum, out=inner)
+    return slope
