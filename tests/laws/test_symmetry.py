@@ -80,7 +80,7 @@ def test_channels_do_not_know_of_each_other(channels):
 
 
 @pytest.mark.parametrize("kind", RADII)
-def test_threads_change_no_byte(kind):
+def test_threads_and_what_else_is_rendered_change_no_byte(kind):
     size = (150, 200)
     image, radius = noise(size, torch.float32), RADII[kind](size).float()
 
@@ -90,6 +90,7 @@ def test_threads_change_no_byte(kind):
     one, two = with_threads(1), with_threads(2)
     assert torch.equal(one.render, two.render)
     assert torch.equal(one.left, two.left)
+    assert torch.equal(one.render, render(image, radius).render)
     assert one.stats == two.stats
 
 

@@ -2,10 +2,9 @@
 
 import pytest
 import torch
-from torch.nn.functional import avg_pool2d, interpolate, pad
+from torch.nn.functional import avg_pool2d, interpolate, max_pool2d, pad
 
 from defocus_core import render
-from defocus_core.evaluation.lens_laws import rounded, worst_relative
 from defocus_core.renderer.inpainting.frame_pyramid import backdrop_of
 from defocus_core.tensors.neighbourhoods import halfway
 from defocus_core.tensors.ties import off_round
@@ -15,6 +14,19 @@ ROUNDED = 2e-4  # rounding where the lens sees little, up to 1e-4; a tie broken 
 # Px between two levels, and levels to each side of focus: some that binary numbers hold, and some
 # that they do not.
 STEPS = [(0.25, 8), (0.5, 16), (1.0, 10), (1.6, 8), (2.0, 6), (3.2, 5)]
+
+
+def rounded(values):
+    """Values with the last bit changed, up or down at random; equal values stay equal."""
+    different, number = torch.unique(values, return_inverse=True)
+    ways = torch.randint(2, different.shape, generator=torch.Generator().manual_seed(0)) * 2 - 1
+    return torch.nextafter(different, ways * torch.full_like(different, torch.inf))[number]
+
+
+def worst_relative(difference, picture):
+    """Greatest absolute value, as a share of the greatest of the picture within 4 px."""
+    around = max_pool2d(picture.abs(), 9, stride=1, padding=4)
+    return float((difference / around.clamp(min=1e-12)).abs().max())
 
 
 def cards(seed):

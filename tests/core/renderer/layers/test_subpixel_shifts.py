@@ -6,9 +6,24 @@ import pytest
 import torch
 
 from defocus_core import Aperture, render
-from defocus_core.evaluation.lens_laws import PERIOD, shift, wave
 
 SIZE = (24, 96)
+PERIOD = 16  # px, of the waves
+
+
+def wave(size):
+    """A grey wave along x in [0.5, 1.5], with a crest at the first column: [1, H, W]."""
+    x = torch.arange(size[1], dtype=torch.float64)
+    return (1 + 0.5 * torch.cos(2 * math.pi * x / PERIOD)).expand(1, *size).clone()
+
+
+def shift(picture):
+    """Px by which a wave [1, H, W] stands to the right, within half of its length."""
+    rows = picture[0, picture.shape[1] // 2, PERIOD:-PERIOD]
+    rows = rows[: len(rows) // PERIOD * PERIOD]  # whole waves
+    angle = 2 * math.pi * torch.arange(len(rows), dtype=rows.dtype) / PERIOD
+    phase = math.atan2(float(rows @ angle.sin()), float(rows @ angle.cos()))
+    return phase * PERIOD / (2 * math.pi)
 
 
 def expected(r):
