@@ -67,10 +67,6 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.renderer.render import render as render
     from defocus_core.renderer.render import render_layers as render_layers
     from defocus_core.request.job import Job as Job
-    from defocus_core.sequences.neighbours import Frame as Frame
-    from defocus_core.sequences.neighbours import chained as chained
-    from defocus_core.sequences.neighbours import seen_behind as seen_behind
-    from defocus_core.sequences.neighbours import temporal_mean as temporal_mean
     from defocus_core.tensors.clipped_lights import with_lights as with_lights
     from defocus_core.tensors.views import Views as Views
 
@@ -96,9 +92,6 @@ _GROUPS = {
         "depth.diagnosis": "DepthRepair",
         "depth.guided_resize": "GuidedDepth",
         "depth.repair": "diagnose_depth repair_depth",
-    },
-    "frames of a shot": {
-        "sequences.neighbours": "Frame chained seen_behind temporal_mean",
     },
     "fitting": {
         "optics.thin_lens": "fnum_of_strength",

@@ -69,9 +69,8 @@ def desk(tmp_path, here):
     for number, name in enumerate(("hair", "body")):
         sample = {"R": 0.1, "G": 0.2, "B": 0.1, "A": 0.5, "Z": 1.5 + number}
         write_deep_samples(tmp_path / f"{name}_deep.exr", [[[sample] * 2] * 16] * 12)
-    vectors = {f"ViewLayer.Vector.{name}": np.zeros_like(depth) for name in "XYZW"}
     for frame in range(1001, 1004):
-        write_exr(tmp_path / f"shot.{frame}.exr", **planes, **vectors)
+        write_exr(tmp_path / f"shot.{frame}.exr", **planes)
         depth_exr(tmp_path / f"depth.{frame}.exr", depth)
     color_exr(tmp_path / "frames" / "a.exr")
     depth_exr(tmp_path / "depths" / "a.exr")

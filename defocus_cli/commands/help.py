@@ -17,7 +17,7 @@ TOPICS = {
     "depth": "depth files by format, options, repair, hidden layers",
     "quality": "accuracy, time and memory, verification, limits",
     "batch": "jobs files, sweeps, random lenses, resuming, clusters, data sets",
-    "shots": "numbered frames, lenses that move, steadiness, motion vectors",
+    "shots": "numbered frames, lenses that move, steadiness",
     "fit": "the lens between a sharp and a blurred picture, of depth of any scale",
     "compare": "comparison of pictures, thresholds, goldens, CI",
     "python": "the library: files, lenses, training, batches, comparison",

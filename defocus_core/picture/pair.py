@@ -139,25 +139,6 @@ def stretch_words(share: float) -> str:
     return f", stretched by {abs(share):.2%}" if share else ""
 
 
-def reframe(array: Any, held: Overscan, wanted: Overscan, nothing: float | None) -> Any:
-    """An array [H, W] with another overscan than its own.
-
-    `nothing`: what is where the array has no pixels; None for those at its edge, repeated.
-    """
-    if held == wanted:
-        return array
-    kept = held.within(wanted)
-    cut, more = (
-        Overscan(*(px - common for px, common in zip(each, kept, strict=True)))
-        for each in (held, wanted)
-    )
-    rows, columns = cut.shown(*array.shape)
-    values, pads = array[rows][:, columns], ((more.top, more.bottom), (more.left, more.right))
-    if nothing is None:
-        return np.pad(values, pads, mode="edge")
-    return np.pad(values, pads, constant_values=array.dtype.type(nothing))
-
-
 def resized(given: InputPair) -> InputPair:
     """The depth at the size of its colour; any mean of two surfaces is one that is not there."""
     color, depth, reading = given.color, given.depth, given.reading

@@ -25,7 +25,7 @@ from defocus_core.picture.memory_budget import (
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import passes_of, surfaces_of, to_array
-from defocus_core.picture.steps.table import BLUR, LENS, RADII, READ, through
+from defocus_core.picture.steps.table import LENS, RADII, READ, through
 from defocus_core.picture.take import InputPair, Inputs, Pass, Take
 from defocus_core.picture.write import write
 from defocus_core.request.job import Job
@@ -74,7 +74,7 @@ def prepare(job: Job, inputs: Inputs) -> Take:
             device=choose_device(job.machine.device),
         ),
     )
-    return replace(take, blur=radii, warnings=(*take.warnings, *radii.warnings, *inputs.warnings))
+    return replace(take, warnings=(*take.warnings, *radii.warnings, *inputs.warnings))
 
 
 def compute(job: Job, inputs: Inputs, progress: Progress | None = None) -> Take:
@@ -90,7 +90,7 @@ def compute(job: Job, inputs: Inputs, progress: Progress | None = None) -> Take:
     take = prepare(job, inputs)
     if not job.outputs.need_rendering:
         return take
-    take, images, maximum = through(BLUR, take), _Images(take), None
+    images, maximum = _Images(take), None
     set_to_render()
     begun = time.perf_counter(), time.process_time()
     surfaces = surfaces_of(take)

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 def surfaces_of(take: Take) -> Surfaces:
     """The surfaces of a take, with all that happens to them."""
     color, device = take.inputs.color, take.device
-    px = map_windows(times(take.blur.px, take.longer_axis), device)
+    px = map_windows(times(take.radii.px, take.longer_axis), device)
     light = windows(color.planes, device)
-    return through(SCENE, Surfaces(take, (color,), (take.blur,), (light,), (px,)))
+    return through(SCENE, Surfaces(take, (color,), (take.radii,), (light,), (px,)))
 
 
 def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
@@ -56,7 +56,7 @@ def settings_of(take: Take) -> Settings:
     """The options of the renderer."""
     from defocus_core.renderer.engine.settings import Settings
 
-    job, infinity = take.job, take.blur.infinity
+    job, infinity = take.job, take.radii.infinity
     return Settings(
         aperture=aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)[0],
         dual_pixel=dual_pixel_of(take.lens),
@@ -111,7 +111,7 @@ def repair_surfaces(surfaces: Surfaces) -> Surfaces:
     from defocus_core.depth.repair import repair_depth
 
     take, longer = surfaces.take, surfaces.take.longer_axis
-    decided, infinity = take.decided, take.blur.infinity
+    decided, infinity = take.decided, take.radii.infinity
     if decided is not None:
         from defocus_core.sequences.shot_repair import repair_through
 

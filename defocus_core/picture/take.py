@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from defocus_core.picture.layers import Layers
     from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
     from defocus_core.renderer.engine.settings import Settings
-    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer, KnownLayer
+    from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
     from defocus_core.tensors.source import Pixels
 
 
@@ -137,9 +137,6 @@ class Take:
     # [H, W] px, the radii of what is in front: of the plate where the element is empty
     shown: Any = None
     limits: tuple[float, float] = (0.0, 0.0)  # the least and the greatest of those shown
-    blur: Radii = _UNKNOWN  # the radii that it is rendered by
-    # What other frames have seen of what is hidden; None if that is not asked
-    seen: HiddenLayer | None = None
     device: str = "cpu"  # where it is rendered
     # Each rendered kind's arrays [H, W]: C of each view of an image, in linear light; one of a
     # map
@@ -226,11 +223,6 @@ class Surfaces:
     def has_matte(self) -> bool:
         """Whether the coverage of the subject counts: layers have their own."""
         return self.take.inputs.matte is not None and self.take.inputs.layers is None
-
-    @property
-    def knows_hidden(self) -> bool:
-        """Whether files or other frames know what is hidden."""
-        return self.take.inputs.hidden is not None or self.take.seen is not None
 
     @property
     def holds(self) -> bool:

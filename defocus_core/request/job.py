@@ -144,18 +144,14 @@ class Shot:
     # Frames by which is decided for all of the shot how depth is repaired and where a focus
     # lies that the depth decides; empty if each frame decides for itself
     sample: tuple[FrameLens, ...] = ()
-    # The frame and its neighbours, ascending: their depth is averaged where the scene is still,
-    # and with motion vectors they show what is hidden
-    neighbours: tuple[Picture, ...] = ()
     # Frames whose focus is averaged for the focus of this one; empty for its own
     focus: tuple[FrameLens, ...] = ()
-    motion: str | None = None  # layer of motion vectors in the files; None if there is none
 
     @property
     def pictures(self) -> dict[int, Picture]:
         """All of these frames by number."""
         taken = (each.picture for each in (*self.sample, *self.focus))
-        return {int(p.frame): p for p in (*taken, *self.neighbours) if p.frame is not None}
+        return {int(p.frame): p for p in taken if p.frame is not None}
 
     @property
     def files(self) -> dict[str, Path]:

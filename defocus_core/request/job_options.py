@@ -438,8 +438,7 @@ _SHOT = (
         toggle=True,
         parse=switch,
         help="Decide once for the shot how depth is repaired and where a focus lies that the "
-        "depth decides, and average noise of depth over 9 frames where the scene is still; or "
-        "each frame for itself.  [default: steady]",
+        "depth decides; or each frame for itself.  [default: steady]",
     ),
     Param(
         name="focus-smooth",
@@ -447,13 +446,6 @@ _SHOT = (
         parse=whole_within(2, LONGEST_SMOOTH),
         metavar="N",
         help="Average a focus that the depth decides over N frames, in disparity, like 9.",
-    ),
-    Param(
-        name="motion",
-        heading="Shot",
-        metavar="LAYER",
-        help="Layer of motion vectors, like ViewLayer.Vector of Blender, or forward of Nuke: "
-        "what other frames have seen of what is hidden is not invented.",
     ),
 )
 SHOT_OPTIONS = {row.name: row for row in _SHOT}

@@ -7,7 +7,7 @@ A TOML file with the tables
   [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
   [animate]   keys of lens options by frame, see `animation`; ``file``, files of
               keys; ``interpolation``
-  [shot]      steady, focus-smooth, motion: what frames have in common, see `shots`
+  [shot]      steady, focus-smooth: what frames have in common, see `shots`
   [sweep]     lists, grids and ranges of lens options, see `sweeps`
   [sample]    random lenses, see `sweeps`; ``max-coc``, like
               "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no

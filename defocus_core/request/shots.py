@@ -18,8 +18,6 @@ from defocus_core.request.lens import Lens
 from defocus_core.request.resolver import Layer, fields_of
 
 _SAMPLE = 5  # frames that decide for the shot
-AVERAGED = 9  # frames whose depth is averaged: noise falls to a third
-_LOOKED_AT = 13  # frames that may show what one of them hides
 
 
 def with_shot(
@@ -42,7 +40,7 @@ def with_shot(
             raise UsageProblem("idle-option", problem, remedy, path=given.place)
         return list(jobs)
     asked = fields_of(options)
-    smooth, motion = asked.get("focus_smooth"), asked.get("motion")
+    smooth = asked.get("focus_smooth")
     if smooth is not None and not any(map(_is_found, jobs)):
         problem = "has no effect: the depth does not decide the focus"
         place = options["focus-smooth"].place
@@ -64,16 +62,9 @@ def with_shot(
         if _is_found(job) and (smooth or moving):
             averaged = neighbours_of(len(every), place, smooth or 1)
             focus = tuple(FrameLens(every[k], lens_of(every[k], job.suffix)) for k in averaged)
-        repairs = steady and job.reading.depth_repair != "off"
-        decides = repairs or (steady and _is_found(job) and not focus)
-        around = _LOOKED_AT if motion else AVERAGED if repairs else 0
-        neighbours = neighbours_of(len(every), place, around) if around else ()
-        made = Shot(
-            sample=sample(job.suffix) if decides else (),
-            neighbours=tuple(every[k] for k in neighbours),
-            focus=focus,
-            motion=motion,
-        )
+        repairs = job.reading.depth_repair != "off"
+        decides = steady and (repairs or (_is_found(job) and not focus))
+        made = Shot(sample=sample(job.suffix) if decides else (), focus=focus)
         return None if made == Shot() else made
 
     return [replace(job, shot=shot(job)) for job in jobs]

@@ -12,18 +12,14 @@ LENS = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "3m", "--sensor-w
 
 
 def frame(number):
-    """A square element that moves to the right, with noise in its depth and its motion."""
+    """A square element that moves to the right, with noise in its depth."""
     rng = np.random.default_rng(number)
-    planes = {
-        name: np.zeros((HEIGHT, WIDTH), np.float32)
-        for name in (*"RGBAZ", "m.X", "m.Y", "m.Z", "m.W")
-    }
+    planes = {name: np.zeros((HEIGHT, WIDTH), np.float32) for name in "RGBAZ"}
     inside = np.s_[12 : 12 + SIDE, 8 + 6 * number : 8 + 6 * number + SIDE]
     for k, name in enumerate("RGB"):
         planes[name][inside] = np.random.default_rng(k).random((SIDE, SIDE))
     planes["A"][inside] = 1
     planes["Z"][inside] = 2 + 0.02 * rng.standard_normal((SIDE, SIDE))
-    planes["m.X"][inside] = planes["m.Z"][inside] = 6
     return planes
 
 
@@ -39,7 +35,7 @@ def shot(folder, *, whole):
     return str(folder / "a.####.exr")
 
 
-@pytest.mark.parametrize("more", [[], ["--no-steady"], ["--motion", "m"]])
+@pytest.mark.parametrize("more", [[], ["--no-steady"]])
 def test_moving_data_windows_change_nothing(more, tmp_path):
     shots = {name: shot(tmp_path / name, whole=name == "whole") for name in ("whole", "moving")}
     found = {}

@@ -76,9 +76,7 @@ def _shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
     return {
         "frame": frame,
         "sample": taken(shot.sample),
-        "window": [picture.frame for picture in shot.neighbours],
         "focus": taken(shot.focus),
-        **({} if shot.motion is None else {"motion": shot.motion}),
     }
 
 

@@ -1,6 +1,6 @@
-"""Files of a shot: numbered frames, keys and metadata of a moving lens, motion vectors.
+"""Files of a shot: numbered frames, keys and metadata of a moving lens.
 
 Terms: a shot is a sequence of frames, files that a frame pattern numbers. A gap is a frame that the
 numbering leads to expect and that is not there. A key is a frame and the value of an option there;
-between keys values are interpolated. A neighbour of a frame is a frame close before or after it.
+between keys values are interpolated.
 """

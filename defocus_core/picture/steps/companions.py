@@ -1,15 +1,14 @@
 """Companions of a picture: the plate below an element, what is hidden, a matte.
 
-A plate is rendered with its element as one scene. What is hidden is known by files, or because
-other frames have seen it. A matte is the coverage of the subject, 0 to 1, whose edges are those of
-the depth; portrait modes and segmentations write it.
+A plate is rendered with its element as one scene. What is hidden is known by files.
+A matte is the coverage of the subject, 0 to 1, whose edges are those of the depth; portrait modes
+and segmentations write it.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +34,6 @@ from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import map_windows, windows
 from defocus_core.picture.take import InputPair, Plate, Surfaces, Take
 from defocus_core.system.text import counted, note
-
-if TYPE_CHECKING:
-    from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
 
 
 def window_of_plate(wanted: InputPair) -> InputPair:
@@ -174,22 +170,7 @@ def read_hidden(take: Take) -> Take:
 
 
 def show_hidden(surfaces: Surfaces) -> Surfaces:
-    """The surfaces with what is hidden: as files have it, and else as other frames saw it."""
-    take = surfaces.take
-    behind = None if take.inputs.hidden is None else _hidden_of_files(surfaces)
-    if take.seen is None:
-        return replace(surfaces, hidden=behind)
-    color, radius, mask = (each.to(take.device) for each in take.seen)
-    radius = radius * take.longer_axis
-    if behind is not None:
-        given = behind[2][:]
-        color, radius = behind[0][:].where(given, color), behind[1][:].where(given, radius)
-        mask = given | mask
-    return replace(surfaces, hidden=(color, radius, mask))
-
-
-def _hidden_of_files(surfaces: Surfaces) -> KnownLayer:
-    """The hidden layer of files: it is unknown where depth is inf and colour 0."""
+    """The surfaces with the hidden layer of files: unknown where depth is inf and colour 0."""
     take = surfaces.take
     assert take.inputs.hidden is not None
     color, depth = take.inputs.hidden
@@ -199,11 +180,9 @@ def _hidden_of_files(surfaces: Surfaces) -> KnownLayer:
         shown = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
         known[rows] = np.isfinite(depth.metres[rows]) | shown
     px = times(radii_of(take.lens, depth, keeping).px, take.longer_axis)
-    return (
-        windows(color.planes, take.device),
-        map_windows(px, take.device),
-        map_windows(known, take.device),
-    )
+    light = windows(color.planes, take.device)
+    hidden = light, map_windows(px, take.device), map_windows(known, take.device)
+    return replace(surfaces, hidden=hidden)
 
 
 def read_matte(take: Take) -> Take:

@@ -118,20 +118,13 @@ RADII: tuple[Step[Take], ...] = (
     Step("radii:doubt_depth", "depth is doubted", lambda t: not t.inputs.depth.is_exact),
     Step("steps.shot:radii", "frames repair depth together", _frames_repair),
 )
-BLUR: tuple[Step[Take], ...] = (
-    Step(
-        "steps.shot:blur",
-        "frames show each other more",
-        lambda t: t.job.shot and t.job.shot.neighbours[1:],
-    ),
-)
 # The scene, and how often it is rendered.
 SCENE: tuple[Step[Surfaces], ...] = (
     Step("scene:stack_layers", "layers are stacked", lambda s: s.take.inputs.layers),
     Step("steps.companions:show_matte", "its subject has a coverage", lambda s: s.has_matte),
     Step("scene:repair_surfaces", "depth is repaired", lambda s: s.is_repaired),
     Step("scene:light_lamps", "lamps get back their light", lambda s: s.take.lens.highlights),
-    Step("steps.companions:show_hidden", "what is hidden is known", lambda s: s.knows_hidden),
+    Step("steps.companions:show_hidden", "what is hidden is known", lambda s: s.take.inputs.hidden),
 )
 PASSES: tuple[Step[tuple[Pass, ...]], ...] = (
     Step("scene:pass_colors", "colours focus apart", lambda p: p[0].take.lens.axial_color),
@@ -149,5 +142,5 @@ WRITE: tuple[Step[Contents], ...] = (
 )
 STAGES: tuple[tuple[Step[Any], ...], ...] = (
     *(WINDOW, PAIR, READ, LENS),
-    *(RADII, BLUR, SCENE, PASSES, WRITE),
+    *(RADII, SCENE, PASSES, WRITE),
 )
