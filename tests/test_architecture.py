@@ -14,7 +14,7 @@ CORE = sorted((ROOT / "defocus_core").rglob("*.py"))
 CLI = sorted((ROOT / "defocus_cli").rglob("*.py"))
 
 # From the outside to the inside: each imports only from those below it.
-TORCH = ("fitting", "sequences", "evaluation", "renderer", "depth", "optics", "tensors")
+TORCH = ("fitting", "evaluation", "renderer", "depth", "optics", "tensors")
 FILES = ("io", "system", "errors", "renderer_version")  # torch and files do not know each other
 ABOVE = ("pytest_plugin", "reports", "bench", "compare", "batch", "picture", "request")
 ORDER = (*ABOVE, *TORCH, *FILES, "gone", "allowed_values")

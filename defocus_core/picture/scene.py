@@ -113,7 +113,7 @@ def repair_surfaces(surfaces: Surfaces) -> Surfaces:
     take, longer = surfaces.take, surfaces.take.longer_axis
     decided, infinity = take.decided, take.radii.infinity
     if decided is not None:
-        from defocus_core.sequences.shot_repair import repair_through
+        from defocus_core.depth.shot_repair import repair_through
 
         decided = repair_through(decided, longer, None if infinity is None else longer * infinity)
     reading = take.job.reading

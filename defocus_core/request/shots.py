@@ -1,7 +1,7 @@
 """Shots: the frames that decide together what each of them looks like.
 
-Frame patterns make a shot. What is decided once for it comes from a few of its frames, evenly
-spread over all that are there, whichever are rendered; so a frame looks the same alone as with the
+Frame patterns make a shot. What is decided once for it comes from the first, the middle and the
+last frame that are there, whichever are rendered; so a frame looks the same alone as with the
 others.
 """
 
@@ -16,8 +16,6 @@ from defocus_core.io.shots.frame_patterns import neighbours_of
 from defocus_core.request.job import FrameLens, Job, Picture, Shot
 from defocus_core.request.lens import Lens
 from defocus_core.request.resolver import Layer, fields_of
-
-_SAMPLE = 5  # frames that decide for the shot
 
 
 def with_shot(
@@ -50,9 +48,8 @@ def with_shot(
 
     @cache
     def sample(suffix: str) -> tuple[FrameLens, ...]:
-        count = min(_SAMPLE, len(every))
-        spread = (round(k * (len(every) - 1) / max(count - 1, 1)) for k in range(count))
-        return tuple(FrameLens(every[k], lens_of(every[k], suffix)) for k in dict.fromkeys(spread))
+        three = dict.fromkeys((0, len(every) // 2, len(every) - 1))
+        return tuple(FrameLens(every[k], lens_of(every[k], suffix)) for k in three)
 
     def shot(job: Job) -> Shot | None:
         place = places.get(job.picture.frame)

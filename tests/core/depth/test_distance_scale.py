@@ -6,7 +6,7 @@ from torch.nn.functional import conv1d, pad
 
 from defocus_core import diagnose_depth, repair_depth
 from defocus_core.depth.distance_scale import distance_scale
-from defocus_core.sequences.shot_repair import agreed_repair, repair_through
+from defocus_core.depth.shot_repair import agreed_repair, repair_through
 
 SIZE = (96, 128)
 # Px of radius for a distance of 1 m, and the focus distance in m.
@@ -82,12 +82,7 @@ def test_no_scale_where_distance_is_unknown_or_infinite():
 
 def test_frames_of_a_shot_agree_on_the_scale():
     metres = softened(a_disc_before(torch.full(SIZE, 6.0, dtype=torch.float64)))
-    repairs, scales = [], []
-    for focus in (0.8, 1.5):
-        radii, infinity = through_lens(metres, focus)
-        repairs.append(diagnose_depth(radii, infinity))
-        scales.append(SCALE)
-    agreed = agreed_repair(repairs, scales)
-    for repair, focus in zip(repairs, (0.8, 1.5), strict=True):
-        through = repair_through(agreed, SCALE, SCALE / focus).ramps_of
-        assert through == pytest.approx(repair.ramps_of)
+    near, far = (diagnose_depth(*through_lens(metres, focus)) for focus in (0.8, 1.5))
+    for repair, other, focus in ((near, far, 0.8), (far, near, 1.5)):
+        agreed = agreed_repair([repair, repair_through(other, 1.0, SCALE / focus)])
+        assert agreed.ramps_of == pytest.approx(repair.ramps_of)

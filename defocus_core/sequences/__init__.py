@@ -1,1 +1,0 @@
-"""Sequences of frames: one repair for all their depth."""
