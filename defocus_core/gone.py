@@ -10,6 +10,7 @@ in angle quotes, like ‹clamp-blur›, but that of a Python name. The kinds of 
 - ``key``: of files alone, or where a key is replaced otherwise than its option; ``of`` is its
   table, like ``[sample]``, if others keep it.
 - ``value``: a word that the option or key ``of`` took, and the argument of that name in Python.
+- ``rule``: a metric of the rules of compare, or ``found:`` and a finding.
 - ``command``: of ``defocus``.
 - ``python``: a name of `defocus_core`, or an option of the class ``of``, now `RandomDefocus` alone.
 
@@ -25,12 +26,13 @@ from typing import NamedTuple
 class Gone(NamedTuple):
     """A name that went, and what to write instead."""
 
-    kind: str  # option, key, value, command or python
+    kind: str  # option, key, value, rule, command or python
     name: str
     instead: str
     of: str = ""
 
 
+_APART = "compare twice, with ‹mask› and with ‹ignore-mask›"
 GONE: dict[str, tuple[Gone, ...]] = {
     "0.2.0": (
         Gone("command", "retry", "give the batch's own command again, it does failed jobs"),
@@ -41,6 +43,12 @@ GONE: dict[str, tuple[Gone, ...]] = {
         Gone("python", "chained", "give what is hidden to render() as a HiddenLayer"),
         Gone("python", "seen_behind", "give what is hidden to render() as a HiddenLayer"),
         Gone("python", "temporal_mean", "average radii where you know that the scene is still"),
+        Gone("option", "coc", _APART, "compare"),
+        *(
+            Gone("rule", f"{place}-{metric}", _APART)
+            for place in ("edges", "elsewhere")
+            for metric in ("max", "mean", "rmse", "psnr")
+        ),
         Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),
         Gone("python", "rim_shift", "write cat_eye_shift", "RandomDefocus"),
     ),

@@ -207,7 +207,7 @@ class Golden:
             ignore_mask: a file that is not 0 where pixels are not compared.
             tolerate_edges: whether pixels at edges may differ as far as their neighbours do.
             bounds: metrics of ``defocus compare`` with what is just allowed, like ``psnr=45`` or
-                ``max=0.02``; rel_rmse, p999 and edges_psnr for rel-rmse, p99.9 and edges-psnr.
+                ``max=0.02``; rel_rmse, p999 and hdr_psnr for rel-rmse, p99.9 and hdr-psnr.
                 By default, no value may differ by more than 1e-4.
 
         Raises:

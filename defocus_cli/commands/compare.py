@@ -56,7 +56,6 @@ Examples:
   defocus compare golden/ out/ --like render --accept
   defocus compare batch1/ batch2/ --like encoder
   defocus compare golden/ out/ --thresholds compare.toml --diff differences
-  defocus compare golden/render out/render --coc out/coc --fail 'elsewhere-psnr<50'
 """
 
 

@@ -179,12 +179,6 @@ def _selection() -> list[Decorator]:
             "Pixels at lines and edges may differ as far as their neighbours do, as by "
             "another anti-aliasing.",
         ),
-        _selecting_option(
-            "--coc DIR",
-            "CoC maps of the pictures, by the same names, to measure near depth edges and "
-            "elsewhere.",
-            FilePath(),
-        ),
         _selecting_option("--flip", "Measure FLIP, too: what a person would see."),
     ]
 

@@ -17,7 +17,7 @@ from defocus_core.compare.findings.choice import diagnose
 from defocus_core.compare.findings.table import is_place
 from defocus_core.compare.findings.tone import clipped_light, lost_channels
 from defocus_core.compare.flip import measure_flip
-from defocus_core.compare.metrics import equal_metrics, measure, measure_edges
+from defocus_core.compare.metrics import equal_metrics, measure
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import (
     DecodedPicture,
@@ -36,13 +36,7 @@ from defocus_core.compare.record import (
     Comparison,
     Worst,
 )
-from defocus_core.compare.selection import (
-    CropRegion,
-    coc_file,
-    near_edges,
-    read_mask,
-    within_neighbours,
-)
+from defocus_core.compare.selection import CropRegion, read_mask, within_neighbours
 from defocus_core.compare.structure import compare_structure, of_another_size
 from defocus_core.compare.thresholds import OVER, PRESETS, Rule, Rules, read_thresholds, rule
 from defocus_core.errors import InputError, UsageProblem
@@ -138,7 +132,7 @@ def _judged(
 ) -> Comparison:
     """The record with all that the pixels say, and the verdict."""
     nonfinite, differing = count_nonfinite(pixels, corner), pixels.differ
-    metrics, near = _measured(record, pixels, corner, rules, settings)
+    metrics = _measured(pixels, rules, settings)
     findings, causes = [*record.findings, *nonfinite.findings()], None
     if differing:
         findings += [*lost_channels(pixels), *clipped_light(pixels)]
@@ -148,8 +142,7 @@ def _judged(
         suspect = asked or verdict.is_suspect(rules, metrics, found)
         if asked or (settings.diagnose and suspect):
             named = {name.split(" at ")[0] for name in found}
-            coc = None if settings.coc is None else coc_file(settings.coc, record.name)
-            causes = diagnose(pixels, *sides, corner, coc)
+            causes = diagnose(pixels, *sides, corner)
             findings += [cause for cause in causes if cause.name.split(" at ")[0] not in named]
         if suspect:
             metrics = {**measure(pixels, over=rules.over), **metrics}
@@ -161,7 +154,6 @@ def _judged(
         metrics=metrics,
         nonfinite=nonfinite,
         notes=(*record.notes, *nonfinite.notes()),
-        edge_share=near,
     )
     record = verdict.judge(record, rules, differs=differing, strict=strict)
     unexplained = causes is not None and all(is_place(finding.name) for finding in findings)
@@ -170,28 +162,14 @@ def _judged(
     return _placed(record, pixels, corner) if differing or nonfinite.apart is not None else record
 
 
-def _measured(
-    record: Comparison,
-    pixels: Pixels,
-    corner: tuple[int, int],
-    rules: Rules,
-    settings: CompareSettings,
-) -> tuple[dict[str, float], float | None]:
-    """The metrics that rules ask for, and the share of pixels near depth edges."""
+def _measured(pixels: Pixels, rules: Rules, settings: CompareSettings) -> dict[str, float]:
+    """The metrics that rules and settings ask for."""
     metrics = dict(
         measure(pixels, over=rules.over, asked=rules.asked)
         if pixels.differ
         else equal_metrics(pixels)
     )
-    if settings.flip:
-        metrics |= measure_flip(pixels)
-    if settings.coc is None:
-        return metrics, None
-    assert record.size is not None
-    (width, height), (x, y), (high, wide) = record.size, corner, pixels.shape
-    near = near_edges(settings.coc, record.name, (height, width))[y : y + high, x : x + wide]
-    compared = near if pixels.selected is None else near[pixels.selected]
-    return metrics | measure_edges(pixels, near), float(compared.mean())
+    return metrics | measure_flip(pixels) if settings.flip else metrics
 
 
 def _placed(record: Comparison, pixels: Pixels, corner: tuple[int, int]) -> Comparison:

@@ -64,14 +64,6 @@ _ROWS = (
     ),
     Metric("flip", "mean of FLIP, with ‹flip›", "", color=True),
     Metric("flip-max", "greatest FLIP of a pixel, with ‹flip›", "", color=True),
-    *(
-        Metric(f"{place}-{name}", f"{name} {words} depth edges, with ‹coc›", unit, better)
-        for place, words in (("edges", "near"), ("elsewhere", "away from"))
-        for name, unit, better in (
-            *(("max", "", "low"), ("mean", "", "low"), ("rmse", "", "low")),
-            ("psnr", "dB", "high"),
-        )
-    ),
 )
 METRICS = {metric.name: metric for metric in _ROWS}
 # A window of SSIM: 11 x 11 px, gaussian of sigma 1.5 px (Wang et al. 2004).
@@ -191,16 +183,6 @@ def _apart(a: NDArray[Any], b: NDArray[Any], out: NDArray[np.bool_] | None) -> N
     if out is not None:
         difference[out] = 0.0
     return difference
-
-
-def measure_edges(pixels: Pixels, near: NDArray[np.bool_]) -> dict[str, float]:
-    """The metrics near depth edges and elsewhere."""
-    return {
-        full: value
-        for place, selected in (("edges", near), ("elsewhere", ~near))
-        for name, value in measure(pixels.within(selected), over=0.0, asked=["psnr"]).items()
-        if (full := f"{place}-{name}") in METRICS
-    }
 
 
 def _luma_of(pixels: Pixels, side: str, layer: Sequence[str]) -> NDArray[np.float32]:

@@ -164,11 +164,6 @@ class Pixels:
             return self, 0
         return replace(self, b=tuple(planes.values())), int(np.count_nonzero(unseen))
 
-    def within(self, selected: NDArray[np.bool_]) -> Pixels:
-        """The pair with the selected pixels alone."""
-        both = selected if self.selected is None else selected & self.selected
-        return replace(self, selected=both)
-
 
 def _range(plane: NDArray[Any]) -> tuple[float, float]:
     """The least and the greatest value of a plane, NaN if one is NaN."""

@@ -27,7 +27,6 @@ class CompareSettings:
     ignore_mask: Path | None = None  # a file that is not 0 where pixels are not compared
     # Whether pixels may differ as far as their neighbours along edges do
     tolerate_edges: bool = False
-    coc: Path | None = None  # a folder of CoC maps, to tell depth edges apart
     flip: bool = False  # whether FLIP is measured
     metadata: bool = False  # whether metadata that differs makes a picture different
     ignore_metadata: tuple[str, ...] = ()  # patterns of names of attributes that may differ
@@ -63,7 +62,6 @@ class Comparison:
         window: x, y, width and height of the smallest rectangle with all pixels that differ.
         worst: the worst pixel; None if none differs.
         nonfinite: counts of NaN and infinite pixels.
-        edge_share: share of the compared pixels that are near depth edges, with CoC maps.
         failed: rules that made it fail.
         warned: rules that made it a warning.
         unmeasured: rules to fail whose metric the pair does not have.
@@ -87,7 +85,6 @@ class Comparison:
     window: tuple[int, int, int, int] | None = None
     worst: Worst | None = None
     nonfinite: Nonfinite | None = None
-    edge_share: float | None = None
     failed: tuple[str, ...] = ()
     warned: tuple[str, ...] = ()
     unmeasured: tuple[str, ...] = ()

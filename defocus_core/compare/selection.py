@@ -1,13 +1,7 @@
-"""Pixels that are compared: a region, a mask, and the pixels near depth edges.
-
-Near a depth edge, by the CoC map of a picture: neighbours whose signed radii differ by more than
-1 px lie on two sides of an edge, and what lies within the greatest radius of one is near it. The
-same definition as that of the errors of ``defocus bench``.
-"""
+"""Pixels that are compared: a region, a mask, and those that differ by anti-aliasing alone."""
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -122,15 +116,6 @@ def _of_nine(values: NDArray[Any], combine: Any) -> NDArray[Any]:
     return values
 
 
-def near_edges(folder: Path, name: str, size: tuple[int, int]) -> NDArray[np.bool_]:
-    """Pixels near a depth edge, [H, W], by the CoC map of a picture.
-
-    `size`: (height, width) of the picture.
-    """
-    radius = read_radius(coc_file(folder, name), size)
-    return widened(beside_jumps(radius), math.ceil(float(np.abs(radius).max(initial=0.0))))
-
-
 def read_radius(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:
     """The signed radius [H, W] in px of a CoC map, 0 where it is not finite."""
     picture = _of_size(path, size, "give the CoC maps of these pictures")
@@ -169,15 +154,3 @@ def widened(mask: NDArray[np.bool_], reach: int) -> NDArray[np.bool_]:
         outside = np.expand_dims(first < 0, 1 - axis)
         mask = np.take(counts, last, axis=axis) - np.where(outside, 0, below) > 0
     return mask
-
-
-def coc_file(folder: Path, name: str) -> Path:
-    """The CoC map of a picture, in a folder or the lone one for all."""
-    if folder.is_file():
-        return folder
-    stem = Path(name).with_suffix("")
-    for candidate in (folder / f"{stem}.exr", folder / f"{stem.name}.exr"):
-        if candidate.is_file():
-            return candidate
-    problem = f"holds no CoC map {stem.name}.exr for {name}"
-    raise InputError("empty", problem, "name the directory that ‹outputs› coc made", path=folder)

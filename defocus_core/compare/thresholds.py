@@ -14,6 +14,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from defocus_core import gone
 from defocus_core.compare.findings.table import FINDINGS
 from defocus_core.compare.metrics import METRICS
 from defocus_core.errors import Place, UsageProblem, did_you_mean
@@ -64,7 +65,7 @@ def rule(text: str) -> Rule:
     name = name.lower()
     if name not in METRICS:
         remedy = did_you_mean(name, list(METRICS), f"metrics are {', '.join(METRICS)}")
-        raise QuantityError(f"'{name}' is not a metric", remedy)
+        raise QuantityError(f"'{name}' is not a metric", gone.remedy("rule", name, "", remedy))
     try:
         bound = float(number) / (100 if unit == "%" else 1)
     except ValueError:
@@ -83,6 +84,7 @@ def _found(name: str) -> Rule:
     exact = {known.lower(): known for known in FINDINGS}.get(name.lower(), name)
     if exact != "*" and not any(f"{exact} ".startswith(f"{known} ") for known in FINDINGS):
         remedy = did_you_mean(name, [*FINDINGS], f"findings are *, {', '.join(FINDINGS)}")
+        remedy = gone.remedy("rule", f"found:{name.lower()}", "", remedy)
         raise QuantityError(f"'{name}' is not a finding", remedy)
     return Rule("", "", 0.0, f"found:{exact}", exact)
 

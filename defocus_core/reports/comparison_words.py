@@ -27,7 +27,7 @@ from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import counted
 
 _DIGITS = {"psnr": 4, "ssim": 5}
-_SHOWN = ("max", "rmse", "psnr", "hdr-psnr", "ssim", "flip", "edges-psnr", "elsewhere-psnr")
+_SHOWN = ("max", "rmse", "psnr", "hdr-psnr", "ssim", "flip")
 _COUNTED = (*STATUSES, "not compared")
 _LISTS = ("failed", "warned", "unmeasured", "notes", "metadata")  # attributes of a record
 _METADATA = 3  # attributes that a line has room for
@@ -121,7 +121,6 @@ def pair_record(record: Comparison) -> dict[str, Any]:
             **{side: _plain(getattr(record.worst, side)) for side in "ab"},
         },
         "nonfinite": nonfinite and {k: dict(v) for k, v in nonfinite.counts.items()},
-        "edge_share": record.edge_share,
         **{name: list(getattr(record, name)) for name in _LISTS},
         "proposal": record.proposal or None,
         "error": record.error or None,
@@ -157,7 +156,7 @@ def number_words(name: str, value: float) -> str:
 
 
 def metric_title(name: str) -> str:
-    """The name of a metric as people write it, like ``edges-PSNR``."""
+    """The name of a metric as people write it, like ``HDR-PSNR``."""
     return "-".join(_TITLES.get(part, part) for part in name.split("-"))
 
 

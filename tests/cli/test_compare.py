@@ -291,21 +291,6 @@ def test_flip_of_greys_is_that_of_the_paper(tmp_path):
     assert the_pair(a, b, "--flip")["metrics"]["flip"] == pytest.approx(0.1767, abs=1e-3)
 
 
-def test_depth_edges_and_the_rest_are_told_apart(a, b, tmp_path):
-    radius = np.zeros((HEIGHT, WIDTH), np.float32)
-    radius[:, 55:] = 4.0
-    write_exr(tmp_path / "coc" / "b.exr", coc=radius)
-    pair = the_pair(a, b, "--coc", tmp_path / "coc")
-    assert pair["edge_share"] == pytest.approx(10 / WIDTH)
-    assert pair["metrics"]["elsewhere-max"] == 0.0
-    assert pair["metrics"]["edges-max"] == pair["metrics"]["max"]
-    rules = ["--fail", "elsewhere-max>0", "--fail", "edges-max>0.3"]
-    assert run("compare", a, b, "--coc", tmp_path / "coc", *rules).code == 0
-    ran = run("compare", a, b, "--coc", tmp_path / "nowhere")
-    assert ran.code == 3
-    assert "holds no CoC map b.exr" in ran.out
-
-
 @pytest.mark.parametrize("option", ["--junit", "--html"])
 def test_a_report_that_cannot_be_written_leaves_the_json(option, a, tmp_path):
     b = write_planes(tmp_path / "b.exr", planes(2 * scene()))

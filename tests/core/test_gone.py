@@ -7,15 +7,16 @@ import defocus_core
 from defocus_cli.main import COMMANDS
 from defocus_cli.options.shared import GroupedOption, Words
 from defocus_core import RandomDefocus
+from defocus_core.compare.thresholds import rule
 from defocus_core.errors import Place, UsageProblem, with_dashes
 from defocus_core.gone import GONE
-from defocus_core.request.quantities import one_of, read_at
+from defocus_core.request.quantities import QuantityError, one_of, read_at
 from defocus_core.request.toml_file import refuse_unknown
 from defocus_core.system.text import version
 from defocus_core.tensors.validation import one_of as one_of_arguments
 
 ROWS = [(row, since) for since, rows in GONE.items() for row in rows]
-KINDS = ("option", "key", "value", "command", "python")
+KINDS = ("option", "key", "value", "rule", "command", "python")
 
 
 def rows(kind):
@@ -73,6 +74,13 @@ def test_values_that_went():
         with pytest.raises(ValueError, match=field) as refused:
             one_of_arguments(field, row.name, ("standard",))
         assert str(refused.value).endswith(words)
+
+
+def test_rules_of_compare_that_went():
+    for row, words in rows("rule"):
+        with pytest.raises(QuantityError) as error:
+            rule(row.name if ":" in row.name else f"{row.name}<1")
+        assert error.value.remedy == words
 
 
 def test_names_in_python_that_went():

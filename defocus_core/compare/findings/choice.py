@@ -55,7 +55,6 @@ def diagnose(
     a: DecodedPicture,
     b: DecodedPicture,
     corner: tuple[int, int] = (0, 0),
-    coc: Path | None = None,
 ) -> list[Finding]:
     """The cause of the differences of a pair that has some, or their place, or nothing."""
     codecs = a.layout.get("compression", ""), b.layout.get("compression", "")
@@ -72,7 +71,7 @@ def diagnose(
             return findings
     if evidence.is_slight:
         return [Finding("too small to name", "too small to name")]
-    place = place_of(evidence, (a, b), corner, coc)
+    place = place_of(evidence, (a, b), corner)
     return findings if place is None else [*findings, place]
 
 

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator
 from contextlib import suppress
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -45,7 +44,6 @@ def place_of(
     evidence: Evidence,
     files: tuple[DecodedPicture, DecodedPicture],
     corner: tuple[int, int],  # column and row of the first pixel that is compared
-    coc: Path | None,  # a file of radii
 ) -> Finding | None:
     """The place that tells most of where the difference lies; None if none tells enough."""
     every = max(1, math.ceil(math.sqrt(math.prod(evidence.size) / _LOOKED_AT)))
@@ -61,7 +59,7 @@ def place_of(
     measures, told = ~blocks_in_turn(evidence.size)[cut], []
     ways = [_by_frame(evidence, power * ~measures, cut)]
     if not evidence.is_rectangle:
-        maps = _maps(evidence.size, files, corner, coc)
+        maps = _maps(evidence.size, files, corner)
         ways = [_by_scene(maps, cut), _by_light(evidence, a), *ways]
     for name, how, mask, least in chain.from_iterable(ways):
         used = measures if name == "in one region" else np.ones(mask.shape, bool)
@@ -84,9 +82,8 @@ def _maps(
     size: tuple[int, int],
     files: tuple[DecodedPicture, DecodedPicture],
     corner: tuple[int, int],
-    coc: Path | None,
 ) -> dict[str, NDArray[Any]]:
-    """Signed ``radius`` in px and ``depth`` [H, W], of a named file, a channel, a file beside."""
+    """Signed ``radius`` in px and ``depth`` [H, W], of a channel, or a file beside."""
     full = files[0].height, files[0].width
     within = tuple(slice(at, at + n) for at, n in zip(corner[::-1], size, strict=True))
     maps: dict[str, NDArray[Any]] = {}
@@ -95,7 +92,7 @@ def _maps(
         if kind and plane.shape == full:
             maps.setdefault(kind, np.nan_to_num(plane[within].astype(np.float32)))
     beside = [f.path.parent.parent / "coc" / f"{f.path.stem}.exr" for f in files if f.path.parent]
-    for path in beside if coc is None else [coc, *beside]:
+    for path in beside:
         if "radius" not in maps and path.is_file():
             with suppress(InputError):
                 maps["radius"] = read_radius(path, full)[within]

@@ -9,7 +9,7 @@ import torch
 from planted_faults import HEIGHT, WIDTH, scene
 
 from defocus_core.compare.flip import measure_flip
-from defocus_core.compare.metrics import LUMINANCE, METRICS, measure, measure_edges
+from defocus_core.compare.metrics import LUMINANCE, measure
 from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.selection import widened
 from defocus_core.evaluation import metrics as core
@@ -83,16 +83,6 @@ def test_stored_srgb_is_not_encoded_again():
     metrics = measure(pixels(a, b, gamma=None), over=0.0)
     squares = tensor(b - a).square().mean(0)
     assert metrics["psnr"] == pytest.approx(core.decibels(squares), abs=1e-3)
-
-
-def test_near_and_away_from_edges_make_the_whole():
-    a, b = scene(), spoiled()
-    near = np.zeros((HEIGHT, WIDTH), bool)
-    near[:, 30:50] = True
-    parts, share = measure_edges(pixels(a, b), near), near.mean()
-    whole = share * parts["edges-rmse"] ** 2 + (1 - share) * parts["elsewhere-rmse"] ** 2
-    assert math.sqrt(whole) == pytest.approx(measure(pixels(a, b), over=0)["rmse"], rel=1e-9)
-    assert set(parts) <= set(METRICS)
 
 
 @pytest.mark.parametrize("reach", [0, 1, 7, 500])

@@ -29,7 +29,7 @@ def blotches():
     return np.kron(gains, np.ones((3, 3)))[: SIZE[0], : SIZE[1], None]
 
 
-def compared(folder, where, *, maps=True, coc=None):
+def compared(folder, where, *, maps=True):
     a = light()
     b = (a * (1 + blotches() * where[..., None])).astype(np.float32)
     more = {"coc": RADIUS} if maps else {}
@@ -37,7 +37,7 @@ def compared(folder, where, *, maps=True, coc=None):
         write_planes(folder / name, planes(side) | more)
         for name, side in (("a.exr", a), ("b.exr", b))
     ]
-    return planted_faults.compared(*files, coc=coc)
+    return planted_faults.compared(*files)
 
 
 PLACES = {
@@ -63,15 +63,10 @@ def test_a_difference_that_is_everywhere_has_no_place(tmp_path):
     assert not any(map(is_place, names(compared(tmp_path, np.ones(SIZE)))))
 
 
-def test_focus_is_known_by_a_map_that_is_named_or_lies_beside(tmp_path):
-    for folder in ("coc", "render"):
-        (tmp_path / folder).mkdir()
+def test_focus_is_known_by_a_map_that_lies_beside(tmp_path):
     where = PLACES["out of focus only"]
     assert "out of focus only" not in names(compared(tmp_path / "render", where, maps=False))
-    file = write_planes(tmp_path / "named.exr", {"coc": RADIUS})
-    named = compared(tmp_path / "render", where, maps=False, coc=file)
-    assert "out of focus only" in names(named)
-    file.rename(tmp_path / "coc" / "a.exr")
+    write_planes(tmp_path / "coc" / "a.exr", {"coc": RADIUS})
     beside = compared(tmp_path / "render", where, maps=False)
     assert "out of focus only" in names(beside)
 
