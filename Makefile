@@ -27,7 +27,7 @@ PINS := torch==2.13.0 numpy==2.4.6 OpenEXR==3.5.3 OpenImageIO==3.2.2.0 click==8.
 
 # Of the libraries that only some users need, which the tests need all of.
 EXTRA_PINS := PyYAML==6.0.4 anyio==4.16.0 braceexpand==0.1.7 cloudpickle==3.1.3 contourpy==1.3.3 cycler==0.12.1 \
-  dask==2026.8.0   datasets==5.2.0 dill==0.4.1 distributed==2026.8.0 fonttools==4.68.0 h11==0.16.0 h5py==3.16.0 \
+  dask==2026.8.0   datasets==5.2.0 dill==0.4.1 distributed==2026.8.0 flip-evaluator==1.7 fonttools==4.68.0 h11==0.16.0 h5py==3.16.0 \
   hf-xet==1.8.0 httpcore2==2.16.2 httpx2==2.16.2 huggingface_hub==2.4.0 idna==3.20 \
   importlib_metadata==10.2.0 kiwisolver==1.5.1 lazy-importer==0.1.0 locket==1.0.0 \
   matplotlib==3.11.2 msgpack==1.2.4 multiprocess==0.70.19 pandas==3.1.1 partd==1.4.2 \

@@ -179,7 +179,7 @@ def _selection() -> list[Decorator]:
             "Pixels at lines and edges may differ as far as their neighbours do, as by "
             "another anti-aliasing.",
         ),
-        _selecting_option("--flip", "Measure FLIP, too: what a person would see."),
+        _selecting_option("--flip", "Measure FLIP, what a person would see (needs defocus[flip])."),
     ]
 
 

@@ -223,7 +223,7 @@ def compare_images(
         over: The difference that the metric ``share`` counts pixels beyond.
         region: x, y, width and height in px of what is compared.
         mask: A file that is not 0 where pixels are compared.
-        flip: Whether FLIP is measured.
+        flip: Whether FLIP is measured, with ``defocus[flip]``.
         metadata: Whether metadata of files that differs fails, too.
         diagnose: Whether the cause of a difference is looked for.
         like: A set of rules where none are given: ``render`` (the same program on another machine),

@@ -55,7 +55,7 @@ def test_what_is_heavy_is_loaded_by_what_needs_it_alone(tmp_path):
         (("batch", jobs, "-o", out), CODECS),
         (("render", color, depth, "-o", tmp_path / "r"), ("torch",)),
         (("info", depth), ("torch",)),
-        (("compare", color, depth, "--flip", "--json", *drawn), ("torch",)),
+        (("compare", color, depth, "--json", *drawn), ("torch",)),
         (("compare", out, out), ("torch",)),
     ]
     steps = [

@@ -245,7 +245,6 @@ def test_rules_decide_about_values():
     assert compare_images(a, b, fail=["max>0.6"], warn=["max>0.1"]).status == "warning"
     assert compare_images(a, b, fail="max>0.4").failed == ("max>0.4",)
     assert compare_images(a, b, region=(1, 0, 8, 8)).passes
-    assert "flip" in compare_images(a, b, flip=True).metrics
 
 
 def test_a_rule_that_lets_everything_through_is_refused():
