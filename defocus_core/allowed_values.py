@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-QUALITIES = ("draft", "standard", "high", "reference")
+QUALITIES = ("standard", "high", "reference")
 DUAL_PIXEL_MODELS = ("split", "smooth")
 # Sensors that were measured: their model, their crosstalk, and what it was measured on.
 DUAL_PIXEL_SENSORS = {

@@ -49,6 +49,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
             for place in ("edges", "elsewhere")
             for metric in ("max", "mean", "rmse", "psnr")
         ),
+        Gone("value", "draft", "write standard", "quality"),
         Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),
         Gone("python", "rim_shift", "write cat_eye_shift", "RandomDefocus"),
     ),

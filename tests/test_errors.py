@@ -174,7 +174,7 @@ ROWS = [
         ("signed_radius must be", {"image": LAYERS}),
         ("signed_radius must be finite", {"signed_radius": RADIUS * math.nan}),
         ("signed_radius must be finite", {"signed_radius": RADIUS / 0.0}),
-        ("quality must be one of draft, standard", {"quality": "best"}),
+        ("quality must be one of standard", {"quality": "best"}),
         ("num_layers must be at least 1", {"num_layers": 0}),
         ("psf_ks must be at least 1", {"psf_ks": 0}),
         ("threads must be at least 1", {"threads": 0}),

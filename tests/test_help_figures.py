@@ -13,13 +13,8 @@ from defocus_core import Aperture, DualPixel, render
 
 ROOT = Path(__file__).parents[1]
 TEXT = {path.stem: path.read_text() for path in (ROOT / "defocus_cli" / "help").glob("*.md")}
-COLUMNS = ("soft", "lone", "draft", "lone_draft")
-BANDS = re.findall(
-    r"^\| (\S+) to (\S+) px \| (\S+) px \| (\S+) px \| (\S+) px \| (\S+) px \|$",
-    TEXT["quality"],
-    re.M,
-)
-SIDE = 192  # px, more than a draft has as standard
+BANDS = re.findall(r"^\| (\S+) to (\S+) px \| (\S+) px \| (\S+) px \|$", TEXT["quality"], re.M)
+SIDE = 192  # px
 
 
 def figure(topic, words):
@@ -45,7 +40,7 @@ def lights(at, sigma=2**0.5, size=(SIDE, SIDE)):
 SOFT_ON_GREY, PIXEL_ON_BLACK = (2**0.5, 0.5), (0.1, 0.0)
 
 
-def lost(r, quality="standard", light=(2**0.5, 0.0), aperture=Aperture()):  # noqa: B008
+def lost(r, light=(2**0.5, 0.0), aperture=Aperture()):  # noqa: B008
     """How much less disparity left and right show of a light than the map says, px.
 
     `light`: its deviation in px, and what it stands on.
@@ -55,19 +50,17 @@ def lost(r, quality="standard", light=(2**0.5, 0.0), aperture=Aperture()):  # no
     views = render(
         *(image, torch.full(image.shape[1:], r)),
         aperture=aperture,
-        quality=quality,
         left_right=True,
     )
     left, right = (centroid(view[0].double() - base)[0] for view in views.images[1:])
     return abs(r * DualPixel().disparity(aperture) - (right - left))
 
 
-@pytest.mark.parametrize(("low", "high", *COLUMNS), BANDS)
-def test_left_and_right_lose_as_much_as_the_table_says(low, high, soft, lone, draft, lone_draft):
-    said = {("standard", SOFT_ON_GREY): soft, ("standard", PIXEL_ON_BLACK): lone}
-    said |= {("draft", SOFT_ON_GREY): draft, ("draft", PIXEL_ON_BLACK): lone_draft}
+@pytest.mark.parametrize(("low", "high", "soft", "lone"), BANDS)
+def test_left_and_right_lose_as_much_as_the_table_says(low, high, soft, lone):
+    said = {SOFT_ON_GREY: soft, PIXEL_ON_BLACK: lone}
     radii = np.linspace(float(low), float(high), 9)[1:].tolist()
-    measured = {case: max(lost(r, *case) for r in radii) for case in said}
+    measured = {case: max(lost(r, case) for r in radii) for case in said}
     told = {case: float(text) for case, text in said.items()}
     assert measured == pytest.approx(told, abs=0.006)
 

@@ -25,7 +25,7 @@ from defocus_core.system.process import cores
 
 _time_option = partial(option, heading="Time")
 
-_QUALITIES = ("draft", "standard", "high")
+_QUALITIES = ("standard", "high")
 # Options by the name of the parameter, and which mean nothing to each way to measure.
 _NAMES = {
     **{"timing": "--time", "qualities": "--quality", "threads": "--threads", "device": "--device"},
@@ -52,7 +52,7 @@ def _size(word: str) -> Size:
     "--quality QUALITY,…",
     f"What to measure, of {', '.join(QUALITIES)}.  "
     f"[default: {','.join(_QUALITIES)}; standard with --time]",
-    several(one_of(QUALITIES), "draft,standard"),
+    several(one_of(QUALITIES), "standard,high"),
     into="qualities",
     default=(),
 )

@@ -52,8 +52,8 @@ def command(
     """Write a page to choose focus and blur on, for a browser: one file, which loads nothing.
 
     A click puts in focus what is there, a slider changes the blur, and below the picture stands
-    the command that renders it. The pictures of the page are small drafts, of 8 distances in focus
-    and 5 strengths, and it shows the nearest. Without a lens, depth is relative, as for 'render'.
+    the command that renders it. The pictures of the page are small, of 8 distances in focus and
+    5 strengths, and it shows the nearest. Without a lens, depth is relative, as for 'render'.
 
     \b
     Examples:

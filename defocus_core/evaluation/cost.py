@@ -31,10 +31,10 @@ from defocus_core.tensors.neighbourhoods import extreme_around
 from defocus_core.tensors.source import Pixels
 
 # Units of work, fitted to the times of 42 pictures of seven kinds, within a factor of two: of a
-# picture; of a sample (one channel of a pixel) that is computed, or enlarged by a draft, or in a
-# slice of a tile; of a sample at an edge, for each px of blur, and how many times as much that is
-# where hidden content is not halved.
-_PICTURE, _COMPUTED, _ENLARGED, _SLICED, _BEHIND, _AT_FULL_SIZE = 3e6, 15.0, 4.0, 4.0, 66.0, 5.0
+# picture; of a sample (one channel of a pixel) that is computed, or in a slice of a tile; of a
+# sample at an edge, for each px of blur, and how many times as much that is where hidden content
+# is not halved.
+_PICTURE, _COMPUTED, _SLICED, _BEHIND, _AT_FULL_SIZE = 3e6, 15.0, 4.0, 66.0, 5.0
 # Work of slices by a pupil that changes over the frame, as a multiple of that of one pupil.
 _FIELD = 3.0
 # Work of layers as a multiple of that of their picture in focus.
@@ -68,7 +68,6 @@ def cost(renderer: Renderer) -> float:
     work = (
         pixels * frame.views
         + _COMPUTED * (1.4 if frame.settings.left_right else 1.0) * read
-        + _ENLARGED * pixels * renderer.at_half_size
         + sliced * (1 + len(frame.division.parts) / 4) * _samples_sliced(frame, tiles, plan)
         + _BEHIND * full_size * edges * max(map(abs, frame.content.limits))
     )

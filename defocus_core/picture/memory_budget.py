@@ -40,8 +40,8 @@ SHARE = 0.8
 # Shares of the capacity: for the arrays of one picture, and for those of all in the pipeline; how
 # many these are.
 FOR_ARRAYS, _FOR_PICTURES, _PICTURES = 0.5, 0.25, 3
-# Share of the room that the cells of a draft may take.
-_FOR_CELLS = 0.25
+# Share of the room that what is derived from the whole picture may take; floats of a pixel of it.
+_FOR_DERIVED, _DERIVED = 0.25, 4
 # Most memory of the strips through which a picture in scratch files is read and written.
 _STRIPS_MB = 168.0
 # Greatest difference of base memory between two processes.
@@ -187,11 +187,9 @@ def room_on(device: str, room_mb: float) -> float:
     return max(room_mb if available is None else min(room_mb, available), 0.0)
 
 
-def holds_cells(shape: tuple[int, ...], room_mb: float) -> bool:
-    """Whether the cells of a draft of a picture [C, H, W] are kept, not computed where needed."""
-    from defocus_core.renderer.engine.memory_bound import coarse_bytes
-
-    return coarse_bytes(shape) / memory.MB <= _FOR_CELLS * room_mb
+def holds_derived(pixels: int, room_mb: float) -> bool:
+    """Whether what is derived from a whole picture is kept, not computed where needed."""
+    return pixels * _DERIVED * _FLOAT / memory.MB <= _FOR_DERIVED * room_mb
 
 
 def regions_at_once(
@@ -226,8 +224,6 @@ def _remedy(job: Job, enough: float, with_one_thread: bool, device: str) -> str:
     machine = memory.available_mb(device)
     if device == "cpu" and (machine is None or enough < machine + base_mb()):
         return f"use ‹memory› {_size(enough)}"
-    if job.machine.quality != "draft":
-        return "use ‹quality› draft, a smaller picture, or a machine with more"
     return "use a smaller picture or a machine with more"
 
 

@@ -99,7 +99,7 @@ def compute(job: Job, inputs: Inputs, progress: Progress | None = None) -> Take:
         images.clamped.clear()
         try:
             for number, (each, renderer) in enumerate(renderers(take, passes)):
-                images.reach = max(images.reach, renderer.reach)
+                images.reach = max(images.reach, renderer.frame.farthest)
                 fitting = maximum or regions_at_once(job, renderer, inputs.holding, take.device)[0]
                 if fitting < job.machine.threads:  # memory is short
                     memory.keep_freed(False)

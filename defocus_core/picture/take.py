@@ -18,7 +18,7 @@ from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.describe import describe
-from defocus_core.picture.memory_budget import Holding, holds_cells, room_on
+from defocus_core.picture.memory_budget import Holding, holds_derived, room_on
 from defocus_core.picture.opening import aperture_in_pixels
 from defocus_core.request.job import Job, Picture, Reading
 from defocus_core.request.lens import Lens
@@ -162,8 +162,8 @@ class Take:
     @cached_property
     def has_room(self) -> bool:
         """Whether there is room for what is derived from the whole picture."""
-        color, room = self.inputs.color, room_on(self.device, self.inputs.holding.room_mb)
-        return holds_cells((len(color.planes), *color.shape[:2]), room)
+        room = room_on(self.device, self.inputs.holding.room_mb)
+        return holds_derived(math.prod(self.inputs.color.shape[:2]), room)
 
     @property
     def reads_hidden(self) -> bool:

@@ -70,10 +70,7 @@ def render(
         image: [B, C, H, W] or [C, H, W], linear light, premultiplied if it has alpha.
         signed_radius: [B, 1, H, W], [B, H, W] or [H, W], px, negative nearer than focus.
         aperture: The pupil, a round one by default.
-        quality: "draft", "standard", "high" or "reference": spacing of slices, parts of the
-            aperture. A draft is rendered at half of the size, its tiles and slices too, unless
-            `num_layers`, `psf_ks` or `hidden` is given; pixels in focus get their detail back. A
-            draft of less than 181×181 px is the standard.
+        quality: "standard", "high" or "reference": spacing of slices, parts of the aperture.
         left_right: Whether to return the dual-pixel pair too.
         num_layers: Use exactly this many slices, evenly over the radii of each picture, instead
             of the slice radii of the quality.
@@ -84,8 +81,7 @@ def render(
             guessed.
         psf_ks: Greatest side of a kernel in px; None sizes kernels by the scene.
         threads: Tiles computed at once; torch itself uses one thread meanwhile.
-        tile: Side of a tile in px, or in coarse pixels of two px in a draft, 16 at least; another
-            side changes results in the last digits.
+        tile: Side of a tile in px, 16 at least; another side changes results in the last digits.
         infinity: Signed radius in px of infinitely far surfaces: where depth is anti-aliased, it
             distinguishes averages of distance from averages of disparity. None takes all for
             averages of disparity. One for each picture where lenses differ.
@@ -208,7 +204,7 @@ def render_layers(
         signed_radius: [L, H, W] px, negative nearer than focus; unused where coverage is 0.
         coverage: [L, H, W] in [0, 1], the share of each pixel that the layer covers.
         aperture: As in `render`.
-        quality: As in `render`, but a draft has the full size.
+        quality: As in `render`.
         left_right: As in `render`.
         num_layers: As in `render`.
         psf_ks: As in `render`.

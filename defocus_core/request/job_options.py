@@ -544,8 +544,7 @@ _MACHINE = (
         heading="Machine",
         parse=_word(QUALITIES),
         choices=QUALITIES,
-        help="Accuracy, bought with time; a draft is rendered at half of the size, and what is "
-        f"in focus gets its detail back.  [default: {Machine.quality}]",
+        help=f"Accuracy, bought with time.  [default: {Machine.quality}]",
         is_common=True,
     ),
     Param(

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 # Values of order 1 that differ by at most so many roundings tie, and by so much in any precision:
-# what differs by 1e-15 of a radius, after a draft's few sums.
+# what differs by 1e-15 of a radius, after a few sums.
 _ROUNDINGS, _LEAST = 8, 2e-14
 
 

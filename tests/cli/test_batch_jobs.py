@@ -7,19 +7,19 @@ from jobs_files import FIXED, INPUTS, LENS, SAMPLE, pictures
 
 from defocus_core.batch.datasets.finished import samples
 
-DRAFT = '\n[machine]\nquality = "draft"\n'
+HIGH = '\n[machine]\nquality = "high"\n'
 
 
 def batch(folder, text, *options):
     path = folder / "jobs.toml"
-    path.write_text(f"[inputs]\n{INPUTS}\n{text}{DRAFT}")
+    path.write_text(f"[inputs]\n{INPUTS}\n{text}{HIGH}")
     return run("batch", path, "-o", folder / "out", "--processes", "1", *options)
 
 
 def test_a_sweep_is_the_renders_that_it_stands_for(tmp_path):
     pictures(tmp_path)
     assert batch(tmp_path, LENS + '[sweep]\nfnumber = [2, 4]\nfocus = ["1m", "inf"]\n').code == 0
-    single = ("--focal-length", "50mm", "--fnumber", "4", "--focus", "inf", "--quality", "draft")
+    single = ("--focal-length", "50mm", "--fnumber", "4", "--focus", "inf", "--quality", "high")
     files = (tmp_path / "a_rgb.exr", tmp_path / "a_z.exr")
     succeed("render", *files, "-o", tmp_path / "one", *single)
     swept = tmp_path / "out" / "render" / "a_f4_focusinf.exr"
@@ -70,7 +70,7 @@ def test_an_index_tells_of_the_lens_that_took_a_picture_last(tmp_path):
 
     assert "written again" not in rendered("a_rgb"), "another sample"
     assert index.read_bytes() == first
-    told = rendered("a", "--quality", "draft")
+    told = rendered("a", "--quality", "high")
     assert f"{index}: written again, as it lists samples that were done now" in told
     assert f"{out / 'shards'}: packed again" in told
     assert [sample.lens.fnum for sample in samples(out)] == [4, 2]

@@ -48,13 +48,13 @@ def test_all_methods_are_measured_and_written(tiny):
     ran = bench("--truth", tiny, "--json")
     assert ran.code == 0
     document = ran.json
-    methods = ["input", "sum", "over", "draft", "standard", "high"]
+    methods = ["input", "sum", "over", "standard", "high"]
     assert [row["method"] for row in document["rows"]] == methods
     assert [mean["method"] for mean in document["means"]] == methods
     assert document["regressions"] == []
     assert all(set(FIELDS) < set(row) for row in document["rows"])
     lines = ran.err.splitlines()
-    assert [line.split()[2] for line in lines[1:7]] == methods
+    assert [line.split()[2] for line in lines[1:6]] == methods
     assert "means of 1 shot," in ran.err
     psnr = {row["method"]: row["psnr"] for row in document["rows"]}
     assert psnr["standard"] > max(psnr["input"], psnr["sum"], psnr["over"]) + 6
@@ -62,10 +62,10 @@ def test_all_methods_are_measured_and_written(tiny):
 
 
 def test_less_can_be_asked_for(tiny):
-    ran = bench("--truth", tiny, "--quality", "draft")
+    ran = bench("--truth", tiny, "--quality", "high")
     assert (ran.code, ran.err) == (0, "")
     methods = [line.split()[2] for line in ran.out.splitlines()[1:5]]
-    assert methods == ["input", "sum", "over", "draft"]
+    assert methods == ["input", "sum", "over", "high"]
 
 
 def test_a_missing_truth_is_named(tiny, tmp_path):
@@ -97,7 +97,7 @@ def row(method, psnr, ssim=0.9, rel_rmse=0.1):
     ],
 )
 def test_what_a_baseline_does_better_is_flagged(other, lost):
-    rows = [other, row("draft", 20.0), row("standard", 30.0)]
+    rows = [other, row("high", 20.0), row("standard", 30.0)]
     assert {name for r in error.regressions(rows) for name in r["lost"]} == lost
     marked = [each.method for each in rows if error.losses(each, rows)]
     assert marked == (["standard"] if lost else [])

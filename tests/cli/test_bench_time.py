@@ -57,7 +57,7 @@ def test_the_cost_in_transforms_is_the_ratio_of_times():
 
 
 def test_what_is_in_focus_is_timed_once():
-    found = cases([(8, 8)], [8.0, 2.0], ["draft"])
+    found = cases([(8, 8)], [8.0, 2.0], ["high"])
     radii = {kind: [case.radius for case in found if case.kind == kind] for kind in KINDS}
     assert radii.pop("focus") == [0.0]
     assert all(own == [2.0, 8.0] for own in radii.values())

@@ -30,7 +30,7 @@ format = "png"
 map-format = "tiff"
 inputs = "copy"
 [machine]
-quality = "draft"
+quality = "high"
 """
 
 

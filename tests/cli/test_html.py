@@ -53,7 +53,7 @@ fov = "60deg"
 [outputs]
 kinds = ["multiview"]
 [machine]
-quality = "draft"
+quality = "high"
 """
 
 

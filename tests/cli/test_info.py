@@ -55,7 +55,7 @@ def test_beside_its_colour_the_repair_and_the_doubts_are_those_of_render(width, 
     color = color_exr(tmp_path / "c.exr", texture(96, 48))
     depth = save(tmp_path / "z.png", np.round(steps / 12).astype("u1") * 12)  # few levels
     said = ("--depth-kind", "disparity", "--depth-range", "40mm", "80m")
-    ran = render(color, depth, "-o", tmp_path / "out", *said, *LENS, "--json", "--quality", "draft")
+    ran = render(color, depth, "-o", tmp_path / "out", *said, *LENS, "--json", "--quality", "high")
     picture = ran.json["pictures"][0]
     told = run("info", color, depth, *said, *LENS, "--json").json["files"][1]["depth"]
     assert told["depth_repair"] == picture["depth_repair"]

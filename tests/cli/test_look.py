@@ -189,7 +189,7 @@ def test_colours_apart_are_the_same_within_any_memory(tmp_path, monkeypatch):
     options = (*lens, "--axial-color", "0.1mm:-0.1mm", "--exr-type", "float")
     shown = []
     for name, holds in (("much", True), ("little", False)):
-        monkeypatch.setattr(take, "holds_cells", lambda *_, holds=holds: holds)
+        monkeypatch.setattr(take, "holds_derived", lambda *_, holds=holds: holds)
         ran = run("render", color, depth, "-o", tmp_path / name, *options)
         assert ran.code == 0, ran.err
         shown.append(read_exr(tmp_path / name / "render/a.exr"))

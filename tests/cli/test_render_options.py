@@ -95,18 +95,18 @@ def test_part_says_which_part_is_rendered_and_where_the_depth_is(tmp_path):
 
 
 def test_machine_options_are_recorded(tmp_path):
-    machine = ("--quality", "draft", "--device", "cpu", "--threads", "3", "--tile", "64")
+    machine = ("--quality", "high", "--device", "cpu", "--threads", "3", "--tile", "64")
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", *machine, "-v", "--json")
-    assert "cpu, 3 threads, draft" in ran.err
+    assert "cpu, 3 threads, high" in ran.err
     picture = ran.json["pictures"][0]
-    assert (picture["device"], picture["quality"]) == ("cpu", "draft")
+    assert (picture["device"], picture["quality"]) == ("cpu", "high")
     assert header(tmp_path / "out" / "render" / "a.exr")["defocus:device"] == "cpu"
     assert '"tile": 64' in (tmp_path / "out" / "journal.jsonl").read_text()
 
 
 def test_more_quality_is_another_picture(tmp_path):
     files, pictures = pair(tmp_path), []
-    for quality in ("draft", "high"):
+    for quality in ("standard", "high"):
         out = tmp_path / quality
         wide = ("--fnumber", "0.5", "--quality", quality)
         photograph(*files, "-o", out, *wide)

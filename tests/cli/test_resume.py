@@ -66,7 +66,7 @@ def test_what_was_done_is_skipped_and_told(folders, out, computed):
 
 def test_a_record_holds_what_a_paper_needs(tmp_path, out):
     color, depth = pair(tmp_path)
-    render(color, depth, "-o", out, "--outputs", "render,coc", "--preview", "--quality", "draft")
+    render(color, depth, "-o", out, "--outputs", "render,coc", "--preview", "--quality", "high")
     (record,) = records(out)
     assert (record["sample_id"], record["status"], record["reason"]) == ("a", "ok", None)
     assert set(record["outputs"]) == {"render", "render.preview", "coc", "coc.preview"}
@@ -76,7 +76,7 @@ def test_a_record_holds_what_a_paper_needs(tmp_path, out):
     assert record["inputs"]["color"]["path"] == str(color)
     assert record["inputs"]["depth"]["size"] == depth.stat().st_size
     assert record["lens"]["focus_mm"] == 2000
-    assert record["quality"] == "draft"
+    assert record["quality"] == "high"
     assert set(record["seconds"]) == {"read", "render", "write", "cpu"}
     assert record["size"] == [24, 16]
     assert str(out) not in json.dumps(record)
@@ -155,7 +155,7 @@ def test_other_settings_redo_and_other_kinds_add(folders, out, computed):
     assert len(computed) == 6
     again(folders, out)
     assert len(computed) == 6, "both are known"
-    assert "done again" in again(folders, out, "--quality", "draft").err
+    assert "done again" in again(folders, out, "--quality", "high").err
     assert len(computed) == 9
     again(folders, out)
     assert len(computed) == 12, "the files are those of the last quality"
@@ -321,7 +321,7 @@ def test_another_picture_of_the_same_name_is_refused(tmp_path, out, computed):
     refused(render(*other, "-o", out), 3, "exists", "a.exr")
     photograph(*other, "-o", out, "--overwrite")
     one[0].rename(tmp_path / "moved.exr")
-    photograph(*other, "-o", out, "--quality", "draft")
+    photograph(*other, "-o", out, "--quality", "high")
     assert computed == ["a", "a", "a"]
 
 
@@ -330,7 +330,7 @@ def test_a_preview_goes_with_the_picture_that_it_shows(folders, out):
     again(folders, out, "--preview")
     assert all(map(Path.exists, previews))
     previews[1].write_bytes(b"somebody's own")
-    again(folders, out, "--quality", "draft")
+    again(folders, out, "--quality", "high")
     assert [path.exists() for path in previews] == [False, True, False]
 
 

@@ -1,7 +1,6 @@
 """The counts of ``--json``: each kind of skip, on a scene where it matters."""
 
 import numpy as np
-import pytest
 from command_line import color_exr, depth_exr, photograph, ramp, texture
 
 from defocus_core.tensors.box import BLOCK, TILE
@@ -26,9 +25,8 @@ def test_a_frame_in_focus_is_copied(tmp_path):
     assert stats["slice_tiles_blurred"] == 0
 
 
-@pytest.mark.parametrize("quality", ["draft", "standard"])
-def test_pixels_of_left_and_right_that_were_negative_are_counted(quality, tmp_path):
-    args = ("--outputs", "render,left,right", "--quality", quality)
+def test_pixels_of_left_and_right_that_were_negative_are_counted(tmp_path):
+    args = ("--outputs", "render,left,right")
     stats = rendered(tmp_path, ramp(W, H), *args)
     assert stats["pixels_clamped"] < 0.01 * W * H
     dots = (texture(W, H) > 0.95).astype(np.float32)
@@ -37,7 +35,7 @@ def test_pixels_of_left_and_right_that_were_negative_are_counted(quality, tmp_pa
     assert 2 < share < 30
     said = (tmp_path / "out" / "journal.jsonl").read_text()
     assert f"left, right: below 0 in {share} % of the pixels, and made 0" in said
-    stats = rendered(tmp_path, ramp(W, H), "--quality", quality, pixels=dots)
+    stats = rendered(tmp_path, ramp(W, H), pixels=dots)
     assert "pixels_clamped" not in stats, "there are no halves"
 
 

@@ -244,7 +244,7 @@ def test_what_overwrite_replaced_comes_back_if_a_later_file_fails(color, depth, 
     before = {path: path.read_bytes() for path in out.rglob("*.exr")}
     assert len(before) == 3
     fill_at_the_third_file(monkeypatch)
-    ran = render(color, depth, "-o", out, *kinds, "--overwrite", "--quality", "draft")
+    ran = render(color, depth, "-o", out, *kinds, "--overwrite", "--quality", "high")
     refused(ran, 3, "unwritable", "color.exr")
     assert {path: path.read_bytes() for path in out.rglob("*.exr")} == before
     assert files_under(out) == {str(path.relative_to(out)) for path in before}

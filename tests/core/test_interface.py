@@ -188,7 +188,7 @@ def test_the_command_line_goes_on_with_a_batch_of_python(tmp_path, out):
 
 
 def test_jobs_can_be_chosen_before_they_are_done(tmp_path, out):
-    own, machines = Machine("draft", tile=64), list[Machine]()
+    own, machines = Machine("high", tile=64), list[Machine]()
     every = batch_jobs(tables(tmp_path), "elsewhere")
     jobs = [replace(job, machine=own) for job in every if job.lens.foc_dist == 2000]
     ran = run_batch(jobs, out, threads=3, ended=lambda job, _: machines.append(job.machine))

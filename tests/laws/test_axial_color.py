@@ -5,9 +5,9 @@ import math
 import pytest
 import torch
 from measures import worst
-from scenes import QUALITIES, white
+from scenes import white
 
-from defocus_core import DefocusLens, color_offset, render
+from defocus_core import QUALITIES, DefocusLens, color_offset, render
 
 SHIFT = 0.1  # mm
 

@@ -97,12 +97,6 @@ def test_pictures_do_not_depend_on_the_device(agree, kind, quality):
         agree(lambda to: pictures(to(image), to(radius), quality=quality, left_right=True))
 
 
-def test_nor_do_drafts(agree):
-    image, radius = scene(size=(184, 200))
-    with torch.no_grad():
-        agree(lambda to: pictures(to(image), to(radius), quality="draft", left_right=True))
-
-
 @pytest.mark.parametrize(
     "options",
     [
@@ -217,7 +211,7 @@ def test_nor_does_a_lens(agree):
 
 def test_nor_do_random_lenses(agree):
     image, depth = torch.rand(1, 3, 30, 40), 1000 + 3000 * torch.rand(1, 1, 30, 40)
-    lenses = RandomDefocus(quality="draft", left_right=True)
+    lenses = RandomDefocus(left_right=True)
 
     def taken(to, seeds):
         views, drawn = lenses(to(image), to(depth), seeds)

@@ -6,9 +6,9 @@ import pytest
 import torch
 from measures import centroid, worst
 from reference import both, kernel, left, polygon, right
-from scenes import QUALITIES, RADII, pattern
+from scenes import RADII, pattern
 
-from defocus_core import Aperture, render
+from defocus_core import QUALITIES, Aperture, render
 from defocus_core.optics.parts import LEFT
 
 APERTURES = [Aperture(), Aperture(6, 10.0), Aperture(5, 0.0), Aperture(psf_type="gaussian")]

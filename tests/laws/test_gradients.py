@@ -7,12 +7,12 @@ import pytest
 import torch
 from extremes import Extreme
 from measures import worst
-from scenes import QUALITIES, RADII, pattern, slanted
+from scenes import RADII, pattern, slanted
 from torch import Tensor
 from torch.autograd import gradcheck
 from torch.autograd.forward_ad import dual_level, make_dual
 
-from defocus_core import DefocusLens, RandomDefocus, render
+from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
 from defocus_core.evaluation.synthetic_scenes import scenery
 
 SIZE = (9, 11)

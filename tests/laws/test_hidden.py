@@ -4,10 +4,10 @@ import pytest
 import torch
 from measures import inner, psnr, worst
 from reference import Layer, flatten, layered, lens_points
-from scenes import QUALITIES, RADII, SIZE, card_layers, pattern, slanted
+from scenes import RADII, SIZE, card_layers, pattern, slanted
 from two_cards import BORDER, truths
 
-from defocus_core import HiddenLayer, render, render_layers
+from defocus_core import QUALITIES, HiddenLayer, render, render_layers
 
 
 def behind(card_r, background_r):

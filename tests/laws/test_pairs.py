@@ -3,10 +3,9 @@
 import pytest
 import torch
 from measures import worst
-from scenes import QUALITIES
 from tolerances import WHITE
 
-from defocus_core import Aperture, render, render_layers
+from defocus_core import QUALITIES, Aperture, render, render_layers
 
 PUPILS = [Aperture(), Aperture(6, 10.0), Aperture(3), Aperture(5, 20.0)]
 SIZE = (72, 96)

@@ -31,8 +31,8 @@ def test_white_stays_white_in_any_frame_at_any_radius(size, maximum):
 @pytest.mark.parametrize("light", [-1.0, 1e30, -1e30])
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_even_light_of_any_sign_stays_even(quality, light):
-    """Negative light, which wide colours have, was once taken for highlights in a draft."""
-    size = (184, 200) if quality == "draft" else (32, 48)
+    """Wide colours have negative light, which is no highlight."""
+    size = (32, 48)
     o = render(torch.full((3, *size), light), spread(size, 6.0), quality=quality, left_right=True)
     for picture in o.images:
         assert worst(picture / light, 1.0) < WHITE
@@ -133,7 +133,7 @@ def test_progress_counts_tiles():
 
 
 def test_a_finer_quality_has_more_slices():
-    image, radius = IMAGE.repeat(1, 4, 4), 3 * RADIUS.repeat(4, 4)  # a smaller draft is standard
+    image, radius = IMAGE.repeat(1, 4, 4), 3 * RADIUS.repeat(4, 4)
     scene = Scene(image, radius)
     slices = [Renderer(scene, Settings(quality=q)).stats["slices"] for q in QUALITIES]
     assert slices == sorted(set(slices))

@@ -7,10 +7,9 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from measures import worst
-from scenes import QUALITIES
 from tolerances import RENDERED, WHITE
 
-from defocus_core import Aperture, DefocusLens, render
+from defocus_core import QUALITIES, Aperture, DefocusLens, render
 
 NOISE = 1e-4  # of the local truth, in the dark beside lights a hundred million times as bright
 OVERSHOOT = 1e-4  # of the brightest beyond the range of the picture

@@ -9,10 +9,10 @@ import pytest
 import torch
 from measures import inner, worst
 from reference import both, left, one_plane, polygon, right, whole
-from scenes import QUALITIES, RADII, plane, white
+from scenes import RADII, plane, white
 from tolerances import OVERSAMPLING, WHITE
 
-from defocus_core import Aperture, render
+from defocus_core import QUALITIES, Aperture, render
 
 DISC, HEXAGON, PENTAGON = Aperture(), Aperture(6, 10.0), Aperture(5, 90.0)
 PUPILS = {

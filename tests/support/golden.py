@@ -18,7 +18,7 @@ from defocus_core import Aperture, render
 FOLDER = Path(__file__).parents[1] / "laws" / "golden"
 COMMAND = "python tests/support/golden.py"
 SIZE = (36, 48)  # H, W
-SCENES = ("occlusion", "slopes", "highlights", "draft", "polygon", "repair")
+SCENES = ("occlusion", "slopes", "highlights", "polygon", "repair")
 INFINITY = 7.0  # signed radius in px of what is infinitely far
 Pictures = dict[str, Tensor]
 
@@ -37,11 +37,10 @@ def rendered(scene, dtype=torch.float32, nudge=0.0):
         image,
         radius,
         aperture=Aperture(blades=6, rotation=10.0) if scene == "polygon" else None,
-        quality="draft" if scene == "draft" else "standard",
         left_right=scene in ("occlusion", "highlights"),
         infinity=INFINITY if scene == "repair" else None,
     )
-    pictures = {"render": views.render[..., : SIZE[0], : SIZE[1]]}
+    pictures = {"render": views.render}
     if views.left is not None and views.right is not None:
         pictures |= {"left": views.left, "right": views.right, "trust": views.trust}
     return pictures
@@ -56,8 +55,6 @@ def _scene(scene):
     if scene == "repair":
         return _antialiased_card()
     image, radius = flatten(card_layers(-5.2, 3.3, SIZE, margin=10), SIZE)
-    if scene == "draft":  # of which a corner is kept: smaller pictures are not halved
-        image, radius = image.repeat(1, 6, 4), radius.repeat(6, 4)
     if scene == "highlights":
         image = 0.3 * image
         image[:, 8, 9] = image[:, 25, 40] = 20.0

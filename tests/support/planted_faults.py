@@ -208,7 +208,7 @@ class Shot:
         picture = torch.from_numpy(np.ascontiguousarray(image.transpose(2, 0, 1)))
         radii = torch.from_numpy(radius.astype(np.float32))
         both = view != "render"
-        views = render(picture, radii, left_right=both, quality="draft", depth_repair="off", **how)
+        views = render(picture, radii, left_right=both, depth_repair="off", **how)
         return np.ascontiguousarray(getattr(views, view).numpy().transpose(1, 2, 0))
 
 

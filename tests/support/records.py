@@ -70,7 +70,7 @@ def record(out, name, kinds=("render", "coc"), level=0, **more):
         "lens": lens,
         "coc_px": [-1, 2.5],
         "size": [4, 3],
-        "quality": "draft",
+        "quality": "high",
         "color_note": "",
         "depth_note": "EXR float channel Z, metres",
         "device": "cpu",

@@ -6,7 +6,6 @@ from torch import Tensor
 
 Scene = tuple[Tensor, Tensor]
 SIZE = (40, 56)  # H, W: not square, so that swapped axes show
-QUALITIES = ("standard", "high", "reference")  # a draft of so few px is the standard
 
 
 def slanted(size=SIZE, near=-6.0, far=9.0):

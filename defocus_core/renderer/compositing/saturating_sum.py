@@ -5,7 +5,7 @@ complementary coverage and must add up; separate surfaces must occlude. The satu
 both: each slice adds its coverage until the whole part is covered.
 
 What a lens sees is a mean of what there is, neither darker nor brighter. Layers and discs of lights
-leave and add light by rounding, and where they are clipped; the detail of a draft overshoots. So
+leave and add light by rounding, and where they are clipped. So
 colours are bounded by the least and greatest value of their channel: an opaque alpha stays opaque.
 """
 

@@ -130,10 +130,9 @@ class Division(NamedTuple):
 class SharedFrame:
     """The data that all regions of one picture share."""
 
-    # (height, width) in px; in coarse pixels for a picture that is rendered at half size
-    size: tuple[int, int]
+    size: tuple[int, int]  # (height, width) in px
     settings: Settings
-    quality: Quality  # settings of the quality, in px or in coarse pixels as the size
+    quality: Quality  # settings of the quality
     dtype: torch.dtype  # type of the numbers to compute with
     # Rows above and below, and columns on both sides, by which the scene goes on
     beyond: tuple[int, int]

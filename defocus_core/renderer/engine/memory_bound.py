@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from torch import Tensor
-
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.renderer.blur.layer_blur import CORNERS
 from defocus_core.renderer.engine.frame import SharedFrame
@@ -46,13 +44,11 @@ def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
     result = max((grid.box.area for grid in grids), default=0)
     result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
     coarse = pixels * sample * frame.content.edges * 1.2
-    in_memory = isinstance(renderer.scene.image, Tensor)
-    enlarged = 3 * renderer.at_half_size * pixels * sample * in_memory
     # each region has kernels of its own where the pupil changes over the frame
     versions = 1 if frame.settings.field is None else CORNERS * at_once
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
-    whole = _FIXED + coarse + enlarged + spectra + repaired + _bytes_of_fill(renderer, grids)
+    whole = _FIXED + coarse + spectra + repaired + _bytes_of_fill(renderer, grids)
     return whole + threads * of_thread + at_once * (region + result)
 
 
@@ -65,12 +61,6 @@ def _bytes_of_fill(renderer: Renderer, grids: list[Grid]) -> float:
     area = sum(grid.box.grown(reach, frame.box).area for grid in grids)
     sample = (fill.shared.colors + 2) * frame.dtype.itemsize
     return float(area * sample / (1 << 2 * frame.slices.invented.level))
-
-
-def coarse_bytes(shape: tuple[int, ...]) -> float:
-    """Bytes of the coarse pixels of a draft of a picture [C, H, W], if they are kept."""
-    channels, height, width = shape
-    return 3.0 * (channels + 2) * (height // 2 + 1) * (width // 2 + 1) * 4
 
 
 def computed_regions(renderer: Renderer) -> list[Grid]:

@@ -261,6 +261,6 @@ def backdrop_in(frame: SharedFrame, scene: Scene) -> Backdrop | SurfacesOfColors
         frame.dtype,
         frame.settings.threads,
         content.limits,
-        unmixes=frame.quality.unmixes and (layered is None or layered.mixed),
+        unmixes=layered is None or layered.mixed,
         matte=scene.matte,
     )

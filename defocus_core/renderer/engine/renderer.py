@@ -1,4 +1,4 @@
-"""The renderer of a scene: its depth repaired, at its own size or, for a draft, at half.
+"""The renderer of a scene, whose depth is repaired first.
 
 Pictures of one size are computed at once, for each operation takes long to begin: an accelerator
 computes as many as fit into its memory, a CPU small ones, which fit into its cache. Pictures
@@ -19,7 +19,6 @@ from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth, repaired_each
-from defocus_core.renderer.engine.drafts import Draft
 from defocus_core.renderer.engine.frame import Content, SharedFrame, darkened
 from defocus_core.renderer.engine.plan import (
     border_range,
@@ -34,11 +33,11 @@ from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
 from defocus_core.renderer.engine.settings import STANDARD, Settings
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.layers.quality import Quality, find
-from defocus_core.renderer.layers.slice_radii import SHARP, plane_of
+from defocus_core.renderer.layers.slice_radii import plane_of
 from defocus_core.tensors.derived import chosen
 from defocus_core.tensors.device_plan import launches_cost, tile_pixels
 from defocus_core.tensors.neighbourhoods import range_of
-from defocus_core.tensors.source import Pixels, Scalar, banded
+from defocus_core.tensors.source import Scalar, banded
 from defocus_core.tensors.torch_modes import own_modes, recorded_for
 from defocus_core.tensors.validation import whole
 from defocus_core.tensors.views import Views
@@ -59,12 +58,11 @@ class PictureBatch(NamedTuple):
 def fit_together(pixels: Tensor, settings: Settings) -> bool:
     """Whether pictures [B, C, H, W] are computed in batches: where two of them fit, at least.
 
-    A draft changes its size, and an exact number of slices spans the radii of each picture.
+    An exact number of slices spans the radii of each picture.
     """
     count, _, H, W = pixels.shape
-    by_scene = settings.num_layers is None and not settings.quality_of(pixels.shape).half_size
     fits = _most_pixels(pixels.device) >= 2 * H * W
-    return count > 1 and fits and by_scene and settings.edge_width is None
+    return count > 1 and fits and settings.num_layers is None and settings.edge_width is None
 
 
 def batches(
@@ -88,7 +86,7 @@ def batches(
         infinity = [one.infinity for one in settings]
         signed_radius, repairs = repaired_each(signed_radius, pixels, infinity)
     surveys = surveyed(pixels, signed_radius, computed_in(pixels, signed_radius))
-    quality = settings[0].quality_of(pixels.shape)
+    quality = find(settings[0].quality)
     contents = [
         content_of(survey, quality) for survey, repair in zip(surveys, repairs, strict=True)
     ]
@@ -153,9 +151,9 @@ class Renderer:
     Attributes:
         size: (height, width) in px.
         repair: Repair of its depth.
-        frame: The frame, in px or in coarse pixels.
-        scene: What is rendered: repaired, and in px or in coarse pixels, which have a channel more.
-        reaching: [h, w] the radii whose light reaches farthest, in px or in coarse pixels.
+        frame: The frame.
+        scene: What is rendered, repaired.
+        reaching: [H, W] px, the radii whose light reaches farthest.
     """
 
     def __init__(self, scene: Scene, settings: Settings = STANDARD, *, hold: bool = False) -> None:
@@ -175,7 +173,7 @@ class Renderer:
         return modes
 
     def _prepare(self, scene: Scene, settings: Settings, *, hold: bool) -> None:
-        threads, quality = settings.threads, settings.quality_of(scene.signed_radius.shape)
+        threads, quality = settings.threads, find(settings.quality)
         if scene.layered is None and scene.repair is None:
             scene = repaired_once(scene, settings, hold=hold)
         scene = scene.as_layers()
@@ -184,17 +182,11 @@ class Renderer:
         self.size = scene.signed_radius.shape[-2], scene.signed_radius.shape[-1]
         self.repair = scene.repair or DepthRepair()
         if layered is not None:
-            quality = find(settings.quality).of_layers(layered.deepest)
-        self._draft: Draft | None = None
-        halves = quality.half_size and settings.by_scene and scene.content is None
-        if halves and _is_blurred(scene.signed_radius):
-            self._draft = Draft(scene, threads, hold=hold)
-            scene, quality = self._draft.scene, quality.in_coarse_pixels()
+            quality = quality.of_layers(layered.deepest)
         image, signed_radius = scene.image, scene.signed_radius
         counted, self.reaching, border = image, signed_radius, None
-        if self._draft or layered is not None:  # not the share of detail, nor alpha
-            counted = chosen(image, range(image.shape[0] - 1))
         if layered is not None:
+            counted = chosen(image, range(image.shape[0] - 1))  # not alpha
             self.reaching = layered.most_blurred()
             border = border_range(self.reaching)
         limits = scene.surfaces and scene.surfaces.shared.limits
@@ -213,16 +205,6 @@ class Renderer:
             border=border,
         )
         self.scene = scene
-
-    @property
-    def at_half_size(self) -> bool:
-        """Whether it is rendered in coarse pixels of two by two px."""
-        return self._draft is not None
-
-    @property
-    def reach(self) -> int:
-        """The px of the picture that its light reaches at most."""
-        return 2 * self.frame.farthest + 2 if self.at_half_size else self.frame.farthest
 
     def tiles(
         self,
@@ -257,7 +239,6 @@ class Renderer:
         parts = rendered_regions(
             self.frame, self.scene, reaching=self.reaching, at_once=at_once, progress=progress
         )
-        parts = self._draft.enlarged(self.frame, parts) if self._draft else parts
         if self._has_alpha:  # which was not asked for
             parts = (p._replace(images=[image[:-1] for image in p.images]) for p in parts)
         cat_eye = self.frame.settings.cat_eye
@@ -319,9 +300,3 @@ def _has_edges(radii: Tensor) -> bool:
     """Whether surfaces hide others in a band [h, W] of radii."""
     steps = (radii.diff(dim=0), radii.diff(dim=1))
     return any(step.numel() > 0 and float(range_of(step).abs().amax()) > EDGE for step in steps)
-
-
-def _is_blurred(signed_radius: Pixels) -> bool:
-    """Whether a pixel is out of focus."""
-    limits = (range_of(band).tolist() for band in banded(signed_radius))
-    return any(not (minimum >= -SHARP and maximum <= SHARP) for minimum, maximum in limits)

@@ -107,7 +107,6 @@ class SharedSurfaces:
             frame.dtype,
             frame.settings.threads,
             frame.content.limits,
-            unmixes=frame.quality.unmixes,
             matte=self._matte,
         )
 

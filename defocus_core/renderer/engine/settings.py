@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-import torch
-
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import check_repair
 from defocus_core.optics.aperture import Aperture
@@ -16,12 +14,11 @@ from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.pupil_image import PupilImage
 from defocus_core.optics.sensitivity import SensitivityField
-from defocus_core.renderer.layers.quality import Quality, find
+from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.box import BLOCK
 from defocus_core.tensors.validation import described, flag, number, whole
 
 _MAX_LAYERS = 1 << 16  # the number of levels of depth in 16 bits
-_HALVED = 1 << 15  # px from which on halving takes less time than it saves
 _BY_SCENE = "None lets the scene decide"
 
 
@@ -98,21 +95,10 @@ class Settings:
             cat_eye=CatEyes.of([one.cat_eye for one in each]),
         )
 
-    def quality_of(self, pictures: torch.Size | tuple[int, ...]) -> Quality:
-        """The quality of pictures of a shape; of a draft too small to be halved, the standard."""
-        quality = find(self.quality)
-        small = math.prod(pictures[-2:]) < _HALVED and self.by_scene
-        return find("standard") if quality.half_size and small else quality
-
     @property
     def field(self) -> CatEye | SensitivityField | None:
         """What makes the pupil or its halves change over the frame."""
         return self.cat_eye or (self.dual_pixel.field if self.left_right else None)
-
-    @property
-    def by_scene(self) -> bool:
-        """Whether the scene decides on slices and on sizes of kernels."""
-        return self.num_layers is None and self.psf_ks is None
 
 
 STANDARD = Settings()

@@ -73,7 +73,7 @@ def write_choice(
 ) -> None:
     """Write the page of a picture."""
     load()
-    job = Job(picture, lens, reading, Outputs(Path()), replace(machine, quality="draft"))
+    job = Job(picture, lens, reading, Outputs(Path()), machine)
     color, depth = read(InputPair(picture, job.reading, lens_focal=job.lens_focal))
     if depth.is_radius and not depth.is_relative:
         problem, remedy = "holds radii, by which the focus is chosen already", "give depth"
@@ -83,23 +83,23 @@ def write_choice(
     if not shows_surface.any():
         shows_surface[:] = True
     focuses, strengths = focuses_of(small.disparity[shows_surface]), _strengths(lens)
-    layer = Layer("draft", "draft", LIGHT, ("R", "G", "B"), depth.size, None)
+    layer = Layer("render", "render", LIGHT, ("R", "G", "B"), depth.size, None)
     sharp = replace(layer, key="input", title="input", thumbnail=_jpeg(small.inputs.color))
-    drafts = []
+    renders = []
     for done, focus in enumerate(focuses):
-        drafts.append([layer] * len(strengths))
+        renders.append([layer] * len(strengths))
         for n, strength in enumerate(strengths):
             each = replace(job, lens=_at(strength, focus, small.scale))
             image = compute(each, small.inputs).images["render"]
             made = _jpeg(replace(small.inputs.color, planes=tuple(image)))
-            drafts[-1][n] = replace(layer, thumbnail=made)
+            renders[-1][n] = replace(layer, thumbnail=made)
             if progress:
                 progress(done * len(strengths) + n + 1, len(focuses) * len(strengths))
     item = Item(picture.color.name, "", passes=True, layers=[sharp, _depth_layer(small, depth)])
     payloads: dict[str, str] = {}
     data = {
         "items": [plain(item, payloads)],
-        "drafts": plain(drafts, payloads),
+        "renders": plain(renders, payloads),
         "metric": not depth.is_relative,
         "focuses": [
             {"value": value, "place": _place_of(small, value, shows_surface)} for value in focuses
@@ -226,5 +226,4 @@ def _command(job: Job, color: Color) -> str:
     for name in ("blur", "focus_value", "focus_mm", "focus_at_px", "focus_percentile", "fnumber"):
         record.pop(name, None)
     out = "out.jpg" if color.within_white else "out.exr"
-    said = {key: value for key, value in settings(job).items() if key != "quality"}
-    return command_line(render_words(job.picture, out, record, {**said, "quality": "standard"}))
+    return command_line(render_words(job.picture, out, record, settings(job)))

@@ -436,7 +436,7 @@ def test_renders_by_another_fnumber_have_another_coc(tmp_path):
     folder = Path(__file__).parents[3] / "sample_scenes" / "spheres"
     for fnumber in ("2", "2.4"):
         lens = ["--focal-length", "75mm", "--sensor-width", "54mm", "--focus", "1.6m"]
-        words = ["--fnumber", fnumber, "-o", tmp_path / fnumber, "--quality", "draft"]
+        words = ["--fnumber", fnumber, "-o", tmp_path / fnumber]
         ran = run("render", folder / "rgb.exr", folder / "depth.exr", *lens, *words)
         assert ran.code == 0, ran.err
     files = [tmp_path / fnumber / "render" / "rgb.exr" for fnumber in ("2", "2.4")]

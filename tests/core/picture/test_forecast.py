@@ -22,7 +22,7 @@ PHOTO = Outputs(Path(), format="png", preview=True)
 ALL = ("render", "left", "right", "coc")
 KINDS = {
     "an EXR": {},
-    "draft": {"machine": Machine(quality="draft")},
+    "high": {"machine": Machine(quality="high")},
     "PNG with previews": {"outputs": PHOTO},
     "16 bits": {"outputs": Outputs(Path(), format="png16")},
     "dual pixel": {"outputs": Outputs(Path(), kinds=ALL)},

@@ -76,10 +76,8 @@ def test_depth_may_be_in_metres():
         strict=True,
     ):
         assert torch.equal(seen, wanted)
-    drawn = RandomDefocus(depth_unit="m", max_radius=9.0, quality="draft")(
-        image, depth / 1000, [7]
-    )[1]
-    assert drawn.fnum == RandomDefocus(max_radius=9.0, quality="draft")(image, depth, [7])[1].fnum
+    drawn = RandomDefocus(depth_unit="m", max_radius=9.0)(image, depth / 1000, [7])[1]
+    assert drawn.fnum == RandomDefocus(max_radius=9.0)(image, depth, [7])[1].fnum
     with pytest.warns(UserWarning, match='say DefocusLens.*depth_unit="m"'):
         camera().render_rgbd(image[..., :2, :2], depth[..., :2, :2] / 100_000)
 

@@ -26,16 +26,12 @@ def depth(batch=3):
     return ramp * torch.arange(1, batch + 1)[:, None, None, None]
 
 
-def draft(**ranges):
-    return RandomDefocus(quality="draft", **ranges)
-
-
 def test_a_sample_is_the_same_in_any_batch():
     def tensors(views, lenses):
         return [*views.images, views.trust, *lenses]
 
-    whole = tensors(*draft(left_right=True)(image(), depth(), [5, 6, 7]))
-    alone = tensors(*draft(left_right=True)(image()[1:2], depth()[1:2], torch.tensor([6])))
+    whole = tensors(*RandomDefocus(left_right=True)(image(), depth(), [5, 6, 7]))
+    alone = tensors(*RandomDefocus(left_right=True)(image()[1:2], depth()[1:2], torch.tensor([6])))
     for together, single in zip(whole, alone, strict=True):
         torch.testing.assert_close(together[1:2], single, rtol=0, atol=0)
 
@@ -43,16 +39,16 @@ def test_a_sample_is_the_same_in_any_batch():
 def test_other_seeds_draw_other_lenses_and_a_generator_draws_seeds():
     same = [x.expand(3, -1, -1, -1) for x in (image(1), depth(1))]
     (first, lenses), (second, _) = (
-        draft()(*same, torch.Generator().manual_seed(4)) for _ in range(2)
+        RandomDefocus()(*same, torch.Generator().manual_seed(4)) for _ in range(2)
     )
     assert len(set(lenses.fnum.tolist())) == len(set(lenses.foclen.tolist())) == 3
     torch.testing.assert_close(first.render, second.render, rtol=0, atol=0)
-    other = draft()(*same, torch.Generator().manual_seed(5))[1]
+    other = RandomDefocus()(*same, torch.Generator().manual_seed(5))[1]
     assert not torch.equal(lenses.fnum, other.fnum)
 
 
 def test_what_is_rendered_is_what_the_lens_drawn_takes():
-    views, drawn = draft(left_right=True)(image(), depth(), [5, 6, 7])
+    views, drawn = RandomDefocus(left_right=True)(image(), depth(), [5, 6, 7])
     for index in range(3):
         lens = DefocusLens(
             float(drawn.foclen[index]), float(drawn.fnum[index]), (36.0, 24.0), (SIZE[1], SIZE[0])
@@ -61,7 +57,7 @@ def test_what_is_rendered_is_what_the_lens_drawn_takes():
         radius = lens.signed_radius(depth()[index])
         torch.testing.assert_close(drawn.signed_radius[index], radius)
         aperture = Aperture(int(drawn.blades[index]), float(drawn.blade_rotation[index]))
-        wanted = render(image()[index], radius[0], aperture=aperture, quality="draft")
+        wanted = render(image()[index], radius[0], aperture=aperture)
         torch.testing.assert_close(views.render[index], wanted.render)
     torch.testing.assert_close((views.left + views.right) / 2, views.render)
 
@@ -80,7 +76,7 @@ def test_anti_aliased_depth_is_one_of_distances_here_too():
 
 def test_lenses_are_spread_over_their_ranges_and_stay_within():
     tiny = torch.ones(200, 1, 1, 100), torch.linspace(1000, 2000, 100).expand(200, 1, 1, 100)
-    defocus = draft(
+    defocus = RandomDefocus(
         foclen=Distribution("loguniform", (20, 80)),
         fnum=Distribution("loguniform", (1, 16)),
         blades=Distribution("choice", (0, 6)),
@@ -105,7 +101,9 @@ def test_lenses_are_spread_over_their_ranges_and_stay_within():
 
 def test_numbers_and_equal_ends_fix_the_lens():
     nearest = Distribution("percentile", (0, 0))
-    fixed = draft(foclen=50.0, fnum=Distribution("loguniform", (2, 2)), foc_dist=nearest, blades=0)
+    fixed = RandomDefocus(
+        foclen=50.0, fnum=Distribution("loguniform", (2, 2)), foc_dist=nearest, blades=0
+    )
     _, lenses = fixed(image(), depth(), [1, 2, 3])
     assert lenses.foclen.tolist() == [50, 50, 50]
     assert lenses.fnum.tolist() == [2, 2, 2]
@@ -116,7 +114,7 @@ def test_sky_is_not_focused_on_unless_there_is_nothing_else():
     far = depth(2).clone()
     far[0, :, :, 9:] = math.inf
     far[1] = math.inf
-    defocus = draft(foc_dist=Distribution("percentile", (100, 100)))
+    defocus = RandomDefocus(foc_dist=Distribution("percentile", (100, 100)))
     views, lenses = defocus(image(2), far, [1, 2])
     assert lenses.foc_dist[0] == far[0, 0, 0, 8]
     assert lenses.foc_dist[1] == math.inf
@@ -124,10 +122,10 @@ def test_sky_is_not_focused_on_unless_there_is_nothing_else():
 
 
 def test_a_lens_that_blurs_too_much_is_drawn_again_and_the_others_stay():
-    _, free = draft()(image(), depth(), [1, 2, 3])
+    _, free = RandomDefocus()(image(), depth(), [1, 2, 3])
     maximum = free.signed_radius.abs().amax((1, 2, 3))
     bound = float(maximum.median()) * (1 + 1e-5)
-    _, bounded = draft(max_radius=bound)(image(), depth(), [1, 2, 3])
+    _, bounded = RandomDefocus(max_radius=bound)(image(), depth(), [1, 2, 3])
     assert bounded.signed_radius.abs().max() <= bound * (1 + 1e-5)
     assert (bounded.fnum == free.fnum).tolist() == (maximum <= bound).tolist()
     assert int((maximum <= bound).sum()) == 2
@@ -136,7 +134,7 @@ def test_a_lens_that_blurs_too_much_is_drawn_again_and_the_others_stay():
 
 def test_where_no_lens_drawn_suits_a_picture_it_is_refused():
     with pytest.raises(ValueError, match=f"max_radius must allow some lens.* {ATTEMPTS} lenses"):
-        draft(max_radius=1e-9)(image(), depth(), [1, 2, 3])
+        RandomDefocus(max_radius=1e-9)(image(), depth(), [1, 2, 3])
 
 
 @pytest.mark.parametrize(
@@ -160,7 +158,7 @@ def test_what_nothing_can_be_drawn_from_is_refused(kind, values, words):
 
 def test_gradients_reach_image_and_depth():
     sharp, planes = image(1).requires_grad_(), depth(1).requires_grad_()
-    draft(fnum=0.25)(sharp, planes, [3])[0].render.square().sum().backward()
+    RandomDefocus(fnum=0.25)(sharp, planes, [3])[0].render.square().sum().backward()
     assert sharp.grad.abs().max() > 0
     assert planes.grad.abs().max() > 0
 
@@ -169,7 +167,7 @@ class Frames(Dataset[dict[str, Tensor]]):
     """A training set: each sample has its own lens, the same one whenever it is asked for."""
 
     def __init__(self):
-        self.defocus = draft(fnum=Distribution("loguniform", (1.4, 4.0)))
+        self.defocus = RandomDefocus(fnum=Distribution("loguniform", (1.4, 4.0)))
 
     def __len__(self):
         return 4
@@ -190,8 +188,8 @@ def test_a_data_loader_gets_each_sample_with_its_own_lens():
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a GPU")
 def test_the_lens_does_not_depend_on_the_device():
-    cpu, on_cpu = draft()(image(), depth(), [1, 2, 3])
-    gpu, on_gpu = draft()(image().cuda(), depth().cuda(), [1, 2, 3])
+    cpu, on_cpu = RandomDefocus()(image(), depth(), [1, 2, 3])
+    gpu, on_gpu = RandomDefocus()(image().cuda(), depth().cuda(), [1, 2, 3])
     assert gpu.render.is_cuda
     torch.testing.assert_close(on_gpu.foc_dist, on_cpu.foc_dist, rtol=0, atol=0)
     torch.testing.assert_close(gpu.render.cpu(), cpu.render, rtol=1e-4, atol=1e-4)
@@ -234,7 +232,7 @@ def test_what_makes_no_sense_is_refused_when_the_ranges_are_given(words, argumen
 )
 def test_what_does_not_fit_together_is_refused(words, arguments):
     with pytest.raises(ValueError, match=words):
-        draft()(*arguments)
+        RandomDefocus()(*arguments)
 
 
 LOOK = {
@@ -252,8 +250,8 @@ LOOK = {
 def test_each_option_of_the_look_is_drawn_within_its_range_and_shows(name):
     near = torch.full((2, 1, *SIZE), 700.0)
     known = {"foclen": 85.0, "fnum": 1.4, "foc_dist": 3000.0, "blades": 6, "left_right": True}
-    plain, _ = draft(**known)(image(2), near, [4, 10])
-    views, lenses = draft(**known, **{name: Distribution("uniform", LOOK[name])})(
+    plain, _ = RandomDefocus(**known)(image(2), near, [4, 10])
+    views, lenses = RandomDefocus(**known, **{name: Distribution("uniform", LOOK[name])})(
         image(2), near, [4, 10]
     )
     drawn = getattr(lenses, name).tolist()
@@ -266,7 +264,7 @@ def test_each_option_of_the_look_is_drawn_within_its_range_and_shows(name):
 
 def test_blades_that_are_drawn_away_have_no_curvature():
     blades = Distribution("choice", (0, 6))
-    _, lenses = draft(blades=blades, curvature=0.5)(
+    _, lenses = RandomDefocus(blades=blades, curvature=0.5)(
         image(1).expand(8, -1, -1, -1), depth(8), range(8)
     )
     assert {(0.0, 0.0), (6.0, 0.5)} == set(

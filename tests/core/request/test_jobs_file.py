@@ -23,7 +23,7 @@ kinds = ["render", "coc"]
 format = "jpeg"
 preview = true
 [machine]
-quality = "draft"
+quality = "high"
 depth-repair = "off"
 """
     outputs = Outputs(tmp_path / "o", overwrite=True)
@@ -33,7 +33,7 @@ depth-repair = "off"
     assert job.reading == Reading(**taken, depth_repair="off")
     kinds = ("render", "coc")
     assert job.outputs == Outputs(tmp_path / "o", kinds, "jpg", preview=True, overwrite=True)
-    assert job.machine == Machine("draft", device="cpu", threads=3)
+    assert job.machine == Machine("high", device="cpu", threads=3)
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nexr-type = "float"\n')
     assert job.outputs.exr_type == "float"
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nformat = "jpg"\njpeg-quality = 80\n')

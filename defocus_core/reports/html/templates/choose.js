@@ -1,5 +1,5 @@
-// The page to choose on: a click sets the focus, a slider the blur; the nearest draft is shown.
-const { drafts, focuses, strengths, metric, near, command } = own;
+// The page to choose on: a click sets the focus, a slider the blur; the nearest picture is shown.
+const { renders, focuses, strengths, metric, near, command } = own;
 const slider = $("strength"), [input, depth] = items[0].layers;
 const choice = { place: own.place, strength: own.strength, focus: 0 };
 
@@ -18,11 +18,11 @@ async function choose(place, strength) {
   slider.value = strength;
   slider.setAttribute("aria-valuetext", words);
   Object.assign(items[0], {
-    layers: [input, drafts[choice.focus][strength], depth],
+    layers: [input, renders[choice.focus][strength], depth],
     commands: [["Command", `${command} ${option} ${focus}`]],
     facts: [
       ["In focus", `${inWords(value)}, at ${place}`],
-      ["Shown", `the nearest of ${focuses.length} × ${strengths.length} small drafts made beforehand: ${nearest} in focus, ${words}. The command renders what is chosen, at full size.`],
+      ["Shown", `the nearest of ${focuses.length} × ${strengths.length} small pictures made beforehand: ${nearest} in focus, ${words}. The command renders what is chosen, at full size.`],
     ],
   });
   view.mark = place;

@@ -25,11 +25,11 @@ from defocus_core.batch.workers import pipeline, run
 from defocus_core.errors import InputError
 from defocus_core.io.images.color_space import linear_to_srgb
 
-DRAFT = '[machine]\nquality = "draft"\n'
+HIGH = '[machine]\nquality = "high"\n'
 
 
 def carried_out(folder, text, name="out"):
-    todo, out = jobs(folder, text + DRAFT, inputs=INPUTS, out=name), folder / name
+    todo, out = jobs(folder, text + HIGH, inputs=INPUTS, out=name), folder / name
     execution = run.Execution(pipeline.execute)
     summary = run.run(todo, out, execution, batch_report.BatchReport(each=False))
     return summary, list(Ledger(out).records())
@@ -186,7 +186,7 @@ def batch(tmp_path_factory):
     pictures(folder)
     text = LENS + "focus = '2m'\n[sweep]\nfnumber = [2, 4]\n[split]\ntrain = 0.5\ntest = 0.5\n"
     text += "[outputs]\nkinds = ['render', 'coc']\nformat = 'png'\n"
-    jobs = jobs_file(folder, text + DRAFT, inputs=INPUTS)
+    jobs = jobs_file(folder, text + HIGH, inputs=INPUTS)
     words = ("--processes", "1", "--threads", "1", "--shards-size", "1MB")
     assert run_command("batch", jobs, "-o", folder / "out", *words).code == 0
     return folder / "out"
@@ -213,7 +213,7 @@ def test_each_sample_that_is_read_is_true_after_kills(tmp_path):
     moments, killed = random.Random(9), 0
     seeds = itertools.count(1)
     while killed < 20:
-        text = LENS + SAMPLE.replace("seed = 7", f"seed = {next(seeds)}") + DRAFT
+        text = LENS + SAMPLE.replace("seed = 7", f"seed = {next(seeds)}") + HIGH
         words = ["batch", str(jobs_file(tmp_path, text, inputs=INPUTS)), "-o"]
         command = [sys.executable, "-m", "defocus_cli", *words, str(tmp_path / "out")]
         process = subprocess.Popen([*command, "--processes", "1"], stderr=subprocess.DEVNULL)

@@ -88,7 +88,7 @@ def test_the_index_reads_as_samples(tmp_path):
     assert second.lens == Lens(50.0, 2.0, math.inf, focus_at=(3, 4))
     assert first.files == {"render": tmp_path / "render/a.png", "coc": tmp_path / "coc/a.exr"}
     assert first.inputs["depth"] == tmp_path / "depth.exr"
-    assert (first.size, first.coc_px, first.quality) == ((4, 3), (-1, 2.5), "draft")
+    assert (first.size, first.coc_px, first.quality) == ((4, 3), (-1, 2.5), "high")
     assert first.record["version"] == "1"
     (tmp_path / "metadata.jsonl").write_text('{"sample_id": "a"}\n')
     with refuses("malformed", field="line 1"):

@@ -29,7 +29,7 @@ def out(tmp_path_factory):
         "lens": {"focal-length": "50mm", "fnumber": 2},
         "sweep": {"focus": ["1.5m", "inf"]},
         "outputs": {"kinds": ["left", "coc", "image"], "exr-type": "float"},
-        "machine": {"quality": "draft"},
+        "machine": {"quality": "high"},
     }
     run_batch(tables, folder / "out")
     return folder / "out"

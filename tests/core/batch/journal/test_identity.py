@@ -39,7 +39,7 @@ def test_where_and_by_whom_it_is_done_is_no_part_of_a_job():
         {"reading": Reading(depth_unit="cm")},
         {"outputs": Outputs(Path("out"), kinds=("render", "coc"))},
         {"outputs": Outputs(Path("out"), exr_type="float")},
-        {"machine": Machine(quality="draft")},
+        {"machine": Machine(quality="high")},
         {"reading": Reading(depth_repair="off")},
         {"reading": Reading(edge_width=4.0)},
         {"suffix": "_f2"},

@@ -26,7 +26,7 @@ WHOLE = {
     "message": None,
     "settings": {},
     "inputs": {"color": {"path": "a.exr"}},
-    "quality": "draft",
+    "quality": "high",
     "version": "1",
     "warnings": [],
     "seconds": {"render": 1.0},
@@ -168,9 +168,9 @@ def test_a_full_disk_leaves_the_journal_as_it_was(path, monkeypatch):
 def test_the_last_line_holds_whatever_its_clock_said_and_shards_come_last(path):
     early, late = (f"2026-01-01T00:00:0{second}+00:00" for second in (1, 2))
     out, shard = path.parent, journal_path(path.parent, Shard(1, 2))
-    write(path, record("a", finished=late, quality="draft"))
-    write(path, record("a", finished=early, quality="high"), record("b", quality="draft"))
-    write(shard, record("b", finished=early, quality="high"))
+    write(path, record("a", finished=late, quality="high"))
+    write(path, record("a", finished=early, quality="reference"), record("b", quality="high"))
+    write(shard, record("b", finished=early, quality="reference"))
     before = list(Ledger(out).records())
     assert {one.sample_id: one.quality for one in before} == {"a": "high", "b": "high"}
     copy = shard.read_bytes()

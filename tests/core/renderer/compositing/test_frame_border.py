@@ -5,9 +5,8 @@ import math
 import pytest
 import torch
 from measures import worst
-from scenes import QUALITIES
 
-from defocus_core import Aperture, render
+from defocus_core import QUALITIES, Aperture, render
 from defocus_core.renderer.compositing.sight import fraction_in_frame
 from defocus_core.tensors.box import Box
 

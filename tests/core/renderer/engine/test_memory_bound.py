@@ -48,7 +48,7 @@ for case in sys.argv[1:]:
 # Kind, height, width, radius, quality, views and threads.
 _CASES = (
     *("thin 384 576 24 high centre 2", "cards 512 768 40 standard centre 1"),
-    *("lights 720 1280 16 standard pair 1", "floor 1080 1920 32 draft centre 2"),
+    *("lights 720 1280 16 standard pair 1", "floor 1080 1920 32 standard centre 2"),
 )
 
 

@@ -54,17 +54,6 @@ def test_no_window_is_as_high_as_a_high_frame():
     assert max(pixels.largest, radii.largest) < 1500
 
 
-def test_cells_of_a_draft_are_held_if_there_is_room(no_room):
-    image, radius = scenery("cards", 512, 512, 12.0)
-    whole, looked_at = render(image, radius, quality="draft"), {}
-    for hold in (False, True):
-        pixels = Windows(image)
-        renderer = Renderer(Scene(pixels, Windows(radius)), Settings(quality="draft"), hold=hold)
-        assert same(put_together(renderer), whole)
-        looked_at[hold] = pixels.looked_at / radius.numel()
-    assert looked_at[True] < 5.5 < 9 < looked_at[False]
-
-
 def test_half_colour_is_rendered_as_the_same_colour_in_float():
     image, radius = scenery("most", 200, 300, 5.0)
     pictures = put_together(Renderer(Scene(image.half(), radius)))

@@ -124,14 +124,6 @@ def test_a_crossing_out_of_focus_leaves_no_hole_in_a_wall_in_focus(quality, step
     assert max(float(wall.diff(dim=dim).abs().max()) for dim in (0, 1)) < step
 
 
-def test_beside_a_wire_a_draft_has_no_line():
-    """What is in focus is as it was only where it is seen, not where it shows behind a wire."""
-    image, radius = crossing()
-    frame = image.repeat(1, 3, 3), radius.repeat(3, 3)  # a smaller draft is the standard
-    wall = render(*frame, quality="draft").render[0, 8:26, :38]
-    assert wall.diff(dim=1).abs().max() < 0.1
-
-
 @pytest.mark.parametrize("kind", ["street", "random"])
 def test_how_far_an_edge_shows_is_the_greatest_cone(kind):
     radius = street()[1] if kind == "street" else random_radius(SIZE)

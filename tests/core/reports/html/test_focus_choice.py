@@ -19,8 +19,8 @@ from defocus_core.reports.html.focus_choice import focuses_of
 
 WIDTH, HEIGHT = 96, 64
 PIXELS = """(async () => {
-  await thumbOf(layerOf("draft"));
-  return [...bestGrid(layerOf("draft")).data];
+  await thumbOf(layerOf("render"));
+  return [...bestGrid(layerOf("render")).data];
 })()"""
 
 
@@ -79,7 +79,7 @@ class Choice(Page):
 def rendered(words, folder):
     """What the command of a page renders, in sRGB."""
     with chdir(folder):
-        ran = run(*words[1:], "--quality", "draft")
+        ran = run(*words[1:])
         assert ran.code == 0, ran.err
         pixels = read_color(Path(words[words.index("-o") + 1])).pixels
     return linear_to_srgb(np.clip(pixels, 0, 1))
@@ -101,7 +101,7 @@ def test_a_click_shows_the_picture_of_the_command_below_it(page, options, folder
         pictures.append(opened.shown)
         made = rendered(opened.command, folder)
         assert np.sqrt(((made - pictures[-1]) ** 2).mean()) < 0.04  # of a JPEG of noise
-        assert "nearest of 2 × 5 small drafts" in opened.text("#details")
+        assert "nearest of 2 × 5 small pictures" in opened.text("#details")
     (near, far), half = pictures, WIDTH // 2
     for one, other, columns in ((near, far, slice(8, half - 8)), (far, near, slice(half + 8, -8))):
         assert one[:, columns].std() > 2 * other[:, columns].std(), "in focus is sharp"
@@ -116,7 +116,7 @@ def test_the_page_has_the_tools_of_every_report(folder, browser):
         opened.wait(f"document.getElementById('readout').textContent.endsWith('{value}  (R G B)')")
         alone = opened.pixel(0.3, 0.4)
         opened.press("s")
-        assert opened.text("#badge").startswith("input | draft")
+        assert opened.text("#badge").startswith("input | render")
         opened.page.fill("#split", "200")
         assert opened.pixel(0.3, 0.4) == alone
         opened.press("[", "[")
