@@ -12,7 +12,6 @@ from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - 
 
 from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.batch.workers import pipeline
-from defocus_core.picture import forecast
 from defocus_core.tensors import derived
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
@@ -60,12 +59,8 @@ EXECUTE = WorkerConfig.execute
 
 @pytest.fixture(autouse=True, scope="session")
 def machine():
-    """A machine that does 10^9 units of work in a second, and local batches in this process.
-
-    Another process takes 2 s to import torch.
-    """
+    """Local batches in this process: another takes 2 s to import torch."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(forecast, "work_per_second", lambda device, threads: 1e9)
         here = lambda c: pipeline.execute if c.scheduler == "local" else EXECUTE(c)  # noqa: E731
         patch.setattr(WorkerConfig, "execute", here)
         yield

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from command_line import LENS, read_exr, run, succeed, write_exr
-from shots import still
+from command_line import read_exr, run, succeed, write_exr
 
 from defocus_core import Aperture, DualPixel, render
 
@@ -93,18 +92,6 @@ def test_the_vertical_disparity_is_that_of_the_help(at, options, words, tmp_path
     left, right = (centroid(read_exr(tmp_path / side / "a.exr")["G"]) for side in ("left", "right"))
     share = (right[1] - left[1]) / (right[0] - left[0])
     assert 100 * abs(share) == pytest.approx(figure("look", words), abs=2)
-
-
-def test_shots_are_as_steady_as_the_help_says(tmp_path):
-    patterns = still(tmp_path)
-    deviations = []
-    for words in ((), ("--no-steady",)):
-        succeed("render", *LENS, *patterns, "-o", tmp_path / "o", "--overwrite", *words)
-        files = sorted((tmp_path / "o" / "render").iterdir())
-        shown = np.stack([read_exr(file)["G"][8:-8, 8:-8] for file in files])
-        deviations.append(np.asarray(shown, np.float64).std(0).mean())
-    said = figure("shots", "deviation over time falls to N of what")
-    assert deviations[0] / deviations[1] == pytest.approx(said, abs=0.01)
 
 
 def test_the_line_of_compare_is_one_that_it_prints(here):

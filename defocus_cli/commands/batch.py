@@ -44,7 +44,7 @@ from defocus_core.system.process import cores
 @option("--new-only", "Leave what has outputs, whatever changed: do what has none yet.")
 @dataset_options
 @html_option("Write a report to look at in a browser, with the pictures in it.")
-@option("--dry-run", "Say what is to do, in what time and space; stop.")
+@option("--dry-run", "Say what is to do, why, and in how much memory; stop.")
 @json_option
 @verbose_option
 @crew_options
@@ -107,7 +107,8 @@ def command(
     if dry_run:
         from defocus_cli.words import dry_run as dry_runs
 
-        dry_runs.report_batch(jobs, out, execution, crew.count, as_json=as_json, verbose=verbose)
+        plan = run.make_plan(jobs, out, execution)
+        dry_runs.report(plan, crew.count, each=verbose, as_json=as_json)
         return
     report = batch_report.BatchReport(each=verbose, keep=as_json, verbose=verbose)
     with report.bar("job"):

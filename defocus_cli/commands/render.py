@@ -45,8 +45,7 @@ not know, and pictures that another lens took, are not replaced: give another OU
 Kinds:
 {_KINDS}
 
---dry-run opens the inputs and renders nothing but a small made picture, to know how fast this
-machine is.
+--dry-run opens the inputs and renders nothing.
 
 \b
 Examples:
@@ -74,7 +73,7 @@ Examples:
 @verbose_option
 @option(
     "--dry-run",
-    "Say what would be read and written, how long it takes and in how much memory, and stop.",
+    "Say what would be read and written, and in how much memory, and stop.",
 )
 def command(
     color: Path,
@@ -117,7 +116,7 @@ def command(
         from defocus_cli.words import dry_run as dry_runs
 
         plan = make_plan(jobs, outputs.root, execution(pipeline.execute))
-        dry_runs.report_pictures(jobs, plan, as_json=as_json)
+        dry_runs.report(plan, 1, each=True, as_json=as_json)
         return
     if shot.contact is not None:
         from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet

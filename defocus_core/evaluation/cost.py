@@ -1,9 +1,4 @@
-"""The cost of a rendering: its work beforehand, and its launches.
-
-Slices, tiles and regions follow from the rules of the renderer. One pass over the radii tells which
-slices reach which tiles, and counts the pixels at depth edges, behind which content is invented.
-The unit of work is about that of copying one pixel; the caller measures how many units a machine
-does in a second.
+"""The launches of a rendering.
 
 Launches are what a rendering asks of a device, counted on any. A GPU takes some µs to begin an
 operation, and a host that reads a value waits until all before it is done. Views are free. On a CPU
@@ -20,26 +15,6 @@ from torch import Tensor
 from torch.utils._python_dispatch import TorchDispatchMode
 from torch.utils._pytree import tree_leaves
 
-from defocus_core.depth.matting import EDGE
-from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.memory_bound import around, computed_regions
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.layers.slice_radii import slice_position
-from defocus_core.renderer.layers.sliced_surface import blocks_of, visible_slices
-from defocus_core.tensors.box import BLOCK, Box
-from defocus_core.tensors.neighbourhoods import extreme_around
-from defocus_core.tensors.source import Pixels
-
-# Units of work, fitted to the times of 42 pictures of seven kinds, within a factor of two: of a
-# picture; of a sample (one channel of a pixel) that is computed, or in a slice of a tile; of a
-# sample at an edge, for each px of blur, and how many times as much that is where hidden content
-# is not halved.
-_PICTURE, _COMPUTED, _SLICED, _BEHIND, _AT_FULL_SIZE = 3e6, 15.0, 4.0, 66.0, 5.0
-# Work of slices by a pupil that changes over the frame, as a multiple of that of one pupil.
-_FIELD = 3.0
-# Work of layers as a multiple of that of their picture in focus.
-_LAYERED = 3.0
-_STRIP = 1 << 20  # pixels of the radii to read at once
 # Operations whose result decides the size of a tensor, or is a number of the host.
 _WAITED = {
     *("_local_scalar_dense", "nonzero", "masked_select", "equal", "bincount", "is_nonzero"),
@@ -51,60 +26,6 @@ _FREE = {
     *("empty", "empty_like", "empty_strided", "new_empty", "new_empty_strided"),
     *("_unsafe_view", "lift_fresh", "_local_scalar_dense", "resolve_conj", "resolve_neg"),
 }
-
-
-def cost(renderer: Renderer) -> float:
-    """Units of work of rendering a picture; its radii are read once."""
-    frame, radius = renderer.frame, renderer.scene.signed_radius
-    grids = computed_regions(renderer)
-    tiles = [tile for grid in grids for tile in grid.tiles]
-    blocks, edges = _visible_blocks(frame, radius)
-    plan = visible_slices(blocks, frame.slices.visible.reaches, tiles) if tiles else []
-    samples = renderer.scene.image.shape[0] + 1
-    read = sum(around(frame, grid).area for grid in grids)
-    full_size = 1.0 if frame.quality.hidden_level else _AT_FULL_SIZE
-    pixels = renderer.size[0] * renderer.size[1]
-    sliced = _SLICED if frame.settings.field is None else _SLICED * _FIELD
-    work = (
-        pixels * frame.views
-        + _COMPUTED * (1.4 if frame.settings.left_right else 1.0) * read
-        + sliced * (1 + len(frame.division.parts) / 4) * _samples_sliced(frame, tiles, plan)
-        + _BEHIND * full_size * edges * max(map(abs, frame.content.limits))
-    )
-    if renderer.scene.layered is not None and renderer.scene.layered.deepest > 1:
-        work *= _LAYERED
-    return _PICTURE + samples * work
-
-
-def _visible_blocks(frame: SharedFrame, radius: Pixels) -> tuple[Tensor, int]:
-    """Blocks [K, rows, columns] in which slices have pixels, and the number of pixels at edges."""
-    (height, width), blocks, edges = frame.size, [], 0
-    rows = max(1, _STRIP // width // BLOCK) * BLOCK
-    for first in range(0, height, rows):
-        band = radius[first : first + rows].detach()
-        blocks.append(
-            blocks_of(
-                slice_position(band.to(frame.dtype), frame.slices.radii), len(frame.slices.radii)
-            )
-        )
-        if frame.content.edges:
-            minimum, maximum = (
-                extreme_around(band, 1, end) for end in (torch.minimum, torch.maximum)
-            )
-            edges += int((maximum - minimum > EDGE).sum())
-    return torch.cat(blocks, 1), edges
-
-
-def _samples_sliced(frame: SharedFrame, tiles: list[Box], plan: list[list[int]]) -> float:
-    """Pixels of tiles with margins, at the resolution of each slice that reaches them."""
-    total = 0.0
-    for tile, slice_indices in zip(tiles, plan, strict=True):
-        for slice_index in slice_indices:
-            window = frame.slices.visible.windows[slice_index]
-            if window.margin:
-                step, margin = 1 << window.level, 2 * window.margin
-                total += (tile.height / step + margin) * (tile.width / step + margin)
-    return total
 
 
 class Launches(TorchDispatchMode):

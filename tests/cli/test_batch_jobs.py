@@ -31,7 +31,7 @@ def test_a_dry_run_of_a_shard_and_of_a_limit_counts_what_is_left(tmp_path):
     pictures(tmp_path)
     text = LENS + SAMPLE.replace("n = 4", "n = 10").replace('"render", ', "")
     told = batch(tmp_path, text, "--dry-run", "--json", "--shard", "1/2").json
-    assert told["forecast"]["pictures"] == told["todo"] == 10
+    assert told["todo"] == told["looked_at"] == 10
     batch(tmp_path, text, "--shard", "1/2")
     told = batch(tmp_path, text, "--dry-run", "--json", "--limit", "6").json
     assert (told["done_before"], told["todo"], told["beyond_limit"]) == (10, 6, 4)

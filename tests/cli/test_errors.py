@@ -511,7 +511,7 @@ def test_names_that_would_steer_a_terminal_are_told_escaped(color, depth, out):
         assert f"{told}: " in ran.err
         assert f"/{told}.exr" in ran.err
         assert "\x1b" not in ran.err
-    for ran in (run("info", odd), render(odd, depth, "-o", out, "--dry-run")):
+    for ran in (run("info", odd), render(odd, depth, "-o", "new", "--dry-run")):
         assert told in ran.out
         assert "\x1b" not in ran.out
 

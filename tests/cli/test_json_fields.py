@@ -84,7 +84,6 @@ def lines(command, desk):
         "render": [(*pair, *LENS, "-o", desk / "r")],
         "render --dry-run": [(*pair, *LENS, "-o", desk / "r2")],
         "batch": [(jobs, "-o", desk / "b3", *CREW)],
-        "batch --dry-run": [(jobs, "-o", desk / "b2", *CREW)],
         "status": [(desk / "b",), (desk / "f",)],
         "report": [(desk / "b",)],
         "merge": [(desk / "b",)],

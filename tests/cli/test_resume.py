@@ -309,9 +309,9 @@ def test_what_a_kill_left_of_the_index_and_of_shards_is_removed_by_the_next_run(
 def test_a_dry_run_says_what_was_done(folders, out):
     again(folders, out)
     (out / "coc" / "b.exr").unlink()
-    told = again(folders, out, "--dry-run", "--json").json["pictures"]
-    assert [picture["done_before"] for picture in told] == [True, False, True]
-    assert "a: done before" in again(folders, out, "--dry-run").out
+    told = again(folders, out, "--dry-run", "--json").json
+    assert (told["done_before"], [each["stem"] for each in told["pictures"]]) == (2, ["b"])
+    assert "2 jobs done before, 1 to do" in again(folders, out, "--dry-run").out
 
 
 def test_another_picture_of_the_same_name_is_refused(tmp_path, out, computed):

@@ -178,16 +178,6 @@ def test_what_fits_into_half_of_the_memory_is_held(tmp_path, monkeypatch):
     assert pair_ == pytest.approx(arrays_mb + 2 * 6 * math.prod(size) / memory.MB)
 
 
-def test_a_dry_run_says_how_much_scratch_and_where(tmp_path, scratch, monkeypatch):
-    monkeypatch.setenv("TMPDIR", str(tmp_path))
-    monkeypatch.setattr("tempfile.tempdir", None)
-    args = (*frames(tmp_path, "exr"), "-o", tmp_path / "out", "--dry-run")
-    assert f"MB of scratch in {tmp_path}" in render(*args).out
-    told = render(*args, "--json").json["pictures"][0]["forecast"]
-    assert told["scratch_mb"] > 0
-    assert told["scratch_folder"] == str(tmp_path)
-
-
 def test_scratch_is_told_of_in_many_words(tmp_path, scratch):
     ran = render(*frames(tmp_path, "exr"), "-o", tmp_path / "out", "-v")
     assert f"MB of scratch in {arrays.scratch_folder()}" in ran.err

@@ -8,7 +8,6 @@ from counting import calls
 from windows import KINDS, Windows, put_together, same
 
 from defocus_core import render
-from defocus_core.evaluation.cost import cost
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.blur import kernel_bank
 from defocus_core.renderer.engine.renderer import Renderer
@@ -68,12 +67,6 @@ def test_a_known_layer_is_read_through_windows_too():
     assert not torch.equal(whole.render, render(image, radius).render)
     renderer = Renderer(Scene(image, radius, hidden=(*map(Windows, known),)))
     assert same(put_together(renderer), whole)
-
-
-def test_costs_are_the_same_through_windows_and_of_tensors():
-    image, radius = scenery("lights", 1100, 200, 6.0)
-    of_windows = cost(Renderer(Scene(Windows(image), Windows(radius))))
-    assert of_windows == cost(Renderer(Scene(image, radius)))
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "hidden"])
