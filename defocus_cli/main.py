@@ -43,7 +43,6 @@ COMMANDS = {
     "render": "Defocus pictures: colour and depth in, render, left, right, coc out.",
     "batch": "Do the jobs of a file: many pictures, many lenses; go on where it was stopped.",
     "status": "Say how far the batch in a directory is.",
-    "report": "Write a batch as a page to look at.",
     "merge": "Make one journal of those of all shards.",
     "choose": "Write a page on which to choose focus and blur.",
     "info": "Say what is in a file: size, channels, depth range, blur with a lens.",

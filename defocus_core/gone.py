@@ -35,6 +35,8 @@ class Gone(NamedTuple):
 _APART = "compare twice, with ‹mask› and with ‹ignore-mask›"
 GONE: dict[str, tuple[Gone, ...]] = {
     "0.2.0": (
+        Gone("command", "report", "give the batch's command again with ‹contact› 12"),
+        Gone("option", "html", "write ‹contact› 12 for a sheet of pictures", "batch"),
         Gone("command", "retry", "give the batch's own command again, it does failed jobs"),
         Gone("key", "match", "draw the lenses in ranges, like those of the set", "[sample]"),
         Gone("option", "match", "draw the lenses of a set in [sample] of a jobs file", "fit"),

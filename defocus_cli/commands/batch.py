@@ -11,8 +11,8 @@ from defocus_cli.options.shared import (
     FilePath,
     GroupedCommand,
     check_inputs_option,
+    contact_option,
     dataset_options,
-    html_option,
     json_option,
     option,
     verbose_option,
@@ -26,7 +26,6 @@ from defocus_core.batch.workers.run import Execution
 from defocus_core.errors import UsageProblem
 from defocus_core.request.job import Outputs
 from defocus_core.request.jobs_file import read_batch
-from defocus_core.system.process import cores
 
 
 @click.command("batch", cls=GroupedCommand)
@@ -43,7 +42,7 @@ from defocus_core.system.process import cores
 @option("--overwrite", "Do all again, whatever was done before.")
 @option("--new-only", "Leave what has outputs, whatever changed: do what has none yet.")
 @dataset_options
-@html_option("Write a report to look at in a browser, with the pictures in it.")
+@contact_option
 @option("--dry-run", "Say what is to do, why, and in how much memory; stop.")
 @json_option
 @verbose_option
@@ -58,7 +57,7 @@ def command(
     overwrite: bool,
     new_only: bool,
     shards_size: int | None,
-    html: Path | None,
+    contact: int | None,
     dry_run: bool,
     as_json: bool,
     verbose: bool,
@@ -82,7 +81,7 @@ def command(
     Examples:
       defocus batch jobs.toml -o out
       defocus batch jobs.toml -o out --dry-run
-      defocus batch jobs.toml -o out --html out.html
+      defocus batch jobs.toml -o out --contact 12
       defocus batch jobs.toml -o out --shard $SLURM_ARRAY_TASK_ID/8
       defocus batch jobs.toml -o out --scheduler tcp://head:8786
     """  # noqa: D301  click reads the backspace
@@ -110,17 +109,19 @@ def command(
         plan = run.make_plan(jobs, out, execution)
         dry_runs.report(plan, crew.count, each=verbose, as_json=as_json)
         return
+    if contact is not None:
+        from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
+
+        kind_of_sheet(jobs)
     report = batch_report.BatchReport(each=verbose, keep=as_json, verbose=verbose)
     with report.bar("job"):
         summary = run.run(jobs, out, execution, report)
     for line in batch_report.summary_lines(summary):
         console.stderr(line)
     written = list(summary.written)
-    if html is not None:
-        from defocus_core.reports.html import batches
-
-        batches.write(out, html, {job.sample_id for job in jobs}, cores())
-        written.append(html)
+    if contact is not None and (sheet := write_contact_sheet(jobs, contact)):
+        console.stderr(f"contact sheet -> {sheet}")
+        written.append(sheet)
     if as_json:
         record = batch_report.run_record(summary, report, jobs)
         console.print_json(**record, written=[str(path) for path in written])

@@ -17,6 +17,7 @@ from defocus_cli.options.shared import (
     Decorator,
     FilePath,
     bundle,
+    contact_option,
     lens_option,
     option,
     output_option,
@@ -159,18 +160,12 @@ class ShotOptions:
 def shot_options(command: Command) -> Command:
     """Hand a command ``shot``."""
     rows = (INPUT_OPTIONS["frames"], INPUT_OPTIONS["missing"], *SHOT_OPTIONS.values())
-    contact = option(
-        "--contact N",
-        "Also write N of the pictures, small, to OUT/contact.png.",
-        click.IntRange(min=1, max=400),
-        heading="Shot",
-    )
 
     def make(contact: int | None, **values: Any) -> ShotOptions:
         frames, together = (given_options(values, rows) for rows in (INPUT_OPTIONS, SHOT_OPTIONS))
         return ShotOptions(frames, together, contact)
 
-    return bundle("shot", make, [*map(param_option, rows), contact])(command)
+    return bundle("shot", make, [*map(param_option, rows), contact_option])(command)
 
 
 def shot_lens_options(

@@ -87,7 +87,7 @@ class Quantity(click.ParamType[Any]):
 HEADING_TOPICS = {
     "Lens": ("look", "shots", "photo", "conventions"),
     "Shot": ("shots",),
-    "Output": ("conventions",),
+    "Output": ("conventions", "batch"),
     "Files": ("depth", "photo", "conventions"),
     "Machine": ("quality", "batch"),
 }
@@ -270,6 +270,12 @@ def verbose_option(command: Command) -> Command:
     text = "Say more, on stderr."
     verbose = option("-v --verbose", text, is_eager=True)
     return verbose(quiet(command))
+
+
+def contact_option(command: Command) -> Command:
+    """Hand a command ``contact``: the number of pictures on a contact sheet, None for no sheet."""
+    text = "Also write N of the pictures, small, to OUT/contact.png."
+    return output_option("--contact N", text, click.IntRange(min=1, max=400))(command)
 
 
 def html_option(text: str) -> Decorator:

@@ -229,7 +229,7 @@ def test_wrong_types_in_golden_json_are_told(samples, tmp_path):
 def test_a_failed_record_without_a_message_is_reported(tmp_path):
     failed = record(tmp_path, "a", status="failed", reason="fault", message=None)
     journal_path(tmp_path).write_text(json.dumps(failed) + "\n")
-    for words in (("status", tmp_path), ("report", tmp_path)):
+    for words in (("status", tmp_path), ("merge", tmp_path)):
         ran = run(*words)
         assert "unexpected" not in ran.err, ran.err
         assert ran.code in (0, 1)
@@ -327,7 +327,7 @@ def test_whole_numbers_beyond_all_floats_are_no_toml(over, tmp_path):
 def test_a_record_of_wrong_types_is_told(key, value, tmp_path):
     lines = [json.dumps(record(tmp_path, "a") | more) + "\n" for more in ({key: value}, {})]
     journal_path(tmp_path).write_text("".join(lines))
-    for command in ("status", "report", "merge"):
+    for command in ("status", "merge"):
         refused(run(command, tmp_path), 3, "damaged", "journal.jsonl")
 
 

@@ -214,7 +214,7 @@ depth z.exr coc.exr -o z2.exr → \
 2 one-file --out: is one file, and there are 2 to convert; name a directory, without .exr
 depth z.exr -o depth.png → \
 2 malformed --out: ends in .png, and depth is written as EXR; end it in .exr, or name a directory
-report done --html page.png → \
+compare rgb.exr rgb.exr --html page.png → \
 2 malformed page.png: is the name of a picture, not of a report; end its name in .html
 depth z.exr -o small.exr → \
 3 exists small.exr: is there already; say --overwrite, or name another output

@@ -178,7 +178,7 @@ def test_a_colour_profile_that_is_none_is_said_and_left_out(name, profile, depth
     assert b"iCCP" not in (out / "render" / "a.png").read_bytes()
 
 
-@pytest.mark.parametrize("command", ["info", "depth", "status", "report", "merge"])
+@pytest.mark.parametrize("command", ["info", "depth", "status", "merge"])
 def test_more_can_be_said_of_an_error_as_its_line_asks_for(command, tmp_path):
     out = ("-o", tmp_path / "o.exr") * (command == "depth")
     assert "no such option" not in run(command, tmp_path, *out, "-v").err

@@ -1,60 +1,16 @@
-"""``--html`` and ``defocus report``: what the reports hold, and that their commands do it."""
+"""``--html``: what the reports hold, and that their commands do it."""
 
-import json
 import shutil
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 from batches import jobs_file
-from command_line import files_under, pair, read_exr, refused, run, write_exr
+from command_line import refused, run, write_exr
 from html_reports import item, items, keys, run_command
 from planted_faults import planes, scene, write_planes
-
-DUAL = """
-[inputs]
-color = "rgb/*.exr"
-depth = "depth/*.exr"
-[lens]
-focal-length = "50mm"
-fnumber = 2
-focus = "2m"
-blades = 6
-blade-rotation = 15
-blade-curvature = 0.25
-sharp-range = "1.9m..2.1m"
-highlights = "0.9:1.5"
-[reading]
-depth-unit = "m"
-depth-scale = 0.7
-sky = 2.7
-[outputs]
-kinds = ["render", "left", "right", "coc", "trust"]
-exr-type = "float"
-"""
-PERCENTILE = """
-[inputs]
-color = "rgb/*.exr"
-depth = "depth/*.exr"
-[lens]
-focal-length = "50.5mm"
-fnumber = 2
-focus = "percentile(30)"
-sensor-width = "24mm"
-aperture-image = "star.exr"
-[reading]
-depth-range = ["1m", "5m"]
-depth-kind = "depth"
-radial = true
-fov = "60deg"
-[outputs]
-kinds = ["multiview"]
-[machine]
-quality = "high"
-"""
 
 
 @pytest.fixture
@@ -148,70 +104,6 @@ def test_only_needs_a_picture_that_it_matches(tmp_path):
     jobs = jobs_file(tmp_path)
     ran = run("golden", "update", jobs, tmp_path / "gold", "--only", "render/x.exr")
     refused(ran, 2, "empty", "only")
-
-
-def test_a_batch_shows_its_samples_and_how_to_render_them_again(tmp_path, here):
-    jobs = jobs_file(tmp_path, text=DUAL)
-    color, _ = pair(tmp_path, "c")
-    color.write_bytes(b"no picture")
-    file, alone = Path("batch.html"), ("--processes", "1", "--threads", "1")
-    assert run("batch", jobs, "-o", "out", "--html", file, *alone).code == 1
-    assert [(each["name"], each["status"]) for each in items(file)] == [
-        *(("c", "failed"), ("a", "done"), ("b", "done")),
-    ]
-    shown = item(file, "a")
-    assert keys(shown) == ["input", "render", "left", "right", "coc", "trust"]
-    assert shown["wiggle"] == ["left", "right"]
-    assert set(keys(shown, valued=True)) == {"input", "render", "coc", "trust"}
-    assert shown["facets"]["lens"].startswith("50mm f/2, focus 2m")
-    again = run_command(file, "a", "Render again", "--threads", "1")
-    assert again.code == 0, again.err
-    for name in ("render/a.exr", "coc/a.exr", "trust/a.exr"):
-        one, other = read_exr(Path("out") / name), read_exr(Path("again") / name)
-        assert all(np.array_equal(one[channel], other[channel]) for channel in one)
-    assert files_under(Path("again")) == {p for p in files_under(Path("out")) if "/a." in p}
-
-
-def test_views_in_one_file_wiggle_and_its_command_has_all_that_was_said(tmp_path, here):
-    star = np.zeros((32, 32), np.float32)
-    star[8:24, 12:20] = 1.0
-    write_exr(tmp_path / "star.exr", Y=star)
-    jobs = jobs_file(tmp_path, text=PERCENTILE)
-    for path in (tmp_path / "depth").iterdir():
-        write_exr(path, Z=np.linspace(0.1, 0.9, 384, dtype=np.float32).reshape(16, 24))
-    file = Path("batch.html")
-    ran = run("batch", jobs, "-o", "out", "--html", file, "--processes", "1", "--threads", "1")
-    assert ran.code == 0, ran.err
-    assert keys(item(file, "a")) == ["input", "left", "right"]
-    assert item(file, "a")["wiggle"] == ["left", "right"]
-    again = run_command(file, "a", "Render again", "--threads", "1")
-    assert again.code == 0, again.err
-    one, other = (read_exr(Path(out) / "multiview" / "a.exr") for out in ("out", "again"))
-    assert all(np.array_equal(one[channel], other[channel]) for channel in one)
-
-
-def test_a_finished_batch_is_reported_afterwards(tmp_path):
-    jobs, out = jobs_file(tmp_path), tmp_path / "out"
-    assert run("batch", jobs, "-o", out, "--html", tmp_path / "first.html").code == 0
-    ran = run("report", out)
-    assert (ran.code, ran.out) == (0, f"{out / 'report.html'}: 4 samples\n")
-    assert (out / "report.html").read_bytes() == (tmp_path / "first.html").read_bytes()
-    (out / "coc" / "a_focus2m.exr").unlink()
-    assert run("report", out, "--html", tmp_path / "later.html", "--json").json["samples"] == 4
-    assert keys(item(tmp_path / "later.html", "a_focus2m")) == ["input"]
-    refused(run("report", tmp_path), 3, "empty", tmp_path)
-
-
-def test_the_report_of_a_batch_has_its_card(tmp_path):
-    jobs, out = jobs_file(tmp_path), tmp_path / "out"
-    (tmp_path / "depth" / "b.exr").write_bytes(b"no depth")
-    assert run("batch", jobs, "-o", out).code == 1
-    assert run("report", out).code == 0
-    text = (out / "report.html").read_text()
-    card = text[text.index('<details id="card">') :].partition("</details>")[0]
-    assert "<td>coc/</td>" in card
-    (reason,) = json.loads((out / "card.json").read_text())["failures"]
-    assert f"<td>{reason}</td><td>2</td>" in card
 
 
 @pytest.mark.bench

@@ -85,7 +85,6 @@ def lines(command, desk):
         "render --dry-run": [(*pair, *LENS, "-o", desk / "r2")],
         "batch": [(jobs, "-o", desk / "b3", *CREW)],
         "status": [(desk / "b",), (desk / "f",)],
-        "report": [(desk / "b",)],
         "merge": [(desk / "b",)],
         "info": [
             (*LENS, *pair, desk / "bad.exr"),

@@ -104,13 +104,3 @@ def test_an_update_of_goldens_killed_at_any_step_goes_on(tmp_path):
     jobs.write_text(jobs.read_text().replace('"2m"]', '"3m"]').replace("50mm", "60mm"))
     told = stopped("kill", 11, tmp_path / "work", "--", "golden", "update", jobs, folder, *words)
     require_whole(told, -9)
-
-
-@pytest.mark.bench
-def test_a_report_killed_at_any_step_goes_on(tmp_path):
-    (tmp_path / "work").mkdir()
-    words = batch_of(tmp_path, "a", "b")
-    assert run(*words).code == 0
-    require_whole(
-        stopped("kill", 5, tmp_path / "work", "--", "report", tmp_path / "work" / "o"), -9
-    )

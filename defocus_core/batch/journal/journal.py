@@ -371,13 +371,6 @@ def _input_folder(folder: str, out: Path, base: str) -> str:
     return "" if found == Path() else f"{found.as_posix()}/"
 
 
-def input_place(recorded: str, out: Path) -> Path:
-    """A path of the journal, relative to the working directory."""
-    if Path(recorded).is_absolute():
-        return Path(recorded)
-    return Path(os.path.relpath(out.resolve() / recorded))
-
-
 class Journal:
     """A journal that records are appended to. Its one writer holds the lock of OUT."""
 

@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from defocus_core.batch.datasets.card import CardTable
-
 # Kinds of layer: light is shown as a screen shows it, with an exposure; a signed map is orange
 # below 0 and blue above; a share is from 0 to 1; another map is grey from its least to its greatest
 # value.
@@ -53,16 +51,14 @@ class Layer:
 class Item:
     """A row of the report."""
 
-    name: str  # of the pair, sample or shot
+    name: str  # of the pair
     status: str
     passes: bool  # whether all is well
     words: str = ""  # what is to be said in a line
     facts: Sequence[tuple[str, str]] = ()  # a term and what is to be said of it
     metrics: Mapping[str, float] = field(default_factory=dict)
-    facets: Mapping[str, str] = field(default_factory=dict)  # what items are grouped by, like lens
     commands: Sequence[tuple[str, str]] = ()  # a title and a command line
     layers: Sequence[Layer] = ()  # the first two are shown at first, if there are two
-    wiggle: tuple[str, ...] = ()  # keys of the left and the right view; empty if there are none
     full: float = 1.0  # the difference of the hottest colour
     place: tuple[int, int] | None = None  # column and row of the worst pixel
 
@@ -85,4 +81,3 @@ class Report:
     words: Sequence[str]  # what it is of, a line each
     items: Sequence[Item]  # the most important first
     columns: Sequence[Column]  # the numbers that the table shows
-    tables: Sequence[CardTable] = ()  # what sums the items up

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,7 +28,6 @@ from defocus_core.compare.picture import (
 )
 from defocus_core.compare.record import Comparison
 from defocus_core.errors import InputError
-from defocus_core.io.images.describe import describe
 from defocus_core.picture.preview import largest
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import HEAT, LIGHT, PLAIN, SHARE, SIGNED, Layer, StoredValues
@@ -41,10 +40,7 @@ A, B, DIFFERENCE = "a", "b", "difference"
 Box = tuple[int, int, int, int]  # x, y, width, height
 _LARGEST = 65504.0  # of half
 _LEVEL = 4  # of zlib: 6 takes twice the time for 3 % less
-VIEWS = ("left", "right")
-MAX_DRAWN = 2**27  # numbers of a file: 8192 x 4096 px of four channels
 _USUAL = 95  # per cent of the pixels that differ have less than the hottest colour
-_VIEW_SIDE = 960  # px of the thumbnails of views beside values
 
 
 def common_scale(planes: Sequence[NDArray[Any]]) -> float:
@@ -165,7 +161,7 @@ def window_of(size: tuple[int, int], place: tuple[int, int] | None) -> Box:
 
 
 def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) -> list[Layer]:
-    """All layers, with the values of those that are no views and of the size of the first.
+    """All layers, with the values of those of the size of the first.
 
     Values are of a window about a place; those of A and B have one scale. Where halves do not hold
     the values of A and B, their difference is a layer of its own.
@@ -175,7 +171,7 @@ def valued_layers(drawn: Sequence[Drawn], place: tuple[int, int] | None = None) 
     cut = {
         each.layer.key: [plane[y : y + height, x : x + width] for plane in each.planes]
         for each in drawn
-        if each.layer.key not in VIEWS and each.layer.size == size
+        if each.layer.size == size
     }
     shared = common_scale([plane for key in (A, B) for plane in cut.get(key, ())])
     layers, base = [], None
@@ -206,35 +202,6 @@ def _difference(
         planes = [np.subtract(new, old, dtype=np.float64) for old, new in zip(a, b, strict=True)]
     step = unit_scale(planes)
     return pack(half_bits(planes, step), box, step)
-
-
-def drawn_files(files: Iterable[tuple[str, Path]], *, values: bool) -> Iterator[Drawn]:
-    """The layers of files, each with its kind; those too large, or not readable, are left out."""
-    for title, path in files:
-        with suppress(InputError):
-            header = describe(path)
-            if header.pixels * max(len(part.channels) for part in header.parts) > MAX_DRAWN:
-                continue
-            picture = read_picture(path)
-            for key, names in _views(title, picture):
-                side = _VIEW_SIDE if values and key in VIEWS else thumbnails.SIDE
-                yield draw(key, key, picture, names, side=side)
-
-
-def _views(title: str, picture: DecodedPicture) -> Iterator[tuple[str, Sequence[str]]]:
-    """Key and channels of each view of a file of several, or of its picture."""
-    views = KINDS[title].views if title in KINDS else ()
-    if not views:
-        yield title, shown_channels(list(picture.planes))
-    for names in color_layers(list(picture.planes)) if views else ():
-        view = names[0].rpartition(".")[0] or views[0]
-        if view in views:
-            yield view, names
-
-
-def wiggle_of(layers: Sequence[Layer]) -> tuple[str, ...]:
-    """Keys of the left and the right view, where there are both."""
-    return VIEWS if {layer.key for layer in layers} >= set(VIEWS) else ()
 
 
 def draw_pair(record: Comparison, *, values: bool) -> tuple[list[Layer], float]:

@@ -43,14 +43,12 @@ KEYS = (
 )
 _REPORT_KEYS = (
     ("← → ↑ ↓", "previous or next item"),
-    ("w", "wiggle: left and right view in turn"),
-    ("c", "CoC over the picture; again: other maps, none"),
     ("g", "go to the worst pixel"),
     ("space", "play the items as a film"),
     ("/", "filter"),
 )
 # How a status looks: well, to be looked at, or bad.
-_TONES = {"same": "good", "done": "good", "ok": "good", "warning": "fair"}
+_TONES = {"same": "good", "warning": "fair"}
 ROOM = 38_500_000  # characters of items; the file is to have less than 40 MB
 _FRAME = 1500  # characters of an item beside its texts: names of layers, elements of the table
 _PACKED = 1.0  # halves that a character holds at most, where B is like A
@@ -62,7 +60,6 @@ def write_report(path: Path, report: Report) -> None:
     items = fitted(report.items)
     payloads: dict[str, str] = {}
     drawn = [plain(item, payloads) for item in items]
-    facets = dict.fromkeys(name for item in drawn for name in item["facets"])
     write_page(
         path,
         "report",
@@ -72,12 +69,10 @@ def write_report(path: Path, report: Report) -> None:
         report={
             "words": [*map(printable, report.words), _room_words(items)],
             "columns": report.columns,
-            "tables": plain(report.tables, payloads),
             "rows": drawn,
         },
         counts=Counter(item.status for item in items).items(),
         tones={item.status: _TONES.get(item.status, "bad") for item in items},
-        facets=[(f, sorted({d["facets"][f] for d in drawn if f in d["facets"]})) for f in facets],
         pictures=[_row_pictures(item) for item in drawn],
         number=lambda value: value if isinstance(value, str) else f"{value:.4g}",
         keys=_REPORT_KEYS + KEYS,
@@ -122,9 +117,9 @@ def plain(value: Any, payloads: dict[str, str]) -> Any:
 
 
 def _row_pictures(item: Mapping[str, Any]) -> list[str]:
-    """Payloads of the pictures of a row: of B, a rendering or what is first; the difference."""
+    """Payloads of the pictures of a row: of B, or what is first; the difference."""
     by_key = {layer["key"]: layer["thumbnail"] for layer in item["layers"]}
-    first = by_key.get(B) or by_key.get("render") or next(filter(None, by_key.values()), "")
+    first = by_key.get(B) or next(filter(None, by_key.values()), "")
     return [*filter(None, (first, by_key.get(DIFFERENCE, "")))]
 
 

@@ -1,4 +1,4 @@
-"""The command line that renders a picture as a record, or a lens and settings, say."""
+"""The command line that renders a picture as a lens and settings say."""
 
 from __future__ import annotations
 
@@ -6,50 +6,15 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.journal.journal import input_place
-from defocus_core.batch.journal.record import Record, Stamps
-from defocus_core.request.job import OTHERS, Machine, Picture
+from defocus_core.request.job import Machine, Picture
 from defocus_core.request.job_options import READING_OPTIONS
 from defocus_core.request.lens import DEFAULTS
-from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES, RECORDED
-from defocus_core.system.text import command_line
+from defocus_core.request.parameters import EFFECT_OPTIONS, RECORDED
 
-OUT = "again"  # where the command writes
 # Options by the keys of a record of a lens; its other keys say how the lens was chosen.
 _LENS = {**RECORDED, **EFFECT_OPTIONS}
-# What records round, and settings do not.
-_PAIRS = frozenset(key for key, row in EFFECT_OPTIONS.items() if row.separator)
 _CHOICE = frozenset({"focus_at_px", "focus_percentile", "max_coc_px", "draw"})
 _MACHINE = ("quality", "depth_repair", "tile")
-# Settings that a command line says; a frame of a shot needs the shot.
-_NEEDED = frozenset({"stem", "suffix", "lens", "reading", "outputs", "quality"})
-_SETTINGS = frozenset({"stem", "suffix", "lens", "reading", "outputs", *_MACHINE})
-
-
-def render_command(record: Record, out: Path) -> str:
-    """The command line that does a job again; empty where no command line says its settings."""
-    settings, inputs = record.settings, record.inputs
-    if record.taken is None or not settings.keys() >= _NEEDED or "depth" not in inputs:
-        return ""
-    picture = _picture(settings["stem"], inputs, out)
-    lens = {**record.taken.lens, **{k: v for k, v in settings["lens"].items() if k in _PAIRS}}
-    for name in LENS_FILES:
-        if name in inputs:
-            lens[name] = input_place(inputs[name].path, out)
-    if settings.keys() - _SETTINGS or lens.keys() - _LENS.keys() - _CHOICE:
-        return ""
-    return command_line(render_words(picture, OUT, lens, settings))
-
-
-def _picture(stem: str, inputs: Stamps, out: Path, prefix: str = "") -> Picture:
-    """The picture whose files have roles with a prefix."""
-    color, depth = (input_place(inputs[prefix + role].path, out) for role in ("color", "depth"))
-    others: dict[str, Any] = {
-        role: _picture(stem, inputs, out, f"{role}_")
-        for role in OTHERS
-        if not prefix and f"{role}_color" in inputs and f"{role}_depth" in inputs
-    }
-    return Picture(stem, color, depth, **others)
 
 
 def render_words(

@@ -47,7 +47,7 @@ const numeric = value => value === undefined ? NaN : Number(value);
 function matcher() {
   const tests = $("filter").value.toLowerCase().split(/\s+/).filter(Boolean).map(word => {
     const rule = RULE.exec(word);
-    if (!rule) return each => `${each.name} ${each.words} ${Object.values(each.facets).join(" ")}`.toLowerCase().includes(word);
+    if (!rule) return each => `${each.name} ${each.words}`.toLowerCase().includes(word);
     const [, name, sign, bound] = rule, limit = Number(bound);
     return each => {
       const value = numeric(each.metrics[name]);
@@ -55,8 +55,7 @@ function matcher() {
     };
   });
   const statuses = new Set([...document.querySelectorAll("[name=status]:checked")].map(each => each.value));
-  const facets = [...document.querySelectorAll("select.facet")].filter(each => each.value);
-  return each => statuses.has(each.status) && facets.every(f => each.facets[f.dataset.facet] === f.value) && tests.every(test => test(each));
+  return each => statuses.has(each.status) && tests.every(test => test(each));
 }
 
 let sorting = { by: "rank", down: false };
@@ -67,7 +66,7 @@ function compare(m, n) {
   if (by === "rank") return m - n;
   if (by === "name") return collator.compare(items[m].name, items[n].name);
   const [a, b] = [m, n].map(each => numeric(items[each].metrics[by]));
-  if (Number.isNaN(a) && Number.isNaN(b)) return collator.compare(items[m].facets[by] || "", items[n].facets[by] || "");
+  if (Number.isNaN(a) && Number.isNaN(b)) return 0;
   return Number.isNaN(a) ? 1 : Number.isNaN(b) ? -1 : a - b || 0;
 }
 

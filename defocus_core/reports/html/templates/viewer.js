@@ -4,7 +4,7 @@ const $ = id => document.getElementById(id);
 const { items, heats, signed, nonfinite, ...own } = JSON.parse($("data").textContent);
 // What is shown, and how; it stays while items change. Place and zoom are in px of the picture.
 const view = {
-  item: -1, mode: "slider", shown: "slider", first: "", second: "", overlay: "", stops: 0, split: 0.5,
+  item: -1, mode: "slider", shown: "slider", first: "", second: "", stops: 0, split: 0.5,
   zoom: 0, x: 0, y: 0, size: "", turn: false, film: 0, mark: null,
 };
 const MAX_ZOOM = 64, PERIOD = 500;
@@ -122,14 +122,14 @@ const HEATS = Uint32Array.from({ length: 256 }, (_, n) => {
 const toLight = (v, gamma) => gamma === null ? (v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4) : gamma === 1 ? v : v ** gamma;
 const toScreen = v => v <= 0.0031308 ? 12.92 * v : 1.055 * Math.min(v, 1) ** (1 / 2.4) - 0.055;
 
-// The colour of each number at the exposure, as a table; over a picture it is clear, in part.
-function colors(grid, { kind, ends: [low, high] }, over) {
-  const name = [kind, low, high, grid.gamma, grid.scale, over, view.stops].join(), gain = over || kind === "heat" ? 1 : 2 ** view.stops;
+// The colour of each number at the exposure, as a table.
+function colors(grid, { kind, ends: [low, high] }) {
+  const name = [kind, low, high, grid.gamma, grid.scale, view.stops].join(), gain = kind === "heat" ? 1 : 2 ** view.stops;
   const share = v => clamped((v - low) / (high - low) * gain, 0, 1), most = v => clamped(Math.abs(v) / high * gain, 0, 1);
   const grey = ["light", "heat"].includes(kind) ? v => toScreen(gain * toLight(Math.max(v, 0), grid.gamma)) : share;
   const colorOf = kind === "signed"
-    ? v => over ? packed(...signed[v < 0 ? 0 : 2], 0.75 * most(v)) : mixed(signed[1], signed[v < 0 ? 0 : 2], most(v))
-    : v => over ? packed(...heats[3], 1 - Math.max(share(v), 0.2)) : 0x1010101 * Math.round(255 * grey(v)) | 0xff000000;
+    ? v => mixed(signed[1], signed[v < 0 ? 0 : 2], most(v))
+    : v => 0x1010101 * Math.round(255 * grey(v)) | 0xff000000;
   return kept(tables, name, 8, () => Uint32Array.from(grid.numbers, v => Number.isFinite(v) ? colorOf(v) : BAD));
 }
 
@@ -173,10 +173,9 @@ function drawGrid({ data, width, height, stride, box: [x, y, wide, high] }, from
   context.restore();
 }
 
-function drawLayer(layer, from, to, over = false) {
-  const grids = [thumbOf(layer), valuesGrid(layer)].filter(Boolean);
-  for (const grid of over ? grids.slice(-1) : grids) {
-    const table = colors(grid, layer, over), [second, third] = grid.stride === 1 ? [0, 0] : [1, 2];
+function drawLayer(layer, from, to) {
+  for (const grid of [thumbOf(layer), valuesGrid(layer)].filter(Boolean)) {
+    const table = colors(grid, layer), [second, third] = grid.stride === 1 ? [0, 0] : [1, 2];
     drawGrid(grid, from, to, (data, k) => {
       const red = table[data[k]], green = table[data[k + second]], blue = table[data[k + third]];
       if (red === BAD || green === BAD || blue === BAD) return BAD;
@@ -212,8 +211,6 @@ function paint() {
     context.fillRect(split - 1, -camera.y * zoom, 2, first.size[1] * zoom);
   } else if (mode === "difference") drawDifference(first, second);
   else drawLayer(mode === "first" || (mode === "flicker" && !view.turn) ? first : second, 0, width);
-  const overlay = layerOf(view.overlay);
-  if (overlay) drawLayer(overlay, 0, width, true);
   if (view.mark) ring(...view.mark);
   if (view.pointer) read(...view.pointer);
   canvas.dataset.drawn = [first, second].every(layer => !layer.values || valuesGrid(layer)) ? view.item : "";
@@ -287,8 +284,8 @@ function read(x, y) {
 
 // ---- an item, and the ways to look at it
 
-function offer(select, layers, key, none) {
-  select.replaceChildren(...(none ? [new Option(none, "")] : []), ...layers.map(each => new Option(each.title, each.key)));
+function offer(select, layers, key) {
+  select.replaceChildren(...layers.map(each => new Option(each.title, each.key)));
   select.value = key;
   select.disabled = select.options.length < 2;
 }
@@ -300,10 +297,8 @@ function showItem(number) {
   if (!keys.includes(view.first) || !keys.includes(view.second) || (keys.includes("a") && !view.chosen)) {
     [view.first, view.second] = [keys[0] || "", keys[1] || keys[0] || ""];
   }
-  if (!keys.includes(view.overlay)) view.overlay = "";
   offer($("first"), pictured(), view.first);
   offer($("second"), pictured(), view.second);
-  offer($("overlay"), layers.filter(each => ["signed", "share"].includes(each.kind) && !["a", "b"].includes(each.key)), view.overlay, "none");
   const layer = layerOf(view.first), size = layer ? layer.size.join() : "";
   if (size !== view.size) fit();
   view.size = size;
@@ -312,8 +307,8 @@ function showItem(number) {
   $("failure").textContent = "There is no picture of this item in the report.";
   $("failure").hidden = keys.length > 0;
   $("readout").textContent = "Point at the picture to read its values.";
-  const { facts, commands, facets } = item(), list = document.createElement("dl");
-  list.append(...[...facts, ...Object.entries(facets)].flatMap(([term, text]) => [textIn("dt", term), textIn("dd", text)]));
+  const { facts, commands } = item(), list = document.createElement("dl");
+  list.append(...facts.flatMap(([term, text]) => [textIn("dt", term), textIn("dd", text)]));
   $("details").replaceChildren(...commands.map(each => commandLine(...each)), list);
   modes();
 }
@@ -329,13 +324,11 @@ function modes() {
   const mode = view.shown = able[view.mode] ? view.mode : "second";
   for (const button of document.querySelectorAll("[data-mode]")) {
     button.disabled = !able[button.dataset.mode] && button.dataset.mode !== "second";
-    button.setAttribute("aria-pressed", String(button.dataset.mode === mode && !wiggles()));
+    button.setAttribute("aria-pressed", String(button.dataset.mode === mode));
   }
   const titles = ["first", "second"].map(name => (layerOf(view[name]) || { title: "" }).title);
   document.querySelector("[data-mode=first]").textContent = titles[0] || "A";
   document.querySelector("[data-mode=second]").textContent = titles[1] || "B";
-  $("wiggle").disabled = !item().wiggle.length;
-  $("wiggle").setAttribute("aria-pressed", String(wiggles()));
   $("split").hidden = mode !== "slider";
   $("legend").hidden = mode !== "difference";
   $("full").textContent = shortly(fullNow() / 2 ** view.stops);
@@ -360,27 +353,10 @@ function setMode(mode) {
   tell($("badge").textContent);
 }
 
-// Whether the left and the right view flicker.
-const wiggles = () => view.shown === "flicker" && item().wiggle.length > 0 && [view.first, view.second].join() === item().wiggle.join();
-
-function wiggle() {
-  if (!item().wiggle.length) return;
-  [view.mode, view.first, view.second] = wiggles() ? ["slider", "", ""] : ["flicker", ...item().wiggle];
-  showItem(view.item);
-}
-
 function expose(stops) {
   view.stops = clamped(stops, -20, 20);
   $("exposure").value = view.stops;
   modes();
-}
-
-function overlay() {
-  const options = [...$("overlay").options].map(each => each.value);
-  view.overlay = options[(options.indexOf(view.overlay) + 1) % options.length];
-  $("overlay").value = view.overlay;
-  tell(`Overlay: ${view.overlay || "none"}`);
-  draw();
 }
 
 const tell = words => { $("news").textContent = words; };
@@ -408,7 +384,7 @@ let clickAt = () => {}; // what a page does with a pixel that is clicked
 const KEYS = {
   1: () => setMode("first"), 2: () => setMode("second"), s: () => setMode("slider"),
   f: () => setMode("flicker"), d: () => setMode("difference"),
-  w: wiggle, c: overlay, "[": () => expose(view.stops - 0.5), "]": () => expose(view.stops + 0.5),
+  "[": () => expose(view.stops - 0.5), "]": () => expose(view.stops + 0.5),
   "+": () => zoomBy(1.5), "=": () => zoomBy(1.5), "-": () => zoomBy(1 / 1.5), 0: fit,
   g: () => item().place && goTo(item().place), "?": () => $("help").showModal(),
 };
@@ -426,11 +402,10 @@ document.addEventListener("keydown", event => {
 });
 
 for (const button of document.querySelectorAll("[data-mode]")) button.onclick = () => setMode(button.dataset.mode);
-const CLICKS = { wiggle, fit, in: KEYS["+"], out: KEYS["-"], worst: KEYS.g, "help-button": KEYS["?"] };
+const CLICKS = { fit, in: KEYS["+"], out: KEYS["-"], worst: KEYS.g, "help-button": KEYS["?"] };
 for (const [name, act] of Object.entries(CLICKS)) $(name).onclick = act;
 $("exposure").oninput = event => expose(Number(event.target.value));
 $("split").oninput = event => { view.split = event.target.value / 1000; draw(); };
-$("overlay").onchange = event => { view.overlay = event.target.value; draw(); };
 for (const name of ["first", "second"]) $(name).onchange = event => {
   [view[name], view.chosen] = [event.target.value, true];
   modes();
@@ -473,7 +448,6 @@ new ResizeObserver(() => {
   draw();
 }).observe(canvas);
 
-$("wiggle").hidden = !items.some(each => each.wiggle.length);
 $("worst").hidden = !items.some(each => each.place);
 const gradient = heats.map(color => `rgb(${color.map(each => 255 * each).join(" ")})`);
 $("legend").querySelector("i").style.background = `linear-gradient(90deg, ${gradient})`;

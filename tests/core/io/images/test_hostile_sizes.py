@@ -18,7 +18,6 @@ from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import MAX_PIXELS
 from defocus_core.picture import opening
-from defocus_core.reports.html import layers
 from defocus_core.reports.inspection import inspection
 
 
@@ -157,12 +156,3 @@ def test_kernels_too_large_are_refused_before_they_are_read(shape, tmp_path):
     path = npz_claims(tmp_path / "k.npz", shape[1:], "left", "right")
     with refuses("wrong-size", path=path):
         opening.measured_pair(path)
-
-
-def test_a_report_draws_nothing_that_takes_all_memory(tmp_path, monkeypatch):
-    """A PNG of 400 kB in the place of a picture of the batch took 14 GB."""
-    files = [("render", color_exr(tmp_path / "a.exr"))]
-    assert len(list(layers.drawn_files(files, values=False))) == 1
-    monkeypatch.setattr(layers, "MAX_DRAWN", texture().size - 1)
-    monkeypatch.setattr(layers, "read_picture", None)
-    assert not list(layers.drawn_files(files, values=False))

@@ -5,11 +5,6 @@ import pytest
 from browser import Page, chromium
 from command_line import run, write_exr
 
-from defocus_core.reports.html.batches import draw_sample
-from defocus_core.reports.html.item import Item, Report
-from defocus_core.reports.html.layers import wiggle_of
-from defocus_core.reports.html.page import write_report
-
 WIDTH, HEIGHT = 64, 48
 HOSTILE = "sub</script><script>hacked=1<b>'\"&.exr"  # a folder "sub<", and a file in it
 PATCH = (slice(8, 24), slice(40, 56))
@@ -50,22 +45,6 @@ def report(tmp_path_factory):
     ran = run("compare", root / "A", root / "B", "--html", file)
     assert ran.code == 1, ran.err
     return file
-
-
-@pytest.fixture(scope="module")
-def views(tmp_path_factory):
-    """A sample with left, right and CoC."""
-    root = tmp_path_factory.mktemp("views")
-    for name, value in (("render", BEFORE), ("left", 0.1), ("right", 0.9)):
-        write(root / f"{name}.exr", constant(value))
-    write_exr(
-        root / "coc.exr", coc=np.tile(np.linspace(-8, 8, WIDTH, dtype=np.float32), (HEIGHT, 1))
-    )
-    kinds = ("render", "left", "right", "coc")
-    layers = draw_sample(([(kind, root / f"{kind}.exr") for kind in kinds], True))
-    item = Item("a", "done", passes=True, layers=layers, wiggle=wiggle_of(layers))
-    write_report(root / "report.html", Report("Views", (), [item], ()))
-    return root / "report.html"
 
 
 @pytest.fixture(scope="module")
@@ -171,25 +150,6 @@ def test_zoom_and_place_stay_while_items_change(page):
     assert page.text("#readout").split("  ")[0] == place
     page.press("0")
     assert page.pixel(0.01, 0.5)[3] == 0  # the whole picture has a border
-
-
-def test_the_coc_lies_over_the_picture_and_views_wiggle(browser, views, page):
-    assert page.page.is_disabled("#wiggle")
-    page = Page(browser, views)
-    page.press("1")
-    plain = page.pixel(0.3, 0.8)
-    page.press("c")
-    near, far = page.pixel(0.3, 0.8), page.pixel(0.7, 0.8)
-    assert near[0] > near[2]  # orange
-    assert far[2] > far[0]  # blue
-    page.point(0.5, 0.5)
-    page.wait("document.getElementById('readout').textContent.includes(' px')")
-    page.press("c")
-    assert page.pixel(0.3, 0.8) == plain
-    page.press("w")
-    for side in ("left", "right", "left"):
-        page.wait(f"document.getElementById('badge').textContent.startsWith('{side}')")
-    page.close()
 
 
 def test_arrows_go_through_the_items_and_the_help_names_keys(page):
