@@ -36,6 +36,10 @@ _APART = "compare twice, with ‹mask› and with ‹ignore-mask›"
 GONE: dict[str, tuple[Gone, ...]] = {
     "0.2.0": (
         Gone("command", "report", "give the batch's command again with ‹contact› 12"),
+        Gone("option", "resize-depth", "look at the pair by 'defocus render' ‹dry-run›", "info"),
+        Gone("option", "turn-depth", "look at the pair by 'defocus render' ‹dry-run›", "info"),
+        Gone("option", "animate", "look at a frame by 'defocus render' ‹dry-run›", "info"),
+        Gone("option", "interpolate", "look at a frame by 'defocus render' ‹dry-run›", "info"),
         Gone("option", "html", "write ‹contact› 12 for a sheet of pictures", "batch"),
         Gone("command", "retry", "give the batch's own command again, it does failed jobs"),
         Gone("key", "match", "draw the lenses in ranges, like those of the set", "[sample]"),

@@ -15,12 +15,10 @@ from defocus_core.io.exr.windows import Window
 from defocus_core.io.shots.frame_patterns import is_pattern
 from defocus_core.reports.inspection.inspection import (
     inspect,
-    inspect_pairs,
-    picture_of,
     range_key,
     range_words,
-    shot_lines,
-    summarise_shots,
+    shot_line,
+    summarised,
 )
 from defocus_core.request.job import Picture, Reading, reading_through
 from defocus_core.request.lens import lens_record_words
@@ -29,11 +27,13 @@ from defocus_core.request.parameters import BLURRING
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.system.text import counted
 
+_OF_PAIRS = ("resize-depth", "turn-depth")
+
 
 @click.command("info", cls=GroupedCommand)
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
-@shot_lens_options(required=False, names=BLURRING)
-@reading_options()
+@shot_lens_options(required=False, names=BLURRING, moving=False)
+@reading_options(lambda row: not (row.of_render or row.name in _OF_PAIRS))
 @json_option
 def command(
     files: tuple[Path, ...],
@@ -44,45 +44,36 @@ def command(
     """Say what is in colour and depth files, as 'defocus render' would read them.
 
     With a lens, the range of the signed radius of the circle of confusion is shown too. A file that
-    cannot be read is named, and the others are reported. Of a file of colour and one of depth, the
-    blur and the repair are those of the depth at the size of the colour; of one size, it says
-    whether the colour is blurred already.
+    cannot be read is named, and the others are reported. What becomes of colour and depth together
+    'defocus render' says with --dry-run.
 
-    Of patterns like 'shot.####.exr' the shot is summed up: frames, gaps, sizes, depth over time
-    and, with a lens, where blur is largest.
+    Of patterns like 'shot.####.exr' the frames, gaps and sizes are told in a line.
 
     \b
     Examples:
       defocus info rgb.exr depth.exr
       defocus info depth_mm.png --focal-length 50mm --fnumber 1.4 --focus 2m
-      defocus info 'rgb.####.exr' 'depth.####.exr' --focal-length 50mm --animate pull.csv
+      defocus info 'rgb.####.exr' 'depth.####.exr'
     """  # noqa: D301  click reads the backspace
     patterns = [file for file in files if is_pattern(file)]
     files = tuple(file for file in files if file not in patterns)
-    shots = summarise_shots(patterns, reading, lenses) if patterns else []
-    for shot in () if as_json else shots:
-        console.stdout(*shot_lines(shot))
+    shots = list(map(summarised, patterns))
+    console.stdout(*(() if as_json else map(shot_line, shots)))
     lens = None
     if lenses is not None and files:
         lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
-    failures, picture = console.Failures(), picture_of(files)
+    failures = console.Failures()
     records: list[dict[str, Any]] = []
     for file in files:  # each is reported before the next is read
         count = len(records)
         with failures.kept():
-            of = None if picture is None or file == picture.path else picture
-            records.append(inspect(file, reading, lens, lone=len(files) == 1, of=of))
+            records.append(inspect(file, reading, lens, lone=len(files) == 1))
         if not as_json and len(records) > count:  # a stdout that is full ends all of it
             console.stdout(*file_lines(records[-1]))
-    pairs = inspect_pairs(records, reading, lens)
-    for pair in () if as_json else pairs:
-        named = " and ".join(dict.fromkeys((pair["color"], pair["depth"])))
-        lines = [f"{named}:", *(f"  {sentence}" for sentence in pair["evidence"])]
-        console.stdout(*(lines if pair["evidence"] else ()))
     if as_json and (records or shots):
         more = {"shots": shots} if shots else {}
-        console.print_json(files=records, pairs=pairs, **more, failed=failures.records())
+        console.print_json(files=records, **more, failed=failures.records())
     failures.end()
 
 
@@ -119,7 +110,7 @@ def file_lines(told: Mapping[str, Any]) -> Iterator[str]:
     if depth is None:
         yield f"  no depth: {told['depth_note']}"
     else:
-        yield from _depth_lines(depth, told["depth_note"], told["size"])
+        yield from _depth_lines(depth, told["depth_note"])
     for sentence in told["evidence"]:
         yield f"  {sentence}"
 
@@ -138,7 +129,7 @@ def _layout(part: Mapping[str, Any]) -> str:
     return "".join(f"; {word}" for word in words)
 
 
-def _depth_lines(depth: Mapping[str, Any], note: str, size: list[int]) -> Iterator[str]:
+def _depth_lines(depth: Mapping[str, Any], note: str) -> Iterator[str]:
     """The depth of a file in words."""
     invalid = counted(depth["invalid_pixels"], "invalid pixel")
     if depth["nothing_pixels"]:
@@ -146,8 +137,7 @@ def _depth_lines(depth: Mapping[str, Any], note: str, size: list[int]) -> Iterat
     yield f"  depth: {range_words(depth)}, {depth['sky_pixels']} sky and {invalid} ({note})"
     if depth["coc_px"] is not None:
         near, far = depth["coc_px"]
-        of = "" if depth["coc_of"] == size else " of {}x{}".format(*depth["coc_of"])
-        yield f"  CoC: {near:.2f} to {far:.2f} px{of} ({lens_record_words(depth['lens'])})"
+        yield f"  CoC: {near:.2f} to {far:.2f} px ({lens_record_words(depth['lens'])})"
         if depth["repair"]:
             yield f"  rendered: {depth['repair']}"
     for warning in depth["warnings"]:

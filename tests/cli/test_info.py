@@ -16,7 +16,7 @@ from command_line import (
     texture,
     write_exr,
 )
-from image_files import multi_part, save
+from image_files import multi_part
 
 from defocus_core.compare.picture import read_picture
 
@@ -47,29 +47,6 @@ def test_with_a_lens_the_blur_is_that_of_render(tmp_path):
     ran = render(color, depth, "-o", tmp_path / "out", "--outputs", "coc", "--json")
     assert record["depth"]["coc_px"] == pytest.approx(ran.json["pictures"][0]["coc_px"])
     assert record["depth"]["lens"]["focus_mm"] == 2000
-
-
-@pytest.mark.parametrize("width", [96, 48])
-def test_beside_its_colour_the_repair_and_the_doubts_are_those_of_render(width, tmp_path):
-    steps = np.linspace(0, 255, width)[None, :, None].repeat(width // 2, 0)
-    color = color_exr(tmp_path / "c.exr", texture(96, 48))
-    depth = save(tmp_path / "z.png", np.round(steps / 12).astype("u1") * 12)  # few levels
-    said = ("--depth-kind", "disparity", "--depth-range", "40mm", "80m")
-    ran = render(color, depth, "-o", tmp_path / "out", *said, *LENS, "--json", "--quality", "high")
-    picture = ran.json["pictures"][0]
-    told = run("info", color, depth, *said, *LENS, "--json").json["files"][1]["depth"]
-    assert told["depth_repair"] == picture["depth_repair"]
-    assert told["depth_repair"] is not None
-    doubts = [each for each in told["warnings"] if "nearer than" in each]
-    assert doubts
-    assert set(doubts) <= set(picture["warnings"])
-
-
-def test_a_pair_that_render_refuses_is_told_with_the_reason(tmp_path):
-    color, depth = color_exr(tmp_path / "c.exr"), depth_exr(tmp_path / "z.exr", ramp(9, 40))
-    told = run("info", color, depth, *LENS)
-    assert told.code == 0
-    assert "warning: not rendered beside c.exr: is 9x40 px but its colour is" in told.out
 
 
 def test_people_are_told_on_stdout(tmp_path):

@@ -33,7 +33,11 @@ def flags_of(command):
     ("command", "without"),
     [
         (render_command, ()),
-        (info, {*LENS_OPTIONS} - {*BLURRING} | {"blur-channels"}),
+        (
+            info,
+            {*LENS_OPTIONS} - {*BLURRING}
+            | {"blur-channels", "resize-depth", "turn-depth", "animate"},
+        ),
         (
             choose,
             ("dp-model", "dp-crosstalk", "animate", "interpolate", "quality", "blur-channels"),

@@ -232,18 +232,6 @@ def test_labels_of_a_relative_sharp_range_are_those_of_the_radii(color, out, tmp
     assert f"CoC {radii.min():.2f} to {radii.max():.2f} px" in ran.err
 
 
-def test_info_of_a_pair_tells_the_radii_of_the_picture(depth, tmp_path):
-    planes = random_planes("RGB", (32, 48))
-    OpenEXR.File({**SCANLINE}, planes).write(str(tmp_path / "big.exr"))
-    for files in ((tmp_path / "big.exr", depth), (depth, tmp_path / "big.exr")):
-        told = succeed("info", *files, "--json", *LENS).json["files"]
-        (of_pair,) = [each["depth"] for each in told if each["depth"]]
-        (alone,) = succeed("info", depth, "--json", *LENS).json["files"]
-        assert of_pair["coc_of"] == [48, 32]
-        np.testing.assert_allclose(of_pair["coc_px"], np.multiply(alone["depth"]["coc_px"], 2))
-        assert "px of 48x32" in succeed("info", *files, *LENS).out
-
-
 def test_names_with_brackets_that_are_there_are_no_patterns(tmp_path):
     folder = tmp_path / "[2024] shoot"
     write_exr(folder / "img[1].exr", R=RAMP, G=RAMP, B=RAMP, Z=RAMP + 1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import DefocusError, InputError
+from defocus_core.errors import InputError
 from defocus_core.io.array_files import container_type
 from defocus_core.io.arrays import Keeping, bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth
@@ -30,16 +30,13 @@ from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
 from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.pair import overscan_of
-from defocus_core.picture.pair import read as read_both
 from defocus_core.picture.radii import of_radii, radii_of, signed_radius
 from defocus_core.picture.scene import map_windows
 from defocus_core.picture.take import InputPair, repair_record, repair_words
-from defocus_core.reports.inspection.evidence import evidence_of, evidence_of_pair
+from defocus_core.reports.inspection.evidence import evidence_of
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
 from defocus_core.request.output_kinds import KINDS
-from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.quantities import length_text
 from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.memory import MB
 
@@ -52,7 +49,6 @@ NUMBERS_IN_MEMORY = 2**26
 MAX_AT_ONCE = 512
 # Codes of files that have no colour, or no depth, but may have the other.
 _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no-such-view"})
-MAX_READ = 25  # frames that are decoded, evenly spread over the shot
 
 
 @dataclass(frozen=True)
@@ -63,7 +59,6 @@ class _Asked:
     reading: Reading
     keeping: Keeping
     lens: Lens | None  # what to say the blur of; None for none
-    of: FileInfo | None  # the file of the picture that its depth is of; None for its own
 
     @property
     def lens_focal(self) -> float | None:
@@ -105,7 +100,7 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
 
     `color`: the colour of the same file; None if it has none.
     """
-    depth, lens, of, keeping = asked.depth(color), asked.lens, asked.of, asked.keeping
+    depth, lens, keeping = asked.depth(color), asked.lens, asked.keeping
     height, width = depth.metres.shape
     sky = valid = nothing = 0
     limits: list[float] = []  # of valid depth, sky included
@@ -121,29 +116,20 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
         limits += ends_of(metres)
         finite_ends += ends_of(finite)
     invalid = height * width - valid - nothing
-    size = depth.size if of is None else (of.width, of.height)
     coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and limits:
-        seen = depth
-        if of is not None:
-            try:
-                beside = Keeping(scratch=4 * of.pixels > NUMBERS_IN_MEMORY)
-                files = Picture("", of.path, asked.path)
-                seen = read_both(InputPair(files, asked.reading, beside, asked.lens_focal))[1]
-            except DefocusError as error:
-                warnings = (f"not rendered beside {of.path.name}: {error.problem}; {error.remedy}",)
-        lens = with_blur_reach(with_focus(lens, seen), (seen,))
+        lens = with_blur_reach(with_focus(lens, depth), (depth,))
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
         extremes = np.array([min(limits), max(limits)], np.float32)
         most = math.inf if lens.clamp_blur is None else lens.clamp_blur
         coc_px = (
             list(radii_of(lens, depth, keeping).limits)
             if depth.is_radius
-            else signed_radius(lens, extremes, size).clip(-most, most).tolist()
+            else signed_radius(lens, extremes, depth.size).clip(-most, most).tolist()
         )
-        if not invalid and not warnings and seen.size == size:
-            repair, warnings = _repair(seen, lens, asked.reading, keeping)
+        if not invalid:
+            repair, warnings = _repair(depth, lens, asked.reading, keeping)
     reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
     return depth.note, {
         "range_m": None if depth.is_radius else reach,
@@ -153,7 +139,6 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
         "nothing_pixels": nothing,
         "lens": lens_record(lens) if lens else None,
         "coc_px": coc_px,
-        "coc_of": list(size) if coc_px else None,
         "repair": repair_words(repair),
         "depth_repair": repair_record(repair),
         "warnings": list(warnings),
@@ -187,29 +172,10 @@ def ends_of(values: NDArray[Any]) -> list[float]:
     return [float(values.min()), float(values.max())] if values.size else []
 
 
-def picture_of(files: Sequence[Path]) -> FileInfo | None:
-    """The file of colour of two; None if there is no such pair."""
-    if len(files) != 2:
-        return None
-    with suppress(DefocusError):
-        for info in map(describe, files):
-            if {"R", "G", "B"} <= set(info.names):
-                return info
-    return None
-
-
-def inspect(
-    path: Path,
-    reading: Reading,
-    lens: Lens | None,
-    *,
-    lone: bool,
-    of: FileInfo | None = None,
-) -> dict[str, Any]:
+def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> dict[str, Any]:
     """Read a file as ``defocus render`` would, and say what is in it.
 
-    `lens`: what to say the blur of; None for none; `of`: the file of the picture that its depth is
-    of; None for its own.
+    `lens`: what to say the blur of; None for none.
     """
     with delayed_signals():
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
@@ -224,7 +190,7 @@ def inspect(
     evidence: tuple[str, ...] = ()
     if not color_note:
         keeping = Keeping(scratch=info.numbers > NUMBERS_IN_MEMORY)
-        asked = _Asked(path, reading, keeping, lens, of)
+        asked = _Asked(path, reading, keeping, lens)
         picture, color_note = _color_of(info, reading, keeping)
         color = picture and _color_figures(picture)
         depth_note, depth = _depth_of(asked, picture, arrays=has_frames)
@@ -320,39 +286,6 @@ def _part_record(path: Path, part: Header) -> dict[str, Any]:
     return told
 
 
-def inspect_pairs(
-    records: Sequence[Mapping[str, Any]], reading: Reading, lens: Lens | None
-) -> list[dict[str, Any]]:
-    """What is wrong between colour and depth, where the files inspected are those of one picture.
-
-    That are two files of one size, of which one holds colour and the other depth, the first colour
-    if both hold both; or an EXR with depth beside its colour.
-    """
-    orders = [records, records[::-1]] if len(records) == 2 else [[*records, *records]]
-    resized = reading.resize_depth is not None or reading.turn_depth is not None
-    pairs = [pair for pair in orders if len(pair) == 2 and _is_picture(*pair, resized=resized)]
-    if not pairs:
-        return []
-    color, depth = (Path(each["file"]) for each in pairs[0])
-    keeping = Keeping(scratch=4 * math.prod(pairs[0][0]["size"]) > NUMBERS_IN_MEMORY)
-    lens_focal = None if lens is None else lens.foclen / lens.sensor_width
-    try:
-        evidence = evidence_of_pair(color, depth, reading, keeping=keeping, lens_focal=lens_focal)
-    except DefocusError:  # the two cannot be read as one picture, as with --part of one of them
-        return []
-    return [{"color": str(color), "depth": str(depth), "evidence": list(evidence)}]
-
-
-def _is_picture(color: Mapping[str, Any], depth: Mapping[str, Any], *, resized: bool) -> bool:
-    """Whether two records, or one twice, are of colour and depth that could be one picture."""
-    if color is depth and not color["file"].lower().endswith(".exr"):
-        return False
-    fits = resized or color["size"] == depth["size"]
-    if not (fits and color["color"] and depth["depth"] and "R" in color["color"]["channels"]):
-        return False
-    return bool(depth["depth"]["nothing_pixels"] != math.prod(depth["size"]))
-
-
 def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
     kinds = [name for name in info.names if name in NO_DEPTH]
@@ -387,83 +320,34 @@ def _clause(error: InputError) -> str:
     return f"{error.problem}; {error.remedy}" if error.remedy else error.problem
 
 
-def summarise_shots(
-    patterns: Sequence[Path], reading: Reading, lenses: PictureLenses | None
-) -> list[dict[str, Any]]:
-    """What ``defocus info --json`` prints of each pattern.
-
-    `lenses`: the lens of each frame; None for none.
-    """
-    files = {pattern: frames_of(pattern) for pattern in patterns}
-    colors = files[patterns[0]]
-
-    def lens_of(frame: int, path: Path) -> Lens | None:
-        picture = Picture(path.stem, colors.get(frame, path), path, frame=frame)
-        return None if lenses is None else lenses.of(picture)[0]
-
-    return [_summary(pattern, of, reading, lens_of) for pattern, of in files.items()]
-
-
-def _summary(
-    pattern: Path,
-    files: Mapping[int, Path],
-    reading: Reading,
-    lens_of: Callable[[int, Path], Lens | None],
-) -> dict[str, Any]:
+def summarised(pattern: Path) -> dict[str, Any]:
+    """The frames of a shot, those that are missing, and their sizes."""
     by_size: dict[tuple[int, int], list[int]] = {}
-    for number, path in files.items():
+    for number, path in frames_of(pattern).items():
         info = describe(path)
         by_size.setdefault((info.width, info.height), []).append(number)
-    numbers = [*files]
-    count = min(MAX_READ, len(numbers))
-    places = {round(k * (len(numbers) - 1) / max(count - 1, 1)) for k in range(count)}
-    depth = []
-    for number in (numbers[place] for place in sorted(places)):
-        path = files[number]
-        found = inspect(path, reading, lens_of(number, path), lone=True)["depth"]
-        if found is None:
-            break
-        shown = {key: found[key] for key in ("range_m", "range", "sky_pixels", "coc_px", "repair")}
-        focus = found["lens"] and found["lens"]["focus_mm"]
-        depth.append({"frame": number, "focus_mm": focus, **shown})
-    blurred = [each for each in depth if each["coc_px"]]
-    largest = max(blurred, key=lambda each: max(map(abs, each["coc_px"])), default=None)
+    numbers = sorted(number for frames in by_size.values() for number in frames)
     return {
         "pattern": str(pattern),
         "frames": numbers,
         "gaps": list(gaps(numbers)),
-        "sizes": [{"size": list(size), "frames": of} for size, of in by_size.items()],
-        "depth": depth,
-        "largest_blur": largest and {key: largest[key] for key in ("frame", "coc_px")},
+        "sizes": [{"size": list(size), "frames": frames} for size, frames in by_size.items()],
     }
 
 
-def range_words(depth: Mapping[str, Any], digits: int = 6) -> str:
+def shot_line(told: Mapping[str, Any]) -> str:
+    """A summary in words."""
+    lost = f"{in_words(told['gaps'])} missing" if told["gaps"] else "no gaps"
+    sizes = ["{}x{}".format(*each["size"]) for each in told["sizes"]]
+    if len(sizes) > 1:
+        of = (in_words(each["frames"]) for each in told["sizes"])
+        sizes = [f"{size} in {frames}" for size, frames in zip(sizes, of, strict=True)]
+    return f"{told['pattern']}: {in_words(told['frames'])}; {lost}; {'; '.join(sizes)}"
+
+
+def range_words(depth: Mapping[str, Any]) -> str:
     """The ends of a depth in words: in metres, unless its numbers are no distances."""
     for key, unit in (("range_m", " m"), ("range", "")):
         if depth[key]:
-            return " to ".join(f"{end:.{digits}g}{unit}" for end in depth[key])
+            return " to ".join(f"{end:.6g}{unit}" for end in depth[key])
     return "no finite depth"
-
-
-def shot_lines(told: Mapping[str, Any]) -> Iterator[str]:
-    """A summary in words."""
-    lost = f"; {in_words(told['gaps'])} missing" if told["gaps"] else "; no gaps"
-    yield f"{told['pattern']}: {in_words(told['frames'])}{lost}"
-    sizes = ["{}x{}".format(*each["size"]) for each in told["sizes"]]
-    if len(sizes) == 1:
-        yield f"  size: {sizes[0]}"
-    else:
-        changes = (
-            f"{size} in {in_words(each['frames'])}"
-            for size, each in zip(sizes, told["sizes"], strict=True)
-        )
-        yield f"  size changes: {'; '.join(changes)}"
-    for each in told["depth"]:
-        reach = range_words(each, digits=4)
-        focus = each["focus_mm"] and f"focus {length_text(float(each['focus_mm']))}"
-        blur = "CoC {:.2f} to {:.2f} px".format(*each["coc_px"]) if each["coc_px"] else ""
-        yield f"  {each['frame']}: {', '.join(filter(None, (reach, focus, blur, each['repair'])))}"
-    if told["largest_blur"]:
-        radius = max(map(abs, told["largest_blur"]["coc_px"]))
-        yield f"  blur is largest in {told['largest_blur']['frame']}: {radius:.2f} px"

@@ -1,18 +1,12 @@
-"""``defocus info`` names formats that the evidence fits, and what is wrong of a pair."""
+"""``defocus info`` names formats that the evidence fits."""
 
 import numpy as np
 import pytest
 from command_line import ramp, run, write_exr
 from depth_files import gdepth, npy, pfm, png
-from image_files import save
 from optional_libraries import HEIC_MAGIC, heic, write_hdf5
 
 from defocus_core.io.depth_formats.table import FORMATS
-from defocus_core.reports.inspection.evidence import evidence_of_pair
-from defocus_core.request.job import Reading
-
-FEW, MANY = (14, 40, 0.4), (60, 24, 0.1)  # squares, their side in px, contrast of their checks
-ROWS, COLUMNS = np.mgrid[:240, :320]
 
 
 def evidence(path, *args):
@@ -120,84 +114,3 @@ def test_the_depth_image_of_a_heic_file(tmp_path):
         assert run("depth", path, "-o", tmp_path / "z.exr").code == 0
         told = run("info", path, "--depth-format", "apple-heic").out
     assert "depth: 0.5 m to 10 m" in told
-
-
-def cards(count, side, checks):
-    """Checked squares at 1 to 4 m before a checked wall at 9 m; contrast of the checks."""
-    numbers = np.random.default_rng(3)
-    metres = np.full((240, 320), 9.0)
-    color = 0.3 + checks * ((ROWS // 20 + COLUMNS // 23) % 2)
-    for y, x in zip(*numbers.integers(0, ((240 - side,), (320 - side,)), (2, count)), strict=True):
-        z, grey = numbers.uniform(1, 4), numbers.uniform(0, 0.9)
-        card = np.s_[y : y + side, x : x + side]
-        metres[card] = z
-        color[card] = grey + checks * ((ROWS[card] // 13 + COLUMNS[card] // 13) % 2)
-    return color.astype(np.float32), metres.astype(np.float32)
-
-
-def blurred(image, times):
-    for _ in range(times):
-        padded = np.pad(image, 1, mode="edge")
-        image = sum(padded[y : y + 240, x : x + 320] for y in range(3) for x in range(3)) / 9
-    return image
-
-
-def pair_evidence(folder, color, metres):
-    grey = np.float32(color)
-    pair = (
-        write_exr(folder / "c.exr", R=grey, G=grey, B=grey),
-        write_exr(folder / "z.exr", Z=metres),
-    )
-    return evidence_of_pair(*pair, Reading())
-
-
-def test_a_sharp_picture_on_its_depth_is_not_doubted(tmp_path):
-    assert not pair_evidence(tmp_path, *cards(*FEW))
-    assert not pair_evidence(tmp_path, *cards(*MANY))
-
-
-def test_a_picture_that_is_blurred_far_away_is_told(tmp_path):
-    color, metres = cards(*FEW)
-    (line,) = pair_evidence(tmp_path, np.where(metres > 5, blurred(color, 12), color), metres)
-    assert "the colour looks blurred already" in line
-    assert "at 9 m" in line
-
-
-def test_a_picture_that_is_blurred_everywhere_is_told(tmp_path):
-    color, metres = cards(*FEW)
-    (line,) = pair_evidence(tmp_path, blurred(color, 8), metres)
-    assert "the colour looks blurred everywhere" in line
-
-
-def test_noise_and_walls_without_edges_are_not_doubted(tmp_path):
-    noise = np.random.default_rng(0).random((240, 320))
-    assert not pair_evidence(tmp_path, noise, np.float32(cards(*MANY)[1]))
-    flat = np.full((240, 320), 0.5)
-    assert not pair_evidence(tmp_path, flat, np.full((240, 320), 3, np.float32))
-
-
-def test_info_compares_a_colour_and_a_depth_file(tmp_path):
-    color, metres = cards(*FEW)
-    grey = dict.fromkeys("RGB", blurred(color, 8))
-    image, depth = write_exr(tmp_path / "c.exr", **grey), write_exr(tmp_path / "z.exr", Z=metres)
-    (pair,) = run("info", image, depth, "--json").json["pairs"]
-    assert (pair["color"], pair["depth"]) == (str(image), str(depth))
-    assert "blurred everywhere" in pair["evidence"][0]
-    assert f"{image} and {depth}:\n  {pair['evidence'][0]}" in run("info", image, depth).out
-    both = write_exr(tmp_path / "both.exr", **dict.fromkeys("RGB", color), Z=metres)
-    assert run("info", both, "--json").json["pairs"] == [
-        {"color": str(both), "depth": str(both), "evidence": []}
-    ]
-    assert run("info", image, depth, both, "--json").json["pairs"] == []
-
-
-def test_a_photograph_as_depth_is_no_picture_of_its_own(tmp_path):
-    share = np.repeat(blurred(cards(*FEW)[0], 8)[:, :, None], 3, axis=2)
-    path = save(tmp_path / "disparity.jpg", (255 * share).astype(np.uint8))
-    said = ("--depth-kind", "disparity", "--depth-range", "1m", "9m", "--json")
-    (record,) = run("info", path, *said).json["files"]
-    assert record["color"]
-    assert record["depth"]
-    assert not [line for line in record["evidence"] if "say --depth-range" in line]
-    assert run("info", path, *said).json["pairs"] == []
-    assert run("info", path, path, *said).json["pairs"][0]["depth"] == str(path)
