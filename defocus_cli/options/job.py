@@ -250,7 +250,7 @@ def output_options(command: Command) -> Command:
         output_option(
             "-o --out OUT",
             "Directory to write to; or a file like picture.png, for one picture of one "
-            "kind alone, without a journal; one that defocus wrote is replaced.",
+            "kind alone, without a journal.",
             FilePath(),
             into="root",
             required=True,

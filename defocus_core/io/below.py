@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-_HOLLOW = 2**28  # bytes of a file that may be a hole in it
-_FILLED, _RUNS = 64, 1000  # one byte of so many must be none in a larger one, within so many runs
+_HOLLOW, _FILLED = 2**30, 64  # of a file of more bytes one of so many must be on the disk
 _DIRECTORY = os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC
 
 
@@ -108,23 +107,19 @@ class Folder:
             return sorted(os.listdir(number))  # noqa: PTH208 - by its handle
         return []
 
-    @contextmanager
-    def replacing(self, name: str, sibling: str) -> Iterator[Replacement]:
-        """A new file of the name ``sibling`` beside ``name``, which it can replace.
-
-        Folders are made. It is removed at the end of the block, unless it has been put in place.
-        """
+    def create(self, name: str) -> BinaryIO:
+        """Open a new file for writing and reading; folders are made, what has its name goes."""
         with self._parent(name, make=True) as (folder, last):
             with suppress(FileNotFoundError):
-                os.unlink(sibling, dir_fd=folder)
-            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
-            number = os.open(sibling, flags, 0o666, dir_fd=folder)
-            replacement = Replacement(os.fdopen(number, "wb"), os.dup(folder), sibling, last)
-        try:
-            yield replacement
-        except BaseException:
-            replacement.discard()
-            raise
+                os.unlink(last, dir_fd=folder)
+            flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
+            return os.fdopen(os.open(last, flags, 0o666, dir_fd=folder), "w+b")
+
+    def rename(self, name: str, last: str) -> None:
+        """Give a file another name in its folder, that of a file that it replaces; durable."""
+        with self._parent(name) as (folder, old):
+            os.replace(old, last, src_dir_fd=folder, dst_dir_fd=folder)
+            sync_names(folder)
 
     @contextmanager
     def _parent(self, name: str, *, make: bool = False) -> Iterator[tuple[int, str]]:
@@ -152,40 +147,6 @@ class Folder:
             yield number
         finally:
             os.close(number)
-
-
-@dataclass
-class Replacement:
-    """A file that was written beside the one that it replaces."""
-
-    file: BinaryIO
-    folder: int  # a handle of the folder of both
-    sibling: str
-    name: str  # that of the file that it replaces
-
-    def end(self) -> None:
-        """Make what was written durable."""
-        self.file.flush()
-        os.fsync(self.file.fileno())
-        self.file.close()
-
-    def put(self) -> None:
-        """Replace the file."""
-        os.replace(self.sibling, self.name, src_dir_fd=self.folder, dst_dir_fd=self.folder)
-
-    def discard(self) -> None:
-        """Remove it, unless it was put in place, and let go of the folder."""
-        with suppress(OSError, ValueError):
-            self.file.close()
-        if self.folder >= 0:
-            with suppress(OSError):
-                os.unlink(self.sibling, dir_fd=self.folder)
-            self.close()
-
-    def close(self) -> None:
-        """Let go of the folder."""
-        os.close(self.folder)
-        self.folder = -1
 
 
 def sync_names(folder: int) -> None:
@@ -216,26 +177,12 @@ def _open(path: str | Path, flags: int, folder: int | None = None) -> int:
     try:
         status = os.fstat(number)
         _require_regular(status)
-        if status.st_size > _HOLLOW and _is_hollow(number, status.st_size):
+        if status.st_size > max(_HOLLOW, status.st_blocks * 512 * _FILLED):
             raise OSError(errno.EFBIG, f"is a hole of {status.st_size / 10**6:.0f} MB")
     except BaseException:
         os.close(number)
         raise
     return number
-
-
-def _is_hollow(number: int, size: int) -> bool:
-    """Whether hardly anything of a file is on the disk, as if ``truncate`` had made it."""
-    held = end = 0
-    with suppress(OSError):  # none but a hole is left
-        for _ in range(_RUNS):
-            start = os.lseek(number, end, os.SEEK_DATA)
-            end = os.lseek(number, start, os.SEEK_HOLE)
-            held += end - start
-            if held * _FILLED >= size:
-                break
-    os.lseek(number, 0, os.SEEK_SET)
-    return held * _FILLED < size
 
 
 def _require_regular(status: os.stat_result) -> None:

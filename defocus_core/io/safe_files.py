@@ -9,7 +9,6 @@ from __future__ import annotations
 import errno
 import io
 import itertools
-import math
 import os
 import re
 import sys
@@ -22,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
 from defocus_core.errors import InputError, first_line, reason
-from defocus_core.io.below import Folder, Replacement, open_plain, sync_names
+from defocus_core.io.below import Folder, open_plain, sync_names
 from defocus_core.system.interrupts import delayed_signals
 
 if TYPE_CHECKING:
@@ -50,13 +49,33 @@ _serial = itertools.count()
 _together: ContextVar[FileGroup | None] = ContextVar("together", default=None)
 
 
+class Sibling(NamedTuple):
+    """A file that is to become another of its folder."""
+
+    folder: Folder
+    name: str  # below the folder
+    path: Path  # what it becomes
+
+    def put(self) -> None:
+        """Replace the file."""
+        try:
+            self.folder.rename(self.name, self.path.name)
+        except OSError as error:
+            raise unwritable(self.path, error) from error
+
+    def discard(self) -> None:
+        """Remove it, unless it was put in place."""
+        with suppress(OSError):
+            self.folder.remove(self.name)
+
+
 class FileGroup(NamedTuple):
     """Files that are to appear together."""
 
     # The folder that they lie below, no link of which is followed; None where each lies in a
     # folder that the user named
     root: Path | None
-    files: list[tuple[Replacement, Path]]  # written, with their paths
+    files: list[Sibling]
 
 
 def once(function: _OfFile) -> _OfFile:
@@ -219,42 +238,40 @@ def written_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     together = _together.get()
     if root is None:
         root = (together.root if together else None) or path.parent
-    sibling = f"{leftover(path)}{os.getpid()}.{next(_serial)}.tmp"
+    name = f"{leftover(path)}{os.getpid()}.{next(_serial)}.tmp"
+    sibling = Sibling(Folder(root), path.with_name(name).relative_to(root).as_posix(), path)
     try:
-        with Folder(root).replacing(path.relative_to(root).as_posix(), sibling) as replacement:
-            yield replacement.file
-            replacement.end()
-            if together is None:
-                replacement.put()
-                replacement.close()
-                for name in left_in(path.parent):
-                    if name.startswith(leftover(path)):
-                        Folder(path.parent).remove(name)
-            else:
-                together.files.append((replacement, path))
-    except OSError as error:
-        raise unwritable(path, error) from error
+        with sibling.folder.create(sibling.name) as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        if together is not None:
+            together.files.append(sibling)
+            return
+        sibling.put()
+    except BaseException as error:
+        sibling.discard()
+        if isinstance(error, OSError):
+            raise unwritable(path, error) from error
+        raise
+    with suppress(OSError):
+        for name in left_in(path.parent):
+            if name.startswith(leftover(path)):
+                Folder(path.parent).remove(name)
 
 
 @contextmanager
 def written_together(root: Path | None = None) -> Iterator[None]:
-    """Files that are `written_whole` in the block appear together when it ends well, or none.
-
-    Their names are durable when this returns.
-    """
+    """Files that are `written_whole` in the block appear together when it ends well, or none."""
     together = FileGroup(root, [])
     token = _together.set(together)
     try:
         yield
-        for replacement, path in together.files:
-            try:
-                replacement.put()
-                sync_names(replacement.folder)
-            except OSError as error:
-                raise unwritable(path, error) from error
+        for sibling in together.files:
+            sibling.put()
     finally:
-        for replacement, _ in together.files:
-            replacement.discard()
+        for sibling in together.files:
+            sibling.discard()
         _together.reset(token)
 
 
@@ -273,16 +290,6 @@ def is_at(path: Path, number: int) -> bool:
     with suppress(FileNotFoundError, NotADirectoryError):
         return os.path.samestat(os.fstat(number), path.stat())
     return False
-
-
-def size_limit() -> float:
-    """The most bytes that this process may write to a file, as ``ulimit -f`` sets it."""
-    try:
-        import resource
-    except ImportError:
-        return math.inf
-    limit = resource.getrlimit(resource.RLIMIT_FSIZE)[0]
-    return math.inf if limit == resource.RLIM_INFINITY else limit
 
 
 def unwritable(path: Path, error: OSError) -> InputError:

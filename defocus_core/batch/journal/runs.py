@@ -170,6 +170,12 @@ def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
     raise InputError("malformed", "is not the note of a run", remedy, path=path)
 
 
+def begun_samples(out: Path, shard: Shard | None) -> set[str]:
+    """The samples of runs that did not come to their end: they may have files, and no records."""
+    parts = [None, *shards(out)] if shard is None else [None, shard]
+    return set().union(*(run.left for part in parts if (run := open_run(out, part)) is not None))
+
+
 def sweep_up(out: Path) -> None:
     """Remove the half-written files of processes that were killed; the lock of OUT must be held.
 

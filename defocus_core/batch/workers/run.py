@@ -25,7 +25,7 @@ from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.request.job import Job, Outputs
 from defocus_core.system.interrupts import Interrupts
 from defocus_core.system.memory import without_collections
-from defocus_core.system.text import counted, note
+from defocus_core.system.text import note
 
 if TYPE_CHECKING:
     from defocus_core.request.origin import JobsSource
@@ -133,8 +133,8 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
         plan.marks.append(0 if is_settled else _DUE if left else _LATER)
         left -= bool(left) and not is_settled
     resume.refuse_others(plan.unfinished, ledger, keep_lenses=execution.keep_lenses)
-    own = _own_without_record(plan.unfinished, ledger, is_file=is_file)
-    refuse_unknown(plan.unfinished, lambda name: name in own or ledger.is_known(name))
+    begun = set() if is_file else runs.begun_samples(out, execution.shard)
+    refuse_unknown((job for job in plan.unfinished if job.sample_id not in begun), ledger.is_known)
     return plan
 
 
@@ -225,23 +225,6 @@ def refuse_unknown(jobs: Iterable[Job], is_known: Callable[[str], bool]) -> None
             "move it away, choose another -o, or add ‹overwrite› to render all again",
             path=existing[0],
         )
-
-
-def _own_without_record(jobs: Iterable[Job], ledger: Ledger, *, is_file: bool) -> set[str]:
-    """The files of jobs, relative to OUT, that this program wrote and no journal knows.
-
-    Beside a journal nothing tells how they were done: their jobs are done again, as a line says.
-    """
-    out = ledger.out
-    if not is_file and not any(out.glob("journal*.jsonl")):
-        return set()
-    from defocus_core.io.images.encode import is_own
-
-    names = {name for job in jobs for name in job.names.values() if not ledger.is_known(name)}
-    own = {name for name in names if os.path.lexists(out / name) and is_own(out / name)}
-    if own and not is_file:
-        note(f"{out}: the journal no longer knows {counted(len(own), 'output')}, done again")
-    return own
 
 
 def refuse_unwritable(outputs: Outputs) -> None:
@@ -360,7 +343,7 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
         with Journal(journal_path(out, shard), plan.began) as journal:
             yield journal.append
     except BaseException:
-        if len(plan.jobs) == 1:
+        if len(plan.jobs) == 1 and not plan.began():
             path.unlink(missing_ok=True)
         raise
     if not state.summary.left or state.summary.error is not None:

@@ -10,23 +10,18 @@ input. The same pixels and attributes make the same bytes: no date is added.
 from __future__ import annotations
 
 import errno
-import math
 import os
-import struct
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, one_line
 from defocus_core.io.arrays import bands, stacked
-from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import write_exr_image
 from defocus_core.io.images.color_space import Embedded, Profile, linear_to_srgb, quantised
@@ -37,7 +32,7 @@ from defocus_core.io.images.primaries import (
     declared_primaries,
 )
 from defocus_core.io.images.raster import OWN, OWN_CHANNEL, Tag, set_tag
-from defocus_core.io.safe_files import quiet, read_head, size_limit, unwritable, written_whole
+from defocus_core.io.safe_files import damaged, decode_window, opened_image, quiet, written_whole
 from defocus_core.system.text import counted
 
 FORMATS = {".png": "png", ".tif": "tiff", ".tiff": "tiff", ".jpg": "jpeg", ".jpeg": "jpeg"}
@@ -46,15 +41,14 @@ Attributes = Mapping[str, str | int | Tag | Embedded]
 _SOFTWARE = "defocus"
 _CLIPPED = ("shown as white", "shown as black")  # ends of warnings
 _ROUNDING = 1e-5  # blurred white exceeds 1 by less, and it is below half a step of 16 bits
-_UNGUARDED = ("jpeg", "webp")  # codecs whose encoders do not survive a write that fails
+_LOSSY = ("jpeg", "webp")
+_OTHER_BYTES = 1 << 22  # of a file beside its pixels: profile and tags, at most
 _OPTIONS: dict[str, dict[str, str | int]] = {
     "png": {"oiio:UnassociatedAlpha": 1, "png:compressionLevel": 4},
     "tiff": {"oiio:UnassociatedAlpha": 1, "Compression": "zip"},
     "jpeg": {"jpeg:subsampling": "4:4:4"},
     "webp": {"oiio:UnassociatedAlpha": 1},
 }
-# A chunk at the end of a WEBP, which readers pass over: OpenImageIO writes no tags there.
-_OWN_CHUNK = b"dfcs" + struct.pack("<I", 8) + b"defocus\0"
 
 
 def write_image(
@@ -92,7 +86,7 @@ def write_image(
         for name, value in attributes.items()
         if isinstance(value, Tag | Embedded) or (name.startswith(OWN) and isinstance(value, str))
     }
-    if codec in _UNGUARDED:
+    if codec in _LOSSY:
         metadata["Compression"] = f"{codec}:{jpeg_quality}"
     to_srgb = None if PROFILE in attributes else srgb_matrix(path, channels, attributes)
     warnings = _write_display(path, pixels, channels, codec, bits, metadata, to_srgb)
@@ -203,105 +197,74 @@ def write_samples(
 
     `samples`: strips of rows [h, W, C], from the top; alpha, if any, unassociated.
     """
-    data = encoded_samples(path, size, samples, codec, attributes)
     with written_whole(path) as file:
-        file.write(data)
+        encode(path, file, size, samples, codec, attributes)
 
 
-def encoded_samples(
+def encode(
     path: Path,
+    file: BinaryIO,
     size: tuple[int, int],
     samples: Iterable[NDArray[Any]],
     codec: str,
     attributes: Attributes,
-) -> bytes:
-    """What `write_samples` writes to ``path``.
+) -> None:
+    """Encode samples into a new file, and read them back; ``path`` stands in errors.
 
-    Encoders write files, which a limit of their size cuts: that of PNG says nothing of it, that of
-    JPEG ends the process, and that of WEBP never ends.
+    The encoder of PNG says nothing of a full disk, that of JPEG ends the process, and that of WEBP
+    never ends: a file that there is no room for is refused before.
     """
-    limit, strips = size_limit(), iter(samples)
-
-    def refuse_beyond(count: float) -> None:
-        if count >= limit:
-            raise unwritable(path, OSError(errno.EFBIG, os.strerror(errno.EFBIG)))
-
-    if codec in _UNGUARDED and limit < math.inf:
-        every = list(strips)
-        refuse_beyond(_trial_size(size, every, codec, attributes))
-        strips = iter(every)
-    with _memory(path) as memory:
-        error = _encoder_error(str(memory), size, strips, codec, attributes)
-        data = memory.read_bytes()
-    refuse_beyond(len(data))
+    strips = iter(samples)
+    first = next(strips)
+    spec = _spec(size, first, codec, attributes)
+    _require_room(file, 2 * spec.image_bytes() + _OTHER_BYTES)
+    name = f"/dev/fd/{file.fileno()}"  # which no link leads elsewhere
+    error = _encoder_error(name, spec, chain([first], strips), codec)
+    if not error:
+        error = _reader_error(Path(name), size)
     if error:
         problem = f"cannot be encoded as {codec}: {one_line(error).rstrip('.')}"
         raise InputError("unwritable", problem, "write EXR instead", path=path)
-    if codec == "webp":
-        data += _OWN_CHUNK
-        data = data[:4] + struct.pack("<I", len(data) - 8) + data[8:]
-    return data
 
 
-def _trial_size(
-    size: tuple[int, int], strips: Sequence[NDArray[Any]], codec: str, attributes: Attributes
-) -> float:
-    """How many bytes samples are encoded to, at most; inf where the system does not count them."""
-    try:
-        before = _written()
-        _encoder_error(os.devnull, size, iter(strips), codec, attributes)
-        return _written() - before
-    except OSError:
-        return math.inf
+def _require_room(file: BinaryIO, count: int) -> None:
+    """Raise OSError where a new file cannot grow to so many bytes."""
+    os.truncate(file.fileno(), count)  # refused beyond the limit of the process
+    os.truncate(file.fileno(), 0)
+    disk = os.fstatvfs(file.fileno())
+    if disk.f_blocks and disk.f_bavail * disk.f_frsize < count:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
-def _written() -> int:
-    lines = Path("/proc/thread-self/io").read_text().splitlines()
-    return int(dict(line.split(": ") for line in lines)["wchar"])
-
-
-def is_own(path: Path) -> bool:
-    """Whether a file is a picture or a map that says that this program wrote it."""
-    import OpenImageIO as oiio  # noqa: N813
-
-    if path.is_symlink() or not path.is_file():
-        return False
-    try:
-        if is_exr(read_head(path)):
-            return any(f"{OWN}version" in header.attributes for header in read_headers(path))
-        if path.suffix.lower() == ".webp":
-            return path.read_bytes().endswith(_OWN_CHUNK)
-    except InputError:
-        return False
-    with quiet():
-        file = oiio.ImageInput.open(str(path))
-        found = file and file.spec().get_string_attribute("Software") == _SOFTWARE
-        oiio.geterror()
-        return bool(found)
-
-
-def _encoder_error(
-    target: str,
-    size: tuple[int, int],
-    samples: Iterator[NDArray[Any]],
-    codec: str,
-    attributes: Attributes,
-) -> str:
+def _encoder_error(target: str, spec: Any, samples: Iterable[NDArray[Any]], codec: str) -> str:
     """Encode samples to a file; what the encoder complains about, empty if nothing."""
     import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 
-    first, row = next(samples), 0
+    row = 0
     with quiet():
         output = oiio.ImageOutput.create(codec)
         assert output is not None, f"OpenImageIO without {codec}"
-        done = output.open(target, _spec(size, first, codec, attributes))
-    for strip in chain([first], samples):
+        done = output.open(target, spec)
+    for strip in samples:
         with quiet():
             rows = np.ascontiguousarray(strip)
             done = done and output.write_scanlines(row, row + len(rows), 0, rows)
         row += len(strip)
     with quiet():
         return "" if done and output.close() else output.geterror() or "no reason given"
+
+
+def _reader_error(name: Path, size: tuple[int, int]) -> str:
+    """What the reader of a file complains about, empty if all its rows are decoded."""
+    try:
+        with quiet(), opened_image(name, partial(damaged, name)) as file:
+            spec = file.spec()
+            every = (0, spec.width), (0, spec.nchannels)
+            for rows in bands(size):
+                decode_window(name, file, 0, (rows.start, rows.stop), *every, str(spec.format))
+    except InputError as error:
+        return f"it cannot be read back, {error.problem}"
+    return ""
 
 
 def _spec(size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: Attributes) -> Any:
@@ -324,23 +287,3 @@ def _spec(size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: 
         else:
             spec.attribute(name, value)
     return spec
-
-
-@contextmanager
-def _memory(path: Path) -> Iterator[Path]:
-    """A file name in memory for an encoder to write to.
-
-    On a full disk OpenImageIO's PNG encoder reports success, and its JPEG encoder ends the process.
-    """
-    try:
-        if hasattr(os, "memfd_create"):
-            number = os.memfd_create("defocus")
-            try:
-                yield Path(f"/proc/self/fd/{number}")
-            finally:
-                os.close(number)
-        else:
-            with tempfile.TemporaryDirectory() as directory:
-                yield Path(directory) / "encoded"
-    except OSError as error:
-        raise unwritable(path, error) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.images.color_space import linear_to_srgb, quantised, srgb_to_linear
-from defocus_core.io.images.encode import encoded_samples
+from defocus_core.io.images.encode import encode
 from defocus_core.picture.preview import FAR, IN_FOCUS, NEAR, largest
 from defocus_core.reports.html.item import LIGHT, SHARE, SIGNED
 
@@ -115,6 +116,7 @@ def _jpeg(samples: NDArray[np.uint8]) -> bytes:
 
 def encoded(samples: NDArray[Any], codec: str, settings: dict[str, Any] | None = None) -> bytes:
     """The file of samples [H, W, C]."""
-    size = (samples.shape[0], samples.shape[1])
-    path = Path(f"thumbnail.{codec}")
-    return encoded_samples(path, size, [samples], codec, settings or {})
+    path, (height, width) = Path(f"thumbnail.{codec}"), samples.shape[:2]
+    with tempfile.TemporaryFile() as file:
+        encode(path, file, (height, width), [samples], codec, settings or {})
+        return file.read()

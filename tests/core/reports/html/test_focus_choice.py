@@ -79,7 +79,7 @@ class Choice(Page):
 def rendered(words, folder):
     """What the command of a page renders, in sRGB."""
     with chdir(folder):
-        ran = run(*words[1:])
+        ran = run(*words[1:], "--overwrite")
         assert ran.code == 0, ran.err
         pixels = read_color(Path(words[words.index("-o") + 1])).pixels
     return linear_to_srgb(np.clip(pixels, 0, 1))
