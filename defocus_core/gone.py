@@ -12,7 +12,8 @@ in angle quotes, like ‹clamp-blur›, but that of a Python name. The kinds of 
 - ``value``: a word that the option or key ``of`` took, and the argument of that name in Python.
 - ``rule``: a metric of the rules of compare, or ``found:`` and a finding.
 - ``command``: of ``defocus``.
-- ``python``: a name of `defocus_core`, or an option of the class ``of``, now `RandomDefocus` alone.
+- ``python``: a name of `defocus_core`; or, ``of`` a class, an option of `RandomDefocus`, an
+  attribute of `DefocusLens`.
 
 A row stays for two versions: that in which it went and the next. ``tests/core/test_gone.py`` meets
 every row as a user does, and says when one may leave.
@@ -56,6 +57,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
             for metric in ("max", "mean", "rmse", "psnr")
         ),
         Gone("value", "draft", "write standard", "quality"),
+        Gone("python", "signed_coc", "write 2 * pixel_size * signed_radius(depth)", "DefocusLens"),
         Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),
         Gone("python", "rim_shift", "write cat_eye_shift", "RandomDefocus"),
     ),

@@ -153,7 +153,7 @@ class PsfLens(ThinLens):
                 f"points must be [N, 3] or [3] (x, y, z), got {list(points.shape)}; "
                 "z in mm is the last column"
             )
-        radii = self.signed_coc(points[..., 2]) / (2 * self.pixel_size)
+        radii = ThinLens.signed_radius(self, self._distance("depth", points[..., 2]))
         ks = whole("ks", ks, "it is in px, 64 by default")
         strict, cut = flag("strict", strict), _cut(radii, ks)
         if bool(cut.any()):

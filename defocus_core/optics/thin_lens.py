@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Self
+from typing import Any, Self
 
 import torch
 from torch import Tensor
 
+from defocus_core.gone import remedy
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import (
@@ -90,8 +91,11 @@ def radii_of_each(lenses: Sequence[ThinLens], depth: Tensor) -> Tensor:
 
     One operation for all; `d_close` and the like are left out.
     """
-    terms = torch.stack([lens._terms(depth.dtype) for lens in lenses], 1)
-    per_disparity, focus, two_pixels = sent(terms[..., None, None], depth)
+    like, terms = torch.empty(1, dtype=depth.dtype, device="cpu"), []
+    for lens in lenses:
+        each, s = lens._terms(like)
+        terms.append(torch.stack([each, 1 / s, like.new_tensor(2 * lens.pixel_size)]))
+    per_disparity, focus, two_pixels = sent(torch.stack(terms, 1)[..., None, None], depth)
     radii: Tensor = coc_of(per_disparity, focus, depth) / two_pixels
     return radii
 
@@ -154,6 +158,12 @@ class ThinLens:
         self.obj_depth = -20000.0
         longest = float(torch.as_tensor(foclen).detach().max())
         self.refocus(-20000.0 if longest < 20000.0 else -math.inf)
+
+    def __getattr__(self, name: str) -> Any:
+        """What replaces an attribute that went."""
+        words = f"{type(self).__name__!r} object has no attribute {name!r}"
+        instead = remedy("python", name, "DefocusLens")
+        raise AttributeError("; ".join(filter(None, (words, instead))))
 
     def __repr__(self) -> str:
         names = ("foclen", "fnum", "sensor_size", "sensor_res", "foc_dist", "device", "dtype")
@@ -269,8 +279,47 @@ class ThinLens:
     def foc_dist(self, foc_dist: Scalar) -> None:
         self.refocus(foc_dist)
 
-    def signed_coc(self, depth: Scalar) -> Tensor:
-        """The law: signed diameter of the circle of confusion in mm, negative nearer than focus.
+    def signed_radius(self, depth: Scalar) -> Tensor:
+        """The law: signed CoC radius r = c / (2 p) in px, the unit of the renderer.
+
+        Args:
+            depth: Positive planar depth in mm, any shape; inf allowed.
+
+        Returns:
+            Radii in px, depth's shape, negative nearer than focus.
+
+        Raises:
+            ValueError: If a depth is zero, negative or NaN, foclen is no longer less than
+                |foc_dist|, foclen or fnum no longer positive, or d_close not nearer than d_far.
+        """
+        depth = self._tensor("depth", depth)
+        if not bool((depth > 0).all()):
+            raise bad_depth("depth", depth, depth > 0, "positive")
+        self._require_real_image("foc_dist", self.foc_dist)
+        z = self._limit(depth)
+        per_disparity, s = self._terms(z)
+        radius = coc_of(per_disparity, 1 / s, z) / (2 * self.pixel_size)
+        if self.sharp_range is None:
+            return radius
+        return radius.masked_fill(between("sharp_range", self.sharp_range, z), 0.0)
+
+    def radius_at_infinity(self) -> float:
+        """Signed CoC radius in px of what is infinitely far, whatever `d_far` is."""
+        return number("radius", self.radii_at_infinity(), "radii_at_infinity has all")
+
+    def radii_at_infinity(self) -> Tensor:
+        """`radius_at_infinity` of each lens, [B], or of the one, without gradients."""
+        per_disparity, s = self._terms(torch.empty(1, dtype=floating(self.dtype), device="cpu"))
+        return (per_disparity / s / (2 * self.pixel_size)).detach()
+
+    def _terms(self, like: Tensor) -> tuple[Tensor, Tensor]:
+        """A v in mm² and s in mm, like a tensor: of 0 dimensions, or [B, 1, …]."""
+        s = self._parameter("foc_dist", like).abs()
+        foclen, fnum = (self._parameter(name, like) for name in ("foclen", "fnum"))
+        return coc_per_disparity(foclen, fnum, s), s
+
+    def coc(self, depth: Scalar) -> Tensor:
+        """Diameter of the circle of confusion in mm, unsigned.
 
         Args:
             depth: Distance in mm, of either sign, any shape; ±inf allowed.
@@ -279,53 +328,10 @@ class ThinLens:
             Diameters in mm, depth's shape.
 
         Raises:
-            ValueError: If a depth is zero or NaN, foclen is no longer less than |foc_dist|, foclen
-                or fnum no longer positive, or d_close not nearer than d_far.
+            ValueError: As `signed_radius`, which may be of another unit in a class below.
         """
-        self._require_real_image("foc_dist", self.foc_dist)
-        z = self._limit(self._distance("depth", depth))
-        s = self._parameter("foc_dist", z).abs()
-        coc = coc_of(self._coc_per_disparity(s, z), 1 / s, z)
-        if self.sharp_range is None:
-            return coc
-        return coc.masked_fill(between("sharp_range", self.sharp_range, z), 0.0)
-
-    def signed_radius(self, depth: Scalar) -> Tensor:
-        """Signed CoC radius r = c / (2 p) in px, the unit of the renderer.
-
-        Args:
-            depth: Positive planar depth in mm, any shape; inf allowed.
-
-        Returns:
-            Radii in px, depth's shape.
-
-        Raises:
-            ValueError: If a depth is zero, negative or NaN.
-        """
-        depth = self._tensor("depth", depth)
-        if not bool((depth > 0).all()):
-            raise bad_depth("depth", depth, depth > 0, "positive")
-        return self.signed_coc(depth) / (2 * self.pixel_size)
-
-    def radius_at_infinity(self) -> float:
-        """Signed CoC radius in px of what is infinitely far, whatever `d_far` is."""
-        return number("radius", self.radii_at_infinity(), "radii_at_infinity has all")
-
-    def radii_at_infinity(self) -> Tensor:
-        """`radius_at_infinity` of each lens, [B], or of the one, without gradients."""
-        s = numbers("foc_dist", self.foc_dist, floating(self.dtype), torch.device("cpu")).abs()
-        return (self._coc_per_disparity(s, s) / s / (2 * self.pixel_size)).detach()
-
-    def _terms(self, dtype: torch.dtype) -> Tensor:
-        """A v, 1/s and 2 p [3], on the CPU."""
-        s = self._parameter("foc_dist", torch.empty(0, dtype=dtype, device="cpu")).abs()
-        return torch.stack(
-            [self._coc_per_disparity(s, s), 1 / s, s.new_tensor(2 * self.pixel_size)]
-        )
-
-    def coc(self, depth: Scalar) -> Tensor:
-        """Diameter of the circle of confusion in mm, unsigned; as `signed_coc` otherwise."""
-        return self.signed_coc(depth).abs()
+        radius = ThinLens.signed_radius(self, self._distance("depth", depth))
+        return 2 * self.pixel_size * radius.abs()
 
     def hyperfocal(self, coc: Scalar) -> Tensor:
         """The nearest focus distance whose depth of field reaches infinity, f + f² / (N c), in mm.
@@ -380,17 +386,12 @@ class ThinLens:
                 f"coc must be one diameter or one for each of {list(s.shape)} distances, got "
                 f"{list(c.shape)}; 0.03 mm suits 36×24 mm"
             )
-        margin = c.to(s) / self._coc_per_disparity(s, s)
+        foclen, fnum = (self._parameter(name, s) for name in ("foclen", "fnum"))
+        margin = c.to(s) / coc_per_disparity(foclen, fnum, s)
         return depth_of_field(s, margin, self._far_point(c).to(s))
 
     def _far_point(self, c: Tensor) -> Tensor:
         return far_point(self._parameter("foclen", c), self._parameter("fnum", c), c)
-
-    def _coc_per_disparity(self, s: Tensor, depth: Tensor) -> Tensor:
-        """A v in mm² for a focus distance s, in the shape of a depth."""
-        return coc_per_disparity(
-            self._parameter("foclen", depth), self._parameter("fnum", depth), s
-        )
 
     def _limit(self, z: Tensor) -> Tensor:
         """Distances, none nearer than d_close or farther than d_far."""

@@ -39,7 +39,9 @@ def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
     elif not depth.is_radius:
         thin_lens, px = thin_lens_of(lens, depth.size), keeping.new(depth.metres.shape, "float32")
         for rows in bands(px.shape):
-            px[rows] = _through(thin_lens, depth.metres[rows], depth.path)
+            depth_mm = torch.from_numpy(depth.metres[rows].astype("float64")) * MM_PER_M
+            px[rows] = thin_lens.signed_radius(depth_mm).float().numpy()
+            _refuse_infinite(px[rows], lens.fnum, depth.metres[rows], depth.path)
         infinity = thin_lens.radius_at_infinity()
         near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
         scale = (infinity - near) * MM_PER_M
@@ -99,7 +101,12 @@ def signed_radius(
     lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
 ) -> NDArray[np.float32]:
     """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
-    return _through(thin_lens_of(lens, size), metres)
+    import torch
+
+    depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
+    radius: NDArray[np.float32] = thin_lens_of(lens, size).signed_radius(depth_mm).float().numpy()
+    _refuse_infinite(radius, lens.fnum, metres)
+    return radius
 
 
 def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
@@ -138,23 +145,19 @@ def thin_lens_of(lens: Lens, size: tuple[int, int]) -> ThinLens:
     return thin_lens
 
 
-def _through(
-    thin_lens: ThinLens, metres: NDArray[np.float32], path: Path | None = None
-) -> NDArray[np.float32]:
-    """The law in float64, rounded once; `path`: the file of the depth, if it is of one."""
-    import torch
-
-    depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
-    radius: NDArray[np.float32] = thin_lens.signed_radius(depth_mm).float().numpy()
-    if not (finite := np.isfinite(radius)).all():
-        if path is not None and (nearest := float(metres[~finite].min())) < _NEAREST:
-            problem = f"has a depth of {nearest:.3g} m, which is blurred beyond all numbers"
-            raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=path)
-        problem = f"f/{float(thin_lens.fnum):g} blurs beyond all numbers in this picture"
-        raise UsageProblem(
-            "out-of-range", problem, "check the lens options and the depth's unit", field="fnumber"
-        )
-    return radius
+def _refuse_infinite(
+    radius: NDArray[np.float32], fnum: float, metres: NDArray[np.float32], path: Path | None = None
+) -> None:
+    """Refuse radii beyond all numbers; `path`: the file of the depth, if it is of one."""
+    if (finite := np.isfinite(radius)).all():
+        return
+    if path is not None and (nearest := float(metres[~finite].min())) < _NEAREST:
+        problem = f"has a depth of {nearest:.3g} m, which is blurred beyond all numbers"
+        raise InputError("too-blurred", problem, "check ‹depth-unit› and ‹focus›", path=path)
+    problem = f"f/{fnum:g} blurs beyond all numbers in this picture"
+    raise UsageProblem(
+        "out-of-range", problem, "check the lens options and the depth's unit", field="fnumber"
+    )
 
 
 def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:

@@ -6,7 +6,7 @@ from command_line import failed, run
 import defocus_core
 from defocus_cli.main import COMMANDS
 from defocus_cli.options.shared import GroupedOption, Words
-from defocus_core import RandomDefocus
+from defocus_core import DefocusLens, RandomDefocus
 from defocus_core.compare.thresholds import rule
 from defocus_core.errors import Place, UsageProblem, with_dashes
 from defocus_core.gone import GONE
@@ -85,6 +85,11 @@ def test_rules_of_compare_that_went():
 
 def test_names_in_python_that_went():
     for row, words in rows("python"):
+        if row.of == "DefocusLens":
+            with pytest.raises(AttributeError, match=row.name) as lacking:
+                getattr(DefocusLens(50.0, 2.0), row.name)
+            assert str(lacking.value).endswith(words)
+            continue
         if row.of:
             with pytest.raises(TypeError, match=row.name) as unknown:
                 RandomDefocus(**{row.name: 1.0})

@@ -199,7 +199,7 @@ def test_nor_does_a_lens(agree):
             *lens.render_rgbd_dp(to(image), z),
             *(lens.psf(to(point), ks=80, psf_type=kind) for kind in ("gaussian", "pillbox")),
             *lens.psf_dp(to(point), 80),
-            lens.signed_coc(z),
+            lens.coc(z),
             lens.signed_radius(z),
             lens.dof(z),
         ]

@@ -70,7 +70,7 @@ def test_depth_is_never_clamped_and_no_depth_is_invalid_in_silence():
         expected = 50.0**2 / (1.4 * 950.0) * abs(z - 1000.0) / z
         assert float(lens.coc(-z)) == pytest.approx(expected)
     for z in (0.0, math.nan):
-        for method in (lens.coc, lens.signed_coc, lens.dof):
+        for method in (lens.coc, lens.signed_radius, lens.dof):
             with pytest.raises(ValueError, match="depth must be"):
                 method(torch.tensor([900.0, z]))
         with pytest.raises(ValueError, match="depth must be"):

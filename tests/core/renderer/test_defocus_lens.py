@@ -95,7 +95,8 @@ def test_coc_is_what_the_marginal_rays_leave_on_the_sensor(foclen, fnum, focus, 
     image = foclen * depth / (depth - foclen)  # where the rays of the point meet
     traced = foclen / fnum * (sensor - image) / image
     lens = camera(focus, foclen=foclen, fnum=fnum)
-    assert float(lens.signed_coc(depth)) == pytest.approx(traced, rel=1e-9, abs=1e-12)
+    coc = 2 * lens.pixel_size * lens.signed_radius(depth)
+    assert float(coc) == pytest.approx(traced, rel=1e-9, abs=1e-12)
 
 
 def test_coc_is_unsigned_and_equals_the_textbook_formula():
@@ -121,20 +122,21 @@ def test_what_is_in_focus_has_radius_exactly_zero(dtype, focus):
 def test_radius_in_pixels_is_half_the_coc_over_the_pitch():
     lens = camera()
     assert lens.pixel_size == pytest.approx(0.075)
-    torch.testing.assert_close(lens.signed_radius(DEPTHS), lens.signed_coc(DEPTHS) / 0.15)
+    torch.testing.assert_close(lens.signed_radius(DEPTHS).abs(), lens.coc(DEPTHS) / 0.15)
 
 
-def test_coc_is_affine_in_disparity_through_infinity():
+def test_the_radius_is_affine_in_disparity_through_infinity():
     disparity = torch.linspace(0, 1 / 200, 11, dtype=torch.float64)
-    coc = camera().signed_coc(1 / disparity)
-    assert coc.isfinite().all()
-    assert coc.diff(n=2).abs().max() < ROUNDING[torch.float64]
+    radius = camera().signed_radius(1 / disparity)
+    assert radius.isfinite().all()
+    assert radius.diff(n=2).abs().max() < ROUNDING[torch.float64]
 
 
 def test_infinite_focus_is_the_limit_of_far_focus():
-    torch.testing.assert_close(camera(math.inf).signed_coc(DEPTHS), camera(1e12).signed_coc(DEPTHS))
+    far, farther = camera(1e12), camera(math.inf)
+    torch.testing.assert_close(farther.signed_radius(DEPTHS), far.signed_radius(DEPTHS))
     assert float(camera(-math.inf).signed_radius(math.inf)) == 0
-    assert float(camera(math.inf).signed_coc(5000.0)) == pytest.approx(-(50.0**2) / 1.4 / 5000)
+    assert float(farther.coc(5000.0)) == pytest.approx(50.0**2 / 1.4 / 5000)
 
 
 @pytest.mark.parametrize("foc_dist", [-750.0, 750.0, torch.tensor(750.0), math.inf])
@@ -191,8 +193,8 @@ def test_rounding_leaves_no_far_limit_from_the_hyperfocal_distance_on(foclen, dt
 def test_at_the_limits_of_the_depth_of_field_the_coc_is_the_acceptable_one(focus):
     lens = camera(focus)
     near, far = lens.dof_limits(focus, 0.03)
-    assert float(lens.signed_coc(near)) == pytest.approx(-0.03)
-    assert float(lens.signed_coc(far)) == pytest.approx(0.03)
+    for limit, radius in ((near, -0.015), (far, 0.015)):
+        assert float(lens.signed_radius(limit)) == pytest.approx(radius / lens.pixel_size)
     assert float(lens.dof(focus, 0.03)) == pytest.approx(float(far - near))
 
 
@@ -325,7 +327,7 @@ def test_left_psf_lies_left_beyond_focus_and_right_nearer_8_r_over_3_pi_apart():
         (lambda: DefocusLens(50, 1.4, dtype=torch.int32), "floating point"),
         (lambda: camera(50.0), "farther than foclen=50 mm, got 50 mm"),
         (lambda: camera().coc(torch.tensor([1.0, math.nan])), "other than 0, got nan in 1 of 2"),
-        (lambda: camera().signed_coc(0), "got 0"),
+        (lambda: camera().coc(0), "got 0"),
         (lambda: camera().hyperfocal(0.0), "coc must be positive"),
         (lambda: camera().dof(1000.0, -0.03), "coc must be a diameter in mm"),
         (lambda: camera().dof(20.0, 0.03), "farther than foclen"),
@@ -393,15 +395,15 @@ def test_a_sharp_range_has_no_blur_and_leaves_the_law_outside():
     lens = DefocusLens(50.0, 1.4, (36.0, 24.0), (480, 320))
     lens.refocus(2000.0)
     z = torch.tensor([1000.0, 1800.0, 2100.0, 2400.0, 2400.1, math.inf], dtype=torch.float64)
-    plain = lens.signed_coc(z)
+    plain = lens.signed_radius(z)
     lens.sharp_range = (1800.0, 2400.0)
-    ranged = lens.signed_coc(z)
+    ranged = lens.signed_radius(z)
     assert ranged[1:4].tolist() == [0.0, 0.0, 0.0]
     torch.testing.assert_close(ranged[[0, 4, 5]], plain[[0, 4, 5]], rtol=0, atol=0)
     for wrong in ((2400.0, 1800.0), (0.0, 1.0), 5.0, (1.0,)):
         lens.sharp_range = wrong
         with pytest.raises(ValueError, match=r"sharp_range must be \(nearest, farthest\)"):
-            lens.signed_coc(z)
+            lens.signed_radius(z)
 
 
 def test_metres_taken_as_mm_are_said_once():

@@ -97,7 +97,7 @@ def test_random_lenses_are_not_drawn_from_what_makes_no_sense_any_more(name, wro
 def test_limits_on_depth_may_be_tensors_and_have_gradients():
     limited = lens()
     limited.d_close = torch.tensor([1500.0], requires_grad=True)
-    limited.signed_coc(DEPTH).sum().backward()
+    limited.signed_radius(DEPTH).sum().backward()
     assert float(limited.d_close.grad) > 0
 
 
