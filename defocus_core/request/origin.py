@@ -61,10 +61,8 @@ class JobsSource:
     data: bytes
 
 
-def keep(out: Path, source: JobsSource) -> None:
-    """Keep what a batch was asked for in its OUT, if that exists: what is not ours there stays."""
-    if not out.is_dir():  # there was nothing to do
-        return
+def keep(out: Path, source: JobsSource) -> bool:
+    """Keep what a batch was asked for in its OUT: whether it is new. What is not ours stays."""
     if source.path is None:
         name, data = _KEPT_TABLES, source.data
     else:
@@ -76,6 +74,8 @@ def keep(out: Path, source: JobsSource) -> None:
     elif before != data:
         with written_whole(out / name, out) as file:
             file.write(data)
+        return True
+    return False
 
 
 def _is_of_tables(data: bytes) -> bool:

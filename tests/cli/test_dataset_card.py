@@ -3,14 +3,16 @@
 import json
 import os
 import tarfile
+from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 from batches import contents, jobs_file
-from command_line import pair, read_exr, refused, run, succeed
+from command_line import depth_exr, pair, ramp, read_exr, refused, run, succeed
+from refusals import refuses
 
-from defocus_core import run_batch
+from defocus_core import BatchDataset, run_batch, samples
 
 JOBS = """
 [inputs]
@@ -34,6 +36,9 @@ quality = "high"
 """
 
 
+RENDERED = ("--fnumber", "2", "--focal-length", "50mm", "--focus", "2m", "--outputs", "coc", "-o")
+
+
 @pytest.fixture
 def folder(tmp_path):
     for name in "abcd":
@@ -51,10 +56,6 @@ def batch(folder, *words):
 def entries(folder):
     lines = (folder / "out" / "metadata.jsonl").read_text().splitlines()
     return [json.loads(line) for line in lines]
-
-
-def card(folder):
-    return dict(json.loads((folder / "out" / "card.json").read_text()))
 
 
 def test_the_sharp_picture_and_its_depth_stand_beside_the_outputs(folder):
@@ -92,16 +93,12 @@ def test_other_shares_render_nothing_again(folder):
     (folder / "jobs.toml").write_text(JOBS.replace("train = 0.5\ntest = 0.5", "all = 1.0"))
     batch(folder)
     assert {entry["split"] for entry in entries(folder)} == {"all"}
-    assert card(folder)["splits"] == {"all": 8}
     assert [path.name for path in (folder / "out").glob("*set.jsonl")] == ["allset.jsonl"]
     assert (folder / "out" / "render").stat().st_mtime_ns == before
 
 
-def test_the_card_sums_the_samples_up(folder):
+def test_the_card_is_a_head_as_hugging_face_has_it(folder):
     batch(folder)
-    found = card(folder)
-    assert (found["samples"], found["kinds"]["depth"]) == (8, 8)
-    assert sum(found["splits"].values()) == 8
     text = (folder / "out" / "README.md").read_text()
     head = pytest.importorskip("yaml").safe_load(text.split("---\n")[1])
     assert (head["size_categories"], head["tags"][0]) == (["n<1K"], "depth-of-field")
@@ -128,13 +125,6 @@ def test_a_readme_of_somebody_elses_stays(folder):
     assert "mit" in readme.read_text()
 
 
-def test_the_card_counts_what_failed_by_its_reason(folder):
-    (folder / "d_z.exr").write_bytes(b"nothing")
-    ran = run("batch", folder / "jobs.toml", "-o", folder / "out")
-    assert ran.code == 1
-    assert sum(card(folder)["failures"].values()) == 2
-
-
 def test_a_split_of_a_tampered_journal_names_no_file_elsewhere(folder):
     batch(folder)
     journal = folder / "out" / "journal.jsonl"
@@ -151,16 +141,40 @@ def test_an_index_that_is_true_stays_and_any_other_is_written_again(tmp_path, ou
     os.utime(index, (1, 1))
     assert run("batch", path, "-o", out).code == 0
     assert index.stat().st_mtime == 1
-    for name in ("metadata.jsonl", "card.json"):
-        (out / name).write_bytes(before[name][:-40])
+    for change in (Path.unlink, lambda path: path.write_text(path.read_text().partition("\n")[2])):
+        change(index)
         run("batch", path, "-o", out)
         assert contents(out) == before
-    (out / "README.md").unlink()
+    path.write_text(path.read_text() + '[dataset]\nlicence = "MIT"\n')
     run("batch", path, "-o", out)
-    assert contents(out) == before
+    assert {json.loads(line)["licence"] for line in index.read_text().splitlines()} == {"MIT"}
 
 
-FOREIGN = ("metadata.jsonl", "card.json", "trainset.jsonl", "shards/shards.json")
+def test_readers_of_a_batch_that_was_cut_off_are_told_what_to_do(tmp_path, out):
+    path = jobs_file(tmp_path)
+    run("batch", path, "-o", out)
+    before = contents(out)
+    depth_exr(tmp_path / "depth" / "a.exr", 2 * ramp())
+    with pytest.raises(KeyboardInterrupt):
+        run_batch(path, out, ended=_interrupted)
+    assert not list(out.glob("*a.jsonl"))
+    for read in (lambda: [*samples(out)], lambda: BatchDataset(out, ["coc"])):
+        with refuses("not-found", f"batch again, 'defocus status {out}' says what is left"):
+            read()
+    succeed("render", tmp_path / "rgb", tmp_path / "depth", *RENDERED, out)
+    assert not (out / "metadata.jsonl").exists(), "it is that of the batch"
+    succeed("batch", path, "-o", out)
+    assert contents(out).keys() == before.keys() | {"coc/a.exr", "coc/b.exr"}
+    index = (out / "metadata.jsonl").read_bytes()
+    succeed("render", tmp_path / "rgb", tmp_path / "depth", *RENDERED, out, "--overwrite")
+    assert (out / "metadata.jsonl").read_bytes() == index, "an index that is there is written again"
+
+
+def _interrupted(*_):
+    raise KeyboardInterrupt
+
+
+FOREIGN = ("metadata.jsonl", "trainset.jsonl", "shards/shards.json")
 FOREIGN_TAR = "shards/trainset-000007.tar"
 
 
@@ -189,7 +203,7 @@ def test_shards_that_a_killed_run_left_without_their_list_are_packed_again(folde
     assert contents(folder / "out") == before
 
 
-@pytest.mark.parametrize("edit", [None, "[dataset]\ntitle = 'Other'\n"])
+@pytest.mark.parametrize("edit", [None, "[dataset]\nlicence = 'MIT'\n"])
 def test_the_jobs_file_is_read_once(edit, folder):
     jobs = folder / "jobs.toml"
     before = jobs.read_bytes()
@@ -201,7 +215,7 @@ def test_the_jobs_file_is_read_once(edit, folder):
 
     run_batch(jobs, folder / "out", ended=edited)
     assert (folder / "out" / "jobs.toml").read_bytes().endswith(b"\n" + before)
-    assert card(folder)["origin"] == {}
+    assert {entry["licence"] for entry in entries(folder)} == {None}
 
 
 def test_samples_that_tars_cannot_tell_apart_are_refused_before_the_batch(folder):

@@ -58,7 +58,8 @@ def samples(out: str | os.PathLike[str]) -> Iterator[Sample]:
     """The samples of a finished batch in ``out``, sorted by name.
 
     Raises:
-        InputError: there is no index in ``out``, or a line of it is broken.
+        InputError: there is no index in ``out``, as of a batch that was cut off, or a line of it is
+            broken.
     """
     with _opened(Path(out)) as lines:
         for number, line in enumerate(lines, 1):
@@ -115,7 +116,11 @@ def _opened(root: Path) -> Iterator[BinaryIO]:
         with Folder(root).open(NAME) as lines:
             yield lines
     except OSError as error:
-        raise cannot_read(root / NAME, error, "it is written when a batch ends") from None
+        remedy = "it is written when a batch ends"
+        if any(root.glob("journal*.jsonl")):
+            told = f"'defocus status {root}' says what is left"
+            remedy = f"give the command of the batch again, {told}"
+        raise cannot_read(root / NAME, error, remedy) from None
 
 
 def _stamp(file: BinaryIO) -> tuple[int, int, int]:

@@ -6,17 +6,16 @@ image; beside the sharp picture, whose kind is image, it is ``<kind>_file_name``
 one type in every line, null where there is nothing to say, so that it reads as a table. It holds no
 time and no place of OUT.
 
-Beside it are the list of each split, ``OUT/<split>set.jsonl``, by which `datasets` loads it: the
-``configs`` in the head of README.md name them. A line of theirs is that of the index, without what
-would give a column other types in two splits: what one has a value of, and another has none.
+Beside it is the list of each split, ``OUT/<split>set.jsonl``, by which `datasets` loads it: the
+head of README.md names them. What is null in one split alone would be of two types there, so these
+lists have the columns alone that all samples have.
 """
 
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from functools import reduce
 from hashlib import blake2b
@@ -27,7 +26,6 @@ from typing import Any, BinaryIO
 from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.batch.journal.runs import INDEX
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.take import MEASURES
 from defocus_core.request.job import FRAME_ROLE
 from defocus_core.request.lens import EFFECTS
@@ -35,8 +33,7 @@ from defocus_core.request.origin import Origin
 from defocus_core.request.output_kinds import KINDS
 
 NAME = INDEX
-_OWN = (b'"sample_id": ', b'"outputs_blake2b": ')  # what a line of ours has
-_SAMPLE = re.compile(rb'"sample_id": ("(?:[^"\\]|\\.)*")')
+_OWN = (b'"sample_id": ', b'"coc_min_px": ')  # what a line of ours has
 _LONGEST_LINE = 2**24  # bytes
 DIGEST = 16  # bytes of the hash of an index
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
@@ -77,37 +74,19 @@ def is_own_line(line: bytes) -> bool:
 
 
 def listed(out: Path) -> set[str] | None:
-    """The names of the samples in the index of OUT; None if it has none."""
-    with suppress(OSError, ValueError, TypeError):
-        return {name for name, _ in _lines(out)} if (out / NAME).exists() else None
+    """The names of the samples in the index of OUT; None if it has none of ours."""
+    with suppress(OSError, ValueError, LookupError, TypeError, RecursionError):
+        if is_own(out):
+            with Folder(out).open(NAME) as file:
+                return {json.loads(line)["sample_id"] for line in file}
     return None
 
 
-def withdraw(out: Path, changing: Collection[str], *, alone: bool) -> set[str]:
-    """Take samples that are about to change out of the index of OUT; the names of those taken.
-
-    A process that is killed leaves an index of the samples that it did not touch, each as it is.
-    """
-    taken = (listed(out) or set()) & {*changing}
-    if taken and alone:
-        with written_whole(out / NAME, out) as file:
-            file.writelines(text for name, text in _lines(out) if name not in taken)
-    elif taken:
-        with suppress(FileNotFoundError):
-            Folder(out).remove(NAME)
-    return taken
-
-
-def _lines(out: Path) -> Iterator[tuple[str, bytes]]:
-    """Name and line of each sample of the index of OUT.
-
-    Raises OSError, ValueError or TypeError if it has no index of ours, or one without names.
-    """
-    if not is_own(out):
-        raise ValueError("is not of a batch")
-    with Folder(out).open(NAME) as file:
-        for line in file:
-            yield json.loads(_SAMPLE.search(line)[1]), line  # type: ignore[index]
+def split_lists(out: Path) -> Iterator[str]:
+    """The names of the lists of splits in OUT, those of others left out."""
+    with suppress(OSError):
+        names = Folder(out).names()
+        yield from (name for name in names if name.endswith(list_name("")) and is_own(out, name))
 
 
 def digest(lines: Iterable[bytes]) -> str:
@@ -217,86 +196,19 @@ def _lens(lens: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-Entry = Mapping[str, Any]
-Key = tuple[str, ...]  # of a value in a mapping, or in one within it
+# Columns of the list of a split, and the numbers of the lens there.
+_LISTED = ("sample_id", "width", "height", "coc_min_px", "coc_max_px", "quality")
+_OF_LENS = ("focal_length_mm", "fnumber", "sensor_width_mm", "focus_dioptres", "blades")
 
 
-class SplitLists:
-    """The lists of the splits of an index, whose entries are looked at as they are written."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, set[Key]] = {}  # by split, the keys of which an entry has a value
-        self._folders: set[str] = set()  # patterns of the pictures that can be decoded
-
-    def look_at(self, entry: Entry) -> None:
-        """Note what the lists need to know of an entry."""
-        for path in filter(decoded, entry["outputs"].values()):
-            self._folders.add(f"{path.partition('/')[0]}/*.{path.rpartition('.')[2]}")
-        if entry["split"]:
-            self._known.setdefault(entry["split"], set()).update(_with_values(entry))
-
-    def write(self, out: Path) -> list[Path]:
-        """Write the list of each split of the index of OUT; none where the samples have none."""
-        every = [*self._known.values()]
-        left_out = (
-            set[Key]().union(*every).difference(every[0].intersection(*every) if every else ())
-        )
-        paths = {split: out / list_name(split) for split in self._known}
-        if paths:
-            with ExitStack() as stack, Folder(out).open(NAME) as index:
-                files = {s: stack.enter_context(written_whole(p, out)) for s, p in paths.items()}
-                for text in index:
-                    entry = json.loads(text)
-                    if entry["split"]:
-                        is_shorter = left_out or self._folders
-                        kept = line(_without(entry, left_out)) if is_shorter else text
-                        files[entry["split"]].write(kept)
-        return [*paths.values()]
-
-    def configs(self) -> Iterator[str]:
-        """Lines of YAML that tell `datasets` of the lists; of all samples if there is no split."""
-        lists = {split: list_name(split) for split in self._known} or {"train": NAME}
-        yield from ("configs:", "- config_name: default")
-        if self._folders:  # else the lists are tables
-            yield f"  metadata_filenames: {json.dumps(list(lists.values()))}"
-        yield "  data_files:"
-        for split, name in lists.items():
-            yield f"  - split: {json.dumps(split)}"
-            yield f"    path: {json.dumps([name, *sorted(self._folders)])}"
-
-
-def remove_splits(out: Path, splits: Iterable[str]) -> None:
-    """Remove the lists of some splits."""
-    for split in splits:
-        Folder(out).remove(list_name(split))
+def list_line(entry: Mapping[str, Any]) -> bytes:
+    """A line of the list of a split, of a sample of the index."""
+    names = {k: v for k, v in entry.items() if k.endswith("file_name") and decoded(v)}
+    lens = {key: entry["lens"][key] for key in _OF_LENS}
+    return line({**names, **{key: entry[key] for key in _LISTED}, "lens": lens})
 
 
 def list_name(split: str) -> str:
     """The name of the list of a split."""
     # Of "train.jsonl" `datasets` would guess that it is all of a split, as of any such name.
     return f"{split}set.jsonl"
-
-
-def _with_values(entry: Entry, before: Key = ()) -> Iterator[Key]:
-    """The keys of which an entry has a value."""
-    for key, value in entry.items():
-        if isinstance(value, dict):
-            yield from _with_values(value, (*before, key))
-        elif value not in (None, []):
-            yield (*before, key)
-
-
-def _without(entry: Entry, keys: set[Key]) -> dict[str, Any]:
-    """An entry without some keys, and without pictures that cannot be decoded."""
-    kept = {
-        key: value
-        for key, value in entry.items()
-        if not key.endswith("file_name") or decoded(value)
-    }
-    for *folders, last in keys:
-        place = kept
-        for key in folders:
-            place[key] = dict(place.get(key, {}))
-            place = place[key]
-        place.pop(last, None)
-    return kept

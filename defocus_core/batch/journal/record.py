@@ -307,7 +307,7 @@ FIELDS: Mapping[str, Field] = {
     "device": Field(_TEXT, "where it was rendered", "ok"),
     "measures": Field(
         (dict, _NONE),
-        "radii, and shares of pixels, for cards of data sets",
+        "radii, and shares of pixels, for the index",
         "old",
         check=(_are_measures, "not all of which are numbers"),
     ),

@@ -51,7 +51,7 @@ class Execution:
     keep_lenses: bool = False  # refuse to replace pictures of another lens or view
     raises: bool = False  # a lone job that fails leaves nothing, and its error ends the run
     spread: int = 1  # over how many workers the jobs of one picture are to be spread
-    has_index: bool = False  # an index of what is asked for is left; else one that is there is true
+    has_index: bool = False  # an index of what is asked for is written; else one that was there
     shards_size: int | None = None  # bytes of a tar beside it; None to pack only where some are
     source: JobsSource | None = None  # what is kept of the jobs file; None if there is none
 
@@ -323,8 +323,8 @@ def run(jobs: Sequence[Job], out: Path, execution: Execution, listener: Listener
                 runs.sweep_up(out)
         elif has_journal and execution.shard is None:
             runs.run_path(out).unlink(missing_ok=True)
-    if has_journal:
-        _index({job.sample_id for job in jobs}, state)
+        if has_journal:
+            _index({job.sample_id for job in jobs}, state)
     return state.summary
 
 
@@ -334,11 +334,10 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
     plan, shard = state.plan, state.execution.shard
     out = plan.ledger.out
     path = runs.note_run(out, shard, (job.sample_id for job in plan.unfinished))
-    changing = {job.sample_id for _, job in plan.todo}
     if (out / runs.INDEX).exists():
         from defocus_core.batch.datasets import update
 
-        state.withdrawn = update.withdraw(out, changing, alone=shard is None)
+        state.withdrawn = update.withdraw(out)
     try:
         with Journal(journal_path(out, shard), plan.began) as journal:
             yield journal.append
@@ -351,22 +350,20 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
 
 
 def _index(asked: Collection[str], state: _State) -> None:
-    """Write the index of the samples that are asked for, or one that lists some of them."""
+    """Write the index of the samples that are asked for, or again that of those it listed."""
     plan, summary, execution = state.plan, state.summary, state.execution
-    out = plan.ledger.out
+    out, is_other = plan.ledger.out, bool(plan.due or plan.moved)
     if execution.source is not None:
         from defocus_core.request import origin
 
-        origin.keep(out, execution.source)
-    if execution.has_index or (out / runs.INDEX).exists():
-        from defocus_core.batch.datasets import update
+        is_other |= origin.keep(out, execution.source)
+    names = asked if execution.has_index else state.withdrawn
+    if names is not None and execution.shard is None and not summary.interrupted:
+        from defocus_core.batch.datasets import sample_index, update
 
-        if not execution.has_index:
-            if summary.statuses["ok"]:
-                update.refresh(out, asked, state.withdrawn)
-        elif execution.shard is None and not summary.interrupted:
-            untouched = None if plan.due or plan.moved else state.done_before()
-            summary.written = update.index(out, execution.shards_size, asked, untouched)
+        is_other |= execution.shards_size is not None
+        if is_other or sample_index.listed(out) != state.done_before():
+            summary.written = update.index(out, execution.shards_size, names)
     if not summary.error:
         _tell_mix(state)
 
@@ -416,7 +413,7 @@ class _State:
             len(plan.jobs), settled, unfinished, again=plan.again, kept=plan.kept
         )
         self.interrupts = Interrupts(patient=plan.due > 1)
-        self.withdrawn: set[str] = set()  # samples that were taken out of the index
+        self.withdrawn: set[str] | None = None  # samples of an index that was removed
         self.replaced: set[int] = set()  # numbers of records whose pictures were made again
         self.stopping = False
 

@@ -15,6 +15,7 @@ from command_line import header, read_exr
 from command_line import run as run_command
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
 from records import pack, write_index
+from refusals import refuses
 
 from defocus_cli.words import batch as batch_report
 from defocus_core import BatchDataset, run_batch
@@ -118,13 +119,12 @@ def test_the_index_is_true_at_every_moment_of_a_run_that_changes_samples(tmp_pat
 
     run_until(seed=0, killed_after=0)
     assert true_samples() == 8
-    for seed, killed_after in enumerate((8, 5, 2, 1), 1):
+    for seed, killed_after in enumerate((8, 1), 1):
         run_until(seed, killed_after)
-        assert true_samples() < 8
-    assert not (tmp_path / "out" / "card.json").exists()
+        with refuses("not-found"):
+            true_samples()
     run_until(seed=5, killed_after=0)
     assert true_samples() == 8
-    assert (tmp_path / "out" / "card.json").exists()
 
 
 def test_effects_are_absent_where_the_draw_says_so(tmp_path):
