@@ -19,7 +19,6 @@ CODES = {
     "ambiguous": "several things could be meant; the remedy names them",
     "changed": "a file changed while it was used",
     "circular-link": "a link leads to a folder that it is in",
-    "coc-too-large": "the blur would be larger than max-coc allows",
     "contradiction": "two things that are asked for exclude each other",
     "damaged": "a file is truncated, or does not hold what its header promises",
     "deep-data": "a file holds deep pixels where flat ones are wanted, or the reverse",
@@ -179,10 +178,6 @@ class InputError(DefocusError):
 
 class TooLarge(InputError):  # noqa: N818 - it is said of a file
     """A picture does not fit into memory."""
-
-
-class Rejected(InputError):  # noqa: N818 - it is no error of the user's
-    """A picture that a lens cannot take as asked."""
 
 
 class NotExplained(DefocusError):  # noqa: N818 - it is said of pictures

@@ -56,6 +56,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
             for place in ("edges", "elsewhere")
             for metric in ("max", "mean", "rmse", "psnr")
         ),
+        Gone("key", "max-coc", "limit radii by clamp-blur, or draw the focus in percentiles"),
         Gone("value", "draft", "write standard", "quality"),
         Gone("python", "signed_coc", "write 2 * pixel_size * signed_radius(depth)", "DefocusLens"),
         Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),

@@ -37,12 +37,12 @@ depth-repair = "off"
 [lens]
 focal-length = "50mm"
 sensor-width = "3mm"
+clamp-blur = "6px"
 [sample]
 n = 3
 seed = 1
 fnumber = "loguniform(2, 8)"
 focus = "percentile(5, 95)"
-max-coc = "6px"
 [outputs]
 kinds = ["left", "right", "coc"]
 """

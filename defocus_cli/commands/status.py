@@ -17,7 +17,7 @@ from defocus_core.request.origin import KEPT
 @click.argument("out", type=FilePath())
 @option(
     "--failures N",
-    "Name at most N jobs that failed or were rejected, the last ones.",
+    "Name at most N jobs that failed, the last ones.",
     click.IntRange(min=0),
     default=10,
     show_default=True,

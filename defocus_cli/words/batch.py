@@ -120,7 +120,7 @@ def _written_words(job: Job) -> str:
 
 _WARNINGS = 3  # kinds of which an example is shown
 _ALIKE = 5  # errors of one kind that are told
-_WORDS = {"ok": "done", "rejected": "rejected", "failed": "failed"}
+_WORDS = {"ok": "done", "failed": "failed"}
 
 
 class BatchReport(Listener):

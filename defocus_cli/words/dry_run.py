@@ -7,7 +7,6 @@ import click
 from defocus_cli.words import console
 from defocus_cli.words.batch import job_line, job_record, reasons_lines
 from defocus_core.batch.workers.run import Plan
-from defocus_core.errors import Rejected
 from defocus_core.picture.forecast import forecasts
 from defocus_core.system.text import counted
 
@@ -47,13 +46,11 @@ def report(plan: Plan, processes: int, *, each: bool, as_json: bool) -> None:
         beyond = f", {plan.later} beyond the limit" if plan.later else ""
         done = f"{counted(done_before, 'job')} done before"
         console.stdout(f"{done}, {len(todo)} to do{beyond}, {counted(files, 'file')} to write")
-        if unusable:
-            console.stdout(f"{len(unusable)} of {looked_at} that were looked at would not be done")
         if peak_mb is not None:
             of_each = f" in each of {processes} processes" if processes > 1 else ""
             few = f", going by {len(found)} of them" if len(found) < len(todo) else ""
             console.stdout(f"at most {peak_mb:.0f} MB of memory{of_each}{few}")
         console.stdout(*reasons_lines(plan))
-    failing = sum(not isinstance(error, Rejected) for error in unusable)
-    if failing:  # one that would be rejected is no failure
-        raise click.ClickException(f"{failing} of {looked_at} that were looked at would fail")
+    if unusable:
+        problem = f"{len(unusable)} of {looked_at} that were looked at would fail"
+        raise click.ClickException(problem)

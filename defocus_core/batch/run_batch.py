@@ -157,11 +157,11 @@ def run_batch(
         hash_inputs: Whether bytes of inputs are compared with those of before, not only their
             size and time.
         ended: Called with each job that came to its end, and its record of the journal: its
-            ``status`` is ok, rejected or failed, its ``end`` says why, or what was taken.
+            ``status`` is ok or failed, its ``end`` says why, or what was taken.
 
     Returns:
         How many ``jobs`` there are; how many were done before (``skipped``) and are ``left``; the
-        others by status, ``statuses["ok"]``, ``["rejected"]`` and ``["failed"]``, and by
+        others by status, ``statuses["ok"]`` and ``["failed"]``, and by
         ``reasons``; ``seconds``.
 
     Raises:

@@ -1,8 +1,4 @@
-"""The focus of a lens that its picture decides.
-
-A random lens whose blur exceeds ``max_coc``, or which cannot focus on the picture, is drawn again,
-`ATTEMPTS` times in all.
-"""
+"""The focus of a lens that its picture decides."""
 
 from __future__ import annotations
 
@@ -10,52 +6,19 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from defocus_core.errors import InputError, Rejected, UsageProblem
+from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.picture.radii import MM_PER_M, signed_radius
+from defocus_core.picture.radii import MM_PER_M
 from defocus_core.picture.take import Take
 from defocus_core.request.lens import Lens
 from defocus_core.request.quantities import Percentile, SideShare, length_text
-from defocus_core.request.resolver import drawn_lens, refuse_near_focus
+from defocus_core.request.resolver import refuse_near_focus
 
 
 def with_focus(lens: Lens, depth: Depth) -> Lens:
-    """The lens with its focus distance, drawn again if it does not suit the picture."""
-    from defocus_core.optics.distributions import ATTEMPTS
-
-    refused = math.inf
-    for attempt in range(ATTEMPTS):
-        if attempt and lens.draw is not None:
-            draw = replace(lens.draw, attempt=attempt, refused_px=refused)
-            lens = drawn_lens(draw, lens.focus_source, lens.max_coc)
-        try:
-            focused = _focus(in_pixels(lens, depth), depth)
-            radius = _largest_radius(focused, depth)
-            if lens.max_coc is None or radius <= lens.max_coc:
-                return focused
-            refused = min(refused, radius)
-            problem = f"would get a CoC radius of {radius:.2f} px, more than {lens.max_coc:g}px"
-            raise Rejected("coc-too-large", problem, "allow a larger max-coc", path=depth.path)
-        except Rejected as error:
-            if lens.draw is None:
-                raise
-            rejected = error
-    problem = f"{rejected.problem}, with the last of {ATTEMPTS} lenses drawn for it"
-    raise Rejected(rejected.code, problem, rejected.remedy, path=rejected.place)
-
-
-def in_pixels(lens: Lens, depth: Depth) -> Lens:
-    """The lens with its blur in px, if that is a share of the longer side of the picture."""
-    if not isinstance(lens.blur, SideShare):
-        return lens
-    return replace(lens, blur=lens.blur.percent / 100 * max(depth.size))
-
-
-def _focus(lens: Lens, depth: Depth) -> Lens:
-    """The lens with the focus distance that the depth decides."""
+    """The lens with the focus distance that its picture decides."""
+    lens = in_pixels(lens, depth)
     if lens.blur is not None:
         if lens.focus_at is None:
             return lens
@@ -66,6 +29,13 @@ def _focus(lens: Lens, depth: Depth) -> Lens:
     if lens.focus_percentile is not None:
         return replace(lens, foc_dist=_at_percentile(lens, depth))
     return lens
+
+
+def in_pixels(lens: Lens, depth: Depth) -> Lens:
+    """The lens with its blur in px, if that is a share of the longer side of the picture."""
+    if not isinstance(lens.blur, SideShare):
+        return lens
+    return replace(lens, blur=lens.blur.percent / 100 * max(depth.size))
 
 
 def with_blur_reach(lens: Lens, depths: Sequence[Depth]) -> Lens:
@@ -125,25 +95,13 @@ def _at_percentile(lens: Lens, depth: Depth) -> float:
         remedy = "give the focus as a distance"
         what = "is all sky" if depth.empty is None else "is sky or has an alpha of 0 everywhere"
         problem = f"{what}, with nothing to focus on"
-        raise Rejected("no-valid-depth", problem, remedy, path=depth.path)
+        raise InputError("no-valid-depth", problem, remedy, path=depth.path)
     foc_dist = metres * MM_PER_M
     if foc_dist <= lens.foclen:
         where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
         problem = f"has {length_text(foc_dist)} at {where}, not beyond the focal length {far}"
-        raise Rejected("focus-too-near", problem, "focus farther away", path=depth.path)
+        raise InputError("focus-too-near", problem, "focus farther away", path=depth.path)
     return foc_dist
-
-
-def _largest_radius(lens: Lens, depth: Depth) -> float:
-    """The largest CoC radius in px of a picture; 0 of one that shows nothing."""
-    if depth.ends is None:
-        return 0.0
-    limits = np.array(depth.ends)
-    if isinstance(lens.blur, float):
-        limits = np.array([lens.blur])
-    elif not depth.is_radius:
-        limits = signed_radius(lens, limits, depth.size)
-    return float(np.abs(limits).max())
 
 
 def find_focus(take: Take) -> Take:

@@ -4,14 +4,12 @@ A TOML file with the tables
   [inputs]    pictures, as below
   [split]     shares of train, test, …, see `splits`
   [dataset]   title, licence, source and citation, see `batch.datasets.origin`
-  [lens]      the options of a lens; ``file``, a lens file below them; ``max-coc``, see [sample]
+  [lens]      the options of a lens; ``file``, a lens file below them
   [animate]   keys of lens options by frame, see `animation`; ``file``, files of
               keys; ``interpolation``
   [shot]      steady, focus-smooth: what frames have in common, see `shots`
   [sweep]     lists, grids and ranges of lens options, see `sweeps`
-  [sample]    random lenses, see `sweeps`; ``max-coc``, like
-              "40px", bounds the radius of the blur: a lens beyond it is drawn again, and where no
-              draw suits, or none was drawn, the picture is rejected
+  [sample]    random lenses, see `sweeps`
   [reading]   depth-format and the other options of reading, see `job_options`
   [outputs]   kinds, format, map-format, exr-type, compression, jpeg-quality, preview;
               inputs = "copy" adds the sharp picture and its depth, kinds image and depth
@@ -62,7 +60,6 @@ from defocus_core.request.origin import JobsSource, read_origin
 from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find
 from defocus_core.request.parameters import LENS_OPTIONS, METADATA
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.quantities import pixel_count
 from defocus_core.request.resolver import (
     OPTIONS,
     Layer,
@@ -167,10 +164,7 @@ def _lenses(
     lens: Table, sweep: Table, sample: Table, animation: Animation | None, reading: Reading
 ) -> PictureLenses:
     """The lenses that ``[lens]``, ``[sweep]``, ``[sample]`` and ``[animate]`` ask for."""
-    lens.refuse_unknown((*LENS_OPTIONS, "file", "max-coc", METADATA))
-    if "max-coc" in lens.values and "max-coc" in sample.values:
-        problem = "is in [sample], too"
-        raise UsageProblem("contradiction", problem, "remove one", path=lens.place("max-coc"))
+    lens.refuse_unknown((*LENS_OPTIONS, "file", METADATA))
     return PictureLenses(
         own=layer_of(lens.values, LENS_OPTIONS, lens.place),
         where=lens.place(),
@@ -182,7 +176,6 @@ def _lenses(
         metres=UNITS[reading.depth_unit or "m"],
         points=read_sweep(sweep),
         sampling=read_sampling(sample),
-        max_coc=(sample if "max-coc" in sample.values else lens).parsed("max-coc", pixel_count),
     )
 
 

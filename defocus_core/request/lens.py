@@ -21,8 +21,6 @@ class Draw:
     picture: str  # name of the picture, with that of the lens of the sweep
     index: int  # number of the draw for these
     options: tuple[tuple[str, str], ...]  # all options of the lens as texts, drawn or not
-    attempt: int = 0  # number of draws before this one that did not suit the picture
-    refused_px: float = math.inf  # least radius of those that blurred more than max-coc
 
 
 @dataclass(frozen=True, slots=True)  # a batch has a million
@@ -44,7 +42,6 @@ class Lens:
     blades: int = 0
     blade_rotation: float = 0.0
     focus_percentile: float | None = None  # 0 is the nearest pixel, 100 the farthest but the sky
-    max_coc: float | None = None  # px, largest CoC radius that the picture may have
     # Radius of the most blurred pixel in px, or a share of a picture, instead of optics
     blur: float | SideShare | None = None
     focus_value: float | None = None  # number of the depth file in focus, with ``blur``
@@ -116,12 +113,8 @@ def lens_record(lens: Lens) -> dict[str, Any]:
         values["focus_at_px"] = list(lens.focus_at)
     if lens.focus_percentile is not None:
         values["focus_percentile"] = lens.focus_percentile
-    if lens.max_coc is not None:
-        values["max_coc_px"] = lens.max_coc
     if (draw := lens.draw) is not None:
-        drawn = {"seed": draw.seed, "index": draw.index, "attempt": draw.attempt}
-        refused = draw.refused_px if math.isfinite(draw.refused_px) else None
-        values["draw"] = {**drawn, "refused_px": refused} if draw.attempt else drawn
+        values["draw"] = {"seed": draw.seed, "index": draw.index}
     return values
 
 

@@ -66,7 +66,6 @@ class PictureLenses:
     # The options of each lens of the sweep, by what it adds to the name of a sample
     points: Mapping[str, Layer] = field(default_factory=lambda: {"": _NONE})
     sampling: Sampling = field(default_factory=Sampling)  # what is drawn, for each point
-    max_coc: float | None = None  # largest CoC radius in px that a lens may have; None for any
     # What was made: options and lenses of points for all pictures; options of lens files that were
     # read, beside a blur in pixels or without
     _made: dict[int, tuple[Layer, Lens | None]] = field(default_factory=dict, init=False)
@@ -133,7 +132,7 @@ class PictureLenses:
         if self.varies:
             return None
         self._check(self.options, {}, None)
-        return lens_of(self.options, self.max_coc)
+        return lens_of(self.options)
 
     def of(self, picture: Picture) -> tuple[Lens, Layer]:
         """The lens of a picture where there is one, and the options that its metadata decided."""
@@ -142,7 +141,7 @@ class PictureLenses:
         options, metadata = self._options(picture, {})
         used = {name: each for name, each in metadata.items() if options.get(name) is each}
         self._check(options, metadata, picture)
-        return lens_of(options, self.max_coc), used
+        return lens_of(options), used
 
     def lenses(
         self, picture: Picture, numbers: Iterable[int], row: Layer = _NONE
@@ -161,7 +160,7 @@ class PictureLenses:
             if made is None:
                 set_to: Layer = laid_over(options, swept)
                 self._check(set_to, metadata, picture)
-                made = set_to, None if draws else lens_of(set_to, self.max_coc)
+                made = set_to, None if draws else lens_of(set_to)
                 if alike:
                     self._made[which] = made
             set_to, lens = made
@@ -172,7 +171,7 @@ class PictureLenses:
             source = place_of_focus(set_to)
             for index in (number % draws for number in mine):
                 draw = Draw(self.sampling.seed, picture.stem + suffix, index, texts)
-                yield f"{suffix}_s{index:03}", drawn_lens(draw, source, self.max_coc)
+                yield f"{suffix}_s{index:03}", drawn_lens(draw, source)
 
     def _check(self, options: Layer, metadata: Layer, picture: Picture | None) -> None:
         focal = metadata.get("focal-length")

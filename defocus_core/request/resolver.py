@@ -259,10 +259,10 @@ def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = ""
         raise UsageProblem("out-of-range", problem, remedy, path=where)
 
 
-def lens_of(options: Layer, max_coc: float | None = None) -> Lens:
+def lens_of(options: Layer) -> Lens:
     """The lens of options that `check_lens` lets pass, none of which is drawn."""
     values = {name: value_of(name, each.text) for name, each in options.items()}
-    return _lens(values, place_of_focus(options), max_coc)
+    return _lens(values, place_of_focus(options))
 
 
 def place_of_focus(options: Layer) -> Place:
@@ -271,20 +271,18 @@ def place_of_focus(options: Layer) -> Place:
     return next((options[name].place for name in ways if name in options), CALLER)
 
 
-def drawn_lens(draw: Draw, source: Place, max_coc: float | None) -> Lens:
-    """The lens of a draw.
-
-    `source`: the place of its focus; `max_coc`: largest CoC radius in px that it may have.
-    """
+def drawn_lens(draw: Draw, source: Place) -> Lens:
+    """The lens of a draw; `source`: the place of its focus."""
     from defocus_core.optics.distributions import drawn
 
     options = {
         name: distribution(name, text) or value_of(name, text) for name, text in draw.options
     }
-    values = drawn(options, draw.seed, draw.picture, draw.index, draw.attempt)
+    # The last key is 0 for ever: published data sets come out of it again
+    values = drawn(options, draw.seed, draw.picture, draw.index, 0)
     if getattr(options.get("focus"), "kind", "") == "percentile":
         values["focus"] = Percentile(values["focus"])
-    return replace(_lens(values, source, max_coc), draw=draw)
+    return replace(_lens(values, source), draw=draw)
 
 
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
@@ -357,7 +355,7 @@ def _possible(name: str, text: str) -> Sequence[Any]:
     return () if drawn.kind == "percentile" else drawn.values
 
 
-def _lens(values: Mapping[str, Any], source: Place, max_coc: float | None) -> Lens:
+def _lens(values: Mapping[str, Any], source: Place) -> Lens:
     fields: dict[str, Any] = {"foclen": math.nan, "fnum": math.nan, "foc_dist": None}
     fields |= {LENS_OPTIONS[name].field_of(value): value for name, value in values.items()}
     sharp = fields.get("sharp_range")
@@ -367,7 +365,7 @@ def _lens(values: Mapping[str, Any], source: Place, max_coc: float | None) -> Le
         fields["fnum"] = fields["foclen"] / diameter
     if isinstance(fields["foc_dist"], Percentile):
         fields |= {"foc_dist": None, "focus_percentile": fields["foc_dist"].percent}
-    return Lens(**fields, max_coc=max_coc, focus_source=source)
+    return Lens(**fields, focus_source=source)
 
 
 def _named(option: str, place: Place) -> str:

@@ -142,7 +142,7 @@ def _end(name: str, text: str, where: Place) -> float:
     return float(value)
 
 
-_SAMPLE_KEYS = ("n", "seed", "max-coc", *LENS_OPTIONS)
+_SAMPLE_KEYS = ("n", "seed", *LENS_OPTIONS)
 
 
 def read_sampling(table: Table) -> Sampling:

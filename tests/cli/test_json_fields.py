@@ -112,6 +112,6 @@ def test_the_topic_names_each_field_of_a_command_and_no_other(command, desk, mon
 
 
 def test_the_topic_names_each_value_of_a_lens_and_of_a_repair():
-    beside = {"focus_at_px", "focus_percentile", "max_coc_px", "draw"}
+    beside = {"focus_at_px", "focus_percentile", "draw"}
     assert documented("A lens") == {*RECORDED, *EFFECT_OPTIONS} | beside
     assert documented("A repair of depth") == repair_record(DepthRepair()).keys()

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from batches import JOBS, again, folders, jobs_file, records
+from batches import again, folders, jobs_file, records
 from command_line import (
     color_exr,
     depth_exr,
@@ -388,27 +388,3 @@ def test_why_a_job_is_done_again_is_counted_by_reason(tmp_path, out, computed):
     assert "several renderers" not in ran.err
     path.write_text(path.read_text().replace("fnumber = 2", "fnumber = 4"))
     assert "done again: settings: 15" in succeed("batch", path, "-o", out).err
-
-
-DRAWN = JOBS.replace("fnumber = 2", 'focus = "1.3m"').replace(
-    '[sweep]\nfocus = ["1.5m", "2m"]', '[sample]\nn = 24\nseed = 3\nfnumber = "uniform(1, 8)"'
-)
-
-
-def test_another_largest_radius_redoes_what_is_drawn_otherwise_alone(tmp_path, out, computed):
-    def drawn(max_coc, folder=out):
-        path = jobs_file(
-            tmp_path, "a", text=DRAWN.replace("n = 24", f'max-coc = "{max_coc}px"\nn = 24')
-        )
-        computed.clear()
-        succeed("batch", path, "-o", folder, "--processes", "1")
-        return {each["sample_id"]: each["lens"]["fnumber"] for each in records(folder)}
-
-    before = drawn(0.16)
-    assert len({each["lens"]["draw"]["attempt"] for each in records(out)}) > 1
-    for max_coc in (0.12, 0.3, 0.14):
-        fresh = drawn(max_coc, tmp_path / f"fresh{max_coc}")
-        assert drawn(max_coc) == fresh
-        assert {*computed} == {name for name in fresh if fresh[name] != before[name]}
-        before = fresh
-    assert computed

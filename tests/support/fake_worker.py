@@ -41,7 +41,7 @@ def serve_slowly(connection):
 
     def compute(job, inputs):
         time.sleep(0.5)
-        return Failed("failed", "fault", "makes nothing")
+        return Failed("fault", "makes nothing")
 
     pipeline.Reader = lambda: SimpleNamespace(read=lambda job: "inputs")
     pipeline.compute, plain_path.load = compute, lambda: None

@@ -17,7 +17,6 @@ n = 4
 seed = 7
 fnumber = "loguniform(1.4, 16)"
 focus = "percentile(5, 95)"
-max-coc = "0.3px"
 [outputs]
 kinds = ["render", "coc"]
 """

@@ -192,7 +192,6 @@ def _lens(lens: Mapping[str, Any]) -> dict[str, Any]:
         **{name: value for name, value in lens.items() if name in EFFECTS},
         "draw_seed": draw.get("seed"),
         "draw_index": draw.get("index"),
-        "draw_attempt": draw.get("attempt"),
     }
 
 

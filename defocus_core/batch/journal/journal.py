@@ -268,7 +268,8 @@ class Ledger:
         with without_collections():
             for place, (part, reader) in enumerate(zip(parts, self._journals, strict=True)):
                 for begin, values, _ in reader.lines():
-                    found = Outcome(values["status"], values["reason"], values.get("renderer"))
+                    status = "ok" if values["status"] == "ok" else "failed"
+                    found = Outcome(status, values["reason"], values.get("renderer"))
                     self.outcomes.append(outcomes.setdefault(found, found))
                     self._begins.append(begin)
                     self._of.append(place)

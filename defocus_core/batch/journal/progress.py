@@ -44,7 +44,7 @@ class Progress:
     seconds: float | None = None  # mean rendering time of a finished job
     # Numbers of the parts that have begun, and of how many; None if not in parts
     shards: tuple[list[int], int] | None = None
-    # The records that failed or were rejected, the last ones, oldest first
+    # The records that failed, the last ones, oldest first
     failures: list[Record] = field(default_factory=list)
 
     @property

@@ -23,7 +23,6 @@ from typing import Any, ClassVar, Literal, NamedTuple
 from defocus_core.errors import (
     DefocusError,
     InputError,
-    Rejected,
     TooLarge,
     UsageProblem,
     one_line,
@@ -36,11 +35,6 @@ from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.parameters import RECORDED
 
-REJECTIONS = {
-    "coc-too-large": "the blur would be larger than max-coc allows",
-    "no-valid-depth": "there is nothing to focus on",
-    "focus-too-near": "the depth puts the focus nearer than the focal length",
-}
 FAILURES = {
     "input-unusable": "an input is missing, damaged, or not what it is said to be",
     "settings-unusable": "the settings make no sense for this picture or machine",
@@ -50,7 +44,8 @@ FAILURES = {
     "worker-died": "the process that computed it died, several times",
     "fault": "a fault of defocus itself",
 }
-STATUSES = ("ok", "rejected", "failed")
+STATUSES = ("ok", "failed")
+_REJECTED = "rejected"  # as early versions called some jobs that failed
 Stage = Literal["read", "render", "write"]
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
@@ -96,15 +91,15 @@ class Taken:
 
 @dataclass(frozen=True)
 class Failed:
-    """A job that made nothing: it failed, or was rejected."""
+    """A job that made nothing."""
 
-    status: str
     reason: str
     message: str
     inputs: Stamps = field(default_factory=dict)
     outputs: Stamps = field(default_factory=dict)
     trace: str = ""  # the traceback of a fault; not in the journal
     error: Exception | None = None  # in the process that raised it; not in the journal
+    status = "failed"
     warnings = ()
     seconds: ClassVar[Mapping[str, float]] = {}
 
@@ -209,8 +204,7 @@ def _are_measures(measures: Mapping[str, Any] | None) -> bool:
 _NONE, _NUMBER, _TEXT, _TABLE = type(None), (int, float), (str,), (dict,)
 _OPTICS = tuple(key for key, row in RECORDED.items() if row.is_optics)  # none beside radii
 _DRAW = {
-    **dict.fromkeys(("seed", "index", "attempt"), Field((int,))),
-    "refused_px": Field((*_NUMBER, _NONE), of="old"),
+    **dict.fromkeys(("seed", "index"), Field((int,))),
 }
 _LENS = {
     **{key: Field((*_NUMBER, *([_NONE] if key in _OPTICS else []))) for key in RECORDED},
@@ -223,7 +217,6 @@ _LENS = {
         (list,), of="old", check=(lambda place: len(place) == 2, "not two numbers")
     ),
     "focus_percentile": Field(_NUMBER, of="old"),
-    "max_coc_px": Field(_NUMBER, of="old"),
     "draw": Field(_TABLE, of="old", fields=_DRAW),
 }
 _SETTINGS = {
@@ -254,8 +247,11 @@ FIELDS: Mapping[str, Field] = {
     "recipe": Field(_TEXT, "hash of all that decides its outputs but the bytes of the inputs"),
     "status": Field(
         _TEXT,
-        "`ok`, `failed` or `rejected`",
-        check=(lambda status: status in STATUSES, f"not one of {', '.join(STATUSES)}"),
+        "`ok` or `failed`",
+        check=(
+            lambda status: status in (*STATUSES, _REJECTED),
+            f"not one of {', '.join(STATUSES)}",
+        ),
     ),
     "reason": Field((str, _NONE), "a reason of `defocus help exit-codes`, null if ok"),
     "message": Field((str, _NONE), "the reason for people, empty if ok"),
@@ -447,11 +443,9 @@ def values_of(record: Record) -> dict[str, Any]:
 
 def failure(error: Exception, stage: Stage, inputs: Stamps) -> Failed:
     """The end of a job of which an exception ended a stage."""
-    if isinstance(error, Rejected) and error.code in REJECTIONS:
-        return Failed("rejected", error.code, str(error), inputs, error=error)
     reason = _reason(error, stage)
     trace = "".join(traceback.format_exception(error)) if reason == "fault" else ""
-    return Failed("failed", reason, error_line(error), inputs, trace=trace, error=error)
+    return Failed(reason, error_line(error), inputs, trace=trace, error=error)
 
 
 def error_line(error: BaseException) -> str:

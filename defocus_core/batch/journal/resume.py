@@ -2,7 +2,7 @@
 
 A job is done once. It is done again if what was asked for changed, if an input has other bytes, if
 an output is not as it was written, if it failed, or if the renderer makes other pictures by now;
-`AGAIN` has the words. A ``max-coc`` counts if another lens is drawn by it.
+`AGAIN` has the words.
 
 The recipe is the hash of all that decides its outputs but the inputs' contents: lens, reading,
 kinds and types of outputs, quality, the names of its files, and the version of the renderer. Where
@@ -102,16 +102,9 @@ def _flat(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
 
 
 def recipe(job: Job, renderer: int | None = RENDERER_VERSION) -> str:
-    """The hash of everything that decides the outputs of a job but the bytes of its inputs.
-
-    A ``max-coc`` decides which lens is drawn, and that alone: `_draws_alike` asks if it does.
-    """
-    asked = settings(job)
-    if "max_coc" in asked["lens"]:
-        lens = {key: value for key, value in asked["lens"].items() if key != "max_coc"}
-        asked = {**asked, "lens": lens}
+    """The hash of everything that decides the outputs of a job but the bytes of its inputs."""
     names = {role: path.name for role, path in job.files.items()}
-    return digest({"settings": asked, "names": names, "renderer": renderer})
+    return digest({"settings": settings(job), "names": names, "renderer": renderer})
 
 
 def digest(value: object) -> str:
@@ -254,33 +247,13 @@ def _changed(job: Job, record: Record) -> str:
     """Why a job is done again whatever its files hold: a key of `AGAIN`; empty if it is not."""
     if record.status == "failed":
         return "failed"
-    if record.recipe != recipe(job):
-        changes = changed_settings(record.settings, settings(job))
-        if any(name != "lens.max_coc" for name, _, _ in changes):
-            return "settings"
-        names = {role: path.name for role, path in job.files.items()}
-        if names != {r: Path(s.path).name for r, s in record.inputs.items()}:
-            return "inputs"
-    return "" if _draws_alike(record, job.lens.max_coc) else "settings"
-
-
-def _draws_alike(record: Record, max_coc: float | None) -> bool:
-    """Whether another ``max-coc`` leaves a job its lens, or its rejection."""
-    lens = record.settings.get("lens", {})
-    before = _number(lens.get("max_coc"))
-    now = math.inf if max_coc is None else max_coc
-    if now == before:
-        return True
-    if record.taken is None:
-        return now <= before
-    draw = record.taken.lens.get("draw", {})
-    if max(map(abs, record.taken.coc_px)) > now:
-        return False
-    return not draw.get("attempt") or now <= before or now < _number(draw.get("refused_px", 0))
-
-
-def _number(value: float | None) -> float:
-    return math.inf if value is None else value
+    if record.recipe == recipe(job):
+        return ""
+    if any(changed_settings(record.settings, settings(job))):
+        return "settings"
+    names = {role: path.name for role, path in job.files.items()}
+    was = {role: Path(stamp.path).name for role, stamp in record.inputs.items()}
+    return "settings" if names == was else "inputs"
 
 
 def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[str, Stamp] | None:

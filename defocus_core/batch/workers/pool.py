@@ -103,7 +103,7 @@ def dispatch(
                         continue
                     died = told.words.format(times=strikes[number])
                     message = f"{job.picture.color}: {died}; see if it is damaged"
-                    done(number, Failed("failed", "worker-died", message))
+                    done(number, Failed("worker-died", message))
     finally:
         workers.close()
 

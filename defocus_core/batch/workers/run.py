@@ -93,7 +93,7 @@ class Plan:
 
     @property
     def settled(self) -> Iterator[Job]:
-        """The jobs that are done, or rejected."""
+        """The jobs that are done."""
         return (job for job, mark in zip(self.jobs, self.marks, strict=True) if not mark)
 
     def began(self) -> bool:

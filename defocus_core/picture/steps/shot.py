@@ -116,4 +116,4 @@ def _repair_of(
 
 def _focused(lens: Lens, depth: Depth) -> Lens:
     """The lens of a frame with the focus that its depth decides."""
-    return with_focus(replace(lens, max_coc=None), depth)
+    return with_focus(lens, depth)

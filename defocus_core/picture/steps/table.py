@@ -50,7 +50,7 @@ def _is_deep(take: Take) -> bool:
 
 def _lens_is_found(take: Take) -> bool:
     lens = take.lens
-    decided = (lens.focus_at, lens.focus_percentile, lens.blur, lens.max_coc, lens.draw)
+    decided = (lens.focus_at, lens.focus_percentile, lens.blur)
     return any(value is not None for value in decided)
 
 

@@ -13,7 +13,7 @@ from defocus_core.request.parameters import EFFECT_OPTIONS, RECORDED
 
 # Options by the keys of a record of a lens; its other keys say how the lens was chosen.
 _LENS = {**RECORDED, **EFFECT_OPTIONS}
-_CHOICE = frozenset({"focus_at_px", "focus_percentile", "max_coc_px", "draw"})
+_CHOICE = frozenset({"focus_at_px", "focus_percentile", "draw"})
 _MACHINE = ("quality", "depth_repair", "tile")
 
 

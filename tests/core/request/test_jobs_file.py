@@ -38,8 +38,6 @@ depth-repair = "off"
     assert job.outputs.exr_type == "float"
     (job,) = jobs(tmp_path, FIXED + '[outputs]\nformat = "jpg"\njpeg-quality = 80\n')
     assert job.outputs.jpeg_quality == 80
-    (job,) = jobs(tmp_path, FIXED + 'max-coc = "40px"\n')
-    assert job.lens.max_coc == 40
 
 
 def test_what_a_file_does_not_say_is_as_told(tmp_path):
@@ -78,7 +76,6 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path):
         (LENS + "fnumber = 2\n", "missing-option focus"),
         (FIXED + "focus-at = [1, 2]\n", "contradiction focus"),
         (LENS + "fnumber = 2\nfocus = '4cm'\n", "out-of-range focus"),
-        (FIXED + "max-coc = '4mm'\n", "malformed max-coc"),
         (FIXED + "[outputs]\nkinds = ['rendre']\n", "unknown-name kinds"),
         (FIXED + "[outputs]\nkinds = []\n", "malformed kinds"),
         (FIXED + "[outputs]\nformat = 'gif'\n", "unknown-name format"),

@@ -205,10 +205,9 @@ def test_draws_are_taken_for_each_lens_of_a_sweep_and_follow_no_other(tmp_path):
 
 def test_a_lens_knows_what_it_was_drawn_from(tmp_path):
     fixed = 'n = 1\nseed = 7\nfnumber = "uniform(2, 4)"\n'
-    for more in ('max-coc = "40px"\nfocus = "uniform(1m, 2m)"', 'focus = "percentile(5, 95)"'):
+    for more in ('focus = "uniform(1m, 2m)"', 'focus = "percentile(5, 95)"'):
         lens = sampled(tmp_path, fixed + more)[0].lens
-        assert lens.max_coc == (40 if "max" in more else None)
-        assert drawn_lens(lens.draw, lens.focus_source, lens.max_coc) == lens
+        assert drawn_lens(lens.draw, lens.focus_source) == lens
 
 
 @pytest.mark.parametrize(
@@ -234,7 +233,6 @@ def test_a_lens_knows_what_it_was_drawn_from(tmp_path):
         ("n = 5\nseed = 7\nblades = 'uniform(5, 9)'", "malformed blades"),
         ("n = 5\nseed = 7\nblade-rotation = 'loguniform(-5, 9)'", "malformed blade-rotation"),
         ("n = 5\nseed = 7\nfocal-length = 'uniform(20mm, 50mm)'", "contradiction focal-length"),
-        ("n = 5\nseed = 7\nmax-coc = '4mm'\nblades = 'choice(5, 6)'", "malformed max-coc"),
     ],
 )
 def test_what_is_wrong_in_a_sample_is_told_with_its_key(tmp_path, sample, refusal):

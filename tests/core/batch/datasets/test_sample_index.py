@@ -72,12 +72,12 @@ def test_pictures_of_two_releases_make_one_sample_if_they_have_one_renderer(
 def test_every_key_has_one_type(tmp_path):
     one = record(tmp_path, "a")
     far = {**one["lens"], "focus_mm": "inf", "focal_length_mm": 50.5, "focus_percentile": 7.5}
-    drawn = {**far, "draw": {"seed": 7, "index": 0, "attempt": 3}, "focus_at_px": [3, 4]}
+    drawn = {**far, "draw": {"seed": 7, "index": 0}, "focus_at_px": [3, 4]}
     for line in written(tmp_path, one, record(tmp_path, "b", lens=drawn)):
         lens = line["lens"]
         assert type(lens["focus_dioptres"]) is type(lens["focal_length_mm"]) is float
         assert lens["focus_mm"] is None or type(lens["focus_mm"]) is float
-    assert (lens["focus_mm"], lens["focus_dioptres"], lens["draw_attempt"]) == (None, 0, 3)
+    assert (lens["focus_mm"], lens["focus_dioptres"]) == (None, 0)
 
 
 def test_the_index_reads_as_samples(tmp_path):

@@ -16,7 +16,7 @@ from defocus_core.request.lens import Draw, Lens
 
 PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
 JOB = Job(PICTURE, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())
-DRAW = Draw(7, "a", 3, (("fnumber", "uniform(1, 2)"), ("focus", "inf")), attempt=2)
+DRAW = Draw(7, "a", 3, (("fnumber", "uniform(1, 2)"), ("focus", "inf")))
 HIDDEN = replace(PICTURE, hidden=Picture("b", Path("b.exr"), Path("c.exr")))
 
 
@@ -56,11 +56,6 @@ def test_another_renderer_is_another_recipe_and_another_release_is_not(monkeypat
     monkeypatch.setattr(resume, "version", lambda: "99.0")
     assert resume.recipe(JOB) == before
     assert resume.recipe(JOB, renderer=99) != before
-
-
-def test_the_largest_radius_that_is_allowed_is_no_part_of_a_recipe():
-    bounded = replace(JOB, lens=replace(JOB.lens, max_coc=40.0))
-    assert resume.recipe(bounded) == resume.recipe(JOB)
 
 
 def test_the_version_of_the_renderer_is_that_of_the_core_and_is_read_without_torch():

@@ -19,7 +19,7 @@ NEEDED = (
     *("quality", "version", "warnings", "seconds", "finished", "lens", "size", "coc_px", "device"),
 )
 WRONG = [
-    ({"status": "done"}, "has the status 'done', not one of ok, rejected, failed"),
+    ({"status": "done"}, "has the status 'done', not one of ok, failed"),
     ({"status": []}, "has the status [], which is of a wrong type"),
     ({"finished": "yesterday"}, "has the finished 'yesterday', which is not a time with a zone"),
     ({"finished": "2026-01-01T00:00:00"}, "which is not a time with a zone"),
@@ -59,8 +59,16 @@ def journal_of(out, *lines):
     return path
 
 
+def test_a_job_that_an_early_version_rejected_has_failed(tmp_path):
+    line = {**record(tmp_path, "a"), "status": "rejected", "reason": "coc-too-large"}
+    journal_of(tmp_path, line)
+    (found,) = Ledger(tmp_path).records()
+    assert (found.end.status, found.end.reason) == ("failed", "coc-too-large")
+    assert Ledger(tmp_path).outcomes[0].status == "failed"
+
+
 def drawn(whole, **draw):
-    return {**whole["lens"], "draw": {"seed": 7, "index": 0, "attempt": 0, **draw}}
+    return {**whole["lens"], "draw": {"seed": 7, "index": 0, **draw}}
 
 
 def test_a_number_that_no_float_holds_and_a_seed_that_is_a_table_are_told(tmp_path):
