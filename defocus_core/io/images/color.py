@@ -247,6 +247,9 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
         problem = f"has no colour channels (R, G, B or Y), only {', '.join(names)}"
         raise InputError("no-color", problem, "save it as RGB or grey", path=path)
     which, space = [names.index(c) for c in channels], raster.space
+    if space.hdr:
+        problem = f"has the curve {space.hdr} of HDR television, which is not decoded"
+        raise InputError("unsupported", problem, "convert it to sRGB, or to linear EXR", path=path)
     size = raster.height, raster.width
     planes = tuple(keeping.new(size, np.float32) for _ in channels)
     for window, every in read_samples(path, raster.page):
@@ -257,7 +260,6 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
             alpha,
             gamma=space.gamma,
             associated=raster.associated,
-            profile=space.profile,
         )
         parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
         for index, plane in enumerate(planes):

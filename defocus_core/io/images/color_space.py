@@ -1,17 +1,17 @@
 """Colour spaces of files: what they declare, and the curves between their samples and light.
 
-sRGB (IEC 61966-2-1, exact), power laws, linear samples and ICC profiles are decoded. Of ICC.1:2022
-these are 8.3.4, "three-component matrix-based", R, G and B become light by curves, and light X, Y
-and Z relative to the white D50 by a matrix; and 8.3.5, "monochrome", a curve alone. A blur is
-linear in light, so that curves are all it needs: primaries and profile stay as they came. What else
-is declared, like a profile of tables or a curve of HDR television, is not applied, and a warning
-says so.
+The curve is sRGB's (IEC 61966-2-1), a power, or none. An ICC profile of a matrix and curves
+(ICC.1:2022, 8.3.4), or of grey (8.3.5), has it in its TRC tags, as a formula or a table, whatever
+its name is. A blur is linear in light, so that curves are all it needs: primaries and profile stay
+as they came. Another curve, as of a profile of tables, is not applied, and a warning says so.
 """
 
 from __future__ import annotations
 
+import math
 import struct
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -19,66 +19,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.images.primaries import (
+    NAMED,
     PROFILE,
     REC_709,
     Chromaticities,
-    adaptation,
-    chromaticities_of,
     primaries_name,
+    primaries_of_columns,
     same_primaries,
 )
 
-_D50 = (0.9642, 1.0, 0.8249)  # of all profiles
-_HEAD = 128  # bytes
+_HEAD = 128  # bytes of a profile
 _MAX_TAGS = 200
 _PARAMETERS = (1, 3, 4, 5, 7)  # numbers of each type of parametric curve
-_LEAST_RISE = 0.1  # of a curve, from black to white
-_CURVE_STEPS = 4096  # of a curve: floats between them are interpolated
-_ROOTS = 1 << 16  # steps of the square root of light, near which samples of all curves are even
+_STEPS = np.linspace(0, 1, 257)  # samples at which curves are compared
+_SAME_LIGHT = 1e-3  # most by which curves differ that are one: tables and fixed points round them
+_GAMMAS = (0.1, 10.0)  # of a curve that rises from black to white
+_SAMPLES = {"uint8": "8-bit", "uint16": "16-bit"}
+_CURVES = {None: "sRGB", 1.0: "linear"}
+_FLOATS = frozenset({"half", "float", "double"})
+# Codes of ITU-T H.273 that PNG and HEIC have
+_PRIMARIES_OF_CODE = {1: REC_709, 9: NAMED["Rec. 2020"], 12: NAMED["Display P3"]}
+_HDR = {16: "PQ", 18: "HLG"}  # curves whose light is no share of white
+CODES = "CICP"  # OpenImageIO's name of the attribute
 
 
-@dataclass(frozen=True)
-class Profile:
+class Profile(NamedTuple):
     """How R, G and B of a file, or its grey, become light."""
 
-    # Light of each channel of 0…1 at even steps, `_CURVE_STEPS` numbers each
-    curves: tuple[tuple[float, ...], ...]
+    gamma: float | None  # exponent of the power law that decodes them, 1 for linear, None for sRGB
     primaries: Chromaticities
-
-    def samples(self, light: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The samples 0…1 of linear light [H, W, 3], whose curves never fall; NaN is black."""
-        place = np.fmin(np.fmax(light, np.float32(0)), np.float32(1))
-        place = np.sqrt(place, dtype=np.float32) * np.float32(_ROOTS)
-        index = place.astype(np.int32)
-        place -= index
-        samples = np.empty_like(place)
-        for c, table in enumerate(_inverses(self)):
-            below, above = (table.take(index[..., c] + step) for step in (0, 1))
-            samples[..., c] = below + place[..., c] * (above - below)
-        return samples
 
 
 class Embedded(NamedTuple):
-    """The profile of a file, for others made of it to have: its bytes, and its curves if known."""
+    """The profile of a file, for others made of it to have: its bytes, and the curve it holds."""
 
     data: bytes
-    profile: Profile | None
-
-
-@cache
-def _inverses(profile: Profile) -> list[NDArray[np.float32]]:
-    """Samples of each channel at even steps of the square root of light, with one more."""
-    steps = np.linspace(0, 1, _CURVE_STEPS)
-    light = np.minimum(np.arange(_ROOTS + 2) / _ROOTS, 1) ** 2
-    return [np.interp(light, curve, steps).astype(np.float32) for curve in profile.curves]
+    gamma: float | None  # as of `Profile`; None too where its curve is not known
 
 
 def read_profile(data: bytes) -> Profile | None:
-    """The profile in the bytes of a file; None where it is none of curves and a matrix."""
+    """The profile in the bytes of a file; None where it holds no curve that is known."""
     try:
-        return _parsed(data)
+        tags = _tags(data)
+        if data[16:20] == b"GRAY":
+            return Profile(_gamma(tags[b"kTRC"]), REC_709)
+        gammas = {_gamma(tags[c + b"TRC"]) for c in (b"r", b"g", b"b")}
+        columns = np.array([_fixed(tags[c + b"XYZ"][8:20]) for c in (b"r", b"g", b"b")]).T
+        if data[16:24] == b"RGB XYZ " and len(gammas) == 1 and (columns.sum(0) != 0).all():
+            return Profile(gammas.pop(), primaries_of_columns(columns))
     except (struct.error, ValueError, KeyError, IndexError, ArithmeticError):
-        return None
+        pass
+    return None
 
 
 def sound_profile(data: bytes, colors: int) -> bytes:
@@ -99,38 +90,10 @@ def sound_profile(data: bytes, colors: int) -> bytes:
     return data if is_whole and fits and data[12:16] not in (b"abst", b"link") else b""
 
 
-def _parsed(data: bytes) -> Profile | None:
-    tags = _tags(data)
-    if data[16:20] == b"GRAY":
-        return _rising((_curve(tags["kTRC"]),), REC_709)
-    if data[16:24] != b"RGB XYZ ":
-        return None
-    curves = tuple(_curve(tags[f"{c}TRC"]) for c in "rgb")
-    relative = np.array([_fixed(tags[f"{c}XYZ"][8:20]) for c in "rgb"]).T
-    if "chad" in tags:
-        adapted = np.array(_fixed(tags["chad"][8:44])).reshape(3, 3)
-    else:
-        white = np.array(_fixed(tags["wtpt"][8:20])) if "wtpt" in tags else np.array(_D50)
-        adapted = adaptation(white, np.array(_D50))
-    return _rising(curves, chromaticities_of(np.linalg.inv(adapted) @ relative))
-
-
-def _rising(curves: tuple[tuple[float, ...], ...], primaries: Chromaticities) -> Profile | None:
-    """A profile of finite numbers whose curves rise from black to white, so that none is flat."""
-    is_finite = np.isfinite([*primaries, *np.ravel(curves)]).all()
-    rises = all(curve[-1] - curve[0] > _LEAST_RISE for curve in curves)
-    is_sound = is_finite and rises and (np.diff(curves) >= 0).all()
-    return Profile(curves, primaries) if is_sound else None
-
-
-def _tags(data: bytes) -> dict[str, bytes]:
+def _tags(data: bytes) -> dict[bytes, bytes]:
     (count,) = struct.unpack_from(">I", data, _HEAD)
     entries = struct.iter_unpack(">4sII", data[_HEAD + 4 : _HEAD + 4 + 12 * min(count, _MAX_TAGS)])
-    return {
-        name.decode("latin-1"): data[start : start + size]
-        for name, start, size in entries
-        if start + size <= len(data)
-    }
+    return {name: data[start : start + size] for name, start, size in entries}
 
 
 def _fixed(data: bytes) -> tuple[float, ...]:
@@ -138,35 +101,39 @@ def _fixed(data: bytes) -> tuple[float, ...]:
     return tuple(value / 65536 for (value,) in struct.iter_unpack(">i", data))
 
 
-def _curve(data: bytes) -> tuple[float, ...]:
-    steps = np.linspace(0, 1, _CURVE_STEPS)
-    if data[:4] == b"para":
-        parameters = _PARAMETERS[struct.unpack_from(">H", data, 8)[0]]
-        return tuple(_parametric(steps, _fixed(data[12 : 12 + 4 * parameters])).tolist())
-    if data[:4] != b"curv":
+def _gamma(data: bytes) -> float | None:
+    """The exponent of a curve, None for that of sRGB; ValueError if it is another."""
+    light = _curve(data)
+    if np.allclose(light, srgb_to_linear(_STEPS), rtol=0, atol=_SAME_LIGHT):
+        return None
+    gamma = round(-math.log2(light[len(light) // 2]), 8)  # of the sample 0.5
+    if abs(gamma - 1) < _SAME_LIGHT:
+        gamma = 1.0
+    is_power = np.allclose(light, _STEPS**gamma, rtol=0, atol=_SAME_LIGHT)
+    if not (_GAMMAS[0] < gamma < _GAMMAS[1] and is_power):
+        raise ValueError("a curve that is not known")
+    return gamma
+
+
+def _curve(data: bytes) -> NDArray[np.float64]:
+    """The light of a curve at `_STEPS`; its numbers as ICC.1:2022, 10.6 and table 68, has them."""
+    if data[:4] == b"curv":
+        (count,) = struct.unpack_from(">I", data, 8)
+        numbers = np.frombuffer(data, ">u2", count, 12) if count else np.array([256])
+        if len(numbers) == 1:
+            power: NDArray[np.float64] = _STEPS ** (float(numbers[0]) / 256)
+            return power
+        return np.interp(_STEPS, np.linspace(0, 1, len(numbers)), numbers / 65535)
+    if data[:4] != b"para":
         raise ValueError("a curve of no known type")
-    count: int = struct.unpack_from(">I", data, 8)[0]
-    numbers = np.frombuffer(data, ">u2", count, 12) if count else np.array([256])
-    if len(numbers) == 1:
-        return tuple((steps ** (float(numbers[0]) / 256)).tolist())
-    return tuple(np.interp(steps, np.linspace(0, 1, count), numbers / 65535).tolist())
-
-
-def _parametric(x: NDArray[np.float64], numbers: tuple[float, ...]) -> NDArray[np.float64]:
-    """A curve of 1, 3, 4, 5 or 7 numbers, as ICC.1:2022, table 68, has them."""
-    g, a, b = numbers[:3] if len(numbers) > 1 else (numbers[0], 1.0, 0.0)
-    inner = a * x + b
-    curved = np.maximum(inner, 0.0) ** g
-    if len(numbers) < 5:
-        return curved + (numbers[3] if len(numbers) == 4 else 0.0)
-    slope, start = numbers[3:5]
-    above, below = numbers[5:7] if len(numbers) == 7 else (0.0, 0.0)
-    return np.where(x >= start, curved + above, slope * x + below)
-
-
-_SAMPLES = {"uint8": "8-bit", "uint16": "16-bit"}
-_CURVES = {None: "sRGB", 1.0: "linear"}
-_FLOATS = frozenset({"half", "float", "double"})
+    kind = struct.unpack_from(">H", data, 8)[0]
+    g, *more = _fixed(data[12 : 12 + 4 * _PARAMETERS[kind]])
+    a, b, *more = more or (1.0, 0.0)
+    curved: NDArray[np.float64] = np.maximum(a * _STEPS + b, 0.0) ** g
+    if kind < 3:
+        return curved + sum(more)
+    slope, start, above, below = (*more, 0.0, 0.0)[:4]
+    return np.where(start <= _STEPS, curved + above, slope * _STEPS + below)
 
 
 @dataclass(frozen=True)
@@ -176,20 +143,10 @@ class ColorSpace:
     gamma: float | None  # exponent of the power law that decodes them, 1 for linear, None for sRGB
     note: str  # the same in words
     unheeded: str  # what the file declares that is not applied; empty if nothing
-    # The ICC profile that decodes them instead; None if there is none
-    profile: Profile | None = None
-    declared: Chromaticities = REC_709  # primaries that the file names, where it has no profile
-    data: bytes = b""  # the bytes of the profile that the file has, whether it decodes them or not
-
-    @property
-    def primaries(self) -> Chromaticities:
-        """Those of the decoded light."""
-        return self.declared if self.profile is None else self.profile.primaries
-
-    @property
-    def attributes(self) -> dict[str, Embedded]:
-        """The attribute by which another file has the profile; none if there is none."""
-        return {PROFILE: Embedded(self.data, self.profile)} if self.data else {}
+    hdr: str = ""  # the curve of HDR television that it declares, which is not decoded
+    primaries: Chromaticities = REC_709  # of the decoded light
+    # The attribute by which another file has the profile; none if there is none
+    attributes: Mapping[str, Embedded] = field(default_factory=dict)
 
 
 def color_space(spec: Any, primaries: Chromaticities = REC_709) -> ColorSpace:
@@ -197,59 +154,45 @@ def color_space(spec: Any, primaries: Chromaticities = REC_709) -> ColorSpace:
 
     `primaries`: those that the file names beside a profile.
     """
-    declared, gamma = _declaration(spec)
-    kind = str(spec.format)
-    named, profile, data = _profile(spec)
+    kind, stored = str(spec.format), spec.getattribute(PROFILE)
+    color_count = spec.nchannels - (spec.alpha_channel >= 0)
+    data = b"" if stored is None else sound_profile(bytes(stored), color_count)
+    named = str(spec.get_string_attribute("ICCProfile:profile_description"))
+    profile, codes, by = read_profile(data), spec.getattribute(CODES) or (1, 1), ""
     if profile is not None:
-        shown = primaries_name(profile.primaries)
-        curve = f"profile '{named}'" if named else "its profile"
-        note = f"{_SAMPLES.get(kind, kind)}, decoded by {curve}, primaries {shown}"
-        return ColorSpace(None, note, "", profile, data=data)
-    if not declared:
-        gamma = 1.0 if kind in _FLOATS else None
+        (gamma, primaries), unheeded = profile, ""
+        if gamma is not None or not same_primaries(primaries, REC_709):
+            by = f" by profile '{named}'" if named else " by its profile"
+    else:
+        gamma, unheeded = _declared(spec, kind)
+        primaries = _PRIMARIES_OF_CODE.get(codes[0], primaries)
+    if profile is None and stored is not None:
+        unheeded = f"colour profile '{named}'" if named else "colour profile without a name"
+        unheeded = unheeded if data else "colour profile, which is damaged and left out,"
     curve = _CURVES.get(gamma) or f"the power {gamma:g}"
-    note = f"{_SAMPLES.get(kind, kind)}, taken as {curve}"
+    note = f"{_SAMPLES.get(kind, kind)}, taken as {curve}{by}"
     if not same_primaries(primaries, REC_709):
         note = f"{note}, primaries {primaries_name(primaries)}"
-    unheeded = _unheeded(spec, data, declared=declared)
-    return ColorSpace(gamma, note, unheeded, declared=primaries, data=data)
+    embedded = {PROFILE: Embedded(data, profile and profile.gamma)} if data else {}
+    hdr = "" if profile else _HDR.get(codes[1], "")
+    return ColorSpace(gamma, note, unheeded, hdr, primaries, embedded)
 
 
-def _declaration(spec: Any) -> tuple[bool, float | None]:
-    """Whether the file declares a curve that is known, and its exponent."""
-    space = _name(spec)
-    if space.startswith("lin") or space == "scene_linear":
-        return True, 1.0
-    if space.startswith("srgb") or space == "rec709":  # which OpenImageIO says of every PPM
-        return True, None
-    power = spec.get_float_attribute("oiio:Gamma", 0.0)
-    return power > 0, float(power)
+def _declared(spec: Any, kind: str) -> tuple[float | None, str]:
+    """The exponent that the file declares, or that its numbers have, and what is not applied.
 
-
-def _profile(spec: Any) -> tuple[str, Profile | None, bytes]:
-    """The name of the embedded profile, what it says of light where it is not sRGB, its bytes."""
-    name = str(spec.get_string_attribute("ICCProfile:profile_description"))
-    stored, colors = spec.getattribute(PROFILE), spec.nchannels - (spec.alpha_channel >= 0)
-    data = b"" if stored is None else sound_profile(bytes(stored), colors)
-    profile = None if not data or "srgb" in name.lower() else read_profile(data)
-    return name, profile if profile is None or len(profile.curves) == colors else None, data
-
-
-def _unheeded(spec: Any, data: bytes, *, declared: bool) -> str:
-    if spec.getattribute(PROFILE) is not None:
-        if not data:
-            return "colour profile, which is damaged and left out,"
-        profile = spec.get_string_attribute("ICCProfile:profile_description")
-        if "srgb" not in profile.lower():
-            return f"colour profile '{profile}'" if profile else "colour profile without a name"
-    space = _name(spec)
-    has_srgb_primaries = "_" not in space or "rec709" in space or space == "scene_linear"
-    return "" if not space or (declared and has_srgb_primaries) else f"colour space {space}"
-
-
-def _name(spec: Any) -> str:
-    """Name of the declared space, like ``srgb_rec709_scene``: curve, primaries, reference."""
-    return str(spec.get_string_attribute("oiio:ColorSpace")).lower()
+    OpenImageIO names spaces like ``srgb_rec709_scene``: curve, primaries, reference.
+    """
+    space = str(spec.get_string_attribute("oiio:ColorSpace")).lower()
+    gamma: float | None = spec.get_float_attribute("oiio:Gamma", 0.0)
+    is_linear = space.startswith("lin") or space == "scene_linear"
+    if is_linear or space.startswith("srgb") or space == "rec709":  # as it says of every PPM
+        gamma = 1.0 if is_linear else None
+    has_primaries = "_" not in space or "rec709" in space or space == "scene_linear"
+    is_known = gamma != 0 and (has_primaries or spec.getattribute(CODES) is not None)
+    if gamma == 0:
+        gamma = 1.0 if kind in _FLOATS else None
+    return gamma, "" if is_known or not space else f"colour space {space}"
 
 
 def srgb_to_linear(encoded: NDArray[Any]) -> NDArray[np.float64]:
@@ -266,28 +209,24 @@ def linear_to_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(value <= np.float32(0.0031308), toe, curve)
 
 
+def encoded_light(light: NDArray[np.float32], gamma: float | None) -> NDArray[np.float32]:
+    """Samples of linear light, both 0…1, by a power law, 1 for linear, None for sRGB."""
+    if gamma is None or gamma == 1:
+        return linear_to_srgb(light) if gamma is None else light
+    return np.maximum(light, np.float32(0)) ** np.float32(1 / gamma)
+
+
 @cache
-def _table(bits: int, gamma: float | None, profile: Profile | None) -> list[NDArray[np.float32]]:
-    """Linear light of every integer of 8 or 16 bits, [2^bits]: of each channel of a profile."""
-    encoded = np.arange(2**bits) / (2**bits - 1)
-    channels = 1 if profile is None else len(profile.curves)
-    return [*np.moveaxis(_light(np.stack([encoded] * channels, -1), gamma, profile), -1, 0)]
+def _table(bits: int, gamma: float | None) -> NDArray[np.float32]:
+    """Linear light of every integer of 8 or 16 bits, [2^bits]."""
+    return _light(np.arange(2**bits) / (2**bits - 1), gamma)
 
 
-def _light(
-    values: NDArray[Any], gamma: float | None, profile: Profile | None
-) -> NDArray[np.float32]:
-    """Linear light of samples [..., C]: floats 0…1, or integers by a table."""
+def _light(values: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
+    """Linear light of samples: floats 0…1, or integers by a table."""
     if values.dtype.kind == "u":
-        tables = _table(values.dtype.itemsize * 8, gamma, profile)
-        if profile is None:
-            light: NDArray[np.float32] = tables[0][values]
-            return light
-        return np.stack([table[values[..., c]] for c, table in enumerate(tables)], axis=-1)
-    if profile is not None:
-        steps, curves = np.linspace(0, 1, _CURVE_STEPS), enumerate(profile.curves)
-        every = [np.interp(values[..., c], steps, curve) for c, curve in curves]
-        return np.stack(every, axis=-1, dtype=np.float32)
+        light: NDArray[np.float32] = _table(values.dtype.itemsize * 8, gamma)[values]
+        return light
     linear: NDArray[Any] = values
     if gamma != 1.0:
         linear = srgb_to_linear(values) if gamma is None else np.maximum(values, 0.0) ** gamma
@@ -300,15 +239,14 @@ def linear_light(
     *,
     gamma: float | None,  # exponent of the power law that decodes them, 1 for linear, None for sRGB
     associated: bool,
-    profile: Profile | None = None,
 ) -> NDArray[np.float32]:
     """Linear light of the samples of a file, premultiplied by alpha if there is one."""
     if alpha is not None and associated and gamma != 1.0:
         # Such files were premultiplied after encoding, as editors do: undo that first.
         visible = np.where(alpha > 0, alpha, np.float32(1.0))
         straight = np.minimum(unit(colour) / visible, 1.0)
-        return _light(straight, gamma, profile) * alpha
-    linear = _light(colour, gamma, profile)
+        return _light(straight, gamma) * alpha
+    linear = _light(colour, gamma)
     return linear if alpha is None or associated else linear * alpha
 
 

@@ -24,7 +24,7 @@ from defocus_core.errors import InputError, UsageProblem, one_line
 from defocus_core.io.arrays import bands, stacked
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import write_exr_image
-from defocus_core.io.images.color_space import Embedded, Profile, linear_to_srgb, quantised
+from defocus_core.io.images.color_space import Embedded, encoded_light, quantised
 from defocus_core.io.images.primaries import (
     PROFILE,
     between_primaries,
@@ -119,12 +119,12 @@ def _write_display(
     """Write an image of sRGB integers; the arguments and what is returned as in `write_image`."""
     depth = {"png": bits, "tiff": 16}.get(codec, 8)
     keep_alpha, embedded = codec != "jpeg", metadata.get(PROFILE)
-    profile = embedded.profile if isinstance(embedded, Embedded) else None
+    gamma = embedded.gamma if isinstance(embedded, Embedded) else None
     above = below = unknown = 0
     if is_grey := codec == "webp" and channels[0] == "Y":  # which has three colours
-        metadata, profile = {n: x for n, x in metadata.items() if n != PROFILE}, None
+        metadata, gamma = {n: x for n, x in metadata.items() if n != PROFILE}, None
     encode = partial(display_encoded, channels=channels, bits=depth, keep_alpha=keep_alpha)
-    encode = partial(encode, to_srgb=to_srgb, profile=profile)
+    encode = partial(encode, to_srgb=to_srgb, gamma=gamma)
 
     def encoded() -> Iterator[NDArray[Any]]:
         nonlocal above, below, unknown
@@ -154,7 +154,7 @@ def display_encoded(
     *,
     keep_alpha: bool,
     to_srgb: NDArray[np.float32] | None = None,
-    profile: Profile | None = None,  # whose curves encode the colours; None for those of sRGB
+    gamma: float | None = None,  # of the power law that encodes the colours; None for sRGB's curve
 ) -> tuple[NDArray[Any], int, int]:
     """Linear, premultiplied pixels as sRGB integers, and the counts clipped at white and black.
 
@@ -171,8 +171,7 @@ def display_encoded(
     below = int(np.count_nonzero((colour < -_ROUNDING).any(axis=2)))
     if has_alpha:
         colour = np.divide(colour, alpha, out=np.zeros_like(colour), where=alpha > 0)
-    samples = linear_to_srgb(colour) if profile is None else profile.samples(colour)
-    encoded = quantised(samples, bits)
+    encoded = quantised(encoded_light(colour, gamma), bits)
     if has_alpha:
         encoded = np.concatenate([encoded, quantised(alpha, bits)], axis=2)
     return encoded, above, below

@@ -31,6 +31,7 @@ NAMED: dict[str, Chromaticities] = {
     "CIE XYZ": (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3),
 }
 _SAME = 2e-3  # difference of x or y: profiles and half floats round them
+_D50 = np.array([0.9642, 1.0, 0.8249])  # the white of all profiles
 _BRADFORD = (
     (0.8951, 0.2664, -0.1614),
     (-0.7502, 1.7135, 0.0367),
@@ -114,10 +115,17 @@ def adaptation(source: Any, target: Any) -> NDArray[np.float64]:
     return matrix
 
 
-def chromaticities_of(matrix: NDArray[np.float64]) -> Chromaticities:
-    """The primaries of a matrix [3, 3] from R, G, B to X, Y, Z."""
-    columns = np.c_[matrix, matrix.sum(1)]
-    return tuple((columns[:2] / columns.sum(0)).T.ravel().tolist())
+def primaries_of_columns(columns: NDArray[np.float64]) -> Chromaticities:
+    """The primaries of the columns X, Y, Z of an ICC profile [3, 3], which are adapted to D50.
+
+    Those of a name, or else as they are seen beside the white D50, which converts to the same.
+    """
+    for known in NAMED.values():
+        native = xyz_of_primaries(known)
+        if np.abs(adaptation(native.sum(1), _D50) @ native - columns).max() < _SAME:
+            return known
+    points = np.c_[columns, columns.sum(1)]
+    return tuple((points[:2] / points.sum(0)).T.ravel().tolist())
 
 
 def converted(pixels: NDArray[np.float32], matrix: NDArray[np.float32] | None) -> Any:

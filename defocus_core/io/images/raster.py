@@ -20,7 +20,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import no_exr
-from defocus_core.io.images.color_space import ColorSpace, color_space
+from defocus_core.io.images.color_space import CODES, ColorSpace, color_space
 from defocus_core.io.images.primaries import PROFILE, REC_709, Chromaticities
 from defocus_core.io.safe_files import (
     AGAIN,
@@ -192,6 +192,9 @@ def _heic_page(path: Path) -> Raster:
     if data := file.info.get("icc_profile"):
         data = np.frombuffer(bytes(data), np.uint8)
         spec.attribute(PROFILE, oiio.TypeDesc(f"uint8[{len(data)}]"), data)
+    if codes := file.info.get("nclx_profile"):
+        both = codes["color_primaries"], codes["transfer_characteristics"]
+        spec.attribute(CODES, oiio.TypeDesc("int[4]"), (*both, 0, 1))
     space = color_space(spec)
     space = replace(space, note=f"HEIC, {space.note}")
     return Raster(width, height, channels, "uint8", space, at_once=True)

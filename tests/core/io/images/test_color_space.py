@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from command_line import color_exr, depth_exr, header, render, run, texture
 from image_files import png_chunk, raw_png, save
+from refusals import refuses
 
 from defocus_core.io.images.color import read_color
 
@@ -24,38 +25,45 @@ def profile(name):
     return head + struct.pack(">I4sII", 1, b"desc", 144, len(described)) + described
 
 
+@pytest.mark.parametrize("name", ["Display P3", "sRGB IEC61966-2.1"])
 @pytest.mark.parametrize("suffix", ["png", "jpg", "tif"])
-def test_a_profile_that_is_not_of_srgb_is_said_not_to_be_applied(tmp_path, suffix):
-    wide = save(tmp_path / f"wide.{suffix}", PHOTOGRAPH, ICCProfile=profile("Display P3"))
-    srgb = profile("sRGB IEC61966-2.1")
-    plain = save(tmp_path / f"plain.{suffix}", PHOTOGRAPH, ICCProfile=srgb)
+def test_a_profile_without_a_known_curve_is_said_not_to_be_applied(tmp_path, suffix, name):
+    path = save(tmp_path / f"wide.{suffix}", PHOTOGRAPH, ICCProfile=profile(name))
     depth = depth_exr(tmp_path / "z.exr")
-    assert read_color(plain).warnings == ()
-    for path, said in ((wide, True), (plain, False)):
-        ran = render(path, depth, "-o", tmp_path / "out", "-v", "--json", "--exr-type", "float")
-        assert ("colour profile 'Display P3' is not applied; convert it" in ran.err) is said
-        assert len(ran.json["pictures"][0]["warnings"]) == said
-        assert "  colour: 8-bit, taken as sRGB" in ran.err
-        assert ("'Display P3' not applied" in run("info", path).out) is said
+    ran = render(path, depth, "-o", tmp_path / "out", "-v", "--json", "--exr-type", "float")
+    assert f"colour profile '{name}' is not applied; convert it" in ran.err
+    assert len(ran.json["pictures"][0]["warnings"]) == 1
+    assert "  colour: 8-bit, taken as sRGB" in ran.err
+    assert f"'{name}' not applied" in run("info", path).out
     told = header(tmp_path / "out" / "render" / "wide.exr")["defocus:color_read_as"]
-    assert told == "8-bit, taken as sRGB, its colour profile 'Display P3' not applied"
+    assert told == f"8-bit, taken as sRGB, its colour profile '{name}' not applied"
+
+
+def coded(path, *code):
+    return raw_png(path, DEEP, png_chunk(b"cICP", bytes([*code, 0, 1])))
 
 
 @pytest.mark.parametrize(
-    ("code", "space"),
+    ("code", "told", "unheeded"),
     [
-        ((1, 13), ""),
-        ((9, 16), "pq_rec2020_display"),
-        ((12, 13), "srgb_p3d65_scene"),
-        ((1, 1), "g24_rec709_display"),
+        ((1, 13), "sRGB", ""),
+        ((12, 13), "sRGB, primaries Display P3", ""),
+        ((9, 13), "sRGB, primaries Rec. 2020", ""),
+        ((12, 8), "linear, primaries Display P3", ""),
+        ((1, 1), "sRGB", "g24_rec709_display"),
     ],
 )
-def test_a_code_of_colours_that_is_not_known_is_said(tmp_path, code, space):
-    chunk = png_chunk(b"cICP", bytes([*code, 0, 1]))
-    color = read_color(raw_png(tmp_path / "a.png", DEEP, chunk))
-    assert color.note.startswith("16-bit, taken as sRGB")
-    assert color.note.endswith(f"its colour space {space} not applied") == bool(space)
-    assert len(color.warnings) == bool(space)
+def test_a_code_of_colours_is_taken_or_said(tmp_path, code, told, unheeded):
+    color = read_color(coded(tmp_path / "a.png", *code))
+    words = f", its colour space {unheeded} not applied" if unheeded else ""
+    assert color.note == f"16-bit, taken as {told}{words}"
+    assert len(color.warnings) == bool(unheeded)
+
+
+@pytest.mark.parametrize(("code", "curve"), [(16, "PQ"), (18, "HLG")])
+def test_a_curve_of_hdr_television_is_refused(tmp_path, code, curve):
+    with refuses("unsupported", curve):
+        read_color(coded(tmp_path / "a.png", 9, code))
 
 
 def test_the_curve_that_is_taken_is_told(tmp_path):

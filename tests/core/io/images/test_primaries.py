@@ -14,6 +14,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.exr.header import read_headers
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import (
+    encoded_light,
     linear_light,
     linear_to_srgb,
     read_profile,
@@ -50,7 +51,7 @@ def fixed(*numbers):
     return b"".join(struct.pack(">i", round(number * 65536)) for number in numbers)
 
 
-def profile(primaries, curve, *, chad=True):
+def profile(primaries, curve, *, chad=True, **tags):
     """An ICC profile of one curve and a matrix."""
     native = xyz_of_primaries(primaries)
     white = native.sum(1)
@@ -61,6 +62,7 @@ def profile(primaries, curve, *, chad=True):
         **{f"{c}TRC": curve for c in "rgb"},
         "wtpt": b"XYZ \0\0\0\0" + fixed(*(D50 if chad else white)),
         **({"chad": b"sf32\0\0\0\0" + fixed(*adapted.ravel())} if chad else {}),
+        **tags,
     }
     start, table, body = 132 + 12 * len(tags), b"", b""
     for tag, data in tags.items():
@@ -153,40 +155,73 @@ def test_a_profile_is_decoded(tmp_path, suffix, chad):
     assert found == pytest.approx(WIDE["Display P3"], abs=1e-3)
 
 
-X = np.linspace(0, 1, 4096)
-TABLE = np.rint(srgb_to_linear(np.linspace(0, 1, 1024)) * 65535).astype(">u2")
+def table(light):
+    return (
+        b"curv"
+        + bytes(4)
+        + struct.pack(">I", 1024)
+        + np.rint(light * 65535).astype(">u2").tobytes()
+    )
+
+
+X = np.linspace(0, 1, 1024)
+CURVES = [
+    (b"curv" + bytes(8), 1.0),
+    (b"curv" + bytes(4) + struct.pack(">IH", 1, 0x0233) + bytes(2), 0x233 / 256),
+    (table(srgb_to_linear(X)), None),
+    (table(X), 1.0),
+    (table(X**2.2), pytest.approx(2.2, abs=1e-3)),
+    (parametric(0, 1.8), pytest.approx(1.8, abs=1e-4)),
+    (parametric(1, 2.0, 1.0, 0.0), 2.0),
+    (parametric(2, 2.0, 1.0, 0.0, 0.0), 2.0),
+    (parametric(3, *SRGB_CURVE), None),
+    (parametric(4, *SRGB_CURVE, 0.0, 0.0), None),
+]
+
+
+@pytest.mark.parametrize(("curve", "gamma"), CURVES)
+def test_each_kind_of_curve(curve, gamma):
+    assert read_profile(profile(WIDE["Adobe RGB"], curve)).gamma == gamma
 
 
 @pytest.mark.parametrize(
-    ("curve", "light"),
+    "curve",
     [
-        (b"curv" + bytes(8), X),
-        (b"curv" + bytes(4) + struct.pack(">IH", 1, 0x0233) + bytes(2), X ** (0x233 / 256)),
-        (b"curv" + bytes(4) + struct.pack(">I", 1024) + TABLE.tobytes(), srgb_to_linear(X)),
-        (parametric(0, 1.8), X**1.8),
-        (parametric(1, 2.0, 1.25, -0.25), np.maximum(1.25 * X - 0.25, 0) ** 2),
-        (parametric(2, 2.0, 0.5, 0.25, 0.125), (0.5 * X + 0.25) ** 2 + 0.125),
-        (parametric(3, *SRGB_CURVE), srgb_to_linear(X)),
-        (parametric(4, *SRGB_CURVE, 0.0, 0.0), srgb_to_linear(X)),
+        parametric(1, 2.0, 1.25, -0.25),
+        parametric(2, 2.0, 0.5, 0.25, 0.125),
+        parametric(3, 1 / 0.45, 1 / 1.099, 0.099 / 1.099, 1 / 4.5, 0.081),  # of Rec. 709
+        table(np.where(X > 0.08, ((X + 0.16) / 1.16) ** 3, X / 9.033)),  # of L*
+        table(np.where(X < 0.5, X / 2, 1.5 * X - 0.5)),
     ],
 )
-def test_each_kind_of_curve(curve, light):
-    found = read_profile(profile(WIDE["Adobe RGB"], curve))
-    np.testing.assert_allclose(found.curves[0], light, atol=5e-5)
+def test_a_curve_that_is_none_of_these_is_not_applied(curve):
+    assert read_profile(profile(WIDE["Adobe RGB"], curve)) is None
 
 
+@pytest.mark.parametrize("curve", [curve for curve, _ in CURVES])
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
-@pytest.mark.parametrize(
-    "curve", [parametric(0, 1.0), parametric(0, 2.4), parametric(3, *SRGB_CURVE)]
-)
 def test_every_number_of_a_profile_comes_back(curve, dtype):
-    found = read_profile(profile(WIDE["Adobe RGB"], curve))
+    gamma = read_profile(profile(WIDE["Adobe RGB"], curve)).gamma
     top = np.iinfo(dtype).max
     numbers = np.arange(top + 1, dtype=dtype)[None, :, None].repeat(3, 2)
-    light = linear_light(numbers, None, gamma=None, associated=False, profile=found)
-    assert np.array_equal(np.rint(found.samples(light) * top), numbers)
-    beyond = np.array([[[-1, np.nan, np.inf]]], np.float32)
-    assert found.samples(beyond).tolist() == [[[0, 0, 1]]]
+    light = linear_light(numbers, None, gamma=gamma, associated=False)
+    assert np.array_equal(np.rint(encoded_light(light, gamma) * top), numbers)
+
+
+@pytest.mark.parametrize("name", ["Display P3 Linear sRGB", "sRGB-elle-V4-g10", "sRGB built-in"])
+def test_the_curve_of_a_profile_counts_and_never_its_name(name, tmp_path):
+    """Light of 0.5 was read as 0.214, since the name of its linear profile has the word sRGB."""
+    described = b"desc" + bytes(4) + struct.pack(">I", len(name) + 1) + name.encode() + bytes(79)
+    for curve, light in ((parametric(0, 1.0), 0.5), (parametric(0, 2.2), 0.5**2.2)):
+        data = profile(REC_709, curve, desc=described)
+        half = np.full((24, 32, 3), 32768, np.uint16)
+        photo = save(tmp_path / "a.png", half, ICCProfile=data)
+        color = read_color(photo)
+        assert color.pixels == pytest.approx(light, abs=1e-4)
+        assert color.note.endswith(f" by profile '{name}'")
+        write_image(tmp_path / "b.png", color.pixels, "RGB", bits=16, attributes=color.attributes)
+        assert np.array_equal(png16(tmp_path / "b.png"), png16(photo))
+        assert embedded(tmp_path / "b.png") == data
 
 
 def test_what_is_no_profile_of_curves_is_none():
