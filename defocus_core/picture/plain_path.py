@@ -77,8 +77,8 @@ def prepare(job: Job, inputs: Inputs) -> Take:
     return replace(take, warnings=(*take.warnings, *radii.warnings, *inputs.warnings))
 
 
-def compute(job: Job, inputs: Inputs, progress: Progress | None = None) -> Take:
-    """The images and maps that a job asks for.
+def compute(take: Take, progress: Progress | None = None) -> Take:
+    """The picture with the images and maps that its job asks for, once it is prepared.
 
     Of those that need rendering as many regions at once as fit into memory; and one by one if a GPU
     runs out of it.
@@ -87,7 +87,7 @@ def compute(job: Job, inputs: Inputs, progress: Progress | None = None) -> Take:
     """
     import torch
 
-    take = prepare(job, inputs)
+    job, inputs = take.job, take.inputs
     if not job.outputs.need_rendering:
         return take
     images, maximum = _Images(take), None

@@ -40,9 +40,9 @@ def computed(monkeypatch):
     names: Computed = []
     compute = plain_path.compute
 
-    def counted(job, *rest):
-        names.append(job.sample_id)
-        return compute(job, *rest)
+    def counted(take, *rest):
+        names.append(take.job.sample_id)
+        return compute(take, *rest)
 
     monkeypatch.setattr(plain_path, "compute", counted)
     return names

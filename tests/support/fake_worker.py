@@ -39,12 +39,12 @@ def serve(connection):
 def serve_slowly(connection):
     """Do what comes as a real worker does, whose steps take their time and make nothing."""
 
-    def compute(job, inputs):
+    def read(job):
         time.sleep(0.5)
         return Failed("fault", "makes nothing")
 
-    pipeline.Reader = lambda: SimpleNamespace(read=lambda job: "inputs")
-    pipeline.compute, plain_path.load = compute, lambda: None
+    pipeline.Reader = lambda: SimpleNamespace(read=read)
+    plain_path.load = lambda: None
     pool.serve(connection)
 
 

@@ -129,10 +129,9 @@ class _Cluster:
 
 def do(jobs: list[Job], threads: int) -> dict[str, Any]:
     """Do jobs of one picture on a worker; gives their results, and the versions there."""
-    reader, results = pipeline.Reader(), []
-    for each in jobs:
-        job = replace(each, machine=replace(each.machine, threads=threads))
-        results.append(pipeline.write(pipeline.compute(job, reader.read(job))))
+    here = (replace(each, machine=replace(each.machine, threads=threads)) for each in jobs)
+    results = list[End]()
+    pipeline.run(enumerate(here), lambda _, end: results.append(end))
     return {"versions": resume.versions(), "results": results}
 
 

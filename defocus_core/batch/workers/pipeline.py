@@ -72,16 +72,6 @@ def _stamps(files: Mapping[str, Path]) -> dict[str, Stamp]:
     return stamps
 
 
-def compute(job: Job, inputs: Inputs | Failed, progress: TileCount | None = None) -> Take | Failed:
-    """Compute a job whose inputs are decoded."""
-    if isinstance(inputs, Failed):
-        return inputs
-    try:
-        return plain_path.compute(job, inputs, progress)
-    except Exception as error:
-        return failure(error, "render", inputs.stamps)
-
-
 def write(take: Take | Failed) -> Taken | Failed:
     """Write what a job computed; when this returns, it is durable."""
     if isinstance(take, Failed):
@@ -147,7 +137,14 @@ def execute(
         if len(first) > 1:
             run(chain(first, jobs), done, stopped=stopped)
         for number, job in first if len(first) == 1 else ():
-            take = compute(job, Reader().read(job), progress)
+            inputs = Reader().read(job)
+            if isinstance(inputs, Failed):
+                take: Take | Failed = inputs
+            else:
+                try:
+                    take = plain_path.compute(plain_path.prepare(job, inputs), progress)
+                except Exception as error:
+                    take = failure(error, "render", inputs.stamps)
             with delayed_signals():  # nothing stays half-written, or written and not told
                 done(number, write(take))
 
@@ -198,7 +195,13 @@ def run(
             following = decode if is_small else ahead.submit(decode).result
             if stopped():
                 break
-            take = compute(job, inputs)
+            if isinstance(inputs, Failed):
+                take: Take | Failed = inputs
+            else:
+                try:
+                    take = plain_path.compute(plain_path.prepare(job, inputs))
+                except Exception as error:
+                    take = failure(error, "render", inputs.stamps)
             del item, inputs
             if last is not None:
                 last.result()

@@ -25,7 +25,7 @@ from defocus_core.io.images.encode import display_encoded, srgb_matrix
 from defocus_core.picture.focus import in_pixels
 from defocus_core.picture.memory_budget import holding
 from defocus_core.picture.pair import read
-from defocus_core.picture.plain_path import compute, load
+from defocus_core.picture.plain_path import compute, load, prepare
 from defocus_core.picture.subject import on_ramp, subject_of
 from defocus_core.picture.take import InputPair, Inputs
 from defocus_core.reports.html.item import LIGHT, PLAIN, Item, Layer
@@ -90,7 +90,7 @@ def write_choice(
         renders.append([layer] * len(strengths))
         for n, strength in enumerate(strengths):
             each = replace(job, lens=_at(strength, focus, small.scale))
-            image = compute(each, small.inputs).images["render"]
+            image = compute(prepare(each, small.inputs)).images["render"]
             made = _jpeg(replace(small.inputs.color, planes=tuple(image)))
             renders[-1][n] = replace(layer, thumbnail=made)
             if progress:

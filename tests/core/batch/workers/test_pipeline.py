@@ -4,9 +4,11 @@ import signal
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from defocus_core.batch.journal.record import Failed
 from defocus_core.batch.workers import pipeline
 from defocus_core.picture import plain_path
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
@@ -37,21 +39,20 @@ class Steps:
 
     def read(self, job):
         self.step("read", job)
-        return {"status": "failed"} if self.fails == ("read", job.sample_id) else "inputs"
+        failed = Failed("failed", "fault", "as asked")
+        return failed if self.fails == ("read", job.sample_id) else SimpleNamespace(stamps={})
 
-    def compute(self, job, inputs, progress=None):
-        if isinstance(inputs, dict):
-            return inputs
+    def compute(self, job, progress=None):
         self.step("compute", job)
         if self.fails == ("compute", job.sample_id):
-            return {"status": "failed"}
+            raise ValueError("as asked")
         return job
 
     def write(self, made):
-        if isinstance(made, dict):
+        if isinstance(made, Failed):
             return made
         self.step("write", made)
-        return {"status": "ok"}
+        return SimpleNamespace(status="ok")
 
     def at(self, event, name):
         return self.events.index((event, name))
@@ -61,7 +62,8 @@ class Steps:
 def steps(monkeypatch):
     made = Steps()
     monkeypatch.setattr(pipeline, "Reader", lambda: made)
-    monkeypatch.setattr(pipeline, "compute", made.compute)
+    monkeypatch.setattr(plain_path, "prepare", lambda job, inputs: job)
+    monkeypatch.setattr(plain_path, "compute", made.compute)
     monkeypatch.setattr(pipeline, "write", made.write)
     return made
 
@@ -103,7 +105,7 @@ def test_one_job_is_a_call_without_threads(steps, monkeypatch):
 def test_what_fails_skips_the_steps_that_follow(step, steps):
     steps.fails = (step, "b")
     done = {}
-    pipeline.run(jobs("abc"), lambda number, result: done.update({number: result["status"]}))
+    pipeline.run(jobs("abc"), lambda number, result: done.update({number: result.status}))
     assert done == {0: "ok", 1: "failed", 2: "ok"}
     assert ("write", "b") not in steps.events
 
