@@ -13,7 +13,7 @@ in angle quotes, like ‹clamp-blur›, but that of a Python name. The kinds of 
 - ``rule``: a metric of the rules of compare, or ``found:`` and a finding.
 - ``command``: of ``defocus``.
 - ``python``: a name of `defocus_core`; or, ``of`` a class, an option of `RandomDefocus`, an
-  attribute of `DefocusLens`.
+  attribute of `DefocusLens`, an argument of `golden.check`.
 
 A row stays for two versions: that in which it went and the next. ``tests/core/test_gone.py`` meets
 every row as a user does, and says when one may leave.
@@ -51,6 +51,12 @@ GONE: dict[str, tuple[Gone, ...]] = {
         Gone("python", "seen_behind", "give what is hidden to render() as a HiddenLayer"),
         Gone("python", "temporal_mean", "average radii where you know that the scene is still"),
         Gone("option", "coc", _APART, "compare"),
+        *(
+            Gone("python", name, "cut the array, or call compare_images()", "golden.check")
+            for name in ("region", "ignore_region", "mask", "ignore_mask", "tolerate_edges")
+        ),
+        Gone("python", "fail", "write bounds, like psnr=45", "golden.check"),
+        Gone("python", "thresholds", "write bounds, like psnr=45", "golden.check"),
         *(
             Gone("rule", f"{place}-{metric}", _APART)
             for place in ("edges", "elsewhere")

@@ -21,6 +21,7 @@ from defocus_core.compare.metrics import equal_metrics, measure
 from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.picture import (
     DecodedPicture,
+    as_shown,
     in_linear_light,
     of_planes,
     planes_of,
@@ -38,7 +39,15 @@ from defocus_core.compare.record import (
 )
 from defocus_core.compare.selection import CropRegion, read_mask, within_neighbours
 from defocus_core.compare.structure import compare_structure, of_another_size
-from defocus_core.compare.thresholds import OVER, PRESETS, Rule, Rules, read_thresholds, rule
+from defocus_core.compare.thresholds import (
+    OVER,
+    PRESETS,
+    ROUNDING,
+    Rule,
+    Rules,
+    read_thresholds,
+    rule,
+)
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.request.quantities import QuantityError
 from defocus_core.system.text import counted
@@ -76,6 +85,8 @@ def compare_pictures(
             pixels, unseen = pixels.visible()
             said = [f"other colours in {counted(unseen, 'pixel')} where A is 0"] if unseen else []
             record = replace(record, notes=(*record.notes, *said))
+        if ROUNDING in rules.fail:
+            pixels = pixels.beyond_a_step({n: {a.types[n], b.types[n]} for n in common})
         rules = verdict.of_small_values(rules, pixels)
         judged = _judged(record, pixels, corner, (a, b), rules, settings, strict=strict)
         return judged, pixels
@@ -254,6 +265,33 @@ def compare_images(
     )
     one, other = _picture(a, "a"), _picture(b, "b")
     return compare_pictures(other.path.name, one, other, rules, settings)[0]
+
+
+def is_further(name: str) -> bool:
+    """Whether a name is that of a further picture that is accepted beside another, as NAME.1 is."""
+    return Path(name).suffix[1:].isdigit()
+
+
+def compare_with_goldens(picture: Any, golden: Path, rules: Rules) -> list[Comparison]:
+    """The records of a picture, as of `compare_images`, and those that are accepted for it.
+
+    These are the golden itself, if it is there, and further ones: NAME.1.exr, NAME.2.exr, …
+    """
+    there = sorted(golden.parent.iterdir()) if golden.parent.is_dir() else []
+    further = {f for f in there if is_further(f.stem) and f.with_stem(Path(f.stem).stem) == golden}
+    new, kind = _picture(picture, golden.stem), f"{getattr(picture, 'dtype', '')}".split(".")[-1]
+    records = []
+    for file in there:
+        if file == golden or file in further:
+            mine, aim = new, read_picture(file)
+            if kind:  # an array has neither metadata nor a codec
+                aim = replace(aim, metadata={}, layout={}, types=dict.fromkeys(aim.types, kind))
+                mine = replace(new, types=dict.fromkeys(new.types, kind))
+            if kind.startswith("uint"):
+                mine, aim = as_shown(mine), as_shown(aim)
+            settings = CompareSettings(flip=any("flip" in each.metric for each in rules.fail))
+            records.append(compare_pictures(golden.name, aim, mine, rules, settings)[0])
+    return records
 
 
 def _picture(image: Any, name: str) -> DecodedPicture:

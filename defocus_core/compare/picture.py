@@ -23,7 +23,7 @@ from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.deep_samples import strips
 from defocus_core.io.exr.header import Header, Raw, is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
-from defocus_core.io.images.color_space import linear_light, unit
+from defocus_core.io.images.color_space import linear_light, linear_to_srgb, srgb_to_linear, unit
 from defocus_core.io.images.primaries import REC_709, Chromaticities, declared_primaries
 from defocus_core.io.images.raster import Raster, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
@@ -111,7 +111,7 @@ def of_planes(planes: dict[str, Any], name: str) -> DecodedPicture:
 
 
 def planes_of(image: Any) -> dict[str, Any]:
-    """Channels [H, W], half or float, of an array or a tensor."""
+    """Channels [H, W], half or float, of an array or a tensor; of sRGB in integers, linear."""
     if hasattr(image, "detach"):  # a tensor, whose channels come first
         values = np.asarray(image.detach().cpu().numpy())
         values = values[0] if values.ndim == 4 and values.shape[0] == 1 else values
@@ -120,6 +120,9 @@ def planes_of(image: Any) -> dict[str, Any]:
         values = np.asarray(image)
     if values.dtype.kind not in "fiub":
         raise ValueError(f"image must have real numbers, got {values.dtype}")
+    shown = values.dtype in (np.uint8, np.uint16)  # as files have them
+    if shown:
+        values = values / np.float32(np.iinfo(values.dtype).max)
     if values.dtype != np.float16:
         wide = values
         with np.errstate(over="ignore"):
@@ -131,7 +134,19 @@ def planes_of(image: Any) -> dict[str, Any]:
         wanted = "[H, W], [H, W, C] or, as a tensor, [C, H, W] with 1 to 4 channels"
         raise ValueError(f"image must be {wanted}, got {list(np.shape(image))}")
     names = _CHANNELS[values.shape[2]]
-    return {name: np.ascontiguousarray(values[..., k]) for k, name in enumerate(names)}
+    planes = {name: np.ascontiguousarray(values[..., k]) for k, name in enumerate(names)}
+    light = {
+        name: srgb_to_linear(plane).astype(np.float32)
+        for name, plane in planes.items()
+        if name != "A"
+    }
+    return planes | light if shown else planes
+
+
+def as_shown(picture: DecodedPicture) -> DecodedPicture:
+    """A picture of linear light, sRGB-encoded."""
+    planes = {n: p if n == "A" else linear_to_srgb(p) for n, p in picture.planes.items()}
+    return replace(picture, planes=planes, gamma=None)
 
 
 def color_layers(names: Sequence[str]) -> Iterator[tuple[str, ...]]:

@@ -7,7 +7,7 @@ differences does not. Differences are float32 and their sums float64.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from typing import Any
@@ -21,6 +21,12 @@ from defocus_core.system.text import counted
 
 _STRIP = 2**17  # pixels of a channel that are looked at together
 _LARGEST = 1e18  # value whose square float32 holds
+# The step of number types: by the power of 2 below a value, and the least.
+_HALF = (2.0**-10, 2.0**-24)
+_STEPS = {
+    **{"half": _HALF, "float16": _HALF, "bfloat16": (2.0**-7, 0.0)},
+    **{"uint8": (0.0, 1 / 255), "uint16": (0.0, 1 / 65535)},
+}
 
 
 @cache
@@ -163,6 +169,23 @@ class Pixels:
         if not unseen.any():
             return self, 0
         return replace(self, b=tuple(planes.values())), int(np.count_nonzero(unseen))
+
+    def beyond_a_step(self, types: Mapping[str, Collection[str]]) -> Pixels:
+        """The pair with the values of A in B where both differ by a step of their number type.
+
+        `types`: those of each channel in the files. Another processor rounds to another step.
+        """
+        planes = []
+        for name, a, b in zip(self.names, self.a, self.b, strict=True):
+            steps = [_STEPS[kind] for kind in types[name] if kind in _STEPS]
+            if not steps or np.array_equal(a, b):
+                planes.append(b)
+                continue
+            share, least = (max(values) for values in zip(*steps, strict=True))
+            level = np.maximum(np.abs(a), np.abs(b)).astype("f4")
+            step = np.maximum(share * 2.0 ** np.floor(np.log2(level)), least)
+            planes.append(np.where(np.abs(np.subtract(a, b, dtype="f4")) <= 1.01 * step, a, b))
+        return replace(self, b=tuple(planes))
 
 
 def _range(plane: NDArray[Any]) -> tuple[float, float]:

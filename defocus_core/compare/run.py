@@ -12,13 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.comparison import compare_pair
 from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.picture import read_picture
+from defocus_core.compare.picture import planes_of, read_picture
 from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.record import DIFFERENT, EXTRA, SAME, CompareSettings, Comparison
 from defocus_core.compare.thresholds import Thresholds
@@ -109,6 +110,19 @@ def compare_all(pairs: Sequence[FilePair], task: Task, processes: int) -> Iterat
         fails = record.differing > 0 and record.status != SAME
         yield task.carry_out((pair, True)) if fails and not sought and failing < most else record
         failing += fails
+
+
+def accept_picture(folder: Path, golden: Path, picture: Any) -> None:
+    """Make a file, an array or a tensor the golden of that path, below a folder."""
+    is_file = isinstance(picture, str | Path)
+    planes = {} if is_file else planes_of(picture)
+    with written_together(folder):
+        if is_file:
+            read_picture(Path(picture))  # what cannot be read is not accepted
+            with written_whole(golden) as file:
+                file.write(Path(picture).read_bytes())
+        else:
+            write_exr(golden, planes, {})
 
 
 def accept_files(a: Path, b: Path, records: Sequence[Comparison]) -> list[Path]:

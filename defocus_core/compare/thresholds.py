@@ -126,6 +126,29 @@ PRESETS = {
 }
 
 
+def rules_like(like: str | None, bounds: Mapping[str, float]) -> Rules:
+    """The rules of a golden in Python: those of a preset, and bounds of metrics besides.
+
+    Raises:
+        ValueError: there is no such preset, or a bound is no number.
+        TypeError: there is no such metric.
+    """
+    if like is not None and like not in PRESETS:
+        raise ValueError(f"like must be one of {', '.join(PRESETS)}, got {like}")
+    rules = []
+    for name, bound in bounds.items():
+        metric = name.replace("p999", "p99.9").replace("_", "-")
+        if metric not in METRICS:
+            instead = gone.remedy("python", name, "golden.check", f"bounds: {', '.join(METRICS)}")
+            raise TypeError(f"golden.check() takes no {name}; {instead}")
+        if not math.isfinite(bound):
+            raise ValueError(f"{name} must be a finite number, got {bound}")
+        rules.append(rule(f"{metric}{_COMPARISONS[METRICS[metric].better][0]}{bound}"))
+    if like is not None:
+        return replace(PRESETS[like], fail=(*PRESETS[like].fail, *rules))
+    return Rules(tuple(rules) or (ROUNDING,))
+
+
 @dataclass(frozen=True)
 class Thresholds:
     """The rules for all pictures, and for pictures whose names match a pattern."""

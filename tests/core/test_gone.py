@@ -7,7 +7,7 @@ import defocus_core
 from defocus_cli.main import COMMANDS
 from defocus_cli.options.shared import GroupedOption, Words
 from defocus_core import DefocusLens, RandomDefocus
-from defocus_core.compare.thresholds import rule
+from defocus_core.compare.thresholds import rule, rules_like
 from defocus_core.errors import Place, UsageProblem, with_dashes
 from defocus_core.gone import GONE
 from defocus_core.request.quantities import QuantityError, one_of, read_at
@@ -83,6 +83,10 @@ def test_rules_of_compare_that_went():
         assert error.value.remedy == words
 
 
+def bounded(**bounds):
+    rules_like(None, bounds)
+
+
 def test_names_in_python_that_went():
     for row, words in rows("python"):
         if row.of == "DefocusLens":
@@ -91,8 +95,9 @@ def test_names_in_python_that_went():
             assert str(lacking.value).endswith(words)
             continue
         if row.of:
+            taking = {"RandomDefocus": RandomDefocus, "golden.check": bounded}[row.of]
             with pytest.raises(TypeError, match=row.name) as unknown:
-                RandomDefocus(**{row.name: 1.0})
+                taking(**{row.name: 1.0})
             assert str(unknown.value).endswith(words)
             continue
         with pytest.raises(AttributeError, match=row.name) as lacking:

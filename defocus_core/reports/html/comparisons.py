@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 import os
 import pickle
-import shutil
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from glob import escape
 from itertools import count
@@ -19,14 +18,15 @@ from typing import Any
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.record import (
     DIFFERENT,
+    EXTRA,
     STATUSES,
     UNREADABLE,
     WARNING,
     CompareSettings,
     Comparison,
 )
+from defocus_core.compare.run import accept_picture
 from defocus_core.compare.thresholds import OVER, Rules
-from defocus_core.io.exr.writing import write_exr
 from defocus_core.reports.comparison_words import (
     line,
     metric_title,
@@ -174,37 +174,27 @@ def setting_lines(settings: CompareSettings) -> list[str]:
 
 
 def keep_check(
-    folder: Path, record: Comparison, test: str, picture: Path | Mapping[str, Any]
+    folder: Path, records: Sequence[Comparison], golden: Path, test: str, picture: Any
 ) -> None:
-    """Keep a check, with the picture of the test if it fails."""
+    """Keep a picture that failed for a report: the records of its goldens, if it has any."""
+    record = records[0] if records else Comparison("", None, None, EXTRA)
     stem = folder / f"{os.getpid()}-{next(_numbers)}"
-    if record.passes:
-        record = replace(record, b=record.a)
-    elif isinstance(picture, Path):
-        record = replace(record, b=stem.with_suffix(picture.suffix))
-        shutil.copyfile(picture, stem.with_suffix(picture.suffix))
-    else:
-        record = replace(record, b=stem.with_suffix(".exr"))
-        write_exr(stem.with_suffix(".exr"), picture, {})
-    stem.with_suffix(".pickle").write_bytes(pickle.dumps((record, test)))
+    suffix = Path(picture).suffix if isinstance(picture, str | Path) else ".exr"
+    kept = replace(record, name=os.path.relpath(golden), b=stem.with_suffix(suffix))
+    accept_picture(folder, stem.with_suffix(suffix), picture)
+    stem.with_suffix(".pickle").write_bytes(pickle.dumps((kept, test)))
 
 
 def write_checks(folder: Path, path: Path) -> None:
-    """Write the report of the checks in a folder."""
-    kept: list[tuple[Comparison, str]] = [
-        pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))
-    ]
-    tests = {id(record): test for record, test in kept}
+    """Write the report of the pictures in a folder, which failed."""
+    kept = [pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))]
+    tests: dict[str, str] = {record.name: test for record, test in kept}
 
     def commands(record: Comparison) -> list[tuple[str, str]]:
-        words = ["pytest", tests[id(record)]]
-        again = [("Test again", command_line(words))]
-        if record.passes:
-            return again
-        return [*again, ("Accept as the golden", command_line([*words, "--golden-update"]))]
+        again = ["pytest", tests[record.name]]
+        accept = ("Accept as the golden", command_line([*again, "--golden-update"]))
+        return [("Test again", command_line(again)), accept]
 
-    failed = sum(not record.passes for record, _ in kept)
-    words = [f"{counted(len(kept), 'check')} of goldens, {failed} failed"]
     title, b = "Goldens of a run of pytest", "the picture of the test"
-    header = ReportHeader(title, words, commands, b)
+    header = ReportHeader(title, [f"{counted(len(kept), 'golden')} failed"], commands, b)
     write(path, header, [record for record, _ in kept], CompareSettings(), processes=1)
