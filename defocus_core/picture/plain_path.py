@@ -179,7 +179,7 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
     from defocus_core.renderer.engine.renderer import Renderer
 
     for each in passes:
-        scene = each.scene.of_colors(each.light, each.px, each.shared)
+        scene = each.scene.of_colors(each.light, each.px)
         yield each, Renderer(scene, each.settings, hold=scene.layered is None and take.has_room)
 
 

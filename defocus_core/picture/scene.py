@@ -154,13 +154,11 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
 
 
 def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
-    """Each group of colours; they share what is continued behind surfaces."""
-    from defocus_core.renderer.engine.renderer import shared_surfaces
-
+    """Each group of colours, as a scene of its own."""
     (whole,) = every
     take, infinity = whole.take, whole.settings.infinity
     longer = take.longer_axis
-    apart = [
+    return tuple(
         whole._replace(
             settings=replace(
                 whole.settings, infinity=None if infinity is None else infinity + longer * px
@@ -170,13 +168,7 @@ def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
             px=longer * px,
         )
         for channels, px in _groups(take)
-    ]
-    if len(apart) > 1 and whole.scene.layered is None and whole.scene.hidden is None:
-        offsets = [each.px for each in apart]
-        settings = apart[0].settings
-        shared = shared_surfaces(whole.scene, settings, offsets, keep=take.has_room)
-        apart = [each._replace(shared=shared) for each in apart]
-    return tuple(apart)
+    )
 
 
 def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:

@@ -28,7 +28,7 @@ from defocus_core.system.text import counted, percent
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
     from defocus_core.picture.layers import Layers
-    from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
+    from defocus_core.renderer.engine.scene import Scene
     from defocus_core.renderer.engine.settings import Settings
     from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
     from defocus_core.tensors.source import Pixels
@@ -239,7 +239,6 @@ class Pass(NamedTuple):
     channels: tuple[int, ...]  # of the planes of the picture
     light: tuple[int, ...]  # the same of the scene, in its order
     px: float = 0.0  # added to the radii
-    shared: SharedSurfaces | None = None  # the surfaces of all colours of the scene
     order: tuple[int, ...] = ()  # of the rendered channels; empty: as they are
 
 

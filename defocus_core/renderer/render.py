@@ -22,7 +22,6 @@ from defocus_core.renderer.engine.renderer import (
     batches,
     fit_together,
     repaired_once,
-    shared_surfaces,
 )
 from defocus_core.renderer.engine.scene import Scene, check_hidden
 from defocus_core.renderer.engine.settings import Settings
@@ -166,12 +165,9 @@ def _rendered(
     progress: Callable[[int, int], None] | None,
 ) -> Views:
     """One picture, its colours apart if the px that are added to their radii differ."""
-    surfaces = None
     if len(colors) > 1 and scene.hidden is None:
         scene = repaired_once(scene, settings)
-        surfaces = shared_surfaces(scene, settings, [px for _, px in colors])
-    passes = (scene.of_colors(*color, surfaces) for color in colors)
-    views = [Renderer(each, settings).picture(progress) for each in passes]
+    views = [Renderer(scene.of_colors(*color), settings).picture(progress) for color in colors]
     return views[0] if len(views) == 1 else of_channels(views, colors)
 
 

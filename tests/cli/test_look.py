@@ -7,8 +7,6 @@ import pytest
 from command_line import LENS, color_exr, depth_exr, header, read_exr, refused, run, succeed
 from image_files import save
 
-from defocus_core.picture import take
-
 SIZE = 48
 # Each option of the look after what it needs, and how it stands in headers.
 LOOK = {
@@ -178,20 +176,3 @@ def test_focus_shows_what_is_sharp_without_rendering(tmp_path):
     assert shown["R"].shape == metres.shape
     records = (tmp_path / "out/journal.jsonl").read_text().splitlines()
     assert json.loads(records[-1])["seconds"]["render"] == 0
-
-
-def test_colours_apart_are_the_same_within_any_memory(tmp_path, monkeypatch):
-    pixels = np.random.default_rng(1).random((64, 96, 3), np.float32)
-    metres = np.full((64, 96), 9.0, np.float32)
-    metres[16:48, 30:60] = 1.2
-    color, depth = color_exr(tmp_path / "a.exr", pixels), depth_exr(tmp_path / "d.exr", metres)
-    lens = (*LENS, "--sensor-width", "9mm")
-    options = (*lens, "--axial-color", "0.1mm:-0.1mm", "--exr-type", "float")
-    shown = []
-    for name, holds in (("much", True), ("little", False)):
-        monkeypatch.setattr(take, "holds_derived", lambda *_, holds=holds: holds)
-        ran = run("render", color, depth, "-o", tmp_path / name, *options)
-        assert ran.code == 0, ran.err
-        shown.append(read_exr(tmp_path / name / "render/a.exr"))
-    for channel in "RGB":
-        np.testing.assert_array_equal(shown[0][channel], shown[1][channel])

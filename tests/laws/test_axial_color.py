@@ -47,12 +47,12 @@ def test_each_channel_is_rendered_with_its_radius_and_white_stays_white():
 
 
 @pytest.mark.parametrize("quality", QUALITIES)
-def test_pixels_are_taken_apart_by_all_colours_with_or_without_gradients(quality):
-    """Offsets that vanish change nothing, though colours are rendered apart."""
+def test_grey_stays_grey_with_or_without_gradients(quality):
+    """With offsets that vanish: each colour alone is taken apart as the others are."""
     image, radius = white("steps")
-    image = image * torch.rand(image.shape, generator=torch.Generator().manual_seed(1))
+    image = image * torch.rand(image.shape[1:], generator=torch.Generator().manual_seed(1))
     apart = render(image, radius, color_offsets=(1e-9, 0.0, -1e-9), quality=quality).render
-    assert worst(apart, render(image, radius, quality=quality).render) < 1e-8
+    assert worst(apart[1:], apart[:1]) < 1e-8
     shown = render(image, radius, color_offsets=(0.8, 0.0, -0.6), quality=quality).render
     image, radius = image.requires_grad_(), radius.requires_grad_()
     learnt = render(image, radius, color_offsets=(0.8, 0.0, -0.6), quality=quality).render

@@ -48,19 +48,8 @@ def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
     versions = 1 if frame.settings.field is None else CORNERS * at_once
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
-    whole = _FIXED + coarse + spectra + repaired + _bytes_of_fill(renderer, grids)
+    whole = _FIXED + coarse + spectra + repaired
     return whole + threads * of_thread + at_once * (region + result)
-
-
-def _bytes_of_fill(renderer: Renderer, grids: list[Grid]) -> float:
-    """Bytes of what is continued for all colours, which is kept until each has taken it."""
-    frame, fill = renderer.frame, renderer.scene.surfaces
-    if fill is None or not fill.shared.keeps:
-        return 0.0
-    reach = frame.farthest + frame.farthest % 2
-    area = sum(grid.box.grown(reach, frame.box).area for grid in grids)
-    sample = (fill.shared.colors + 2) * frame.dtype.itemsize
-    return float(area * sample / (1 << 2 * frame.slices.invented.level))
 
 
 def computed_regions(renderer: Renderer) -> list[Grid]:

@@ -324,16 +324,11 @@ def content_of(
     quality: Quality,
     *,
     layered: Layered | None = None,
-    all_ranges: tuple[float, float] | None = None,
 ) -> Content:
-    """What a picture holds.
-
-    `all_ranges`: least and greatest signed radius of all colours that are rendered apart; None for
-    those of these pixels.
-    """
+    """What a picture holds."""
     limit = threshold(survey.brightness, survey.brightest, max(-survey.minimum, survey.maximum))
     return Content(
-        limits=all_ranges or (survey.minimum, survey.maximum),
+        limits=(survey.minimum, survey.maximum),
         edges=layered is not None or max(survey.steepest) > EDGE,
         tilted=survey.steepest[0] ** 2 + survey.steepest[1] ** 2 > quality.min_slope**2,
         minimum=min(survey.darkest, 0.0),

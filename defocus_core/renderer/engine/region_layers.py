@@ -32,13 +32,11 @@ from defocus_core.renderer.engine.frame import (
 )
 from defocus_core.renderer.engine.scene import (
     Scene,
-    SurfacesOfColors,
     continued,
     layers_within,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.layers.layer import (
-    CONTINUED,
     HIDDEN,
     SOLID,
     TRACE,
@@ -103,20 +101,16 @@ class RegionLayers(NamedTuple):
         return [layer for layer in self.layers if layer.kind == kind]
 
 
-def layers_at(
-    place: RegionPlace, scene: Scene, backdrop: Backdrop | SurfacesOfColors | None
-) -> RegionLayers:
+def layers_at(place: RegionPlace, scene: Scene, backdrop: Backdrop | None) -> RegionLayers:
     """The layers of a region of a scene.
 
-    `backdrop`: the frame at low resolution, or the surfaces of all colours; None if nothing is
-    continued.
+    `backdrop`: the frame at low resolution; None if nothing is continued.
     """
     frame = place.frame
     image, radius = (place.outer.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius))
     if frame.content.edges:  # pixels beside them are looked up by their numbers
         image, radius = image.contiguous(), radius.contiguous()
     if scene.layered is not None:
-        assert not isinstance(backdrop, SurfacesOfColors), "layers of all colours"
         seen = _of_layers(place, scene.layered, backdrop)
         plain = image.clamp(max=frame.content.limit)  # with alpha, without the light of highlights
     else:
@@ -132,17 +126,13 @@ def _of_picture(
     place: RegionPlace,
     image: Tensor,  # [C, ..., H, W]
     radius: Tensor,  # [..., H, W] px
-    backdrop: Backdrop | SurfacesOfColors | None,
+    backdrop: Backdrop | None,
 ) -> RegionLayers:
     """What a picture and its radii show and hide."""
     frame, content, slices = place.frame, place.frame.content, place.frame.slices
     layers: Sequence[SampleLayer] = (SampleLayer.whole(image, radius),)
     lights, behind, sight = list[Highlights](), list[SampleLayer](), None
-    if isinstance(backdrop, SurfacesOfColors):
-        every = backdrop.at(place.outer, place.inside)
-        layers = [layer for layer in every if layer.kind == VISIBLE]
-        behind = [layer for layer in every if layer.kind == CONTINUED]
-    elif backdrop is not None:
+    if backdrop is not None:
         layers = layers_within(image, radius, backdrop, place.outer)
     if content.highlights:
         layers, lights = split(layers, len(image), content.limit)
@@ -150,7 +140,7 @@ def _of_picture(
         positions = slice_position(radius, slices.radii)
         sight = SightLimits.of(radius, positions, slices.visible.layers, slices.octaves)
         sight = sight.over(place.core)
-    if isinstance(backdrop, Backdrop):
+    if backdrop is not None:
         behind = [*continued(layers[0], backdrop, place.outer, place.inside, frame)]
     return RegionLayers((*layers, *behind), lights, sight)
 
@@ -241,12 +231,10 @@ def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Ten
     return draw(highlights, before, radii, aperture, parts, place.core, barrel)
 
 
-def backdrop_in(frame: SharedFrame, scene: Scene) -> Backdrop | SurfacesOfColors | None:
+def backdrop_in(frame: SharedFrame, scene: Scene) -> Backdrop | None:
     """What hidden surfaces are continued from; None if none is."""
     content, layered = frame.content, scene.layered
-    if not content.edges or scene.surfaces is not None:
-        return scene.surfaces if content.edges else None
-    if layered is not None and not layered.is_continued:
+    if not content.edges or (layered is not None and not layered.is_continued):
         return None
     pixels, limit = scene.image, content.limit
     if layered is not None:

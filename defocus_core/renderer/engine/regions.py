@@ -44,7 +44,6 @@ from defocus_core.renderer.engine.region_layers import (
 )
 from defocus_core.renderer.engine.scene import (
     Scene,
-    SurfacesOfColors,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.layers.layer import CONTINUED, HIDDEN, TRACE, UNCOVERED, VISIBLE
@@ -58,9 +57,7 @@ from defocus_core.tensors.torch_modes import recomputed, unrecorded
 from defocus_core.tensors.views import Views, added, joined
 
 
-def region_of(
-    frame: SharedFrame, grid: Grid, scene: Scene, backdrop: Backdrop | SurfacesOfColors | None
-) -> Region:
+def region_of(frame: SharedFrame, grid: Grid, scene: Scene, backdrop: Backdrop | None) -> Region:
     """A rectangle of tiles of a scene; `backdrop`: as in `layers_at`."""
     place = RegionPlace.of(frame_at(frame, grid.box), grid)
     return Region(place, layers_at(place, scene, backdrop))

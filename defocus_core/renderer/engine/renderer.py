@@ -19,7 +19,7 @@ from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth, repaired_each
-from defocus_core.renderer.engine.frame import Content, SharedFrame, darkened
+from defocus_core.renderer.engine.frame import Content, darkened
 from defocus_core.renderer.engine.plan import (
     border_range,
     centre_parts,
@@ -29,15 +29,12 @@ from defocus_core.renderer.engine.plan import (
     surveyed,
 )
 from defocus_core.renderer.engine.regions import assembled, rendered_regions, total
-from defocus_core.renderer.engine.scene import Scene, SharedSurfaces
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import STANDARD, Settings
-from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.renderer.layers.slice_radii import plane_of
 from defocus_core.tensors.derived import chosen
 from defocus_core.tensors.device_plan import launches_cost, tile_pixels
-from defocus_core.tensors.neighbourhoods import range_of
-from defocus_core.tensors.source import Scalar, banded
 from defocus_core.tensors.torch_modes import own_modes, recorded_for
 from defocus_core.tensors.validation import whole
 from defocus_core.tensors.views import Views
@@ -189,12 +186,11 @@ class Renderer:
             counted = chosen(image, range(image.shape[0] - 1))  # not alpha
             self.reaching = layered.most_blurred()
             border = border_range(self.reaching)
-        limits = scene.surfaces and scene.surfaces.shared.limits
         content = scene.content
         if content is None:
             dtype = computed_in(counted, signed_radius)
             (survey,) = surveyed(counted, signed_radius, dtype, threads)
-            content = content_of(survey, quality, layered=layered, all_ranges=limits)
+            content = content_of(survey, quality, layered=layered)
         self.frame = frame_of(
             counted,
             signed_radius,
@@ -259,27 +255,6 @@ class Renderer:
         return total(self.frame, self._counts)
 
 
-def shared_surfaces(
-    scene: Scene, settings: Settings, offsets: Sequence[Scalar], *, keep: bool = True
-) -> SharedSurfaces | None:
-    """The surfaces of all colours that are rendered apart; None where none hides another."""
-    image, radius = scene.image, scene.signed_radius
-    requires_grad = (getattr(x, "requires_grad", False) for x in (image, radius, *offsets))
-    wanted = torch.is_grad_enabled() and any(requires_grad)
-    if not any(_has_edges(band) for band in banded(radius)):
-        return None
-
-    def frame() -> SharedFrame:
-        return Renderer(replace(scene, hidden=None), settings).frame
-
-    shared = SharedSurfaces(
-        frame, image, radius, offsets, keep=keep and not wanted, matte=scene.matte
-    )
-    if wanted:  # before regions that are computed again in the backward pass
-        shared.prepare()
-    return shared
-
-
 def repaired_once(scene: Scene, settings: Settings, *, hold: bool = False) -> Scene:
     """The scene with the radii by which all its colours are rendered."""
     radius, repair = repair_depth(
@@ -294,9 +269,3 @@ def repaired_once(scene: Scene, settings: Settings, *, hold: bool = False) -> Sc
         matte=scene.matte,
     )
     return replace(scene, signed_radius=radius, repair=repair)
-
-
-def _has_edges(radii: Tensor) -> bool:
-    """Whether surfaces hide others in a band [h, W] of radii."""
-    steps = (radii.diff(dim=0), radii.diff(dim=1))
-    return any(step.numel() > 0 and float(range_of(step).abs().amax()) > EDGE for step in steps)

@@ -1,25 +1,16 @@
-"""A scene: what is seen at each pixel, what is known to lie behind it, and what is continued.
-
-Surfaces of a picture whose colours are rendered apart are taken apart and continued once. A pixel
-holds the same shares of the same surfaces in all colours, whose radii differ by some px. What is
-continued in a region is kept until each colour has taken it, if there is room.
-"""
+"""A scene: what is seen at each pixel, what is known to lie behind it, and what is continued."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.renderer.compositing.highlights import split
 from defocus_core.renderer.engine.frame import Content, SharedFrame
-from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
+from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.hidden_layers import (
     HiddenLayer,
     KnownLayer,
@@ -30,102 +21,9 @@ from defocus_core.renderer.layers.layer import CONTINUED, SampleLayer, layers_of
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import Mapped, chosen, held, plus, stacked
-from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.source import Pixels, Scalar, banded
 from defocus_core.tensors.validation import backward_only, described
-
-
-class SharedSurfaces:
-    """The surfaces of a picture, for colours of different radii.
-
-    Attributes:
-        limits: Least and greatest signed radius in px of all colours.
-        colors: The number of channels.
-        keeps: Whether there is room to keep what is continued.
-    """
-
-    def __init__(
-        self,
-        frame: Callable[[], SharedFrame],
-        pixels: Pixels,  # [C, H, W], all channels
-        signed_radius: Pixels,  # [H, W] px, of a colour without an offset
-        offsets: Sequence[Scalar],
-        *,
-        keep: bool,
-        matte: Pixels | None = None,  # [H, W], the coverage of a subject; None if it is not known
-    ) -> None:
-        """Keep the picture; nothing is continued yet."""
-        self.keeps, self._matte = keep, matte
-        self._made, self._pixels, self._radius = frame, pixels, signed_radius
-        self._groups, self.colors = len(offsets), pixels.shape[0]
-        limits = torch.stack([range_of(band) for band in banded(signed_radius)])
-        minimum, maximum = float(limits[:, 0].amin()), float(limits[:, 1].amax())
-        added = [float(torch.as_tensor(px).detach()) for px in offsets]
-        self.limits = minimum + min(added), maximum + max(added)
-        self._continued: dict[tuple[Box, Box], tuple[SampleLayer, ...]] = {}
-        self._taken: Counter[tuple[Box, Box]] = Counter()
-
-    def at(self, outer: Box, inside: Box) -> tuple[SampleLayer, ...]:
-        """The visible layers of the rectangle `outer`, and what is continued within `inside`."""
-        frame, position = self._frame, (outer, inside)
-        pixels, radius = (
-            outer.of(x).to(frame.dtype).contiguous() for x in (self._pixels, self._radius)
-        )
-        layers = layers_within(pixels, radius, self._backdrop, outer)
-        if position in self._continued:
-            behind = self._continued[position]
-        else:
-            ordinary: Sequence[SampleLayer] = layers
-            if frame.content.highlights:
-                ordinary, _ = split(layers, self.colors, frame.content.limit)
-            behind = continued(ordinary[0], self._backdrop, outer, inside, frame)
-        if self.keeps:
-            self._continued[position] = behind
-            self._taken[position] += 1
-            if self._taken[position] == self._groups:
-                del self._continued[position]
-        return (*layers, *behind)
-
-    def prepare(self) -> None:
-        """Find now what is found once for the whole frame."""
-        _ = self._backdrop
-
-    @cached_property
-    def _frame(self) -> SharedFrame:
-        """The frame of all channels, if anything is continued."""
-        return self._made()
-
-    @cached_property
-    def _backdrop(self) -> Backdrop:
-        """The frame of all channels at low resolution."""
-        frame = self._frame
-        return backdrop_of(
-            self._pixels,
-            self._radius,
-            frame.content.limit,
-            frame.dtype,
-            frame.settings.threads,
-            frame.content.limits,
-            matte=self._matte,
-        )
-
-
-class SurfacesOfColors(NamedTuple):
-    """The surfaces of some colours."""
-
-    shared: SharedSurfaces  # those of all colours
-    channels: list[int]  # the numbers of the colours
-    px: Scalar  # px that are added to their radii
-
-    def at(self, outer: Box, inside: Box) -> tuple[SampleLayer, ...]:
-        """As those of all colours."""
-        return tuple(
-            layer._replace(
-                color=layer.color[self.channels], signed_radius=layer.signed_radius + self.px
-            )
-            for layer in self.shared.at(outer, inside)
-        )
 
 
 def layers_within(
@@ -177,8 +75,6 @@ class Scene:
     # `nearest` radius; their views have alpha, too
     layered: Layered | None = None
     matte: Pixels | None = None  # [H, W], the coverage of a subject; None if it is not known
-    # The surfaces of all colours of which these are some; None if they are not shared
-    surfaces: SurfacesOfColors | None = None
     # The repair by which the radii were made; None if they are to be repaired
     repair: DepthRepair | None = None
     # Of a batch whose radii are repaired, what all its pictures hold together
@@ -279,13 +175,8 @@ class Scene:
         )
         return [x for x in every if isinstance(x, Tensor)]
 
-    def of_colors(
-        self, channels: Sequence[int], px: Scalar, surfaces: SharedSurfaces | None = None
-    ) -> Scene:
-        """The scene in some channels, with px added to its radii; of layers, of their colours.
-
-        `px`: the px.
-        """
+    def of_colors(self, channels: Sequence[int], px: Scalar) -> Scene:
+        """The scene in some channels, with px added to its radii; of layers, of their colours."""
         if self.layered is not None:
             layers = self.layered._replace(colors=chosen(self.layered.colors, channels))
             radii = plus(layers.signed_radius, px)
@@ -301,7 +192,6 @@ class Scene:
             image=chosen(self.image, channels),
             signed_radius=plus(self.signed_radius, px),
             hidden=hidden,
-            surfaces=surfaces if surfaces is None else SurfacesOfColors(surfaces, [*channels], px),
         )
 
 
