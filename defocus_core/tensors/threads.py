@@ -22,8 +22,11 @@ R = TypeVar("R")
 def threaded(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
     """The results of work on each piece, in order, `threads` pieces at a time."""
     if threads == 1 or len(pieces) < 2:
-        yield from map(work, pieces)
-        return
+        return map(work, pieces)
+    return _in_threads(work, pieces, threads)
+
+
+def _in_threads(work: Callable[[T], R], pieces: Sequence[T], threads: int) -> Iterator[R]:
     with ThreadPoolExecutor(threads) as pool:
         begun: deque[Future[R]] = deque()
         in_modes = carried(work)

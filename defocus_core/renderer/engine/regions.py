@@ -275,13 +275,11 @@ def rendered_regions(
         views = joined([tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)])
         return views if part.box == grid.box else _copied(frame, grid, pixels, views)
 
-    def in_order() -> Iterator[Views]:
-        parts = threaded(recomputed(computed), grids, at_once)
-        for grid, part in zip(grids, parts, strict=True):
-            report(grid.box, len(grid.tiles) - reported[grid.box])  # copies
-            yield part
+    def reported_whole(grid: Grid, part: Views) -> Views:
+        report(grid.box, len(grid.tiles) - reported[grid.box])  # copies
+        return part
 
-    return in_order()
+    return map(reported_whole, grids, threaded(recomputed(computed), grids, at_once))
 
 
 def _copied(frame: SharedFrame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:
