@@ -33,6 +33,7 @@ class Gone(NamedTuple):
     of: str = ""
 
 
+_CALIBRATED = "give ‹depth-kind› disparity, ‹focal-px›, ‹baseline› and, if it has one, ‹doffs›"
 _APART = "compare twice, with ‹mask› and with ‹ignore-mask›"
 GONE: dict[str, tuple[Gone, ...]] = {
     "0.2.0": (
@@ -40,7 +41,6 @@ GONE: dict[str, tuple[Gone, ...]] = {
         Gone("option", "resize-depth", "look at the pair by 'defocus render' ‹dry-run›", "info"),
         Gone("option", "turn-depth", "look at the pair by 'defocus render' ‹dry-run›", "info"),
         Gone("option", "animate", "look at a frame by 'defocus render' ‹dry-run›", "info"),
-        Gone("option", "interpolate", "look at a frame by 'defocus render' ‹dry-run›", "info"),
         Gone("option", "html", "write ‹contact› 12 for a sheet of pictures", "batch"),
         Gone("command", "retry", "give the batch's own command again, it does failed jobs"),
         Gone("key", "match", "draw the lenses in ranges, like those of the set", "[sample]"),
@@ -65,6 +65,17 @@ GONE: dict[str, tuple[Gone, ...]] = {
         Gone("key", "max-coc", "limit radii by clamp-blur, or draw the focus in percentiles"),
         Gone("value", "draft", "write standard", "quality"),
         Gone("python", "signed_coc", "write 2 * pixel_size * signed_radius(depth)", "DefocusLens"),
+        Gone("option", "aperture-diameter", "write fnumber, the focal length by the diameter"),
+        Gone("option", "focus-smooth", "give smoothed keys of focus by ‹animate›"),
+        Gone("option", "interpolate", "give more keys, between two of them the blur is even"),
+        Gone("key", "interpolation", "give more keys, between them the blur is even", "[animate]"),
+        Gone("option", "unpremultiply-depth", "leave it out, depth is divided where edges show it"),
+        *(
+            Gone("value", name, _CALIBRATED, "depth-format")
+            for name in ("spring", "unrealstereo4k", "hci-lightfield", "middlebury2006")
+        ),
+        Gone("value", "urbansyn", "write metres, with ‹depth-scale› 1e5 and ‹sky›", "depth-format"),
+        Gone("value", "synscapes", "write metres, with ‹sky›", "depth-format"),
         Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),
         Gone("python", "rim_shift", "write cat_eye_shift", "RandomDefocus"),
     ),

@@ -190,13 +190,8 @@ def shot_lens_options(
         lens_file: Path | None,
         metadata: bool,
         animate: tuple[str, ...] = (),
-        interpolate: str | None = None,
         **values: Any,
     ) -> PictureLenses | None:
-        if interpolate is not None and not animate:
-            problem, remedy = "has no keys to go between", "add --animate FILE"
-            raise UsageProblem("idle-option", problem, remedy, field="interpolate")
-        given_options({"interpolate": interpolate}, ANIMATION_OPTIONS)
         own = given_options(values, LENS_OPTIONS)
         if not (required or own or animate or metadata or lens_file is not None):
             return None
@@ -204,7 +199,7 @@ def shot_lens_options(
         if animate:
             from defocus_core.request.animation import read_animation
 
-            animation = read_animation(animate, interpolate)
+            animation = read_animation(animate)
         lenses = PictureLenses(
             own,
             file=lens_file,

@@ -2,8 +2,8 @@
 
 Between two keys a value goes evenly in the variable in which the blur is smooth: the focus in
 disparity, f-number, focal length and other sizes in their logarithm (an f-number in stops), angles
-and pixels as they are. ``ease`` begins and ends softly at each key. Before the first key and after
-the last one its value holds. Of numbers without a unit a focus is in metres, other lengths in mm.
+and pixels as they are. Before the first key and after the last one its value holds. Of numbers
+without a unit a focus is in metres, other lengths in mm.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 
 from defocus_core.errors import CALLER, InputError, UsageProblem
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
-from defocus_core.request.job_options import ANIMATION_OPTIONS, INTERPOLATIONS, field_of_view
+from defocus_core.request.job_options import ANIMATION_OPTIONS, field_of_view
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES, LensParam
 from defocus_core.request.quantities import read_at, text_of
 from defocus_core.request.resolver import Given, alternatives, keys_of, refuse_contradiction
@@ -40,9 +40,7 @@ _DIGITS = 9
 class Animation:
     """Options of a lens with keys."""
 
-    # By option the frames that have a key, ascending, and the keys
-    keys: Keys
-    interpolation: str
+    keys: Keys  # by option the frames that have a key, ascending, and the keys
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -74,8 +72,6 @@ class Animation:
             return keys[frames[max(after - 1, 0)]].text
         first, last = frames[after - 1], frames[after]
         fraction = (frame - first) / (last - first)
-        if self.interpolation == "ease":
-            fraction = fraction * fraction * (3 - 2 * fraction)
         start, end = (row.parse(keys[each].text) for each in (first, last))
         if start == end:
             return keys[first].text
@@ -97,29 +93,20 @@ def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
     return round(value) if isinstance(first, int) else value
 
 
-def read_animation(
-    files: Iterable[str], interpolation: str | None, table: Table | None = None
-) -> Animation | None:
-    """The animation of files and of ``[animate]``; None if they hold no keys.
-
-    `interpolation`: linear or ease; None for that of TOML, or linear.
-    """
+def read_animation(files: Iterable[str], table: Table | None = None) -> Animation | None:
+    """The animation of files and of ``[animate]``; None if they hold no keys."""
     root, every = Path(), dict[str, Mapping[int, Key]]()
     if table is not None:
         root, files = table.file.parent, table.texts("file")
-        every, interpolation = _keys_of(table)
-    keys: Keys
+        every = _keys_of(table)
     for text in files:
         file, (option, is_curve, _) = root / text, text.partition("=")
         if is_curve and not file.exists():
             remedy = f"give CSV, with the header frame,{option} above its lines"
             where = CALLER.at("animate") if table is None else table.place("file")
             raise UsageProblem("malformed", f"'{text}' is not a file of keys", remedy, path=where)
-        if file.suffix.lower() == ".toml":
-            keys, said = _keys_of(_animate_of(file))
-            interpolation = interpolation or said
-        else:
-            keys = read_keys(file)
+        is_toml = file.suffix.lower() == ".toml"
+        keys = _keys_of(_animate_of(file)) if is_toml else read_keys(file)
         for twice in keys.keys() & every.keys():
             problem = f"animates {twice}, as does {_first(every[twice]).where}"
             raise UsageProblem("contradiction", problem, "remove one of them", path=file)
@@ -129,7 +116,7 @@ def read_animation(
         return None
     where = _first(next(iter(checked.values()))).where
     refuse_contradiction({name: Given("", where.at(name)) for name in checked})
-    return Animation(checked, interpolation or INTERPOLATIONS[0])
+    return Animation(checked)
 
 
 def _first(keys: Mapping[int, Key]) -> Key:
@@ -157,8 +144,8 @@ def _animate_of(file: Path) -> Table:
     return table_of(file, tables, "animate")
 
 
-def _keys_of(table: Table) -> tuple[dict[str, Mapping[int, Key]], str | None]:
-    """The keys of ``[animate]``, of each option a table of values by frame; its interpolation."""
+def _keys_of(table: Table) -> dict[str, Mapping[int, Key]]:
+    """The keys of ``[animate]``, of each option a table of values by frame."""
     every: dict[str, Mapping[int, Key]] = {}
     for name, frames in table.values.items():
         if name in keys_of(ANIMATION_OPTIONS):
@@ -171,7 +158,7 @@ def _keys_of(table: Table) -> tuple[dict[str, Mapping[int, Key]], str | None]:
             frame_of(frame, table.place(name)): Key(text_of(text), table.place(f"{name}: {frame}"))
             for frame, text in frames.items()
         }
-    return every, table.parsed("interpolation", ANIMATION_OPTIONS["interpolate"].parse)
+    return every
 
 
 def focal_length(fov: str, sensor_width: float, size: tuple[int, int]) -> str:

@@ -19,7 +19,6 @@ from defocus_core.request.output_kinds import KINDS, PREVIEW, Kind
 from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.request.quantities import Percentile
 
-LONGEST_SMOOTH = 1001  # frames of which a focus is averaged
 DEVICES = ("auto", "cpu", "cuda")
 FRAME_ROLE = "frame"  # of other frames among the inputs
 OTHERS = ("hidden", "over", "holdout", "matte")  # pictures that belong to another one
@@ -144,13 +143,12 @@ class Shot:
     # Frames by which is decided for all of the shot how depth is repaired and where a focus
     # lies that the depth decides; empty if each frame decides for itself
     sample: tuple[FrameLens, ...] = ()
-    # Frames whose focus is averaged for the focus of this one; empty for its own
-    focus: tuple[FrameLens, ...] = ()
+    shares_focus: bool = True  # whether these decide where the focus lies, too
 
     @property
     def pictures(self) -> dict[int, Picture]:
         """All of these frames by number."""
-        taken = (each.picture for each in (*self.sample, *self.focus))
+        taken = (each.picture for each in self.sample)
         return {int(p.frame): p for p in taken if p.frame is not None}
 
     @property

@@ -15,11 +15,11 @@ from functools import partial
 
 from defocus_core.allowed_values import DEPTH_REPAIRS, MIN_TILE, QUALITIES, WIDEST_EDGE
 from defocus_core.errors import UsageProblem
-from defocus_core.io.depth_formats.reading import INVALID, RESIZES, UNPREMULTIPLY
+from defocus_core.io.depth_formats.reading import INVALID, RESIZES
 from defocus_core.io.depth_formats.reading import KINDS as DEPTH_KINDS
 from defocus_core.io.depth_formats.table import NAMES, UNITS
 from defocus_core.io.shots.frame_patterns import MISSING
-from defocus_core.request.job import DEVICES, LONGEST_SMOOTH, Machine, Outputs
+from defocus_core.request.job import DEVICES, Machine, Outputs
 from defocus_core.request.output_kinds import (
     COLOR_SPACES,
     COMPRESSIONS,
@@ -310,13 +310,6 @@ _READING = (
         help="View of an EXR of several cameras, like left; in ‹render› several, like left,right.  "
         "[default: the file's first]",
     ),
-    _choice(
-        "unpremultiply-depth",
-        UNPREMULTIPLY,
-        "Divide depth by alpha: on, off, or auto, if pixels of half alpha show that it was "
-        "multiplied.  [default: auto]",
-        of_pictures=True,
-    ),
 )
 READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _READING}
 
@@ -440,13 +433,6 @@ _SHOT = (
         help="Decide once for the shot how depth is repaired and where a focus lies that the "
         "depth decides; or each frame for itself.  [default: steady]",
     ),
-    Param(
-        name="focus-smooth",
-        heading="Shot",
-        parse=whole_within(2, LONGEST_SMOOTH),
-        metavar="N",
-        help="Average a focus that the depth decides over N frames, in disparity, like 9.",
-    ),
 )
 SHOT_OPTIONS = {row.name: row for row in _SHOT}
 _INPUTS = (
@@ -515,7 +501,6 @@ _INPUTS = (
     Param(name="pictures", only="files"),
 )
 INPUT_OPTIONS = {row.name: row for row in _INPUTS}
-INTERPOLATIONS = ("linear", "ease")
 _ANIMATE = (
     Param(
         name="animate",
@@ -525,14 +510,6 @@ _ANIMATE = (
         metavar="FILE",
         help="Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, or "
         "Nuke's .chan.  ('defocus help shots')",
-    ),
-    Param(
-        name="interpolate",
-        key="interpolation",
-        heading="Lens",
-        parse=_word(INTERPOLATIONS),
-        choices=INTERPOLATIONS,
-        help="Between keys: evenly, or slow at each key.  [default: linear]",
     ),
 )
 ANIMATION_OPTIONS = {row.name: row for row in _ANIMATE}

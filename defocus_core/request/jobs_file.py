@@ -7,7 +7,7 @@ A TOML file with the tables
   [lens]      the options of a lens; ``file``, a lens file below them
   [animate]   keys of lens options by frame, see `animation`; ``file``, files of
               keys; ``interpolation``
-  [shot]      steady, focus-smooth: what frames have in common, see `shots`
+  [shot]      steady: what frames have in common, see `shots`
   [sweep]     lists, grids and ranges of lens options, see `sweeps`
   [sample]    random lenses, see `sweeps`
   [reading]   depth-format and the other options of reading, see `job_options`
@@ -116,7 +116,7 @@ def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machi
     tables = {name: table(path, stored, name) for name in TABLES}
     read_origin(tables["dataset"])
     reading = _reading(tables["reading"], tables["lens"], tables["machine"])
-    animation = read_animation((), None, tables["animate"])
+    animation = read_animation((), tables["animate"])
     lenses = _lenses(tables["lens"], tables["sweep"], tables["sample"], animation, reading)
     outputs = outputs_of(layer_in(tables["outputs"], OUTPUT_OPTIONS), outputs)
     quality = fields_of(layer_in(tables["machine"], MACHINE_OPTIONS, "depth-repair"))

@@ -361,8 +361,6 @@ def _lens(values: Mapping[str, Any], source: Place) -> Lens:
     sharp = fields.get("sharp_range")
     if sharp is not None and "blur" in fields and not fields.keys() & {"focus_at", "focus_value"}:
         fields["focus_value"] = sum(sharp) / 2
-    if (diameter := fields.pop("aperture_diameter", None)) is not None:
-        fields["fnum"] = fields["foclen"] / diameter
     if isinstance(fields["foc_dist"], Percentile):
         fields |= {"foc_dist": None, "focus_percentile": fields["foc_dist"].percent}
     return Lens(**fields, focus_source=source)

@@ -12,7 +12,6 @@ from dataclasses import replace
 from functools import cache
 
 from defocus_core.errors import UsageProblem
-from defocus_core.io.shots.frame_patterns import neighbours_of
 from defocus_core.request.job import FrameLens, Job, Picture, Shot
 from defocus_core.request.lens import Lens
 from defocus_core.request.resolver import Layer, fields_of
@@ -37,14 +36,8 @@ def with_shot(
             remedy = "give patterns like 'shot.####.exr'"
             raise UsageProblem("idle-option", problem, remedy, path=given.place)
         return list(jobs)
-    asked = fields_of(options)
-    smooth = asked.get("focus_smooth")
-    if smooth is not None and not any(map(_is_found, jobs)):
-        problem = "has no effect: the depth does not decide the focus"
-        place = options["focus-smooth"].place
-        raise UsageProblem("idle-option", problem, "leave it out, or focus-at X,Y", path=place)
-    places = {picture.frame: place for place, picture in enumerate(every)}
-    steady = asked.get("steady") is not False
+    frames = {picture.frame for picture in every}
+    steady = fields_of(options).get("steady") is not False
 
     @cache
     def sample(suffix: str) -> tuple[FrameLens, ...]:
@@ -52,21 +45,12 @@ def with_shot(
         return tuple(FrameLens(every[k], lens_of(every[k], suffix)) for k in three)
 
     def shot(job: Job) -> Shot | None:
-        place = places.get(job.picture.frame)
-        if place is None:  # a picture of a list
+        if job.picture.frame not in frames or not steady:  # a picture of a list
             return None
-        focus: tuple[FrameLens, ...] = ()
-        if _is_found(job) and (smooth or moving):
-            averaged = neighbours_of(len(every), place, smooth or 1)
-            focus = tuple(FrameLens(every[k], lens_of(every[k], job.suffix)) for k in averaged)
-        repairs = job.reading.depth_repair != "off"
-        decides = steady and (repairs or (_is_found(job) and not focus))
-        made = Shot(sample=sample(job.suffix) if decides else (), focus=focus)
-        return None if made == Shot() else made
+        lens = job.lens
+        is_found = lens.focus_at is not None or lens.focus_percentile is not None
+        if job.reading.depth_repair == "off" and (moving or not is_found):
+            return None
+        return Shot(sample(job.suffix), shares_focus=not moving)
 
     return [replace(job, shot=shot(job)) for job in jobs]
-
-
-def _is_found(job: Job) -> bool:
-    lens = job.lens
-    return lens.focus_at is not None or lens.focus_percentile is not None

@@ -20,7 +20,6 @@ from defocus_core.batch.journal.runs import sweep_up
 from defocus_core.compare.goldens import read_store
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
-from defocus_core.io.picture_files import read_depth
 from defocus_core.io.row_files import read_rows
 from defocus_core.io.safe_files import written_together, written_whole
 from defocus_core.io.wildcards import matching
@@ -343,15 +342,6 @@ def test_no_wildcards_hang(tmp_path):
 def test_a_kept_jobs_file_of_an_endless_key_takes_no_memory(tmp_path):
     (tmp_path / origin.KEPT).write_text(".".join(["a"] * 100_000) + " = 1\n")
     assert origin.origin_of(tmp_path) == origin.Origin()
-
-
-def test_a_sidecar_that_repeats_itself_is_not_expanded(tmp_path):
-    """Ten lines of ten references each to the line before took 10^10 letters."""
-    laughs = "".join(f"a{n} = {f'%(a{n - 1})s' * 10}\n" for n in range(1, 10))
-    (tmp_path / "parameters.cfg").write_text(f"[intrinsics]\na0 = {'x' * 10}\n{laughs}")
-    (tmp_path / "a.pfm").write_bytes(b"Pf\n2 2\n-1\n" + bytes(16))
-    with refuses("malformed", path=tmp_path / "parameters.cfg"):
-        read_depth(tmp_path / "a.pfm", format="hci-lightfield")
 
 
 def test_a_link_to_what_is_no_picture_is_not_accepted(tmp_path, mine):

@@ -76,8 +76,6 @@ WORDS = {
 }
 LINES = """
 R --focus-at 1,1 → 2 contradiction --focus: contradicts --focus-at; give one of them
-R --aperture-diameter 25mm → \
-2 contradiction --fnumber: contradicts --aperture-diameter; give one of them
 R --edge-width 4 --depth-repair off → \
 2 contradiction --edge-width: of 4px contradicts depth-repair off; leave one of them out
 B twice.toml → \
@@ -108,8 +106,8 @@ render rgb.exr z.exr -o out → \
 2 missing-option --focal-length: is missing, as are --fnumber and --focus; run: defocus render \
 --json rgb.exr z.exr -o out --lens @portrait-85 --focus-at 6,7
 info z.exr --focal-length 50mm → \
-2 missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4 or --aperture-diameter, \
---focus 2m or --focus-at, or a --lens FILE that has them
+2 missing-option --fnumber: is missing, as is --focus; add --fnumber 1.4, --focus 2m or \
+--focus-at, or a --lens FILE that has them
 R -o a.hdr → \
 2 wrong-type a.hdr: is of a type that is not written; end its name in .exr, .png, .tif, .jpg, .webp
 R --lens @portrait-58 → \

@@ -73,7 +73,6 @@ _SAID = {
     "blur-channels": "N",
     "part": "3",
     "view": "left",
-    "unpremultiply-depth": "on",
 }
 _DEFAULTS = {"depth-format", "depth-repair"}  # of depth in metres that needs no repair
 

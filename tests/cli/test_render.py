@@ -51,7 +51,7 @@ def test_coc_is_the_signed_radius_in_px_and_disparity_the_distance_of_half_discs
 
 def test_telescopes_have_a_coc_too(tmp_path):
     color, depth = pair(tmp_path)
-    lens = ("--focal-length", "39m", "--aperture-diameter", "1mm", "--focus", "inf")
+    lens = ("--focal-length", "39m", "--fnumber", "39000", "--focus", "inf")
     succeed("render", *lens, color, depth, "-o", tmp_path / "out", "--outputs", "coc")
     radius = read_exr(tmp_path / "out" / "coc" / "a.exr")["coc"]
     np.testing.assert_allclose(radius, -39 / ramp() / (2 * PITCH), rtol=1e-6)
@@ -186,7 +186,7 @@ def test_focus_at_a_pixel_is_focus_at_its_depth_and_at_the_sky_at_infinity(tmp_p
 
 def test_a_lens_file_is_as_good_as_flags(tmp_path):
     lens = tmp_path / "lens.toml"
-    lens.write_text('focal-length = "50mm"\naperture-diameter = "25mm"\nfocus = "200cm"\n')
+    lens.write_text('focal-length = "50mm"\nfnumber = 2\nfocus = "200cm"\n')
     files = pair(tmp_path)
     succeed("render", *files, "-o", tmp_path / "file", "--lens", lens)
     photograph(*files, "-o", tmp_path / "flags")

@@ -46,7 +46,7 @@ def spot(folder, out, *args):
     color = color_exr(folder / "light.exr", light)
     depth = depth_exr(folder / "far.exr", np.full((SIZE, SIZE), np.inf, np.float32))
     # r = A f / (s − f) / (2 p) = 16 px
-    asked = lens(fnumber=None, aperture_diameter="35.1mm", sensor_width="1.8mm")
+    asked = lens(fnumber=f"{50 / 35.1}", sensor_width="1.8mm")
     succeed("render", color, depth, "-o", out, *asked, "--exr-type", "float", *args)
     return read_exr(out / "render" / "light.exr")["G"]
 

@@ -77,7 +77,6 @@ def test_what_makes_no_shot_is_refused_before_any_work(tmp_path):
         ((color, depth, "--frames", "all"), 2, "malformed", "frames"),
         ((color, depth, "--frames", "keys"), 2, "missing-option", "frames"),
         ((color, depth, "--hidden", *behind), 3, "missing-frames", "rgb.####.exr"),
-        ((color, depth, "--interpolate", "ease"), 2, "idle-option", "interpolate"),
         ((color, gap), 3, "missing-frames", gap),
         ((color, lone), 3, "missing-frames", "z_1001.exr"),
         ((*pair(tmp_path), "--frames", "1"), 2, "idle-option", "frames"),
@@ -98,16 +97,6 @@ def test_a_pull_gives_each_frame_what_the_command_line_would(tmp_path):
         alone = tmp_path / f"alone{frame}"
         succeed("render", *files, "-o", alone, *lens)
         np.testing.assert_allclose(picture(out, frame), picture(alone, frame), atol=1e-3)
-
-
-def test_ease_changes_frames_between_keys_alone(tmp_path):
-    patterns = shot(tmp_path)
-    (tmp_path / "pull.csv").write_text("frame,focus,fnumber\n1001,1.5m,2\n1004,3m,2\n")
-    words = ("render", *patterns, *FOCAL, "--animate", tmp_path / "pull.csv")
-    succeed(*words, "-o", tmp_path / "a")
-    succeed(*words, "-o", tmp_path / "b", "--interpolate", "ease")
-    same = [np.array_equal(*(picture(tmp_path / o, f) for o in "ab")) for f in range(1001, 1005)]
-    assert same == [True, False, False, True]
 
 
 def test_a_camera_of_nuke_zooms(tmp_path):

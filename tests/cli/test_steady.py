@@ -58,10 +58,6 @@ def test_a_focus_that_depth_decides_is_one_for_the_shot(tmp_path, focus):
     cases: dict[tuple[str, ...], list[float]] = {
         (): [3000] * 5,
         ("--no-steady",): [2000, 2500, 3000, 3500, 4000],
-        ("--focus-smooth", "3"): [
-            3000 / sum(1 / m for m in three)
-            for three in ((2, 2.5, 3), (2, 2.5, 3), (2.5, 3, 3.5), (3, 3.5, 4), (3, 3.5, 4))
-        ],
     }
     for number, (words, foci) in enumerate(cases.items()):
         out = tmp_path / f"out{number}"
@@ -70,7 +66,7 @@ def test_a_focus_that_depth_decides_is_one_for_the_shot(tmp_path, focus):
         assert [found[f"rgb.{k:04}"] for k in range(5)] == pytest.approx(foci, rel=1e-6)
 
 
-def test_a_tracked_point_is_followed_and_smoothed_if_asked(tmp_path):
+def test_a_tracked_point_is_followed(tmp_path):
     patterns = moving_focus(tmp_path)
     (tmp_path / "track.csv").write_text("frame,x,y\n0,3,4\n4,23,4\n")
     words = ("render", *patterns, *FOCAL, "--animate", tmp_path / "track.csv")
@@ -78,19 +74,12 @@ def test_a_tracked_point_is_followed_and_smoothed_if_asked(tmp_path):
     foci = [record["lens"]["focus_mm"] for record in records(tmp_path / "own")]
     assert foci == pytest.approx([2000, 2500, 3000, 3500, 4000])
     assert records(tmp_path / "own")[2]["lens"]["focus_at_px"] == [13, 4]
-    succeed(*words, "-o", tmp_path / "smooth", "--focus-smooth", "5")
-    foci = [record["lens"]["focus_mm"] for record in records(tmp_path / "smooth")]
-    assert foci == pytest.approx([5000 / sum(1 / m for m in (2, 2.5, 3, 3.5, 4))] * 5)
 
 
 def test_what_has_no_effect_is_refused(tmp_path):
-    patterns = moving_focus(tmp_path)
-    ran = render(*patterns, "-o", tmp_path / "out", "--focus-smooth", "3")
-    refused(ran, 2, "idle-option", "focus-smooth")
+    moving_focus(tmp_path)
     files = (tmp_path / "rgb.0000.exr", tmp_path / "z.0000.exr")
-    for words in (("--no-steady",), ("--focus-smooth", "3")):
-        ran = render(*files, "-o", tmp_path / "out", *words)
-        refused(ran, 2, "idle-option", words[0][2:].replace("no-", ""))
+    refused(render(*files, "-o", tmp_path / "out", "--no-steady"), 2, "idle-option", "steady")
 
 
 def test_a_jobs_file_says_what_frames_have_in_common(tmp_path):

@@ -20,7 +20,7 @@ import json
 import math
 import os
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache, lru_cache
 from hashlib import blake2b
@@ -32,7 +32,7 @@ from defocus_core.batch.journal.record import Record, Stamp, Stamps
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain
 from defocus_core.renderer_version import RENDERER_VERSION
-from defocus_core.request.job import FrameLens, Job, Outputs, Reading, Shot
+from defocus_core.request.job import Job, Outputs, Reading, Shot
 from defocus_core.request.lens import Lens, lens_record_words
 from defocus_core.request.parameters import LENS_FILES
 from defocus_core.system.text import version
@@ -69,15 +69,8 @@ def settings(job: Job) -> dict[str, Any]:
 
 def _shot_settings(shot: Shot, frame: int | None) -> dict[str, Any]:
     """What a job takes of its shot, by frame; the files of the frames are inputs."""
-
-    def taken(frames: Sequence[FrameLens]) -> list[Any]:
-        return [[frame.picture.frame, _plain(frame.lens)] for frame in frames]
-
-    return {
-        "frame": frame,
-        "sample": taken(shot.sample),
-        "focus": taken(shot.focus),
-    }
+    sample = [[each.picture.frame, _plain(each.lens)] for each in shot.sample]
+    return {"frame": frame, "sample": sample, "shares_focus": shot.shares_focus}
 
 
 def changed_settings(

@@ -179,7 +179,7 @@ def read_depth(
     stored = size[::-1] if size is not None and turn > _UPSIDE_DOWN else size
     samples = read_numbers(path, reading, keeping, stored, overscan)
     row = resolved(reading, samples, lens_focal)
-    values, division = divided(samples, alpha, reading.unpremultiply_depth, keeping)
+    values, division = divided(samples, alpha, keeping)
     told = []
     if samples.type == "16-bit PNG" and not reading.says_scale:
         from defocus_core.io.depth_formats.file_types import refuse_assumed
@@ -233,8 +233,6 @@ def read_numbers(
         files = ", ".join(row.files)
         problem = f"is read as {samples.words}, and {row.name} comes as {files}"
         raise InputError("wrong-type", problem, "check ‹depth-format›", path=path)
-    if row.stride != 1:
-        samples = replace(samples, values=samples.values[:: row.stride, :: row.stride])
     return samples
 
 
@@ -357,18 +355,14 @@ _EDGE, _WHOLE = (0.05, 0.9), 0.995
 _ENOUGH, _MAXIMUM = 12, 0.8
 
 
-def divided(samples: DepthNumbers, alpha: Any, how: str, keeping: Keeping) -> tuple[Any, str]:
+def divided(samples: DepthNumbers, alpha: Any, keeping: Keeping) -> tuple[Any, str]:
     """The numbers of a depth file without the alpha in them, and what was done, in words.
 
     `alpha`: [H, W] of the colour; None if it has none.
     """
     values = samples.values
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
-    if how == "on" and not usable:
-        problem = "cannot be divided by alpha: the colour has no alpha of its size"
-        remedy = "leave ‹unpremultiply-depth› out"
-        raise InputError("no-such-channel", problem, remedy, path=samples.path)
-    if not usable or how == "off" or (how == "auto" and not _is_multiplied(values, alpha)):
+    if not usable or not _is_multiplied(values, alpha):
         return values, ""
     result = keeping.new(tuple(values.shape), np.float32)
     for rows in bands(values.shape):

@@ -18,7 +18,6 @@ from defocus_core.io.safe_files import is_heic, is_jpeg, read_head
 KINDS = ("depth", "disparity")
 INVALID = ("error", "far", "fill")
 RESIZES = ("nearest", "guided")
-UNPREMULTIPLY = ("auto", "on", "off")
 ALICEVISION = "AliceVision:"  # begins the names of attributes
 _XMP_BYTES = 1 << 17  # of a JPEG, which begins with it
 
@@ -66,9 +65,6 @@ class DepthReading:
     fov: float | None = None  # horizontal field of view in degrees
     sky: float | None = None  # numbers from this one on are sky; of disparity, up to this one
     invalid: str = "error"  # error, far (infinitely far) or fill (from the farther neighbour)
-    # Whether the numbers are divided by alpha: on, off, or auto, where edges show that they are
-    # multiplied by it
-    unpremultiply_depth: str = "auto"
     # Nearest or guided (by the colours), where depth of another size than the colour is to be
     # resampled
     resize_depth: str | None = None
@@ -157,7 +153,7 @@ def require_size(
 
     `size`: width and height of the colour, None if there is none.
     """
-    rows, columns = (-(-length // reading.row.stride) for length in shape[:2])
+    rows, columns = shape[:2]
     if size is None or (columns, rows) == size or reading.resize_depth is not None:
         return
     smaller = columns < size[0] and rows < size[1]

@@ -5,10 +5,8 @@ Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's pr
 
 from __future__ import annotations
 
-import configparser
 import json
 import math
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -36,7 +34,7 @@ def with_sidecar(row: DepthFormat, samples: DepthNumbers) -> DepthFormat:
         return row
     try:
         return replace(row, **_SIDECARS[row.sidecar].read(place, samples))
-    except (OSError, *MALFORMED, configparser.Error) as error:  # another content
+    except (OSError, *MALFORMED) as error:  # another content
         problem = f"does not say what {row.sidecar} of {samples.path.name} should ({reason(error)})"
         raise InputError("malformed", problem, _CHECK, path=place) from None
 
@@ -52,44 +50,11 @@ def _calib(place: Path, _: DepthNumbers) -> Found:
     return _calibrated(place.name, focal, baseline, float(lines.get("doffs", 0)))
 
 
-def _dmin(place: Path, _: DepthNumbers) -> Found:
-    """Middlebury 2005 and 2006, whose camera is one: px by which the crops differ, of full size."""
-    return _calibrated(place.name, 3740.0, 0.16, float(_text(place)))
-
-
-def _parameters(place: Path, _: DepthNumbers) -> Found:
-    """4D light field benchmark: disparity is 0 at the focus distance."""
-    parser = configparser.ConfigParser(interpolation=None)
-    parser.read_string(_text(place))
-    values = {key: value for section in parser.values() for key, value in section.items()}
-    width = max(float(values[f"image_resolution_{axis}_px"]) for axis in "xy")
-    focal = float(values["focal_length_mm"]) / float(values["sensor_size_mm"]) * width
-    baseline = float(values["baseline_mm"]) / 1000
-    focus = _positive(float(values["focus_distance_m"]))
-    return _calibrated(place.name, focal, baseline, focal * baseline / focus)
-
-
 def _cityscapes(place: Path, _: DepthNumbers) -> Found:
     """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
     camera = json.loads(_text(place))
     focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
     return _calibrated(place.name, focal, baseline, -1 / 256)
-
-
-def _extrinsics(place: Path, samples: DepthNumbers) -> Found:
-    """UnrealStereo4K: a line of intrinsics, 3×3, and one of world to camera, 3×4, a camera."""
-    own = f"Extrinsics{'1' if samples.path.parent.name.endswith('1') else '0'}"
-    poses, focal = [], 0.0
-    for number in "01":
-        file = place.parent.parent / f"Extrinsics{number}" / place.name
-        intrinsics, pose = _text(file).splitlines()[:2]
-        if file.parent.name == own:
-            focal = float(intrinsics.split()[0])
-        matrix = np.eye(4)
-        matrix[:3] = np.array([float(word) for word in pose.split()]).reshape(3, 4)
-        poses.append(np.linalg.inv(matrix))
-    baseline = abs(float((np.linalg.inv(poses[0]) @ poses[1])[0, 3]))
-    return _calibrated(f"{own}/{place.name}", focal, baseline, 0.0)
 
 
 _STEPS = 65533  # of MoGe, between the numbers 1 and 65534
@@ -103,14 +68,6 @@ def _text_chunks(_: Path, samples: DepthNumbers) -> Found:
     )
     scale = (far - near) / _STEPS
     return {"words": "text chunks near and far", "scale": scale, "shift": near - scale}
-
-
-def _intrinsics(place: Path, samples: DepthNumbers) -> Found:
-    """Spring: a line ``fx fy cx cy`` for each frame, the first of which is 1."""
-    frame = int(re.findall(r"\d+", samples.path.stem)[-1])
-    line = [line for line in _text(place).splitlines() if line.strip()][max(frame - 1, 0)]
-    focal = _positive(float(line.split()[0]))
-    return {"words": f"{place.name}, frame {frame}", "focal_px": focal}
 
 
 def _heic(_: Path, samples: DepthNumbers) -> Found:
@@ -187,14 +144,10 @@ class _Sidecar(NamedTuple):
 
 _SIDECARS = {
     "calib.txt": _Sidecar(_calib, ("calib.txt",)),
-    "dmin.txt": _Sidecar(_dmin, ("dmin.txt",)),
-    "parameters.cfg": _Sidecar(_parameters, ("parameters.cfg",)),
-    "intrinsics.txt": _Sidecar(_intrinsics, ("intrinsics.txt", "../cam_data/intrinsics.txt")),
     "camera.json": _Sidecar(
         _cityscapes,
         ("{scene}_camera.json", "../../../camera/{above}/{folder}/{scene}_camera.json"),
     ),
-    "Extrinsics": _Sidecar(_extrinsics, ("../Extrinsics0/{stem}.txt", "Extrinsics0/{stem}.txt")),
     "text-chunks": _Sidecar(_text_chunks),
     "heic": _Sidecar(_heic),
     "gdepth": _Sidecar(_gdepth),
@@ -204,13 +157,11 @@ _SIDECARS = {
 
 def _found(places: tuple[str, ...], path: Path) -> Path | None:
     """The first file of some places beside a depth file; None if there is none."""
-    digits = re.findall(r"\d+", path.stem)
     words = {
         "stem": path.stem,
         "scene": path.stem.rpartition("_")[0],
         "folder": path.parent.name,
         "above": path.parent.parent.name,
-        "number": digits[-1] if digits else path.stem,
     }
     files = (path.parent / template.format(**words) for template in places)
     return next((file for file in files if file.is_file() and file != path), None)
@@ -225,11 +176,8 @@ def _sidecar(row: DepthFormat, path: Path) -> Path | None:
 def files_beside(row: DepthFormat, path: Path) -> dict[str, Path]:
     """Files beside a depth file by which it is read, by role; empty if there are none."""
     sidecar = _sidecar(row, path) if row.sidecar else None
-    right = None
-    if sidecar is not None and row.sidecar == "Extrinsics":
-        right = sidecar.parent.parent / "Extrinsics1" / sidecar.name
     mask = _found(row.mask.places, path) if row.mask is not None else None
-    files = {"depth_sidecar": sidecar, "depth_sidecar_right": right, "depth_mask": mask}
+    files = {"depth_sidecar": sidecar, "depth_mask": mask}
     return {role: file for role, file in files.items() if file not in (None, path)}
 
 
@@ -249,6 +197,4 @@ def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark:
         problem = f"is {sizes[0]} and {path} is {sizes[1]}"
         raise InputError("wrong-size", problem, _CHECK, path=place)
     words = f"mask {place.name}"
-    if mask.sky is not None:
-        return Mark(values == mask.sky, math.inf, words)
     return Mark((values == 0) == mask.zeros, math.nan, words)

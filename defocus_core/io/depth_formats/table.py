@@ -26,13 +26,12 @@ ANY = (*FLOATS, "16-bit PNG", "8-bit PNG", "8-bit RGB", "integer EXR", "integer 
 
 @dataclass(frozen=True)
 class Mask:
-    """An image or array beside the depth file that marks pixels without depth, or sky."""
+    """An image or array beside the depth file that marks pixels without depth."""
 
     # Where it may lie, relative to the depth file's folder; ``{stem}`` is the stem of the depth
-    # file, ``{folder}`` the name of its folder, ``{number}`` the last digits of the stem
+    # file, ``{folder}`` the name of its folder
     places: tuple[str, ...]
     zeros: bool = False  # whether it marks them by 0, or by any other number
-    sky: int | None = None  # the number of the class that is sky; None if it marks no sky
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,6 @@ class DepthFormat:
     # Which entry of a last axis of several; of EXR channels in the order of the file
     plane: int | None = None
     axes: str = "HW"  # order of axes in the file, N for frames
-    stride: int = 1  # every so many rows and columns are taken
     size: tuple[int, int] | None = None  # width and height of a file without a header
     geometry: str = "planar"  # planar, radial, or ask where the user must say it
     # Numbers that mean no depth, beside NaN and what is not in front of the camera
@@ -94,14 +92,6 @@ STEREO_DATASETS = (
         "middlebury", "Middlebury stereo", ("PFM",), invalid_infinity=True, sidecar="calib.txt"
     ),
     _stereo(
-        "middlebury2006",
-        "Middlebury 2005 and 2006 as PNG of any size: numbers are px of the full size",
-        ("8-bit PNG",),
-        invalid=(0,),
-        sidecar="dmin.txt",
-        aliases=("middlebury2005",),
-    ),
-    _stereo(
         "middlebury2003",
         "Middlebury 2003 as PNG, a quarter of the size",
         ("8-bit PNG",),
@@ -130,35 +120,11 @@ STEREO_DATASETS = (
         "irs", "IRS", ("EXR",), channels=("G", "*"), invalid=(0,), focal_px=480.0, baseline=0.1
     ),
     _stereo(
-        "unrealstereo4k",
-        "UnrealStereo4K",
-        ("NPY",),
-        invalid=(0,),
-        invalid_infinity=True,
-        sidecar="Extrinsics",
-    ),
-    _stereo(
         "ffs-stereo4d",
         "Stereo4D of Fast Foundation Stereo, (255² R + 255 G + B) / 1000 px",
         ("8-bit RGB", "8-bit RGBA"),
         scale=1 / 1000,
         weights=(255.0**2, 255.0, 1.0),
-    ),
-    _stereo(
-        "spring",
-        "Spring, .dsp5 at twice the size",
-        ("HDF5",),
-        channels=("disparity",),
-        stride=2,
-        invalid=(0,),
-        baseline=0.065,
-        sidecar="intrinsics.txt",
-    ),
-    _stereo(
-        "hci-lightfield",
-        "HCI 4D light fields, disparity about the focus plane",
-        ("PFM",),
-        sidecar="parameters.cfg",
     ),
 )
 
@@ -432,20 +398,6 @@ DEPTH_DATASETS = (
         scale=1 / 100,
         channels=("Depth", *UNREAL_DEPTH, "*.Depth"),
         sky=_BEYOND_20000,
-    ),
-    DepthFormat(
-        "urbansyn",
-        "UrbanSyn",
-        ("EXR",),
-        scale=1e5,
-        mask=Mask(("{stem}_ss.png", "../ss/ss_{number}.png"), sky=10),
-    ),
-    DepthFormat(
-        "synscapes",
-        "Synscapes",
-        ("EXR",),
-        channels=("Z",),
-        mask=Mask(("{stem}_class.png", "../class/{stem}.png"), sky=23),
     ),
     DepthFormat("omniobject3d", "OmniObject3D, last channel", ("EXR",), plane=-1, sky=65504),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),

@@ -158,7 +158,7 @@ def color_space(spec: Any, primaries: Chromaticities = REC_709) -> ColorSpace:
     color_count = spec.nchannels - (spec.alpha_channel >= 0)
     data = b"" if stored is None else sound_profile(bytes(stored), color_count)
     named = str(spec.get_string_attribute("ICCProfile:profile_description"))
-    profile, codes, by = read_profile(data), spec.getattribute(CODES) or (1, 1), ""
+    profile, codes, by = read_profile(data), spec.getattribute(CODES) or (0, 0), ""
     if profile is not None:
         (gamma, primaries), unheeded = profile, ""
         if gamma is not None or not same_primaries(primaries, REC_709):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -195,12 +195,3 @@ def in_words(numbers: Iterable[int]) -> str:
     return (
         f"{counted(len(every), 'frame')}, {FrameSet.framesToFrameRange(every).replace(',', ', ')}"
     )
-
-
-def neighbours_of(frames: int, place: int, size: int) -> Iterator[int]:
-    """Places of the up to ``size`` frames around one of a shot, itself included, ascending.
-
-    At the ends of the shot they are others, not fewer.
-    """
-    first = max(0, min(place - size // 2, frames - size))
-    yield from range(first, min(first + size, frames))

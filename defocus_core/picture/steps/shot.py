@@ -38,15 +38,14 @@ def lens(take: Take) -> Take:
     """The take with the focus that the frames of its shot decide together, if they do."""
     job, lens, depth = take.job, take.job.lens, take.inputs.depth
     assert job.shot is not None
-    frames = job.shot.focus or job.shot.sample
+    frames = job.shot.sample if job.shot.shares_focus else ()
     by_depth = lens.focus_at is not None or lens.focus_percentile is not None
     # Numbers of a blur in px may be of another scale in each frame
     if not frames or lens.draw is not None or lens.blur is not None or not by_depth:
         return replace(take, lens=with_focus(lens, depth))
     disparity = [1 / foc_dist for foc_dist in _of_each(frames, job, _focus_of)]
-    # of a sample a frame that is unlike others counts less
-    mean = sum(disparity) / len(disparity) if job.shot.focus else median(disparity)
-    foc_dist = 1 / mean if mean else float("inf")
+    middle = median(disparity)  # a frame that is unlike others counts less
+    foc_dist = 1 / middle if middle else float("inf")
     within = replace(lens, foc_dist=foc_dist, focus_at=None, focus_percentile=None)
     focused = replace(lens, foc_dist=with_focus(within, depth).foc_dist)
     return replace(take, lens=focused)

@@ -11,10 +11,10 @@ from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import Given, value_of
 
 
-def animation(folder, text, name="pull.csv", **how):
+def animation(folder, text, name="pull.csv"):
     file = folder / name
     file.write_text(text)
-    return read_animation([str(file)], how.get("interpolation"))
+    return read_animation([str(file)])
 
 
 def values(shot, frame):
@@ -46,13 +46,6 @@ def test_a_key_is_taken_as_it_is_written_and_the_ends_hold(tmp_path):
     assert shot.frames == (10, 20)
 
 
-def test_ease_is_slow_at_keys_and_the_same_in_the_middle(tmp_path):
-    text = "frame,blade-rotation\n0,0\n10,100\n"
-    straight, eased = (animation(tmp_path, text, interpolation=how) for how in ("linear", "ease"))
-    turns = [[float(key(shot, f, "blade-rotation")) for f in (1, 5)] for shot in (straight, eased)]
-    assert turns == [[10, 50], [pytest.approx(2.8), 50]]
-
-
 def test_a_tracked_point_is_a_focus_and_blades_hold(tmp_path):
     shot = animation(tmp_path, "frame,x,y,blades\n1,10,20,6\n3,21,20,8\n")
     assert values(shot, 2) == {"focus-at": (16, 20), "blades": 6}
@@ -81,10 +74,9 @@ def test_bare_numbers_are_metres_of_focus_and_millimetres_of_lenses(tmp_path):
     assert values(shot, 1) == {"focus": 2000, "focal-length": 35}
 
 
-def test_keys_in_toml_say_how_they_are_joined(tmp_path):
-    text = '[animate]\ninterpolation = "ease"\nfocus = {1001 = "1.2m", 1060 = "4m"}\n'
+def test_keys_stand_in_toml_too(tmp_path):
+    text = '[animate]\nfocus = {1001 = "1.2m", 1060 = "4m"}\n'
     shot = animation(tmp_path, text, "pull.toml")
-    assert shot.interpolation == "ease"
     assert key(shot, 1060, "focus") == "4m"
 
 
@@ -97,7 +89,6 @@ def test_keys_in_toml_say_how_they_are_joined(tmp_path):
         ("a.toml", "[animate]\nfocus = 3\n", "malformed focus"),
         ("a.toml", "[lens]\nfocus = 3\n", "unknown-name"),
         ("a.toml", '[animate]\nfocus = {x = "1m"}\n', "malformed focus"),
-        ("a.toml", '[animate]\ninterpolation = "soft"\n', "unknown-name interpolation"),
         ("a.chan", "1 0 0 0 0 0 0 190\n", "malformed line 1"),
     ],
 )
@@ -117,9 +108,9 @@ def test_one_option_is_animated_once(tmp_path):
     (tmp_path / "a.csv").write_text("frame,focus\n1,1m\n")
     (tmp_path / "b.csv").write_text("frame,focus\n1,1m\n")
     with refuses("contradiction"):
-        read_animation([str(tmp_path / "a.csv"), str(tmp_path / "b.csv")], None)
+        read_animation([str(tmp_path / "a.csv"), str(tmp_path / "b.csv")])
     with refuses("malformed", field="animate"):
-        read_animation([f"focus={tmp_path / 'pull.txt'}"], None)
+        read_animation([f"focus={tmp_path / 'pull.txt'}"])
 
 
 def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
@@ -128,7 +119,7 @@ def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
     own = {"focal-length": Given("50mm", CALLER.at("focal-length"))}
     lens, _ = PictureLenses(own, animation=shot).of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist) == (50, 2, 2000)
-    for name in ("focus", "focus-at", "aperture-diameter"):
+    for name in ("focus", "focus-at"):
         with refuses("contradiction", "pull.csv", field=name):
             PictureLenses({**own, name: Given("1", CALLER.at(name))}, animation=shot)
     with refuses("idle-option", field="animate"):

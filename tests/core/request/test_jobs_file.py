@@ -49,13 +49,11 @@ def test_what_a_file_does_not_say_is_as_told(tmp_path):
 
 
 def test_a_lens_file_lies_below_the_options_of_the_jobs_file(tmp_path):
-    (tmp_path / "l.toml").write_text(
-        'focal-length = "85mm"\naperture-diameter = "1in"\nfocus = inf\n'
-    )
+    (tmp_path / "l.toml").write_text('focal-length = "85mm"\nfnumber = 2\nfocus = inf\n')
     text = '[lens]\nfile = "l.toml"\nfnumber = 4\n'
     assert jobs(tmp_path, text)[0].lens == Lens(85.0, 4.0, math.inf)
     text = '[lens]\nfile = "l.toml"\n[sweep]\nfocus = ["2m"]\n'
-    assert jobs(tmp_path, text)[0].lens == Lens(85.0, 85 / 25.4, 2000.0)
+    assert jobs(tmp_path, text)[0].lens == Lens(85.0, 2.0, 2000.0)
 
 
 def test_all_lenses_of_a_picture_follow_one_another(tmp_path):

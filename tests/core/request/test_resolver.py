@@ -21,7 +21,7 @@ from defocus_core.request.resolver import (
 )
 
 FLAGS = {"focal-length": "50mm", "fnumber": "2", "focus": "2m"}
-OTHER_WAYS = 'focal-length = "50mm"\naperture-diameter = "25mm"\nfocus-at = [3, 4]\n'
+OTHER_WAYS = 'focal-length = "50mm"\nfnumber = 2\nfocus-at = [3, 4]\n'
 TURNED = "blade-rotation = 30\n"
 
 
@@ -45,11 +45,6 @@ def lens_file(folder, text):
             {},
             Lens(50.0, 2.0, 2000.0, blades=6, blade_rotation=15.0),
         ),
-        (
-            "",
-            {"focal-length": "50mm", "aperture-diameter": "25mm", "focus": "2m"},
-            Lens(50.0, 2.0, 2e3),
-        ),
         ('\ufefffocal-length = "50mm"\n', {"fnumber": "2", "focus": "2m"}, Lens(50.0, 2.0, 2e3)),
         (
             'focal-length = "85mm"\nfnumber = 4\nfocus = inf\n',
@@ -70,9 +65,8 @@ def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(text, flags, len
     ("text", "change", "refusal"),
     [
         *(("", {name: None}, f"missing-option {name}") for name in FLAGS),
-        ("", {"aperture-diameter": "25mm"}, "contradiction fnumber"),
         ("", {"focus-at": "1,1"}, "contradiction focus"),
-        ('fnumber = 2\naperture-diameter = "25mm"\n', {"fnumber": None}, "contradiction fnumber"),
+        ('focus = "2m"\nfocus-at = [1, 2]\n', {"focus": None}, "contradiction focus"),
         ("", {"focus": "49mm"}, "out-of-range focus"),
         ("", {"focus": "50mm"}, "out-of-range focus"),
         ("", {"blade-rotation": "30"}, "idle-option blade-rotation"),
@@ -105,8 +99,8 @@ def layer(**values):
 
 
 def test_later_layers_win_and_take_the_alternatives_along():
-    below = layer(fnumber=2, blades=6, blade_rotation=10)
-    above = layer(aperture_diameter="25mm", blades=0)
+    below = layer(focus="2m", blades=6, blade_rotation=10)
+    above = layer(focus_at=[1, 2], blades=0)
     assert laid_over(below, above) == above
     assert reading_of(layer(radial=True), layer(planar=True)).geometry == "planar"
     with refuses("contradiction", field="radial"):

@@ -109,7 +109,7 @@ def test_ranges_are_of_any_number(tmp_path):
         ("fnumber = []", "malformed fnumber"),
         ("fnumber = [2, 'x']", "malformed fnumber"),
         ("fnumber = [2, 2.0]", "contradiction [sweep]"),
-        ("fnumber = [2]\naperture-diameter = ['5mm']", "contradiction fnumber"),
+        ("focus = ['2m']\nfocus-at = ['1,2']", "contradiction focus"),
         ("focus = '1m..2m'", "malformed focus"),
         ("focus = '1m..2m @ 1'", "malformed focus"),
         ("focus = '1m..2m @ 3 in steps'", "malformed focus"),
@@ -243,6 +243,6 @@ def test_what_is_wrong_in_a_sample_is_told_with_its_key(tmp_path, sample, refusa
 
 def test_what_is_swept_is_not_drawn(tmp_path):
     text = FIXED.replace("fnumber = 2\n", "") + "[sweep]\nfnumber = [2]\n"
-    text += '[sample]\nn = 1\nseed = 1\naperture-diameter = "uniform(1mm, 2mm)"\n'
-    with refuses("contradiction", field="aperture-diameter"):
+    text += '[sample]\nn = 1\nseed = 1\nfnumber = "uniform(1, 2)"\n'
+    with refuses("contradiction", field="fnumber"):
         jobs(tmp_path, text)

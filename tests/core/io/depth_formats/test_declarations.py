@@ -110,7 +110,7 @@ def test_the_field_of_view_of_distances_to_the_point(tmp_path):
         ({"fov": 60.0}, "idle-option", "fov"),
         ({"focal_px": 60.0}, "idle-option", "focal-px"),
         ({"geometry": "radial", "depth_kind": "disparity"}, "idle-option", "radial"),
-        ({"geometry": "radial", "depth_format": "hci-lightfield"}, "idle-option", "radial"),
+        ({"geometry": "radial", "depth_format": "middlebury"}, "idle-option", "radial"),
         ({"geometry": "radial", "depth_format": "coc"}, "idle-option", "radial"),
         ({"geometry": "radial", "fov": 60.0, "focal_px": 9.0}, "contradiction", "fov"),
         ({"depth_range": (1, 2)}, "missing-option", "depth-range"),
@@ -121,7 +121,7 @@ def test_the_field_of_view_of_distances_to_the_point(tmp_path):
     ],
 )
 def test_what_means_nothing_or_contradicts_is_refused(said, code, field, tmp_path):
-    radii = said.get("depth_format") in ("coc", "hci-lightfield")
+    radii = said.get("depth_format") in ("coc", "middlebury")
     path = (pfm if radii else png)(tmp_path / "a.png", RAMP)
     with refuses(code, kind=UsageProblem, field=field):
         read(path, **said)

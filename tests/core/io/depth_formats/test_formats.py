@@ -141,34 +141,6 @@ def _middlebury(folder):
     return Example(path, metres(hole=True), rtol=2e-5)
 
 
-def _middlebury2006(folder):
-    (folder / "dmin.txt").write_text("20\n")
-    numbers = np.round(3740 * 0.16 / (DEPTH + 2) - 20)
-    depth = marked(3740 * 0.16 / (numbers + 20), hole=NAN)
-    return Example(png(folder / "disp1.png", marked(numbers, hole=0), np.uint8), depth)
-
-
-def _spring(folder):
-    (folder / "cam_data").mkdir()
-    (folder / "cam_data" / "intrinsics.txt").write_text("900 900 4 3\n1000 1000 4 3\n")
-    (folder / "disp1_left").mkdir()
-    twice = np.full((6, 8), 77.0)
-    twice[::2, ::2] = marked(1000 * 0.065 / DEPTH, hole=-1)
-    path = write_hdf5(folder / "disp1_left" / "disp1_left_0002.dsp5", {"disparity": twice})
-    return Example(path, metres(hole=True))
-
-
-def _hci(folder):
-    lines = ["[intrinsics]", "focal_length_mm = 100.0", "image_resolution_x_px = 512"]
-    lines += ["image_resolution_y_px = 512", "sensor_size_mm = 35.0", "[extrinsics]"]
-    lines += ["baseline_mm = 90.0", "focus_distance_m = 9.0"]
-    (folder / "parameters.cfg").write_text("\n".join(lines))
-    beta = 100.0 * 90.0 * 512  # as the benchmark's own tools have it
-    disparity = (beta / (DEPTH * 1000) - beta / 9000) / 35.0
-    assert disparity.min() < 0 < disparity.max()
-    return Example(pfm(folder / "gt_disp_lowres.pfm", disparity), metres(), rtol=1e-5)
-
-
 def _carla(folder):
     packed = np.round(marked(sky=1000.0) / 1000 * (2**24 - 1)).astype(int)
     planes = [packed % 256, packed // 256 % 256, packed // 65536]
@@ -232,16 +204,6 @@ def _npy_of(folder, hole=None, sky=None):
     return Example(path, metres(hole=hole is not None, sky=sky is not None))
 
 
-def _class_mask(folder, name, number, scale):
-    (folder / "depth").mkdir()
-    classes = marked(np.full((3, 4), 7), sky=number)
-    place = folder / name.format(stem="a_0003", number="0003")
-    place.parent.mkdir(exist_ok=True)
-    png(place, classes, np.uint8)
-    path = write_exr(folder / "depth" / "a_0003.exr", Z=np.float32(DEPTH / scale))
-    return Example(path, metres(sky=True), rtol=1e-5)
-
-
 def _cityscapes(folder):
     own, cameras = (folder / name / "train" / "ulm" for name in ("disparity", "camera"))
     for made in (own, cameras):
@@ -251,16 +213,6 @@ def _cityscapes(folder):
     numbers = np.round(256 * 226.252 * 0.209313 / DEPTH + 1)
     path = png(own / "ulm_000001_000019_disparity.png", marked(numbers, hole=0))
     return Example(path, metres(hole=True), rtol=1e-3)
-
-
-def _unrealstereo4k(folder):
-    for number, x in (("0", 1.0), ("1", 0.5)):  # world to camera: the second is 0.5 to the right
-        pose = f"1 0 0 {x} 0 1 0 2 0 0 1 3"
-        path = folder / f"Extrinsics{number}" / "00007.txt"
-        path.parent.mkdir()
-        path.write_text(f"1000 0 1920 0 1000 1080 0 0 1\n{pose}\n")
-    disparity = marked(1000 * 0.5 / DEPTH, hole=0)
-    return Example(npy(folder / "Disp0" / "00007.npy", disparity), metres(hole=True))
 
 
 def _ffs(folder):
@@ -315,15 +267,12 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
         of_hdf5(f, colors=DEPTH * 2, depth=marked(sky=1e10), distance=DEPTH * 3), metres(sky=True)
     ),
     "mujoco-warp": lambda f: Example(npy(f / "a.npy", marked()), metres(), PLANAR),
-    "urbansyn": lambda f: _class_mask(f, "ss/ss_{number}.png", 10, 1e5),
-    "synscapes": lambda f: _class_mask(f, "class/{stem}.png", 23, 1),
     "omniobject3d": lambda f: Example(
         exr(f, "X", DEPTH * 3, B=DEPTH * 2, Y=marked(sky=65504)), metres(sky=True)
     ),
     "ros": partial(png_of, scale=1000, hole=0),
     "cityscapes": _cityscapes,
     "irs": lambda f: Example(exr(f, "G", marked(48 / DEPTH, hole=0)), metres(hole=True)),
-    "unrealstereo4k": _unrealstereo4k,
     "ffs-stereo4d": _ffs,
     "moge-png": _moge_png,
     "vision-blender": lambda f: _npz(f, depth_map=marked(sky=1e10), normal_map=np.ones((3, 4, 3))),
@@ -369,7 +318,6 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     ),
     "scenenet-rgbd": _scenenet,
     "middlebury": _middlebury,
-    "middlebury2006": _middlebury2006,
     "middlebury2003": lambda f: Example(
         png(f / "disp2.png", marked(np.round(200 / DEPTH), hole=0), np.uint8),
         marked(900 * 0.1 / (np.round(200 / DEPTH) / 4), hole=NAN),
@@ -379,8 +327,6 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
         of_hdf5(f, depth=marked(hole=0)), metres(hole=True) * 3, {"depth_scale": 3.0}
     ),
     "sceneflow": lambda f: Example(pfm(f / "a.pfm", marked(1050 / DEPTH, sky=0)), metres(sky=True)),
-    "spring": _spring,
-    "hci-lightfield": _hci,
     "moge": _moge,
     "depth-pro": lambda f: _npz(f, depth=marked(sky=1e10)),
     "depth-anything": _relative,
@@ -433,8 +379,6 @@ def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
         ("mitsuba", ["‹fov› 60deg or ‹focal-px› PX"]),
         ("scenenet-rgbd", ["‹fov› 60deg or ‹focal-px› PX"]),
         ("middlebury", ["leaves ‹focal-px› and ‹baseline› open: there is no calib.txt beside"]),
-        ("hci-lightfield", ["there is no parameters.cfg beside"]),
-        ("spring", ["leaves ‹focal-px› open: there is no intrinsics.txt beside"]),
         ("disparity", ["‹focal-px› PX and ‹baseline› 65mm, or ‹depth-range› NEAR FAR, or"]),
     ],
 )

@@ -34,11 +34,10 @@ def facts(row):
     yield from ["(radial)"] * (row.geometry == "radial")
     invalid = [number(n) for n in row.invalid] + ["inf"] * row.invalid_infinity
     mask = ["mask"] * (row.mask is not None)
-    marks_sky = row.mask is not None and row.mask.sky is not None
-    invalid += [f"{row.holes} 0"] * bool(row.holes) + mask * (not marks_sky)
+    invalid += [f"{row.holes} 0"] * bool(row.holes) + mask
     yield f"invalid {', '.join(invalid)}" if invalid else ""
     sky = [f"≥ {number(row.sky)}"] * (row.sky != SKY) + [number(n) for n in row.sky_numbers]
-    sky += ["alpha 0"] * row.alpha + mask * marks_sky
+    sky += ["alpha 0"] * row.alpha
     yield f"sky {', '.join(sky)}" if sky else ""
     yield from (f"`--{need}`" for need in row.needs)
     yield from ["`--depth-kind`"] * (not row.rule)

@@ -13,7 +13,6 @@ from defocus_core.io.shots.frame_patterns import (
     gaps,
     in_words,
     is_pattern,
-    neighbours_of,
 )
 
 
@@ -108,10 +107,3 @@ def test_missing_frames_are_an_error_that_names_them_or_are_left_out():
     assert chosen(files, FrameChoice((1, 5))) == ((1, 5), "")
     with refuses("missing-frames", "1 frame, 9"):
         chosen(files, FrameChoice((9,), "skip"))
-
-
-def test_windows_of_frames_are_moved_at_the_ends_not_cut():
-    assert [*neighbours_of(9, 4, 3)] == [3, 4, 5]
-    assert [*neighbours_of(9, 0, 3)] == [0, 1, 2]
-    assert [*neighbours_of(9, 8, 5)] == [4, 5, 6, 7, 8]
-    assert [*neighbours_of(2, 1, 5)] == [0, 1]
