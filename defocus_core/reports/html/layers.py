@@ -117,7 +117,6 @@ def draw(
     names: Sequence[str],
     *,
     value_range: tuple[float, float] | None = None,
-    side: int = thumbnails.SIDE,  # longest side of the thumbnail, px
 ) -> Drawn:
     """A layer of some channels of a picture."""
     planes = [picture.planes[name] for name in names]
@@ -125,9 +124,9 @@ def draw(
     if value_range is None:
         value_range = thumbnails.ends_of(planes[0], kind)
     thumbnail = (
-        thumbnails.of_light(planes, picture.gamma, side)
+        thumbnails.of_light(planes, picture.gamma)
         if kind == LIGHT
-        else thumbnails.of_map(planes[0], value_range, side)
+        else thumbnails.of_map(planes[0], value_range)
     )
     height, width = planes[0].shape
     layer = Layer(

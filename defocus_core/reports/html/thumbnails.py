@@ -26,9 +26,9 @@ NONFINITE = (1.0, 0.0, 1.0)  # magenta
 SIGNED_COLORS = (NEAR, IN_FOCUS, FAR)
 
 
-def of_light(planes: Sequence[NDArray[Any]], gamma: float | None, side: int = SIDE) -> bytes:
+def of_light(planes: Sequence[NDArray[Any]], gamma: float | None) -> bytes:
     """A JPEG of one or three channels [H, W], as a screen shows them; NaN and Inf are magenta."""
-    small = [reduced(_light(plane, gamma)[:, :, None], side) for plane in planes]
+    small = [reduced(_light(plane, gamma)[:, :, None]) for plane in planes]
     values = np.concatenate(small * (3 // len(small)), axis=2)
     bad = ~np.isfinite(values).all(axis=2)
     shown = linear_to_srgb(values)
@@ -46,23 +46,23 @@ def _light(plane: NDArray[Any], gamma: float | None) -> NDArray[np.float32]:
     return decoded.astype(np.float32)
 
 
-def of_map(plane: NDArray[Any], value_range: tuple[float, float], side: int = SIDE) -> bytes:
+def of_map(plane: NDArray[Any], value_range: tuple[float, float]) -> bytes:
     """A PNG of a map [H, W], grey from its least to its greatest value."""
     low, high = value_range
     with np.errstate(all="ignore"):  # NaN, infinity, numbers beyond single precision
         share = (np.asarray(plane, np.float64) - low) / ((high - low) or 1.0)
-        values = reduced(share.astype(np.float32)[:, :, None], side)
+        values = reduced(share.astype(np.float32)[:, :, None])
     return encoded(quantised(values, 8), "png")
 
 
-def of_difference(greatest: NDArray[Any], full: float, side: int = SIDE) -> bytes:
+def of_difference(greatest: NDArray[Any], full: float) -> bytes:
     """A JPEG of the greatest differences [H, W] in colours of heat: of each block the worst pixel.
 
     Differences that are NaN or infinite are magenta.
     """
     with np.errstate(all="ignore"):
         share = (np.asarray(greatest, np.float64) / full).astype(np.float32)
-    worst = reduced(share[:, :, None], side, worst=True)[:, :, 0]
+    worst = reduced(share[:, :, None], worst=True)[:, :, 0]
     amount = np.clip(np.nan_to_num(worst, nan=0.0, posinf=0.0), 0.0, 1.0)
     places = np.linspace(0, 1, len(HEATS))
     columns = [np.interp(amount, places, [color[k] for color in HEATS]) for k in range(3)]
@@ -85,9 +85,9 @@ def ends_of(plane: NDArray[Any], kind: str) -> tuple[float, float]:
     return (low, high) if high > low else (low, low + 1.0)
 
 
-def reduced(values: NDArray[Any], side: int, *, worst: bool = False) -> NDArray[np.float32]:
-    """The mean of blocks of [H, W, C], or the greatest, so that no side is longer than ``side``."""
-    factor = -(-max(values.shape[:2]) // side)
+def reduced(values: NDArray[Any], *, worst: bool = False) -> NDArray[np.float32]:
+    """The mean of blocks of [H, W, C], or the greatest, so that no side is longer than `SIDE`."""
+    factor = -(-max(values.shape[:2]) // SIDE)
     if factor > 1:
         gather: Any = np.maximum if worst else np.add
         for axis in (0, 1):
