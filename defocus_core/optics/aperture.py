@@ -8,7 +8,6 @@ focus (r > 0) the blur has the pupil's own orientation, nearer than focus it is 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -28,7 +27,6 @@ from defocus_core.optics.outline import (
 )
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
 from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.optics.sensitivity import GridMix
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import described, number, whole
 
@@ -51,15 +49,6 @@ _FITS, _COARSE = 1e-6, 64
 _MIN_LIGHT = 0.01
 # Radius in px of the kernel that is summed, and of the smaller of two of which a centroid is taken.
 _SUMMED_RADIUS = 48.0
-
-# The pupil as points of the frame see it: clipped by a rim, or shared by photodiodes of a place.
-View = Rim | GridMix
-
-
-def joined(views: Sequence[Any]) -> View:
-    """Views of one kind as one, as so many points see it."""
-    view: View = type(views[0]).joined(views)
-    return view
 
 
 @dataclass(frozen=True)
@@ -165,7 +154,7 @@ class Aperture:
         return replace(self, **learnt) if learnt else self
 
     def kernel(
-        self, radius: Tensor, size: int, part: Part = FULL, view: View | None = None
+        self, radius: Tensor, size: int, part: Part = FULL, view: Rim | None = None
     ) -> Tensor:
         """The blur of a point at the given signed radius, sampled by area.
 
@@ -220,7 +209,7 @@ class Aperture:
             light = light / whole
         return light.to(radius.dtype)
 
-    def _light(self, u: Tensor, r: Tensor, part: Part, view: View | None) -> Tensor:
+    def _light(self, u: Tensor, r: Tensor, part: Part, view: Rim | None) -> Tensor:
         """Light between corners u [..., n] of pixels: [..., n - 1, n - 1], of any sum."""
         x, y = part.clamp(u, u)
         light = self.outline.areas(x, y)
@@ -231,11 +220,8 @@ class Aperture:
         if not _is(self.spherical, 0.0):
             light = light * self._aberration(u, r)
         if part.is_uneven:
-            mix = view if isinstance(view, GridMix) else None
-            light = light * part.counted(u, self.narrowing, mix)
-        if not isinstance(view, Rim):
-            return light
-        return light * view.left_open(areas, x, y, self.narrowing)
+            light = light * part.counted(u, self.narrowing)
+        return light if view is None else light * view.left_open(areas, x, y, self.narrowing)
 
     def _of_outline(self, weigh: Any, part: Part) -> Scalar:
         """The area of a part, or its weight; anew if gradients flow through it to attributes."""
@@ -291,7 +277,7 @@ class Aperture:
         return list(parts_of(self.fixed.outline, count))
 
     def centroid(
-        self, part: Part, *, nearer: bool = False, view: View | None = None
+        self, part: Part, *, nearer: bool = False, view: Rim | None = None
     ) -> tuple[Scalar, Scalar]:
         """The mean lens point (u.x, u.y) of the light of a part.
 
@@ -311,7 +297,7 @@ class Aperture:
 
 @lru_cache(maxsize=256)
 def _centroid(
-    aperture: Aperture, part: Part, *, nearer: bool = False, view: View | None = None
+    aperture: Aperture, part: Part, *, nearer: bool = False, view: Rim | None = None
 ) -> tuple[Scalar, Scalar]:
     """The mean place of kernels of two radii, extrapolated: its error falls with their square.
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Self
 import torch
 from torch import Tensor
 
-from defocus_core.optics.aperture import Aperture, View
+from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye, Rim
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import Part
@@ -55,7 +55,7 @@ class Apertures(_OfEach, Aperture):
         """The same pupils with plain numbers for tensors."""
         return replace(self, each=tuple(one.fixed for one in self.each))
 
-    def seeing(self, view: View | None) -> Iterator[tuple[Aperture, View | None]]:
+    def seeing(self, view: Rim | None) -> Iterator[tuple[Aperture, Rim | None]]:
         """Each pupil with its own view."""
         views = view.each if isinstance(view, Rims) else [view] * len(self.each)
         return zip(self.each, views, strict=True)
@@ -69,7 +69,7 @@ class Apertures(_OfEach, Aperture):
         return _by_picture([one.fraction(part) for one in self.each])
 
     def centroid(
-        self, part: Part, *, nearer: bool = False, view: View | None = None
+        self, part: Part, *, nearer: bool = False, view: Rim | None = None
     ) -> tuple[Scalar, Scalar]:
         """The mean lens point of a part of each."""
         each = self.seeing(view)

@@ -9,9 +9,10 @@ import torch
 from torch import Tensor
 
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
-from defocus_core.optics.aperture import Aperture, View
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import LEFT, RIGHT, Part
-from defocus_core.optics.sensitivity import Sensitivity, SensitivityField
+from defocus_core.optics.sensitivity import Sensitivity
 from defocus_core.tensors.device_plan import beside
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import described, number, one_of
@@ -66,12 +67,6 @@ class DualPixel:
         left, right = (Part(sensitivity=each) for each in self.measured)
         return left, right
 
-    @property
-    def field(self) -> SensitivityField | None:
-        """What makes the photodiodes change over the frame; None if they are the same."""
-        left = self.measured and self.measured[0]
-        return left if isinstance(left, SensitivityField) else None
-
     def kernels(self, aperture: Aperture, radius: Tensor, size: int) -> Tensor:
         """As `Aperture.kernel`, in the centre, left and right images: [..., 3, size, size]."""
         left, right = (aperture.kernel(radius, size, part) for part in self.halves)
@@ -92,7 +87,7 @@ class DualPixel:
         return (1 - 2 * self.crosstalk) * (1 - 2 * (0.0 if self.measured else own))
 
     def disparity(
-        self, aperture: Aperture, *, nearer: bool = False, view: View | None = None
+        self, aperture: Aperture, *, nearer: bool = False, view: Rim | None = None
     ) -> Any:
         """Px along x between the centroids of left and right for a CoC radius of a px.
 

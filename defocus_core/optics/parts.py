@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.outline import Outline
-from defocus_core.optics.sensitivity import GridMix, Sensitivity, SensitivityField
+from defocus_core.optics.sensitivity import Sensitivity
 from defocus_core.tensors.source import Scalar
 
 # Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.
@@ -47,15 +47,11 @@ class Part:
         """Whether it belongs to the left of two halves."""
         return self.x1 <= 0 or self.lean < 0 or bool(self.sensitivity and self.sensitivity.is_left)
 
-    def counted(
-        self, u: Tensor, narrowing: tuple[Scalar, Scalar], mix: GridMix | None = None
-    ) -> Tensor:
+    def counted(self, u: Tensor, narrowing: tuple[Scalar, Scalar]) -> Tensor:
         """How often the light counts between corners u [..., n]: [..., n - 1, n - 1] or alike."""
         if self.sensitivity is None:
             return 1 + self.lean * narrowing[0] * middles(u)[..., None, :]
         x, y = ((u * times).clamp(-1, 1) for times in narrowing)
-        if mix and isinstance(self.sensitivity, SensitivityField):
-            return 2 * self.sensitivity.mixed(mix.weights, x, y)
         return 2 * self.sensitivity.between(x, y)
 
     def clamp(self, x: Tensor, y: Tensor) -> tuple[Tensor, Tensor]:

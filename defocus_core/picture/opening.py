@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from defocus_core.optics.sensitivity import Sensitivity
 
 _MAX_SIDE = 4096  # px; sums of areas lose digits beyond
-_MAX_KERNELS = 1024  # of a field
 _MAX_RADIUS = 2000  # px of a drawn blur
 _TANGENT = math.hypot(36, 24) / 2 / 50  # of the field angle in the corner, beside a blur in px
 _SHOWN = 256  # px of a side of a square of the picture to look at
@@ -94,12 +93,7 @@ def dual_pixel_of(lens: Lens) -> DualPixel:
     from defocus_core.optics.dual_pixel import DualPixel
 
     measured = None if lens.dp_kernels is None else measured_pair(lens.dp_kernels)
-    sensor = DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
-    if sensor.field and lens.cat_eye:
-        problem = "has kernels over the frame, over which the rim clips others"
-        remedy = "give kernels of one place, or leave out ‹cat-eye›"
-        raise UsageProblem("contradiction", problem, remedy, field="dp-model")
-    return sensor
+    return DualPixel(lens.dp_model, lens.dp_crosstalk, measured)
 
 
 @once
@@ -119,36 +113,16 @@ def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
         ) from None
 
 
-def _two_kernels(path: Path) -> tuple[NDArray[Any], ...]:
-    """Kernels of left and right: [H, W] of an NPY file, also [rows, columns, H, W] of an NPZ."""
-    from defocus_core.io.array_files import container_type, read_array, read_entries
+def _two_kernels(path: Path) -> NDArray[Any]:
+    """Kernels of left and right, [2, H, W] of an NPY file."""
+    from defocus_core.io.array_files import read_array
 
-    if container_type(read_head(path)) == "NPZ":
-        remedy = "save left and right, each rows × columns × height × width"
-        axes: tuple[int, ...] = (2, 4)
-        arrays = read_entries(path)
-        if missing := [side for side in ("left", "right") if side not in arrays]:
-            problem = f"holds {', '.join(list(arrays)[:20])}, but no {missing[0]}"
-            raise InputError("no-such-channel", problem, remedy, path=path)
-        entries = [arrays[side] for side in ("left", "right")]
-        shapes = [entry.shape for entry in entries]
-    else:
-        remedy, axes = "save left and right as 2 × height × width", (2,)
-        entries, mapped = [], read_array(path)
-        shapes = [mapped.shape[1:]] * len(mapped)
-    fits = len(shapes) == 2 and shapes[0] == shapes[1] and len(shapes[0]) in axes
-    if not fits or _is_wide(shapes[0]):
-        shown = " and ".join(map(times, dict.fromkeys(shapes)))
-        problem = f"holds {len(shapes)} times {shown} numbers, which are not kernels of two"
+    kernels = read_array(path)
+    if kernels.ndim != 3 or len(kernels) != 2 or max(kernels.shape) > _MAX_SIDE:
+        problem = f"holds {times(kernels.shape)} numbers, which are not kernels of two"
+        remedy = "save left and right as 2 × height × width"
         raise InputError("wrong-size", problem, remedy, path=path)
-    kernels = [entry.load(None) for entry in entries] if entries else mapped
-    return tuple(np.array(each, "float64") for each in kernels)
-
-
-def _is_wide(shape: tuple[int, ...]) -> bool:
-    """Whether kernels [..., H, W] are too many or too large, alone or together."""
-    too_many = math.prod(shape[:-2]) > _MAX_KERNELS or math.prod(shape) > _MAX_SIDE**2
-    return too_many or max(shape[-2:]) > _MAX_SIDE
+    return np.array(kernels, "float64")
 
 
 @once

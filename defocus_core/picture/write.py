@@ -373,14 +373,14 @@ def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
 
     pupil, longer = aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)
     pixel, (height, width) = dual_pixel_of(take.lens), take.shown.shape
-    field = pixel.field or cat_eye_of(take.lens, take.size)
-    if field is None:
+    cat_eye = cat_eye_of(take.lens, take.size)
+    if cat_eye is None:
         return np.full((1, 1), longer * float(pixel.disparity(pupil, nearer=nearer)))
     x = torch.linspace(0, width, _CELLS + 1, dtype=torch.float64)
-    of_rows = [
-        pixel.disparity(pupil, nearer=nearer, view=field.view(x, y.expand(len(x)), (height, width)))
-        for y in torch.linspace(0, height, _CELLS + 1, dtype=torch.float64)
-    ]
+    of_rows = []
+    for y in torch.linspace(0, height, _CELLS + 1, dtype=torch.float64):
+        rim = cat_eye.view(x, y.expand(len(x)), (height, width))
+        of_rows.append(pixel.disparity(pupil, nearer=nearer, view=rim))
     corners: NDArray[Any] = longer * torch.stack(of_rows).numpy()
     return corners
 

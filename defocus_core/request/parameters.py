@@ -407,7 +407,7 @@ _ROWS = (
         metavar="MODEL",
         help="Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, "
         "less and less towards the other side; a sensor that was measured, @pixel4 or "
-        "@canon-dpp; or a file of kernels that were, like pair.npy or, over the frame, grid.npz. "
+        "@canon-dpp; or a file of kernels that were, like pair.npy. "
         "Split is ideal, a choice: on real pairs it costs 3 to 8 dB.  [default: split]",
         tag="dp",
         example="smooth",

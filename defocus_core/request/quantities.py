@@ -244,7 +244,7 @@ def dual_pixel(models: Sequence[str]) -> Callable[[str], str | Path]:
     def parse(text: str) -> str | Path:
         if (word := text.strip().lower()) in models:
             return word
-        if not word.endswith((".npy", ".npz")) or word.startswith("@"):
+        if not word.endswith(".npy") or word.startswith("@"):
             remedy = f"write {' or '.join(models)}, or name a file of kernels, like pair.npy"
             raise QuantityError(f"'{text}' is not a model of dual pixels", remedy)
         return file(text)

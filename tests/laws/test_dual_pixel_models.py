@@ -5,7 +5,7 @@ import math
 import pytest
 import torch
 
-from defocus_core import Aperture, CatEye, DualPixel, PupilImage, render, sensitivities
+from defocus_core import Aperture, DualPixel, PupilImage, render, sensitivities
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 
 SMOOTH = DualPixel("smooth")
@@ -118,46 +118,6 @@ def test_a_point_is_what_the_photodiodes_were_measured_to_see(r):
     at = torch.arange(33, dtype=torch.float64)
     expected = float((right.sum(0) @ at) / right.sum() - (left.sum(0) @ at) / left.sum())
     assert apart == pytest.approx(math.copysign(expected, r), abs=0.05)
-
-
-def over_the_frame(*crosstalk):
-    """A sensor of one row of places, each of a crosstalk of its own."""
-    left, right = measured()
-    pairs = [(left + (right - left) * c, right + (left - right) * c) for c in crosstalk]
-    first, second = (torch.stack(each)[None] for each in zip(*pairs, strict=True))
-    return DualPixel(measured=sensitivities(first, second))
-
-
-def test_equal_kernels_over_the_frame_are_one_sensor():
-    image, radius = scene()
-    one, field = (
-        render(image, radius, left_right=True, dual_pixel=sensor)
-        for sensor in (MEASURED, over_the_frame(0, 0, 0))
-    )
-    assert torch.equal(one.render, field.render)
-    # over the frame, shares are sampled at parts of pixels
-    assert all((a - b).abs().max() < 2e-3 for a, b in zip(one.images, field.images, strict=True))
-
-
-@pytest.mark.parametrize("r", [9.0, -9.0])
-def test_a_point_is_split_as_at_its_place_of_the_frame(r):
-    sensor = over_the_frame(0, 0.3)
-    image, radius = torch.zeros(1, 48, 128), torch.full((48, 128), r)
-    image[0, 24, [20, 64, 108]] = 100.0
-    views = render(image, radius, left_right=True, dual_pixel=sensor)
-    assert ((views.left + views.right) / 2 - views.render).abs().max() < 1e-5
-    apart = [
-        centroid(views.right[..., at - 18 : at + 18]) - centroid(views.left[..., at - 18 : at + 18])
-        for at in (20, 64, 108)
-    ]
-    whole = r * MEASURED.disparity(Aperture())
-    assert apart == pytest.approx([whole, 0.7 * whole, 0.4 * whole], abs=0.1)  # mixed in regions
-
-
-def test_photodiodes_over_the_frame_are_refused_beside_what_else_changes_over_it():
-    options = {"left_right": True, "dual_pixel": over_the_frame(0, 0.3)}
-    with pytest.raises(ValueError, match="dual_pixel must be the same all over the frame"):
-        render(*scene(), cat_eye=CatEye(), **options)
 
 
 def test_noise_and_a_soft_border_of_measured_kernels_have_no_extent():

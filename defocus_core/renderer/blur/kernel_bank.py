@@ -19,8 +19,9 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.optics.aperture import Aperture, View, joined
+from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.batched import Apertures
+from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost, sent
@@ -59,7 +60,7 @@ def kernels(
     aperture: Aperture,
     parts: list[Part],
     *,
-    views: Sequence[View] = (),
+    views: Sequence[Rim] = (),
     leaning: bool = False,
     wanted: Sequence[Sequence[bool]] = (),
 ) -> Tensor:
@@ -68,15 +69,15 @@ def kernels(
     Returns [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning; [K, 1 or 3, M, B, ...]
     of the pupils of a batch.
     """
-    view = joined(views) if views else None
-    pupils: list[tuple[Aperture, View | None]] = [(aperture, view)]
+    view = type(views[0]).joined(views) if views else None
+    pupils: list[tuple[Aperture, Rim | None]] = [(aperture, view)]
     pictures: Sequence[Sequence[bool]] = [[True] * len(radii)]
     if batch := isinstance(aperture, Apertures):
         pupils, pictures = list(aperture.seeing(view)), wanted
     side, points = 2 * extent + 1, len(views) or 1
     nothing = torch.zeros(3 if leaning else 1, points, side, side, dtype=radii.dtype)
 
-    def drawn(radius: float, pupil: Aperture, view: View | None, part: Part) -> Tensor:
+    def drawn(radius: float, pupil: Aperture, view: Rim | None, part: Part) -> Tensor:
         # a region keeps its own
         kernel = _kernel.__wrapped__ if pupil.requires_grad or view else _kernel
         pupil = pupil if pupil.requires_grad else pupil.fixed
@@ -96,7 +97,7 @@ def kernels(
 
 @lru_cache(maxsize=_MAX_KERNELS)
 def _kernel(
-    radius: float, extent: int, aperture: Aperture, part: Part, view: View | None, leaning: bool
+    radius: float, extent: int, aperture: Aperture, part: Part, view: Rim | None, leaning: bool
 ) -> Tensor:
     """The kernels of one part, [1 or 3, V, S, S] for V points of a view, 1 without any.
 
@@ -253,7 +254,7 @@ class TransformWindow:
     aperture: Aperture
     parts: list[Part]  # the parts of the pupil
     like: Tensor  # a tensor of the dtype and device of the spectra
-    views: tuple[View, ...] = ()  # views of the pupil: M counts each part once with each
+    views: tuple[Rim, ...] = ()  # views of the pupil: M counts each part once with each
     each: Sequence[range] = ()  # the slices of each picture of a batch
     # Cached kernels, by number of the slice
     kernels: dict[int, Tensor] = field(default_factory=dict)
@@ -269,7 +270,7 @@ class TransformWindow:
         """Whether gradients flow to the pupil: then nothing is cached in a backward pass."""
         return self.aperture.requires_grad or requires_grad(self.views)
 
-    def seen(self, views: Sequence[View]) -> TransformWindow:
+    def seen(self, views: Sequence[Rim]) -> TransformWindow:
         """The same window with a pupil as points of the frame see it."""
         window = replace(self, views=tuple(views), kernels={}, spectra={}, planes={})
         window.prepare()

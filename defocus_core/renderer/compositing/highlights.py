@@ -26,7 +26,8 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.optics.aperture import Aperture, View
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.kernel_bank import reach
 from defocus_core.renderer.layers.layer import SampleLayer
@@ -398,7 +399,7 @@ class _Alike(NamedTuple):
     which: Tensor  # [n] the index in `radii` of each highlight, ascending
     weights: Tensor  # [U] of the kernel; the rest of the light stays in its pixel
     extent: int  # greatest distance in px from a highlight to a pixel of its disc
-    barrel: View | None = None  # the pupil, as each radius sees it
+    barrel: Rim | None = None  # the pupil, as each radius sees it
 
     def between(self, start: int, end: int) -> _Alike:
         """The highlights from `start` to before `end`."""
@@ -421,7 +422,7 @@ def draw(
     aperture: Aperture,
     parts: list[Part],
     box: Box,
-    barrel: View | None = None,
+    barrel: Rim | None = None,
 ) -> Tensor:
     """The discs of all highlights as the parts of the aperture see them: [M, C, height, width]."""
     maximum = max(*layers[0].signed_radius.shape, box.top + box.height, box.left + box.width)
@@ -458,7 +459,7 @@ def _alike(
     slice_radii: tuple[float, ...],
     maximum: int,
     box: Box,
-    barrel: View | None,
+    barrel: Rim | None,
 ) -> Iterator[_Alike]:
     """The highlights whose discs, up to `maximum` px wide, reach a box: in groups, widest first."""
     everything, spreads = _widest_first(highlights, slice_radii, maximum, box, barrel)
@@ -487,7 +488,7 @@ def _widest_first(
     slice_radii: tuple[float, ...],
     maximum: int,
     box: Box,
-    barrel: View | None,
+    barrel: Rim | None,
 ) -> tuple[_Alike, list[int]]:
     """All highlights whose discs reach a box, and the extent [U] in px for each radius."""
     radii, at = highlights.signed_radius, highlights.at

@@ -23,8 +23,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import grid_sample, max_pool2d, pad
 
-from defocus_core.optics.aperture import Aperture, View
+from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.batched import Apertures
+from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.layers.samples import ascending
 from defocus_core.renderer.layers.slice_radii import slice_position
@@ -215,7 +216,7 @@ def fraction_in_frame(
     size: tuple[int, int],  # (height, width) of the rectangle
     aperture: Aperture,
     parts: list[Part],
-    views: Sequence[View] = (),
+    views: Sequence[Rim] = (),
 ) -> Tensor:
     """The share of parts of the aperture that sees a pixel's own surface within a rectangle.
 
@@ -252,7 +253,7 @@ def fraction_in_frame(
     return fraction.view(len(tables), 1, *signed_radius.shape)
 
 
-def _areas_below(aperture: Aperture, part: Part, view: View | None) -> Tensor:
+def _areas_below(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
     """`_summed_area`, or [B, y, x] of the pupils of a batch."""
     if isinstance(aperture, Apertures):
         return torch.stack([_areas_below(one, part, own) for one, own in aperture.seeing(view)])
@@ -262,7 +263,7 @@ def _areas_below(aperture: Aperture, part: Part, view: View | None) -> Tensor:
 
 
 @lru_cache(maxsize=256)
-def _summed_area(aperture: Aperture, part: Part, view: View | None) -> Tensor:
+def _summed_area(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
     """The share [y, x] of a part of the pupil that lies below u.y and left of u.x, over [-1, 1]."""
     with torch.inference_mode(False):  # the cache serves calls that need gradients, too
         limits = torch.linspace(-1, 1, _STEPS + 1, dtype=torch.float64)

@@ -1,6 +1,6 @@
-"""The frame of a picture: its size, tiles, content, slices, parts of the aperture, and the field.
+"""The frame of a picture: its size, tiles, content, slices, and parts of the aperture.
 
-The field is how the pupil changes over the frame, as regions and points see it.
+Behind a cat's eye the pupil changes over the frame, as regions and points see it.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.optics.aperture import Aperture, View
-from defocus_core.optics.cat_eye import CatEye, falloff
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.cat_eye import CatEye, Rim, falloff
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.renderer.blur.kernel_bank import TransformWindow
@@ -190,7 +190,7 @@ class SharedFrame:
 
 def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
     """The frame as a region of it sees it: its windows have the pupils of the region's corners."""
-    if frame.settings.field is None:
+    if frame.settings.cat_eye is None:
         return frame
     views = corner_views(frame, box)
     clipped: dict[int, TransformWindow] = {}
@@ -206,29 +206,29 @@ def frame_at(frame: SharedFrame, box: Box) -> SharedFrame:
     return replace(frame, slices=slices)
 
 
-def corner_views(frame: SharedFrame, box: Box) -> list[View]:
+def corner_views(frame: SharedFrame, box: Box) -> list[Rim]:
     """The pupils that the corners of a region see, by rows; none if all see it alike."""
-    field = frame.settings.field
-    if field is None:
+    cat_eye = frame.settings.cat_eye
+    if cat_eye is None:
         return []
     return [
-        field.view(float(x), float(y), frame.size)
+        cat_eye.view(float(x), float(y), frame.size)
         for y in (box.top, box.top + box.height)
         for x in (box.left, box.left + box.width)
     ]
 
 
-def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> View | None:
+def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> Rim | None:
     """The pupil as pixels [n, 2], rows and columns, see it: [n] places."""
-    field = frame.settings.field
-    if field is None:
+    cat_eye = frame.settings.cat_eye
+    if cat_eye is None:
         return None
     y, x = (
         (at + sent([region.top - core.top, region.left - core.left], at) + 0.5)
         .to(frame.dtype)
         .unbind(1)
     )
-    return field.view(x, y, frame.size)
+    return cat_eye.view(x, y, frame.size)
 
 
 def darkened(part: Views, cat_eye: CatEye, frame: tuple[int, int]) -> Views:

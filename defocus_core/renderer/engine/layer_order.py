@@ -110,7 +110,7 @@ class Filling:
             coarse,
             self._groups,
             self._coarse,
-            by_corners=frame.settings.field is not None,
+            by_corners=frame.settings.cat_eye is not None,
         )
         self.plan, self.windows = self._blur.surface.plan, self._blur.windows
         self._fractions: dict[tuple[float, int], AxisWeights] = {}

@@ -45,7 +45,7 @@ def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
     result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
     coarse = pixels * sample * frame.content.edges * 1.2
     # each region has kernels of its own where the pupil changes over the frame
-    versions = 1 if frame.settings.field is None else CORNERS * at_once
+    versions = 1 if frame.settings.cat_eye is None else CORNERS * at_once
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
     whole = _FIXED + coarse + spectra + repaired

@@ -275,9 +275,7 @@ def frame_of(
 
 def centre_parts(settings: Settings, quality: Quality) -> int:
     """The number of parts of the aperture for the centre view."""
-    pair = settings.dual_pixel if settings.left_right else None
-    clipped = settings.field is not None and not (pair and pair.field)
-    return 1 if clipped else quality.parts  # a rim would clip parts away
+    return quality.parts if settings.cat_eye is None else 1  # a rim would clip parts away
 
 
 def copies_of_tile(layer_of: list[int]) -> int:

@@ -84,7 +84,7 @@ class Region:
                 place.grid.seen_from(place.inner),
                 frame.division.groups,
                 middle,
-                by_corners=frame.settings.field is not None,
+                by_corners=frame.settings.cat_eye is not None,
             )
 
         self._blurs = {VISIBLE: blur_of(visible_samples(place, seen))}
@@ -360,7 +360,7 @@ def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Pixels) -> Grid 
     reached = _reached(frame, around, radii).tolist()
     if any(first > last for first, last in reached):
         return None
-    if frame.settings.field is not None:  # seen from its corners, which neighbours share
+    if frame.settings.cat_eye is not None:  # seen from its corners, which neighbours share
         return grid
     spans = (Span(first // BLOCK * BLOCK, (last // BLOCK + 1) * BLOCK) for first, last in reached)
     return grid.within(Box.over(*spans))

@@ -13,7 +13,6 @@ from defocus_core.optics.batched import Apertures, CatEyes, DualPixels
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.optics.sensitivity import SensitivityField
 from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.box import BLOCK
 from defocus_core.tensors.validation import described, flag, number, whole
@@ -59,9 +58,6 @@ class Settings:
         if self.cat_eye and opaque and opaque >= (size := number("size", self.cat_eye.size)):
             problem = f"cat_eye must be larger than the opaque middle of the pupil, got size {size}"
             raise ValueError(f"{problem} and obstruction {opaque}: no light would pass both")
-        if self.dual_pixel.field and self.cat_eye:
-            problem = "dual_pixel must be the same all over the frame beside a cat_eye"
-            raise ValueError(f"{problem}; give kernels of one place")
         find(self.quality)
         flag("left_right", self.left_right)
         check_repair(self.depth_repair, self.edge_width)
@@ -94,11 +90,6 @@ class Settings:
             dual_pixel=DualPixels.of([one.dual_pixel for one in each]),
             cat_eye=CatEyes.of([one.cat_eye for one in each]),
         )
-
-    @property
-    def field(self) -> CatEye | SensitivityField | None:
-        """What makes the pupil or its halves change over the frame."""
-        return self.cat_eye or (self.dual_pixel.field if self.left_right else None)
 
 
 STANDARD = Settings()

@@ -1,4 +1,4 @@
-"""Kernels that were measured of the photodiodes of a dual pixel, also over the frame."""
+"""Kernels that were measured of the photodiodes of a dual pixel."""
 
 from __future__ import annotations
 
@@ -56,24 +56,6 @@ def test_photodiodes_see_what_their_kernels_say(lights, tmp_path):
     assert header(tmp_path / "o/left/a.exr")["defocus:dp_kernels"] == "pair.npy"
 
 
-def test_kernels_over_the_frame_split_each_light_as_at_its_place(lights, tmp_path):
-    left, right = pair()
-    near, grid = 0.45 * (left + right), tmp_path / "grid.npz"
-    np.savez(grid, left=[[left, near + 0.1 * left]], right=[[right, near + 0.1 * right]])
-    views = shown(tmp_path / "o", *lights, "--outputs", "left,right", "--dp-model", grid)
-    apart = [
-        np.abs(views["right"]["G"][:, side] - views["left"]["G"][:, side]).sum()
-        for side in (slice(36), slice(36, 72))
-    ]
-    assert apart[1] == pytest.approx(0.1 * apart[0], rel=0.1)
-    out = ("-o", tmp_path / "p", "--outputs", "left", *LENS, "--dp-model", grid)
-    refused(run("render", *lights, *out, "--cat-eye", "1.05:1.5"), 2, "contradiction", "dp-model")
-    np.savez(grid, left=left[None, None], center=right[None, None])
-    refused(run("render", *lights, *out), 3, "no-such-channel", grid)
-    np.savez(grid, left=left[None, None], right=right[None, None, 1:])
-    refused(run("render", *lights, *out), 3, "wrong-size", grid)
-
-
 def test_kernels_are_inputs_of_a_batch_and_are_found_again(lights, tmp_path):
     np.save(tmp_path / "pair.npy", pair())
     np.save(tmp_path / "disc.npy", pair().sum(0))
@@ -108,6 +90,7 @@ def test_kernels_are_inputs_of_a_batch_and_are_found_again(lights, tmp_path):
     ("option", "values", "code"),
     [
         ("--dp-model", np.ones((3, 5, 5)), "wrong-size"),
+        ("--dp-model", np.ones((2, 5000, 5)), "wrong-size"),
         ("--dp-model", np.ones((2, 5, 5)), "malformed"),
     ],
 )

@@ -17,7 +17,6 @@ from defocus_core.io.images import describe as describing
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import MAX_PIXELS
-from defocus_core.picture import opening
 from defocus_core.reports.inspection import inspection
 
 
@@ -149,10 +148,3 @@ def test_a_container_of_too_many_arrays_is_refused(tmp_path):
     assert len(read_entries(npz_claims(tmp_path / "a.npz", (2, 2), *names[1:]))) == 4096
     with refuses("too-large", "more than 4096 arrays"):
         describe(npz_claims(tmp_path / "a.npz", (2, 2), *names))
-
-
-@pytest.mark.parametrize("shape", [(2, 32, 32, 4096, 4096), (2, 5000, 5)])
-def test_kernels_too_large_are_refused_before_they_are_read(shape, tmp_path):
-    path = npz_claims(tmp_path / "k.npz", shape[1:], "left", "right")
-    with refuses("wrong-size", path=path):
-        opening.measured_pair(path)
