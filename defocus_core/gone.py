@@ -50,6 +50,11 @@ GONE: dict[str, tuple[Gone, ...]] = {
         Gone("python", "chained", "give what is hidden to render() as a HiddenLayer"),
         Gone("python", "seen_behind", "give what is hidden to render() as a HiddenLayer"),
         Gone("python", "temporal_mean", "average radii where you know that the scene is still"),
+        Gone(
+            "command",
+            "golden",
+            "render by batch to NEW, then compare goldens NEW ‹accept›",
+        ),
         Gone("option", "coc", _APART, "compare"),
         *(
             Gone("python", name, "cut the array, or call compare_images()", "golden.check")

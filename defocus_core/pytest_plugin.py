@@ -85,8 +85,8 @@ class Golden:
             bounds: metrics of ``defocus compare`` with what is just allowed, like ``psnr=45``;
                 rel_rmse, p999 and hdr_psnr for rel-rmse, p99.9 and hdr-psnr.
         """
+        from defocus_core.compare.accepting import accept_picture
         from defocus_core.compare.comparison import compare_with_goldens
-        from defocus_core.compare.run import accept_picture
         from defocus_core.compare.thresholds import rules_like
         from defocus_core.errors import InputError
         from defocus_core.reports import comparison_words

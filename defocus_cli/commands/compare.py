@@ -14,14 +14,24 @@ from defocus_cli.options.shared import (
     GroupedCommand,
     json_option,
     machine_option,
+    option,
     output_option,
     verbose_option,
 )
 from defocus_cli.words import console
+from defocus_core.compare.accepting import accept_files
 from defocus_core.compare.metrics import METRICS
-from defocus_core.compare.pairing import are_batches, find_pairs, pair_batches
+from defocus_core.compare.pairing import (
+    are_batches,
+    chosen_pairs,
+    find_pairs,
+    is_batch,
+    pair_batches,
+    read_recipes,
+    written_by,
+)
 from defocus_core.compare.record import DIFFERENT, EXTRA
-from defocus_core.compare.run import accept_files, compare_all
+from defocus_core.compare.run import compare_all
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
 from defocus_core.system.process import cores
@@ -53,7 +63,7 @@ Examples:
   defocus compare golden/ out/ --like render --junit compare.xml
   defocus compare golden/ out/ --fail 'hdr-p99.9>0.01' --fail found:clipped
   defocus compare golden/ out/ --html compare.html
-  defocus compare golden/ out/ --like render --accept
+  defocus compare goldens/ new/ --like golden --accept --only 'render/a*'
   defocus compare batch1/ batch2/ --like encoder
   defocus compare golden/ out/ --thresholds compare.toml --diff differences
 """
@@ -65,7 +75,14 @@ Examples:
 @comparing.comparison_options()
 @output_option(
     "--accept",
-    "After the report, make the files of B that differ the new A. Files that B lacks stay.",
+    "After the report, make the files of B that differ the new A, which is made if it is missing. "
+    "Files that B lacks stay.",
+)
+@option(
+    "--only PATTERN",
+    "Only pictures of this name, like render/spheres.exr or 'left/*'; may be repeated.",
+    multiple=True,
+    heading="What is compared",
 )
 @machine_option(
     "--processes N",
@@ -80,14 +97,15 @@ def command(
     b: Path,
     asked: comparing.ComparisonOptions,
     accept: bool,
+    only: tuple[str, ...],
     processes: int,
     as_json: bool,
     verbose: bool,
 ) -> int:
     """Compare, as the help says."""
     start = time.perf_counter()
-    batches = pair_batches(a, b) if are_batches(a, b) else None
-    pairs = find_pairs(a, b) if batches is None else batches.pairs
+    batches = pair_batches(a, b, only) if are_batches(a, b) else None
+    pairs = chosen_pairs(find_pairs(a, b, anew=accept), only) if batches is None else batches.pairs
     recipes = [] if batches is None else list(batches.lines())
     for recipe in () if as_json else recipes:
         console.stdout(recipe)
@@ -107,7 +125,8 @@ def command(
         header = comparisons.ReportHeader(f"{b} compared with {a}", words)
         failures = asked.write_reports(records, header, time.perf_counter() - start, processes)
         whole = accept and not failures and len(records) == len(pairs)
-        accepted = accept_files(a, b, records) if whole else []
+        samples = read_recipes(b) if whole and b.is_dir() and not is_batch(a) else {}
+        accepted = accept_files(a, b, records, written_by(samples, pairs)) if whole else []
         if as_json:
             document = compare_report.document(records, len(pairs))
             if batches is not None:

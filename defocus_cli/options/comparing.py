@@ -40,7 +40,6 @@ from defocus_core.reports.comparison_words import write_junit
 from defocus_core.reports.html import comparisons
 from defocus_core.request.quantities import QuantityError, several
 
-_NO_RULES = Rules()
 _REPORTS = ("diff", "junit", "html", "causes")  # attributes of ComparisonOptions
 _rule_option = partial(option, heading="Rules")
 _selecting_option = partial(option, heading="What is compared")
@@ -83,11 +82,8 @@ class ComparisonOptions:
         return failures
 
 
-def comparison_options(default: Rules = _NO_RULES, *, rules_alone: bool = False) -> Decorator:
-    """Hand a command ``asked``: rules, and unless they stand alone what is compared, and reports.
-
-    The rules of ``default`` hold where neither options nor a file say anything.
-    """
+def comparison_options() -> Decorator:
+    """Hand a command ``asked``: rules, what is compared, and reports."""
 
     def make(
         fail: tuple[Rule, ...],
@@ -97,13 +93,12 @@ def comparison_options(default: Rules = _NO_RULES, *, rules_alone: bool = False)
         like: str | None,
         **others: Any,
     ) -> ComparisonOptions:
-        default_rules = default if like is None else PRESETS[like]
-        rules = read_thresholds(thresholds, fail, warn, over, default_rules)
-        asked = {name: others.pop(name) for name in _REPORTS if name in others}
+        default = Rules() if like is None else PRESETS[like]
+        rules = read_thresholds(thresholds, fail, warn, over, default)
+        asked = {name: others.pop(name) for name in _REPORTS}
         return ComparisonOptions(rules, thresholds, CompareSettings(**others), **asked)
 
-    options = _rules() if rules_alone else [*_rules(), *_selection(), *_reports()]
-    return bundle("asked", make, options)
+    return bundle("asked", make, [*_rules(), *_selection(), *_reports()])
 
 
 def _difference(text: str) -> float:

@@ -42,7 +42,6 @@ from defocus_core.compare.structure import compare_structure, of_another_size
 from defocus_core.compare.thresholds import (
     OVER,
     PRESETS,
-    ROUNDING,
     Rule,
     Rules,
     read_thresholds,
@@ -85,7 +84,7 @@ def compare_pictures(
             pixels, unseen = pixels.visible()
             said = [f"other colours in {counted(unseen, 'pixel')} where A is 0"] if unseen else []
             record = replace(record, notes=(*record.notes, *said))
-        if ROUNDING in rules.fail:
+        if rules.to_a_step:
             pixels = pixels.beyond_a_step({n: {a.types[n], b.types[n]} for n in common})
         rules = verdict.of_small_values(rules, pixels)
         judged = _judged(record, pixels, corner, (a, b), rules, settings, strict=strict)

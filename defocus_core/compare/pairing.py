@@ -2,24 +2,29 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.journal import Ledger
-from defocus_core.batch.journal.record import Record, Stamp
+from defocus_core.batch.journal.record import output_fault
 from defocus_core.compare.picture import SUFFIXES
-from defocus_core.errors import InputError
-from defocus_core.io.safe_files import missing
+from defocus_core.compare.thresholds import matches
+from defocus_core.errors import InputError, UsageProblem, did_you_mean
+from defocus_core.io.below import Folder
+from defocus_core.io.safe_files import MALFORMED, missing
 from defocus_core.io.wildcards import matching
 
 _VIEW = re.compile(r"(?<![A-Za-z])(left|right|L|R|l|r)(?![A-Za-z])", re.I)
 _OTHER = {"left": "right", "right": "left", "l": "r", "r": "l"}
 _FRAME_NUMBER = re.compile(r"(\d+)(?=\D*$)")
 _VERSIONS = ("version", "renderer")
+RECIPE = ".recipe.json"  # of a sample, beside what was accepted
 
 
 @dataclass(frozen=True)
@@ -31,8 +36,11 @@ class FilePair:
     b: Path | None  # what is judged; None if B has no such file
 
 
-def find_pairs(a: Path, b: Path) -> list[FilePair]:
-    """The pairs of two files or two folders, sorted by name."""
+def find_pairs(a: Path, b: Path, *, anew: bool = False) -> list[FilePair]:
+    """The pairs of two files or two folders, sorted by name; `anew`: A may not be there yet."""
+    if anew and b.exists() and not a.exists():
+        names = _pictures(b) if b.is_dir() else {b.name: b}
+        return [FilePair(name, None, path) for name, path in sorted(names.items())]
     for path in (a, b):
         if not path.exists():
             raise missing(path, "file or directory")
@@ -153,53 +161,120 @@ class BatchPairs:
             yield f"recipe: {change.words}"
 
 
+@dataclass(frozen=True)
+class Recipe:
+    """How the pictures of a sample were made, as a journal or a file beside goldens says."""
+
+    settings: Mapping[str, Any]
+    version: str
+    renderer: int | None
+    inputs: Mapping[str, str | None]  # the hash of the bytes by role
+    files: Mapping[str, str]  # relative paths of its pictures by kind
+
+    @property
+    def json(self) -> bytes:
+        """The sample as a file has it, the same bytes for the same recipe."""
+        return json.dumps(asdict(self), indent=1, sort_keys=True).encode() + b"\n"
+
+
+def read_recipes(folder: Path) -> dict[str, Recipe]:
+    """The samples of a batch, or of goldens that were accepted from one; none of other folders."""
+    if is_batch(folder):
+        return {
+            record.sample_id: Recipe(
+                *(record.settings, record.version, record.renderer),
+                {role: stamp.blake2b for role, stamp in record.inputs.items()},
+                {kind: stamp.path for kind, stamp in record.outputs.items()},
+            )
+            for record in Ledger(folder).records()
+            if record.taken is not None
+        }
+    names = [name for name in Folder(folder).names() if name.endswith(RECIPE)]
+    return {name.removesuffix(RECIPE): _read_recipe(folder, name) for name in names}
+
+
+def _read_recipe(folder: Path, name: str) -> Recipe:
+    try:
+        values = json.loads(Folder(folder).read(name))
+        sample = Recipe(**values)
+        faults = [output_fault(path) for path in sample.files.values()]
+        tables = (sample.settings, sample.inputs, sample.files)
+        if not any(faults) and all(isinstance(table, dict) for table in tables):
+            return sample
+    except (OSError, TypeError, AttributeError, *MALFORMED):
+        pass
+    remedy = "take one side of a merge, or remove it: ‹accept› writes it anew"
+    raise InputError("damaged", "is no recipe of a sample", remedy, path=folder / name)
+
+
+def written_by(samples: Mapping[str, Recipe], pairs: Sequence[FilePair]) -> dict[str, Recipe]:
+    """The samples that wrote one of the files of B."""
+    names = {pair.name for pair in pairs if pair.b is not None}
+    return {name: s for name, s in samples.items() if not names.isdisjoint(s.files.values())}
+
+
+def is_batch(folder: Path) -> bool:
+    """Whether a folder has the journal of a batch."""
+    return folder.is_dir() and any(folder.glob("journal*.jsonl"))
+
+
 def are_batches(*folders: Path) -> bool:
-    """Whether all of the folders have the journal of a batch."""
-    return all(folder.is_dir() and any(folder.glob("journal*.jsonl")) for folder in folders)
+    """Whether all of the folders have the journal of a batch, or recipes of what was accepted."""
+    return all(is_batch(f) or (f.is_dir() and any(f.glob(f"*{RECIPE}"))) for f in folders)
 
 
-def pair_batches(a: Path, b: Path) -> BatchPairs:
-    """The pictures of two batches, paired by sample and kind."""
-    (of_a, files_a), (of_b, files_b) = _samples(a), _samples(b)
+def pair_batches(a: Path, b: Path, only: Sequence[str] = ()) -> BatchPairs:
+    """The pictures of two batches, paired by sample and kind; those of some names alone."""
+    of_a, of_b = read_recipes(a), read_recipes(b)
+    files_a, files_b = _files(a, of_a), _files(b, of_b)
     if not files_a and not files_b:
         problem = f"has a journal without pictures, and so has {b}"
         raise InputError("empty", problem, "name batches that made some", path=a)
-    pairs = []
+    pairs = {}
     for key in files_a | files_b:
         one, other = files_a.get(key), files_b.get(key)
         root, path = (a, one) if one is not None else (b, other)
         assert path is not None
-        pairs.append(FilePair(path.relative_to(root).as_posix(), one, other))
-    pairs.sort(key=lambda pair: pair.name)
-    shared = sorted(of_a.keys() & of_b.keys())
+        pairs[key] = FilePair(path.relative_to(root).as_posix(), one, other)
+    chosen = chosen_pairs(sorted(pairs.values(), key=lambda pair: pair.name), only)
+    names = {name for (name, _), pair in pairs.items() if pair in chosen}
+    shared = sorted(of_a.keys() & of_b.keys() & names)
     counts = Counter(change for name in shared for change in _changes(of_a[name], of_b[name]))
     changes = [RecipeChange(*change, count, len(shared)) for change, count in counts.items()]
     changes.sort(key=lambda change: (-change.samples, change.what, change.b))
-    return BatchPairs(pairs, changes, len(shared))
+    return BatchPairs(chosen, changes, len(shared))
 
 
-def _samples(folder: Path) -> tuple[dict[str, Record], dict[tuple[str, str], Path]]:
-    """The records of samples, and their files by sample and kind, those that are there."""
-    records = {r.sample_id: r for r in Ledger(folder).records() if r.taken is not None}
-    files = {
+def chosen_pairs(pairs: list[FilePair], only: Sequence[str]) -> list[FilePair]:
+    """The pairs whose names match one of the patterns, if there are any."""
+    for pattern in only:
+        if not any(matches(pair.name, pattern) for pair in pairs):
+            names = [pair.name for pair in pairs]
+            remedy = did_you_mean(pattern, names, f"name one like {names[0]}")
+            problem = f"'{pattern}' matches no picture"
+            raise UsageProblem("empty", problem, remedy, field="only")
+    return [p for p in pairs if not only or any(matches(p.name, pattern) for pattern in only)]
+
+
+def _files(folder: Path, samples: Mapping[str, Recipe]) -> dict[tuple[str, str], Path]:
+    """The pictures of samples that are there, by sample and kind."""
+    return {
         (name, kind): path
-        for name, record in records.items()
-        for kind, stamp in record.outputs.items()
-        for path in [folder / stamp.path]
+        for name, sample in samples.items()
+        for kind, place in sample.files.items()
+        for path in [folder / place]
         if path.suffix.lower() in SUFFIXES and path.exists()
     }
-    return records, files
 
 
-def _changes(a: Record, b: Record) -> Iterator[tuple[str, str, str]]:
-    """What differs between the recipes of two records, and what it is in each."""
+def _changes(a: Recipe, b: Recipe) -> Iterator[tuple[str, str, str]]:
+    """What differs between the recipes of two samples, and what it is in each."""
     for key, was, now in resume.changed_settings(a.settings, b.settings):
-        yield key, str(was), str(now)
+        yield key, f"{was!s:.200}", f"{now!s:.200}"
     for key in _VERSIONS:
         was, now = getattr(a, key), getattr(b, key)
         if was != now:
             yield key, str(was), str(now)
     for role in sorted({*a.inputs, *b.inputs}):
-        was, now = (record.inputs.get(role, Stamp()).blake2b for record in (a, b))
-        if was != now:
+        if a.inputs.get(role) != b.inputs.get(role):
             yield f"input {role}", "", ""

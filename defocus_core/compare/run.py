@@ -7,27 +7,21 @@ colour, amplified, around middle grey; pixels that are NaN or infinite on one si
 from __future__ import annotations
 
 import math
-import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.compare.comparison import compare_pair
 from defocus_core.compare.pairing import FilePair
-from defocus_core.compare.picture import planes_of, read_picture
 from defocus_core.compare.pixels import Pixels
-from defocus_core.compare.record import DIFFERENT, EXTRA, SAME, CompareSettings, Comparison
+from defocus_core.compare.record import DIFFERENT, SAME, CompareSettings, Comparison
 from defocus_core.compare.thresholds import Thresholds
-from defocus_core.errors import InputError, reason
-from defocus_core.io.below import Folder
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.encode import write_samples
-from defocus_core.io.safe_files import left_in, written_together, written_whole
 from defocus_core.system.process import spread
 
 FIRST = 20  # failing pairs whose causes are sought, where not all are asked for
@@ -110,45 +104,3 @@ def compare_all(pairs: Sequence[FilePair], task: Task, processes: int) -> Iterat
         fails = record.differing > 0 and record.status != SAME
         yield task.carry_out((pair, True)) if fails and not sought and failing < most else record
         failing += fails
-
-
-def accept_picture(folder: Path, golden: Path, picture: Any) -> None:
-    """Make a file, an array or a tensor the golden of that path, below a folder."""
-    is_file = isinstance(picture, str | Path)
-    planes = {} if is_file else planes_of(picture)
-    with written_together(folder):
-        if is_file:
-            read_picture(Path(picture))  # what cannot be read is not accepted
-            with written_whole(golden) as file:
-                file.write(Path(picture).read_bytes())
-        else:
-            write_exr(golden, planes, {})
-
-
-def accept_files(a: Path, b: Path, records: Sequence[Comparison]) -> list[Path]:
-    """Copy the files of B that differ from A, or that A has not, to A; their new paths.
-
-    All appear together, or none. What B lacks stays, and what cannot be read is not accepted.
-    """
-    pairs = []
-    for record in records:
-        if record.status in (DIFFERENT, EXTRA) and record.b is not None:
-            if record.status == EXTRA:  # a link may lead to anything
-                read_picture(record.b)
-            target = record.a or a / record.b.relative_to(b)
-            # A batch may have it in another format: A gets the file of B, under the name of B.
-            pairs.append((record.b, target.with_suffix(record.b.suffix)))
-    with written_together(a if a.is_dir() else None):
-        for source, target in pairs:
-            try:
-                with source.open("rb") as old, written_whole(target) as new:
-                    shutil.copyfileobj(old, new)
-            except OSError as error:
-                problem = f"cannot be read: {reason(error)}"
-                raise InputError(
-                    "unreadable", problem, "check its permissions", path=source
-                ) from None
-    for folder in {target.parent for _, target in pairs}:
-        for name in left_in(folder):
-            Folder(folder).remove(name)
-    return [target for _, target in pairs]

@@ -97,6 +97,7 @@ class Rules:
     warn: tuple[Rule, ...] = ()  # a picture that meets one of them is the same, with a warning
     over: float = OVER  # the difference that the metric ``share`` counts pixels beyond
     visible_only: bool = False  # whether colours where A is 0 on both sides may differ
+    to_a_step: bool = False  # whether values may differ by a step of their number type
 
     @property
     def asked(self) -> set[str]:
@@ -108,8 +109,8 @@ class Rules:
 ROUNDING = rule("max>1e-4")
 
 
-def _rules(fail: Sequence[str], warn: Sequence[str], *, visible_only: bool = False) -> Rules:
-    return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)), visible_only=visible_only)
+def _rules(fail: Sequence[str], warn: Sequence[str], **flags: bool) -> Rules:
+    return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)), **flags)
 
 
 # What pictures are to be like, with the rules for it; what passes one is said at least.
@@ -122,7 +123,7 @@ PRESETS = {
     "encoder": _rules(
         ["hdr-psnr<34", "hdr-p99.9>0.15", "found:clipped"], ["hdr-psnr<45"], visible_only=True
     ),
-    "golden": _rules(["hdr-max>0.003", "found:clipped"], ["max>1e-3"]),
+    "golden": _rules(["hdr-max>0.003", "found:clipped"], ["max>1e-3"], to_a_step=True),
 }
 
 
@@ -146,7 +147,7 @@ def rules_like(like: str | None, bounds: Mapping[str, float]) -> Rules:
         rules.append(rule(f"{metric}{_COMPARISONS[METRICS[metric].better][0]}{bound}"))
     if like is not None:
         return replace(PRESETS[like], fail=(*PRESETS[like].fail, *rules))
-    return Rules(tuple(rules) or (ROUNDING,))
+    return Rules(tuple(rules) or (ROUNDING,), to_a_step=not rules)
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,13 @@ import pytest
 from batches import again, folders
 from command_line import color_exr, failed, files_under, refused, run, succeed, texture
 from counting import calls
-from jobs_files import FIXED, INPUTS, jobs_file, pictures
 from records import pack, record, taken
 from refusals import refuses
 
 from defocus_core.batch.datasets import finished, sample_index, update
 from defocus_core.batch.journal.journal import Ledger, Shard, journal_path, shards
 from defocus_core.batch.journal.runs import sweep_up
-from defocus_core.compare.goldens import read_store
+from defocus_core.compare.pairing import RECIPE, read_recipes
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
 from defocus_core.io.row_files import read_rows
@@ -41,9 +40,14 @@ FOREIGN = (
 )
 
 
-def golden_json(folder, name):
-    (folder / "a.golden.json").write_text(json.dumps({"files": [name], "settings": {}}))
-    read_store(folder)
+def recipe_json(folder, name):
+    recipe(folder, files={"render": name})
+    read_recipes(folder)
+
+
+def recipe(folder, **values):
+    whole = {"settings": {}, "version": "0", "renderer": 1, "inputs": {}, "files": {}, **values}
+    (folder / f"a{RECIPE}").write_text(json.dumps(whole))
 
 
 def journal_jsonl(folder, name):
@@ -54,7 +58,7 @@ def journal_jsonl(folder, name):
 
 
 @pytest.mark.parametrize("name", FOREIGN)
-@pytest.mark.parametrize("form", [golden_json, journal_jsonl])
+@pytest.mark.parametrize("form", [recipe_json, journal_jsonl])
 def test_every_file_that_names_others_is_refused_with_a_foreign_path(form, name, tmp_path):
     assert path_fault(name)
     with pytest.raises(InputError):
@@ -162,19 +166,14 @@ def test_half_written_files_are_not_swept_up_behind_a_link(tmp_path, mine):
     assert theirs.exists()
 
 
-def test_goldens_with_links_or_foreign_names_touch_nothing(tmp_path, mine):
-    pictures(tmp_path)
-    jobs, goldens = jobs_file(tmp_path, FIXED, inputs=INPUTS), tmp_path / "goldens"
-    words = ("--processes", "1", "--threads", "1")
+def test_what_is_accepted_goes_through_no_link(tmp_path, mine):
+    for name in ("render/mine", "render/a.exr"):
+        color_exr(tmp_path / "new" / name, texture(8, 8))
+    goldens = tmp_path / "goldens"
     goldens.mkdir()
     (goldens / "render").symlink_to(mine.parent)
-    failed(run("golden", "update", jobs, goldens, "--accept", *words), 3, "unwritable")
-    assert names(mine.parent) == ["mine"]
-    samples = {"z": {"files": ["../home/mine"], "settings": {}}}
-    (goldens / "golden.json").write_text(json.dumps({"samples": samples}))
-    for command in (("update", jobs, goldens, "--accept"), ("check", jobs, goldens)):
-        refused(run("golden", *command, *words), 3, "damaged", "golden.json")
-    assert mine.read_text() == "mine"
+    failed(run("compare", goldens, tmp_path / "new", "--accept"), 3, "unwritable")
+    assert (names(mine.parent), mine.read_text()) == (["mine"], "mine")
 
 
 def test_a_report_replaces_nothing_but_a_report(tmp_path):
@@ -215,13 +214,11 @@ def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path):
     refused(run("batch", jobs, "-o", tmp_path / "out"), 3, "malformed", jobs)
 
 
-@pytest.mark.parametrize(
-    "samples", ["7", "[]", '{"a": {"files": 7}}', '{"a": {"files": [], "settings": 7}}', '{"a": 7}']
-)
-def test_wrong_types_in_golden_json_are_told(samples, tmp_path):
-    (tmp_path / "golden.json").write_text(f'{{"samples": {samples}}}')
+@pytest.mark.parametrize("name", ["settings", "inputs", "files"])
+def test_wrong_types_in_a_recipe_are_told(name, tmp_path):
+    recipe(tmp_path, **{name: 7})
     with pytest.raises(InputError) as caught:
-        read_store(tmp_path)
+        read_recipes(tmp_path)
     assert caught.value.code == "damaged"
 
 

@@ -7,9 +7,8 @@ import time
 
 import numpy as np
 import pytest
-from batches import jobs_file
-from command_line import refused, run, write_exr
-from html_reports import item, items, keys, run_command
+from command_line import run, write_exr
+from html_reports import item, items, keys
 from planted_faults import planes, scene, write_planes
 
 
@@ -77,33 +76,6 @@ def test_values_of_eight_bits_and_of_maps_are_kept_as_they_are(tmp_path):
     assert layers["a"]["ends"] == pytest.approx([-9, 9])
     # Halves of A and B are equal: their difference is kept apart, in its own scale.
     assert layers["difference"]["values"]["scale"] < 1e-5
-
-
-def test_a_golden_is_checked_and_accepted_alone(tmp_path):
-    jobs, folder, file = jobs_file(tmp_path), tmp_path / "gold", tmp_path / "gold.html"
-    alone = ("--processes", "1", "--threads", "1")
-    assert run("golden", "update", jobs, folder, "--accept", *alone).code == 0
-    jobs.write_text(jobs.read_text().replace("fnumber = 2", "fnumber = 4"))
-    assert run("golden", "check", jobs, folder, "--html", file, *alone).code == 1
-    names = {each["name"] for each in items(file)}
-    assert len(names) == 4
-    name = "coc/a_focus2m.exr"
-    assert name in names
-    assert ("B", "rendered now") in map(tuple, item(file, name)["facts"])
-    assert run_command(file, name, "Check again", *alone).code == 1
-    before = (folder / "coc/b_focus2m.exr").read_bytes()
-    accepted = run_command(file, name, "Accept as the golden", *alone)
-    assert (accepted.code, accepted.out.splitlines()[-1]) == (0, f"{folder}: 1 golden changed")
-    assert run_command(file, name, "Check again", *alone).code == 0
-    assert (folder / "coc/b_focus2m.exr").read_bytes() == before
-    assert len([*folder.glob("*.golden.json")]) == 4
-    assert run("golden", "check", jobs, folder, *alone).out.count("DIFFERENT") == 3
-
-
-def test_only_needs_a_picture_that_it_matches(tmp_path):
-    jobs = jobs_file(tmp_path)
-    ran = run("golden", "update", jobs, tmp_path / "gold", "--only", "render/x.exr")
-    refused(ran, 2, "empty", "only")
 
 
 @pytest.mark.bench

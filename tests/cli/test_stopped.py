@@ -93,14 +93,3 @@ def test_a_comparison_killed_at_any_step_accepts_all_the_same(reports, tmp_path,
     words = ("compare", "work/old", "new", "--accept", "--processes", "1", *reports)
     told = stopped("kill", 9 if reports else 1, tmp_path / "work", "--", *words)
     require_whole(told, -9, ("r.html", "j.xml"))
-
-
-@pytest.mark.bench
-def test_an_update_of_goldens_killed_at_any_step_goes_on(tmp_path):
-    (tmp_path / "in").mkdir()
-    jobs, folder = jobs_file(tmp_path / "in", "a", "b"), tmp_path / "work" / "goldens"
-    words = ("--accept", "--processes", "1", "--threads", "1")
-    assert run("golden", "update", jobs, folder, *words).code == 0
-    jobs.write_text(jobs.read_text().replace('"2m"]', '"3m"]').replace("50mm", "60mm"))
-    told = stopped("kill", 11, tmp_path / "work", "--", "golden", "update", jobs, folder, *words)
-    require_whole(told, -9)

@@ -1,7 +1,7 @@
 """A run: skips finished jobs, does the others, writes each result to the journal, then the index.
 
 What is to do is its plan. This is the one way of `defocus render` to a folder or a file, of
-`batch`, goldens and `run_batch`. Only this process writes the journal.
+`batch` and `run_batch`. Only this process writes the journal.
 """
 
 from __future__ import annotations

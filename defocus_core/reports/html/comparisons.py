@@ -10,11 +10,11 @@ import os
 import pickle
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from glob import escape
 from itertools import count
 from pathlib import Path
 from typing import Any
 
+from defocus_core.compare.accepting import accept_picture
 from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.record import (
     DIFFERENT,
@@ -25,8 +25,6 @@ from defocus_core.compare.record import (
     CompareSettings,
     Comparison,
 )
-from defocus_core.compare.run import accept_picture
-from defocus_core.compare.thresholds import OVER, Rules
 from defocus_core.reports.comparison_words import (
     line,
     metric_title,
@@ -138,27 +136,6 @@ def columns_of(items: Sequence[Item]) -> list[Column]:
         for name in _COLUMNS
         if name in there
     ]
-
-
-def golden_commands(
-    jobs: Path, folder: Path, rules: Callable[[str], Rules], default: Rules
-) -> Commands:
-    """The command lines of a golden: check it again, and accept what is rendered."""
-
-    def commands(record: Comparison) -> list[tuple[str, str]]:
-        words: list[object] = [jobs, folder, "--only", escape(record.name)]
-        own = rules(record.name)
-        if own != default:
-            words += [w for rule in own.fail for w in ("--fail", rule.text)]
-            words += [w for rule in own.warn for w in ("--warn", rule.text)]
-            words += ["--over", own.over] if own.over != OVER else []
-        lines = [("Check again", command_line(["defocus", "golden", "check", *words]))]
-        if not record.passes:
-            accept = command_line(["defocus", "golden", "update", *words, "--accept"])
-            lines.append(("Accept as the golden", accept))
-        return lines
-
-    return commands
 
 
 def setting_lines(settings: CompareSettings) -> list[str]:

@@ -1,0 +1,70 @@
+"""What is accepted: files of B that become those of A, with the recipes of their samples."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from defocus_core.compare.pairing import RECIPE, Recipe
+from defocus_core.compare.picture import planes_of, read_picture
+from defocus_core.compare.record import DIFFERENT, EXTRA, Comparison
+from defocus_core.errors import InputError, reason
+from defocus_core.io.below import Folder
+from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.safe_files import left_in, unwritable, written_together, written_whole
+
+
+def accept_picture(folder: Path, golden: Path, picture: Any) -> None:
+    """Make a file, an array or a tensor the golden of that path, below a folder."""
+    is_file = isinstance(picture, str | Path)
+    planes = {} if is_file else planes_of(picture)
+    with written_together(folder):
+        if is_file:
+            read_picture(Path(picture))  # what cannot be read is not accepted
+            with written_whole(golden) as file:
+                file.write(Path(picture).read_bytes())
+        else:
+            write_exr(golden, planes, {})
+
+
+def accept_files(
+    a: Path, b: Path, records: Sequence[Comparison], samples: Mapping[str, Recipe]
+) -> list[Path]:
+    """Copy the files of B that differ from A, or that A has not, to A; their new paths.
+
+    All appear together, or none, and beside them the recipes of the samples that wrote them. What B
+    lacks stays, and what cannot be read is not accepted.
+    """
+    pairs = []
+    for record in records:
+        if record.status in (DIFFERENT, EXTRA) and record.b is not None:
+            if record.status == EXTRA:  # a link may lead to anything
+                read_picture(record.b)
+            target = record.a or a / record.b.relative_to(b)
+            # A batch may have it in another format: A gets the file of B, under the name of B.
+            pairs.append((record.b, target.with_suffix(record.b.suffix)))
+    try:
+        for path in (*(target for _, target in pairs), *(a / f"{n}{RECIPE}" for n in samples)):
+            if path.is_relative_to(a):
+                Folder(a).path(path.relative_to(a).as_posix())  # refused before any is replaced
+    except OSError as error:
+        raise unwritable(a, error) from error
+    with written_together(a if a.is_dir() or not a.exists() else None):
+        for source, target in pairs:
+            try:
+                with source.open("rb") as old, written_whole(target) as new:
+                    shutil.copyfileobj(old, new)
+            except OSError as error:
+                problem = f"cannot be read: {reason(error)}"
+                raise InputError(
+                    "unreadable", problem, "check its permissions", path=source
+                ) from None
+        for name, sample in samples.items():
+            with written_whole(a / f"{name}{RECIPE}") as file:
+                file.write(sample.json)
+    for folder in {target.parent for _, target in pairs}:
+        for name in left_in(folder):
+            Folder(folder).remove(name)
+    return [target for _, target in pairs]
