@@ -80,10 +80,8 @@ class FileGroup(NamedTuple):
 
 def once(function: _OfFile) -> _OfFile:
     """What a function finds out of a file, found out once as long as the file is as it was."""
-
-    @lru_cache(maxsize=32)  # more than the files of a job: headers may be large
-    def found(_stamp: tuple[int, ...], *of: Any) -> Any:
-        return function(*of)
+    # more than the files of a job: headers may be large
+    found = lru_cache(maxsize=32)(lambda _stamp, *of: function(*of))
 
     @wraps(function)
     def known(path: Path, *of: Any) -> Any:

@@ -77,21 +77,18 @@ def kernels(
     side, points = 2 * extent + 1, len(views) or 1
     nothing = torch.zeros(3 if leaning else 1, points, side, side, dtype=radii.dtype)
 
-    def drawn(radius: float, pupil: Aperture, view: Rim | None, part: Part) -> Tensor:
+    each = []
+    for (pupil, view), own in zip(pupils, pictures, strict=True):
         # a region keeps its own
-        kernel = _kernel.__wrapped__ if pupil.requires_grad or view else _kernel
+        draw = _kernel.__wrapped__ if pupil.requires_grad or view else _kernel
         pupil = pupil if pupil.requires_grad else pupil.fixed
-        return kernel(radius, extent, pupil, part, view, leaning)
-
-    each = [
-        torch.stack(
-            [
-                torch.cat([drawn(radius, *pupil, part) if it else nothing for part in parts], 1)
-                for radius, it in zip(radii.tolist(), own, strict=True)
-            ]
-        )
-        for pupil, own in zip(pupils, pictures, strict=True)
-    ]
+        of_slices = [
+            torch.cat([draw(radius, extent, pupil, part, view, leaning) for part in parts], 1)
+            if is_wanted
+            else nothing.repeat(1, len(parts), 1, 1)
+            for radius, is_wanted in zip(radii.tolist(), own, strict=True)
+        ]
+        each.append(torch.stack(of_slices))
     return torch.stack(each, -3) if batch else each[0]
 
 
@@ -281,16 +278,28 @@ class TransformWindow:
         for slice_index in self.slices if self.requires_grad and self.margin else ():
             self._kernels([slice_index], leaning=True)
 
-    def spectrum(self, slice_index: int, size: tuple[int, int]) -> Tensor:
+    def spectrum(self, slice_index: int, size: tuple[int, int], *, leaning: bool = False) -> Tensor:
         """The spectrum of a slice's kernel, [M, 1, height, width // 2 + 1].
 
-        Of the pupils of a batch, here and below, [M, 1, B, ...].
+        If leaning, those of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...]. Of
+        the pupils of a batch, here and below, [M, 1, B, ...].
         """
-        return self._cached(slice_index, size, leaning=False)
-
-    def leaning(self, slice_index: int, size: tuple[int, int]) -> Tensor:
-        """The spectra of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...]."""
-        return self._cached(slice_index, size, leaning=True)
+        spectrum = self.spectra.get((slice_index, size, leaning))
+        if spectrum is not None:
+            return spectrum
+        if self.requires_grad:  # a backward pass computes it again
+            return self._transformed([slice_index], size, leaning=leaning)[0]
+        slice_indices = self.slices if launches_cost(self.like.device) else [slice_index]
+        keys = [self._key(each, size, leaning=leaning) for each in slice_indices]
+        spectra = [spectrum for key in keys if (spectrum := _KEPT.get(key)) is not None]
+        if len(spectra) < len(keys):
+            with torch.inference_mode(False), torch.no_grad():  # for calls that need gradients
+                spectra = [*self._transformed(slice_indices, size, leaning=leaning)]
+            for key, spectrum in zip(keys, spectra, strict=True):
+                _KEPT.keep(key, spectrum)
+        for each, spectrum in zip(slice_indices, spectra, strict=True):
+            self.spectra[each, size, leaning] = spectrum
+        return self.spectra[slice_index, size, leaning]
 
     def tilted(
         self, slopes: Mapping[int, tuple[float, float]], size: tuple[int, int]
@@ -331,24 +340,6 @@ class TransformWindow:
         )
         return height, width
 
-    def _cached(self, slice_index: int, size: tuple[int, int], *, leaning: bool) -> Tensor:
-        spectrum = self.spectra.get((slice_index, size, leaning))
-        if spectrum is not None:
-            return spectrum
-        if self.requires_grad:  # a backward pass computes it again
-            return self._transformed([slice_index], size, leaning=leaning)[0]
-        slice_indices = self.slices if launches_cost(self.like.device) else [slice_index]
-        keys = [self._key(each, size, leaning=leaning) for each in slice_indices]
-        spectra = [spectrum for key in keys if (spectrum := _KEPT.get(key)) is not None]
-        if len(spectra) < len(keys):
-            with torch.inference_mode(False), torch.no_grad():  # for calls that need gradients
-                spectra = [*self._transformed(slice_indices, size, leaning=leaning)]
-            for key, spectrum in zip(keys, spectra, strict=True):
-                _KEPT.keep(key, spectrum)
-        for each, spectrum in zip(slice_indices, spectra, strict=True):
-            self.spectra[each, size, leaning] = spectrum
-        return self.spectra[slice_index, size, leaning]
-
     def _key(self, slice_index: int, size: tuple[int, int], *, leaning: bool) -> object:
         """What the spectrum of a slice depends on; None if it is of this picture alone."""
         if self.views or isinstance(self.aperture, Apertures):
@@ -360,7 +351,7 @@ class TransformWindow:
     def _transformed(
         self, slice_indices: list[int], size: tuple[int, int], *, leaning: bool
     ) -> Sequence[Tensor]:
-        """The spectra of some slices, each as `spectrum` or `leaning` has it."""
+        """The spectra of some slices, each as `spectrum` has it."""
         versions = self._kernels(slice_indices, leaning=leaning)
         chosen = [each[1:] if leaning else each[0] for each in versions]
         together = torch.stack(chosen) if len(chosen) > 1 else chosen[0][None]

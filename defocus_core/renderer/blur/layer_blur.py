@@ -84,7 +84,9 @@ class Reduced:
             averages = surface.averaged(slice_index, window.level, lit, middle, tilted=lean)
             plain, *leaning = torch.fft.rfft2(averages, s=size)
             terms.append((plain, kernels[k] if k in kernels else window.spectrum(k, size)))
-            terms += zip(leaning, window.leaning(k, size) if lean else (), strict=True)
+            terms += zip(
+                leaning, window.spectrum(k, size, leaning=True) if lean else (), strict=True
+            )
         crop = patch.shown.seen_from(coarse)
         self._layer = blurred(terms, groups, size, crop)
         self._coarse_size = patch.shown.sides
@@ -305,7 +307,7 @@ class Blur:
             lean = surface.slopes(lit)[:, None, None]
             pairs = torch.fft.rfft2(lean * pixels[:, leaning], s=size)
             for i, pair in zip(leaning, pairs.unbind(2), strict=True):
-                leans = window.leaning(slice_indices[i] * self._stride, size)
+                leans = window.spectrum(slice_indices[i] * self._stride, size, leaning=True)
                 terms += zip(pair, leans, strict=True)
         wanted = piece.patch.shown.seen_from(box)
         return blurred(terms, self._groups, size, wanted)
