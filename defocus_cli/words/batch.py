@@ -55,7 +55,6 @@ def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> di
     """A job that ended, for JSON: its plan, and the fields of its record."""
     end, taken = record.end, record.taken
     told = {name: getattr(taken, name, None) for name in _OF_PICTURES}
-    seconds = {} if taken is None else taken.seconds
     return {
         **job_record(job),
         **{"status": end.status, "reason": end.reason, "message": end.message},
@@ -63,8 +62,8 @@ def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> di
         **told,
         "lens": lens_record(job.lens) if taken is None else taken.lens,
         "done_before": done_before,
-        "render_seconds": seconds.get("render"),
-        "render_cpu_seconds": seconds.get("cpu"),
+        "render_seconds": end.seconds.get("render"),
+        "render_cpu_seconds": end.seconds.get("cpu"),
         "stats": {} if taken is None else dict(taken.stats),
     }
 

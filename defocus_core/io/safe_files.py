@@ -95,14 +95,19 @@ def once(function: _OfFile) -> _OfFile:
     return cast(_OfFile, known)
 
 
+def require_utf_8(path: Path | str) -> None:
+    """Refuse a name that no journal can hold, and that decoders refuse in words of their own."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        remedy = "rename it"
+        raise InputError("not-utf-8", "has a name that is not UTF-8", remedy, path=path) from None
+
+
 @once
 def read_head(path: Path, count: int = 16) -> bytes:
     """First ``count`` bytes of an existing, readable, non-empty file."""
-    try:
-        str(path).encode()
-    except UnicodeEncodeError:  # decoders written in C refuse it in words of their own
-        remedy = "rename it"
-        raise InputError("not-utf-8", "has a name that is not UTF-8", remedy, path=path) from None
+    require_utf_8(path)
     try:
         if path.is_dir():
             remedy = "name a file in it"

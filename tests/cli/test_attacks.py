@@ -53,7 +53,7 @@ def recipe(folder, **values):
 def journal_jsonl(folder, name):
     one = record(folder / "made", "a")
     one["outputs"]["render"]["path"] = name
-    journal_path(folder).write_text(json.dumps(one) + "\n")
+    journal_path(folder).write_text(2 * (json.dumps(one) + "\n"))  # the last may be torn
     Ledger(folder)
 
 
@@ -220,15 +220,6 @@ def test_wrong_types_in_a_recipe_are_told(name, tmp_path):
     with pytest.raises(InputError) as caught:
         read_recipes(tmp_path)
     assert caught.value.code == "damaged"
-
-
-def test_a_failed_record_without_a_message_is_reported(tmp_path):
-    failed = record(tmp_path, "a", status="failed", reason="fault", message=None)
-    journal_path(tmp_path).write_text(json.dumps(failed) + "\n")
-    for words in (("status", tmp_path), ("merge", tmp_path)):
-        ran = run(*words)
-        assert "unexpected" not in ran.err, ran.err
-        assert ran.code in (0, 1)
 
 
 @pytest.mark.parametrize("attack", ["pipe", "link", "nested", "bytes", "foreign"])

@@ -158,8 +158,7 @@ def test_the_index_lists_what_the_batch_asks_for_and_after_a_merge_all(tmp_path,
     run("batch", path, "-o", out)
     depth_exr(tmp_path / "depth" / "b.exr", -ramp())
     path.write_text(JOBS.replace('"2m"', '"3m"'))
-    ran = run("batch", path, "-o", out, "--shards-size", "1MB")
-    assert "metadata.jsonl: lists none of 2 samples that were not asked for now" in ran.err
+    run("batch", path, "-o", out, "--shards-size", "1MB")
     assert [one.sample_id for one in samples(out)] == ["a_focus1.5m", "a_focus3m"]
     depth_exr(tmp_path / "depth" / "b.exr")
     succeed("batch", path, "-o", out)

@@ -128,7 +128,7 @@ def test_a_readme_of_somebody_elses_stays(folder):
 def test_a_split_of_a_tampered_journal_names_no_file_elsewhere(folder):
     batch(folder)
     journal = folder / "out" / "journal.jsonl"
-    journal.write_text(journal.read_text().replace('"split": "t', '"split": "../t'))
+    journal.write_text(journal.read_text().replace('"split":"t', '"split":"../t'))
     ran = run("merge", folder / "out", "--shards-size", "1GB")
     refused(ran, 3, "damaged", journal)
     assert not list(folder.rglob("*set-*.tar"))

@@ -45,7 +45,7 @@ def test_the_record_stands_in_words_json_journal_and_header(tmp_path):
     assert planned["forecast"]["depth_repair"] == record
     assert "edges soft over 8 px" in ran.err
     assert "of the pixels changed" in ran.err
-    assert '"depth_repair": {"kinds": ["soft-edges"' in (out / "journal.jsonl").read_text()
+    assert '"depth_repair":{"kinds":["soft-edges"' in (out / "journal.jsonl").read_text()
     text = header(out / "render" / "rgb.exr")["defocus:depth_repair"]
     assert text.startswith("soft-edges,displaced-edges edge_width_px=8")
     assert f"share={record['share']:g}" in text

@@ -164,7 +164,7 @@ def test_arrays_and_options_that_make_no_picture_are_refused(tmp_path):
 
 def test_a_batch_goes_on_where_it_stopped(tmp_path, out):
     asked, ended = tables(tmp_path), []
-    first = run_batch(asked, out, limit=2, ended=lambda job, record: ended.append(record["status"]))
+    first = run_batch(asked, out, limit=2, ended=lambda job, record: ended.append(record.status))
     assert (first.statuses["ok"], first.skipped, first.left) == (2, 0, 1)
     assert ended == ["ok", "ok"]
     second = run_batch(asked, str(out))
@@ -204,7 +204,7 @@ def test_a_job_that_fails_says_why(tmp_path, out):
     Path(asked["inputs"]["color"]).write_bytes(b"broken")
     summary = run_batch(asked, out, ended=lambda job, record: records.append(record))
     assert (summary.statuses["failed"], summary.left) == (1, 0)
-    assert asked["inputs"]["color"] in records[0]["message"]
+    assert asked["inputs"]["color"] in records[0].end.message
 
 
 def test_a_batch_leaves_torch_as_it_was(tmp_path, out):

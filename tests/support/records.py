@@ -2,6 +2,7 @@
 
 from hashlib import blake2b
 
+import msgspec
 import numpy as np
 from image_files import save
 
@@ -18,7 +19,7 @@ def png(path, level=0):
 
 def write_index(out, records):
     """Write the index of records, oldest first; its path."""
-    made = [record_of(each) if isinstance(each, dict) else each for each in records]
+    made = [record_of(msgspec.json.encode(e)) if isinstance(e, dict) else e for e in records]
     made.sort(key=lambda record: record.sample_id)
     entries = (sample_index.entry_of(each, Origin()) for each in sample_index.joined(made))
     path = out / sample_index.NAME
@@ -34,7 +35,7 @@ def pack(out, records, limit):
 
 def taken(out, name, *of, **more):
     """The `Record` of a sample that is done."""
-    return record_of(record(out, name, *of, **more))
+    return record_of(msgspec.json.encode(record(out, name, *of, **more)))
 
 
 def record(out, name, kinds=("render", "coc"), level=0, **more):

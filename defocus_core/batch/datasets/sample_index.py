@@ -16,12 +16,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from functools import reduce
 from hashlib import blake2b
 from itertools import groupby
 from pathlib import Path
 from typing import Any, BinaryIO
+
+from msgspec.structs import replace
 
 from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.batch.journal.runs import INDEX

@@ -60,14 +60,9 @@ def index(
     `shards_size`: greatest size of a tar in bytes; None for no tars; `asked`: names of the samples
     to list, as far as they are done; None for all in OUT.
     """
-    ledger = Ledger(out)
-    records = ledger.records(asked)
+    records = Ledger(out).records(asked)
     if asked is None:
         records = _there(out, records)
-    elif others := ledger.samples() - {*asked}:
-        problem = f"lists none of {counted(len(others), 'sample')} that were not asked for now"
-        remedy = f"'defocus merge {out}' lists all"
-        note(f"{out / sample_index.NAME}: {problem}, like {min(others)}; {remedy}")
     written = _written(out, records)
     if shards_size is not None:
         return written + tar_shards.write(out, shards_size)

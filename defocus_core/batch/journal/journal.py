@@ -4,53 +4,49 @@
 of a batch did since. A last line that is no JSON is a record whose writer died: it is ignored, and
 cut off before the next record is appended. Where records speak of the same file, the last holds.
 
-A line holds the fields of `record`. Settings, lens and notes of records are mostly alike: a line
-whose ``shared`` is that of an earlier, full line has of them only what differs.
-A `Ledger` reads lines as a stream, and keeps of a record where it stands.
+A line holds the fields of `record`. A `Ledger` reads lines as a stream, and keeps of a record where
+it stands.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from array import array
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
+from datetime import datetime
 from functools import lru_cache
-from hashlib import blake2b
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import BinaryIO, NamedTuple
 from weakref import finalize
+
+from msgspec import DecodeError, Struct, ValidationError
+from msgspec.json import decode
 
 from defocus_core.batch.journal.record import (
     Record,
-    fault_of,
+    Stamp,
+    Stamps,
+    line_of,
     linked_folders,
     record_of,
-    values_of,
+    require_outputs,
 )
-from defocus_core.errors import InputError, cannot_read
+from defocus_core.errors import InputError, cannot_read, one_line
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import is_at, sync_folder, unwritable
 from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.system.memory import without_collections
+from defocus_core.system.text import counted, note
 
-_LONGEST_NUMBER = 20  # characters of 64 bits
 _SAMPLE = re.compile(rb'"sample_id": ?("(?:[^"\\]|\\.)+")')
-_ENCODER = json.JSONEncoder(separators=(",", ": "), allow_nan=False)
 MAX_SHARDS = 999_999  # as many as can be asked for
 _SHARD = re.compile(r"\.?journal-(\d+)of(\d+)\.(jsonl|run|lock)")
 _PREVIEW = f"{PREVIEW}.png"  # ends the names of previews
 _TAIL = 2**16  # bytes that are looked at first for the beginning of the last line
-# Keys of which a line has what differs from an earlier one, and those of pictures alone.
-_ASKED = ("settings", "quality", "version", "renderer")
-_FOUND = (
-    *("lens", "size", "color_note", "depth_note", "depth_repair", "device", "measures"),
-    *("warnings", "reason", "message"),
-)
-Values = Mapping[str, Any]
+NO_JSON = (DecodeError, UnicodeDecodeError, RecursionError)
 
 
 class Shard(NamedTuple):
@@ -84,7 +80,8 @@ class Line(NamedTuple):
     """A line of a journal."""
 
     begin: int  # where it begins, in bytes
-    values: Values
+    record: Record | None  # None of a line of an earlier version, which had only what changed
+    outputs: Stamps
     text: bytes
 
 
@@ -93,7 +90,6 @@ class JournalFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._whole: dict[str, Values] = {}  # full lines, by what others share with them
         self._file: BinaryIO | None = None
         with suppress(FileNotFoundError):
             try:
@@ -113,117 +109,53 @@ class JournalFile:
             begin, start = start, start + len(text)
             if text == b"\n":
                 continue
-            values: Any = None
-            fault = "is broken"
             try:
-                values = _parsed(text)
-            except _NoValueError as error:
-                fault = str(error)
-            else:
-                if values is None and all(rest == b"\n" for _, rest in lines):
+                line = _line(begin, text, linked)
+            except ValidationError as error:
+                fault = f"is no record: {one_line(error)}"
+            except NO_JSON:
+                if all(rest == b"\n" for _, rest in lines):
                     return
-            if values is not None:
-                values = self._with_shared(values)
-                fault = fault_of(values, linked) or ""
-            if fault:
-                remedy = "remove that line and the outputs of its job, which is done again"
-                problem = f"line {number}{_sample_words(text)} {fault}"
-                raise InputError("damaged", problem, remedy, path=self.path)
-            yield Line(begin, values, text)
-
-    def _with_shared(self, values: Any) -> Any:
-        """The values of a line, and what it shares with an earlier one if that is there."""
-        mark = values.get("shared") if isinstance(values, dict) else None
-        if type(mark) is not str:
-            return values
-        if "version" in values:  # a process has one, which a line that shares it leaves out
-            self._whole[mark] = _shared(values)
-        return _sum(self._whole.get(mark, {}), values)
+                fault = "is broken"
+            else:
+                yield line
+                continue
+            remedy = "remove that line and the outputs of its job, which is done again"
+            problem = f"line {number}{_sample_words(text)} {fault}"
+            raise InputError("damaged", problem, remedy, path=self.path)
 
     def record(self, begin: int) -> Record:
         """The record of a line that was read before."""
         assert self._file is not None
         self._file.seek(begin)
-        return record_of(self._with_shared(json.loads(self._file.readline())))
+        return record_of(self._file.readline())
 
 
-def _shared(values: Values) -> dict[str, Any]:
-    """What other records may have in common with a record."""
-    keys = (*_ASKED, *(_FOUND if values.get("status") == "ok" else ()))
-    return {key: values[key] for key in keys if key in values}
+class _Earlier(Struct):
+    """What a line has that shares the rest with one before it, as some 0.2 wrote them."""
+
+    shared: str
+    outputs: dict[str, Stamp]
 
 
-def _sum(whole: Values, values: Values) -> dict[str, Any]:
-    """Values, and what they leave out of those of a full line, in tables within them, too."""
-    both = {**whole, **values}
-    for key, value in values.items():
-        if type(value) is dict and type(whole.get(key)) is dict:
-            both[key] = _sum(whole[key], value)
-    return both
-
-
-def _difference(whole: Values, values: Values) -> dict[str, Any]:
-    """What of values `_sum` does not know from a full line of the same keys."""
-    return {
-        key: _difference(whole[key], value) if isinstance(value, dict) else value
-        for key, value in values.items()
-        if value != whole[key]
-    }
-
-
-def _keys(values: Any) -> Any:
-    """The keys of values, and of tables within them."""
-    if not isinstance(values, dict):
-        return None
-    return tuple((key, _keys(value)) for key, value in sorted(values.items()))
+def _line(begin: int, text: bytes, linked: frozenset[str]) -> Line:
+    try:
+        record = record_of(text, linked)
+    except ValidationError:
+        if b'"shared": "' not in text:
+            raise
+        outputs = decode(text, type=_Earlier).outputs
+        require_outputs(outputs, linked)
+        return Line(begin, None, outputs, text)
+    return Line(begin, record, record.outputs, text)
 
 
 def _sample_words(line: bytes) -> str:
     """The name of the sample in a line that is no record, as far as it can be read."""
     name = _SAMPLE.search(line)
     with suppress(ValueError):
-        return f", of {json.loads(name[1])}," if name else ""
+        return f", of {decode(name[1])}," if name else ""
     return ""
-
-
-def _parsed(line: bytes) -> Any:
-    """The value of a line of JSON; None if it is none, as the beginning of one."""
-    try:
-        values = _DECODER.decode(line.decode())
-    except (ValueError, RecursionError):
-        return None
-    if b"\\ud" in line or b"\\uD" in line:
-        try:
-            os.fsencode(_ENCODER_OF_TEXTS.encode(values))
-        except UnicodeEncodeError:
-            raise _NoValueError("has a text with half of a surrogate pair") from None
-    return ... if values is None else values
-
-
-class _NoValueError(Exception):
-    """JSON that holds what no value is."""
-
-
-def _bounded(digits: str) -> int:
-    if len(digits) > _LONGEST_NUMBER:
-        raise _NoValueError("has a number of more than 64 bits")
-    return int(digits)
-
-
-def _finite(digits: str) -> float:
-    if (number := float(digits)) - number != 0:
-        raise _NoValueError(f"has the number {digits:.40}, which no float holds")
-    return number
-
-
-def _refuse_constant(name: str) -> None:
-    raise ValueError(f"{name} is not JSON")
-
-
-_DECODER = json.JSONDecoder(
-    parse_constant=_refuse_constant, parse_int=_bounded, parse_float=_finite
-)
-_ENCODER_OF_TEXTS = json.JSONEncoder(ensure_ascii=False)
 
 
 class Ledger:
@@ -239,12 +171,13 @@ class Ledger:
         last: by file, relative to OUT, the number of the record that holds for it.
         outcomes: how the job of each record ended.
         seconds: what each took to render.
+        earlier: files that an earlier version wrote, whose lines count no more.
     """
 
     def __init__(
         self,
         out: Path,
-        seen: Callable[[Shard | None, str, str], None] | None = None,
+        seen: Callable[[Shard | None, str, datetime], None] | None = None,
         *,
         is_empty: bool = False,
     ) -> None:
@@ -258,6 +191,7 @@ class Ledger:
         self.last: dict[str, int] = {}
         self.outcomes: list[Outcome] = []
         self.seconds = array("f")
+        self.earlier = set[str]()
         self._once: set[str] = set()  # files that an earlier record has as done, and the last not
         # Of each record its sample, where its line begins, in which journal; how many files it has
         self._samples: list[str] = []
@@ -267,19 +201,26 @@ class Ledger:
         outcomes: dict[Outcome, Outcome] = {}
         with without_collections():
             for place, (part, reader) in enumerate(zip(parts, self._journals, strict=True)):
-                for begin, values, _ in reader.lines():
-                    status = "ok" if values["status"] == "ok" else "failed"
-                    found = Outcome(status, values["reason"], values.get("renderer"))
+                for begin, record, outputs, _ in reader.lines():
+                    if record is None:
+                        self.earlier.update(stamp.path for stamp in outputs.values())
+                        continue
+                    found = Outcome(record.status, record.end.reason, record.renderer)
                     self.outcomes.append(outcomes.setdefault(found, found))
                     self._begins.append(begin)
                     self._of.append(place)
-                    self._add(values)
+                    self._add(record)
                     if seen is not None:
-                        seen(part, values["sample_id"], values["finished"])
+                        seen(part, record.sample_id, record.finished)
+        self.earlier -= self.last.keys()
+        if self.earlier:
+            files = counted(len(self.earlier), "file")
+            remedy = "give the command of the batch again, which does them again"
+            note(f"{out}: warning: {files} of an earlier version do not count; {remedy}")
 
-    def _add(self, values: Values) -> None:
-        number, is_ok = len(self._files), values["status"] == "ok"
-        paths = [stamp["path"] for stamp in values["outputs"].values()]
+    def _add(self, record: Record) -> None:
+        number, is_ok = len(self._files), record.status == "ok"
+        paths = [stamp.path for stamp in record.outputs.values()]
         for path in paths:
             if is_ok:
                 self._once.discard(path)
@@ -287,12 +228,12 @@ class Ledger:
                 self._once.add(path)
             self.last[path] = number
         self._files.append(len(paths))
-        self._samples.append(values["sample_id"])
-        self.seconds.append(values["seconds"]["render"] if is_ok else 0.0)
-        if split := values.get("split"):
-            stem = values["settings"].get("stem", "")
-            if split not in self.splits.setdefault(stem, ()):
-                self.splits[stem] += (split,)
+        self._samples.append(record.sample_id)
+        self.seconds.append(record.end.seconds.get("render", 0.0))
+        if record.split:
+            stem = record.settings.get("stem", "")
+            if record.split not in self.splits.setdefault(stem, ()):
+                self.splits[stem] += (record.split,)
 
     def is_ok(self, number: int | None) -> bool:
         """Whether a record is of pictures; not if there is none."""
@@ -300,7 +241,7 @@ class Ledger:
 
     def is_known(self, path: str) -> bool:
         """Whether a record has a file, relative to OUT, as written."""
-        return path in self._once or self.is_ok(self.last.get(path))
+        return path in self._once or path in self.earlier or self.is_ok(self.last.get(path))
 
     def number_of(self, paths: Iterable[str]) -> int | None:
         """The number of the record that holds for all of these files; None if there is none."""
@@ -325,10 +266,6 @@ class Ledger:
         for number, files in enumerate(self._files):
             if 0 < own[number] == files or (number in shown and self.is_ok(number)):
                 yield number
-
-    def samples(self) -> set[str]:
-        """The names of the samples that have pictures."""
-        return {self._samples[number] for number in self.live() if self.is_ok(number)}
 
     def records(self, only: Collection[str] | None = None) -> Iterator[Record]:
         """The records that are not superseded by name, oldest first, with the outputs of theirs.
@@ -382,8 +319,6 @@ class Journal:
         """
         self.path, self._began = path, began
         self._new = not path.exists()
-        # What this process wrote whole, by its keys
-        self._whole: dict[Any, tuple[str, Values]] = {}
         try:
             self._number = Folder(path.parent).append(path.name)
             self._cut_torn_tail()
@@ -392,15 +327,7 @@ class Journal:
 
     def append(self, record: Record) -> None:
         """Add a record; when this returns, no crash loses it."""
-        values = values_of(record)
-        shared = _shared(values)
-        values = {key: value for key, value in values.items() if key not in shared}
-        keys = _keys(shared)
-        mark, whole = self._whole.get(keys, ("", None))
-        if whole is None:
-            mark = blake2b(_ENCODER.encode(shared).encode(), digest_size=4).hexdigest()
-        values |= {"shared": mark, **(shared if whole is None else _difference(whole, shared))}
-        line = _ENCODER.encode(values).encode() + b"\n"
+        line = line_of(record)
         end = os.fstat(self._number).st_size
         try:
             if os.write(self._number, line) < len(line):  # the disk took a part
@@ -411,7 +338,6 @@ class Journal:
                 os.ftruncate(self._number, end)
             raise unwritable(self.path, error) from error
         self._require_in_place()
-        self._whole.setdefault(keys, (mark, shared))
         if self._new:
             sync_folder(self.path.parent)
             self._new = False
@@ -446,8 +372,12 @@ class Journal:
             last = os.pread(self._number, size - begin, begin)
         begin += last.rstrip(b"\n").rfind(b"\n") + 1
         last = os.pread(self._number, size - begin, begin)
-        with suppress(_NoValueError):  # whoever reads it tells of that
-            if last.strip(b"\n") and _parsed(last) is None:
+        if last.strip(b"\n"):
+            try:
+                decode(last)
+            except ValidationError:
+                pass  # whoever reads it tells of that
+            except NO_JSON:
                 os.ftruncate(self._number, begin)
                 return
         if last and not last.endswith(b"\n"):

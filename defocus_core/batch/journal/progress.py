@@ -67,7 +67,7 @@ def progress(out: Path, failures: int) -> Progress:
     parts = (None, *divided)
     runs = {part: run for part in parts if (run := open_run(out, part)) is not None}
 
-    def seen(of: Shard | None, sample: str, finished: str) -> None:
+    def seen(of: Shard | None, sample: str, finished: datetime) -> None:
         for part, run in runs.items():
             is_new = finished >= run.begun
             if is_new:
@@ -106,9 +106,9 @@ def _add_run(state: Progress, who: str | None, run: OpenRun | None) -> None:
         return
     state.left += len(run.left)
     state.again += len(run.again & run.left)
-    if run.ended:
-        until = datetime.now(UTC) if who else datetime.fromisoformat(run.last)
-        since = (until - datetime.fromisoformat(run.begun)).total_seconds()
+    if run.last is not None:
+        until = datetime.now(UTC) if who else run.last
+        since = (until - run.begun).total_seconds()
         state.rate = (state.rate or 0.0) + run.ended / max(since, 1e-3)
 
 

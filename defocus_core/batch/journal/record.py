@@ -1,7 +1,7 @@
 """The record of a job, a line of a journal: what it was asked, what it was made of, how it ended.
 
-`record_of` makes a `Record` of a line and `values_of` the values of one; `FIELDS` has all fields,
-and those of the tables in them: what each may hold, and what it is, for the help, too.
+`record_of` makes a `Record` of a line, and `line_of` the line of one: the fields of `Asked`, and
+those of `Taken` or `Failed`, as its status says. ``defocus help batch`` explains them.
 A journal may come from anywhere, so each value is checked: its type, its range, that it is finite.
 An output is a file in the folder of its kind in OUT, and no other file: outputs are packed into
 shards, and removed when they are replaced. Index and ``--json`` are views of records.
@@ -12,13 +12,14 @@ from __future__ import annotations
 import errno
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from types import MappingProxyType
-from typing import Any, ClassVar, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, Required, TypedDict
+
+from msgspec import Meta, Struct, ValidationError, convert
+from msgspec.json import Decoder, encode
+from msgspec.structs import asdict, replace
 
 from defocus_core.errors import (
     DefocusError,
@@ -33,7 +34,6 @@ from defocus_core.io.safe_files import MALFORMED
 from defocus_core.request.job import SPLIT_NAME
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
-from defocus_core.request.parameters import RECORDED
 
 FAILURES = {
     "input-unusable": "an input is missing, damaged, or not what it is said to be",
@@ -44,13 +44,16 @@ FAILURES = {
     "worker-died": "the process that computed it died, several times",
     "fault": "a fault of defocus itself",
 }
-STATUSES = ("ok", "failed")
-_REJECTED = "rejected"  # as early versions called some jobs that failed
 Stage = Literal["read", "render", "write"]
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
-class Stamp(NamedTuple):
+Number = float | None
+Pixels = Annotated[int, Meta(gt=0)]
+Moment = Annotated[datetime, Meta(tz=True)]  # one without a zone cannot be compared
+
+
+class Stamp(Struct, frozen=True, omit_defaults=True):
     """A file as it was: what tells whether it is still the same."""
 
     path: str = ""  # of an output relative to OUT; of an input as given if absolute, else to OUT
@@ -58,81 +61,90 @@ class Stamp(NamedTuple):
     mtime_ns: int | None = None  # time of modification; None of a file too new to go by it
     blake2b: str | None = None  # hash of its bytes
 
-    @property
-    def values(self) -> dict[str, Any]:
-        """What is known of it, for JSON."""
-        return {key: value for key, value in self._asdict().items() if value is not None}
-
 
 Stamps = Mapping[str, Stamp]  # by role of an input, or kind of an output and kind.preview
 
 
-@dataclass(frozen=True, kw_only=True)
-class Taken:
+class Repair(TypedDict, total=False):
+    """What was repaired of a depth, as `repair_record` has it."""
+
+    kinds: list[str]
+    noise_px: Number
+    edge_width_px: Number
+    displaced_px: Number
+    share: Number
+
+
+class Seconds(TypedDict, total=False):
+    """How long the steps of a job took, and the CPU time of rendering."""
+
+    render: Required[float]
+    read: float
+    write: float
+    cpu: float
+
+
+class Taken(Struct, frozen=True, kw_only=True):
     """A picture that was taken: its outputs are in place."""
 
-    inputs: Stamps
-    outputs: Stamps
-    lens: Mapping[str, Any]  # what it turned out to be, as `lens_record`
-    size: tuple[int, int]
+    inputs: dict[str, Stamp]
+    outputs: dict[str, Stamp]
+    lens: dict[str, Any]  # what it turned out to be, as `lens_record`
+    size: tuple[Pixels, Pixels]
     coc_px: tuple[float, float]
     color_note: str = ""
     depth_note: str
-    depth_repair: Mapping[str, Any] | None = None
+    depth_repair: Repair | None = None
     device: str
-    measures: Mapping[str, Any] = field(default_factory=dict)
+    measures: dict[str, Number] = {}
     warnings: tuple[str, ...]
-    seconds: Mapping[str, float]
-    stats: Mapping[str, float] = field(default_factory=dict)  # of the renderer; not in the journal
-    status = "ok"
-    reason = None
-    message = ""
+    seconds: Seconds
+    stats: dict[str, float] = {}
+    status: ClassVar[Literal["ok"]] = "ok"
+    reason: ClassVar[None] = None
+    message: ClassVar[str] = ""
 
 
-@dataclass(frozen=True)
-class Failed:
+class Failed(Struct, frozen=True):
     """A job that made nothing."""
 
     reason: str
     message: str
-    inputs: Stamps = field(default_factory=dict)
-    outputs: Stamps = field(default_factory=dict)
+    inputs: dict[str, Stamp] = {}
+    outputs: dict[str, Stamp] = {}
     trace: str = ""  # the traceback of a fault; not in the journal
-    error: Exception | None = None  # in the process that raised it; not in the journal
-    status = "failed"
-    warnings = ()
+    error: Any = None  # the exception, in the process that raised it; not in the journal
+    status: ClassVar[Literal["failed"]] = "failed"
+    warnings: ClassVar[tuple[str, ...]] = ()
     seconds: ClassVar[Mapping[str, float]] = {}
 
-    def __getstate__(self) -> dict[str, Any]:
-        """What is sent to another process."""
-        return {**self.__dict__, "error": None}
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What is sent to another process: exceptions of libraries may not be."""
+        return Failed, (self.reason, self.message, self.inputs, self.outputs, self.trace)
 
 
 End = Taken | Failed
+_UNKEPT = ("end", "stats", "trace", "error")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Record:
-    """How a job ended."""
+class Asked(Struct, frozen=True, kw_only=True):
+    """What a job was asked for, as of each record."""
 
-    sample_id: str
-    split: str = ""  # empty for none
+    sample_id: Annotated[str, Meta(pattern="^[^/]*$")]
+    split: Annotated[str, Meta(pattern=f"^(?:{SPLIT_NAME.pattern})?$")] = ""  # empty for none
     recipe: str
-    settings: Mapping[str, Any]
+    status: Literal["ok", "failed", "rejected"]  # rejected is failed, as of early versions
+    settings: dict[str, Any]
     quality: str
     version: str
     renderer: int | None = None
-    finished: str
+    finished: Moment
+
+
+class Record(Asked, frozen=True, kw_only=True):
+    """How a job ended."""
+
     end: End
-
-    def __getitem__(self, name: str) -> Any:
-        """A field by its name in the journal, as there."""
-        return values_of(self)[name]
-
-    @property
-    def status(self) -> str:
-        """One of `STATUSES`."""
-        return self.end.status
 
     @property
     def taken(self) -> Taken | None:
@@ -155,226 +167,66 @@ class Record:
         return replace(self, end=end)
 
 
-_Check = tuple[Callable[[Any], bool], str]  # whether a value is right, and what is wrong if not
+class _Draw(Struct):
+    """The draw of a lens, as `lens_record` has it."""
+
+    seed: int
+    index: int
 
 
-class Field(NamedTuple):
-    """A field of records, or of a table within them: what it may hold, and what it is."""
+class _Lens(Struct):
+    """What `lens_record` has of every lens, but its effects; beside a file of radii None."""
 
-    types: tuple[type, ...]  # in JSON
-    help: str = ""
-    of: str = ""  # ok: of pictures alone; old: it may be missing, as early versions had it not
-    fields: Mapping[str, Field] = MappingProxyType({})  # of a table those that are known
-    named: bool = False  # it is a table of such tables, each by its name
-    items: tuple[type, ...] = ()  # what a list holds
-    check: _Check | None = None  # of what has these types
-
-
-def now() -> str:
-    """The time, UTC, as records have it."""
-    return datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="milliseconds")
+    focal_length_mm: Number
+    fnumber: Number
+    sensor_width_mm: Number
+    focus_mm: float | Literal["inf"] | None
+    blades: int
+    blade_rotation_deg: float
+    focus_at_px: tuple[float, float] | None = None
+    focus_percentile: Number = None
+    draw: _Draw | None = None
 
 
-def is_moment(text: str) -> bool:
-    """Whether a text is a time with its zone: one without cannot be compared."""
-    try:
-        return datetime.fromisoformat(text).tzinfo is not None
-    except ValueError:
-        return False
+class _Settings(Struct):
+    """What is read of settings, which are else compared alone."""
+
+    stem: str = ""
+    lens: dict[str, Any] | None = None
+    reading: dict[str, Any] | None = None
 
 
-def _is_said(lens: Mapping[str, Any]) -> bool:
-    """Whether words can be made of a lens: what its effects hold, their rows know."""
-    if len({lens[key] is None for key in _OPTICS}) > 1:
-        return False
-    if effects := lens.keys() - _LENS.keys():
-        if any(type(lens[key]) not in (*_NUMBER, str, bool, _NONE) for key in effects):
-            return False
-        with suppress(*MALFORMED):
-            return bool(lens_record_words(lens))
-        return False
-    return True
+_ASKED, _TAKEN, _FAILED = Decoder(Asked), Decoder(Taken), Decoder(Failed)
+NO_LINKS: frozenset[str] = frozenset()
 
 
-def _are_measures(measures: Mapping[str, Any] | None) -> bool:
-    numbers = (v for k, v in (measures or {}).items() if k.endswith(("_px", "_share")))
-    return all(type(number) in (*_NUMBER, _NONE) for number in numbers)
+def record_of(line: bytes, linked: frozenset[str] = NO_LINKS) -> Record:
+    """The record of a line.
+
+    `linked`: the kinds whose folder in OUT is a link: OUT may be one, what lies below it may not.
+
+    Raises:
+        ValidationError: It is JSON, but no record.
+        DecodeError, UnicodeDecodeError, RecursionError: It is no JSON.
+    """
+    asked = _ASKED.decode(line)
+    end: End = _TAKEN.decode(line) if asked.status == "ok" else _FAILED.decode(line)
+    convert(asked.settings, _Settings)
+    if "color" not in end.inputs:
+        raise ValidationError("Object has no color among its inputs")
+    require_outputs(end.outputs, linked)
+    if isinstance(end, Taken):
+        _require_lens(end.lens)
+    return Record(**{**asdict(asked), "status": end.status}, end=end)
 
 
-_NONE, _NUMBER, _TEXT, _TABLE = type(None), (int, float), (str,), (dict,)
-_OPTICS = tuple(key for key, row in RECORDED.items() if row.is_optics)  # none beside radii
-_DRAW = {
-    **dict.fromkeys(("seed", "index"), Field((int,))),
-}
-_LENS = {
-    **{key: Field((*_NUMBER, *([_NONE] if key in _OPTICS else []))) for key in RECORDED},
-    "blades": Field((int,)),
-    "focus_mm": Field(
-        (*_NUMBER, str, _NONE),
-        check=(lambda focus: focus == "inf" or type(focus) is not str, "neither a number nor inf"),
-    ),
-    "focus_at_px": Field(
-        (list,), of="old", check=(lambda place: len(place) == 2, "not two numbers")
-    ),
-    "focus_percentile": Field(_NUMBER, of="old"),
-    "draw": Field(_TABLE, of="old", fields=_DRAW),
-}
-_SETTINGS = {
-    **dict.fromkeys(("stem", "suffix", "quality"), Field(_TEXT, of="old")),
-    **dict.fromkeys(("lens", "reading", "outputs", "shot"), Field(_TABLE, of="old")),
-}
-_STAMP = {
-    "path": Field(_TEXT),
-    **dict.fromkeys(("size", "mtime_ns"), Field((int,), of="old")),
-    "blake2b": Field(_TEXT, of="old"),
-}
-_SECONDS = {
-    "render": Field(_NUMBER, of="ok"),
-    **dict.fromkeys(("read", "write", "cpu"), Field(_NUMBER, of="old")),
-}
-FIELDS: Mapping[str, Field] = {
-    "sample_id": Field(
-        _TEXT,
-        "name of the sample, the stem of its files; `stem` of `--json`",
-        check=(lambda name: "/" not in name, "which has a slash"),
-    ),
-    "split": Field(
-        _TEXT,
-        "its split, if there are any",
-        "old",
-        check=(lambda split: not split or bool(SPLIT_NAME.fullmatch(split)), "which is not a name"),
-    ),
-    "recipe": Field(_TEXT, "hash of all that decides its outputs but the bytes of the inputs"),
-    "status": Field(
-        _TEXT,
-        "`ok` or `failed`",
-        check=(
-            lambda status: status in (*STATUSES, _REJECTED),
-            f"not one of {', '.join(STATUSES)}",
-        ),
-    ),
-    "reason": Field((str, _NONE), "a reason of `defocus help exit-codes`, null if ok"),
-    "message": Field((str, _NONE), "the reason for people, empty if ok"),
-    "settings": Field(
-        _TABLE, "what was asked for: lens, reading, outputs, quality", fields=_SETTINGS
-    ),
-    "inputs": Field(
-        _TABLE,
-        "by role path (relative to OUT, or absolute), size, mtime_ns, blake2b",
-        fields=_STAMP,
-        named=True,
-        check=(lambda inputs: "color" in inputs, "among which is no color"),
-    ),
-    "outputs": Field(
-        _TABLE,
-        "by kind or kind.preview path in OUT; if ok, size, mtime_ns, blake2b",
-        fields=_STAMP,
-        named=True,
-    ),
-    "lens": Field(
-        _TABLE,
-        "the lens with its focus; lengths in mm, infinity is `inf`",
-        "ok",
-        fields=_LENS,
-        check=(_is_said, "of which no words can be made"),
-    ),
-    "size": Field(
-        (list,),
-        "width and height in px",
-        "ok",
-        items=(int,),
-        check=(lambda size: len(size) == 2 and min(size) > 0, "not two numbers above 0"),
-    ),
-    "coc_px": Field(
-        (list,),
-        "least and greatest signed radius of the blur, in px",
-        "ok",
-        items=_NUMBER,
-        check=(lambda ends: len(ends) == 2, "not two numbers"),
-    ),
-    "color_note": Field(_TEXT, "how the colour was read", "old"),
-    "depth_note": Field(_TEXT, "how the depth was read and repaired", "ok"),
-    "depth_repair": Field(
-        (dict, _NONE),
-        "what was repaired, in numbers",
-        "old",
-        fields={"kinds": Field((list,), of="old", items=_TEXT)},
-    ),
-    "device": Field(_TEXT, "where it was rendered", "ok"),
-    "measures": Field(
-        (dict, _NONE),
-        "radii, and shares of pixels, for the index",
-        "old",
-        check=(_are_measures, "not all of which are numbers"),
-    ),
-    "warnings": Field((list,), "what was taken for granted", items=_TEXT),
-    "seconds": Field(_TABLE, "of `read`, `render` and `write`; `cpu` of rendering", "", _SECONDS),
-    "quality": Field(_TEXT, "of the rendering"),
-    "version": Field(_TEXT, "of defocus"),
-    "renderer": Field((int, _NONE), "version of the renderer", "old"),
-    "finished": Field(
-        _TEXT,
-        "when, UTC; the order of the lines decides",
-        check=(is_moment, "which is not a time with a zone"),
-    ),
-}
-
-
-class _Checker:
-    """Checks tables of some fields; what keys and types were right is known, and not looked at."""
-
-    _MOST = 10_000
-
-    def __init__(self, fields: Mapping[str, Field], *, is_ok: bool, before: str = "") -> None:
-        self.fields = {key: row for key, row in fields.items() if is_ok or row.of != "ok"}
-        self.before, self.known = before, set[tuple[Any, ...]]()
-        rows = self.fields.items()
-        self.checks = [(key, *row.check) for key, row in rows if row.check]
-        self.lists = [(key, {*row.items}) for key, row in rows if row.items]
-        self.within = [
-            (key, row.named, _Checker(row.fields, is_ok=is_ok, before=f"{before}{key}."))
-            for key, row in rows
-            if row.fields
-        ]
-
-    def fault(self, values: Mapping[str, Any], before: str = "") -> str | None:
-        """What is wrong with a table, as ``has no lens``; None if nothing is."""
-        before, shape = before or self.before, (*values, *map(type, values.values()))
-        if shape not in self.known:
-            for key, row in self.fields.items():
-                if key not in values and row.of != "old":
-                    return f"has no {before}{key}"
-                if key in values and type(values[key]) not in row.types:
-                    return _wrong(before, key, values, "which is of a wrong type")
-            if len(self.known) < self._MOST:
-                self.known.add(shape)
-        for key, types in self.lists:
-            if key in values and not types.issuperset(map(type, values[key])):
-                return _wrong(before, key, values, "which holds what is of a wrong type")
-        for key, is_named, checker in self.within:
-            if (tables := values.get(key)) is None:
-                continue
-            for name, table in tables.items() if is_named else [(key, tables)]:
-                if type(table) is not dict:
-                    return _wrong("", name, tables, "which is of a wrong type")
-                if fault := checker.fault(table, f"{name}." if is_named else ""):
-                    return fault
-        for key, is_right, words in self.checks:
-            if key in values and not is_right(values[key]):
-                return _wrong(before, key, values, words)
-        return None
-
-
-def _wrong(before: str, key: str, values: Mapping[str, Any], words: str) -> str:
-    return f"has the {before}{key} {values[key]!r:.60}, {words}"
-
-
-_CHECKERS = {is_ok: _Checker(FIELDS, is_ok=is_ok) for is_ok in (False, True)}
-
-
-def linked_folders(out: Path) -> frozenset[str]:
-    """The kinds whose folder in OUT is a link: OUT may be one, what lies below it may not."""
-    return frozenset(kind for kind in KINDS if (out / kind).is_symlink())
+def require_outputs(outputs: Stamps, linked: frozenset[str]) -> None:
+    """Refuse outputs that are not files in the folders of their kinds in OUT."""
+    for stamp in outputs.values():
+        if output_fault(stamp.path):
+            raise ValidationError(f"output {stamp.path!r} is not a file of a kind in OUT")
+        if (kind := stamp.path.partition("/")[0]) in linked:
+            raise ValidationError(f"output {stamp.path!r}, but {kind} is a link, and no folder")
 
 
 def output_fault(path: object) -> str | None:
@@ -386,66 +238,42 @@ def output_fault(path: object) -> str | None:
     return None if kind in KINDS and name and "/" not in name else "is not a file of a kind in OUT"
 
 
-def fault_of(values: object, linked: frozenset[str] = frozenset()) -> str | None:
-    """What is wrong with a line of a journal, as ``has no lens``; None if it is a record."""
-    if not isinstance(values, dict):
-        return "is not a record of a job"
-    is_ok = values.get("status") == "ok"
-    if fault := _CHECKERS[is_ok].fault(values):
-        return fault
-    if not is_ok and values["reason"] is None:
-        return "has no reason, and made nothing"
-    for stamp in values["outputs"].values():
-        path = stamp["path"]
-        if output_fault(path):
-            return f"names the output {path!r}, which is not a file of a kind in OUT"
-        if (kind := path.partition("/")[0]) in linked:
-            return f"names the output {path!r}, but {kind} is a link, and no folder of OUT"
-    return None
+def linked_folders(out: Path) -> frozenset[str]:
+    """The kinds whose folder in OUT is a link."""
+    return frozenset(kind for kind in KINDS if (out / kind).is_symlink())
 
 
-def record_of(values: Mapping[str, Any]) -> Record:
-    """The record of the values of a line of which `fault_of` tells nothing."""
-    made = {name: value for name, value in values.items() if value is not None}
-    for of in ("inputs", "outputs"):
-        stamps = values[of].items()
-        made[of] = {name: Stamp(*map(each.get, Stamp._fields)) for name, each in stamps}
-    for name in ("size", "coc_px", "warnings"):
-        made[name] = tuple(values.get(name, ()))
-    kind = Taken if values["status"] == "ok" else Failed
-    made["message"] = values["message"] or ""
-    end: End = kind(**{name: made[name] for name in _NAMES[kind] if name in made})
-    return Record(**{name: made[name] for name in _NAMES[Record] if name in made}, end=end)
+def _require_lens(lens: dict[str, Any]) -> None:
+    """Refuse a lens of which no words can be made: what its effects hold, their rows know."""
+    of_all = convert(lens, _Lens)
+    optics = (of_all.focal_length_mm, of_all.fnumber, of_all.sensor_width_mm, of_all.focus_mm)
+    effects = {type(value) for key, value in lens.items() if key not in _Lens.__struct_fields__}
+    is_said = optics.count(None) in (0, 4) and effects.isdisjoint((list, dict))
+    try:
+        is_said = is_said and bool(lens_record_words(lens))
+    except MALFORMED:
+        is_said = False
+    if not is_said:
+        raise ValidationError("no words can be made of the lens")
 
 
-# The fields of each type that are in the journal.
-_NAMES: Mapping[type, Sequence[str]] = {
-    kind: [each.name for each in fields(kind) if each.name in FIELDS]
-    for kind in (Taken, Failed, Record)
-}
+def line_of(record: Record) -> bytes:
+    """The line of a record."""
+    values = {**asdict(record), **asdict(record.end)}
+    return encode({k: v for k, v in values.items() if k not in _UNKEPT}) + b"\n"
 
 
-def values_of(record: Record) -> dict[str, Any]:
-    """The values of a record, as a line of the journal has them."""
-    found = (
-        (name, getattr(owner, name))
-        for name in FIELDS
-        for owner in (record, record.end)
-        if hasattr(owner, name)
-    )
-    values = dict(found)
-    for of in ("inputs", "outputs"):
-        values[of] = {name: stamp.values for name, stamp in values[of].items()}
-    if not record.split:
-        del values["split"]
-    return values
+def now() -> datetime:
+    """The time, UTC, as records have it."""
+    moment = datetime.fromtimestamp(time.time(), UTC)
+    return moment.replace(microsecond=moment.microsecond // 1000 * 1000)
 
 
 def failure(error: Exception, stage: Stage, inputs: Stamps) -> Failed:
     """The end of a job of which an exception ended a stage."""
     reason = _reason(error, stage)
     trace = "".join(traceback.format_exception(error)) if reason == "fault" else ""
-    return Failed(reason, error_line(error), inputs, trace=trace, error=error)
+    return Failed(reason, error_line(error), dict(inputs), trace=trace, error=error)
 
 
 def error_line(error: BaseException) -> str:

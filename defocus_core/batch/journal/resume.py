@@ -21,11 +21,12 @@ import math
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from functools import cache, lru_cache
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any, NamedTuple
+
+from msgspec.structs import replace
 
 from defocus_core.batch.journal.journal import Ledger, input_path
 from defocus_core.batch.journal.record import Record, Stamp, Stamps
@@ -133,7 +134,7 @@ def settled_stamp(path: Path) -> Stamp:
         return _STAMPS[key]
     found = stamp(path)
     if abs(time.time_ns() - (found.mtime_ns or 0)) < CLOCK_TICK:
-        return found._replace(mtime_ns=None)
+        return replace(found, mtime_ns=None)
     if found.mtime_ns == status.st_mtime_ns:
         _STAMPS[key] = found
         while len(_STAMPS) > _MAX_STAMPS:
@@ -184,6 +185,7 @@ def _fields(kind: type) -> tuple[tuple[str, object], ...]:
 
 # Words of the reasons, in the order in which they are looked for.
 AGAIN = {
+    "journal": "journal of an earlier version",
     "failed": "failed before",
     "settings": "settings",
     "inputs": "inputs",
@@ -210,6 +212,8 @@ def decided(job: Job, ledger: Ledger, *, read_inputs: bool) -> Decision:
     names = job.names
     number = ledger.number_of(names.values())
     if number is None:
+        if not ledger.earlier.isdisjoint(names.values()):
+            return Decision(False, AGAIN["journal"])
         is_known = any(map(ledger.is_known, names.values()))
         return Decision(False, AGAIN["settings"] if is_known else "")
     record = ledger.record(number)
@@ -261,7 +265,7 @@ def _moved(job: Job, record: Record, out: Path, *, read_inputs: bool) -> dict[st
                 continue  # an input that is gone cannot change the outputs
             return None
         if elsewhere:
-            moved[role] = stamp._replace(path=place)
+            moved[role] = replace(stamp, path=place)
     return moved
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import errno
 import fcntl
-import json
 import os
 import re
 import socket
@@ -18,11 +17,15 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from datetime import datetime
 from hashlib import blake2b
 from pathlib import Path
 
-from defocus_core.batch.journal.journal import JournalFile, Shard, journal_path, shards
-from defocus_core.batch.journal.record import is_moment, now
+from msgspec import Struct
+from msgspec.json import decode, encode
+
+from defocus_core.batch.journal.journal import NO_JSON, JournalFile, Shard, journal_path, shards
+from defocus_core.batch.journal.record import Moment, now
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import (
@@ -126,15 +129,22 @@ def _taken(path: Path) -> int | None:
     return None
 
 
+class _Note(Struct):
+    """The note of a run: when it began, and the samples of its jobs."""
+
+    begun: Moment
+    jobs: set[str]
+
+
 @dataclass
 class OpenRun:
     """A run that did not come to its end, and what it did."""
 
-    begun: str  # when, UTC
+    begun: datetime
     left: set[str]  # samples of its jobs that did not end since
     again: set[str] = field(default_factory=set)  # those of them that ended before
     ended: int = 0
-    last: str = ""  # when the last of them ended
+    last: datetime | None = None  # when the last of them ended
 
 
 def run_path(out: Path, shard: Shard | None = None) -> Path:
@@ -146,7 +156,7 @@ def note_run(out: Path, shard: Shard | None, samples: Iterable[str]) -> Path:
     """Note a run by its samples; one on all of OUT has those that runs on shards left."""
     path = run_path(out, shard)
     with written_whole(path) as file:
-        file.write(json.dumps({"begun": now(), "jobs": [*samples]}).encode() + b"\n")
+        file.write(encode(_Note(now(), {*samples})) + b"\n")
     for other in out.glob(".journal-*.run") if shard is None else ():
         other.unlink(missing_ok=True)
     return path
@@ -161,11 +171,9 @@ def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
         return None
     except OSError as error:
         raise cannot_read(path, error, "remove it") from None
-    with suppress(ValueError, TypeError, KeyError, RecursionError):
-        stored = json.loads(text)
-        run = OpenRun(stored["begun"], {*stored["jobs"]})
-        if is_moment(run.begun) and all(isinstance(name, str) for name in run.left):
-            return run
+    with suppress(*NO_JSON):
+        stored = decode(text, type=_Note)
+        return OpenRun(stored.begun, stored.jobs)
     remedy = "remove the file, and what the run left half-written; the next run begins anew"
     raise InputError("malformed", "is not the note of a run", remedy, path=path)
 

@@ -20,10 +20,12 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
+
+import msgspec
 
 from defocus_core.batch.journal import resume
-from defocus_core.batch.journal.record import Failed, Stamp, Taken, failure
+from defocus_core.batch.journal.record import Failed, Repair, Seconds, Stamp, Taken, failure
 from defocus_core.batch.workers.run import Chunk, Done
 from defocus_core.picture import plain_path
 from defocus_core.picture.memory_budget import Gate
@@ -82,17 +84,17 @@ def write(take: Take | Failed) -> Taken | Failed:
         take = plain_path.write(take)
         root = job.outputs.root
         outputs = {
-            name: resume.stamp(root / path, root)._replace(path=path)
+            name: msgspec.structs.replace(resume.stamp(root / path, root), path=path)
             for name, path in job.names.items()
         }
     except Exception as error:
         return failure(error, "write", inputs)
-    seconds = {
-        "read": take.inputs.seconds,
-        "render": take.seconds,
-        "write": time.perf_counter() - start,
-        "cpu": take.cpu_seconds,
-    }
+    seconds = Seconds(
+        read=round(take.inputs.seconds, 4),
+        render=round(take.seconds, 4),
+        write=round(time.perf_counter() - start, 4),
+        cpu=round(take.cpu_seconds, 4),
+    )
     return Taken(
         inputs=dict(inputs),
         outputs=outputs,
@@ -101,14 +103,14 @@ def write(take: Take | Failed) -> Taken | Failed:
         coc_px=take.limits,
         color_note=take.color_note,
         depth_note=take.depth_words(),
-        depth_repair=repair_record(take.repair),
+        depth_repair=cast(Repair | None, repair_record(take.repair)),
         device=take.device,
         measures={
             name: None if value is None else float(f"{value:.{_DIGITS}g}")
             for name, value in measures(take).items()
         },
         warnings=tuple(take.warnings),
-        seconds={step: round(value, 4) for step, value in seconds.items()},
+        seconds=seconds,
         stats=dict(take.stats),
     )
 

@@ -15,12 +15,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from msgspec.structs import replace as copy
+
 from defocus_core.batch.journal import resume, runs
 from defocus_core.batch.journal.journal import Journal, Ledger, Shard, input_path, journal_path
 from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Stamps, Taken, now
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import missing, unwritable
+from defocus_core.io.safe_files import missing, require_utf_8, unwritable
 from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.request.job import Job, Outputs
 from defocus_core.system.interrupts import Interrupts
@@ -178,6 +180,8 @@ def refuse_misplaced(jobs: Sequence[Job]) -> None:
     folders = {folder.resolve() for outputs in every for folder in outputs.folders}
     pictures = {id(job.picture): job.picture for job in jobs}.values()
     named = [str(path) for picture in pictures for path in picture.files.values()]
+    for text in named:
+        require_utf_8(text)
     # Path.resolve raises where a link leads in a circle; its reader names that.
     named += [os.path.realpath(path) for path in named if os.path.islink(path)]  # noqa: PTH114
     split = [os.path.split(path) for path in named]
@@ -194,7 +198,8 @@ def refuse_misplaced(jobs: Sequence[Job]) -> None:
 def _refuse_clashes(jobs: Sequence[Job]) -> None:
     count = Counter((str(job.outputs.root), name) for job in jobs for name in job.names.values())
     for (root, name), times in count.items():
-        length = len(os.fsencode(name.rpartition("/")[2]))
+        require_utf_8(name)
+        length = len(name.rpartition("/")[2].encode())
         if times > 1:
             problem, remedy = "would be written twice", "rename one of the colour files"
             raise InputError("duplicate", problem, remedy, path=Path(root, name))
@@ -459,17 +464,18 @@ class _State:
         """The record of a job that ended; None of a lone one whose error ends the run."""
         job, out = self.plan.jobs[number], self.plan.ledger.out
         places = {role: input_path(path, out) for role, path in job.files.items()}
-        inputs = {r: end.inputs.get(r, Stamp())._replace(path=place) for r, place in places.items()}
+        inputs = {r: copy(end.inputs.get(r, Stamp()), path=place) for r, place in places.items()}
         outputs = end.outputs or {name: Stamp(path) for name, path in job.names.items()}
         record = Record(
             sample_id=job.sample_id,
             split=job.split.name,
             recipe=resume.recipe(job),
+            status=end.status,
             settings=resume.settings(job),
             quality=job.machine.quality,
             **resume.versions(),
             finished=now(),
-            end=replace(end, inputs=inputs, outputs=outputs),
+            end=copy(end, inputs=inputs, outputs=outputs),
         )
         if isinstance(end, Failed):
             if end.reason == "no-space" and not self.execution.raises:

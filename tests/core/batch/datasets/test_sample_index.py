@@ -44,7 +44,7 @@ def test_a_line_says_what_was_repaired(tmp_path):
 
 def test_samples_are_sorted_by_name_whatever_the_order_of_the_records(tmp_path):
     one, two = record(tmp_path, "a"), record(tmp_path, "b", ("coc",), seconds={"render": 9.0})
-    failed = {**two, "status": "failed", "reason": "fault"}
+    failed = {**two, "status": "failed", "reason": "fault", "message": ""}
     found = written(tmp_path, two, failed, one)
     assert [line["sample_id"] for line in found] == ["a", "b"]
     assert found[1]["file_name"] == "coc/b.exr", "a map is a file, too"
@@ -129,7 +129,7 @@ def test_hugging_face_loads_a_set_without_splits(kinds, tmp_path, datasets):
 def write_all(out, records):
     with Journal(journal_path(out)) as opened:
         for each in records:
-            opened.append(record_of(each))
+            opened.append(record_of(json.dumps(each).encode()))
     update.index(out, None)
 
 
