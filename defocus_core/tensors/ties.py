@@ -1,9 +1,8 @@
 """Ties: choices whose gradient, and thresholds whose outcome, does not hang on rounding.
 
-Depth of few levels steps by round numbers of px: `off_round` keeps thresholds beside them.
-
-At a tie the derivative has two one-sided values. Half of each lies between them, whatever the order
-of sums, the device or the tile; the value that is chosen is that of torch's own function.
+Depth of few levels steps by round numbers of px: `off_round` keeps thresholds beside them. Values
+that differ by rounding alone tie, whatever the order of sums, the device or the tile; where they
+do, a gradient is that of both or of the one that is meant.
 """
 
 from __future__ import annotations
@@ -31,40 +30,6 @@ def tied(a: Tensor, b: Tensor | float) -> Tensor:
     return difference.abs() <= tolerance * a.abs().clamp(min=1)
 
 
-def lesser(a: Tensor, b: Tensor) -> Tensor:
-    """`torch.minimum`."""
-    return _shared(torch.minimum(a, b), a, b)
-
-
-def greater(a: Tensor, b: Tensor) -> Tensor:
-    """`torch.maximum`."""
-    return _shared(torch.maximum(a, b), a, b)
-
-
-def positive(values: Tensor) -> Tensor:
-    """`values.clamp(min=0)`."""
-    return greater(values, torch.zeros_like(values))
-
-
-def bounded(values: Tensor, minimum: float) -> Tensor:
-    """`values.clamp(min=minimum)` of what rounding alone brings below: the gradient passes."""
-    limited = values.clamp(min=minimum)
-    if not (torch.is_grad_enabled() and values.requires_grad):
-        return limited
-    return torch.where(tied(values, minimum), with_gradient(limited, values), limited)
-
-
-def within(values: Tensor, minimum: Tensor, maximum: Tensor) -> Tensor:
-    """`values.clamp(minimum, maximum)`."""
-    return lesser(greater(values, minimum), maximum)
-
-
 def with_gradient(values: Tensor, of: Tensor) -> Tensor:
     """The values, with the gradient of others, which they equal but for rounding."""
     return values.detach() + (of - of.detach())
-
-
-def _shared(chosen: Tensor, a: Tensor, b: Tensor) -> Tensor:
-    if not (torch.is_grad_enabled() and chosen.requires_grad):
-        return chosen
-    return torch.where(tied(a, b), with_gradient(chosen, (a + b) / 2), chosen)

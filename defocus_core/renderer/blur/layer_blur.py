@@ -20,7 +20,6 @@ from defocus_core.renderer.layers.slopes import NEAR
 from defocus_core.tensors.box import Box, Grid, Span
 from defocus_core.tensors.pyramid import Axis, position_of
 from defocus_core.tensors.resampling import AxisWeights, coarse_read, cubic_weights, resampled
-from defocus_core.tensors.ties import lesser, positive
 
 CORNERS = 4
 
@@ -265,7 +264,7 @@ class Blur:
             if shifts is not None and piece.near:
                 # a part gets shifts for the coverage that it sees, no more
                 fraction = self.surface.fractions(piece.slice_indices, piece.patch.shown)
-                fraction = lesser(fraction, positive(layer[-len(shifts) :, -1:]))
+                fraction = torch.minimum(fraction, layer[-len(shifts) :, -1:].clamp(min=0))
                 moved = box.of(shifts) * fraction
             shown[piece.layer_index] = ShownLayer(box, layer, moved)
         return shown

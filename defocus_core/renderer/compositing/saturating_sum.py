@@ -22,7 +22,7 @@ from defocus_core.renderer.layers.slopes import along_first
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import beside, sent
 from defocus_core.tensors.source import Scalar
-from defocus_core.tensors.ties import greater, positive, tied, with_gradient
+from defocus_core.tensors.ties import tied, with_gradient
 
 # Least room that counts as left: it guards 0 / 0, and shows nothing, however bright.
 _MIN_FRACTION = 1e-30
@@ -50,11 +50,14 @@ def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) ->
     """
     left, coverage = (full - front[:, -1:]).clamp_(min=_MIN_FRACTION), layer[:, -1:]
     added = (coverage * _STEEP).clamp_(left.new_zeros(()), left)
-    fraction = added / greater(coverage, left)
-    if torch.is_grad_enabled():
-        certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
-        fraction = torch.where(certain, fraction, fraction.detach())
-    return fraction
+    greater = torch.maximum(coverage, left)
+    if not torch.is_grad_enabled():
+        return added / greater
+    # full coverage and what is left tie but for rounding, and share the gradient
+    mean = with_gradient(greater, (coverage + left) / 2)
+    fraction = added / torch.where(tied(coverage, left), mean, greater)
+    certain = torch.minimum(coverage, left) > _CERTAIN * torch.finfo(left.dtype).eps
+    return torch.where(certain, fraction, fraction.detach())
 
 
 def shown_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> tuple[Tensor, Tensor]:
@@ -191,7 +194,7 @@ def pair_of(
     if minimum:
         centre = centre - minimum
     # transforms leave ±1e-8
-    left, right = (positive(half - minimum) for half in (left, right))
+    left, right = ((half - minimum).clamp(min=0) for half in (left, right))
     if not is_half(fraction):
         share = beside(fraction, centre)
         left, right = left * (2 * share), right * (2 - 2 * share)
