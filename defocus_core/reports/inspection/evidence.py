@@ -33,12 +33,10 @@ _TELLING_NAMES = {
     "houdini": ("Pz", "*.Pz"),
     "hypersim": ("dataset",),
     "nyu-mat": ("rawDepths",),
-    "spring": ("disparity",),
     "vision-blender": ("depth_map",),
 }
 _BESIDE = {
     "middlebury": ("PFM", "calib.txt"),
-    "hci-lightfield": ("PFM", "parameters.cfg"),
     "diode": ("NPY", "{stem}_mask.npy"),
     "moge": ("EXR", "fov.json"),
 }
@@ -57,7 +55,7 @@ def evidence_of(
     except DefocusError:  # another line of the report says why
         return tuple(sentences)
     if reading.depth_format is None:
-        sentences += _numbers_evidence(path, samples, reading)
+        sentences += _numbers_evidence(samples, reading)
     return tuple(sentences)
 
 
@@ -78,7 +76,7 @@ def _names_evidence(path: Path, info: FileInfo) -> Iterator[str]:
             yield f"{place.format(stem=path.stem)} beside it: {_say(name)}"
 
 
-def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) -> Iterator[str]:
+def _numbers_evidence(samples: DepthNumbers, reading: DepthReading) -> Iterator[str]:
     """Evidence of the numbers of a file without a named format."""
     if samples.is_of_nuke:
         yield f"Nuke wrote it, whose ScanlineRender writes 1/z: {_say('nuke-scanline')}"
@@ -105,9 +103,6 @@ def _numbers_evidence(path: Path, samples: DepthNumbers, reading: DepthReading) 
             "(‹invert› if not), or in metres ‹depth-range› NEAR FAR, and ‹depth-kind› disparity if "
             "bright is near, or depth if bright is far"
         )
-    has_sidecar = any(path.with_name(place).is_file() for _, place in _BESIDE.values())
-    if samples.type == "PFM" and not has_sidecar and samples.values.min() < 0:
-        yield f"negative numbers: disparity about a plane, {_say('hci-lightfield')}"
 
 
 def _grows_downwards(samples: DepthNumbers) -> bool:

@@ -1,7 +1,6 @@
 """``defocus info`` names formats that the evidence fits."""
 
 import numpy as np
-import pytest
 from command_line import ramp, run, write_exr
 from depth_files import gdepth, npy, pfm, png
 from optional_libraries import HEIC_MAGIC, heic, write_hdf5
@@ -44,13 +43,10 @@ def test_zeros_of_16_bits_are_holes_or_far(tmp_path):
     assert "--invalid far or fill" in told
 
 
-@pytest.mark.parametrize(
-    ("beside", "name"), [("calib.txt", "middlebury"), ("parameters.cfg", "hci-lightfield")]
-)
-def test_a_sidecar_beside_a_pfm(beside, name, tmp_path):
-    (tmp_path / beside).write_text("")
+def test_a_sidecar_beside_a_pfm(tmp_path):
+    (tmp_path / "calib.txt").write_text("")
     told = evidence(pfm(tmp_path / "a.pfm", ramp()))
-    assert told == f"{beside} beside it: {name}; say --depth-format {name}"
+    assert told == "calib.txt beside it: middlebury; say --depth-format middlebury"
 
 
 def test_channels_of_unreal(tmp_path):
@@ -69,8 +65,6 @@ def test_arrays_to_choose_from_are_named_and_their_format(tmp_path):
     path = write_hdf5(tmp_path / "nyu.mat", arrays)
     assert "nyu-mat; say --depth-format nyu-mat" in evidence(path)
     assert "no depth: holds the arrays depths, rawDepths; choose one" in run("info", path).out
-    path = write_hdf5(tmp_path / "a.dsp5", {"disparity": np.float32(ramp())})
-    assert "spring; say --depth-format spring" in evidence(path)
 
 
 def test_8_bits_are_relative(tmp_path):
