@@ -37,7 +37,6 @@ CODES = {
     "no-color": "a file has no colour",
     "no-depth": "a file has no depth",
     "no-gpu": "a GPU is asked for, and there is none",
-    "no-pieces": "a picture cannot be decoded piece by piece in the memory that is allowed",
     "no-rule": "what the numbers of a depth file mean is not known",
     "no-scene": "the name of a picture does not tell its scene",
     "no-space": "no space is left",

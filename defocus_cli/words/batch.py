@@ -14,7 +14,6 @@ from defocus_cli.words import console
 from defocus_core.batch.journal.record import Failed, Record, error_line
 from defocus_core.batch.workers.run import Listener, Plan, Summary
 from defocus_core.errors import kind_of, with_dashes
-from defocus_core.io.arrays import scratch_folder
 from defocus_core.io.safe_files import spoken
 from defocus_core.request.job import FRAME_ROLE, Job
 from defocus_core.request.lens import lens_record, lens_record_words, lens_words
@@ -93,8 +92,6 @@ def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
     threads = counted(job.machine.threads, "thread")
     yield f"  {end.device}, {threads}, {record.quality}, {end.seconds['cpu']:.2f} CPU s"
     counts = dict(end.stats)
-    if (scratch := counts.pop("scratch_mb", None)) is not None:
-        yield f"  {scratch:.0f} MB of scratch in {scratch_folder()}"
     if counts:
         yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())
 

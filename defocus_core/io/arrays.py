@@ -1,91 +1,17 @@
-"""Arrays [H, W] in memory or, where they would not fit, in a scratch file.
-
-A scratch file has no name, so that nothing of it stays however the process ends. It is mapped, and
-only a band of the window that is read or written is in memory: mapped pages count as memory of the
-process, which ‹memory› limits, until they are given back.
-"""
+"""Arrays [H, W] of decoded pictures, and functions of them."""
 
 from __future__ import annotations
 
 import math
-import mmap
-import os
-import tempfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from itertools import pairwise
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError, reason
-
 _GRID = 1 << 16  # pixels of a sample of a picture, about
 BAND = 1 << 20  # pixels of a band of rows
-_LASTING = Path("/var/tmp")
-
-
-class Scratch:
-    """An array [H, W] in a file without a name, read and filled by slices like one in memory.
-
-    Attributes:
-        shape: (height, width).
-        dtype: of the numbers.
-    """
-
-    def __init__(self, shape: tuple[int, int], dtype: Any) -> None:
-        self.shape, self.dtype = shape, np.dtype(dtype)
-        size, folder = math.prod(shape) * self.dtype.itemsize, scratch_folder()
-        try:
-            with tempfile.TemporaryFile(dir=folder, buffering=0) as file:
-                if hasattr(os, "posix_fallocate"):
-                    os.posix_fallocate(file.fileno(), 0, size)
-                else:  # a hole that finds no room when it is filled would end the process
-                    for start in range(0, size, BAND):
-                        file.write(bytes(min(BAND, size - start)))
-                self._mapped = np.memmap(file, self.dtype, "r+", shape=shape)
-                self._pages: Any = self._mapped.base
-        except OSError as error:
-            problem = f"has no room for {size / 10**6:.3g} MB of scratch: {reason(error)}"
-            remedy = "free some, let TMPDIR name another directory, or allow more ‹memory›"
-            raise InputError("no-space", problem, remedy, path=folder) from None
-
-    def __getitem__(self, window: Any) -> NDArray[Any]:
-        mapped = self._mapped[window]
-        values = np.empty(mapped.shape, self.dtype)
-        for rows in self._bands(mapped):
-            values[rows] = mapped[rows]
-        return values
-
-    def __setitem__(self, window: Any, values: NDArray[Any]) -> None:
-        mapped = self._mapped[window]
-        values = np.broadcast_to(values, mapped.shape)
-        for rows in self._bands(mapped):
-            mapped[rows] = values[rows]
-
-    def _bands(self, mapped: NDArray[Any]) -> Iterator[slice]:
-        """Rows of a part of the file; the pages of each band are given back after it was used."""
-        height, width = mapped.shape
-        for rows in bands((height, self.shape[1])) if width else ():
-            yield rows
-            self._pages.madvise(mmap.MADV_DONTNEED)
-
-
-@dataclass(frozen=True)
-class Keeping:
-    """Where the arrays of a picture are kept."""
-
-    scratch: bool = False
-    strip_bytes: int = 1 << 23  # of pixels that are decoded at once
-
-    def new(self, shape: tuple[int, int], dtype: Any) -> Any:
-        """An array [H, W] of zeros."""
-        return Scratch(shape, dtype) if self.scratch else np.zeros(shape, dtype)
-
-
-IN_MEMORY = Keeping()
 
 
 class LazyArray:
@@ -149,13 +75,6 @@ def count_of(masks: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
             first = f"{x},{y + top}"
         count += int(np.count_nonzero(band))
     return count, first
-
-
-def scratch_folder() -> Path:
-    """Where scratch files lie: $TMPDIR, or else /var/tmp."""
-    if not os.environ.get("TMPDIR") and os.access(_LASTING, os.W_OK):
-        return _LASTING
-    return Path(tempfile.gettempdir())
 
 
 def sample_plane(plane: Any) -> Any:

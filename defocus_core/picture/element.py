@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.images.color import Color
 from defocus_core.picture.take import InputPair
@@ -35,7 +35,7 @@ _IMPRECISE = 0.05  # share of a depth that it may be off
 _STEPS = tuple((y, x) for y in (-1, 0, 1) for x in (-1, 0, 1) if (y, x) != (0, 0))
 
 
-def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
+def element_depth(depth: Depth, color: Color) -> Depth:
     """The depth of an element: its edges have one, and where alpha is 0 there is nothing.
 
     Light without alpha, like a flame, stays where it has a depth.
@@ -44,7 +44,7 @@ def element_depth(depth: Depth, color: Color, keeping: Keeping) -> Depth:
     if alpha is None or not any((alpha[rows] < 1).any() for rows in bands(alpha.shape)):
         return depth
     filled, lost = _fill_edges(depth, alpha)
-    nothing, count, glowing = keeping.new(alpha.shape, np.bool_), 0, 0
+    nothing, count, glowing = np.zeros(alpha.shape, np.bool_), 0, 0
     for rows in bands(alpha.shape):
         clear = np.asarray(alpha[rows]) == 0
         lit = np.logical_or.reduce([plane[rows] != 0 for plane in color.light])
@@ -209,4 +209,4 @@ def _from_beside(
 
 def empty_where_clear(given: InputPair) -> InputPair:
     """The pair of an element, whose depth knows where it is empty."""
-    return given.with_depth(element_depth(given.depth, given.color, given.keeping))
+    return given.with_depth(element_depth(given.depth, given.color))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.io.arrays import Keeping, bands, computed
+from defocus_core.io.arrays import bands, computed
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.deep_layers import merge_samples, mix_samples
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip
@@ -60,7 +60,7 @@ class Layers:
             front=len(self.alpha),
         )
 
-    def cut(self, keeping: Keeping) -> Layers:
+    def cut(self) -> Layers:
         """These layers with the samples of two pictures in order, and mixed in one place."""
         if not self.front:
             return self
@@ -74,7 +74,7 @@ class Layers:
             strip, count = merge_samples(mix_samples(strip, names, both), names)
             merged += count
             while len(layers) < max(1, strip.maximum):
-                layers.append({name: keeping.new(shape, "float32") for name in (*names, DEPTH)})
+                layers.append({name: np.zeros(shape, "float32") for name in (*names, DEPTH)})
             for number, layer in enumerate(layers):
                 chosen = strip.rank == number
                 for name, plane in layer.items():

@@ -7,9 +7,8 @@ Terms:
   arrays    inputs and outputs of one picture, decoded
   room      capacity less arrays: left to compute in
 
-A picture whose arrays fit into half of the capacity stays in memory. Two more, one being read and
-one being written, stay beside it as long as all together take a quarter at most. A larger picture
-goes through scratch files, and is alone in the process.
+Decoded pictures are arrays in memory. Two more, one being read and one being written, stay beside
+the one that is computed as long as all together take a quarter of the capacity at most.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from defocus_core.errors import InputError, TooLarge
-from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.images.describe import SAMPLE_BYTES, describe
 from defocus_core.io.safe_files import read_head
@@ -37,16 +35,16 @@ if TYPE_CHECKING:
 
 # Share of the available memory that a process takes without --memory.
 SHARE = 0.8
-# Shares of the capacity: for the arrays of one picture, and for those of all in the pipeline; how
-# many these are.
-FOR_ARRAYS, _FOR_PICTURES, _PICTURES = 0.5, 0.25, 3
+# Share of the capacity for the arrays of all pictures in the pipeline; how many these are.
+_FOR_PICTURES, _PICTURES = 0.25, 3
 # Share of the room that what is derived from the whole picture may take; floats of a pixel of it.
 _FOR_DERIVED, _DERIVED = 0.25, 4
-# Most memory of the strips through which a picture in scratch files is read and written.
-_STRIPS_MB = 168.0
+# Memory in which the smallest picture is computed.
+_LEAST_MB = 40.0
 # Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
+_TILES = (512, 256, 128)  # px, that are proposed
 
 
 @dataclass(frozen=True)
@@ -54,28 +52,19 @@ class Holding:
     """Memory of a picture, beside the memory of the computation."""
 
     arrays_mb: float  # size of its inputs and outputs, decoded
-    whole_mb: float  # size of the files that can only be decoded at once
-    scratch: bool  # whether its arrays are in scratch files
     files_mb: float  # memory of its arrays and of those of the pictures in the pipeline beside it
     room_mb: float  # memory left to compute in
-
-    @property
-    def keeping(self) -> Keeping:
-        """Where its arrays are kept."""
-        return Keeping(self.scratch)
 
 
 def holding(job: Job) -> Holding:
     """Memory of the picture of a job, from the headers of its files."""
-    return divide(*_sizes(job), capacity_mb(job.machine))
+    return divide(_sizes(job)[0], capacity_mb(job.machine))
 
 
-def divide(arrays_mb: float, whole_mb: float, capacity: float) -> Holding:
-    """The division of a capacity between arrays, files that are decoded at once, and work."""
-    scratch = arrays_mb > FOR_ARRAYS * capacity
-    strips = min(_STRIPS_MB, 2 * arrays_mb)
-    files = strips if scratch else _beside_each_other_mb(arrays_mb, capacity)
-    return Holding(arrays_mb, whole_mb, scratch, files, max(capacity - files, 0.0))
+def divide(arrays_mb: float, capacity: float) -> Holding:
+    """The division of a capacity between arrays and work."""
+    files = _beside_each_other_mb(arrays_mb, capacity)
+    return Holding(arrays_mb, files, max(capacity - files, 0.0))
 
 
 def _beside_each_other_mb(arrays_mb: float, capacity: float) -> float:
@@ -84,15 +73,21 @@ def _beside_each_other_mb(arrays_mb: float, capacity: float) -> float:
 
 
 def enough_mb(held: Holding, needed_mb: float) -> float:
-    """The smallest limit that leaves a picture ``needed_mb`` of room, within a few percent."""
-    room = max(held.files_mb + held.room_mb, 1.0)
-    # Rounded up, it must still be one: arrays in memory leave less room than those in scratch.
-    while (
-        min(divide(held.arrays_mb, held.whole_mb, mb).room_mb for mb in (room, 1.05 * room + 20))
-        < needed_mb
-    ):
-        room *= 1.01
-    return base_mb() + room + _SPARE_MB
+    """The smallest limit that leaves a picture ``needed_mb`` of room."""
+    share = needed_mb * _FOR_PICTURES / (1 - _FOR_PICTURES)
+    files = min(max(held.arrays_mb, share), _PICTURES * held.arrays_mb)
+    return base_mb() + files + needed_mb + _SPARE_MB
+
+
+def require_room(job: Job) -> None:
+    """Refuse a picture whose arrays do not fit, before any of its files is decoded."""
+    arrays, whole = _sizes(job)
+    if arrays + whole <= (left := capacity_mb(job.machine)):
+        return
+    problem = f"takes {arrays + whole:.0f} MB decoded, {left:.0f} MB are left"
+    enough = enough_mb(divide(arrays, left), max(arrays, whole) + _LEAST_MB)
+    remedy = _remedy(job, enough, "", "cpu")
+    raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
 
 
 def capacity_mb(machine: Machine) -> float:
@@ -200,27 +195,31 @@ def regions_at_once(
 
     threads, room = job.machine.threads, room_on(device, holding.room_mb)
 
-    def needed(threads: int, at_once: int) -> float:
-        return memory_bound(renderer, threads, at_once) / memory.MB
+    def needed(threads: int, at_once: int, tile: int | None = None) -> float:
+        return memory_bound(renderer.with_tile(tile), threads, at_once) / memory.MB
 
     for at_once in range(threads, 0, -1):
         if (bound := needed(threads, at_once)) <= room:
             return at_once, bound
     beside, parts = base_mb() + holding.files_mb, (base_mb(), holding.files_mb, bound)
     mb = [math.ceil(part) for part in parts]
+    ways: dict[str, tuple[int, int | None]] = {"‹threads› 1": (1, None)} if threads > 1 else {}
+    ways |= {f"‹threads› 1 ‹tile› {tile}": (1, tile) for tile in _TILES}
+    fits = next((way for way, (count, tile) in ways.items() if needed(count, 1, tile) <= room), "")
     raise TooLarge(
         "out-of-memory",
         f"needs {sum(mb)} MB to render ({mb[0]} for the program, {mb[1]} for its "
         f"files, {mb[2]} for the picture), "
         f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
-        _remedy(job, enough_mb(holding, bound), threads > 1 and needed(1, 1) <= room, device),
+        _remedy(job, enough_mb(holding, bound), fits, device),
         path=job.picture.color,
     )
 
 
-def _remedy(job: Job, enough: float, with_one_thread: bool, device: str) -> str:
-    if with_one_thread:
-        return "use ‹threads› 1"
+def _remedy(job: Job, enough: float, fits: str, device: str) -> str:
+    """What makes room: options that fit, or as much memory as is enough, where it is there."""
+    if fits:
+        return f"use {fits}"
     machine = memory.available_mb(device)
     if device == "cpu" and (machine is None or enough < machine + base_mb()):
         return f"use ‹memory› {_size(enough)}"
@@ -243,9 +242,8 @@ class Gate:
 
     def enter(self, number: int, job: Job) -> None:
         """Wait until there is room for the picture of a job."""
-        arrays, room = _sizes(job)[0], capacity_mb(job.machine)
-        limit = _beside_each_other_mb(arrays, room)
-        need = limit if arrays > FOR_ARRAYS * room else arrays  # in scratch, it is alone
+        need = _sizes(job)[0]
+        limit = _beside_each_other_mb(need, capacity_mb(job.machine))
         with self._changed:
             self._changed.wait_for(
                 lambda: self._opened or not self._held or sum(self._held.values()) + need <= limit

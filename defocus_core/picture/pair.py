@@ -71,7 +71,6 @@ def _decode(wanted: InputPair) -> InputPair:
         layer=reading.color_layer,
         part=color_part,
         view=reading.view,
-        keeping=wanted.keeping,
         overscan=wanted.overscan,
         blur_channels=reading.blur_channels,
         original=shared,
@@ -79,7 +78,6 @@ def _decode(wanted: InputPair) -> InputPair:
     depth = read_depth(
         picture.depth,
         replace(reading, part=depth_part),
-        keeping=wanted.keeping,
         size=color.size,
         lens_focal=wanted.lens_focal,
         overscan=wanted.overscan,
@@ -157,7 +155,7 @@ def resized(given: InputPair) -> InputPair:
             remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
         raise InputError("wrong-size", problem, remedy, path=depth.path)
     size = f"{columns}x{rows} px resized"
-    metres = given.keeping.new((height, width), np.float32)
+    metres = np.zeros((height, width), np.float32)
     if reading.resize_depth is None:
         words = f"{depth.path.name}: {size} to {width}x{height} px, guided by the colours"
         depth = replace(depth, warnings=(*depth.warnings, words))

@@ -17,10 +17,10 @@ from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.picture.memory_budget import (
     base_mb,
-    capacity_mb,
     holding,
     image_type,
     regions_at_once,
+    require_room,
 )
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
@@ -44,13 +44,9 @@ __all__ = ["choose_device", "compute", "load", "prepare", "read", "renderers", "
 
 def read(job: Job) -> Inputs:
     """Decode the picture of a job, and what lies behind or below it if that is wanted and there."""
-    held, left = holding(job), capacity_mb(job.machine)
-    if (at_once := held.files_mb + held.whole_mb * held.scratch) > left and held.whole_mb:
-        problem = f"takes {at_once:.0f} MB to decode, {left:.0f} MB are left"
-        remedy = "save it as EXR, or allow more ‹memory›"
-        raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
-    color, depth = read_pair(InputPair.of(job, held.keeping))
-    inputs = Inputs(held, color, depth, empty=depth.empty)
+    require_room(job)
+    color, depth = read_pair(InputPair.of(job))
+    inputs = Inputs(holding(job), color, depth, empty=depth.empty)
     inputs = replace(inputs, warnings=(*color.warnings, *depth.warnings))
     return through(READ, Take(job=job, inputs=inputs, lens=job.lens)).inputs
 
@@ -63,7 +59,7 @@ def prepare(job: Job, inputs: Inputs) -> Take:
         problem = f"holds {holds}, of which no depth can be written"
         raise InputError("radii", problem, "leave depth out of the outputs", path=depth.path)
     take = through(LENS, Take(job=job, inputs=inputs, lens=job.lens))
-    radii = radii_of(take.lens, depth, inputs.holding.keeping)
+    radii = radii_of(take.lens, depth)
     take = through(
         RADII,
         replace(
@@ -129,8 +125,6 @@ def _rendered(
     stats: dict[str, float] = {**renderer.stats, "pixels_invented": images.invented}
     if lamps is not None:
         stats["lights"] = lamps
-    if take.inputs.holding.scratch:
-        stats["scratch_mb"] = take.inputs.holding.arrays_mb
     return replace(
         take,
         images=images.planes,
@@ -216,7 +210,6 @@ class _Images:
 
     def __init__(self, take: Take) -> None:
         job, (height, width, channels) = take.job, take.inputs.color.shape
-        keeping = take.inputs.holding.keeping
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         self.reach = self.invented = 0
@@ -225,9 +218,7 @@ class _Images:
                 continue
             dtype = image_type(job) if kind.image else "float32"
             count = len(kind.rendered) * (channels if kind.whole else 1)
-            self.planes[kind.name] = tuple(
-                keeping.new((height, width), dtype) for _ in range(count)
-            )
+            self.planes[kind.name] = tuple(np.zeros((height, width), dtype) for _ in range(count))
 
     def place(self, part: Views, of: Pass, *, first: bool = True) -> None:
         """Copy a rendered region to its place: the channels and kinds that were rendered.

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, reason
-from defocus_core.io.arrays import IN_MEMORY, Keeping, bands
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.take import Radii, Take
 from defocus_core.request.lens import Lens
@@ -29,15 +29,15 @@ _MAX_PX = 1e6  # wider than any frame
 _FARTHEST_PX = 1e8  # what the renderer takes
 
 
-def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
+def radii_of(lens: Lens, depth: Depth) -> Radii:
     """The radii of a whole frame; those of a file of radii as they are."""
     import torch
 
     px, infinity, scale = depth.metres, None, 1.0
     if isinstance(lens.blur, float):
-        px = _relative(lens.blur, lens, depth, keeping)
+        px = _relative(lens.blur, lens, depth)
     elif not depth.is_radius:
-        thin_lens, px = thin_lens_of(lens, depth.size), keeping.new(depth.metres.shape, "float32")
+        thin_lens, px = thin_lens_of(lens, depth.size), np.zeros(depth.metres.shape, "float32")
         for rows in bands(px.shape):
             depth_mm = torch.from_numpy(depth.metres[rows].astype("float64")) * MM_PER_M
             px[rows] = thin_lens.signed_radius(depth_mm).float().numpy()
@@ -49,10 +49,10 @@ def radii_of(lens: Lens, depth: Depth, keeping: Keeping = IN_MEMORY) -> Radii:
     for rows in bands(px.shape) if depth.empty is not None else ():
         px[rows] = np.where(depth.empty[rows], np.float32(limits[1]), px[rows])
     radii = Radii(px, limits, infinity, scale)
-    return radii if lens.clamp_blur is None else _clamp(radii, lens.clamp_blur, depth, keeping)
+    return radii if lens.clamp_blur is None else _clamp(radii, lens.clamp_blur, depth)
 
 
-def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Any:
+def _relative(blur: float, lens: Lens, depth: Depth) -> Any:
     """The radii of relative disparity, linear in its numbers."""
     import torch
 
@@ -65,7 +65,7 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Any:
         raise InputError("too-blurred", problem, "give a smaller ‹blur›", path=depth.path)
     reach = lens.blur_reach
     largest = -blur if depth.inverted else blur
-    whole = keeping.new(depth.metres.shape, "float32")
+    whole = np.zeros(depth.metres.shape, "float32")
     for rows in bands(depth.metres.shape):
         disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
         radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
@@ -76,10 +76,10 @@ def _relative(blur: float, lens: Lens, depth: Depth, keeping: Keeping) -> Any:
     return whole
 
 
-def _clamp(radii: Radii, limit: float, depth: Depth, keeping: Keeping) -> Radii:
+def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:
     """The radii of which none is larger than ``limit`` px."""
     clamped = 0
-    whole = keeping.new(radii.px.shape, "float32")  # those of a file are other jobs', too
+    whole = np.zeros(radii.px.shape, "float32")  # those of a file are other jobs', too
     for rows in bands(radii.px.shape):
         larger = np.abs(radii.px[rows]) > np.float32(limit)
         if depth.empty is not None:

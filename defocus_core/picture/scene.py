@@ -72,10 +72,10 @@ def settings_of(take: Take) -> Settings:
 def stack_layers(surfaces: Surfaces) -> Surfaces:
     """The surface of each layer."""
     take = surfaces.take
-    layers, device, keeping = take.inputs.layers, take.device, take.inputs.holding.keeping
+    layers, device = take.inputs.layers, take.device
     assert layers is not None
     every = tuple(
-        take.radii if depth is take.inputs.depth else radii_of(take.lens, depth, keeping)
+        take.radii if depth is take.inputs.depth else radii_of(take.lens, depth)
         for depth in layers.depths
     )
     return replace(

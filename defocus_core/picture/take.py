@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from defocus_core.io.arrays import IN_MEMORY, Keeping, sample_plane
+from defocus_core.io.arrays import sample_plane
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan
 from defocus_core.io.images.color import Color
@@ -56,7 +56,6 @@ class InputPair:
 
     picture: Picture
     reading: Reading
-    keeping: Keeping = IN_MEMORY  # where the arrays are kept
     # Focal length in widths of the sensor, where the depth needs it
     lens_focal: float | None = None
     # Whether all pixels beyond the picture shown are wanted, else those that blur reaches
@@ -66,10 +65,10 @@ class InputPair:
     planes: tuple[Color, Depth] | None = None  # colour and depth, once they are decoded
 
     @classmethod
-    def of(cls, job: Job, keeping: Keeping) -> InputPair:
+    def of(cls, job: Job) -> InputPair:
         """The picture of a job."""
         whole = job.outputs.keep_overscan
-        return cls(job.picture, job.reading, keeping, job.lens_focal, whole=whole)
+        return cls(job.picture, job.reading, job.lens_focal, whole=whole)
 
     @property
     def has_overscan(self) -> bool:

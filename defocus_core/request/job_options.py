@@ -546,8 +546,8 @@ _MACHINE = (
         heading="Machine",
         parse=byte_count,
         metavar="SIZE",
-        help="Memory a process may take, like 2GB: what is larger goes through scratch files "
-        "in TMPDIR.  [default: most of what is free]",
+        help="Memory a process may take, like 2GB; what is larger is refused.  [default: most "
+        "of what is free]",
     ),
     Param(
         name="tile",

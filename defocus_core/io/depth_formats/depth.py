@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import IN_MEMORY, Keeping, Scratch, bands, count_of
+from defocus_core.io.arrays import bands, count_of
 from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.reading import (
     AS_IT_IS,
@@ -159,7 +159,6 @@ def read_depth(
     path: Path,
     reading: DepthReading = AS_IT_IS,
     *,
-    keeping: Keeping = IN_MEMORY,
     size: tuple[int, int] | None = None,
     lens_focal: float | None = None,
     overscan: Overscan = NO_OVERSCAN,
@@ -177,9 +176,9 @@ def read_depth(
         reading = replace(reading, depth_format=own)
     turn = orientation if reading.turn_depth is not None else 1
     stored = size[::-1] if size is not None and turn > _UPSIDE_DOWN else size
-    samples = read_numbers(path, reading, keeping, stored, overscan)
+    samples = read_numbers(path, reading, stored, overscan)
     row = resolved(reading, samples, lens_focal)
-    values, division = divided(samples, alpha, keeping)
+    values, division = divided(samples, alpha)
     told = []
     if samples.type == "16-bit PNG" and not reading.says_scale:
         from defocus_core.io.depth_formats.file_types import refuse_assumed
@@ -191,7 +190,7 @@ def read_depth(
         told.append(f"‹sky› {reading.sky:g} marks no pixel")
     if reading.turn_depth is not None and orientation == 1:
         told.append("‹turn-depth› turns nothing: the colour names no orientation")
-    metres, half_sky = _decode(values, row, keeping, overscan)
+    metres, half_sky = _decode(values, row, overscan)
     words = [samples.words, division, row.words, *_apply_marks(samples, row, metres)]
     if turn != 1:
         from defocus_core.io.images.raster import upright
@@ -220,7 +219,6 @@ def read_depth(
 def read_numbers(
     path: Path,
     reading: DepthReading,
-    keeping: Keeping,
     size: tuple[int, int] | None,
     overscan: Overscan = NO_OVERSCAN,
 ) -> DepthNumbers:
@@ -228,7 +226,7 @@ def read_numbers(
     row, read = reading.row, exr_depth_numbers
     if row.files == ("headerless",) or not is_exr(read_head(path)):
         from defocus_core.io.depth_formats.file_types import other_numbers as read
-    samples = read(path, reading, keeping, size, overscan)
+    samples = read(path, reading, size, overscan)
     if reading.depth_format is not None and samples.type not in row.files:
         files = ", ".join(row.files)
         problem = f"is read as {samples.words}, and {row.name} comes as {files}"
@@ -285,13 +283,11 @@ def _is_behind(depth: Depth) -> bool:
     return has_negative
 
 
-def _decode(
-    values: Any, row: DepthFormat, keeping: Keeping, overscan: Overscan
-) -> tuple[Any, bool]:
+def _decode(values: Any, row: DepthFormat, overscan: Overscan) -> tuple[Any, bool]:
     """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
-    own = isinstance(values, Scratch) or (values.flags.owndata and values.flags.writeable)
+    own = values.flags.owndata and values.flags.writeable
     # Numbers that were read are not needed any more: metres take their place.
-    metres = values if own and values.dtype == "=f4" else keeping.new(values.shape, np.float32)
+    metres = values if own and values.dtype == "=f4" else np.zeros(values.shape, np.float32)
     half = values.dtype.newbyteorder("=") == np.float16 and row.sky <= HALF_MAX
     half_sky, frame = False, (values.shape[0], values.shape[1])
     for rows in bands(values.shape):
@@ -355,7 +351,7 @@ _EDGE, _WHOLE = (0.05, 0.9), 0.995
 _ENOUGH, _MAXIMUM = 12, 0.8
 
 
-def divided(samples: DepthNumbers, alpha: Any, keeping: Keeping) -> tuple[Any, str]:
+def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
     """The numbers of a depth file without the alpha in them, and what was done, in words.
 
     `alpha`: [H, W] of the colour; None if it has none.
@@ -364,7 +360,7 @@ def divided(samples: DepthNumbers, alpha: Any, keeping: Keeping) -> tuple[Any, s
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if not usable or not _is_multiplied(values, alpha):
         return values, ""
-    result = keeping.new(tuple(values.shape), np.float32)
+    result = np.zeros(tuple(values.shape), np.float32)
     for rows in bands(values.shape):
         fraction = np.asarray(alpha[rows], np.float32)
         numbers = np.asarray(values[rows], np.float32)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading, Mark, require_size
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
@@ -40,7 +40,6 @@ class NoDepthChannel(InputError):  # noqa: N818 - it says what the file lacks
 def exr_depth_numbers(
     path: Path,
     reading: DepthReading,
-    keeping: Keeping,
     size: tuple[int, int] | None,
     overscan: Overscan,
 ) -> DepthNumbers:
@@ -56,7 +55,7 @@ def exr_depth_numbers(
     def wanted(other: Header, name: str) -> bool:
         return other.index == header.index and name in (chosen.source, alpha, *grey)
 
-    parts = read_parts(path, headers, keeping, wanted, overscan)
+    parts = read_parts(path, headers, wanted, overscan)
     pixels = parts[header.index].channels[chosen.source]
     others = [parts[header.index].channels[name] for name in grey]
     pairs = ((pixels[rows], one[rows]) for one in others for rows in bands(pixels.shape))

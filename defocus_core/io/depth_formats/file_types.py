@@ -22,7 +22,7 @@ from defocus_core.io.array_files import (
     squeezed,
     wrong_shape,
 )
-from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, NoDepthChannel
 from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
 from defocus_core.io.depth_formats.reading import (
@@ -49,7 +49,7 @@ Size = tuple[int, int] | None  # (width, height) of the colour of a depth file, 
 
 
 def other_numbers(
-    path: Path, reading: DepthReading, keeping: Keeping, size: Size, overscan: Overscan
+    path: Path, reading: DepthReading, size: Size, overscan: Overscan
 ) -> DepthNumbers:
     """The numbers of a depth file that is no EXR."""
     row, head = reading.row, read_head(path, 32)
@@ -68,7 +68,7 @@ def other_numbers(
         return _from_arrays(path, reading, kind, size)
     if is_jpeg(head) and is_photo:
         return _from_photo(path, reading, read_gdepth(path), size)
-    return _from_picture(path, reading, keeping, size)
+    return _from_picture(path, reading, size)
 
 
 def _from_photo(path: Path, reading: DepthReading, photo: DepthNumbers, size: Size) -> DepthNumbers:
@@ -148,7 +148,7 @@ def _map_of(path: Path, values: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     return values.T if row.axes.endswith("WH") else values
 
 
-def _from_picture(path: Path, reading: DepthReading, keeping: Keeping, size: Size) -> DepthNumbers:
+def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers:
     """Numbers of a PNG, TIFF or JPEG: one channel, or the bits of a pixel of several."""
     row = reading.row
     page = raster.choose_page(path, raster.read_pages(path, wanted=WANTED), reading.part)
@@ -165,7 +165,7 @@ def _from_picture(path: Path, reading: DepthReading, keeping: Keeping, size: Siz
         return DepthNumbers(path, values, file_type, kind)
     _refuse_unsuited(path, page, reading)
     dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
-    values = keeping.new(shape, dtypes.get(page.type, np.float32))
+    values = np.zeros(shape, dtypes.get(page.type, np.float32))
     for window, samples in raster.read_samples(path, page.page):
         values[window] = samples[:, :, 0] if len(page.channels) < 3 else _grey(path, samples)
     if (top := raster.pnm_top(path)) is not None:

@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.arrays import Keeping
 from defocus_core.io.exr.channel_choice import is_depth
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
 from defocus_core.io.exr.header import DTYPES, Header
@@ -28,13 +27,13 @@ from defocus_core.io.exr.windows import Overscan
 
 
 def flat_channels(
-    path: Path, header: Header, names: Mapping[str, str], keeping: Keeping, overscan: Overscan
+    path: Path, header: Header, names: Mapping[str, str], overscan: Overscan
 ) -> dict[str, Any]:
     """The picture in focus: the channels of the frame by name."""
     frame = header.display.grown(overscan)
     light = {n for n, kind in names.items() if kind != "uint" and not is_depth(n)}
     planes = {
-        name: keeping.new((frame.height, frame.width), "float32" if name in light else DTYPES[kind])
+        name: np.zeros((frame.height, frame.width), "float32" if name in light else DTYPES[kind])
         for name, kind in names.items()
     }
     for strip in strips(path, header):
@@ -55,7 +54,6 @@ def deep_layers(
     path: Path,
     header: Header,
     names: tuple[str, ...],
-    keeping: Keeping,
     overscan: Overscan,
 ) -> tuple[list[dict[str, Any]], int]:
     """The samples as layers, nearest first, as many as the pixel with most samples needs.
@@ -72,7 +70,7 @@ def deep_layers(
         crowded += count
         while len(layers) < max(1, strip.maximum):
             types = {name: DTYPES[kinds.get(name, "float")] for name in wanted}
-            layers.append({n: keeping.new((frame.height, frame.width), types[n]) for n in wanted})
+            layers.append({n: np.zeros((frame.height, frame.width), types[n]) for n in wanted})
         for number, layer in enumerate(layers):
             chosen = np.flatnonzero(strip.rank == number)
             for name in wanted if len(chosen) else ():

@@ -14,10 +14,10 @@ from itertools import groupby, product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.errors import InputError, first_line
-from defocus_core.io.arrays import IN_MEMORY, Keeping
+from defocus_core.errors import first_line
 from defocus_core.io.exr.header import DTYPES, Header, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan, Window
 from defocus_core.io.safe_files import damaged, decode_window, decoding, opened_image, quiet
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Pieces = Iterator[tuple[Window, dict[str, NDArray[Any]]]]
 
 
-_LARGEST_TILE = 1 << 26  # bytes, decoded at once
+STRIP = 1 << 23  # bytes of pixels that are decoded at once
 _ROWS = 32  # of most codecs' chunks; a strip is a multiple of them
 
 
@@ -35,15 +35,14 @@ class ExrPart:
     """One decoded part of an EXR file."""
 
     header: Header
-    # Name to native array [H, W] of the frame, in memory or in a scratch file; of a deep part the
-    # picture in focus, whose light is float32
+    # Name to native array [H, W] of the frame; of a deep part the picture in focus, whose light is
+    # float32
     channels: dict[str, Any]
 
 
 def read_parts(
     path: Path,
     headers: tuple[Header, ...] | None = None,
-    keeping: Keeping = IN_MEMORY,
     wanted: Callable[[Header, str], bool] = lambda header, name: True,
     overscan: Overscan = NO_OVERSCAN,
 ) -> tuple[ExrPart, ...]:
@@ -52,14 +51,13 @@ def read_parts(
     is_flat = not all(header.deep for header in headers)
     opening = opened_image(path, partial(damaged, path)) if is_flat else nullcontext()
     with decoding(path), quiet(), opening as file:
-        return tuple(_part(path, file, header, keeping, wanted, overscan) for header in headers)
+        return tuple(_part(path, file, header, wanted, overscan) for header in headers)
 
 
 def _part(
     path: Path,
     file: Any,
     header: Header,
-    keeping: Keeping,
     wanted: Callable[[Header, str], bool],
     overscan: Overscan,
 ) -> ExrPart:
@@ -69,20 +67,18 @@ def _part(
     if header.deep:
         from defocus_core.io.exr.deep_layers import flat_channels
 
-        flat = flat_channels(path, header, types, keeping, overscan) if types else {}
+        flat = flat_channels(path, header, types, overscan) if types else {}
         return ExrPart(header, flat)
     frame = header.display.grown(overscan)
     size = (frame.height, frame.width)
-    channels = {name: keeping.new(size, DTYPES[kind]) for name, kind in types.items()}
-    for window, piece in _pieces(path, file, header, types, keeping) if types else ():
+    channels = {name: np.zeros(size, DTYPES[kind]) for name, kind in types.items()}
+    for window, piece in _pieces(path, file, header, types) if types else ():
         for name, pixels in piece.items():
             frame.paste(channels[name], pixels, window)
     return ExrPart(header, channels)
 
 
-def _pieces(
-    path: Path, file: Any, header: Header, types: Mapping[str, str], keeping: Keeping
-) -> Pieces:
+def _pieces(path: Path, file: Any, header: Header, types: Mapping[str, str]) -> Pieces:
     """A part strip after strip of whole rows or tiles: its window, and its pixels by channel."""
     if not file.seek_subimage(header.index, 0):
         raise damaged(path, first_line(path, file.geterror()))
@@ -91,14 +87,7 @@ def _pieces(
         raise damaged(path, "two sizes in its header")
     wide, high = spec.tile_width or spec.width, spec.tile_height or _ROWS
     cell_bytes = min(wide, spec.width) * min(high, spec.height) * header.pixel_bytes
-    if spec.tile_width and keeping.scratch and cell_bytes > _LARGEST_TILE:
-        raise InputError(
-            "no-pieces",
-            "is too large to be held in ‹memory›, and its pixels cannot be had piece by piece",
-            "allow more ‹memory›, or save it in scan lines, ZIP compressed",
-            path=path,
-        )
-    cells = max(1, keeping.strip_bytes // cell_bytes)
+    cells = max(1, STRIP // cell_bytes)
     across = min(cells, -(-spec.width // wide))
     wide, high = across * wide, cells // across * high
     for top, left in product(range(y0, y1 + 1, high), range(x0, x1 + 1, wide)):

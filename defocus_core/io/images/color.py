@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import IN_MEMORY, Keeping, bands, count_of
+from defocus_core.io.arrays import bands, count_of
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     choose_color,
@@ -131,7 +131,6 @@ def read_color(
     layer: str | None = None,
     part: int | None = None,
     view: str | None = None,
-    keeping: Keeping = IN_MEMORY,
     overscan: Overscan = NO_OVERSCAN,
     blur_channels: Sequence[str] = (),
     original: bool = False,
@@ -149,7 +148,7 @@ def read_color(
             if value:
                 problem = f"{path} has no channels to choose from"
                 raise UsageProblem("idle-option", problem, "leave it out", field=option)
-        return _no_exr(path, part, keeping, original=original)
+        return _no_exr(path, part, original=original)
     every = read_headers(path)
     headers = in_view(path, every, view)
     chosen = choose_color(path, headers, layer=layer, part=part)
@@ -158,8 +157,8 @@ def read_color(
     def wanted(header: Header, name: str) -> bool:
         return carried or (header.index == own[0] and name in own[1:])
 
-    parts = read_parts(path, headers, keeping, wanted, overscan)
-    channels, planes = _planes(parts[chosen.header.index], chosen, keeping, overscan)
+    parts = read_parts(path, headers, wanted, overscan)
+    channels, planes = _planes(parts[chosen.header.index], chosen, overscan)
     extras, left_out = _extras(parts, chosen) if carried else ({}, ())
     passes = light_passes(path, extras, blur_channels)
     planes += [extras.pop(name) for name in passes]
@@ -167,7 +166,7 @@ def read_color(
     if chosen.header.shown:
         attributes["view"] = Raw("string", chosen.header.shown.encode())
     return Color(
-        planes=_one_type(planes, keeping),
+        planes=_one_type(planes),
         channels=channels,
         path=path,
         passes=passes,
@@ -187,7 +186,7 @@ def read_color(
     )
 
 
-def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -> Color:
+def _no_exr(path: Path, part: int | None, *, original: bool) -> Color:
     from defocus_core.io.array_files import array_type
     from defocus_core.io.depth_formats.photo_depth import sharp_original
     from defocus_core.io.images.raster import choose_page, read_pages, upright
@@ -199,8 +198,8 @@ def _no_exr(path: Path, part: int | None, keeping: Keeping, *, original: bool) -
     page = choose_page(path, read_pages(path), part)
     with sharp_original(path) if original else nullcontext(path) as sharp:
         if sharp == path:
-            return _from_raster(path, page, keeping)
-        color = _from_raster(sharp, read_pages(sharp)[0], keeping)
+            return _from_raster(path, page)
+        color = _from_raster(sharp, read_pages(sharp)[0])
     turn = page.orientation if color.orientation == 1 else 1
     return replace(
         color,
@@ -234,7 +233,7 @@ def require_finite(color: Color) -> None:
     raise InputError("out-of-range", problem, "scale it: light has no unit here", path=color.path)
 
 
-def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
+def _from_raster(path: Path, raster: Raster) -> Color:
     from defocus_core.io.images.color_space import linear_light, unit
     from defocus_core.io.images.raster import read_samples
 
@@ -251,7 +250,7 @@ def _from_raster(path: Path, raster: Raster, keeping: Keeping) -> Color:
         problem = f"has the curve {space.hdr} of HDR television, which is not decoded"
         raise InputError("unsupported", problem, "convert it to sRGB, or to linear EXR", path=path)
     size = raster.height, raster.width
-    planes = tuple(keeping.new(size, np.float32) for _ in channels)
+    planes = tuple(np.zeros(size, np.float32) for _ in channels)
     for window, every in read_samples(path, raster.page):
         samples = every[:, :, which]
         alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
@@ -283,7 +282,7 @@ _THUMBNAIL = "preview"  # attribute of an EXR header
 
 
 def _planes(
-    part: ExrPart, chosen: ChannelGroup, keeping: Keeping, overscan: Overscan
+    part: ExrPart, chosen: ChannelGroup, overscan: Overscan
 ) -> tuple[tuple[str, ...], list[Any]]:
     """The names and arrays of a colour layer; alpha is added where a part has pixels of the frame.
 
@@ -294,7 +293,7 @@ def _planes(
     frame = header.display.grown(overscan)
     if "A" in names or header.data.covers(frame):
         return names, planes
-    alpha = keeping.new((frame.height, frame.width), planes[0].dtype)
+    alpha = np.zeros((frame.height, frame.width), planes[0].dtype)
     rows, columns = frame.cut(header.data)
     alpha[rows, columns] = np.ones((rows.stop - rows.start, columns.stop - columns.start), "f2")
     return (*names, "A"), [*planes, alpha]
@@ -322,11 +321,11 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
     return ", ".join(text for text, is_said in words.items() if is_said)
 
 
-def _one_type(planes: Sequence[Any], keeping: Keeping) -> tuple[Any, ...]:
+def _one_type(planes: Sequence[Any]) -> tuple[Any, ...]:
     """Channels of one type: half if all are half, else float32."""
     if all(plane.dtype == np.float16 for plane in planes):
         return tuple(planes)
-    floats = [p if p.dtype == np.float32 else keeping.new(p.shape, np.float32) for p in planes]
+    floats = [p if p.dtype == np.float32 else np.zeros(p.shape, np.float32) for p in planes]
     for native, plane in zip(planes, floats, strict=True):
         for rows in bands(plane.shape) if native is not plane else ():
             plane[rows] = native[rows]

@@ -49,7 +49,7 @@ def read_plate(take: Take) -> Take:
         raise UsageProblem(
             "contradiction", "stands beside ‹over›", "the plate is what lies behind", field="hidden"
         )
-    wanted = _wanted(InputPair.of(take.job, inputs.holding.keeping))
+    wanted = _wanted(InputPair.of(take.job))
     plate = _check(inputs.color, _plate(replace(wanted, limit=inputs.color.overscan, whole=True)))
     pictures = inputs.color, plate.color
     light = tuple((*c.light, *c.planes[len(c.channels) :]) for c in pictures)
@@ -69,7 +69,7 @@ def radii_of_both(take: Take) -> Take:
     """The radii of both, of which those in front are shown."""
     plate, element, own = take.inputs.plate, take.inputs.depth, take.radii
     assert plate is not None
-    below, shown = radii_of(take.lens, plate.depth, take.inputs.holding.keeping), own.px
+    below, shown = radii_of(take.lens, plate.depth), own.px
     if element.empty is not None:
         shown = computed(lambda a, n, b: np.where(n, b, a), own.px, element.empty, below.px)
     limits = min(own.limits[0], below.limits[0]), max(own.limits[1], below.limits[1])
@@ -141,20 +141,20 @@ def _far_away(wanted: InputPair) -> Plate:
                 "give it as ‹over› PLATE DEPTH, of the scale of the element's",
             )
         raise InputError("radii", f"has no {what}", remedy, path=picture.color)
-    color = read_color(picture.color, view=reading.view, keeping=wanted.keeping, overscan=overscan)
+    color = read_color(picture.color, view=reading.view, overscan=overscan)
     require_finite(color)
-    metres = wanted.keeping.new(color.shape[:2], np.float32)
+    metres = np.zeros(color.shape[:2], np.float32)
     for rows in bands(color.shape):
         metres[rows] = np.full(metres[rows].shape, np.inf, np.float32)
     depth = Depth(metres, picture.color, "", "no depth, infinitely far", overscan=overscan)
     warning = f"{picture.color.name}: the plate has no depth and is taken as infinitely far"
-    return Plate(picture, reading, color, element_depth(depth, color, wanted.keeping), (warning,))
+    return Plate(picture, reading, color, element_depth(depth, color), (warning,))
 
 
 def read_hidden(take: Take) -> Take:
     """The take with the files of its hidden layer."""
     hidden, color = take.job.picture.hidden, take.inputs.color
-    wanted = InputPair.of(take.job, take.inputs.holding.keeping)
+    wanted = InputPair.of(take.job)
     assert hidden is not None
     behind, depth = read_pair(replace(wanted, picture=hidden))
     if behind.shape != color.shape:
@@ -174,12 +174,11 @@ def show_hidden(surfaces: Surfaces) -> Surfaces:
     take = surfaces.take
     assert take.inputs.hidden is not None
     color, depth = take.inputs.hidden
-    keeping = take.inputs.holding.keeping
-    known = keeping.new(depth.metres.shape, np.bool_)
+    known = np.zeros(depth.metres.shape, np.bool_)
     for rows in bands(depth.metres.shape):
         shown = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
         known[rows] = np.isfinite(depth.metres[rows]) | shown
-    px = times(radii_of(take.lens, depth, keeping).px, take.longer_axis)
+    px = times(radii_of(take.lens, depth).px, take.longer_axis)
     light = windows(color.planes, take.device)
     hidden = light, map_windows(px, take.device), map_windows(known, take.device)
     return replace(surfaces, hidden=hidden)

@@ -31,8 +31,8 @@ from defocus_core.system.text import counted
 def read(take: Take) -> Take:
     """The take with the layers of its picture, its plate and its holdout."""
     inputs, plate = take.inputs, take.inputs.plate
-    wanted = InputPair.of(take.job, inputs.holding.keeping)
-    picture, keeping = wanted.picture, wanted.keeping
+    wanted = InputPair.of(take.job)
+    picture = wanted.picture
     if picture.hidden is not None:
         problem = "is given ‹hidden›, but what its samples or its holdout hide is known"
         raise InputError("contradiction", problem, "leave ‹hidden› out", path=picture.color)
@@ -41,10 +41,10 @@ def read(take: Take) -> Take:
         below = replace(wanted, picture=plate.picture, reading=plate.reading)
         layers = layers.before(_layers(replace(below, planes=(plate.color, plate.depth))))
     if picture.holdout is not None:
-        black = keeping.new(inputs.depth.metres.shape, np.float16)
+        black = np.zeros(inputs.depth.metres.shape, np.float16)
         hiding = replace(wanted, picture=picture.holdout, planes=(inputs.color, inputs.depth))
         layers = layers.hold_out(_holdout(hiding), black)
-    layers = layers.cut(keeping)
+    layers = layers.cut()
     note = f"{inputs.color.note}, {layers.words}"
     return take.reading(
         color=replace(inputs.color, note=note), layers=None if layers.is_flat else layers
@@ -104,7 +104,7 @@ def _read_samples(pair: InputPair, header: Header, sources: tuple[str, ...]) -> 
     """The samples of a deep part as layers, with the channels of light that are wanted."""
     color, depth = pair.color, pair.depth
     path = pair.picture.color
-    layers, merged = deep_layers(path, header, sources, pair.keeping, color.overscan)
+    layers, merged = deep_layers(path, header, sources, color.overscan)
     metres = [_metres(layer[DEPTH], pair) for layer in layers]
     alpha = tuple(layer[ALPHA] for layer in layers)
     depths = tuple(_depth(depth, *both) for both in zip(metres, alpha, strict=True))
@@ -117,7 +117,7 @@ def _metres(numbers: Any, pair: InputPair) -> Any:
     like = pair.depth
     samples = DepthNumbers(like.path, numbers, "EXR", "", channel=like.channel)
     decoding = resolved(pair.reading, samples, pair.lens_focal)
-    metres = pair.keeping.new(numbers.shape, "float32")
+    metres = np.zeros(numbers.shape, "float32")
     frame = (numbers.shape[0], numbers.shape[1])
     for rows in bands(numbers.shape):
         metres[rows] = decoded(

@@ -14,11 +14,9 @@ from statistics import median
 from typing import TYPE_CHECKING, TypeVar
 
 from defocus_core.errors import DefocusError
-from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.shots.frame_patterns import in_words
 from defocus_core.picture.focus import with_blur_reach, with_focus
-from defocus_core.picture.memory_budget import holding
 from defocus_core.picture.pair import read
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import map_windows, windows
@@ -30,7 +28,7 @@ if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
 
 T = TypeVar("T")
-_Finding = Callable[[FrameLens, Reading, Keeping, float | None], T]
+_Finding = Callable[[FrameLens, Reading, float | None], T]
 _KEPT = 1 << 12  # findings of frames, which frames after them share
 
 
@@ -73,7 +71,7 @@ def _of_each(frames: Sequence[FrameLens], job: Job, finding: _Finding[T]) -> lis
     for frame in frames:
         lens_focal = replace(job, lens=frame.lens).lens_focal
         try:
-            found.append(finding(frame, job.reading, holding(job).keeping, lens_focal))
+            found.append(finding(frame, job.reading, lens_focal))
         except DefocusError as error:
             failed.append(error)
     if not found:
@@ -82,26 +80,24 @@ def _of_each(frames: Sequence[FrameLens], job: Job, finding: _Finding[T]) -> lis
 
 
 @lru_cache(maxsize=_KEPT)
-def _focus_of(
-    frame: FrameLens, reading: Reading, keeping: Keeping, lens_focal: float | None
-) -> float:
+def _focus_of(frame: FrameLens, reading: Reading, lens_focal: float | None) -> float:
     """The focus in mm that the depth of a frame decides."""
-    _, depth = read(InputPair(frame.picture, reading, keeping, lens_focal))
+    _, depth = read(InputPair(frame.picture, reading, lens_focal))
     foc_dist = _focused(frame.lens, depth).foc_dist
     return float("inf") if foc_dist is None else foc_dist
 
 
 @lru_cache(maxsize=_KEPT)
 def _repair_of(
-    frame: FrameLens, reading: Reading, keeping: Keeping, lens_focal: float | None
+    frame: FrameLens, reading: Reading, lens_focal: float | None
 ) -> tuple[DepthRepair, float]:
     """The repair that a frame needs through its lens, and px for a disparity of 1 per mm."""
     import torch
 
     from defocus_core.depth.repair import repair_depth
 
-    color, depth = read(InputPair(frame.picture, reading, keeping, lens_focal))
-    own = radii_of(with_blur_reach(_focused(frame.lens, depth), (depth,)), depth, keeping)
+    color, depth = read(InputPair(frame.picture, reading, lens_focal))
+    own = radii_of(with_blur_reach(_focused(frame.lens, depth), (depth,)), depth)
     _, repair = repair_depth(
         map_windows(own.px, "cpu"),
         windows(color.planes, "cpu"),

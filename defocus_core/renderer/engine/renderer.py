@@ -249,6 +249,12 @@ class Renderer:
         with self._modes():
             return assembled(self.frame, image, self.tiles(progress=progress))
 
+    def with_tile(self, tile: int | None) -> Renderer:
+        """The renderer of the same scene with tiles of another side in px; itself for None."""
+        if tile is None:
+            return self
+        return Renderer(self.scene, replace(self._settings, tile=tile))
+
     @property
     def stats(self) -> dict[str, int]:
         """Counts of what was computed and what was skipped, of the regions that are done."""

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from defocus_core.errors import DefocusError
-from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import read_numbers
 from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading, holds_gdepth
 from defocus_core.io.depth_formats.table import FLOATS, ROWS
@@ -42,16 +42,14 @@ _BESIDE = {
 }
 
 
-def evidence_of(
-    path: Path, reading: DepthReading, info: FileInfo, keeping: Keeping
-) -> tuple[str, ...]:
+def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> tuple[str, ...]:
     """Sentences on the formats that a depth file could be of."""
     sentences = [] if reading.depth_format is not None else [*_names_evidence(path, info)]
     if holds_gdepth(path):
         return tuple(sentences)
     try:
         scaled = reading if reading.says_scale else replace(reading, depth_scale=1.0)
-        samples = read_numbers(path, scaled, keeping, None)
+        samples = read_numbers(path, scaled, None)
     except DefocusError:  # another line of the report says why
         return tuple(sentences)
     if reading.depth_format is None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.array_files import container_type
-from defocus_core.io.arrays import Keeping, bands
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.channel_choice import require_part
@@ -43,8 +43,6 @@ from defocus_core.system.memory import MB
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
 
-# A file with more numbers, 256 MB as floats, is read into scratch files.
-NUMBERS_IN_MEMORY = 2**26
 # Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
 MAX_AT_ONCE = 512
 # Codes of files that have no colour, or no depth, but may have the other.
@@ -57,7 +55,6 @@ class _Asked:
 
     path: Path
     reading: Reading
-    keeping: Keeping
     lens: Lens | None  # what to say the blur of; None for none
 
     @property
@@ -70,14 +67,13 @@ class _Asked:
         depth = read_depth(
             self.path,
             self.reading,
-            keeping=self.keeping,
             lens_focal=self.lens_focal,
             overscan=NO_OVERSCAN if color is None else color.overscan,
             alpha=None if color is None else color.alpha,
         )
         if color is None or depth.metres.shape != color.shape[:2]:
             return depth
-        return element_depth(depth, color, self.keeping)
+        return element_depth(depth, color)
 
 
 def _color_figures(color: Color) -> dict[str, Any]:
@@ -100,7 +96,7 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
 
     `color`: the colour of the same file; None if it has none.
     """
-    depth, lens, keeping = asked.depth(color), asked.lens, asked.keeping
+    depth, lens = asked.depth(color), asked.lens
     height, width = depth.metres.shape
     sky = valid = nothing = 0
     limits: list[float] = []  # of valid depth, sky included
@@ -124,12 +120,12 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
         extremes = np.array([min(limits), max(limits)], np.float32)
         most = math.inf if lens.clamp_blur is None else lens.clamp_blur
         coc_px = (
-            list(radii_of(lens, depth, keeping).limits)
+            list(radii_of(lens, depth).limits)
             if depth.is_radius
             else signed_radius(lens, extremes, depth.size).clip(-most, most).tolist()
         )
         if not invalid:
-            repair, warnings = _repair(depth, lens, asked.reading, keeping)
+            repair, warnings = _repair(depth, lens, asked.reading)
     reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
     return depth.note, {
         "range_m": None if depth.is_radius else reach,
@@ -146,7 +142,7 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
 
 
 def _repair(
-    depth: Depth, lens: Lens, reading: Reading, keeping: Keeping
+    depth: Depth, lens: Lens, reading: Reading
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
     import torch
@@ -154,7 +150,7 @@ def _repair(
     from defocus_core.depth.repair import diagnose_depth
 
     with suppress(InputError):  # too near to be rendered, as the radius shows
-        radii, declared = radii_of(lens, depth, keeping), reading.says_scale
+        radii, declared = radii_of(lens, depth), reading.says_scale
         warnings = of_radii(depth, radii.px, radii.limits, lens, declared=declared)
         repair = diagnose_depth(
             map_windows(radii.px, "cpu"),
@@ -189,13 +185,12 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     maps: list[dict[str, Any]] = []
     evidence: tuple[str, ...] = ()
     if not color_note:
-        keeping = Keeping(scratch=info.numbers > NUMBERS_IN_MEMORY)
-        asked = _Asked(path, reading, keeping, lens)
-        picture, color_note = _color_of(info, reading, keeping)
+        asked = _Asked(path, reading, lens)
+        picture, color_note = _color_of(info, reading)
         color = picture and _color_figures(picture)
         depth_note, depth = _depth_of(asked, picture, arrays=has_frames)
-        maps = _maps(info, keeping)
-        evidence = () if maps else evidence_of(path, reading, info, keeping)
+        maps = _maps(info)
+        evidence = () if maps else evidence_of(path, reading, info)
     return {
         "file": str(path),
         "size": [info.width, info.height],
@@ -209,7 +204,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     }
 
 
-def _color_of(info: FileInfo, reading: Reading, keeping: Keeping) -> tuple[Color | None, str]:
+def _color_of(info: FileInfo, reading: Reading) -> tuple[Color | None, str]:
     """The colour of a file and how it is read; None, and why it has none."""
     path, overscan = info.path, NO_OVERSCAN
     if not (is_exr(read_head(path)) or {"R", "G", "B"} <= set(info.names) or "Y" in info.names):
@@ -222,7 +217,6 @@ def _color_of(info: FileInfo, reading: Reading, keeping: Keeping) -> tuple[Color
             layer=reading.color_layer,
             part=reading.part,
             view=reading.view,
-            keeping=keeping,
             overscan=overscan,
             original=True,
             carried=False,
@@ -286,26 +280,26 @@ def _part_record(path: Path, part: Header) -> dict[str, Any]:
     return told
 
 
-def _maps(info: FileInfo, keeping: Keeping) -> list[dict[str, Any]]:
+def _maps(info: FileInfo) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
     kinds = [name for name in info.names if name in NO_DEPTH]
     if not kinds or container_type(read_head(info.path, 32)):  # an array may have such a name, too
         return []
     maps = []
-    for kind, values in _bands_of_maps(info.path, kinds, keeping):
+    for kind, values in _bands_of_maps(info.path, kinds):
         ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]
         maps.append({"kind": kind, range_key(kind): [min(ends), max(ends)] if ends else None})
     return maps
 
 
 def _bands_of_maps(
-    path: Path, kinds: Sequence[str], keeping: Keeping
+    path: Path, kinds: Sequence[str]
 ) -> Iterator[tuple[str, Iterator[NDArray[Any]]]]:
     """The maps of an EXR, or the one of a TIFF, and their numbers."""
     if not is_exr(read_head(path)):
         yield kinds[0], (samples for _, samples in read_samples(path))
         return
-    for part in read_parts(path, keeping=keeping, wanted=lambda _, name: name in NO_DEPTH):
+    for part in read_parts(path, wanted=lambda _, name: name in NO_DEPTH):
         for kind, plane in part.channels.items():
             yield kind, (plane[rows] for rows in bands(plane.shape))
 

@@ -12,7 +12,6 @@ import pytest
 from command_line import color_exr, depth_exr, header, refused, run
 from refusals import refuses
 
-from defocus_core.io.arrays import IN_MEMORY
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.focus import with_focus
 from defocus_core.picture.radii import radii_of
@@ -67,4 +66,4 @@ def test_a_focus_that_is_no_percentile_is_refused(tmp_path):
 @pytest.mark.parametrize("focus", [50.000001, 50.00001])
 def test_a_focus_hardly_beyond_the_focal_length_is_refused(focus):
     with refuses("out-of-range"):
-        radii_of(replace(LENS, foc_dist=focus), depth_of(np.full((2, 300), 5.0)), IN_MEMORY)
+        radii_of(replace(LENS, foc_dist=focus), depth_of(np.full((2, 300), 5.0)))

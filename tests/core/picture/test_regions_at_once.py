@@ -1,6 +1,7 @@
 """How many regions of a picture are computed at once, and what is said where none fits."""
 
 import re
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -34,12 +35,12 @@ def short(tmp_path, monkeypatch):
 
 
 def held(room_mb):
-    return Holding(10.0, 0.0, False, 30.0, room_mb)
+    return Holding(10.0, 30.0, room_mb)
 
 
 def regions_at_once(job, room_mb):
-    unused: Any = None
-    return memory_budget.regions_at_once(job, unused, held(room_mb), "cpu")[0]
+    renderer: Any = SimpleNamespace(with_tile=lambda tile: tile)
+    return memory_budget.regions_at_once(job, renderer, held(room_mb), "cpu")[0]
 
 
 @pytest.mark.parametrize(
@@ -49,6 +50,13 @@ def test_what_does_not_fit_is_refused_with_what_would_help(of_one_thread, remedy
     job = short(lambda threads, at_once: of_one_thread if threads == 1 else 450.0)
     with pytest.raises(TooLarge, match=remedy):
         regions_at_once(job, 1e9)
+
+
+def test_a_smaller_tile_is_proposed_if_that_is_enough(short, monkeypatch):
+    job = short(lambda threads, at_once: 90.0)
+    monkeypatch.setattr(memory_bound, "memory_bound", lambda tile, *_: 1e6 * (tile or 1000) / 3)
+    with pytest.raises(TooLarge, match="use ‹threads› 1 ‹tile› 256"):
+        regions_at_once(job, 90.0)
 
 
 def test_the_sizes_of_a_refusal_add_up(short):

@@ -5,7 +5,6 @@ import pytest
 from depth_files import npy
 from refusals import refuses
 
-from defocus_core.io.arrays import Keeping
 from defocus_core.io.depth_formats.depth import fill_from_farther, read_depth, require_valid
 from defocus_core.io.depth_formats.reading import DepthReading
 
@@ -53,11 +52,10 @@ def test_of_relative_disparity_the_farthest_number_is_far(invert, how, found, tm
         read_depth(none, reading)
 
 
-@pytest.mark.parametrize("keeping", [Keeping(), Keeping(scratch=True)])
 @pytest.mark.parametrize(("how", "value"), [("far", INF), ("fill", 3.0)])
-def test_replaced_pixels_are_counted_and_told(how, value, keeping, tmp_path):
+def test_replaced_pixels_are_counted_and_told(how, value, tmp_path):
     path = npy(tmp_path / "a.npy", [[3.0, 0.0], [NAN, 2.0]])
-    depth = read_depth(path, DepthReading(invalid=how), keeping=keeping)
+    depth = read_depth(path, DepthReading(invalid=how))
     require_valid(depth)
     replaced = depth.metres[:][[0, 1], [1, 0]]
     assert replaced.tolist() == [value, 2.0 if how == "fill" else value]

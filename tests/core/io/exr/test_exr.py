@@ -2,7 +2,6 @@
 
 import struct
 from contextlib import nullcontext
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from command_line import header
 from image_files import SCANLINE, box, random_planes, write_window
 from refusals import refuses
 
-from defocus_core.io.arrays import Keeping
+from defocus_core.io.exr import reading
 from defocus_core.io.exr.channel_choice import choose_color
 from defocus_core.io.exr.header import CODECS, codec_of, read_headers
 from defocus_core.io.exr.reading import read_parts
@@ -118,8 +117,10 @@ def whole_by_openexr(path):
 
 def same_in_pieces(path, piece_bytes=3000):
     whole = whole_by_openexr(path)
-    for scratch, pieces in product((False, True), (piece_bytes, 1 << 25)):
-        parts = read_parts(path, keeping=Keeping(scratch, pieces))
+    for pieces in (piece_bytes, 1 << 25):
+        with pytest.MonkeyPatch.context() as patched:
+            patched.setattr(reading, "STRIP", pieces)
+            parts = read_parts(path)
         for part, planes in zip(parts, whole, strict=True):
             assert part.channels.keys() == planes.keys()
             for name, plane in planes.items():
@@ -167,13 +168,6 @@ def test_tiled_parts_and_windows_are_the_same_in_pieces(tmp_path):
     ]
     OpenEXR.File(parts).write(str(tmp_path / "a.exr"))
     same_in_pieces(tmp_path / "a.exr")
-
-
-def test_a_tile_too_large_to_be_decoded_at_once_is_refused(tmp_path):
-    planes = {"Y": np.zeros((4100, 4100), np.float32)}
-    OpenEXR.File(tiles(4100, 4100), planes).write(str(tmp_path / "a.exr"))
-    with refuses("no-pieces", "‹memory›"):
-        read_parts(tmp_path / "a.exr", keeping=Keeping(scratch=True))
 
 
 def test_channels_of_fewer_samples_than_pixels_are_refused(tmp_path):

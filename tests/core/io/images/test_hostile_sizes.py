@@ -2,19 +2,16 @@
 
 import tracemalloc
 import zipfile
-from typing import Any
 
 import numpy as np
 import pytest
-from command_line import color_exr, depth_exr, pair, render, run, texture
+from command_line import color_exr, depth_exr, run, texture
 from image_files import save
 from refusals import refuses
 
-from defocus_core.io import arrays
 from defocus_core.io.array_files import read_entries, read_map
 from defocus_core.io.depth_formats import depth
 from defocus_core.io.images import describe as describing
-from defocus_core.io.images.color import read_color
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import MAX_PIXELS
 from defocus_core.reports.inspection import inspection
@@ -42,30 +39,6 @@ def test_npy_obeys_the_limit_of_pixels(shape, tmp_path):
     for read in (describe, read_map):
         with refuses("too-large", f"{shape[-1]}×{shape[-2]} px", path=path):
             read(path)
-
-
-def test_info_reads_a_large_file_into_scratch(tmp_path, monkeypatch):
-    """A PNG of 236 kB may have 81 million pixels, which took 1 GB; now it takes 100 MB."""
-    color, depth = pair(tmp_path)
-    render(color, depth, "-o", tmp_path / "out", "--outputs", "coc,trust")
-    png = save(tmp_path / "a.png", (65535 * texture()).astype(np.uint16))
-    grey = save(tmp_path / "grey.png", (65535 * texture()[..., :1]).astype(np.uint16))
-    maps = sorted((tmp_path / "out").rglob("*.exr"))
-    files: tuple[Any, ...] = (color, depth, png, grey, *maps)
-    in_memory = run("info", *files)
-    assert in_memory.code == 0
-    made = []
-    new = arrays.Scratch.__init__
-
-    def counted(scratch, shape, dtype):
-        made.append(shape)
-        new(scratch, shape, dtype)
-
-    monkeypatch.setattr(arrays.Scratch, "__init__", counted)
-    monkeypatch.setattr(inspection, "NUMBERS_IN_MEMORY", 100)
-    assert run("info", *files) == in_memory
-    assert len(made) >= len(files)
-    assert read_color(png).pixels.shape == texture().shape
 
 
 def test_info_decodes_no_more_at_once_than_it_may(tmp_path, monkeypatch):
