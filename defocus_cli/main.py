@@ -51,7 +51,7 @@ COMMANDS = {
     "lenses": "List the lens files that ship, or show their looks.",
     "fit": "Find the lens between a sharp and a blurred picture.",
     "compare": "Say whether pictures are the same, and what happened if not.",
-    "bench": "Render scenes with known truth or synthetic ones; say error and time.",
+    "bench": "Render scenes with known truth; say error and time.",
     "verify": "Measure whether the laws of the lens hold on this machine.",
     "help": "Print the reference on a topic, or list the topics.",
 }

@@ -1,5 +1,4 @@
-"""Error and time of the renderer on scenes with known truth, and time on synthetic scenes.
+"""Error and time of the renderer on scenes with known truth.
 
-Terms: a shot is one lens of a scene with known truth; a method is a quality or a baseline method; a
-case is a synthetic scene to time at one size, radius and quality.
+A shot is one lens of a scene; a method is a quality, or the baseline to compare with.
 """

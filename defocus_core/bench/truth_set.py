@@ -10,7 +10,7 @@ import json
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from defocus_core.errors import InputError, UsageProblem, cannot_read, reason
 from defocus_core.io.below import read_plain
@@ -47,8 +47,7 @@ class TruthShot:
         return self.folder / f"truth_{self.name}.exr"
 
 
-@dataclass(frozen=True)
-class Pictures:
+class Pictures(NamedTuple):
     """A shot decoded: sharp picture and truth [3, H, W], linear; signed radius [H, W] in px.
 
     Beside them the radius of what is infinitely far.

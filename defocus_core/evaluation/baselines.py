@@ -1,12 +1,10 @@
-"""Baseline renderers: layered methods without hidden surfaces.
+"""A baseline to compare the renderer with: the plain sum of blurred slices.
 
-They share the slice radii, the kernels and the transforms with the renderer, but have no hidden
+It shares the slice radii, the kernels and the transforms with the renderer, but has no hidden
 content, no tiles and no separate highlights. Each slice costs one blur.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterator
 
 import torch
 from torch import Tensor
@@ -42,43 +40,16 @@ def plain_sum(
     Returns:
         [C, H, W].
     """
-    slices = _blurred_slices(image, signed_radius, aperture or Aperture(), quality, threads)
-    total = next(slices).clone()
-    for layer in slices:
-        total += layer
-    return total[:-1] / total[-1:].clamp(min=_MIN_COVERAGE)
-
-
-def over(
-    image: Tensor,
-    signed_radius: Tensor,
-    *,
-    aperture: Aperture | None = None,
-    quality: str = "standard",
-    threads: int = 1,
-) -> Tensor:
-    """Blurred slices composited front to back by `over` (Porter & Duff 1984), divided by alpha.
-
-    Arguments and result are those of `plain_sum`.
-    """
-    slices = _blurred_slices(image, signed_radius, aperture or Aperture(), quality, threads)
-    front = next(slices).clone()
-    for layer in slices:
-        front = front + (1 - front[-1:]) * layer
-    return front[:-1] / front[-1:].clamp(min=_MIN_COVERAGE)
-
-
-def _blurred_slices(
-    image: Tensor, signed_radius: Tensor, aperture: Aperture, quality: str, threads: int
-) -> Iterator[Tensor]:
-    """Each slice [C + 1, H, W] that holds a pixel, nearest first: colour, then coverage."""
+    aperture = aperture or Aperture()
     radii = slice_radii(float(signed_radius.min()), float(signed_radius.max()), find(quality))
     positions = slice_position(signed_radius.to(image.dtype), radii)
     pixels = torch.cat([image, torch.ones_like(image[:1])])
+    total = torch.zeros_like(pixels)
     for k, radius in enumerate(radii):
         fraction = membership(positions, positions.new_tensor([k]))  # [1, H, W]
         if bool(fraction.any()):
-            yield _blurred(pixels * fraction, radius, aperture, threads)
+            total += _blurred(pixels * fraction, radius, aperture, threads)
+    return total[:-1] / total[-1:].clamp(min=_MIN_COVERAGE)
 
 
 def _blurred(layer: Tensor, radius: float, aperture: Aperture, threads: int) -> Tensor:

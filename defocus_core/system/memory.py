@@ -1,4 +1,4 @@
-"""Memory of this process: held now, its peak, and what is available. In MB.
+"""Memory of this process: held now, and what is available. In MB.
 
 A megabyte is a million bytes, as in sizes on the command line.
 """
@@ -42,37 +42,6 @@ def without_collections() -> Iterator[None]:
     finally:
         if enabled:
             gc.enable()
-
-
-def reset_peak(device: str = "cpu") -> None:
-    """Set the peak back to what is held now, where the system can; free memory goes back first."""
-    if device == "cuda":
-        import torch
-
-        torch.cuda.reset_peak_memory_stats()
-        return
-    trim()
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")
-
-
-def peak_mb(device: str = "cpu") -> float | None:
-    """Largest memory of the process since `reset_peak`, or ever if that has no effect.
-
-    None where the system does not report it. On a GPU, the largest memory of tensors there.
-    """
-    if device == "cuda":
-        import torch
-
-        return torch.cuda.max_memory_allocated() / MB
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    with suppress(OSError, ValueError, IndexError):  # Linux: can be reset
-        return _entry(_STATUS, "VmHWM:")
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak * (1 if sys.platform == "darwin" else _KIB) / MB
 
 
 def held_mb(device: str = "cpu") -> float:

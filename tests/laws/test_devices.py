@@ -5,6 +5,7 @@ from typing import cast
 import pytest
 import torch
 from elsewhere import CPU, DEVICES, NAME, Device, elsewhere, there, waits
+from launches import Launches
 from torch import Tensor
 
 from defocus_core import (
@@ -20,7 +21,6 @@ from defocus_core import (
     render_layers,
     with_lights,
 )
-from defocus_core.evaluation.cost import Launches
 from defocus_core.evaluation.lens_laws import LAWS, LawSetting, strips, waves
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.fitting.residual import Optics, Residual

@@ -2,12 +2,12 @@
 
 import pytest
 import torch
+from launches import Launches
 from layers import brute_force, flattened
 from measures import inner, psnr
 from torch.autograd import gradcheck
 
 from defocus_core import render, render_layers
-from defocus_core.evaluation.cost import Launches
 
 SIZE = (72, 84)
 

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import pytest
 import torch
+from launches import Launches
+from pretended_device import NAME, here, pretended, there
 from torch import Tensor
 
-from defocus_core.evaluation.cost import Launches
-from defocus_core.evaluation.pretended_device import NAME, here, pretended, there
 from defocus_core.tensors import torch_modes
 
 # What was counted since `elsewhere` was entered, in the forward and in each backward pass.

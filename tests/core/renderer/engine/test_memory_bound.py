@@ -1,7 +1,9 @@
 """The bound of a rendering's memory: it grows with what is held, and nothing takes more."""
 
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -11,6 +13,7 @@ from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 
+SUPPORT = Path(__file__).parents[3] / "support"
 SIZE = (200, 300)
 # Renders scenes in a process of its own, and prints the most that each held beyond what it began
 # with, in bytes, and the bound.
@@ -22,6 +25,7 @@ from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.system import memory
+from peak_memory import peak_mb, reset_peak
 
 torch.set_num_threads(1)
 memory.share_heap()
@@ -34,13 +38,13 @@ def measured(case):
         pass
     image, radii = scenery(kind, int(height), int(width), float(radius))[:2]
     memory.trim()
-    memory.reset_peak()
+    reset_peak()
     before = memory.held_mb()
     renderer = Renderer(Scene(image, radii), settings)
     bound = memory_bound(renderer, threads, threads)
     for _ in renderer.tiles():
         pass
-    print(1e6 * (memory.peak_mb() - before), bound)
+    print(1e6 * (peak_mb() - before), bound)
 
 for case in sys.argv[1:]:
     measured(case)
@@ -77,7 +81,8 @@ def test_double_precision_takes_twice_the_memory():
 )
 def test_no_rendering_takes_more_memory_than_its_bound():
     command = [sys.executable, "-c", _PEAK, *_CASES]
-    ran = subprocess.run(command, capture_output=True, text=True, check=True)
+    environment = {**os.environ, "PYTHONPATH": str(SUPPORT)}
+    ran = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     for case, line in zip(_CASES, ran.stdout.splitlines(), strict=True):
         peak, bound = map(float, line.split())
         assert peak <= bound, case

@@ -1,14 +1,8 @@
-"""The launches of a rendering.
+"""What a rendering asks of a device: launches, waits and bytes, counted on any device.
 
-Launches are what a rendering asks of a device, counted on any. A GPU takes some µs to begin an
-operation, and a host that reads a value waits until all before it is done. Views are free. On a CPU
-the numbers are those of its own plan, of smaller pieces.
+A GPU takes some µs to begin an operation, and a host that reads a value waits until all before it
+is done. Views are free. On a CPU the numbers are those of its own plan, of smaller pieces.
 """
-
-from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -37,19 +31,13 @@ class Launches(TorchDispatchMode):
         written: Bytes of the results.
     """
 
-    def __init__(self, device: torch.device | str) -> None:
+    def __init__(self, device):
         """Count from 0."""
-        super().__init__()  # type: ignore[no-untyped-call]
+        super().__init__()
         self._kind = torch.device(device).type
         self.launches = self.waits = self.written = 0
 
-    def __torch_dispatch__(
-        self,
-        func: Any,
-        types: Any,
-        args: tuple[Any, ...] = (),
-        kwargs: Mapping[str, Any] | None = None,
-    ) -> object:
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         """Run an operation, and count it if it is one of the device."""
         kwargs = kwargs or {}
         result = func(*args, **kwargs)
@@ -64,19 +52,19 @@ class Launches(TorchDispatchMode):
             self.written += sum(x.numel() * x.element_size() for x in outputs)
         return result
 
-    def _tensors(self, values: object) -> list[Tensor]:
+    def _tensors(self, values):
         """The tensors of the device among some values."""
         tensors = (x for x in tree_leaves(values) if isinstance(x, Tensor))
         return [x for x in tensors if x.device.type == self._kind]
 
     @staticmethod
-    def _is_waited(name: str, args: tuple[Any, ...]) -> bool:
+    def _is_waited(name, args):
         by_mask = name in _INDEXED and any(
             x.dtype == torch.bool for x in tree_leaves(args[1]) if isinstance(x, Tensor)
         )
         return by_mask or name in _WAITED
 
-    def _is_copied_away(self, name: str, result: object, args: tuple[Any, ...]) -> bool:
+    def _is_copied_away(self, name, result, args):
         into = args[0] if name == "copy_" else result
         if name not in ("copy_", "_to_copy") or not isinstance(into, Tensor):
             return False

@@ -5,11 +5,7 @@ or takes for granted that tensors are on the CPU, fails as on a GPU. What only a
 rounding, its memory, its threads) is not pretended: whoever renders there takes one thread.
 """
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import torch
 from torch import Tensor
@@ -26,12 +22,10 @@ _MOVING = {"aten::copy_", "aten::_to_copy"}
 class PretendedTensor(Tensor):
     """A tensor on the pretended device."""
 
-    held: Tensor
-
     @staticmethod
-    def __new__(cls, held: Tensor) -> PretendedTensor:
+    def __new__(cls, held):
         """A tensor that holds values on the CPU."""
-        made: PretendedTensor = Tensor._make_wrapper_subclass(
+        made = Tensor._make_wrapper_subclass(
             cls,
             held.size(),
             strides=held.stride(),
@@ -42,38 +36,36 @@ class PretendedTensor(Tensor):
         made.held = held
         return made
 
-    def __repr__(self, **_: Any) -> str:  # type: ignore[override]
+    def __repr__(self, **_):
         """What it holds."""
         return f"PretendedTensor({self.held})"
 
-    def tolist(self) -> Any:
+    def tolist(self):
         """Its numbers, for which the host waits."""
         return self.cpu().tolist()
 
-    def numpy(self, **_: Any) -> Any:
+    def numpy(self, **_):
         """Refused, as by a device."""
         raise TypeError("what is on a device is no array of numpy")
 
     @classmethod
-    def __torch_dispatch__(  # type: ignore[override]
-        cls, func: Any, types: Any, args: Any = (), kwargs: Mapping[str, Any] | None = None
-    ) -> Any:
+    def __torch_dispatch__(cls, func, types, args=(), kwargs=None):
         """Run an operation."""
         return _run(func, args, kwargs or {})
 
 
-def there(values: Tensor) -> Tensor:
+def there(values):
     """The same on the pretended device."""
     return PretendedTensor(values)
 
 
-def here(values: Tensor) -> Tensor:
+def here(values):
     """The values of a tensor that must be on the pretended device."""
     assert isinstance(values, PretendedTensor)
     return values.held
 
 
-def _run(func: Any, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
+def _run(func, args, kwargs):
     """An operation on the device on which its tensors are, or that it names."""
     name = func._schema.name
     tensors = [*_tensors(args), *_tensors(kwargs.values())]
@@ -100,7 +92,7 @@ def _run(func: Any, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
         return result
     changed = {id(x.held): x for x in away} if func._schema.is_mutable else {}
 
-    def moved(x: Tensor) -> Tensor:
+    def moved(x):
         if id(x) in changed:
             return changed[id(x)]
         return PretendedTensor(x.resolve_conj().resolve_neg())
@@ -108,7 +100,7 @@ def _run(func: Any, args: Sequence[Any], kwargs: Mapping[str, Any]) -> Any:
     return _changed(result, moved)
 
 
-def _tensors(values: Iterable[Any]) -> Iterator[Tensor]:
+def _tensors(values):
     """The tensors among arguments, and in lists of them."""
     for value in values:
         if isinstance(value, Tensor):
@@ -117,7 +109,7 @@ def _tensors(values: Iterable[Any]) -> Iterator[Tensor]:
             yield from _tensors(value)
 
 
-def _changed(value: Any, change: Callable[[Tensor], Tensor]) -> Any:
+def _changed(value, change):
     """A tensor, or those in lists, changed; other arguments as they are."""
     if isinstance(value, Tensor):
         return change(value)
@@ -126,25 +118,21 @@ def _changed(value: Any, change: Callable[[Tensor], Tensor]) -> Any:
     return value
 
 
-def _held(x: Tensor) -> Tensor:
+def _held(x):
     return x.held if isinstance(x, PretendedTensor) else x
 
 
-class _Made(TorchDispatchMode):  # type: ignore[no-untyped-call]
+class _Made(TorchDispatchMode):
     """What is made on the pretended device."""
 
-    def __torch_dispatch__(
-        self, func: Any, types: Any, args: Any = (), kwargs: Mapping[str, Any] | None = None
-    ) -> Any:
+    def __torch_dispatch__(self, func, types, args=(), kwargs=None):
         return _run(func, args, kwargs or {})
 
 
 class _Given(TorchFunctionMode):
     """What is made on the pretended device of numbers of Python's."""
 
-    def __torch_function__(
-        self, func: Any, types: Any, args: Any = (), kwargs: Mapping[str, Any] | None = None
-    ) -> Any:
+    def __torch_function__(self, func, types, args=(), kwargs=None):
         given = dict(kwargs or {})
         if func is torch.as_tensor and isinstance(args[0], Tensor):
             return args[0].to(**given)
@@ -162,7 +150,7 @@ class _Given(TorchFunctionMode):
 
 
 @contextmanager
-def pretended() -> Iterator[None]:
+def pretended():
     """Where the pretended device is known."""
-    with _Made(), _Given():  # type: ignore[no-untyped-call]
+    with _Made(), _Given():
         yield

@@ -1,0 +1,176 @@
+"""Error and cost of shots of known truth, by each quality and by a plain baseline; a table of them.
+
+The unit of cost is one Fourier transform of the frame and its inverse, RGBA float32, on one thread.
+It is measured before and after each rendering: a busy machine slows both, so that their ratio is
+the cost of the renderer itself.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import partial
+from statistics import fmean, median
+from typing import TYPE_CHECKING, Any
+
+from defocus_core.bench.truth_set import Pictures, TruthShot
+from defocus_core.errors import InputError
+from defocus_core.picture import plain_path
+from defocus_core.system import memory
+from defocus_core.system.process import set_to_render
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from defocus_core.evaluation.metrics import Errors
+
+BASELINE = "sum"  # of blurred slices, where nothing occludes
+CAP = 50.0  # dB that a shot adds to a mean at most: easy scenes do not hide hard ones
+_TRANSFORMS = 5  # of which the median is the unit
+# Title, width and decimals of each column, of words None.
+COLUMNS: dict[str, tuple[str, int, int | None]] = {
+    "scene": ("scene", 10, None),
+    "shot": ("shot", 8, None),
+    "method": ("method", 9, None),
+    "psnr": ("PSNR", 7, 2),
+    "psnr_edges": ("edges", 7, 2),
+    "psnr_elsewhere": ("other", 7, 2),
+    "rel_rmse": ("relRMSE", 9, 5),
+    "ssim": ("SSIM", 9, 5),
+    "p999": ("p999", 9, 4),
+    "seconds": ("seconds", 9, 3),
+    "fft_units": ("FFTs", 9, 1),
+}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One shot by one method."""
+
+    scene: str  # name of the scene
+    shot: str  # name of the shot
+    method: str  # a quality or the baseline
+    errors: Errors  # errors against the truth
+    seconds: float  # time of the rendering alone
+    fft_units: float  # its ratio to the unit measured beside it
+
+
+def warm_up(device: str) -> str:
+    """Render a tiny picture, as what a process does once belongs to no shot; the device it is on.
+
+    From here on torch uses one thread: threads work on tiles or channels.
+    """
+    plain_path.load()
+    import torch
+
+    from defocus_core.renderer.render import render
+
+    set_to_render()
+    device = plain_path.choose_device(device)
+    radius = torch.linspace(-3, 3, 32, device=device).repeat(32, 1)
+    render(radius[None].abs(), radius)
+    return device
+
+
+def measure_shot(
+    shot: TruthShot, pictures: Pictures, methods: Sequence[str], *, device: str, threads: int
+) -> Iterator[Row]:
+    """One row for each method, when it is done."""
+    import torch
+
+    from defocus_core.evaluation import metrics
+
+    sharp, radius = pictures.sharp.to(device), pictures.signed_radius.to(device)
+    there = pictures._replace(sharp=sharp, signed_radius=radius)
+    try:
+        _unit_seconds(sharp)  # plans the transform
+        after = _unit_seconds(sharp)
+        for method in methods:
+            picture, seconds = _timed(partial(_render, method, shot, there, threads))
+            before, after = after, _unit_seconds(sharp)
+            errors = metrics.measure(
+                picture.cpu(), pictures.truth, pictures.signed_radius, border=shot.border
+            )
+            units = 2 * seconds / (before + after)
+            yield Row(shot.scene, shot.name, method, errors, seconds, units)
+    except torch.OutOfMemoryError:
+        problem = "does not fit into the memory of the GPU"
+        raise InputError("out-of-memory", problem, "use ‹device› cpu", path=shot.folder) from None
+
+
+def _render(method: str, shot: TruthShot, pictures: Pictures, threads: int) -> Tensor:
+    """A shot by a method."""
+    from defocus_core.evaluation.baselines import plain_sum
+    from defocus_core.optics.aperture import Aperture
+    from defocus_core.renderer.render import render
+
+    aperture = Aperture(shot.lens.blades, shot.lens.blade_rotation)
+    sharp, radius, infinity = pictures.sharp, pictures.signed_radius, pictures.infinity
+    options: dict[str, Any] = {"aperture": aperture, "threads": threads}
+    if method == BASELINE:
+        return plain_sum(sharp, radius, **options)
+    return render(sharp, radius, quality=method, infinity=infinity, **options).render
+
+
+def _unit_seconds(image: Tensor) -> float:
+    """The unit for a picture: the median of several transforms there and back."""
+    import torch
+
+    frame = torch.rand((4, *image.shape[-2:]), generator=torch.Generator().manual_seed(0))
+    frame = frame.to(image.device)
+
+    def round_trip() -> Tensor:
+        memory.trim()  # memory in use before would halve the time
+        back: Tensor = torch.fft.irfft2(torch.fft.rfft2(frame), s=frame.shape[-2:])
+        return back
+
+    return median(_timed(round_trip)[1] for _ in range(_TRANSFORMS))
+
+
+def _timed(work: Callable[[], Tensor]) -> tuple[Tensor, float]:
+    """The result of some work, and the seconds that it takes."""
+    import torch
+
+    start = time.perf_counter()
+    result = work()
+    if result.is_cuda:
+        torch.cuda.synchronize()
+    return result, time.perf_counter() - start
+
+
+def record(row: Row) -> dict[str, Any]:
+    """A row in plain words and numbers."""
+    own = {each.name: getattr(row, each.name) for each in fields(row) if each.name != "errors"}
+    return own | asdict(row.errors)
+
+
+def means(rows: Sequence[Row]) -> list[dict[str, Any]]:
+    """For each method the means over all shots, each PSNR capped at 50 dB."""
+    averages = []
+    for method in dict.fromkeys(row.method for row in rows):
+        own = [record(row) for row in rows if row.method == method]
+        mean: dict[str, Any] = {"method": method, "shots": len(own)}
+        for name in (name for name, (*_, decimals) in COLUMNS.items() if decimals is not None):
+            values = [r[name] for r in own if r[name] is not None]
+            if name.startswith("psnr"):
+                values = [min(value, CAP) for value in values]
+            mean[name] = fmean(values) if values else None
+        averages.append(mean)
+    return averages
+
+
+def heading() -> str:
+    """The titles of the table."""
+    return line({name: title for name, (title, *_) in COLUMNS.items()})
+
+
+def line(values: dict[str, Any]) -> str:
+    """A row of the table: words from the left, numbers from the right."""
+    cells = []
+    for name, (_, width, decimals) in COLUMNS.items():
+        value = "-" if values[name] is None else values[name]
+        is_number = decimals is not None and not isinstance(value, str)
+        text = f"{value:.{decimals}f}" if is_number else f"{value}"
+        cells.append(f"{text:<{width}}" if decimals is None else f"{text:>{width}}")
+    return "".join(cells)
