@@ -174,7 +174,7 @@ def _interrupted(*_):
     raise KeyboardInterrupt
 
 
-FOREIGN = ("metadata.jsonl", "trainset.jsonl", "shards/shards.json")
+FOREIGN = ("metadata.jsonl", "trainset.jsonl")
 FOREIGN_TAR = "shards/trainset-000007.tar"
 
 
@@ -193,14 +193,6 @@ def test_a_data_set_of_others_stays_as_it_is(name, folder):
     words = ("merge", folder / "out", "--shards-size", "1GB")
     refused(run(*words), 3, "exists", theirs)
     assert theirs.read_bytes() == kept.read_bytes()
-
-
-def test_shards_that_a_killed_run_left_without_their_list_are_packed_again(folder):
-    batch(folder, "--shards-size", "1GB")
-    before = contents(folder / "out")
-    (folder / "out" / "shards" / "shards.json").unlink()
-    batch(folder, "--shards-size", "1GB")
-    assert contents(folder / "out") == before
 
 
 @pytest.mark.parametrize("edit", [None, "[dataset]\nlicence = 'MIT'\n"])

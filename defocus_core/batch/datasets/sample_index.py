@@ -17,7 +17,6 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from functools import reduce
-from hashlib import blake2b
 from itertools import groupby
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -36,7 +35,6 @@ from defocus_core.request.output_kinds import KINDS
 NAME = INDEX
 _OWN = (b'"sample_id": ', b'"coc_min_px": ')  # what a line of ours has
 _LONGEST_LINE = 2**24  # bytes
-DIGEST = 16  # bytes of the hash of an index
 _ENCODER = json.JSONEncoder(ensure_ascii=False, allow_nan=False)
 MM_PER_M = 1000.0
 _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR decode
@@ -88,14 +86,6 @@ def split_lists(out: Path) -> Iterator[str]:
     with suppress(OSError):
         names = Folder(out).names()
         yield from (name for name in names if name.endswith(list_name("")) and is_own(out, name))
-
-
-def digest(lines: Iterable[bytes]) -> str:
-    """The hash of an index of these lines."""
-    hashed = blake2b(digest_size=DIGEST)
-    for each in lines:
-        hashed.update(each)
-    return hashed.hexdigest()
 
 
 def _joined(before: Record, record: Record) -> Record:

@@ -3,9 +3,8 @@
 Of a dataset with splits each has shards of its own, ``trainset-000000.tar``, …. Each sample is
 ``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the index. The key
 is the sample_id with _ for each dot, as readers of such tars cut at the first one. The same samples
-make the same bytes. ``shards.json`` beside them lists the shards, and the size they were packed
-for; a shard that is as listed is not packed again. Samples are sorted by name, or shuffled by the
-seed ``shuffle`` of ``[dataset]``.
+make the same bytes, and a shard that holds the lines of its samples is not packed again. Samples
+are sorted by name, or shuffled by the seed ``shuffle`` of ``[dataset]``.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import blake2b
-from itertools import accumulate, groupby
+from itertools import accumulate, groupby, islice
 from operator import itemgetter
 from pathlib import Path
 
@@ -31,8 +30,7 @@ from defocus_core.io.safe_files import written_whole
 from defocus_core.request.origin import origin_of
 
 FOLDER = SHARDS_FOLDER
-LIST = "shards.json"
-_HEAD = b'{\n "limit": '  # of the list
+_LONGEST_LINE = 2**24  # bytes of the index
 _NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 
@@ -70,37 +68,33 @@ def _header(name: str, size: int) -> tarfile.TarInfo:
     return info
 
 
-@dataclass(frozen=True)
-class Listing:
-    """The list of shards: greatest size of a tar, and bytes of each by its name and digest."""
-
-    limit: int
-    sizes: Mapping[tuple[str, str], int]
-
-
 def write(out: Path, limit: int) -> list[Path]:
     """Pack the samples of the index of OUT into tars of at most ``limit`` bytes.
 
     A sample larger than that gets a tar to itself. Tars of an earlier batch that are no longer
     needed are removed.
     """
-    below, before, shards = Folder(out), listed(out), []
+    below, kept = Folder(out), list[str]()
     for name, samples in _shards(_samples(out), limit):
-        digest = sample_index.digest(sample.line for sample in samples)
-        size = None
-        with suppress(InputError):  # who packs it says what is in the way
-            size = _size(out, f"{FOLDER}/{name}")
-        if before is None or size is None or size != before.sizes.get((name, digest)):
+        if _lines(below, f"{FOLDER}/{name}") != [sample.line for sample in samples]:
             _pack(out, out / FOLDER / name, samples)
-            size = _size(out, f"{FOLDER}/{name}")
-        shards.append({"file": name, "samples": len(samples), "bytes": size, "digest": digest})
-    with written_whole(out / FOLDER / LIST, out) as file:
-        file.write(json.dumps({"limit": limit, "shards": shards}, indent=1).encode() + b"\n")
-    kept = [str(shard["file"]) for shard in shards]
-    for name in set(below.names(FOLDER)).difference(kept):
-        if _NAME.fullmatch(name):
-            below.remove(f"{FOLDER}/{name}")
+        kept.append(name)
+    for name in {*filter(_NAME.fullmatch, below.names(FOLDER))}.difference(kept):
+        below.remove(f"{FOLDER}/{name}")
     return [out / FOLDER / name for name in kept]
+
+
+def _lines(below: Folder, name: str, maximum: int | None = None) -> list[bytes] | None:
+    """The first lines of the index in a tar; None if it is missing, cut, or no tar."""
+    with (
+        suppress(OSError, tarfile.TarError),
+        below.open(name) as file,
+        tarfile.open(fileobj=file, mode="r:") as tar,
+    ):
+        members = (one for one in tar if one.isreg() and one.name.endswith(".json"))
+        told = (tar.extractfile(one) for one in islice(members, maximum))
+        return [line.read(_LONGEST_LINE) for line in told if line is not None]
+    return None
 
 
 def exist(out: Path) -> bool:
@@ -111,34 +105,11 @@ def exist(out: Path) -> bool:
 
 
 def foreign(out: Path) -> str | None:
-    """The name of a shard, or of their list, that no batch has written; None if all are ours."""
-    below, listing = Folder(out), listed(out)
-    known = set() if listing is None else {name for name, _ in listing.sizes}
-    for name in below.names(FOLDER):
-        if name != LIST and (name in known or not _NAME.fullmatch(name)):
-            continue
-        if not _is_own(below, f"{FOLDER}/{name}"):
+    """The name of a tar in the place of a shard that no batch has written; None if all are ours."""
+    for name in filter(_NAME.fullmatch, Folder(out).names(FOLDER)):
+        lines = _lines(Folder(out), f"{FOLDER}/{name}", 1)
+        if not lines or not sample_index.is_own_line(lines[0]):
             return f"{FOLDER}/{name}"
-    return None
-
-
-def _is_own(below: Folder, name: str) -> bool:
-    """Whether a tar holds the line of the index of a sample first, or the list begins as ours."""
-    with suppress(OSError, tarfile.TarError), below.open(name) as file:
-        if name.endswith(LIST):
-            return file.read(len(_HEAD)) == _HEAD
-        with tarfile.open(fileobj=file, mode="r:") as tar:
-            line = next((tar.extractfile(one) for one in tar if one.name.endswith(".json")), None)
-            return line is not None and sample_index.is_own_line(line.readline() or b"none")
-    return False
-
-
-def listed(out: Path) -> Listing | None:
-    """The list of shards in OUT; None where it is missing or broken."""
-    with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        listing = json.loads(Folder(out).read(f"{FOLDER}/{LIST}"))
-        sizes = {(one["file"], one["digest"]): one["bytes"] for one in listing["shards"]}
-        return Listing(int(listing["limit"]), sizes)
     return None
 
 

@@ -21,8 +21,8 @@ import math
 import os
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from functools import cache, lru_cache
-from hashlib import blake2b
+from functools import cache, lru_cache, partial
+from hashlib import blake2b, file_digest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -43,9 +43,7 @@ CLOCK_TICK = 50_000_000  # ns, more than the step of any file system's times
 _ENCODER = json.JSONEncoder(sort_keys=True, separators=(",", ":"), allow_nan=False)
 # Where OUT is, and where a lens stands, not what it is.
 _PLACES = ("root", "overwrite", "focus_source", *LENS_FILES)
-_MAX_STAMPS = 256
 _PLAIN = frozenset({str, int, bool, type(None)})
-_STAMPS: dict[tuple[object, ...], Stamp] = {}
 
 
 @lru_cache(maxsize=4096)  # jobs share their lenses, readings and outputs
@@ -119,9 +117,7 @@ def stamp(path: Path, root: Path | None = None) -> Stamp:
     """
     below = root and path.relative_to(root).as_posix()
     with Folder(root).open(below) if root and below else open_plain(path) as file:
-        hashed = blake2b(digest_size=DIGEST)
-        while block := file.read(2**20):
-            hashed.update(block)
+        hashed = file_digest(file, partial(blake2b, digest_size=DIGEST))  # type: ignore[arg-type]  # it has readinto
         status = os.fstat(file.fileno())
     return Stamp("", status.st_size, status.st_mtime_ns, hashed.hexdigest())
 
@@ -129,17 +125,14 @@ def stamp(path: Path, root: Path | None = None) -> Stamp:
 def settled_stamp(path: Path) -> Stamp:
     """The `stamp` of a file, without a time so recent that a later change could have the same."""
     status = path.stat()
-    key = (str(path), status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
-    if key in _STAMPS:  # frames of a shot share files
-        return _STAMPS[key]
-    found = stamp(path)
-    if abs(time.time_ns() - (found.mtime_ns or 0)) < CLOCK_TICK:
-        return replace(found, mtime_ns=None)
-    if found.mtime_ns == status.st_mtime_ns:
-        _STAMPS[key] = found
-        while len(_STAMPS) > _MAX_STAMPS:
-            _STAMPS.pop(next(iter(_STAMPS)))
-    return found
+    if abs(time.time_ns() - status.st_mtime_ns) < CLOCK_TICK:
+        return replace(stamp(path), mtime_ns=None)
+    return _stamped(path, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns)
+
+
+@lru_cache(maxsize=256)  # frames of a shot share files
+def _stamped(path: Path, *_status: int) -> Stamp:
+    return stamp(path)
 
 
 def unchanged(path: Path | str, recorded: Stamp, *, read: bool = False) -> bool:

@@ -55,9 +55,6 @@ def test_shards_hold_all_and_none_is_larger_than_it_may(tmp_path):
     assert max(path.stat().st_size for path in shards) <= limit
     assert len(names(shards[0])) == len(names(shards[1]))
     assert sum(len(names(path)) for path in shards) == 120
-    listed = json.loads((tmp_path / "shards" / "shards.json").read_text())["shards"]
-    assert [one["file"] for one in listed] == [path.name for path in shards]
-    assert sum(one["samples"] for one in listed) == 40
 
 
 def test_a_sample_that_is_too_large_has_a_shard_to_itself_and_what_is_not_needed_goes(tmp_path):
@@ -66,7 +63,7 @@ def test_a_sample_that_is_too_large_has_a_shard_to_itself_and_what_is_not_needed
     kept.touch()
     packed(tmp_path, 1, 1)
     left = {path.name for path in (tmp_path / "shards").iterdir()}
-    assert left == {"samples-000000.tar", "shards.json", kept.name}
+    assert left == {"samples-000000.tar", kept.name}
 
 
 def test_a_shard_is_packed_again_only_if_something_of_it_changed(tmp_path):
