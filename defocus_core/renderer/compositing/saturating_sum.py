@@ -20,7 +20,7 @@ from torch.nn.functional import pad
 
 from defocus_core.renderer.layers.slopes import along_first
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import beside, sent
+from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.ties import tied, with_gradient
 
@@ -33,10 +33,8 @@ _STEEP = 1e9
 _CERTAIN = 100
 # Greatest error of full coverage by transforms, in roundings.
 _FULL = 8
-# Negative light of this share of the brightest pixel is not worth a warning.
-_NEGLIGIBLE = 1e-3
 # Shares of the aperture that differ by less are equal.
-_EQUAL = 1e-6
+EQUAL = 1e-6
 
 
 def fraction_behind(front: Tensor, layer: Tensor, full: Tensor | float = 1.0) -> Tensor:
@@ -159,75 +157,12 @@ def picture(front: Tensor, weights: Sequence[Scalar] | None = None) -> Tensor:
     """The image [C, h, w] of all parts together, divided by their coverage."""
     if weights is not None:
         learn = any(isinstance(weight, Tensor) for weight in weights)
-        if learn or max(weights) - min(weights) > _EQUAL:
+        if learn or max(weights) - min(weights) > EQUAL:
             front = front * along_first(weights, front)
     total = front.sum(0) if len(front) > 1 else front[0]
     return total[:-1] / total[-1:]
 
 
-def count_negative(halves: Tensor, brightest: float, minimum: float = 0.0) -> dict[str, int]:
-    """Count the pixels whose left or right image is too dark, which `pair_of` bounds.
-
-    A half of the aperture overshoots where detail is as fine as a pixel. What is smaller than a
-    thousandth of the brightest is not counted, and on a GPU nothing is: each tile would have to
-    wait for its count.
-
-    `halves`: [2, C, h, w], left and right as composited.
-    """
-    if not halves.is_cpu:
-        return {}
-    darkest = halves.detach().amin(dim=(0, 1))
-    return {"pixels_clamped": int((darkest < minimum - _NEGLIGIBLE * brightest).sum())}
-
-
-def pair_of(
-    centre: Tensor, left: Tensor, right: Tensor, *, minimum: float = 0.0, fraction: Scalar = 0.5
-) -> Tensor:
-    """Left and right images [2, C, h, w] whose mean is the centre, from halves composited alone.
-
-    Occlusion within a half differs from that within the whole, so their mean is near the centre
-    but not equal. The ratio of what they have above the least light is kept.
-
-    `centre`: [C, h, w]; `left`: the left half as composited, [C, h, w]; `right`: the right half as
-    composited, [C, h, w].
-    """
-    if minimum:
-        centre = centre - minimum
-    # transforms leave ±1e-8
-    left, right = ((half - minimum).clamp(min=0) for half in (left, right))
-    if not is_half(fraction):
-        share = beside(fraction, centre)
-        left, right = left * (2 * share), right * (2 - 2 * share)
-    total = left + right
-    lit = total > 0
-    of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
-    pair = 2 * centre * torch.stack([of_left, 1 - of_left])
-    if torch.is_grad_enabled() and pair.requires_grad:  # the ratio of two roundings says nothing
-        pair = torch.where(tied(total, 0.0), with_gradient(pair, centre.expand_as(pair)), pair)
-    if not is_half(fraction):
-        pair = pair / along_first([2 * fraction, 2 - 2 * fraction], pair)
-    return pair + minimum if minimum else pair
-
-
-def is_half(fraction: Scalar) -> bool:
-    """Whether a share of the aperture is a half of it."""
-    value = torch.as_tensor(fraction, dtype=torch.float64).detach()
-    return bool(((value - 0.5).abs() <= _EQUAL).all())
-
-
-def within_alpha(pair: Tensor, fraction: Scalar) -> Tensor:
-    """Left and right [2, C, h, w] whose last channel, alpha, is 1 at most; their mean stays.
-
-    What one of them has in excess is of a surface that the other half sees.
-    """
-    alpha = pair[:, -1:]
-    excess = pair * ((alpha - 1) / alpha.clamp(min=1)).clamp(min=0)
-    weights = along_first([fraction, 1 - fraction], pair)
-    return pair - excess + (excess * weights).flip(0) / weights
-
-
-# Share of its range by which detail as fine as a pixel may overshoot in a half of the lens.
-_OVERSHOOT = 0.1
 # Share of the least and the greatest value by which rounding may exceed them: bounding more would
 # change the energy of discs.
 _SLACK = 9e-5
@@ -255,28 +190,11 @@ class ColorRange(NamedTuple):
     def bounded(self, picture: Tensor) -> Tensor:
         """A picture [C, ..., h, w] within the range."""
         slack = [_SLACK * torch.minimum(x.abs(), self.greatest - self.least) for x in self]
-        return _clamped(picture, self.least - slack[0], self.greatest + slack[1])
-
-    def bounded_pair(self, pair: Tensor, centre: Tensor, fraction: Scalar) -> Tensor:
-        """Left and right [2, C, ..., h, w] within the range and a tenth of it more on both sides.
-
-        `centre`: [C, ..., h, w] within the range.
-        """
-        more = _OVERSHOOT * (self.greatest - self.least)
-        more = torch.where(more < torch.inf, more, 0.0)
-        least, greatest = self.least - more, self.greatest + more
-        left = beside(fraction, centre)
-        ratio = 1.0 if is_half(fraction) else (1 - left) / left
-        # without a greatest value the least alone bounds, also in the gradient to the ratio
-        above = torch.where(greatest < torch.inf, greatest - centre, 0.0)
-        darkest = torch.where(greatest < torch.inf, centre - ratio * above, least)
-        darkest = torch.maximum(darkest, least)
-        brightest = torch.minimum(centre + ratio * (centre - least), greatest)
-        added = _clamped(pair[0], darkest, brightest) - pair[0]
-        return torch.stack([pair[0] + added, pair[1] - added / ratio])
+        return clamped(picture, self.least - slack[0], self.greatest + slack[1])
 
 
-def _clamped(values: Tensor, least: Tensor, greatest: Tensor) -> Tensor:
+def clamped(values: Tensor, least: Tensor, greatest: Tensor) -> Tensor:
+    """Values within limits; those on a limit but for rounding keep their gradient."""
     bounded = values.clamp(least, greatest)
     if not values.requires_grad:
         return bounded

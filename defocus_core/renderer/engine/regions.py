@@ -18,13 +18,11 @@ from torch import Tensor
 
 from defocus_core.renderer.blur.layer_blur import Blur
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
+from defocus_core.renderer.compositing.left_right import count_negative, left_and_right
 from defocus_core.renderer.compositing.saturating_sum import (
     ColorRange,
     add_light,
-    count_negative,
-    pair_of,
     picture,
-    within_alpha,
 )
 from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
@@ -121,13 +119,17 @@ class Region:
             both = add_light(both, compositor.moved)
         cut = sum(part.is_left for part in division.parts[division.pair])
         left, right = picture(both[:cut], weights[:cut]), picture(both[cut:], weights[cut:])
-        counts |= count_negative(torch.stack([left, right]), content.limit, content.minimum)
-        fraction = division.left_fraction
-        pair = pair_of(centre, left, right, minimum=content.minimum, fraction=fraction)
-        images = self._range.bounded_pair(pair, centre, fraction)
-        if content.is_layered:
-            images = within_alpha(images, fraction)
-        images = frame.settings.dual_pixel.crossed(images, centre)
+        halves = torch.stack([left, right])
+        counts |= count_negative(halves, content.limit, content.minimum)
+        images = left_and_right(
+            halves,
+            centre,
+            self._range,
+            minimum=content.minimum,
+            fraction=division.left_fraction,
+            has_alpha=content.is_layered,
+            dual_pixel=frame.settings.dual_pixel,
+        )
         return Views([centre, *images], trust, counts, box)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
