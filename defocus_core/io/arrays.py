@@ -14,49 +14,26 @@ _GRID = 1 << 16  # pixels of a sample of a picture, about
 BAND = 1 << 20  # pixels of a band of rows
 
 
-class LazyArray:
-    """An array that is computed where it is read: by slices, like one in memory.
-
-    Attributes:
-        shape: of the whole array.
-        dtype: of the numbers.
-        device: of tensors; None of NumPy's arrays.
-    """
-
-    def __init__(
-        self, shape: Sequence[int], dtype: Any, read: Callable[[Any], Any], device: Any = None
-    ) -> None:
-        self.shape, self.dtype, self.device = tuple(shape), dtype, device
-        self._read = read
-
-    def __getitem__(self, window: Any) -> Any:
-        return self._read(window)
+def computed(function: Callable[..., Any], *arrays: Any) -> Any:
+    """A function of arrays [H, W], band by band: what it needs beside its result stays small."""
+    shape = arrays[0].shape
+    parts = [function(*(array[rows] for array in arrays)) for rows in bands(shape)]
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
-def computed(function: Callable[..., Any], *arrays: Any, dtype: Any = None) -> LazyArray:
-    """A function of the pixels of arrays [H, W]; of the type of the first if none is named."""
-    first = arrays[0]
-    dtype = first.dtype if dtype is None else dtype
-    return LazyArray(first.shape, dtype, lambda window: function(*(a[window] for a in arrays)))
+def times(array: NDArray[Any], factor: float) -> NDArray[Any]:
+    """An array times a factor, in its type; itself if that is 1."""
+    return array if factor == 1 else array * array.dtype.type(factor)
 
 
-def times(array: Any, factor: float, offset: float = 0.0) -> Any:
-    """An array [H, W] times a factor and then plus an offset, computed where it is read.
-
-    The array itself if the factor is 1 and the offset 0.
-    """
-    if factor == 1 and offset == 0:
-        return array
-    factor, offset = array.dtype.type(factor), array.dtype.type(offset)
-    return computed(lambda values: values * factor + offset if offset else values * factor, array)
-
-
-def stacked(planes: Sequence[Any]) -> LazyArray:
-    """C arrays [H, W] as one [H, W, C], read by slices of rows."""
-    shape = (*planes[0].shape, len(planes))
-    return LazyArray(
-        shape, planes[0].dtype, lambda rows: np.stack([plane[rows] for plane in planes], axis=2)
-    )
+def block_of(planes: Sequence[Any]) -> NDArray[Any]:
+    """Arrays [H, W] as one [C, H, W]: that whose parts they are, in order, or else a copy."""
+    block = planes[0].base
+    if isinstance(block, np.ndarray) and block.shape == (len(planes), *planes[0].shape):
+        starts = [part.ctypes.data for part in block]
+        if [plane.ctypes.data for plane in planes] == starts and block.dtype == planes[0].dtype:
+            return block
+    return np.stack(planes)
 
 
 def bands(shape: Sequence[int], pixels: int = 0) -> list[slice]:

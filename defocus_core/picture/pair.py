@@ -18,7 +18,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.scene import windows
+from defocus_core.picture.scene import picture_on
 from defocus_core.picture.steps.table import PAIR, WINDOW, through
 from defocus_core.picture.take import InputPair
 from defocus_core.request.job import Picture, Reading
@@ -181,7 +181,7 @@ def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
 
     given = torch.from_numpy(depth.metres[:].astype("float32"))
     if not depth.is_relative:
-        guided = GuidedDepth(given, windows(color.planes, "cpu"))
+        guided = GuidedDepth(given, picture_on(color.planes, "cpu"))
         for rows in bands(metres.shape):
             metres[rows] = guided[rows].numpy()
         return
@@ -190,6 +190,6 @@ def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
     if depth.inverted:
         far, near = near, far
     scale = (near - far) or 1.0
-    guided = GuidedDepth(1 / (1 + (given - far) / scale), windows(color.planes, "cpu"))
+    guided = GuidedDepth(1 / (1 + (given - far) / scale), picture_on(color.planes, "cpu"))
     for rows in bands(metres.shape):
         metres[rows] = (far + scale * (1 / guided[rows] - 1)).float().numpy()

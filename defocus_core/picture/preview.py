@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.arrays import LazyArray, bands
+from defocus_core.io.arrays import bands, computed
 from defocus_core.io.images.color_space import linear_to_srgb, quantised, srgb_to_linear
 from defocus_core.io.images.encode import display_encoded, srgb_matrix, write_samples
 
@@ -38,11 +37,7 @@ def write_depth_preview(path: Path, metres: Any) -> None:
     """Write depth [H, W] as disparity, from black at infinity to white at the nearest pixel."""
     near = (float(np.min(metres[rows])) for rows in bands(metres.shape))
     nearest = min((value for value in near if np.isfinite(value)), default=1.0)
-
-    def read(rows: slice) -> Any:
-        return (nearest / metres[rows])[:, :, None]
-
-    write_preview(path, LazyArray((*metres.shape, 1), metres.dtype, read))
+    write_preview(path, (nearest / metres)[:, :, None])
 
 
 def write_signed_preview(path: Path, radius: Any) -> None:
@@ -79,21 +74,19 @@ _DARKEST = 0.35  # brightness of a black pixel, so that its colour shows
 
 
 def focus_planes(light: Sequence[Any], radius: Any) -> tuple[Any, ...]:
-    """The red, green and blue planes [H, W], linear light, computed a few rows at a time.
+    """The red, green and blue planes [H, W], linear light.
 
     `light`: of each colour [H, W], linear; `radius`: signed CoC radius in px, [H, W].
     """
     maximum = max(largest(radius[rows]) for rows in bands(radius.shape))
 
-    def read(channel: int, rows: slice) -> NDArray[Any]:
-        colors = [plane[rows].astype("float32") for plane in light]
-        grey = np.mean(colors, axis=0, dtype="float32")
+    def shown(px: NDArray[Any], *colors: NDArray[Any]) -> NDArray[Any]:
+        grey = np.mean([c.astype("float32") for c in colors], axis=0, dtype="float32")
         brightness = linear_to_srgb(np.clip(grey, 0, 1))
-        hues = diverging(radius[rows], maximum / 2)
-        hues[np.abs(radius[rows]) <= _SHARP_PX] = _SHARP
-        shown = hues[..., channel] * (_DARKEST + (1 - _DARKEST) * brightness)
-        linear: NDArray[Any] = srgb_to_linear(shown).astype("float32")
+        hues = diverging(px, maximum / 2)
+        hues[np.abs(px) <= _SHARP_PX] = _SHARP
+        shades = hues * (_DARKEST + (1 - _DARKEST) * brightness)[:, :, None]
+        linear: NDArray[Any] = srgb_to_linear(shades).astype("float32")
         return linear
 
-    dtype = np.dtype(np.float32)
-    return tuple(LazyArray(radius.shape, dtype, partial(read, channel)) for channel in range(3))
+    return tuple(np.moveaxis(computed(shown, radius, *light), 2, 0))

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from defocus_core.io.arrays import LazyArray, times
+from defocus_core.io.arrays import block_of, times
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.radii import color_offsets, radii_of
 from defocus_core.picture.steps.table import PASSES, SCENE, through
 from defocus_core.picture.take import Pass, Surfaces, Take
 
 if TYPE_CHECKING:
-    import torch
     from torch import Tensor
 
     from defocus_core.renderer.engine.scene import Scene
@@ -26,8 +25,8 @@ if TYPE_CHECKING:
 def surfaces_of(take: Take) -> Surfaces:
     """The surfaces of a take, with all that happens to them."""
     color, device = take.inputs.color, take.device
-    px = map_windows(times(take.radii.px, take.longer_axis), device)
-    light = windows(color.planes, device)
+    px = map_on(times(take.radii.px, take.longer_axis), device)
+    light = picture_on(color.planes, device)
     return through(SCENE, Surfaces(take, (color,), (take.radii,), (light,), (px,)))
 
 
@@ -48,7 +47,7 @@ def _scene(surfaces: Surfaces) -> Scene:
     if coverage is None:
         light, px = surfaces.light[0], surfaces.px[0]
         return Scene(light, px, surfaces.hidden, repair=repair, matte=surfaces.matte)
-    stacked = layer_windows(surfaces.light), layer_windows(surfaces.px), coverage
+    stacked = layers_on(surfaces.light), layers_on(surfaces.px), coverage
     return Scene.of_layered(Layered.of(*stacked), repair)
 
 
@@ -82,9 +81,9 @@ def stack_layers(surfaces: Surfaces) -> Surfaces:
         surfaces,
         colors=layers.pictures,
         radii=every,
-        light=tuple(windows(light, device) for light in layers.light),
-        px=tuple(map_windows(times(each.px, take.longer_axis), device) for each in every),
-        coverage=windows(layers.alpha, device),
+        light=tuple(picture_on(light, device) for light in layers.light),
+        px=tuple(map_on(times(each.px, take.longer_axis), device) for each in every),
+        coverage=picture_on(layers.alpha, device),
     )
 
 
@@ -120,7 +119,7 @@ def repair_surfaces(surfaces: Surfaces) -> Surfaces:
     both = [
         repair_depth(
             px,
-            windows(color.planes, take.device),
+            picture_on(color.planes, take.device),
             None if radii.infinity is None else longer * radii.infinity,
             take.job.machine.threads,
             depth_repair=reading.depth_repair,
@@ -188,50 +187,24 @@ def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
     return [((red,), offsets[0]), ((blue,), offsets[1]), (others, 0.0)]
 
 
-def windows(planes: Sequence[Any], device: str) -> LazyArray:
-    """NumPy's arrays [H, W] as a picture [C, H, W] on a device."""
-    planes = tuple(planes)
-    shape = len(planes), *planes[0].shape
-    return _source(shape, planes[0].dtype, device, lambda at: np.stack([p[at] for p in planes]))
+def picture_on(planes: Sequence[Any], device: str) -> Tensor:
+    """NumPy's arrays [H, W] as a picture [C, H, W] on a device; decoded ones are not copied."""
+    return map_on(block_of(planes), device)
 
 
-def map_windows(plane: Any, device: str) -> LazyArray:
-    """An array [H, W] of NumPy as tensors on a device."""
-    return _source(plane.shape, plane.dtype, device, lambda at: plane[at])
-
-
-def _source(shape: Sequence[int], dtype: Any, device: str, read: Callable[..., Any]) -> LazyArray:
-    """Tensors of a type of NumPy's, of what is read in slices of rows and columns."""
+def map_on(values: Any, device: str) -> Tensor:
+    """An array of NumPy as a tensor on a device; on a CPU it may be the same memory."""
     import torch
 
-    on = torch.device(device)
-
-    def tensor(window: Any) -> Tensor:
-        cuts = window if isinstance(window, tuple) else (window,)
-        return to_device(read(tuple(cut for cut in cuts if cut is not Ellipsis)), on)
-
-    return LazyArray(shape, torch.from_numpy(np.empty(0, dtype)).dtype, tensor, on)
+    values = np.asarray(values)
+    return torch.from_numpy(values if values.flags.writeable else values.copy()).to(device)
 
 
-def layer_windows(pictures: Sequence[Pixels]) -> LazyArray:
+def layers_on(pictures: Sequence[Pixels]) -> Tensor:
     """Pictures [..., H, W] of one size as one [L, ..., H, W] of float32."""
     import torch
 
-    def read(window: Any) -> Tensor:
-        return torch.stack([picture[window].to(torch.float32) for picture in pictures])
-
-    shape = (len(pictures), *pictures[0].shape)
-    return LazyArray(shape, torch.float32, read, pictures[0].device)
-
-
-def to_device(values: Any, device: torch.device) -> Tensor:
-    """An array as a tensor on a device; the copy to a GPU goes on while the CPU works."""
-    import torch
-
-    tensor = torch.from_numpy(values)
-    if device.type != "cuda":
-        return tensor.to(device)
-    return tensor.pin_memory().to(device, non_blocking=True)
+    return torch.stack([picture[...].to(torch.float32) for picture in pictures])
 
 
 def to_array(values: Tensor) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from hashlib import blake2b
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, with_dashes
-from defocus_core.io.arrays import LazyArray, bands, computed, count_of, stacked
+from defocus_core.io.arrays import bands, computed, count_of
 from defocus_core.io.exr.channel_choice import in_words, is_depth, name_in_view
 from defocus_core.io.exr.header import codec_of
 from defocus_core.io.exr.windows import Layout, Overscan, Window
@@ -70,9 +69,8 @@ def _focus(take: Take, kind: Kind) -> _Channels:
     from defocus_core.picture.preview import focus_planes
 
     color = take.inputs.color
-    rows, columns = color.overscan.shown(*color.shape[:2])
-    light = [window_of(plane, rows, columns) for plane in color.light]
-    return ("R", "G", "B"), focus_planes(light, window_of(take.shown, rows, columns)), {}
+    light = [shown(color, plane) for plane in color.light]
+    return ("R", "G", "B"), focus_planes(light, shown(color, take.shown)), {}
 
 
 def _given_color(take: Take, kind: Kind) -> _Channels:
@@ -90,17 +88,6 @@ _SOURCES: dict[str, Callable[[Take, Kind], _Channels]] = {
     "color": _given_color,
     "depth": lambda take, kind: (("Z",), (take.metres,), {}),
 }
-
-
-def window_of(plane: Any, rows: slice, columns: slice) -> LazyArray:
-    """Rows and columns of an array [H, W]."""
-    shape = rows.stop - rows.start, columns.stop - columns.start
-
-    def read(within: slice) -> Any:
-        first, last, _ = within.indices(shape[0])
-        return plane[rows.start + first : rows.start + last][:, columns]
-
-    return LazyArray(shape, plane.dtype, read)
 
 
 def changed_by(compression: str, channels: Mapping[str, Any]) -> list[str]:
@@ -216,16 +203,11 @@ def _write_preview(path: Path, contents: Contents) -> None:
         preview.write_preview(path, pictures, contents.take.inputs.color.attributes)
 
 
-def _side_by_side(planes: Sequence[Any], views: int) -> LazyArray:
+def _side_by_side(planes: Sequence[Any], views: int) -> NDArray[Any]:
     """The planes [H, W] of views side by side, [H, views * W, C]."""
     count = len(planes) // views
-    pictures = [stacked(planes[n : n + count]) for n in range(0, len(planes), count)]
-    height, width = planes[0].shape
-
-    def read(rows: slice) -> Any:
-        return np.concatenate([picture[rows] for picture in pictures], axis=1)
-
-    return LazyArray((height, width * views, count), planes[0].dtype, read)
+    pictures = [np.stack(planes[n : n + count], axis=2) for n in range(0, len(planes), count)]
+    return np.concatenate(pictures, axis=1)
 
 
 def _attributes(take: Take, kind: Kind) -> dict[str, str]:
@@ -293,22 +275,19 @@ def add_noise(contents: Contents) -> Contents:
     return contents._replace(planes=tuple(planes))
 
 
-def _noisy(plane: Any, electrons: float, read: float, words: str) -> LazyArray:
+def _noisy(plane: Any, electrons: float, read: float, words: str) -> NDArray[Any]:
+    import torch
+
+    from defocus_core.optics.sensor_noise import with_noise
+
     seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
-
-    def read_rows(rows: slice) -> NDArray[Any]:
-        import torch
-
-        from defocus_core.optics.sensor_noise import with_noise
-
-        values = np.asarray(plane[rows])
-        light = torch.from_numpy(values.astype("float32"))[None]
-        first = rows.indices(plane.shape[0])[0]
-        noise = with_noise(light, electrons=electrons, read=read, seed=seed, first_row=first)
-        noisy: NDArray[Any] = noise[0].numpy()
-        return clamped_half(noisy)[0] if values.dtype == np.float16 else noisy
-
-    return LazyArray(plane.shape, plane.dtype, read_rows)
+    noisy: NDArray[Any] = np.empty_like(plane)
+    for rows in bands(plane.shape):
+        light = torch.from_numpy(plane[rows].astype("float32"))[None]
+        noise = with_noise(light, electrons=electrons, read=read, seed=seed, first_row=rows.start)
+        values = noise[0].numpy()
+        noisy[rows] = clamped_half(values)[0] if noisy.dtype == np.float16 else values
+    return noisy
 
 
 def cut_overscan(contents: Contents) -> Contents:
@@ -317,7 +296,7 @@ def cut_overscan(contents: Contents) -> Contents:
     if contents.kind.source == "focus":
         return contents
     if not outputs.keep_overscan:
-        return contents.mapped(partial(shown, color))
+        return contents.mapped(lambda plane: shown(color, plane))
     (x, y), (width, height), overscan = color.corner, color.size, color.overscan
     display = Window(x, y, x + width - 1, y + height - 1)
     corner = (x - overscan.left, y - overscan.top)
@@ -326,7 +305,7 @@ def cut_overscan(contents: Contents) -> Contents:
 
 def shown(color: Color, plane: Any) -> Any:
     """An array [H, W] without the pixels beyond the picture shown."""
-    return window_of(plane, *color.overscan.shown(*color.shape[:2]))
+    return plane[color.overscan.shown(*color.shape[:2])]
 
 
 def cut_border(contents: Contents) -> Contents:
@@ -340,7 +319,7 @@ def cut_border(contents: Contents) -> Contents:
         return contents
     rows, columns = frame.cut(drawn)
     layout = layout._replace(corner=(drawn.x0, drawn.y0), display=layout.display or frame)
-    return contents.mapped(partial(window_of, rows=rows, columns=columns))._replace(layout=layout)
+    return contents.mapped(lambda plane: plane[rows, columns])._replace(layout=layout)
 
 
 # Cells along an axis of the frame between whose corners a pupil that changes is interpolated: what
@@ -348,20 +327,18 @@ def cut_border(contents: Contents) -> Contents:
 _CELLS = 16
 
 
-def disparity_map(take: Take) -> LazyArray:
+def disparity_map(take: Take) -> NDArray[Any]:
     """Px [H, W] along x between left and right of what is shown, signed like its radius."""
     beyond = nearer = _per_radius(take)
     if take.lens.spherical:
         nearer = _per_radius(take, nearer=True)
     radii = take.shown
 
-    def read(rows: slice) -> NDArray[Any]:
-        radius = radii[rows]
+    disparity: NDArray[Any] = np.empty_like(radii)
+    for rows in bands(radii.shape):
         far, near = (_between(corners, rows, radii.shape) for corners in (beyond, nearer))
-        values: NDArray[Any] = (radius * np.where(radius < 0, near, far)).astype(radii.dtype)
-        return values
-
-    return LazyArray(radii.shape, radii.dtype, read)
+        disparity[rows] = radii[rows] * np.where(radii[rows] < 0, near, far)
+    return disparity
 
 
 def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:

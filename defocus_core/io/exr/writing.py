@@ -154,4 +154,4 @@ def as_half(plane: Any) -> Any:
     """An array [H, W] as half, clamped; itself if it is."""
     if plane.dtype == np.float16:
         return plane
-    return computed(lambda values: clamped_half(values)[0], plane, dtype=np.dtype(np.float16))
+    return computed(lambda values: clamped_half(values)[0], plane)

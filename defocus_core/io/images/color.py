@@ -250,7 +250,7 @@ def _from_raster(path: Path, raster: Raster) -> Color:
         problem = f"has the curve {space.hdr} of HDR television, which is not decoded"
         raise InputError("unsupported", problem, "convert it to sRGB, or to linear EXR", path=path)
     size = raster.height, raster.width
-    planes = tuple(np.zeros(size, np.float32) for _ in channels)
+    planes = tuple(np.zeros((len(channels), *size), np.float32))
     for window, every in read_samples(path, raster.page):
         samples = every[:, :, which]
         alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
@@ -322,14 +322,9 @@ def _exr_note(chosen: ChannelGroup, overscan: Overscan) -> str:
 
 
 def _one_type(planes: Sequence[Any]) -> tuple[Any, ...]:
-    """Channels of one type: half if all are half, else float32."""
-    if all(plane.dtype == np.float16 for plane in planes):
-        return tuple(planes)
-    floats = [p if p.dtype == np.float32 else np.zeros(p.shape, np.float32) for p in planes]
-    for native, plane in zip(planes, floats, strict=True):
-        for rows in bands(plane.shape) if native is not plane else ():
-            plane[rows] = native[rows]
-    return tuple(floats)
+    """Channels of one type, in one block of memory: half if all are half, else float32."""
+    is_half = all(plane.dtype == np.float16 for plane in planes)
+    return tuple(np.stack(planes, dtype="f2" if is_half else "f4", casting="unsafe"))
 
 
 def _extras(

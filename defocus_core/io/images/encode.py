@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, one_line
-from defocus_core.io.arrays import bands, stacked
+from defocus_core.io.arrays import bands
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import write_exr_image
 from defocus_core.io.images.color_space import Embedded, encoded_light, quantised
@@ -66,7 +66,7 @@ def write_image(
     """Write an image by its suffix; warnings of what the file cannot hold, one clause each.
 
     `pixels`: [H, W, C] scene-linear, premultiplied if A is among the C names of channels: float32,
-    or half for an EXR of half; an array, or a tuple of its C arrays [H, W], read in strips of rows;
+    or half for an EXR of half; an array, or a tuple of its C arrays [H, W];
     `bits`: of a PNG; `attributes`: an EXR keeps all but `Tag`, others `Tag` and ``defocus:*``;
     `extras`: further channels of an EXR, of their own types; `has_clipped`: whether light beyond
     black and white is a loss, and no overshoot of a blur.
@@ -75,8 +75,6 @@ def write_image(
         planes = pixels if isinstance(pixels, tuple) else tuple(np.moveaxis(pixels, 2, 0))
         named, more = dict(zip(channels, planes, strict=True)), extras or {}
         return write_exr_image(path, named, exr_type, "zip", attributes, more, Layout(), clamped=0)
-    if isinstance(pixels, tuple):
-        pixels = stacked(pixels)
     if path.suffix.lower() not in FORMATS:
         problem = "has the suffix of a format that is not written"
         raise UsageProblem("wrong-type", problem, f"use .exr, {', '.join(FORMATS)}", path=path)
@@ -126,15 +124,18 @@ def _write_display(
     encode = partial(display_encoded, channels=channels, bits=depth, keep_alpha=keep_alpha)
     encode = partial(encode, to_srgb=to_srgb, gamma=gamma)
 
+    size = pixels[0].shape if isinstance(pixels, tuple) else pixels.shape[:2]
+
     def encoded() -> Iterator[NDArray[Any]]:
         nonlocal above, below, unknown
-        for rows in bands(pixels.shape):
-            samples, *clipped = encode(pixels[rows])
-            unknown += int(np.isnan(pixels[rows]).any(-1).sum())
+        for rows in bands(size):
+            strip = _strip(pixels, rows)
+            samples, *clipped = encode(strip)
+            unknown += int(np.isnan(strip).any(-1).sum())
             above, below = above + clipped[0], below + clipped[1]
             yield samples[:, :, [0, 0, *range(samples.shape[2])]] if is_grey else samples
 
-    write_samples(path, pixels.shape[:2], encoded(), codec, metadata)
+    write_samples(path, size, encoded(), codec, metadata)
     warnings = []
     if channels[-1] == "A" and not keep_alpha:
         warnings.append("alpha left out, colour shown over black")
@@ -145,6 +146,12 @@ def _write_display(
     if below:
         warnings.append(f"{counted(below, 'pixel')} below black {_CLIPPED[1]}")
     return warnings
+
+
+def _strip(pixels: Any, rows: slice) -> NDArray[Any]:
+    """Rows of an image [h, W, C], which is an array [H, W, C] or a tuple of arrays [H, W]."""
+    whole: NDArray[Any] = pixels
+    return np.stack([p[rows] for p in pixels], axis=2) if isinstance(pixels, tuple) else whole[rows]
 
 
 def display_encoded(

@@ -31,7 +31,7 @@ from defocus_core.picture.layers import Layers, coverage
 from defocus_core.picture.pair import overscan_of, stretch_words
 from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.scene import map_windows, windows
+from defocus_core.picture.scene import map_on, picture_on
 from defocus_core.picture.take import InputPair, Plate, Surfaces, Take
 from defocus_core.system.text import counted, note
 
@@ -179,8 +179,8 @@ def show_hidden(surfaces: Surfaces) -> Surfaces:
         shown = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
         known[rows] = np.isfinite(depth.metres[rows]) | shown
     px = times(radii_of(take.lens, depth).px, take.longer_axis)
-    light = windows(color.planes, take.device)
-    hidden = light, map_windows(px, take.device), map_windows(known, take.device)
+    light = picture_on(color.planes, take.device)
+    hidden = light, map_on(px, take.device), map_on(known, take.device)
     return replace(surfaces, hidden=hidden)
 
 
@@ -199,7 +199,7 @@ def read_matte(take: Take) -> Take:
 def show_matte(surfaces: Surfaces) -> Surfaces:
     """The surface with its coverage."""
     take = surfaces.take
-    return replace(surfaces, matte=map_windows(take.inputs.matte, take.device))
+    return replace(surfaces, matte=map_on(take.inputs.matte, take.device))
 
 
 def _coverage(path: Path, size: tuple[int, int], overscan: Overscan) -> NDArray[np.float32]:

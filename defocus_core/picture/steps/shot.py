@@ -19,7 +19,7 @@ from defocus_core.io.shots.frame_patterns import in_words
 from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.pair import read
 from defocus_core.picture.radii import radii_of
-from defocus_core.picture.scene import map_windows, windows
+from defocus_core.picture.scene import map_on, picture_on
 from defocus_core.picture.take import InputPair, Take
 from defocus_core.request.job import FrameLens, Job, Reading
 from defocus_core.request.lens import Lens
@@ -99,8 +99,8 @@ def _repair_of(
     color, depth = read(InputPair(frame.picture, reading, lens_focal))
     own = radii_of(with_blur_reach(_focused(frame.lens, depth), (depth,)), depth)
     _, repair = repair_depth(
-        map_windows(own.px, "cpu"),
-        windows(color.planes, "cpu"),
+        map_on(own.px, "cpu"),
+        picture_on(color.planes, "cpu"),
         own.infinity,
         torch.get_num_threads(),
         depth_repair=reading.depth_repair,

@@ -31,7 +31,7 @@ from defocus_core.picture.element import element_depth
 from defocus_core.picture.focus import with_blur_reach, with_focus
 from defocus_core.picture.pair import overscan_of
 from defocus_core.picture.radii import of_radii, radii_of, signed_radius
-from defocus_core.picture.scene import map_windows
+from defocus_core.picture.scene import map_on
 from defocus_core.picture.take import InputPair, repair_record, repair_words
 from defocus_core.reports.inspection.evidence import evidence_of
 from defocus_core.request.job import Picture, Reading
@@ -153,7 +153,7 @@ def _repair(
         radii, declared = radii_of(lens, depth), reading.says_scale
         warnings = of_radii(depth, radii.px, radii.limits, lens, declared=declared)
         repair = diagnose_depth(
-            map_windows(radii.px, "cpu"),
+            map_on(radii.px, "cpu"),
             radii.infinity,
             torch.get_num_threads(),
             depth_repair=reading.depth_repair,
