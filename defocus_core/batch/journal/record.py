@@ -131,7 +131,7 @@ class Asked(Struct, frozen=True, kw_only=True):
     """What a job was asked for, as of each record."""
 
     sample_id: Annotated[str, Meta(pattern="^[^/]*$")]
-    split: Annotated[str, Meta(pattern=f"^(?:{SPLIT_NAME.pattern})?$")] = ""  # empty for none
+    split: Annotated[str, Meta(pattern=rf"^(?:{SPLIT_NAME.pattern})?\Z")] = ""  # empty for none
     recipe: str
     status: Literal["ok", "failed", "rejected"]  # rejected is failed, as of early versions
     settings: dict[str, Any]

@@ -29,7 +29,6 @@ from defocus_core.picture import plain_path
 from defocus_core.request.job import Job
 
 if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
     from multiprocessing.context import SpawnProcess
 
 

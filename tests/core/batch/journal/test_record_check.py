@@ -32,6 +32,8 @@ WRONG = [
     ({"lens": {"fnumber": 2.0}}, "`focal_length_mm`"),
     ({"warnings": [[]]}, "$.warnings[0]"),
     ({"sample_id": "../a"}, "$.sample_id"),
+    ({"split": "../a"}, "$.split"),
+    ({"split": "train\n"}, "$.split"),
     ({"coc_px": [float("nan"), 1]}, "is broken"),
     ({"size": [0, 3]}, "$.size[0]"),
     ({"inputs": {"color": {"path": "c.exr", "size": "4"}}}, "$.inputs[...].size"),
