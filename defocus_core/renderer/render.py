@@ -26,6 +26,7 @@ from defocus_core.renderer.engine.renderer import (
 from defocus_core.renderer.engine.scene import Scene, check_hidden
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+from defocus_core.renderer.layers.alpha import with_opaque_alpha
 from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.torch_modes import graph_break, own_modes, recorded_for
 from defocus_core.tensors.validation import check_image, maps_of, numbers
@@ -232,10 +233,7 @@ def render_layers(
     with own_modes(colors.device if isinstance(colors, Tensor) else None):
         scene = Scene.of_layers(colors, signed_radius, coverage)
     views = Renderer(scene, settings).picture(progress).to(colors.dtype)
-    if scene.layered is None:
-        alpha = torch.ones_like(views.render[:1])
-        return views._replace(images=[torch.cat([image, alpha]) for image in views.images])
-    return views
+    return views if scene.layered is not None else with_opaque_alpha(views)
 
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:

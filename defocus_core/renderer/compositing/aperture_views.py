@@ -240,10 +240,6 @@ class TileCompositor:
         parts = [(shown.box, shown.layer[:, -1:]) for shown in surfaces.values()]
         self._reserved = summed(parts, size) if parts else None
 
-    def add_alpha(self) -> None:
-        """Add to the colours a last channel that is the coverage."""
-        self.front = torch.cat([self.front, self.front[:, -1:]], 1)
-
     def leave_open(self) -> None:
         """Count the gaps that are left as covered: nothing is seen there."""
         color, covered = self.front.tensor_split([-1], 1)

@@ -20,6 +20,7 @@ from defocus_core.renderer.blur.kernel_bank import TransformWindow
 from defocus_core.renderer.blur.layer_blur import Slicing
 from defocus_core.renderer.compositing.sight import ASIDE, OPAQUE
 from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.slice_radii import CompositeOrder
 from defocus_core.renderer.layers.slopes import along_first
@@ -44,9 +45,8 @@ class Content(NamedTuple):
     limit: float  # brightness that a highlight exceeds
     highlights: bool  # whether there are highlights
     double: bool  # whether float32 is too coarse for the pixels
-    is_layered: bool = False  # whether it is of layers with coverage: its views have alpha
+    alpha: Alpha = Alpha.NONE  # where the alpha of its views comes from
     open: bool = False  # whether there are pixels that layers do not cover
-    adds_alpha: bool = False  # whether alpha is the coverage, and no channel that is blurred
     # Least and greatest signed radius in px of each picture of a batch; empty for one
     ranges: tuple[tuple[float, float], ...] = ()
 

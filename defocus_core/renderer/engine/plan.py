@@ -34,6 +34,7 @@ from defocus_core.renderer.engine.scene import BRIGHTEST
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
+from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import (
@@ -334,9 +335,8 @@ def content_of(
         limit=limit,
         highlights=survey.brightest > limit,
         double=needs_double(survey, limit),
-        is_layered=layered is not None,
+        alpha=Alpha.NONE if layered is None else layered.alpha,
         open=layered is not None and layered.open,
-        adds_alpha=layered is not None and not layered.blurs_alpha,
     )
 
 

@@ -36,6 +36,7 @@ from defocus_core.renderer.engine.scene import (
     layers_within,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
+from defocus_core.renderer.layers.alpha import Alpha, color_of
 from defocus_core.renderer.layers.layer import (
     HIDDEN,
     SOLID,
@@ -238,9 +239,7 @@ def backdrop_in(frame: SharedFrame, scene: Scene) -> Backdrop | None:
         return None
     pixels, limit = scene.image, content.limit
     if layered is not None:
-        if not layered.blurs_alpha:
-            in_memory = isinstance(pixels, Tensor)
-            pixels = pixels[:-1] if in_memory else layered.picture(alpha=False)
+        pixels = pixels if layered.alpha is Alpha.BLURRED else color_of(pixels)
         limit = max(limit, 1.0)  # alpha is no light
     return backdrop_of(
         pixels,

@@ -44,6 +44,7 @@ from defocus_core.renderer.engine.scene import (
     Scene,
 )
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
+from defocus_core.renderer.layers.alpha import Alpha, with_coverage
 from defocus_core.renderer.layers.layer import CONTINUED, HIDDEN, TRACE, UNCOVERED, VISIBLE
 from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
@@ -127,7 +128,7 @@ class Region:
             self._range,
             minimum=content.minimum,
             fraction=division.left_fraction,
-            has_alpha=content.is_layered,
+            has_alpha=content.alpha is not Alpha.NONE,
             dual_pixel=frame.settings.dual_pixel,
         )
         return Views([centre, *images], trust, counts, box)
@@ -159,8 +160,8 @@ class Region:
             compositor.reserve(surfaces[UNCOVERED])
         order = frame.slices.composite_order
         needed = composite(compositor, surfaces, self._reaching(index), order, index)
-        if content.adds_alpha:
-            compositor.add_alpha()
+        if content.alpha is Alpha.COVERED:
+            compositor.front = with_coverage(compositor.front)
         if content.open:
             compositor.leave_open()
         return compositor, needed

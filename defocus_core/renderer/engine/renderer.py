@@ -31,9 +31,9 @@ from defocus_core.renderer.engine.plan import (
 from defocus_core.renderer.engine.regions import assembled, rendered_regions, total
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import STANDARD, Settings
+from defocus_core.renderer.layers.alpha import color_of, without_alpha
 from defocus_core.renderer.layers.quality import Quality, find
 from defocus_core.renderer.layers.slice_radii import plane_of
-from defocus_core.tensors.derived import chosen
 from defocus_core.tensors.device_plan import launches_cost, tile_pixels
 from defocus_core.tensors.torch_modes import own_modes, recorded_for
 from defocus_core.tensors.validation import whole
@@ -175,7 +175,7 @@ class Renderer:
             scene = repaired_once(scene, settings, hold=hold)
         scene = scene.as_layers()
         layered = scene.layered
-        self._has_alpha = layered is not None and self._given.layered is None
+        self._drops_alpha = layered is not None and self._given.layered is None  # not asked for
         self.size = scene.signed_radius.shape[-2], scene.signed_radius.shape[-1]
         self.repair = scene.repair or DepthRepair()
         if layered is not None:
@@ -183,7 +183,7 @@ class Renderer:
         image, signed_radius = scene.image, scene.signed_radius
         counted, self.reaching, border = image, signed_radius, None
         if layered is not None:
-            counted = chosen(image, range(image.shape[0] - 1))  # not alpha
+            counted = color_of(image)
             self.reaching = layered.most_blurred()
             border = border_range(self.reaching)
         content = scene.content
@@ -235,8 +235,8 @@ class Renderer:
         parts = rendered_regions(
             self.frame, self.scene, reaching=self.reaching, at_once=at_once, progress=progress
         )
-        if self._has_alpha:  # which was not asked for
-            parts = (p._replace(images=[image[:-1] for image in p.images]) for p in parts)
+        if self._drops_alpha:
+            parts = map(without_alpha, parts)
         cat_eye = self.frame.settings.cat_eye
         if cat_eye is None or not cat_eye.vignetting:
             return parts

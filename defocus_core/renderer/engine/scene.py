@@ -17,6 +17,7 @@ from defocus_core.renderer.inpainting.hidden_layers import (
     hidden_layer,
     without_known,
 )
+from defocus_core.renderer.layers.alpha import color_of
 from defocus_core.renderer.layers.layer import CONTINUED, SampleLayer, layers_of, mixed_within
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
@@ -125,13 +126,13 @@ class Scene:
             )
         layered = Layered.of(*tensors.values())
         if layered.deepest == 1 and not layered.open:
-            return cls(layered.picture(alpha=False), layered.nearest())
+            return cls(color_of(layered.picture()), layered.nearest())
         return cls.of_layered(layered)
 
     @classmethod
     def of_layered(cls, layered: Layered, repair: DepthRepair | None = None) -> Scene:
         """The scene of layers that are looked through."""
-        pixels, radius = layered.picture(alpha=True), layered.nearest()
+        pixels, radius = layered.picture(), layered.nearest()
         return cls(pixels, radius, layered=layered, repair=repair)
 
     def as_layers(self) -> Scene:

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.tensors.box import Box, Span
 from defocus_core.tensors.derived import Mapped, held
@@ -93,22 +94,14 @@ class Layered(NamedTuple):
         """The number of layers."""
         return self.colors.shape[0]
 
-    def picture(self, *, alpha: bool) -> Pixels:
-        """The picture in focus [C, H, W]: premultiplied colours, and alpha if asked for."""
-
-        def flattened(box: Box) -> Tensor:
-            picture = self.stack(box).flattened()
-            return picture if alpha else picture[:-1]
-
-        return self._read(flattened, self.colors.shape[1] + alpha)
+    def picture(self) -> Pixels:
+        """The picture in focus [C + 1, H, W]: premultiplied colours, and alpha."""
+        return self._read(lambda box: self.stack(box).flattened(), self.colors.shape[1] + 1)
 
     @property
-    def blurs_alpha(self) -> bool:
-        """Whether alpha is a channel of the colours that are blurred: else it is the coverage.
-
-        Of one sample a pixel, for what is continued behind its edges may be nothing.
-        """
-        return self.deepest == 1
+    def alpha(self) -> Alpha:
+        """Where the alpha of its views comes from."""
+        return Alpha.BLURRED if self.deepest == 1 else Alpha.COVERED
 
     def nearest(self) -> Pixels:
         """The radius [H, W] px of the nearest sample of each pixel."""
@@ -157,7 +150,7 @@ class Layered(NamedTuple):
         color, radius = color[:maximum], radius[:maximum]
         left = torch.cumprod(1 - color[:, -1], 0)
         through = torch.cat([torch.ones_like(left[:1]), left])
-        return SampleStack(color, radius, through, self.blurs_alpha)
+        return SampleStack(color, radius, through, self.alpha is Alpha.BLURRED)
 
 
 class SampleStack(NamedTuple):

@@ -1,0 +1,46 @@
+"""Alpha of the render: where it comes from, and what becomes of it.
+
+Pictures and views of layers have a last channel that is alpha. `compositing.left_right` keeps it
+within 1 in left and right.
+"""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import torch
+from torch import Tensor
+
+from defocus_core.tensors.derived import chosen
+from defocus_core.tensors.source import Pixels
+from defocus_core.tensors.views import Views
+
+
+class Alpha(Enum):
+    """Where the alpha of views comes from."""
+
+    NONE = "a picture without alpha"
+    # Of one sample a pixel, for what is continued behind its edges may be nothing
+    BLURRED = "a channel that is blurred with the colours"
+    COVERED = "the coverage of what was composited"
+
+
+def color_of(pixels: Pixels) -> Pixels:
+    """The colours [C, H, W] of a picture [C + 1, H, W] with alpha."""
+    return chosen(pixels, range(pixels.shape[0] - 1))
+
+
+def with_coverage(front: Tensor) -> Tensor:
+    """A front [M, C + 1, h, w] with a further channel of colours that is its coverage."""
+    return torch.cat([front, front[:, -1:]], 1)
+
+
+def without_alpha(views: Views) -> Views:
+    """The colours of views with alpha."""
+    return views._replace(images=[image[:-1] for image in views.images])
+
+
+def with_opaque_alpha(views: Views) -> Views:
+    """Views with an alpha of 1."""
+    alpha = torch.ones_like(views.render[:1])
+    return views._replace(images=[torch.cat([image, alpha]) for image in views.images])
