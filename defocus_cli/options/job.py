@@ -101,8 +101,7 @@ class LensFile(FilePath):
 def _lens_options(names: Iterable[str]) -> list[Decorator]:
     text = (
         'File of lens options, like focal-length = "50mm", or @NAME of one that ships '
-        "('defocus lenses'); what is given beside it wins. For 'render', also a folder of a file "
-        "for each picture, as 'defocus fit' writes it."
+        "('defocus lenses'); what is given beside it wins."
     )
     file = lens_option("--lens FILE.toml", text, LensFile(), into="lens_file", is_common=True)
     return [*(param_option(LENS_OPTIONS[name]) for name in names), file]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -108,10 +108,6 @@ class GroupedOption(click.Option):
 class GroupedCommand(click.Command):
     """A command whose help shows its options under their headings, in order."""
 
-    # Options whose value another may follow, and the option that this is the value of: behind
-    # the first argument, ``--over A B`` is ``--over A --over-depth B``
-    seconds: Mapping[str, str] = {"--over": "--over-depth"}
-
     def __init__(self, *args: Any, **settings: Any) -> None:
         super().__init__(*args, **settings)
         if not any("--verbose" in param.opts for param in self.params):
@@ -136,7 +132,7 @@ class GroupedCommand(click.Command):
         """Parse, and make what the bundles of the command hand it."""
         ctx.meta["typed"] = ["defocus", *ctx.command_path.split()[1:], *args]
         try:
-            rest = super().parse_args(ctx, self._spelled_out(args))
+            rest = super().parse_args(ctx, args)
         except click.UsageError as error:
             error.ctx = error.ctx or ctx  # which click forgets where a value is missing
             raise
@@ -146,26 +142,6 @@ class GroupedCommand(click.Command):
             given[name] = make(**{key: given.pop(key) for key in keys})
         ctx.params = given
         return rest
-
-    def _spelled_out(self, args: list[str]) -> list[str]:
-        """The arguments with the options that second values are the values of."""
-        values = {
-            name: 0 if getattr(param, "is_flag", False) else param.nargs
-            for param in self.params
-            for name in param.opts
-        }
-        for first, second in self.seconds.items():
-            place = args.index(first) if first in args[1:] and {first, second} <= {*values} else 0
-            is_given = len(args) > place + 2 and not args[place + 2].startswith("-")
-            at = 0  # the first argument that is no option, and no value of one
-            while at < place and args[at].startswith("-"):
-                at += 1 + values.get(args[at], 0)
-            if at < place and is_given:
-                if second in args:
-                    problem, remedy = f"contradicts the second file of {first}", "give one of them"
-                    raise UsageProblem("contradiction", problem, remedy, field=second[2:])
-                args = [*args[: place + 2], second, *args[place + 2 :]]
-        return args
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write one section for each heading, and where the options are that it leaves out."""

@@ -455,9 +455,9 @@ _INPUTS = (
         key="over-color",
         heading="Files",
         is_path=True,
-        metavar="PLATE [DEPTH]",
-        help="Plate behind the element COLOR, blurred with it as one scene. Without DEPTH it is "
-        "the EXR's own, or else infinitely far.",
+        metavar="PLATE",
+        help="Plate behind the element COLOR, blurred with it as one scene. Its depth is that of "
+        "‹over-depth›, or the EXR's own, or else infinitely far.",
     ),
     Param(
         name="over-depth",

@@ -35,9 +35,7 @@ def read_lens_file(file: Path) -> dict[str, Given]:
 
 
 def reading_in(file: Path) -> Layer:
-    """The options of reading of a lens file; a folder of such has none."""
-    if file.is_dir():
-        return {}
+    """The options of reading of a lens file."""
     return {name: each for name, each in read_lens_file(file).items() if name in READING_OPTIONS}
 
 

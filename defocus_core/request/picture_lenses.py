@@ -56,7 +56,7 @@ class PictureLenses:
 
     own: Layer  # options of all pictures
     where: Place = CALLER  # where these stand
-    file: Path | None = None  # a lens file, if there is one, or a folder of one for each picture
+    file: Path | None = None  # a lens file, if there is one
     file_key: str = "lens"  # the option that names it
     # The depth files hold radii, so that a lens is the shape of its opening alone
     radii: bool = False
@@ -66,10 +66,10 @@ class PictureLenses:
     # The options of each lens of the sweep, by what it adds to the name of a sample
     points: Mapping[str, Layer] = field(default_factory=lambda: {"": _NONE})
     sampling: Sampling = field(default_factory=Sampling)  # what is drawn, for each point
-    # What was made: options and lenses of points for all pictures; options of lens files that were
-    # read, beside a blur in pixels or without
+    # What was made: options and lenses of points for all pictures; options of the lens file, beside
+    # a blur in pixels or without
     _made: dict[int, tuple[Layer, Lens | None]] = field(default_factory=dict, init=False)
-    _stored: dict[tuple[Path, bool], Layer] = field(default_factory=dict, init=False)
+    _stored: dict[bool, Layer] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         """Refuse options that are set twice, and metadata that change nothing."""
@@ -103,7 +103,7 @@ class PictureLenses:
     @property
     def varies(self) -> bool:
         """Whether each picture may have another lens."""
-        return self.animation is not None or self.metadata or self._is_folder
+        return self.animation is not None or self.metadata
 
     @property
     def is_complete(self) -> bool:
@@ -116,15 +116,10 @@ class PictureLenses:
         """Whether the pixel in focus is another one in each frame."""
         return self.animation is not None and "focus-at" in self.animation.keys
 
-    @property
-    def _is_folder(self) -> bool:
-        """Whether each picture has a lens file of its name, as a fit of many writes them."""
-        return self.file is not None and self.file.is_dir()
-
     @cached_property
     def options(self) -> Layer:
         """The options of all pictures, unless they vary."""
-        return laid_over(self._of_file(None, self.own), self.own, self.sampling.options)
+        return laid_over(self._of_file(self.own), self.own, self.sampling.options)
 
     @cached_property
     def fixed(self) -> Lens | None:
@@ -186,23 +181,21 @@ class PictureLenses:
         """The options of a picture but those that are swept, and those of its metadata."""
         metadata = self._of_metadata(picture)
         own = laid_over(self.own, self.sampling.options, row)
-        below = laid_over(self._of_file(picture, own), metadata)
+        below = laid_over(self._of_file(own), metadata)
         return laid_over(below, self._keyed(picture, laid_over(below, own)), own), metadata
 
-    def _of_file(self, picture: Picture | None, above: Layer) -> Layer:
-        file = self.file
-        if file is not None and picture is not None and self._is_folder:
-            file = file / f"{picture.stem}.toml"
-        in_pixels = "blur" in above or "blur" in self.taken
-        if file is None:
+    def _of_file(self, above: Layer) -> Layer:
+        """The options of the lens file, which others stand above."""
+        if self.file is None:
             return {}
-        if (file, in_pixels) not in self._stored:
+        in_pixels = "blur" in above or "blur" in self.taken
+        if in_pixels not in self._stored:
             from defocus_core.request.lens_files import lens_in
 
             where = self.where.at(self.file_key)
-            stored = lens_in(file, where, in_pixels=in_pixels, radii=self.radii)
-            self._stored[file, in_pixels] = stored
-        return self._stored[file, in_pixels]
+            stored = lens_in(self.file, where, in_pixels=in_pixels, radii=self.radii)
+            self._stored[in_pixels] = stored
+        return self._stored[in_pixels]
 
     def _of_metadata(self, picture: Picture) -> Layer:
         if not self.metadata:

@@ -64,17 +64,3 @@ def test_a_contact_sheet_shows_another_look_of_each(tmp_path):
     assert all(np.abs(a - b).max() > 15 for i, a in enumerate(flat) for b in flat[:i])
     refused(run("lenses", "-o", sheet), 3, "exists", sheet)
     refused(run("lenses", "-o", tmp_path / "sheet.jpg"), 3, "malformed", "sheet.jpg")
-
-
-def test_each_picture_of_a_folder_of_lenses_has_its_own(tmp_path):
-    lenses = tmp_path / "lenses"
-    lenses.mkdir()
-    for stem, fnumber in (("a", 2), ("b", 4)):
-        color, depth = pair(tmp_path, stem)
-        text = f'focal-length = "50mm"\nfnumber = {fnumber}\nfocus = "2m"\n'
-        (lenses / f"{stem}.toml").write_text(text)
-    words = ("render", color.parent, depth.parent, "-o", tmp_path / "out", "--lens", lenses)
-    ran = run(*words, "--outputs", "coc", "--json")
-    assert [p["lens"]["fnumber"] for p in ran.json["pictures"]] == [2, 4]
-    (lenses / "b.toml").unlink()
-    assert run(*words).code == 3

@@ -134,11 +134,11 @@ def _far_away(wanted: InputPair) -> Plate:
     picture, reading, overscan = wanted.picture, wanted.reading, wanted.limit
     assert overscan is not None
     if reading.holds_radii:
-        what, remedy = "radii", "give them as ‹over› PLATE RADII"
+        what, remedy = "radii", "give them as ‹over-depth› RADII"
         if reading.relative:
             what, remedy = (
                 "disparity",
-                "give it as ‹over› PLATE DEPTH, of the scale of the element's",
+                "give it as ‹over-depth› DEPTH, of the scale of the element's",
             )
         raise InputError("radii", f"has no {what}", remedy, path=picture.color)
     color = read_color(picture.color, view=reading.view, overscan=overscan)
