@@ -39,7 +39,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
     "0.2.0": (
         Gone("command", "report", "give the batch's command again with ‹contact› 12"),
         Gone("option", "resize-depth", "look at the pair by 'defocus render' ‹dry-run›", "info"),
-        Gone("option", "turn-depth", "look at the pair by 'defocus render' ‹dry-run›", "info"),
+        Gone("option", "turn-depth", "turn the depth file as Exif turns the colour"),
         Gone("option", "animate", "look at a frame by 'defocus render' ‹dry-run›", "info"),
         Gone("option", "html", "write ‹contact› 12 for a sheet of pictures", "batch"),
         Gone("command", "retry", "give the batch's own command again, it does failed jobs"),

@@ -27,13 +27,11 @@ from defocus_core.request.parameters import BLURRING
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.system.text import counted
 
-_OF_PAIRS = ("resize-depth", "turn-depth")
-
 
 @click.command("info", cls=GroupedCommand)
 @click.argument("files", type=FilePath(), nargs=-1, required=True, metavar="FILE...")
 @shot_lens_options(required=False, names=BLURRING, moving=False)
-@reading_options(lambda row: not (row.of_render or row.name in _OF_PAIRS))
+@reading_options(lambda row: not (row.of_render or row.name == "resize-depth"))
 @json_option
 def command(
     files: tuple[Path, ...],

@@ -82,7 +82,6 @@ def _decode(wanted: InputPair) -> InputPair:
         lens_focal=wanted.lens_focal,
         overscan=wanted.overscan,
         alpha=color.alpha,
-        orientation=color.orientation,
     )
     radial = (reading.geometry or reading.row.geometry) == "radial"
     if radial and color.pixel_aspect != 1:
@@ -152,7 +151,7 @@ def resized(given: InputPair) -> InputPair:
         problem = f"is {columns}x{rows} px, of another aspect than the colour, {width}x{height} px"
         remedy = "give depth of the view that the colour shows, all of it"
         if stretched((rows, columns), (width, height)) is not None:
-            remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
+            remedy = "turn the depth as Exif turns the colour"
         raise InputError("wrong-size", problem, remedy, path=depth.path)
     size = f"{columns}x{rows} px resized"
     metres = np.zeros((height, width), np.float32)

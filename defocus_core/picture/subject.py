@@ -243,12 +243,7 @@ def _incomplete(
 
 def _depth_alone(picture: Picture, reading: Reading) -> Depth:
     """The depth of a picture at its own size."""
-    orientation, lens_focal = 1, _LENS.foclen / _LENS.sensor_width
-    if reading.turn_depth is not None and not is_exr(read_head(picture.color)):
-        from defocus_core.io.images.raster import read_pages
-
-        orientation = read_pages(picture.color)[0].orientation
-    return read_depth(picture.depth, reading, lens_focal=lens_focal, orientation=orientation)
+    return read_depth(picture.depth, reading, lens_focal=_LENS.foclen / _LENS.sensor_width)
 
 
 def size_of(picture: Picture) -> tuple[int, int]:

@@ -254,14 +254,6 @@ _READING = (
         "the colours change.  [default: guided, of smaller depth of the same aspect]",
         of_pictures=True,
     ),
-    ReadingParam(
-        name="turn-depth",
-        flag=True,
-        parse=always("turn-depth"),
-        help="The depth file is stored as its photograph is: turn it by the Exif orientation of "
-        "that.",
-        of_pictures=True,
-    ),
     _choice(
         "depth-repair",
         DEPTH_REPAIRS,

@@ -35,8 +35,7 @@ def flags_of(command):
         (render_command, ()),
         (
             info,
-            {*LENS_OPTIONS} - {*BLURRING}
-            | {"blur-channels", "resize-depth", "turn-depth", "animate"},
+            {*LENS_OPTIONS} - {*BLURRING} | {"blur-channels", "resize-depth", "animate"},
         ),
         (
             choose,
@@ -75,7 +74,7 @@ def test_every_lens_option_stands_in_a_topic_of_the_help():
 def test_depth_has_the_reading_options_of_a_depth_file_alone():
     of_color = {
         *("--color-layer", "--blur-channels", "--resize-depth"),
-        *("--depth-repair", "--edge-width", "--invert", "--turn-depth"),
+        *("--depth-repair", "--edge-width", "--invert"),
     }
     assert {f"--{name}" for name in READING_OPTIONS} - flags_of(depth_command) == of_color
 

@@ -65,7 +65,6 @@ _SAID = {
     "sky": "1e6",
     "invalid": "fill",
     "resize-depth": "guided",
-    "turn-depth": "",
     "depth-repair": "off",
     "edge-width": "3px",
     "depth-channel": "Q",

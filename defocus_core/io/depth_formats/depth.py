@@ -74,7 +74,6 @@ def _filled_along_rows(
 # What to do about invalid pixels: of most files, and of samples, behind which others may lie.
 _FILL = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
 _OF_SAMPLES = "write inf for sky, and leave samples without depth out"
-_UPSIDE_DOWN = 4  # orientations of Exif beyond it lie on their side
 
 
 @dataclass(frozen=True)
@@ -163,20 +162,16 @@ def read_depth(
     lens_focal: float | None = None,
     overscan: Overscan = NO_OVERSCAN,
     alpha: Any = None,
-    orientation: int = 1,
 ) -> Depth:
     """Decode a depth map; holes are marked, not refused, unless they are to be replaced.
 
     `size`: (width, height) of its colour as it is shown; `lens_focal`: focal length of the lens in
-    widths of its sensor; `overscan`, `alpha` [H, W]: of the colour; `orientation`: of the colour as
-    its file stores it, by which a depth stored alike is turned.
+    widths of its sensor; `overscan`, `alpha` [H, W]: of the colour.
     """
     own = "" if reading.depth_format or reading.relative else own_format(path)
     if own and (not reading.says_scale or "depth-unit" in NAMES[own].takes):
         reading = replace(reading, depth_format=own)
-    turn = orientation if reading.turn_depth is not None else 1
-    stored = size[::-1] if size is not None and turn > _UPSIDE_DOWN else size
-    samples = read_numbers(path, reading, stored, overscan)
+    samples = read_numbers(path, reading, size, overscan)
     row = resolved(reading, samples, lens_focal)
     values, division = divided(samples, alpha)
     told = []
@@ -188,15 +183,8 @@ def read_depth(
     every = (is_sky(values[rows], row) for rows in bands(values.shape))
     if reading.sky is not None and not any(sky.any() for sky in every):
         told.append(f"‹sky› {reading.sky:g} marks no pixel")
-    if reading.turn_depth is not None and orientation == 1:
-        told.append("‹turn-depth› turns nothing: the colour names no orientation")
     metres, half_sky = _decode(values, row, overscan)
     words = [samples.words, division, row.words, *_apply_marks(samples, row, metres)]
-    if turn != 1:
-        from defocus_core.io.images.raster import upright
-
-        metres = upright(metres[:], turn)
-        words.append("turned as its colour")
     depth = Depth(
         metres,
         path,

@@ -68,8 +68,6 @@ class DepthReading:
     # Nearest or guided (by the colours), where depth of another size than the colour is to be
     # resampled
     resize_depth: str | None = None
-    # Whether depth beside its colour is turned by the orientation of the colour
-    turn_depth: str | None = None
     relative: bool = False  # the numbers are disparity of unknown scale and offset, white near
     invert: str | None = None  # whether black is near; of relative disparity
 
@@ -167,7 +165,7 @@ def wrong_size(path: Path, shape: tuple[int, int], size: tuple[int, int]) -> Inp
     remedy = "give depth of the size of the colour, or say ‹resize-depth› guided, or nearest"
     if shape == size:
         problem = f"{problem}, turned"
-        remedy = "turn one of them; or say ‹turn-depth› if Exif turned the colour alone"
+        remedy = "turn the depth as Exif turns the colour"
     return InputError("wrong-size", problem, remedy, path=path)
 
 
