@@ -39,6 +39,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
     "0.2.0": (
         Gone("command", "report", "give the batch's command again with ‹contact› 12"),
         Gone("option", "resize-depth", "look at the pair by 'defocus render' ‹dry-run›", "info"),
+        Gone("option", "name", "give each lens an -o of its own, or sweep it by 'batch'", "render"),
         Gone("option", "turn-depth", "turn the depth file as Exif turns the colour"),
         Gone("option", "animate", "look at a frame by 'defocus render' ‹dry-run›", "info"),
         Gone("option", "html", "write ‹contact› 12 for a sheet of pictures", "batch"),

@@ -38,7 +38,7 @@ COLOR is an EXR that holds both, or a directory of such. Patterns like 'shot.###
 
 OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
 inputs, options and outputs are as they were are not rendered again. Files that the journal does
-not know, and pictures that another lens took, are not replaced: give another OUT or --name.
+not know, and pictures that another lens took, are not replaced: give another OUT.
 --view left,right renders each view, with the view in the name.
 
 \b
@@ -64,7 +64,6 @@ Examples:
 @job_options.shot_lens_options(required=True)
 @job_options.shot_options
 @job_options.output_options
-@job_options.name_option
 @job_options.others_options
 @job_options.reading_options(lambda row: True)
 @job_options.machine_options(*MACHINE_OPTIONS)
@@ -81,7 +80,6 @@ def command(
     lenses: PictureLenses,
     shot: job_options.ShotOptions,
     outputs: Outputs,
-    name: str | None,
     others: dict[str, tuple[Path, Path | None]],
     reading: Reading,
     machine: Machine,
@@ -106,9 +104,9 @@ def command(
 
         moving = lenses.moves_focus
         jobs = with_shot(jobs, every, lambda p, _: lenses.of(p)[0], shot.together, moving=moving)
-    jobs = of_views(jobs, name)
-    if outputs.file and (len(jobs) > 1 or name is not None or shot.contact is not None):
-        problem = "is one file, which neither holds several pictures nor takes another name"
+    jobs = of_views(jobs)
+    if outputs.file and (len(jobs) > 1 or shot.contact is not None):
+        problem = "is one file, which does not hold several pictures"
         raise UsageProblem("contradiction", problem, "name a directory", path=jobs[0].written[0])
     hashed = check_inputs == "hash"
     execution = functools.partial(Execution, read_inputs=hashed, keep_lenses=True)

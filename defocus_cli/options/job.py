@@ -26,7 +26,7 @@ from defocus_cli.options.shared import (
 from defocus_core.errors import CALLER, UsageProblem, with_dashes
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.shots.frame_patterns import FrameChoice
-from defocus_core.request.job import FIELDS, Machine, Outputs, Reading
+from defocus_core.request.job import Machine, Outputs, Reading
 from defocus_core.request.job_options import (
     ANIMATION_OPTIONS,
     INPUT_OPTIONS,
@@ -258,15 +258,6 @@ def output_options(command: Command) -> Command:
         return outputs_of(given, Outputs(root, overwrite=overwrite), one_file=True)
 
     return bundle("outputs", make, options)(command)
-
-
-def name_option(command: Command) -> Command:
-    """Hand a command ``name``: the template of the names of pictures, or None."""
-    text = (
-        "Names of the pictures, like '{stem}_{focus}', of "
-        f"{', '.join(FIELDS)}.  [default: {{stem}}, and {{stem}}_{{view}} of several views]"
-    )
-    return output_option("--name TEMPLATE", text)(command)
 
 
 def machine_options(*names: str) -> Decorator:

@@ -44,14 +44,6 @@ def test_another_lens_replaces_no_picture(name, tmp_path, out):
     assert (out / "coc/a.exr").read_bytes() != before
 
 
-def test_names_keep_lenses_apart(tmp_path, out):
-    files = pair(tmp_path)
-    for name in ("focus", "fnumber"):
-        template = f"{{stem}}_{{{name}}}"
-        succeed("render", *another(name), *files, "-o", out, *MAPS, "--name", template)
-    assert files_under(out) == {"coc/a_focus3m.exr", "coc/a_f8.exr"}
-
-
 VIEWS = {"multiView": ["left", "right"]}
 
 
@@ -67,8 +59,6 @@ def test_each_view_is_rendered_and_named(tmp_path, out):
     for view, pixels in (("left", left), ("right", right)):
         written = read_exr(out / f"image/a_{view}.exr")["R"]
         np.testing.assert_allclose(written, pixels[..., 0], atol=1e-3)
-    photograph(color, depth, "-o", out, *MAPS, "--view", "left", "--name", "{view}-{stem}")
-    assert (out / "coc/left-a.exr").exists()
 
 
 @pytest.mark.parametrize(

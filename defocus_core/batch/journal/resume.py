@@ -284,5 +284,5 @@ def refuse_others(jobs: Iterable[Job], ledger: Ledger, *, keep_lenses: bool) -> 
                 other = f"taken otherwise: {lens_record_words(record.taken.lens)}{view}"
             else:
                 continue
-            remedy = "choose another -o or ‹name›, or add ‹overwrite› to replace it"
+            remedy = "choose another -o, or add ‹overwrite› to replace it"
             raise InputError("exists", f"exists already, {other}", remedy, path=path)
