@@ -70,7 +70,5 @@ def test_a_file_is_one_picture_without_a_journal(name, options, tmp_path, out):
     photograph(*files, "-o", out / name, *options)
     assert files_under(out) == {name}
     assert not (out / "journal.jsonl").exists()
-    photograph(*files, "-o", out / name, *options)
-    (out / name).write_bytes(b"of another program")
     refused(render(*files, "-o", out / name, *options), 3, "exists", out / name)
     photograph(*files, "-o", out / name, *options, "--overwrite")
