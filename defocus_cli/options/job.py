@@ -40,7 +40,6 @@ from defocus_core.request.lens import Lens
 from defocus_core.request.pairing import choice_of
 from defocus_core.request.parameters import LENS_OPTIONS, OPENING, SHAPES, Param
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.quantities import read_at
 from defocus_core.request.resolver import (
     Given,
     Layer,
@@ -49,9 +48,9 @@ from defocus_core.request.resolver import (
     laid_over,
     lens_of,
     outputs_of,
+    parsed,
     reading_of,
     refuse_contradiction,
-    value_of,
 )
 from defocus_core.system.process import cores
 
@@ -82,8 +81,7 @@ def given_options(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer
         if value is not None and (value is not False or row.toggle):
             text = " ".join(value) if isinstance(value, tuple) else str(value)
             text = {True: "on", False: "off"}[value] if row.toggle else text
-            read_at(CALLER.at(name), value_of, name, text)
-            layer[name] = Given(text, CALLER.at(name))
+            layer[name] = parsed(name, text, CALLER.at(name))
     refuse_contradiction(layer)
     return layer
 

@@ -33,7 +33,13 @@ from defocus_core.request.lens import Lens
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import Unitless
-from defocus_core.request.resolver import Given, Layer, missing_options, missing_words
+from defocus_core.request.resolver import (
+    Given,
+    Layer,
+    missing_options,
+    missing_words,
+    parsed,
+)
 from defocus_core.system.text import command_line, note
 
 SHARE_OF_SIDE = 0.02  # radius of the most blurred pixel, of the longer side
@@ -221,7 +227,7 @@ def _of_relative(
         taken["focus-at"] = "{},{}".format(*subject.within(size))
         if whole_subject and (numbers := surface_of(depth, subject)):
             taken["sharp-range"] = LENS_OPTIONS["sharp-range"].text(numbers)
-    return {name: Given(text, CALLER.at(name)) for name, text in taken.items()}
+    return {name: parsed(name, text, CALLER.at(name)) for name, text in taken.items()}
 
 
 def _incomplete(

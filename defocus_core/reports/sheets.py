@@ -18,7 +18,7 @@ from defocus_core.picture.opening import aperture_of, cat_eye_of
 from defocus_core.reports.html.thumbnails import resized
 from defocus_core.request.job import Job
 from defocus_core.request.lens_files import ShippedLens, read_lens_file
-from defocus_core.request.resolver import Given, laid_over, lens_of
+from defocus_core.request.resolver import laid_over, lens_of, parsed
 from defocus_core.system.process import set_to_render
 
 NAME = "contact.png"
@@ -85,7 +85,7 @@ def _lights(shipped: ShippedLens) -> NDArray[Any]:
     from defocus_core.evaluation.synthetic_scenes import scenery
     from defocus_core.renderer.render import render
 
-    focus = {"focus": Given(_LENS_FOCUS, CALLER)}
+    focus = {"focus": parsed("focus", _LENS_FOCUS, CALLER)}
     lens = lens_of(laid_over(read_lens_file(shipped.path), focus))
     image, radius = scenery("lights", *_LENS_SIZE, _LENS_RADIUS)[:2]
     cat_eye = cat_eye_of(lens, _LENS_SIZE[::-1])

@@ -13,10 +13,10 @@ from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from defocus_core.errors import CALLER, InputError, UsageProblem
-from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, Keys, frame_of, read_keys
+from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, frame_of, read_keys
 from defocus_core.request.job_options import ANIMATION_OPTIONS, field_of_view
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES, LensParam
 from defocus_core.request.quantities import read_at, text_of
@@ -40,7 +40,7 @@ _DIGITS = 9
 class Animation:
     """Options of a lens with keys."""
 
-    keys: Keys  # by option the frames that have a key, ascending, and the keys
+    keys: Mapping[str, Mapping[int, Given]]  # by option, by frame, ascending
 
     @property
     def frames(self) -> tuple[int, ...]:
@@ -51,36 +51,31 @@ class Animation:
     def taken(self) -> dict[str, str]:
         """The options that are animated, those of the same meaning, too, and where."""
         return {
-            same: str(_first(keys).where)
+            same: str(_first(keys).place)
             for name, keys in self.keys.items()
             for same in alternatives("focal-length" if name == FIELD_OF_VIEW else name)
         }
 
     def at(self, frame: int) -> dict[str, Given]:
-        """The options of a frame; at a key, the text of the key."""
-        return {
-            name: Given(self._text(name, frame), _first(keys).where)
-            for name, keys in self.keys.items()
-        }
+        """The options of a frame; at a key, the key."""
+        return {name: _at(_ANIMATED[name], keys, frame) for name, keys in self.keys.items()}
 
-    def _text(self, name: str, frame: int) -> str:
-        keys, row = self.keys[name], _ANIMATED[name]
-        frames = [*keys]
-        after = bisect_right(frames, frame)
-        is_between = 0 < after < len(frames) and frames[after - 1] != frame
-        if not (is_between and row.even_in):
-            return keys[frames[max(after - 1, 0)]].text
-        first, last = frames[after - 1], frames[after]
-        fraction = (frame - first) / (last - first)
-        start, end = (row.parse(keys[each].text) for each in (first, last))
-        if start == end:
-            return keys[first].text
-        if not all(isinstance(value, int | float | tuple) for value in (start, end)):
-            problem = f"is {keys[first].text}, which has nothing between it and another key"
-            raise UsageProblem(
-                "idle-option", problem, f"give it like {row.example}", path=keys[first].where
-            )
-        return row.text(_between(row, start, end, fraction), _DIGITS)
+
+def _at(row: LensParam, keys: Mapping[int, Given], frame: int) -> Given:
+    frames = [*keys]
+    after = bisect_right(frames, frame)
+    is_between = 0 < after < len(frames) and frames[after - 1] != frame
+    start = keys[frames[max(after - 1, 0)]]
+    if not (is_between and row.even_in) or start.value == keys[frames[after]].value:
+        return start
+    first, last = frames[after - 1], frames[after]
+    end = keys[last].value
+    if not all(isinstance(value, int | float | tuple) for value in (start.value, end)):
+        problem = f"is {start.text}, which has nothing between it and another key"
+        raise UsageProblem("idle-option", problem, f"give it like {row.example}", path=start.place)
+    fraction = (frame - first) / (last - first)
+    text = row.text(_between(row, start.value, end, fraction), _DIGITS)
+    return Given(row.parse(text), text, start.place)
 
 
 def _between(row: LensParam, first: Any, last: Any, fraction: float) -> Any:
@@ -114,22 +109,24 @@ def read_animation(files: Iterable[str], table: Table | None = None) -> Animatio
     checked = {name: _checked(name, keys) for name, keys in every.items() if keys}
     if not checked:
         return None
-    where = _first(next(iter(checked.values()))).where
-    refuse_contradiction({name: Given("", where.at(name)) for name in checked})
+    refuse_contradiction({name: _first(keys) for name, keys in checked.items()})
     return Animation(checked)
 
 
-def _first(keys: Mapping[int, Key]) -> Key:
+_K = TypeVar("_K")
+
+
+def _first(keys: Mapping[int, _K]) -> _K:
     return next(iter(keys.values()))
 
 
-def _checked(name: str, keys: Mapping[int, Key]) -> dict[int, Key]:
-    """The keys of an option by frame, once they make sense, with the units that numbers have."""
+def _checked(name: str, keys: Mapping[int, Key]) -> dict[int, Given]:
+    """The keys of an option by frame, with the units that numbers have."""
     refuse_unknown([name], tuple(_ANIMATED), _first(keys).where, "a lens", "option")
     row, made = _ANIMATED[name], {}
     for frame, key in sorted(keys.items()):
-        made[frame] = Key(row.with_unit(key.text), key.where)
-        read_at(key.where, row.parse, made[frame].text)
+        text = row.with_unit(key.text)
+        made[frame] = Given(read_at(key.where, row.parse, text), text, key.where)
     return made
 
 
@@ -161,7 +158,7 @@ def _keys_of(table: Table) -> dict[str, Mapping[int, Key]]:
     return every
 
 
-def focal_length(fov: str, sensor_width: float, size: tuple[int, int]) -> str:
+def focal_length(fov: float, sensor_width: float, size: tuple[int, int]) -> str:
     """The focal length of a vertical field of view, on a sensor of the shape of a picture."""
     height = sensor_width * size[1] / size[0]
-    return f"{height / 2 / math.tan(math.radians(field_of_view(fov) / 2)):.9g}mm"
+    return f"{height / 2 / math.tan(math.radians(fov / 2)):.9g}mm"

@@ -20,7 +20,6 @@ class Draw:
     seed: int  # the seed of the jobs file
     picture: str  # name of the picture, with that of the lens of the sweep
     index: int  # number of the draw for these
-    options: tuple[tuple[str, str], ...]  # all options of the lens as texts, drawn or not
 
 
 @dataclass(frozen=True, slots=True)  # a batch has a million
@@ -62,7 +61,7 @@ class Lens:
     dp_crosstalk: float = 0.0
     noise: tuple[float, float] | None = None  # electrons of a light of 1, and of read noise
     noise_seed: int = 0
-    draw: Draw | None = None  # of a random lens; another can be drawn from it
+    draw: Draw | None = None  # of a random lens
     # Where its focus stands, for errors.
     focus_source: Place = field(default=CALLER, compare=False)
 

@@ -24,15 +24,13 @@ from defocus_core.request.resolver import (
     Layer,
     alternatives,
     check_lens,
-    drawn_lens,
     given,
     laid_over,
     lens_of,
     missing_options,
-    place_of_focus,
+    parsed,
     refuse_optics,
     refuse_taken,
-    value_of,
 )
 
 if TYPE_CHECKING:
@@ -75,7 +73,7 @@ class PictureLenses:
         """Refuse options that are set twice, and metadata that change nothing."""
         refuse_taken(self.own, self.taken)
         if self.metadata:
-            asked = {METADATA: Given("", self.where.at(METADATA))}
+            asked = {METADATA: Given(True, "", self.where.at(METADATA))}
             in_pixels = "blur" in {*self.own, *self.taken}
             refuse_optics(asked, in_pixels=in_pixels, radii=self.radii)
 
@@ -162,11 +160,9 @@ class PictureLenses:
             if lens is not None:
                 yield suffix, lens
                 continue
-            texts = tuple((name, each.text) for name, each in set_to.items())
-            source = place_of_focus(set_to)
             for index in (number % draws for number in mine):
-                draw = Draw(self.sampling.seed, picture.stem + suffix, index, texts)
-                yield f"{suffix}_s{index:03}", drawn_lens(draw, source)
+                draw = Draw(self.sampling.seed, picture.stem + suffix, index)
+                yield f"{suffix}_s{index:03}", lens_of(set_to, draw)
 
     def _check(self, options: Layer, metadata: Layer, picture: Picture | None) -> None:
         focal = metadata.get("focal-length")
@@ -223,7 +219,7 @@ class PictureLenses:
         if fov := keyed.pop(FIELD_OF_VIEW, None):
             width, info = DEFAULTS["sensor_width"], describe(picture.color)
             if "sensor-width" in others:
-                width = value_of("sensor-width", others["sensor-width"].text)
-            text = focal_length(fov.text, width, (info.width, info.height))
-            keyed["focal-length"] = Given(text, fov.place)
+                width = others["sensor-width"].value
+            text = focal_length(fov.value, width, (info.width, info.height))
+            keyed["focal-length"] = parsed("focal-length", text, fov.place)
         return keyed

@@ -1,10 +1,10 @@
 """The resolver: what options are set to, and what they make together.
 
 Options stand in layers, each laid over those before it: a lens file, the metadata of a picture, the
-keys of its frame, a jobs file or the command line, the row of a picture, a sweep. A layer has the
-text of each option, as the command line takes it, and its place, for errors. What an option is set
-to is checked once, by its row in `parameters` or `job_options`: its type and range as a layer
-is made; what it excludes, needs, and beside what it changes nothing, when all layers are known.
+keys of its frame, a jobs file or the command line, the row of a picture, a sweep. A layer has of
+each option the value, the text that it was, and its place, for errors. What an option is set to is
+checked once, by its row in `parameters` or `job_options`: its type and range as it is parsed; what
+it excludes, needs, and beside what it changes nothing, when all layers are known.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cache, lru_cache
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -40,9 +40,10 @@ if TYPE_CHECKING:
 
 
 class Given(NamedTuple):
-    """What an option is set to, and the place where it is."""
+    """What an option is set to."""
 
-    text: str
+    value: Any  # in mm, degrees or plain numbers; or the Distribution that it is drawn from
+    text: str  # as the command line takes it
     place: Place  # of the option itself
 
 
@@ -59,15 +60,16 @@ def alternatives(name: str) -> frozenset[str]:
     return frozenset((name,)).union(*(pair for pair in ALTERNATIVES if name in pair))
 
 
-@lru_cache(maxsize=65536)
 def value_of(name: str, text: str) -> Any:
     """The value of an option, in mm, degrees or plain numbers; off is that of a lens without."""
-    row = LENS_OPTIONS.get(name)
-    if row is None:
-        return ROWS[name].parse(text)
-    if text.strip().lower() == "off" and row.field in EFFECTS and not row.never_off:
-        return EFFECTS[row.field]
-    return row.parse(text)
+    row = ROWS[name]
+    is_off = text.strip().lower() == "off" and row.field in EFFECTS
+    return EFFECTS[row.field] if is_off and not LENS_OPTIONS[name].never_off else row.parse(text)
+
+
+def parsed(name: str, text: str, place: Place) -> Given:
+    """An option that is set to a text, which makes sense by itself."""
+    return Given(read_at(place, value_of, name, text), text, place)
 
 
 def layer_in(table: Table, rows: Mapping[str, Param], *others: str) -> dict[str, Given]:
@@ -114,10 +116,11 @@ def given(name: str, value: object, place: Place) -> Given:
         raise UsageProblem(
             "malformed", f"{value!r} is not a text", "write it in quotes", path=place
         )
-    found = read_at(place, value_of, name, text)
-    if isinstance(found, Path) and isinstance(place.path, Path):
-        text = str(place.path.parent / text)
-    return Given(text, place)
+    found = parsed(name, text, place)
+    if isinstance(found.value, Path) and isinstance(place.path, Path):
+        file = place.path.parent / text
+        return Given(file, str(file), place)
+    return found
 
 
 def laid_over(*layers: Layer) -> dict[str, Given]:
@@ -128,7 +131,7 @@ def laid_over(*layers: Layer) -> dict[str, Given]:
     options: dict[str, Given] = {}
     for layer in filter(None, layers):
         lost = set[str]().union(*map(alternatives, layer))
-        if "aperture-image" in layer or ("blades" in layer and layer["blades"].text.strip() == "0"):
+        if "aperture-image" in layer or ("blades" in layer and layer["blades"].value == 0):
             lost.update(row.name for row in LENS_OPTIONS.values() if row.needs == "blades")
         options = {name: each for name, each in options.items() if name not in lost} | dict(layer)
     return options
@@ -174,7 +177,7 @@ def check_lens(
     `where`: the table that options are missing in; `radii`: the depth files hold radii, so that a
     lens is the shape of its opening; `lacking`: the picture whose metadata were asked, too.
     """
-    possible = {name: _possible(name, each.text) for name, each in options.items()}
+    possible = {name: _possible(each.value) for name, each in options.items()}
     in_pixels = "blur" in options
     refuse_optics(options, in_pixels=in_pixels, radii=radii)
     if in_pixels:
@@ -193,7 +196,7 @@ def check_lens(
             isinstance(value, Unitless) != in_pixels for value in possible.get(name, ()) if value
         ):
             raise UsageProblem("malformed", problem, remedy, path=options[name].place)
-    for name, (_, place) in options.items():
+    for name, (_, _, place) in options.items():
         row = LENS_OPTIONS[name]
         if row.needs and any(possible[name]) and not any(possible.get(row.needs, ())):
             example = LENS_OPTIONS[row.needs].example
@@ -205,7 +208,7 @@ def check_lens(
 
 def refuse_optics(options: Layer, *, in_pixels: bool = False, radii: bool = False) -> None:
     """Raise UsageProblem if an option decides the radii, which something else decides already."""
-    for name, (_, place) in options.items():
+    for name, (_, _, place) in options.items():
         if in_pixels and name not in BESIDE_BLUR:
             problem = "has no effect beside ‹blur›, which replaces the lens"
             raise UsageProblem("contradiction", problem, "leave one of them out", path=place)
@@ -259,36 +262,32 @@ def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = ""
         raise UsageProblem("out-of-range", problem, remedy, path=where)
 
 
-def lens_of(options: Layer) -> Lens:
-    """The lens of options that `check_lens` lets pass, none of which is drawn."""
-    values = {name: value_of(name, each.text) for name, each in options.items()}
-    return _lens(values, place_of_focus(options))
+def lens_of(options: Layer, draw: Draw | None = None) -> Lens:
+    """The lens of options that `check_lens` lets pass; `draw`: what is drawn of them."""
+    values = {name: each.value for name, each in options.items()}
+    if draw is not None:
+        from defocus_core.optics.distributions import Distribution, drawn
 
-
-def place_of_focus(options: Layer) -> Place:
-    """Where it stands what is in focus."""
+        focus = values.get("focus")
+        # The last key is 0 for ever: published data sets come out of it again
+        values = drawn(values, draw.seed, draw.picture, draw.index, 0)
+        if isinstance(focus, Distribution) and focus.kind == "percentile":
+            values["focus"] = Percentile(values["focus"])
+    fields: dict[str, Any] = {"foclen": math.nan, "fnum": math.nan, "foc_dist": None}
+    fields |= {LENS_OPTIONS[name].field_of(value): value for name, value in values.items()}
+    sharp = fields.get("sharp_range")
+    if sharp is not None and "blur" in fields and not fields.keys() & {"focus_at", "focus_value"}:
+        fields["focus_value"] = sum(sharp) / 2
+    if isinstance(fields["foc_dist"], Percentile):
+        fields |= {"foc_dist": None, "focus_percentile": fields["foc_dist"].percent}
     ways = ("focus", "focus-at", "focus-value")
-    return next((options[name].place for name in ways if name in options), CALLER)
-
-
-def drawn_lens(draw: Draw, source: Place) -> Lens:
-    """The lens of a draw; `source`: the place of its focus."""
-    from defocus_core.optics.distributions import drawn
-
-    options = {
-        name: distribution(name, text) or value_of(name, text) for name, text in draw.options
-    }
-    # The last key is 0 for ever: published data sets come out of it again
-    values = drawn(options, draw.seed, draw.picture, draw.index, 0)
-    if getattr(options.get("focus"), "kind", "") == "percentile":
-        values["focus"] = Percentile(values["focus"])
-    return replace(_lens(values, source), draw=draw)
+    source = next((options[name].place for name in ways if name in options), CALLER)
+    return Lens(**fields, draw=draw, focus_source=source)
 
 
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)
 
 
-@lru_cache(maxsize=4096)
 def distribution(name: str, text: str) -> Distribution | None:
     """The distribution that an option is drawn from; None if the text is a plain value."""
     call = _CALL.fullmatch(text)
@@ -314,7 +313,7 @@ def distribution(name: str, text: str) -> Distribution | None:
 
 def fields_of(layer: Layer) -> dict[str, Any]:
     """The values of options by their fields."""
-    return {ROWS[name].field: value_of(name, text) for name, (text, _) in layer.items()}
+    return {ROWS[name].field: each.value for name, each in layer.items()}
 
 
 def outputs_of(layer: Layer, outputs: Outputs, *, one_file: bool = False) -> Outputs:
@@ -346,24 +345,10 @@ def reading_of(*layers: Layer) -> Reading:
     return reading
 
 
-@lru_cache(maxsize=4096)
-def _possible(name: str, text: str) -> Sequence[Any]:
-    """The value of an option, or all or the ends of the range that it may get."""
-    drawn = distribution(name, text)
-    if drawn is None:
-        return (value_of(name, text),)
-    return () if drawn.kind == "percentile" else drawn.values
-
-
-def _lens(values: Mapping[str, Any], source: Place) -> Lens:
-    fields: dict[str, Any] = {"foclen": math.nan, "fnum": math.nan, "foc_dist": None}
-    fields |= {LENS_OPTIONS[name].field_of(value): value for name, value in values.items()}
-    sharp = fields.get("sharp_range")
-    if sharp is not None and "blur" in fields and not fields.keys() & {"focus_at", "focus_value"}:
-        fields["focus_value"] = sum(sharp) / 2
-    if isinstance(fields["foc_dist"], Percentile):
-        fields |= {"foc_dist": None, "focus_percentile": fields["foc_dist"].percent}
-    return Lens(**fields, focus_source=source)
+def _possible(value: Any) -> Sequence[Any]:
+    """A value; or all, or the ends, of those that a Distribution may draw."""
+    kind = getattr(value, "kind", None)
+    return (value,) if kind is None else () if kind == "percentile" else value.values
 
 
 def _named(option: str, place: Place) -> str:

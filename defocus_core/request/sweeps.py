@@ -70,8 +70,7 @@ def _points(table: Table, axes: Sequence[Sequence[Layer]]) -> dict[str, Layer]:
             options |= part
         refuse_contradiction(options)
         named = (row for name, row in LENS_OPTIONS.items() if name in options)
-        values = ((row, value_of(row.name, options[row.name].text)) for row in named)
-        suffix = "".join(f"_{row.file_tag(value)}" for row, value in values)
+        suffix = "".join(f"_{row.file_tag(options[row.name].value)}" for row in named)
         if suffix in points:
             problem = f"has two lenses named '{suffix[1:]}'"
             raise UsageProblem(
@@ -156,14 +155,14 @@ def read_sampling(table: Table) -> Sampling:
         raise UsageProblem(
             "missing-option", "is missing", f"write {key} = 7 below [sample]", path=table.place(key)
         )
+    texts = {name: text_of(table.values[name]) for name in table.values if name in LENS_OPTIONS}
     options = {
-        name: Given(text_of(value), table.place(name))
-        for name, value in table.values.items()
-        if name in LENS_OPTIONS
+        name: Given(read_at(table.place(name), distribution, name, text), text, table.place(name))
+        for name, text in texts.items()
     }
     refuse_contradiction(options)
-    for name, (text, place) in options.items():
-        if read_at(place, distribution, name, text) is None:
+    for value, text, place in options.values():
+        if value is None:
             remedy = "put it below [lens], or write it like uniform(a, b) or choice(a, b)"
             raise UsageProblem("malformed", f"'{text}' is not a distribution", remedy, path=place)
     if not options:

@@ -55,7 +55,16 @@ def test_all_of_the_subject_is_in_focus_unless_something_says_the_focus(tmp_path
     lens = tmp_path / "opening.toml"
     lens.write_text("blades = 6")
     for given in ("--focus-at 90,60", "--focus-value 185", f"--lens {lens}"):
-        ran = run("render", *files, "-o", tmp_path / "b.png", "--blur", "3px", *given.split())
+        ran = run(
+            "render",
+            *files,
+            "-o",
+            tmp_path / "b.png",
+            "--overwrite",
+            "--blur",
+            "3px",
+            *given.split(),
+        )
         assert (ran.code, "sharp" in ran.err + ran.out) == (0, False), given
 
 

@@ -8,7 +8,7 @@ from defocus_core.errors import CALLER
 from defocus_core.request.animation import read_animation
 from defocus_core.request.job import Picture
 from defocus_core.request.picture_lenses import PictureLenses
-from defocus_core.request.resolver import Given, value_of
+from defocus_core.request.resolver import parsed
 
 
 def animation(folder, text, name="pull.csv"):
@@ -18,7 +18,7 @@ def animation(folder, text, name="pull.csv"):
 
 
 def values(shot, frame):
-    return {name: value_of(name, each.text) for name, each in shot.at(frame).items()}
+    return {name: each.value for name, each in shot.at(frame).items()}
 
 
 def key(shot, frame, name):
@@ -116,11 +116,14 @@ def test_one_option_is_animated_once(tmp_path):
 def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
     shot = animation(tmp_path, "frame,focus,fnumber\n1,1m,2\n2,2m,2\n")
     picture = Picture("a", Path("a.exr"), Path("b.exr"), frame=2)
-    own = {"focal-length": Given("50mm", CALLER.at("focal-length"))}
+    own = {"focal-length": parsed("focal-length", "50mm", CALLER.at("focal-length"))}
     lens, _ = PictureLenses(own, animation=shot).of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist) == (50, 2, 2000)
     for name in ("focus", "focus-at"):
         with refuses("contradiction", "pull.csv", field=name):
-            PictureLenses({**own, name: Given("1", CALLER.at(name))}, animation=shot)
+            PictureLenses(
+                {**own, name: parsed(name, "1,1" if name == "focus-at" else "1m", CALLER.at(name))},
+                animation=shot,
+            )
     with refuses("idle-option", field="animate"):
         PictureLenses(own, animation=shot).of(Picture("a", *[Path("a.exr")] * 2))

@@ -13,9 +13,9 @@ from defocus_core.request.lens import Lens
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
     ROWS,
-    Given,
     laid_over,
     layer_of,
+    parsed,
     reading_of,
     refuse_contradiction,
 )
@@ -26,7 +26,11 @@ TURNED = "blade-rotation = 30\n"
 
 
 def lens_of(flags, file):
-    own = {name: Given(text, CALLER.at(name)) for name, text in flags.items() if text is not None}
+    own = {
+        name: parsed(name, text, CALLER.at(name))
+        for name, text in flags.items()
+        if text is not None
+    }
     refuse_contradiction(own)
     return PictureLenses(own, file=file).fixed
 

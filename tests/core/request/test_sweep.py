@@ -10,7 +10,7 @@ from refusals import refuses, refuses_as
 
 from defocus_core.picture.opening import dual_pixel_of
 from defocus_core.request.parameters import LENS_OPTIONS
-from defocus_core.request.resolver import drawn_lens, value_of
+from defocus_core.request.resolver import value_of
 
 
 def swept(folder, text, lens=""):
@@ -201,13 +201,6 @@ def test_draws_are_taken_for_each_lens_of_a_sweep_and_follow_no_other(tmp_path):
     stops = [math.log(job.lens.fnum / 1.4) / math.log(16 / 1.4) for job in found]
     assert len(set(stops)) == 400
     assert not follows(stops[:200], stops[200:])
-
-
-def test_a_lens_knows_what_it_was_drawn_from(tmp_path):
-    fixed = 'n = 1\nseed = 7\nfnumber = "uniform(2, 4)"\n'
-    for more in ('focus = "uniform(1m, 2m)"', 'focus = "percentile(5, 95)"'):
-        lens = sampled(tmp_path, fixed + more)[0].lens
-        assert drawn_lens(lens.draw, lens.focus_source) == lens
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from defocus_core.request.lens import Draw, Lens
 
 PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
 JOB = Job(PICTURE, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())
-DRAW = Draw(7, "a", 3, (("fnumber", "uniform(1, 2)"), ("focus", "inf")))
+DRAW = Draw(7, "a", 3)
 HIDDEN = replace(PICTURE, hidden=Picture("b", Path("b.exr"), Path("c.exr")))
 
 

@@ -8,7 +8,7 @@ from defocus_core.reports.html.render_command import render_words
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import lens_record
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_OPTIONS
-from defocus_core.request.resolver import Given, lens_of
+from defocus_core.request.resolver import lens_of, parsed
 
 LENS = {
     "focal-length": "51.2345678901mm",
@@ -31,7 +31,7 @@ LENS = {
 def command(texts, reading):
     """The words of the command of a picture taken by a lens of options."""
     picture = Picture("a", Path("a.exr"), Path("a.exr"))
-    lens = lens_of({name: Given(text, CALLER) for name, text in texts.items()})
+    lens = lens_of({name: parsed(name, text, CALLER) for name, text in texts.items()})
     job = Job(picture, lens, reading, Outputs(Path()), Machine())
     asked = settings(job)
     exact = {key: value for key, value in asked["lens"].items() if key in EFFECT_OPTIONS}
