@@ -35,6 +35,22 @@ class Gone(NamedTuple):
 
 _CALIBRATED = "give ‹depth-kind› disparity, ‹focal-px›, ‹baseline› and, if it has one, ‹doffs›"
 _APART = "compare twice, with ‹mask› and with ‹ignore-mask›"
+# Findings of compare, by those that stand for them.
+_FINDINGS = {
+    "softer": ("noise removed", "motion blur", "softened", "spread otherwise"),
+    "sharper": ("sharpened",),
+    "another CoC": ("another bokeh shape",),
+    "offset or contrast": ("raised blacks", "lowered blacks", "another contrast", "offset"),
+    "primaries or saturation": ("another saturation", "monochrome", "other primaries"),
+    "inverted": ("sign reversed",),
+    "scaled": ("chromatic aberration", "sheared"),
+    "fireflies or few pixels": ("fireflies", "dropped pixels"),
+    "*": (
+        *("vignette", "missing layer", "fields exchanged", "tiles exchanged", "doubled", "eroded"),
+        *("dilated", "damaged lines", "halo", "bloom", "apart", "in shadows"),
+        *("in focus only", "out of focus only"),
+    ),
+}
 GONE: dict[str, tuple[Gone, ...]] = {
     "0.2.0": (
         Gone("command", "report", "give the batch's command again with ‹contact› 12"),
@@ -59,6 +75,11 @@ GONE: dict[str, tuple[Gone, ...]] = {
             "command",
             "golden",
             "render by batch to NEW, then compare goldens NEW ‹accept›",
+        ),
+        *(
+            Gone("rule", f"found:{name}", f"write found:{now}")
+            for now, names in _FINDINGS.items()
+            for name in names
         ),
         Gone("option", "coc", _APART, "compare"),
         *(

@@ -135,12 +135,10 @@ def planes_of(image: Any) -> dict[str, Any]:
         raise ValueError(f"image must be {wanted}, got {list(np.shape(image))}")
     names = _CHANNELS[values.shape[2]]
     planes = {name: np.ascontiguousarray(values[..., k]) for k, name in enumerate(names)}
-    light = {
-        name: srgb_to_linear(plane).astype(np.float32)
-        for name, plane in planes.items()
-        if name != "A"
-    }
-    return planes | light if shown else planes
+    for name in names if shown else ():
+        if name != "A":
+            planes[name] = srgb_to_linear(planes[name]).astype(np.float32)
+    return planes
 
 
 def as_shown(picture: DecodedPicture) -> DecodedPicture:

@@ -46,16 +46,16 @@ def compare_structure(
     lone = _depths_of_samples(a, b)
     findings = [*_of_channels(a, b, resized, lone)]
     others = [name for name in both if name not in (*resized, *common)]  # as those of a thumbnail
-    if apart := [name for name in others if not _equal(a.planes[name], b.planes[name])]:
-        text = f"other values in {', '.join(apart)}, which is of another size than the picture"
-        findings.append(Finding("apart", text))
+    apart = [name for name in others if not _equal(a.planes[name], b.planes[name])]
     ignored = settings.ignore_metadata
     metadata = _differing(*(_heeded(each.metadata, ignored) for each in (a, b)))
     samples = [*_compare_samples(a, b)]
-    strict = bool(findings) or (settings.metadata and bool(metadata))
+    strict = bool(findings or apart) or (settings.metadata and bool(metadata))
     strict |= bool(samples) and not ruled
     findings += [*_compare_primaries(a, b, ignored), *samples]
-    notes = tuple(_notes_of(a, b, lone))
+    of = "which is of another size than the picture"
+    told = [f"other values in {', '.join(apart)}, {of}"] if apart else []
+    notes = (*told, *_notes_of(a, b, lone))
     record = replace(record, findings=tuple(findings), notes=notes, metadata=tuple(metadata))
     return record, common, strict
 

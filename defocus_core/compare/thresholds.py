@@ -82,10 +82,10 @@ def rule(text: str) -> Rule:
 
 def _found(name: str) -> Rule:
     exact = {known.lower(): known for known in FINDINGS}.get(name.lower(), name)
-    if exact != "*" and not any(f"{exact} ".startswith(f"{known} ") for known in FINDINGS):
+    instead = gone.remedy("rule", f"found:{name.lower()}")
+    if instead or not any(f"{exact} ".startswith(f"{known} ") for known in (*FINDINGS, "*")):
         remedy = did_you_mean(name, [*FINDINGS], f"findings are *, {', '.join(FINDINGS)}")
-        remedy = gone.remedy("rule", f"found:{name.lower()}", "", remedy)
-        raise QuantityError(f"'{name}' is not a finding", remedy)
+        raise QuantityError(f"'{name}' is not a finding", instead or remedy)
     return Rule("", "", 0.0, f"found:{exact}", exact)
 
 

@@ -1,60 +1,40 @@
-"""What happened to B: causes tried in turn, and the one that leaves least is the finding.
+"""What happened to B: causes tried in turn, and the one that leaves much less than its rivals.
 
-A cause is a row of a table: its model, what it may leave, and its rivals. Where a rival explains
-about as much, the word for both is said. Where none explains enough, the place of the difference
-is, if it has one.
+A cause is named where it leaves at most half of what each rival leaves, and of the difference. A
+model that can make what a simpler one makes is no rival to it, and must leave half as much to stand
+in its place. Where two rivals leave about as much, both are said beside the place of the
+difference, and none is named.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
-from defocus_core.compare.findings.places import place_of
-from defocus_core.compare.findings.softness import has_room, is_large, white_noise
-from defocus_core.compare.findings.table import CAUSES, Cause, Finding
+from defocus_core.compare.findings.places import coc_map, place_of
+from defocus_core.compare.findings.table import CAUSES, Cause, Finding, kind_of
 from defocus_core.compare.pairing import partners
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels
 from defocus_core.errors import InputError
 
-# Attributes of a render by what follows if they differ.
-_OF_A_LENS = {
-    "another CoC": ("fnumber", "focus", "focal_length", "coc_px"),
-    "another bokeh shape": ("blades", "blade_rotation"),
-}
-# What changes light by that name, and other numbers by another.
-_OF_NUMBERS = {
-    "another exposure": "multiplied",
-    "raised blacks": "offset",
-    "lowered blacks": "offset",
-}
-_SPREADS = ("another CoC", "another CoC or bokeh shape", "spread otherwise")
+# Attributes of a render that decide its CoC.
+_OF_A_COC = ("fnumber", "focus", "focal_length", "coc_px", "blades", "blade_rotation")
 _LAST_BITS = 2e-5  # largest difference that is that of another machine, on no scale to be seen
-_PLACED_TOO = "spread otherwise"  # says how, and no cause
-_NEEDS: dict[str, Callable[[Evidence], bool]] = {
-    "": lambda evidence: True,
-    "light": lambda evidence: bool(evidence.pixels.color),
-    "no noise": lambda evidence: bool(evidence.pixels.color) and not white_noise(evidence),
-    "room": has_room,
-    "noise": is_large,
-}
-_LEFT_OF_FEW = 0.06  # greatest share that a cause leaves of a picture of few pixels
-_LAST_TURN = 3
-_RIVAL = 0.8  # greatest share that a cause leaves of what each of its rivals leaves
-_FLOOR = 0.02  # left by causes that both explain all
-_CERTAIN = 0.03  # left of a difference, below which nothing else is tried
+_HALF = 0.5**0.5  # greatest share that a cause leaves of what a rival leaves: half of its square
+_SIMPLER = 0.5  # the same of what a simpler case of it leaves
+_ENOUGH = 0.95  # share explained by a cause, beyond which no more general one is named
+_LEFT_OF_FEW = 0.06  # the same of a picture of few pixels
+_ALL = 2e-3  # share left by what explains all: of two such causes the first is named
+_SLIGHT = 2.5  # RMS of a difference in those of rounding, below which there is none to explain
 
 
 def diagnose(
-    pixels: Pixels,
-    a: DecodedPicture,
-    b: DecodedPicture,
-    corner: tuple[int, int] = (0, 0),
+    pixels: Pixels, a: DecodedPicture, b: DecodedPicture, corner: tuple[int, int] = (0, 0)
 ) -> list[Finding]:
     """The cause of the differences of a pair that has some, or their place, or nothing."""
     codecs = a.layout.get("compression", ""), b.layout.get("compression", "")
@@ -62,53 +42,65 @@ def diagnose(
     old, new = (evidence.scaled(side) for side in evidence.sampled)
     if old.size and float(abs(new - old).max()) < _LAST_BITS:
         return []
-    chosen = _chosen(evidence)
-    findings = []
+    chosen, tied = _decided(evidence)
     if chosen is not None:
-        finding = _by_metadata(_by_channels(chosen.finding, evidence), a.metadata, b.metadata)
-        findings = [replace(finding, explained=round(max(0.0, 1 - chosen.left), 4))]
-        if finding.name != _PLACED_TOO:
-            return findings
-    if evidence.is_slight:
+        finding = _by_channels(_by_lens(chosen.finding, (a, b)), evidence)
+        return [replace(finding, explained=round(evidence.explained(chosen.left), 4))]
+    if evidence.rms < _SLIGHT * evidence.rounding:
         return [Finding("too small to name", "too small to name")]
     place = place_of(evidence, (a, b), corner)
-    return findings if place is None else [*findings, place]
+    if place is None or not tied:
+        return [] if place is None else [place]
+    both = " or ".join(f"{each.name} ({1 - each.left:.0%})" for each in tied)
+    return [replace(place, text=f"{place.text}; as well by {both}")]
 
 
-def _chosen(evidence: Evidence) -> Explanation | None:
-    """The explanation that leaves least; later turns are tried where it leaves something."""
-    good: list[Explanation] = []
-    chosen = None
-    for turn in range(_LAST_TURN + 1):
-        if chosen is None or (chosen.rank > _CERTAIN and turn < _LAST_TURN):
-            rows = [row for row in CAUSES if row.turn == turn]
-            good += [each for row in rows for each in _explanations(row, evidence)]
-            chosen = min(good, key=lambda each: each.rank, default=None)
-    return None if chosen is None else among_rivals(chosen, good)
+def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanation]]:
+    """The explanation that is named, if there is one; else the two that tie."""
+    tied: list[Explanation] = []
+    for turn in (0, 1):
+        fits: dict[str, Explanation] = {}
+        for row in CAUSES:
+            for fit in _fits(row, evidence) if row.turn == turn else ():
+                known = fits.get(kind_of(fit.name))
+                if known is None or fit.left <= _HALF * known.left > _HALF * _ALL:
+                    fits[kind_of(fit.name)] = fit
+        good = [fit for fit in fits.values() if evidence.explained(fit.left) >= 1 - fit.limit]
+        if evidence.is_small:
+            good = [fit for fit in good if fit.left <= _LEFT_OF_FEW]
+        if turn:  # what is known by its looks is measured by other means
+            return next(iter(good), None), tied
+        for fit in sorted(good, key=lambda each: each.left):
+            others = [each for each in fits.values() if not _is_beyond(each, fit)]
+            simple = [each for each in others if _is_beyond(fit, each)]
+            is_enough = any(
+                fit.left > _SIMPLER * each.left or evidence.explained(each.left) >= _ENOUGH
+                for each in simple
+            )
+            if not is_enough and all(_is_much_better(fit.left, each.left) for each in others):
+                return fit, ()
+        tied = sorted(good, key=lambda each: each.left)[:2]
+        tied = tied if len(tied) == 2 else []
+    return None, tied
 
 
-def _explanations(row: Cause, evidence: Evidence) -> Iterator[Explanation]:
-    """The fits of a cause to a pair that explain enough to be named."""
-    limit = min(row.left, _LEFT_OF_FEW) if evidence.is_small else row.left
-    if _NEEDS[row.needs](evidence) and (row.local or not evidence.is_rectangle):
+def _fits(row: Cause, evidence: Evidence) -> Iterator[Explanation]:
+    """The fits of a cause to a pair, if it may have befallen it."""
+    colors = {name for layer in evidence.pixels.color for name in layer}
+    if not row.light or not colors.isdisjoint(evidence.names):
         module, _, name = row.model.partition(".")
-        model = getattr(import_module(f"{__package__}.{module}"), name)
-        fits = (each for each in model(evidence) if each.left <= limit)
-        yield from (replace(each, rivals=row.rivals) for each in fits)
+        for fit in getattr(import_module(f"{__package__}.{module}"), name)(evidence):
+            yield replace(fit, beyond=row.beyond, limit=row.left)
 
 
-def among_rivals(chosen: Explanation, good: Sequence[Explanation]) -> Explanation:
-    """The explanation, or the word for it and for what explains about as much."""
-    word, name = chosen.rivals, chosen.name
-    most = max(chosen.left, _FLOOR) / _RIVAL
-    names = {each.name for each in good if each.rivals == word and each.left < most}
-    names = {each for each in names if each not in name and name not in each}
-    if not word or not names:
-        return chosen
-    possible = [name, *sorted(names)]
-    return replace(
-        chosen, name=word, how=f": {' or '.join(possible)}", values={"possible": possible}
-    )
+def _is_much_better(left: float, other: float) -> bool:
+    """Whether what is left is at most half of the other, or all is explained by both."""
+    return left <= _HALF * other or left <= _ALL
+
+
+def _is_beyond(fit: Explanation, other: Explanation) -> bool:
+    """Whether a model can make what a simpler one makes; of one name both are one."""
+    return kind_of(other.name) in (*fit.beyond, kind_of(fit.name))
 
 
 def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
@@ -117,46 +109,44 @@ def _by_channels(finding: Finding, evidence: Evidence) -> Finding:
     colors = [name for layer in evidence.pixels.color for name in layer]
     if colors and set(colors) <= set(evidence.names):
         return finding
-    values = finding.values
-    if finding.name in _OF_NUMBERS and not set(colors) & set(evidence.names):
-        name = _OF_NUMBERS[finding.name]
-        changes = [f"x {values['factor']:.4g}"] if values.get("factor", 1.0) != 1.0 else []
-        changes += [f"{values['offset']:+.3g}"] if "offset" in values else []
-        # Each channel may have a factor of its own.
-        said = f"{names} {', '.join(changes)}" if changes else finding.text.partition(": ")[2]
-        return replace(finding, name=name, text=f"{name}: {said}")
-    if not colors or set(evidence.names) <= set(values) or "factors" in values:
+    if finding.name == "another exposure" and not set(colors) & set(evidence.names):
+        factor = finding.values.get("factor")
+        said = finding.text.partition(": ")[2] if factor is None else f"{names} x {factor:.4g}"
+        return replace(finding, name="multiplied", text=f"multiplied: {said}")
+    if not colors or set(evidence.names) <= set(finding.values) or "factors" in finding.values:
         return finding
     verb = finding.text.partition(" ")[0].rstrip(":").endswith("ed")
     return replace(finding, text=f"{names}{' ' if verb else ': '}{finding.text}")
 
 
-def _by_metadata(finding: Finding, a: Mapping[str, str], b: Mapping[str, str]) -> Finding:
-    """Light that is spread otherwise, by the lens that the metadata of two renders name."""
-    if finding.name not in _SPREADS:
+def _by_lens(finding: Finding, files: tuple[DecodedPicture, DecodedPicture]) -> Finding:
+    """What is softer or sharper by another CoC, if metadata or CoC maps of both say so."""
+    if finding.name not in ("softer", "sharper"):
         return finding
-    for name, attributes in _OF_A_LENS.items():
-        changes = [
-            f"{key} {b[full]} instead of {a[full]}"
-            for key in attributes
-            for full in [f"defocus:{key}"]
-            if full in a and full in b and a[full] != b[full]
-        ]
-        if changes:
-            how = finding.text.partition(": ")[2]
-            said = f"{name}: {how} ({', '.join(changes)}, by the metadata)"
-            return Finding(name, said, finding.values)
-    return finding
+    a, b = (file.metadata for file in files)
+    keys = [f"defocus:{key}" for key in _OF_A_COC]
+    changes = [
+        f"{key.partition(':')[2]} {b[key]} instead of {a[key]}"
+        for key in keys
+        if key in a and key in b and a[key] != b[key]
+    ]
+    maps = [coc_map(file) for file in files]
+    if not changes and maps[0] is not None and maps[1] is not None:
+        changes = ["by the CoC maps"] * bool((maps[0] != maps[1]).any())
+    if not changes:
+        return finding
+    return replace(
+        finding, name="another CoC", text=f"another CoC: {finding.text} ({', '.join(changes)})"
+    )
 
 
-def _others(pixels: Pixels, file_a: Path | None) -> dict[str, dict[str, Any]]:
+def _others(pixels: Pixels, file_a: Path | None) -> dict[str, Mapping[str, Any]]:
     """Channels of files beside that of A, by the finding that B is one of these."""
-    others = {}
+    others: dict[str, Mapping[str, Any]] = {}
     for name, path in partners(file_a):
         try:
             picture = read_picture(path)
         except InputError:  # it is judged as a pair of its own
             continue
-        linear = pixels.gamma == 1.0
-        others[name] = dict((in_linear_light(picture) if linear else picture).planes)
+        others[name] = (in_linear_light(picture) if pixels.gamma == 1.0 else picture).planes
     return others

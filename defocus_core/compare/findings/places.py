@@ -27,11 +27,10 @@ _Cut = tuple[slice, slice]
 
 _LOOKED_AT = 2**19  # pixels, of which every n-th row and column are kept
 _TELLS = 0.35  # least relative entropy of a place, in nats
-_MOST, _ONLY = 0.75, 0.9  # least shares of the difference
+_MOST = 0.75  # least share of the difference
 _FEWEST = 12.0  # pixels that would hold the difference if each held as much
-_SHARP = 1.0  # px of the largest radius in focus
 _EDGE_REACH = 2  # px around a silhouette
-_BRIGHT, _BRIGHT_ON_SCREEN, _DARK = 1.0, 0.9, 0.1  # values as a screen shows them
+_BRIGHT, _BRIGHT_ON_SCREEN = 1.0, 0.9  # values as a screen shows them
 _STEEPEST = 0.9  # quantile of the gradient beyond which there is an edge
 _JUMP = 0.05  # of the range of inverse depth
 _BORDERS = (1, 2, 4, 8, 16)  # px
@@ -59,8 +58,9 @@ def place_of(
     measures, told = ~blocks_in_turn(evidence.size)[cut], []
     ways = [_by_frame(evidence, power * ~measures, cut)]
     if not evidence.is_rectangle:
-        maps = _maps(evidence.size, files, corner)
-        ways = [_by_scene(maps, cut), _by_light(evidence, a), *ways]
+        ends = zip(corner[::-1], evidence.size, strict=True)
+        within = tuple(slice(at, at + length) for at, length in ends)
+        ways = [_by_scene(files, within, cut), _by_light(evidence, a), *ways]
     for name, how, mask, least in chain.from_iterable(ways):
         used = measures if name == "in one region" else np.ones(mask.shape, bool)
         whole = float(power[used].sum())
@@ -78,38 +78,31 @@ def place_of(
     return Finding(name, text, {"share": round(share, 4), "area": round(area, 4), "kind": kind})
 
 
-def _maps(
-    size: tuple[int, int],
-    files: tuple[DecodedPicture, DecodedPicture],
-    corner: tuple[int, int],
-) -> dict[str, NDArray[Any]]:
-    """Signed ``radius`` in px and ``depth`` [H, W], of a channel, or a file beside."""
-    full = files[0].height, files[0].width
-    within = tuple(slice(at, at + n) for at, n in zip(corner[::-1], size, strict=True))
-    maps: dict[str, NDArray[Any]] = {}
-    for name, plane in ((n, p) for file in files for n, p in file.planes.items()):
-        kind = "depth" if name in _DEPTHS else "radius" if name == "coc" else ""
-        if kind and plane.shape == full:
-            maps.setdefault(kind, np.nan_to_num(plane[within].astype(np.float32)))
-    beside = [f.path.parent.parent / "coc" / f"{f.path.stem}.exr" for f in files if f.path.parent]
-    for path in beside:
-        if "radius" not in maps and path.is_file():
-            with suppress(InputError):
-                maps["radius"] = read_radius(path, full)[within]
-    return maps
+def coc_map(file: DecodedPicture) -> NDArray[Any] | None:
+    """The signed radius [H, W] in px of a picture: a channel ``coc``, or that of a file beside."""
+    size = file.height, file.width
+    if (plane := file.planes.get("coc")) is not None and plane.shape == size:
+        return np.nan_to_num(plane.astype(np.float32))
+    beside = file.path.parent.parent / "coc" / f"{file.path.stem}.exr"
+    with suppress(InputError):
+        return read_radius(beside, size) if beside.is_file() and beside != file.path else None
+    return None
 
 
-def _by_scene(maps: dict[str, NDArray[Any]], cut: _Cut) -> _Places:
-    """Where the radius or the depth says something of a place."""
-    radius, depth, reaches = maps.get("radius"), maps.get("depth"), [_EDGE_REACH]
-    if radius is not None:
-        sharp = np.abs(radius[cut]) <= _SHARP
-        yield "in focus only", "", sharp, _ONLY
-        yield "out of focus only", "", ~sharp, _ONLY
+def _by_scene(
+    files: tuple[DecodedPicture, DecodedPicture], within: tuple[slice, ...], cut: _Cut
+) -> _Places:
+    """Where the radius or the depth jumps."""
+    size, reaches = (files[0].height, files[0].width), [_EDGE_REACH]
+    radii = [radius for radius in map(coc_map, files) if radius is not None]
+    depths = [f.planes[n] for f in files for n in _DEPTHS if n in f.planes]
+    depths = [depth for depth in depths if depth.shape == size]
+    if radii:
+        radius = radii[0][within]
         jumps = beside_jumps(radius)
         reaches.append(math.ceil(float(np.abs(radius).max())))
-    elif depth is not None:
-        inverse = 1 / np.maximum(depth, 1e-9)
+    elif depths:
+        inverse = 1 / np.maximum(np.nan_to_num(depths[0][within].astype(np.float32)), 1e-9)
         low, high = np.quantile(inverse[cut], (0.01, 0.99))
         jumps = beside_jumps(inverse, max(_JUMP * float(high - low), 1e-9))
     else:
@@ -119,14 +112,12 @@ def _by_scene(maps: dict[str, NDArray[Any]], cut: _Cut) -> _Places:
 
 
 def _by_light(evidence: Evidence, a: NDArray[Any]) -> _Places:
-    """Where A is steep, whatever the depth is; where its brightest channel is bright, or dark."""
+    """Where A is steep, whatever the depth is; where its brightest channel is bright."""
     if evidence.pixels.color:
         steep = np.hypot(*np.gradient(a.mean(axis=0)))
         yield "at edges", "", widened(steep > np.quantile(steep, _STEEPEST), 1), _MOST
-        light = a.max(axis=0)  # what is new in B is no light of A
         bright = _BRIGHT if evidence.gamma == 1.0 else _BRIGHT_ON_SCREEN
-        yield "in highlights", "", light > bright, _MOST
-        yield "in shadows", "", light < _DARK, _MOST
+        yield "in highlights", "", a.max(axis=0) > bright, _MOST  # what is new is no light of A
 
 
 def _by_frame(evidence: Evidence, power: NDArray[Any], cut: _Cut) -> _Places:

@@ -1,9 +1,8 @@
 """Findings: a row for each model of a cause, and the places of what no cause explains.
 
-A finding is the name of a difference, with the evidence for it. A row says which findings its model
-makes, and what is evidence for each, as `defocus help compare` has it; when it is tried; what it
-may leave of a difference, if it is to be named; and its rivals. Names of rules, help and tests are
-made of these rows.
+A row says which findings its model makes, and what is evidence for each, as `defocus help compare`
+has it. Rows stand in the order in which they are tried, the simpler ones first. Names of rules,
+help and tests are made of these rows.
 """
 
 from __future__ import annotations
@@ -11,10 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
-
-LEFT = 0.4  # largest share of a difference that an explanation may leave, if it is to be named
-EXACT = 0.15  # the same for what predicts all values
-_SOFT = "softened"  # the word for all that makes a picture softer
 
 
 @dataclass(frozen=True)
@@ -24,176 +19,128 @@ class Cause:
     Attributes:
         model: module of this folder and function that fits it to a pair, in one way or several.
         findings: names that it gives, each with the evidence for it.
-        turn: 0 is tried first; later turns only where the earlier ones leave something.
+        beyond: names of simpler causes that the model can make, too: it is named in the place of
+            one of these where it leaves at most half as much, and is no rival to it.
+        light: whether it is one of colour alone.
         left: largest share of a difference that it may leave, if it is to be named.
-        rivals: the word for it and for all that can make the same picture, which is said where two
-            of them explain about as much; empty if there are none.
-        needs: ``light``; that of a difference that is ``no noise``; ``room`` for filters, or that
-            without ``noise``; empty for any pair.
-        local: whether it may befall a rectangle of the picture alone.
+        turn: 1 for what is looked for where no row of turn 0 is named.
     """
 
     model: str
     findings: dict[str, str]
+    beyond: tuple[str, ...] = ()
+    light: bool = False
+    left: float = 0.4
     turn: int = 0
-    left: float = LEFT
-    rivals: str = ""
-    needs: str = ""
-    local: bool = False
 
 
-_COC = {
-    "another CoC": "blurred more or less, everywhere alike or by as much as each part takes",
-    "another CoC or bokeh shape": "which of both the metadata of renders says",
-}
+_LINEAR = ("another exposure", "multiplied", "channels swapped", "premultiplication")
+_TONES = (*_LINEAR, "offset or contrast", "inverted", "another gamma", "clipped", "normalised")
 CAUSES = (
     # Values in place.
-    Cause("tone.empty", {"empty": "one value everywhere, or 0 in a rectangle"}, local=True),
+    Cause("tone.empty", {"empty": "one value everywhere, or 0 in a rectangle"}),
     Cause("tone.rounded", {"rounded to half": "to the numbers of 16 bits"}),
-    Cause("tone.quantised", {"quantised": "to the levels of how many bits"}, left=EXACT),
-    Cause("tone.clipped", {"clipped": "at which limit, from above or from below"}, left=EXACT),
-    Cause("tone.swapped_channels", {"channels swapped": "which"}),
+    Cause("tone.clipped", {"clipped": "at which limit, from above or from below"}),
+    Cause("tone.quantised", {"quantised": "to the levels of how many bits"}, ("rounded to half",)),
     Cause(
-        "tone.exchanged_layers",
+        "tone.exchanged",
         {
+            "channels swapped": "which",
             "left and right swapped": "B is the other view: a file `left`/`right` beside A, "
             "channels, or halves of the picture",
             "layers exchanged": "channels of one layer in the place of another",
-            "missing layer": "A without one of its layers, like a specular pass",
         },
     ),
+    Cause("tone.exchanged_ids", {"ids exchanged": "the same numbers, in other places"}),
     Cause(
-        "tone.exchanged_ids",
-        {"ids exchanged": "the same numbers, in other places"},
-        left=EXACT,
-        local=True,
+        "tone.exposed",
+        {
+            "another exposure": "brighter or darker: the factor, of all channels or of each",
+            "multiplied": "the same of channels that are not light, like depth",
+        },
     ),
-    Cause(
-        "tone.normalised",
-        {"normalised": "0…1 of other numbers, like depth; or their inverse"},
-        left=EXACT,
-    ),
+    Cause("tone.normalised", {"normalised": "0…1 of other numbers, like depth; or their inverse"}),
     Cause(
         "tone.radial",
         {
             "radial depth": "along rays instead of along the axis, by which focal length",
             "planar depth": "along the axis instead of along rays",
         },
-        left=EXACT,
     ),
     Cause(
         "tone.premultiplied",
         {"premultiplication": "colour divided or multiplied by alpha once more"},
-        needs="light",
+        light=True,
     ),
-    Cause("tone.sign_reversed", {"sign reversed": "all numbers"}),
     Cause(
-        "tone.exposed",
-        {
-            "another exposure": "the factor, of all channels or of each",
-            "multiplied": "the same of channels that are not light, like depth",
-        },
+        "tone.another_gamma",
+        {"another gamma": "the power; sRGB encoded or decoded once more"},
+        ("another exposure", "multiplied"),
     ),
-    Cause("tone.another_gamma", {"another gamma": "the power; sRGB encoded or decoded once more"}),
     Cause(
-        "tone.raised",
+        "tone.offset",
         {
-            "raised blacks": "the offset, of light or of what a screen shows",
-            "lowered blacks": "the same, darker",
-            "another contrast": "the factor and what it turns around",
-            "offset": "the same of channels that are not light, like depth",
+            "offset or contrast": "A times a factor, and a constant: of light or of a screen",
+            "inverted": "the same with a factor below 0",
         },
+        ("another exposure", "multiplied", "normalised"),
     ),
-    Cause("tone.vignette", {"vignette": "darker corners, or one side"}, needs="light"),
     Cause(
         "tone.mixed_channels",
-        {
-            "another saturation": "the factor",
-            "monochrome": "the sum of channels",
-            "other primaries": "which, as of ACES AP1, P3 or Rec. 2020, or that of a matrix",
-        },
-        needs="light",
+        {"primaries or saturation": "a matrix: which primaries, the factor, or grey"},
+        _LINEAR,
+        light=True,
     ),
-    Cause("tone.curve", {"another tone curve": "a curve that rises"}, left=0.3, needs="no noise"),
+    Cause("tone.curve", {"another tone curve": "a curve that rises"}, _TONES, light=True),
     # Places.
-    Cause("geometry.other_file", {"another view or frame": "a file beside A, or parts moved"}, 1),
-    Cause(
-        "geometry.flipped",
-        {
-            "flipped": "how",
-            "rotated": "by right angles or degrees",
-            "fields exchanged": "rows in pairs",
-        },
-        1,
-    ),
-    Cause("geometry.cropped", {"crop": "which part of A it is"}, 1, local=True),
-    Cause("geometry.tiles", {"tiles exchanged": "tiles of which side"}, 1, EXACT, local=True),
+    Cause("geometry.other_file", {"another view or frame": "a file beside A"}),
+    Cause("geometry.flipped", {"flipped": "how", "rotated": "by right angles"}),
+    Cause("geometry.cropped", {"crop": "which part of A it is"}, ("empty",)),
     Cause(
         "geometry.moved",
-        {
-            "shifted": "by px, fractions included",
-            "scaled": "by a factor, or by more at the sides, as a lens distorts",
-            "sheared": "by px",
-            "chromatic aberration": "each channel scaled about the middle",
-        },
-        1,
+        {"shifted": "by px, fractions included", "scaled": "by a factor"},
+        ("flipped", "rotated"),
+        left=0.2,
     ),
-    Cause("geometry.moved_in_parts", {}, 1, 0.62, needs="light"),
-    Cause("geometry.displaced", {"doubled": "a copy of its light, moved by px"}, 1, needs="light"),
-    Cause("geometry.eroded", {"eroded": "by how many px", "dilated": "the same"}, 1, EXACT),
     # Patterns.
+    Cause("traces.sparks", {"fireflies or few pixels": "how many, brighter or darker"}),
     Cause(
-        "traces.sparks",
-        {"fireflies": "few bright pixels", "dropped pixels": "few dark ones"},
-        1,
-        0.3,
-        local=True,
+        "traces.overlay", {"overlay": "text or a watermark: one colour over a part"}, (), True, 0.2
     ),
-    Cause("traces.lines", {"damaged lines": "rows or columns of other values"}, 1, local=True),
-    Cause("traces.seams", {"seams": "on lines of a period, or tiles of another exposure"}, 1),
-    Cause("traces.gains_of_tiles", {}, 1, 0.3, needs="light"),
-    Cause("traces.halo", {"halo": "a band of some px along edges"}, 1, needs="light"),
+    # Sharpness.
     Cause(
-        "traces.overlay",
-        {"overlay": "text or a watermark: one colour and opacity over a part"},
-        1,
-        EXACT,
-        needs="light",
-        local=True,
+        "softness.filtered",
+        {
+            "softer": "blurred or denoised, by how many px",
+            "sharper": "the reverse, or more detail",
+            "another CoC": "either, where metadata, recipes or CoC maps say so",
+        },
+        light=True,
+        left=0.68,
     ),
+    Cause(
+        "softness.resized",
+        {"lower resolution": "of which size"},
+        ("softer",),
+        light=True,
+        left=0.5,
+    ),
+    Cause(
+        "softness.filtered_in_parts",
+        {},
+        ("softer", "sharper", "lower resolution", "shifted", "scaled"),
+        light=True,
+        left=0.68,
+    ),
+    # Known by how a difference looks.
     Cause(
         "traces.compressed",
-        {"compressed with losses": "in blocks of 8 px, or by the header"},
-        1,
-        0.8,
-        needs="light",
+        {"compressed with losses": "blocks of 8 px, or the header"},
+        left=0.8,
+        turn=1,
     ),
-    Cause("traces.noise", {"noise": "added, or in another pattern"}, 1, 0.55),
-    Cause("softness.bloom", {"bloom": "bright light spread far"}, 1, needs="room"),
-    # Softer or sharper.
-    Cause("softness.blurred_alike", _COC, 2, 0.3, _SOFT, "noise"),
-    Cause(
-        "softness.blurred_in_parts",
-        {"another bokeh shape": "the same light within some px"},
-        2,
-        0.62,
-        _SOFT,
-        "noise",
-    ),
-    Cause(
-        "softness.motion_blurred", {"motion blur": "its length and angle"}, 2, 0.3, _SOFT, "noise"
-    ),
-    Cause("softness.motion_in_parts", {}, 2, 0.62, _SOFT, "noise"),
-    Cause("softness.resized", {"lower resolution": "of which size"}, 2, 0.75, needs="room"),
-    Cause("softness.denoised", {"noise removed": "gone, as by a denoiser"}, 2, 0.62, _SOFT, "room"),
-    Cause("softness.sharpened", {"sharpened": "by how much"}, 2, 0.3, needs="noise"),
-    Cause(
-        "softness.spread",
-        {"spread otherwise": "the same light within some px"},
-        3,
-        0.25,
-        needs="noise",
-    ),
+    Cause("traces.seams", {"seams": "on lines of a period, or tiles of another exposure"}, turn=1),
+    Cause("traces.noise", {"noise": "added, or in another pattern"}, turn=1),
 )
 # What no model is fitted to.
 STRUCTURE = {
@@ -202,19 +149,14 @@ STRUCTURE = {
     "missing channel": "which",
     "further channel": "which",
     "another size": "which",
-    "apart": "values of channels of another size than the picture",
     "deep samples": "their number, or their values",
     "other primaries declared": "which the headers name",
-    "softened": "two causes that soften tie: which",
     "too small to name": "rounding to the steps of the file makes about as much of a difference",
 }
 PLACES = {
-    "in focus only": "a radius of up to 1 px",
-    "out of focus only": "a radius of more than 1 px",
     "at silhouettes": "jumps of the CoC or of depth, and what lies within 2 px or the largest blur",
     "at edges": "the steepest tenth of the picture, and the pixels beside it",
     "in highlights": "light of A beyond 1 (0.9 of integers)",
-    "in shadows": "below 0.1 as a screen shows it",
     "at the border": "within 1 to 16 px",
     "in one region": "the rectangle that holds most of it, or all of it amid detail that is equal",
 }
@@ -242,8 +184,13 @@ class Finding:
     @property
     def code(self) -> str:
         """The kind of finding in one word, like ``clipped`` or ``at-silhouettes``."""
-        kinds = [kind for kind in FINDINGS if f"{self.name} ".startswith(f"{kind} ")]
-        return max(kinds, key=len, default=self.name).replace(" ", "-").lower()
+        return kind_of(self.name).replace(" ", "-").lower()
+
+
+def kind_of(name: str) -> str:
+    """The fixed words of a name, like ``clipped`` of ``clipped at 1``."""
+    kinds = [kind for kind in FINDINGS if f"{name} ".startswith(f"{kind} ")]
+    return max(kinds, key=len, default=name)
 
 
 def is_place(name: str) -> bool:

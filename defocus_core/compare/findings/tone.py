@@ -27,12 +27,12 @@ _Curve = Callable[[Any], Any]
 _MAX_SWAPPED = 4  # channels of a layer whose permutations are tried
 _BITS = range(3, 13)
 _KNOTS = 40  # of a tone curve
-_MIXED = 0.02  # least share of other channels that makes a change of primaries
 _NEAR = 0.02  # greatest difference of a matrix from that of known primaries
 _GREY = 2e-3  # greatest relative difference of the channels of a grey
 _SAME = 2e-3  # greatest relative difference from the limit of what was clipped
 _CUT = 0.95  # least share of the pixels beyond the limit that are at it
 _MORE = 1.05  # what was cut off is brighter than the limit by this
+_SEVERAL = 3  # values that were cut off, at least
 _MOST_IDS = 2000
 _ONE = 1.001  # greatest number of values that are normalised
 
@@ -102,12 +102,13 @@ def empty(evidence: Evidence) -> Iterator[Explanation]:
 
 
 def rounded(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A in 16 bits."""
+    """B is A in the number type of B: half, or integers of 8 bits."""
     a, b = evidence.sampled
     with np.errstate(over="ignore"):
-        half = a.astype(np.float16).astype(np.float32)
-    if np.array_equal(half, b):
-        yield Explanation(0.0, "rounded to half")
+        if np.array_equal(a.astype(np.float16).astype(np.float32), b):
+            yield Explanation(0.0, "rounded to half")
+    if evidence.types == {"uint8"} and np.array_equal(evidence.rounded(a), b):
+        yield Explanation(0.0, "quantised to 8 bits", values={"bits": 8})
 
 
 def clipped(evidence: Evidence) -> Iterator[Explanation]:
@@ -120,9 +121,10 @@ def clipped(evidence: Evidence) -> Iterator[Explanation]:
         ways.append((minimum, maximum, f" and, from below, at {minimum:.4g}"))
     for least, most, how in ways:
         limit = least if most == math.inf else most
-        values = {"limit": limit} | ({"lowest": least} if len(how) > 20 else {})
-        left = evidence.left(a.clip(least, most))
-        yield Explanation(left, f"clipped at {limit:.4g}", how, values, 0.0005 * len(values))
+        beyond = a[(a < least) | (a > most)]
+        if len(np.unique(beyond)) >= _SEVERAL:  # a factor makes one value of one
+            left = evidence.left(a.clip(least, most))
+            yield Explanation(left, f"clipped at {limit:.4g}", how, {"limit": limit})
 
 
 def _range(evidence: Evidence, side: str) -> tuple[float, float]:
@@ -136,7 +138,7 @@ def _range(evidence: Evidence, side: str) -> tuple[float, float]:
 
 
 def quantised(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A rounded to the levels of few bits, and then to those of its file."""
+    """B is A rounded to the levels of few bits."""
     a, b = evidence.sampled
     if len(np.unique(b[0, :4096])) >= min(4096, a.shape[1]) * 0.9:
         return
@@ -145,14 +147,11 @@ def quantised(evidence: Evidence) -> Iterator[Explanation]:
     curves: dict[str, tuple[_Curve, _Curve]] = {"": (np.asarray, np.asarray)}
     if evidence.gamma == 1.0 and float(aim.max()) <= _ONE:
         curves = {" (sRGB-encoded)": (linear_to_srgb, _decoded), **curves}
-    levels = {"uint8": 255, "uint16": 65535}.get(min(evidence.types), 0) * (evidence.gamma != 1.0)
     for how, (curve, back) in curves.items():
         for bits in _BITS:
             top = 2**bits - 1
             stored = back(np.rint(curve(aim) * top) / np.float32(top))
-            if levels:
-                stored = np.rint(stored * levels) / np.float32(levels)
-            left = evidence.left(stored, a <= 1.0 if clips else None, exact=True)
+            left = evidence.left(stored, a <= 1.0 if clips else None)
             yield Explanation(left, f"quantised to {bits} bits", how, {"bits": bits})
 
 
@@ -160,9 +159,10 @@ def _decoded(values: NDArray[Any]) -> NDArray[Any]:
     return srgb_to_linear(np.maximum(values, 0.0)).astype(np.float32)
 
 
-def swapped_channels(evidence: Evidence) -> Iterator[Explanation]:
-    """Channels of one layer in another order."""
-    for layer in layers(evidence.pixels.names):
+def exchanged(evidence: Evidence) -> Iterator[Explanation]:
+    """Channels of a layer in another order, or layers in the place of each other."""
+    pixels, places = evidence.pixels, evidence.places
+    for layer in layers(pixels.names):
         moved = [name for name in layer if name in evidence.names]
         if not (2 <= len(moved) <= _MAX_SWAPPED and len(moved) == len(evidence.names)):
             continue
@@ -170,32 +170,23 @@ def swapped_channels(evidence: Evidence) -> Iterator[Explanation]:
         for sources in list(permutations(moved))[1:]:
             pairs = dict(zip(moved, sources, strict=True))
             said = ", ".join(f"{own[n]} is {own[old]}" for n, old in pairs.items() if n != old)
-            left = evidence.left(evidence.at("a", *evidence.places, sources))
+            left = evidence.left(evidence.at("a", *places, sources))
             yield Explanation(left, "channels swapped", f": {said}", pairs)
-
-
-def exchanged_layers(evidence: Evidence) -> Iterator[Explanation]:
-    """Layers in the place of each other, or A without one of its layers."""
-    own = [(name.rpartition(".")[0], name.rpartition(".")[2]) for name in evidence.names]
-    prefixes = list(dict.fromkeys(n.rpartition(".")[0] for n in evidence.pixels.names if "." in n))
-    views = [f"{other_view(p)}.{c}".lstrip(".") for p, c in own]
-    tried = {"left and right swapped": (views, "")}
-    if len({prefix for prefix, _ in own}) == 2:
-        one, other = dict.fromkeys(prefix for prefix, _ in own)
-        swap = {one: other, other: one}
-        sources = [f"{swap[p]}.{c}".lstrip(".") for p, c in own]
-        tried["layers exchanged"] = (sources, f": {one or 'the picture'} and {other}")
-    for name, (sources, how) in tried.items():
-        pairs = zip(sources, evidence.names, strict=True)
-        if all(source in evidence.pixels.names and source != n for source, n in pairs):
-            left = evidence.left(evidence.at("a", *evidence.places, sources))
-            yield Explanation(left, name, how)
-    for prefix in prefixes if evidence.gamma == 1.0 else ():
-        sources = [f"{prefix}.{c}" for _, c in own]
-        if all(s in evidence.pixels.names and s not in evidence.names for s in sources):
-            old = evidence.sampled[0] - evidence.at("a", *evidence.places, sources)
-            left = evidence.left(np.maximum(old, 0) if (evidence.sampled[0] >= 0).all() else old)
-            yield Explanation(left, "missing layer", f": {prefix}", {"layer": prefix}, -0.005)
+    split = [name.rpartition(".")[::2] for name in evidence.names]
+    tried = {"left and right swapped": ([f"{other_view(p)}.{c}".lstrip(".") for p, c in split], "")}
+    if len(prefixes := list(dict.fromkeys(prefix for prefix, _ in split))) == 2:
+        other = dict(zip(prefixes, reversed(prefixes), strict=True))
+        how = f": {prefixes[0] or 'the picture'} and {prefixes[1]}"
+        tried["layers exchanged"] = [f"{other[p]}.{c}".lstrip(".") for p, c in split], how
+    for name, (names, how) in tried.items():
+        pairs_of = zip(names, evidence.names, strict=True)
+        if all(source in pixels.names and source != n for source, n in pairs_of):
+            yield Explanation(evidence.left(evidence.at("a", *places, names)), name, how)
+    width = evidence.size[1]
+    if width % 2 == 0:
+        half = evidence.at("a", places[0], (places[1] + width // 2) % width)
+        how = ": the halves of the picture"
+        yield Explanation(evidence.left(half), "left and right swapped", how)
 
 
 def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
@@ -216,7 +207,7 @@ def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
         aim[:] = known[there][place]
         exchanged += int(np.count_nonzero(there != np.arange(len(known))))
     how, values = f": {exchanged} of the numbers", {"ids": exchanged}
-    yield Explanation(evidence.left(predicted, exact=True), "ids exchanged", how, values, -0.01)
+    yield Explanation(evidence.left(predicted), "ids exchanged", how, values)
 
 
 def normalised(evidence: Evidence) -> Iterator[Explanation]:
@@ -229,13 +220,13 @@ def normalised(evidence: Evidence) -> Iterator[Explanation]:
     with np.errstate(divide="ignore"):
         inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1), 0.0)
     chosen = (1.0 * evidence.fits) * ((b > 1e-4) & (b < 0.999))
-    for old, how, cost in ((a, "", -0.002), (inverse, " of the inverse", -0.001)):
+    for old, how in ((a, ""), (inverse, " of the inverse")):
         each = zip(evidence.names, old, b, chosen, strict=True)
         solved = {n: summed_up([np.ones_like(o), o], new, w) for n, o, new, w in each}
         predicted = np.stack([c + f * o for (c, f), o in zip(solved.values(), old, strict=True)])
         said = ", ".join(f"{n} x {f:.4g}, {c:+.3g}" for n, (c, f) in solved.items())
-        left = evidence.left(predicted.clip(0, 1), exact=True)
-        yield Explanation(left, "normalised", f"{how}: {said}", cost=cost)
+        left = evidence.left(predicted.clip(0, 1))
+        yield Explanation(left, "normalised", f"{how}: {said}")
 
 
 def radial(evidence: Evidence) -> Iterator[Explanation]:
@@ -253,8 +244,8 @@ def radial(evidence: Evidence) -> Iterator[Explanation]:
             stretch = np.sqrt(1 + slope * far)
             there = a * stretch if one is a else a / stretch
             how = f": by a focal length of {1 / math.sqrt(slope):.4g} px"
-            left = evidence.left(there[None], exact=True)
-            yield Explanation(left, name, how, {"focal": 1 / math.sqrt(slope)}, -0.001)
+            left = evidence.left(there[None])
+            yield Explanation(left, name, how, {"focal": 1 / math.sqrt(slope)})
 
 
 def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
@@ -270,11 +261,6 @@ def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(left, "premultiplication", f": colour {how} by alpha once more")
 
 
-def sign_reversed(evidence: Evidence) -> Iterator[Explanation]:
-    """B is −A."""
-    yield Explanation(evidence.left(-evidence.sampled[0]), "sign reversed", cost=-0.001)
-
-
 @dataclass(frozen=True)
 class _Scale:
     """A and B [C, N] as light or as a screen shows it, where terms of A are added up."""
@@ -283,7 +269,6 @@ class _Scale:
     old: NDArray[Any]
     new: NDArray[Any]
     weights: NDArray[Any]  # 0 where a sample chooses nothing
-    measures: NDArray[np.bool_]
     back: _Curve  # to the values of the file
 
     def fitted(
@@ -292,34 +277,29 @@ class _Scale:
         """Multiples of terms that B is beside a base, of all channels or each; what is left."""
         aim = self.new - base
         terms = [np.broadcast_to(term, aim.shape) for term in terms]
+        solved = np.stack([summed_up(terms, aim, self.weights)] * len(aim))
         if each:
             sides = zip(zip(*terms, strict=True), aim, self.weights, strict=True)
             solved = np.stack([summed_up(own, to, weights) for own, to, weights in sides])
-            total = sum(solved[:, k : k + 1] * term for k, term in enumerate(terms))
-        else:
-            solved = summed_up(terms, aim, self.weights)
-            total = sum(c * term for c, term in zip(solved, terms, strict=True))
-        return solved, self.evidence.left(self.back(base + total), self.measures)
+        total = base + sum(solved[:, k : k + 1] * term for k, term in enumerate(terms))
+        # Of a value at a bound of the file, what is beyond is not known.
+        return solved, self.evidence.left(self.back(total), self.evidence.steady)
 
 
-def _of_light(evidence: Evidence, *, above_black: bool = False) -> _Scale:
-    old, new = map(evidence.light, evidence.sampled)
-    steady = evidence.steady
-    if above_black:
-        steady = steady & (evidence.sampled[1] > _range(evidence, "b")[0])
-    return _Scale(evidence, old, new, _weights(evidence, old) * steady, steady, evidence.stored)
-
-
-def _of_screen(evidence: Evidence) -> _Scale:
-    old, new = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
-    steady = evidence.steady & (evidence.sampled[0] <= 1.0)
-    chosen = 1.0 * (steady & evidence.fits)
-    return _Scale(evidence, old, new, chosen, steady, evidence.unscaled)
-
-
-def _weights(evidence: Evidence, light: NDArray[Any]) -> NDArray[Any]:
-    """The slope of the scale of differences at some light, 0 where a sample chooses nothing."""
-    return np.asarray(steepness(light) * evidence.fits)
+def _scales(evidence: Evidence) -> Iterator[tuple[_Scale, str]]:
+    """Light, and the values that a screen shows."""
+    stored = evidence.sampled
+    inner = evidence.steady & (stored[1] > _range(evidence, "b")[0])
+    if evidence.gamma != 1.0 and evidence.pixels.color:
+        inner &= stored[1] < 0.996
+    chosen = np.sqrt(evidence.weights) * evidence.fits * inner
+    old, new = map(evidence.light, stored)
+    of = "light" if evidence.pixels.color else "its values"
+    yield _Scale(evidence, old, new, chosen * steepness(old), evidence.stored), of
+    if evidence.pixels.color:
+        old, new = (evidence.scaled(side).astype(np.float64) for side in stored)
+        chosen = chosen * (stored[0] <= 1.0)
+        yield _Scale(evidence, old, new, chosen, evidence.unscaled), "what a screen shows"
 
 
 def _named(evidence: Evidence, numbers: NDArray[Any], sign: str) -> tuple[dict[str, float], str]:
@@ -331,16 +311,18 @@ def _named(evidence: Evidence, numbers: NDArray[Any], sign: str) -> tuple[dict[s
 
 def exposed(evidence: Evidence) -> Iterator[Explanation]:
     """B is a multiple of A, the same for all channels, or of its own for each."""
-    light = _of_light(evidence)
-    (factor,), left = light.fitted([light.old])
-    stops = f" ({np.log2(factor):+.3g} EV)" if factor > 0 else ""
-    values = {"factor": float(factor)}
-    yield Explanation(left, "another exposure", f": x {factor:.4g}{stops}", values)
+    light, _ = next(_scales(evidence))
+    solved, left = light.fitted([light.old])
+    factor = float(solved[0, 0])
+    if factor > 0:
+        how = f": x {factor:.4g} ({np.log2(factor):+.3g} EV)"
+        yield Explanation(left, "another exposure", how, {"factor": factor})
     if len(evidence.names) > 1:
         factors, left = light.fitted([light.old], each=True)
-        numbers, said = _named(evidence, factors[:, 0], "x")
-        how = f" of each channel: {said}"
-        yield Explanation(left, "another exposure", how, {"factors": numbers}, 0.01)
+        if (factors > 0).all():
+            numbers, said = _named(evidence, factors[:, 0], "x")
+            how = f" of each channel: {said}"
+            yield Explanation(left, "another exposure", how, {"factors": numbers})
 
 
 def another_gamma(evidence: Evidence) -> Iterator[Explanation]:
@@ -349,7 +331,7 @@ def another_gamma(evidence: Evidence) -> Iterator[Explanation]:
         left = evidence.left(curve(evidence.sampled[0]).astype(np.float32))
         yield Explanation(left, "another gamma", f": {name} once more")
     yield from _powers(evidence, np.asarray, np.asarray, "")
-    if evidence.gamma == 1.0:
+    if evidence.gamma == 1.0 and evidence.pixels.color:
         clips = _range(evidence, "b")[1] <= _ONE < _range(evidence, "a")[1]
         yield from _powers(evidence, linear_to_srgb, _decoded, ", sRGB-encoded", clips=clips)
 
@@ -364,15 +346,14 @@ def _powers(
     x, y = (np.log(side[usable], dtype=np.float64) for side in (a, b))
     weight = np.minimum(a[usable], 1.0)
     power = float((weight * x * y).sum() / max((weight * x * x).sum(), 1e-300))
-    left = evidence.left(back(_power(a, power, 1.0)), evidence.steady)
-    said = f": to the power {power:.4g}{how}"
-    yield Explanation(left, "another gamma", said, {"power": power}, 0.005)
+    fits = [(power, 1.0, f": to the power {power:.4g}{how}")]
     if not how and float(np.ptp(x)) > 0.1:
         power, offset = (float(value) for value in np.polyfit(x, y, 1))
         factor = float(np.exp(offset))
-        left = evidence.left(_power(a, power, factor), evidence.steady)
-        said = f": to the power {power:.4g}, exposure x {factor:.4g}"
-        yield Explanation(left, "another gamma", said, {"power": power, "factor": factor}, 0.025)
+        fits.append((power, factor, f": to the power {power:.4g}, exposure x {factor:.4g}"))
+    for power, factor, said in fits:
+        left = evidence.left(back(_power(a, power, factor)), evidence.steady)
+        yield Explanation(left, "another gamma", said, {"power": power, "factor": factor})
 
 
 def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
@@ -383,37 +364,29 @@ def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
     return signed.astype(np.float32)
 
 
-def raised(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a multiple of A and a constant: of light, or of the values that a screen shows.
-
-    Of these it is another contrast, if they turn around a middle.
-    """
-    scales = [(_of_light(evidence, above_black=True), "light", 0.01)]
-    scales += [(_of_screen(evidence), "what a screen shows", 0.011)] * bool(evidence.pixels.color)
-    for scale, of, cost in scales:
+def offset(evidence: Evidence) -> Iterator[Explanation]:
+    """B is a multiple of A and a constant: of light, or of the values that a screen shows."""
+    for scale, of in _scales(evidence):
         one = np.ones_like(scale.old)
-        (offset,), left = scale.fitted([one], scale.old)
-        fits = [(left, float(offset), 1.0, cost)]
-        (offset, factor), left = scale.fitted([one, scale.old])
-        pivot = offset / (1 - factor) if factor != 1 else math.inf
-        if of != "light" and 0.1 < pivot < 0.9:
-            values = {"offset": float(offset), "factor": float(factor), "pivot": float(pivot)}
-            how = f": x {factor:.4g} around {pivot:.3g}"
-            yield Explanation(left, "another contrast", how, values, cost + 0.01)
-        else:
-            fits.append((left, float(offset), float(factor), cost + 0.01))
-        for rest, lift, gain, dear in fits:
-            how = f": {lift:+.3g} of {of}" + f", x {gain:.4g}" * (gain != 1.0)
-            yield Explanation(rest, _blacks(lift), how, {"offset": lift, "factor": gain}, dear)
+        solved, left = scale.fitted([one], scale.old)
+        lift = float(solved[0, 0])
+        if lift > 0 or of != "light":
+            how = f": {lift:+.3g} of {of}"
+            yield Explanation(left, "offset or contrast", how, {"offset": lift, "factor": 1.0})
+        solved, left = scale.fitted([one, scale.old])
+        lift, factor = map(float, solved[0])
+        name, values = "offset or contrast", {"offset": lift, "factor": factor}
+        how = f": x {factor:.4g}, {lift:+.3g} of {of}"
+        if factor < 0:
+            name, how = "inverted", f": {lift:.3g} - {-factor:.4g} x A of {of}"
+        elif 0.1 < (pivot := lift / (1 - factor) if factor != 1 else math.inf) < 0.9:
+            how = f": x {factor:.4g} around {pivot:.3g} of {of}"
+        yield Explanation(left, name, how, values)
         if len(scale.old) > 1:
             offsets, left = scale.fitted([one], scale.old, each=True)
-            values, said = _named(evidence, offsets[:, 0], "")
+            numbers, said = _named(evidence, offsets[:, 0], "")
             how = f": {said} of {of}"
-            yield Explanation(left, _blacks(offsets.sum()), how, {"offsets": values}, cost + 0.01)
-
-
-def _blacks(offset: float) -> str:
-    return "raised blacks" if offset > 0 else "lowered blacks"
+            yield Explanation(left, "offset or contrast", how, {"offsets": numbers})
 
 
 def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
@@ -427,23 +400,22 @@ def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
     (layer,) = found
     kept = [layer.index(name) for name in evidence.names]
     stored = [evidence.at(side, *evidence.places, layer) for side in ("a", "b")]
-    dark = _range(evidence, "b")[0] == 0.0  # what would be negative may have become 0
     light: list[NDArray[Any]] = [evidence.light(side) for side in stored]
-    lit = (light[1] > 0.0).all(axis=0) | (not dark)
-    weights = _weights(evidence, light[0]) * (lit & evidence.steady.all(axis=0))
+    dark = float(stored[1].min()) >= 0.0  # what would be negative may have become 0
+    steady = np.asarray(evidence.steady.all(axis=0))
+    lit = (stored[1] > 0.0).all(axis=0) | np.bool_(not dark)
+    chosen = np.sqrt(evidence.weights) * (evidence.fits & lit & steady)
     shown = [evidence.scaled_light(side).astype(np.float64) for side in light]
-    grey = _is_grey(stored[1]) and not _is_grey(stored[0]) and np.ptp(stored[1]) > 0
+    grey = _is_grey(stored[1]) and not _is_grey(stored[0])
     for of, (old, new), weight, back in (
-        ("", light, weights, evidence.stored),
-        ("a screen shows", shown, 1.0 * (weights > 0), evidence.unscaled),
+        ("", light, chosen * steepness(light[0]), evidence.stored),
+        (" of what a screen shows", shown, np.stack([chosen] * 3), evidence.unscaled),
     ):
-        for matrix, name, how, values, cost in _matrices(layer, old, new, weight, of, grey=grey):
-            predicted = matrix @ old
-            predicted = back(np.maximum(predicted, 0.0) if dark else predicted)[kept]
-            left = evidence.left(
-                np.asarray(predicted, np.float32), None if grey else evidence.steady
-            )
-            yield Explanation(left, name, f": {how}", values, cost)
+        for matrix, how, values in _matrices(layer, old, new, weight, of, grey=grey):
+            there = matrix @ old
+            predicted = back(np.maximum(there, 0.0) if dark else there)[kept]
+            left = evidence.left(np.asarray(predicted, np.float32), None if grey else steady)
+            yield Explanation(left, "primaries or saturation", f": {how}", values)
 
 
 def _is_grey(values: NDArray[Any]) -> bool:
@@ -459,22 +431,20 @@ def _matrices(
     of: str,
     *,
     grey: bool,
-) -> Iterator[tuple[NDArray[Any], str, str, dict[str, Any], float]]:
-    """Matrices that make light of light, or what a screen shows, with words, values and cost."""
-    shown = f" of what {of}" if of else ""
+) -> Iterator[tuple[NDArray[Any], str, dict[str, Any]]]:
+    """Matrices that make light of light, or what a screen shows, with words and values."""
     if grey:
-        shares = summed_up(list(old), new[0], weight)
-        how = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True)).lstrip("+")
+        shares = summed_up(list(old), new[0], weight[0])
+        said = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True)).lstrip("+")
         values = {"weights": dict(zip(layer, map(float, shares), strict=True))}
-        how += f" as {of} it" * bool(of)
-        yield np.tile(shares, (3, 1)), "monochrome", how, values, -0.02
+        yield np.tile(shares, (3, 1)), f"monochrome, {said}{of}", values
     luma = np.tile(LUMINANCE, (3, 1))
     factor = float(summed_up([old - luma @ old], new - luma @ old, weight)[0])
-    changed, how = luma + factor * (np.eye(3) - luma), f"x {factor:.4g}{shown}"
-    yield changed, "another saturation", how, {"factor": factor}, 0.01
+    changed, how = luma + factor * (np.eye(3) - luma), f"saturation x {factor:.4g}{of}"
+    yield changed, how, {"factor": factor}
     matrix = np.stack([summed_up(list(old), each, w) for each, w in zip(new, weight, strict=True)])
-    if not of and np.abs(matrix - np.diag(np.diag(matrix))).max() >= _MIXED:
-        yield matrix, "other primaries", _primaries(matrix), {"matrix": matrix.tolist()}, 0.12
+    if not of:
+        yield matrix, _primaries(matrix), {"matrix": matrix.tolist()}
 
 
 def _primaries(matrix: NDArray[Any]) -> str:
@@ -487,36 +457,16 @@ def _primaries(matrix: NDArray[Any]) -> str:
     return nearest if apart[nearest] < _NEAR else "channels mixed by a matrix"
 
 
-def vignette(evidence: Evidence) -> Iterator[Explanation]:
-    """B is A times a polynomial of the distance to the middle, or of the place across and down."""
-    light, (height, width) = _of_light(evidence), evidence.size
-    rows, columns = evidence.places
-    y, x = 2 * rows / max(height - 1, 1) - 1, 2 * columns / max(width - 1, 1) - 1
-    for shape in (height / width, 1.0):  # round, or as wide as the picture
-        far = ((y * shape) ** 2 + x * x) / (1 + shape * shape)
-        for powers in (1, 2):
-            solved, left = light.fitted(
-                [light.old * far**k for k in range(1, powers + 1)], light.old
-            )
-            corners = 1 + float(solved.sum())
-            how, values = f": corners x {corners:.3g}", {"corners": corners}
-            yield Explanation(left, "vignette", how, values, 0.02 * powers)
-    slopes, left = light.fitted([light.old, light.old * x, light.old * y], light.old)
-    across, down = (float(v) / (1 + float(slopes[0])) for v in slopes[1:])
-    how = f": x {1 - across:.3g} to {1 + across:.3g} across, {1 - down:.3g} to {1 + down:.3g} down"
-    yield Explanation(left, "vignette", how, {"across": across, "down": down}, 0.03)
-
-
 def curve(evidence: Evidence) -> Iterator[Explanation]:
     """B is a curve of A that rises everywhere, the same for all channels or each with its own."""
     a, b = (evidence.scaled(side).astype(np.float64) for side in evidence.sampled)
     fits = np.broadcast_to(evidence.fits, a.shape) & evidence.steady
     curves = [_curved(a, b, fits)], [_curved(*sides) for sides in zip(a, b, fits, strict=True)]
-    for how, each, cost in (("", curves[0], 0.08), (" of each channel", curves[1], 0.16)):
+    for how, each in (("", curves[0]), (" of each channel", curves[1])):
         if all(curve is not None for curve in each):
             stored = evidence.unscaled(np.stack(each).reshape(a.shape))
             left = evidence.left(stored, evidence.steady)
-            yield Explanation(left, "another tone curve", how, cost=cost)
+            yield Explanation(left, "another tone curve", how)
 
 
 def _curved(old: NDArray[Any], new: NDArray[Any], used: NDArray[np.bool_]) -> Any:

@@ -1,4 +1,4 @@
-"""Causes that are known by where a difference lies or how it looks: seams, halos, noise, codecs."""
+"""Causes that are known by where a difference lies or how it looks: few pixels, seams, codecs."""
 
 from __future__ import annotations
 
@@ -14,37 +14,30 @@ from defocus_core.compare.findings.evidence import (
     LOSSY_CODECS,
     Evidence,
     Explanation,
+    alike,
     blocks_in_turn,
-    fitted_in_parts,
-    steepness,
-    summed_up,
     sums_of_parts,
-    unexplained,
 )
-from defocus_core.compare.findings.softness import alike, white_noise
-from defocus_core.compare.selection import widened
 from defocus_core.system.text import counted
 
 _PERIODS = (8, 16, 32, 64, 128, 256, 512, 1024)  # px of tiles
 _WIDTHS = (1, 2, 4, 8, 16)  # px of a seam
-_STRONGEST = 4.0  # gain of a halo
-_LENGTH = 4.0  # of a halo, in widths of it
-_GAIN_LEFT = 0.3
-_FEW = 1e-3  # share of the pixels that fireflies are at most
+_FEW, _SPARK = 1e-3, 0.1  # share of the pixels that fireflies are at most; their least difference
 # Lines that would hold the difference if each held as much: at least these, and this share of all.
 _LONE, _ALIKE = 1.2, 0.35
 _FEW_TILES = 0.1  # share of the tiles that hold a difference in one place
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
-_SPARK = 0.1  # least difference of a firefly
 _ON_GRID = 0.82  # greatest share left of what blocks in other places leave
 _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
-_MOST_LINES, _FILLED = 3, 0.3  # of damaged lines; least share of their pixels that differ
 _MOST_COVERED, _COVERED = 0.4, 0.5  # of a frame by an overlay; of its difference by one opacity
 _OPACITY = 0.25  # relative difference of one opacity
 _MOST_LOST = 12 / 255  # greatest RMS that a codec of the header may lose
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
 _MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
+_SHARED = 0.15  # least power of what the channels of noise share, by that of each
+_UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel on
+_TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
 
 
 @lru_cache(maxsize=1)
@@ -75,33 +68,8 @@ def sparks(evidence: Evidence) -> Iterator[Explanation]:
         return
     left = math.sqrt(max(0.0, 1 - float(power[sparks].sum()) / float(power.sum())))
     bright = np.count_nonzero(difference[sparks] > 0) > number / 2
-    name, how = "fireflies" if bright else "dropped pixels", f": {counted(number, 'pixel')}"
-    yield Explanation(left, name, how, {"pixels": number}, -0.05)
-
-
-def lines(evidence: Evidence) -> Iterator[Explanation]:
-    """A few rows or columns hold the difference: other values, or those of A times a gain."""
-    difference = _difference(evidence)
-    power = np.square(difference, dtype="f8")
-    for axis, word in ((1, "row"), (0, "column")):
-        sums = power.sum(axis=axis)
-        kept = np.sort(np.argsort(sums)[-min(_MOST_LINES, len(sums) // 8 + 1) :])
-        kept = kept[sums[kept] > 0.01 * sums.max()]
-        on = difference[kept] if axis == 1 else difference[:, kept].T
-        if float((on != 0).mean()) < _FILLED or np.count_nonzero(np.diff(kept) > 1) > 3:
-            continue
-        left = math.sqrt(max(0.0, 1 - float(sums[kept].sum() / sums.sum())))
-        places = (kept[:, None], slice(None)) if axis == 1 else (slice(None), kept)
-        a, b = (evidence.scaled(evidence.at(side, *places)).ravel() for side in ("a", "b"))
-        gain, offset = np.polyfit(a, b, 1) if np.ptp(a) > 0 else (0.0, 0.0)
-        unlike = float(np.square(b - gain * a - offset).sum() / np.square(b - a).sum())
-        at, many = ", ".join(map(str, kept)), "s" * (len(kept) > 1)
-        values = {f"{word}s": kept.tolist()}
-        if gain > 0.5 and unlike < 0.25:
-            yield Explanation(left, "seams", f" at {word}{many} {at}", values, -0.04)
-        else:
-            how = f": {word}{many} {at} hold{'s' * (not many)} other values"
-            yield Explanation(left, "damaged lines", how, values, -0.04)
+    how = f": {counted(number, 'pixel')}, {'brighter' if bright else 'darker'}"
+    yield Explanation(left, "fireflies or few pixels", how, {"pixels": number})
 
 
 def overlay(evidence: Evidence) -> Iterator[Explanation]:
@@ -130,7 +98,7 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
             said = " ".join(f"{v:.2g}" for v in color[:, 0])
             how = f": {opacity:.0%} of one colour ({said}) {where}, like text"
             values = {"opacity": opacity, "color": color[:, 0].tolist()}
-            yield Explanation(left, "overlay", how, values, -0.02)
+            yield Explanation(left, "overlay", how, values)
 
 
 def _colors_over(a: NDArray[Any], change: NDArray[Any]) -> Iterator[tuple[Any, float, Any, Any]]:
@@ -173,6 +141,7 @@ def _colors_over(a: NDArray[Any], change: NDArray[Any]) -> Iterator[tuple[Any, f
 
 def seams(evidence: Evidence) -> Iterator[Explanation]:
     """The difference lies on lines that are the side of a tile apart."""
+    yield from _gains_of_tiles(evidence)
     difference = _difference(evidence)
     profiles = [_profile(difference), _profile(difference.T)]  # of columns and of rows
     total = sum(float(profile.mean()) for profile in profiles)
@@ -196,15 +165,15 @@ def seams(evidence: Evidence) -> Iterator[Explanation]:
                 continue
             near = lines[1][:, None] | lines[0]
             rest = np.where(near, np.float32(0), difference)[shown]
-            pairs = [(v[:, :-1], v[:, 1:]) for v in (difference[shown], rest)]
-            left = unexplained(pairs[0], pairs[1], evidence.step, evidence.lossy)
-            left = max(math.sqrt(outside), left if math.isfinite(left) else 0.0)
+            every, power = (
+                float(np.square(v, dtype="f8").sum()) for v in (difference[shown], rest)
+            )
+            left = math.sqrt(max(outside, power / every if every else 0.0))
             starts = {(phase + wide // 2) % period for phase in phases}
             how = f" at multiples of {period} px"
             if starts != {0}:
                 how = f" every {period} px from {', '.join(map(str, sorted(starts)))}"
-            values, cost = {"period": period, "width": wide}, 0.01 * wide + 0.4 / period - 0.05
-            yield Explanation(left, "seams", how, values, cost)
+            yield Explanation(left, "seams", how, {"period": period, "width": wide})
 
 
 def _profile(difference: NDArray[Any]) -> NDArray[Any]:
@@ -241,68 +210,34 @@ def _phase(profile: NDArray[Any], period: int, wide: int) -> int:
     return middle if sums[middle] > 0.98 * sums[best] else best
 
 
-def gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
+def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
     """Each tile is a multiple of A of its own: one for all, and a grid aside, explain less."""
-    a, b = evidence.framed
-    slope = steepness(a)
+    a, b = (side.astype("f8") for side in evidence.framed)
+    a, b = evidence.scaled_light(a).astype("f8"), evidence.scaled_light(b).astype("f8")
     turn = blocks_in_turn(a.shape, 4)
 
-    def left(side: int, start: list[int]) -> float:
+    def left(side: int, offset: int) -> float:
         """What gains leave."""
-        cut = tuple(slice(first, None) for first in start)
-        measures = np.zeros(a.shape, bool)
-        measures[cut] = ~turn[cut]
-        there, of = a.copy(), slope[cut]
-        there[cut] += (
-            fitted_in_parts([(a * slope)[cut]], ((b - a) * slope)[cut], turn[cut], side) / of
+        rows, columns = (
+            (np.arange(cut.start, cut.stop) + offset) // side - (cut.start + offset) // side
+            for cut in evidence.frame
         )
-        return evidence.left_framed(there, measures)
+        tile = rows[:, None] * (columns[-1] + 1) + columns
+        sums = [np.bincount(tile[turn], v[turn]) for v in (a * b, a * a)]
+        gains = sums[0] / np.maximum(sums[1], 1e-12)
+        rest = np.square(gains[tile.clip(0, len(gains) - 1)] * a - b)[~turn].sum()
+        return math.sqrt(float(rest / np.square(b - a)[~turn].sum()))
 
     for side in _PERIODS[2:]:
         if side > min(a.shape):
             return
-        parts = sums_of_parts(np.square((b - a) * slope), side)
+        parts = sums_of_parts(np.square(b - a), side)
         if parts.sum() ** 2 < _FEW_TILES * parts.size * np.square(parts).sum():
             continue  # they lie in one place
-        starts = [
-            [(offset - cut.start) % side for cut in evidence.frame] for offset in (0, side // 2)
-        ]
-        on_grid = left(side, starts[0])
-        if on_grid < _GAIN_LEFT and on_grid < 0.6 * min(
-            left(side, starts[1]), left(max(a.shape), [0, 0])
-        ):
+        on_grid = left(side, 0)
+        if on_grid < 0.5 * min(left(side, side // 2), left(4 * max(evidence.size), 0)):
             how = f" at multiples of {side} px: each tile has another exposure"
-            yield Explanation(on_grid, "seams", how, {"period": side}, 0.02 + 0.5 / side)
-
-
-def halo(evidence: Evidence) -> Iterator[Explanation]:
-    """The difference is a thin band of one sign."""
-    difference = _difference(evidence)[evidence.frame]
-    size = np.abs(difference)
-    noise = 1.48 * float(np.median(size))
-    band = size > max(0.15 * float(np.quantile(size, 0.999)), 4 * noise, 2 * evidence.step)
-    inner = ~widened(~band, 1)
-    area, border = int(band.sum()), int((band & ~inner).sum())
-    if not 16 < area < 0.3 * band.size:
-        return
-    wide = 2 * area / border
-    thick = ~widened(~band, 4)
-    squares = np.square(difference[band], dtype="f8")
-    one_sign = abs(float((squares * np.sign(difference[band])).sum()) / float(squares.sum()))
-    moved = [np.roll(band, step, axis) for axis in (0, 1) for step in (-1, 1)]
-    neighbours = np.sum(moved, axis=0)
-    alone = float((neighbours[band] < 2).mean())
-    if area < _LENGTH * wide * wide or thick.sum() > 0.1 * area or one_sign < 0.8 or alone > 0.3:
-        return
-    a, b = evidence.framed
-    chooses = blocks_in_turn(a.shape)
-    fits = band & chooses
-    gain, offset = summed_up([a, np.ones_like(a)], b, fits)
-    if not 1 / _STRONGEST < gain < _STRONGEST:
-        return
-    left = evidence.left_framed(np.where(band, gain * a + offset, a), ~chooses)
-    brighter = "brighter" if float(difference[band].sum()) > 0 else "darker"
-    yield Explanation(left, "halo", f" of {wide:.0f} px, {brighter}", {"width": wide}, 0.1)
+            yield Explanation(on_grid, "seams", how, {"period": side})
 
 
 def compressed(evidence: Evidence) -> Iterator[Explanation]:
@@ -344,12 +279,11 @@ def compressed(evidence: Evidence) -> Iterator[Explanation]:
         means = sums_of_parts(change, _DCT) / _DCT
         kept = math.sqrt(float(np.square(means).sum() / np.square(change).sum()))
         how = f": {evidence.codecs[1]} instead of {evidence.codecs[0]}, by the headers"
-        yield Explanation(of_all(kept), "compressed with losses", how, cost=-0.4)
+        yield Explanation(of_all(kept), "compressed with losses", how)
     on_grid = left(0)
     if on_grid < _ON_GRID * left(_DCT // 2):
         how = ": in blocks of 8 px, as JPEG and DWAA do"
-        # Nothing else knows the grid.
-        yield Explanation(of_all(on_grid), "compressed with losses", how, cost=-0.35)
+        yield Explanation(of_all(on_grid), "compressed with losses", how)
 
 
 def _rounded(values: NDArray[Any], step: Any) -> NDArray[Any]:
@@ -373,22 +307,28 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
 
 def noise(evidence: Evidence) -> Iterator[Explanation]:
     """The difference has no mean, and neighbours in it have nothing in common."""
-    difference = _difference(evidence)[evidence.frame]
-    power = float(np.square(difference, dtype="f8").mean())
+    difference = _difference(evidence)[evidence.frame].astype("f8")
+    power = float(np.square(difference).mean())
     few = np.count_nonzero(difference) < _MIN_CHANGED * difference.size
-    if few or not power or evidence.is_slight:
+    sides = [evidence.scaled(evidence.at(side, *evidence.frame)) for side in "ab"]
+    each = float(np.square(sides[1] - sides[0], dtype="f8").mean())
+    mean = abs(float(difference.mean()))
+    if few or power < _SHARED * each or mean > _WITHOUT_MEAN * math.sqrt(power):
         return
-    if abs(float(difference.mean(dtype="f8"))) > _WITHOUT_MEAN * math.sqrt(power):
-        return
-    shared = max(
-        abs(alike(difference[:, 1:], difference[:, :-1])),
-        abs(alike(difference[1:], difference[:-1])),
-    )
-    name, _, how = white_noise(evidence).partition(" in ")
-    if name:
-        planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
-        level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
-        how = f" of about {level:.2g}" + f", in {how}" * bool(how)
-        # A filter that took noise away would predict what is left of it.
-        cost = 0.15 if name == "noise removed" else 0.6
-        yield Explanation(math.sqrt(shared), name, how, {"rms": level}, cost)
+    across = alike(difference[:, 1:], difference[:, :-1])
+    shared = max(abs(across), abs(alike(difference[1:], difference[:-1])))
+    grey = [side.mean(axis=0) for side in sides]
+    details = (side[1:-1, 1:-1] - _means_of_nine(side) for side in grey)
+    of_a, of_b = (alike(difference[1:-1, 1:-1], detail) for detail in details)
+    if shared > _UNLIKE_NEIGHBOURS or (of_a < -_TIED and of_b < _TIED):
+        return  # detail of A that is lost: softer
+    how = ", in another pattern" if abs(of_a + of_b) < 0.1 < of_b else ""
+    planes = [evidence.pixels.difference(name, *evidence.frame) for name in evidence.names]
+    level = math.sqrt(float(np.mean([np.square(p).mean(dtype="f8") for p in planes])))
+    yield Explanation(math.sqrt(shared), "noise", f" of about {level:.2g}{how}", {"rms": level})
+
+
+def _means_of_nine(values: NDArray[Any]) -> NDArray[Any]:
+    """Means of pixels and their neighbours, without the border."""
+    rows = values[:-2] + values[1:-1] + values[2:]
+    return np.asarray((rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:]) / 9)
