@@ -105,7 +105,7 @@ CAUSES = (
     # Patterns.
     Cause("traces.sparks", {"fireflies or few pixels": "how many, brighter or darker"}),
     Cause(
-        "traces.overlay", {"overlay": "text or a watermark: one colour over a part"}, (), True, 0.2
+        "traces.overlay", {"overlay": "text or a watermark: one colour over a part"}, (), True, 0.15
     ),
     # Sharpness.
     Cause(
