@@ -12,7 +12,6 @@ from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - 
 
 from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.batch.workers import pipeline
-from defocus_core.tensors import derived
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
 
@@ -46,12 +45,6 @@ def color(tmp_path):
 @pytest.fixture
 def depth(tmp_path):
     return depth_exr(tmp_path / "depth.exr")
-
-
-@pytest.fixture
-def no_room(monkeypatch):
-    """What is made for a region is made again for the next, as of a picture of many MP."""
-    monkeypatch.setattr(derived, "HELD", 0)
 
 
 EXECUTE = WorkerConfig.execute

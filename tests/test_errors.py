@@ -15,11 +15,11 @@ from defocus_core import (
     CatEye,
     DefocusLens,
     DualPixel,
-    GuidedDepth,
     HiddenLayer,
     PupilImage,
     RandomDefocus,
     fit,
+    guided_depth,
     render,
     render_layers,
     sensitivities,
@@ -240,10 +240,10 @@ ROWS = [
     ("finite", lambda: fit(IMAGE, DEPTH * math.inf, IMAGE)),
     ("differ somewhere", lambda: fit(IMAGE, COVERAGE[0], IMAGE)),
     *(
-        (r"depth must be \[h, w\] of positive", lambda b=b: GuidedDepth(DEPTH.clamp(max=b), IMAGE))
+        (r"depth must be \[h, w\] of positive", lambda b=b: guided_depth(DEPTH.clamp(max=b), IMAGE))
         for b in (0.0, -1.0, math.nan)
     ),
-    ("depth must be", lambda: GuidedDepth(LAYERS[0], IMAGE)),
+    ("depth must be", lambda: guided_depth(LAYERS[0], IMAGE)),
     ("depth_repair must be one of auto, off, got True", lambda: RandomDefocus(depth_repair=True)),
     *of(
         {},

@@ -33,7 +33,7 @@ from defocus_core.depth.ramps import (
 )
 from defocus_core.tensors.device_plan import launches_cost, sent
 from defocus_core.tensors.neighbourhoods import extreme_around, ranges_of
-from defocus_core.tensors.source import Pixels, Scalar, bands
+from defocus_core.tensors.source import Scalar, bands
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, sums_of_each
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.ties import off_round
@@ -238,7 +238,7 @@ class DepthRepair(NamedTuple):
 
 
 def diagnosed(
-    signed_radius: Pixels, infinity: float | None, threads: int, noise: float | None = None
+    signed_radius: Tensor, infinity: float | None, threads: int, noise: float | None = None
 ) -> DepthRepair:
     """The repair that radii need; for noisy radii only the noise, which hides everything else.
 
@@ -260,7 +260,7 @@ def diagnosed_each(signed_radius: Tensor, infinity: Sequence[float | None]) -> l
 
 
 def _found(
-    signed_radius: Pixels, infinity: Scalar | None, threads: int
+    signed_radius: Tensor, infinity: Scalar | None, threads: int
 ) -> list[dict[str, list[float]]]:
     """The evidence of a picture [H, W], or of each of a batch [B, H, W], by name."""
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
@@ -273,7 +273,7 @@ def _found(
 
 
 def _diagnosis(
-    signed_radius: Pixels,
+    signed_radius: Tensor,
     found: dict[str, list[float]],
     infinity: float | None,
     noise: float | None,
@@ -289,7 +289,7 @@ def _diagnosis(
 
 def _with_wide_edges(
     repair: DepthRepair,
-    signed_radius: Pixels,
+    signed_radius: Tensor,
     found: dict[str, list[float]],
     infinity: float | None,
 ) -> DepthRepair:
@@ -332,7 +332,7 @@ def _fetched(of_bands: list[_BandEvidence], count: int) -> list[dict[str, list[f
 
 
 def _evidence(
-    signed_radius: Pixels, rows: tuple[int, int], dtype: torch.dtype, infinity: Scalar | None
+    signed_radius: Tensor, rows: tuple[int, int], dtype: torch.dtype, infinity: Scalar | None
 ) -> _BandEvidence:
     """The evidence of the rows [first, end)."""
     above = min(rows[0], _AROUND)
@@ -360,7 +360,7 @@ def _evidence(
 
 
 def _repair(
-    signed_radius: Pixels, found: dict[str, list[float]], infinity: float | None
+    signed_radius: Tensor, found: dict[str, list[float]], infinity: float | None
 ) -> DepthRepair:
     """The repair that the evidence of all bands asks for."""
     minimum, maximum, softest, ramps = *found["limits"], *found["softest"], *found["ramps"]
@@ -387,7 +387,7 @@ def _repair(
     )
 
 
-def _has_ramps(signed_radius: Pixels, pixels: int) -> bool:
+def _has_ramps(signed_radius: Tensor, pixels: int) -> bool:
     """Whether the given number of pixels on steep ramps are edges that the depth map has smoothed.
 
     A few ramps among many hard edges are surfaces that are seen between two others.
@@ -413,7 +413,7 @@ class _EdgeCounts(NamedTuple):
 
 
 def _soft_edges(
-    signed_radius: Pixels, steep: float, scale: DistanceScale | None
+    signed_radius: Tensor, steep: float, scale: DistanceScale | None
 ) -> tuple[int, float | None, DistanceScale | None]:
     """The number of pixels on soft edges, their median width in px, and the scale of their ramps.
 
@@ -437,7 +437,7 @@ def _soft_edges(
 
 
 def _edge_counts(
-    signed_radius: Pixels, steep: float, scale: DistanceScale | None = None
+    signed_radius: Tensor, steep: float, scale: DistanceScale | None = None
 ) -> _EdgeCounts:
     """The edges of radii [H, W] px, of distance if a scale is given, steeper than a slope."""
     soft = hard = 0

@@ -33,7 +33,7 @@ from defocus_core.tensors.neighbourhoods import (
     ranges_of,
     squares_around,
 )
-from defocus_core.tensors.source import Pixels, banded, bands
+from defocus_core.tensors.source import banded, bands
 from defocus_core.tensors.sparse_masks import (
     exceeding,
     flat_nonzero,
@@ -110,8 +110,8 @@ class EdgeShifts(NamedTuple):
 
 
 def measured_shifts(
-    signed_radius: Pixels,  # [H, W] px, or [B, H, W], without ramps
-    pixels: Pixels,  # [C, H, W] linear, or [C, B, H, W]
+    signed_radius: Tensor,  # [H, W] px, or [B, H, W], without ramps
+    pixels: Tensor,  # [C, H, W] linear, or [C, B, H, W]
     threads: int = 1,
     *,
     soft: float | None = None,
@@ -178,7 +178,7 @@ def measured_shifts(
 
 
 def _on_edges(
-    signed_radius: Pixels,
+    signed_radius: Tensor,
     rows: tuple[int, int],
     *,
     step: float | Tensor,
@@ -190,7 +190,7 @@ def _on_edges(
     return positions_of(edges[..., rows[0] - above : rows[1] - above, :])
 
 
-def least_steps(signed_radius: Pixels, soft: float | None) -> list[float]:
+def least_steps(signed_radius: Tensor, soft: float | None) -> list[float]:
     """The least step in px of an edge of each picture [..., H, W] px.
 
     `soft`: as for `measured_shifts`.

@@ -14,10 +14,10 @@ from torch import Tensor
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.displacement import least_steps
 from defocus_core.depth.repair import repair_depth
-from defocus_core.tensors.derived import Mapped
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import in_bands
 from defocus_core.tensors.neighbourhoods import halfway
 from defocus_core.tensors.resampling import beside, linear
-from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.validation import described
 
 # Range of radii in px for which the depth is repaired.
@@ -28,55 +28,52 @@ _REACH = 2
 _HARD = 1.0
 
 
-class GuidedDepth(Mapped):
-    """Depth [H, W] at the size of a picture, computed window by window."""
+def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
+    """Depth at the size of a picture, its edges moved to those of the colours.
 
-    def __init__(self, depth: Tensor, image: Pixels, threads: int = 1) -> None:
-        """Enlarge the depth, and move its edges to those of the colours.
+    Args:
+        depth: [h, w], positive, in any unit; inf is sky. It shows what the picture shows, and no
+            more.
+        image: [C, H, W], linear light.
+        threads: Number of bands of rows computed at once.
 
-        Args:
-            depth: [h, w], positive, in any unit; inf is sky. It shows what the picture shows, and
-                no more.
-            image: [C, H, W], linear light.
-            threads: Number of bands of rows computed at once.
+    Returns:
+        [H, W], in the unit and the precision of the depth.
 
-        Raises:
-            ValueError: If `depth` is no map of positive numbers.
-        """
-        if depth.dim() != 2 or not depth.is_floating_point() or not bool((depth > 0).all()):
-            problem = f"depth must be [h, w] of positive floats, got {described(depth)}"
-            raise ValueError(f"{problem}; inf is sky")
-        size = (image.shape[-2], image.shape[-1])
-        super().__init__(self._computed, size, depth)
-        disparity = 1 / depth.double()
-        farthest, nearest = float(disparity.min()), float(disparity.max())
-        span = nearest - farthest
-        self._scale = -_RANGE_PX / span if 0 < span < math.inf else -1.0
-        coarse = (disparity * self._scale).to(depth.dtype)  # in focus at infinity
-        soft = diagnosed(coarse, 0.0, 1).soft_edges is not None
-        (step,) = least_steps(coarse, None)
+    Raises:
+        ValueError: If `depth` is no map of positive numbers.
+    """
+    if depth.dim() != 2 or not depth.is_floating_point() or not bool((depth > 0).all()):
+        problem = f"depth must be [h, w] of positive floats, got {described(depth)}"
+        raise ValueError(f"{problem}; inf is sky")
+    size = (image.shape[-2], image.shape[-1])
+    disparity = 1 / depth.double()
+    farthest, nearest = float(disparity.min()), float(disparity.max())
+    span = nearest - farthest
+    scale = -_RANGE_PX / span if 0 < span < math.inf else -1.0
+    coarse = (disparity * scale).to(depth.dtype)  # in focus at infinity
+    soft = diagnosed(coarse, 0.0, 1).soft_edges is not None
+    (step,) = least_steps(coarse, None)
 
-        def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-            radii = linear(coarse, rows, columns, size)
-            return radii if soft else _snapped(radii, coarse, rows, columns, size, step)
+    def enlarged(box: Box) -> Tensor:
+        rows, columns = ((first, end) for first, end in box.sides)
+        radii = linear(coarse, rows, columns, size)
+        return radii if soft else _snapped(radii, coarse, rows, columns, size, step)
 
-        self._radius: Pixels = Mapped(read, size, coarse)
-        if 0 < span < math.inf:
-            pitch = max(size[0] / depth.shape[0], size[1] / depth.shape[1])
-            self._radius, _ = repair_depth(
-                self._radius,
-                image,
-                0.0,
-                threads,
-                edge_width=None if soft else _HARD,
-                hold=True,
-                reach=_REACH * pitch,
-            )
-
-    def _computed(self, rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        """The window [rows, columns], each a pair of first and end."""
-        radius = self._radius[slice(*rows), slice(*columns)]
-        return (1 / (radius / self._scale).clamp(min=0)).to(self.dtype)
+    radius = in_bands(enlarged, size, depth.device, threads=threads)
+    if 0 < span < math.inf:
+        pitch = max(size[0] / depth.shape[0], size[1] / depth.shape[1])
+        radius, _ = repair_depth(
+            radius,
+            image,
+            0.0,
+            threads,
+            edge_width=None if soft else _HARD,
+            reach=_REACH * pitch,
+        )
+    return in_bands(
+        lambda box: (1 / (box.of(radius) / scale).clamp(min=0)).to(depth.dtype), size, depth.device
+    )
 
 
 def _snapped(

@@ -25,10 +25,10 @@ from defocus_core.depth.displacement import (
 )
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.ramps import LEAST_SIDE
-from defocus_core.tensors.box import Box, Span
-from defocus_core.tensors.derived import Mapped
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import in_bands
 from defocus_core.tensors.device_plan import sent
-from defocus_core.tensors.source import Pixels, bands
+from defocus_core.tensors.source import bands
 
 # Displacement that is looked for, as a share of the longer side of a picture.
 _FRACTION = 0.01
@@ -43,8 +43,8 @@ class CoarseShifts(NamedTuple):
 
 
 def coarse_shifts(
-    signed_radius: Pixels,  # [H, W] px, without ramps
-    pixels: Pixels,  # [C, H, W] linear
+    signed_radius: Tensor,  # [H, W] px, without ramps
+    pixels: Tensor,  # [C, H, W] linear
     *,
     step: float,  # least step in px of an edge
     scale: DistanceScale | None = None,
@@ -74,21 +74,24 @@ def coarse_shifts(
 
 
 def with_coarse_shifts(
-    signed_radius: Pixels, found: list[CoarseShifts], step: float, scale: DistanceScale | None
-) -> Mapped:
+    signed_radius: Tensor,
+    found: list[CoarseShifts],
+    step: float,
+    scale: DistanceScale | None,
+    threads: int = 1,
+) -> Tensor:
     """Radii [H, W] px with their edges moved by all coarse displacements."""
     H, W = signed_radius.shape
     farthest = sum(float(each.field.abs().amax()) * (1 << each.level) for each in found)
     around = math.ceil(farthest) + len(found) * AROUND_EDGE
 
-    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        box = Box.over(Span(*rows), Span(*columns))
+    def of_box(box: Box) -> Tensor:
         window = box.grown(around, Box(0, 0, H, W))
         radii = window.of(signed_radius)
         radii = _moved_coarsely(radii, found, step, scale, corner=window[:2], size=(H, W))
         return box.seen_from(window).of(radii)
 
-    return Mapped(read, (H, W), signed_radius, around)
+    return in_bands(of_box, (H, W), signed_radius.device, margin=around, threads=threads)
 
 
 def _moved_coarsely(
@@ -124,7 +127,7 @@ def _read_at(field: Tensor, at: Tensor, size: tuple[int, ...]) -> Tensor:
 
 
 def _levels_of(
-    signed_radius: Pixels, pixels: Pixels, levels: int
+    signed_radius: Tensor, pixels: Tensor, levels: int
 ) -> list[tuple[int, tuple[Tensor, Tensor]]]:
     """Radii [h, w] px and colours [C, h, w] of each level of reduced resolution from 1 on."""
     found, radii, colors = [], signed_radius, pixels
@@ -136,7 +139,7 @@ def _levels_of(
 
 
 def _halved_rows(
-    signed_radius: Pixels, pixels: Pixels, rows: tuple[int, int]
+    signed_radius: Tensor, pixels: Tensor, rows: tuple[int, int]
 ) -> tuple[Tensor, Tensor]:
     """Radii and mean colours of the coarse pixels whose first rows are among some rows.
 

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.tensors.neighbourhoods import extreme_around, steps_beside
-from defocus_core.tensors.source import Pixels, bands
+from defocus_core.tensors.source import bands
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, tally_of
 from defocus_core.tensors.ties import off_round
 
@@ -50,7 +50,7 @@ def steps_of(sizes: list[Tensor], steepest: float) -> Tensor:
     return counts
 
 
-def are_few(steps: list[list[float]], signed_radius: Pixels) -> bool:
+def are_few(steps: list[list[float]], signed_radius: Tensor) -> bool:
     """Whether the depth of a frame has few levels.
 
     `signed_radius`: [H, W] px of the frame.

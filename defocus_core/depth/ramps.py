@@ -15,14 +15,14 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.distance_scale import DistanceScale
-from defocus_core.tensors.derived import Mapped
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import in_bands
 from defocus_core.tensors.neighbourhoods import (
     extreme_around,
     halfway,
     squares_around,
     steps_beside,
 )
-from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of
 from defocus_core.tensors.ties import off_round
 
@@ -121,7 +121,9 @@ def _ends_of_ramps(
     return index[kept], near[kept], far[kept]
 
 
-def without_wide_ramps(signed_radius: Pixels, steep: float, scale: DistanceScale | None) -> Mapped:
+def without_wide_ramps(
+    signed_radius: Tensor, steep: float, scale: DistanceScale | None, threads: int = 1
+) -> Tensor:
     """Radii [H, W] px with steps in the place of the ramps that a reduced picture shows.
 
     What is soft over the same share of a picture is made a step, whatever its resolution: a network
@@ -138,20 +140,20 @@ def without_wide_ramps(signed_radius: Pixels, steep: float, scale: DistanceScale
     # beside the pixels of a ramp it ends between two pixels of the reduced picture
     ends = extreme_around(ends.view(2, *coarse.shape), 1, torch.minimum)
 
-    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        radii = signed_radius[slice(*rows), slice(*columns)]
+    def of_box(box: Box) -> Tensor:
+        radii, ends_of = box.of(signed_radius), ((box.top, box.height), (box.left, box.width))
         places = [
-            (torch.arange(first, end, device=radii.device) * coarse.shape[dim]).div(
+            (torch.arange(first, first + count, device=radii.device) * coarse.shape[dim]).div(
                 size, rounding_mode="floor"
             )
-            for dim, ((first, end), size) in enumerate(((rows, H), (columns, W)))
+            for dim, ((first, count), size) in enumerate(zip(ends_of, (H, W), strict=True))
         ]
         near, far = ends[:, places[0]][:, :, places[1]]
         far, own = -far, radii.detach()
         closer = torch.where(own < halfway(near, far), near, far)
         return torch.where((near < own) & (own < far), closer, radii)
 
-    return Mapped(read, (H, W), signed_radius)
+    return in_bands(of_box, (H, W), signed_radius.device, threads=threads)
 
 
 def reduction(size: Sequence[int]) -> int:
@@ -159,7 +161,7 @@ def reduction(size: Sequence[int]) -> int:
     return max(1, min(max(size) // _REDUCED, min(size) // LEAST_SIDE))
 
 
-def reduced(signed_radius: Pixels, by: int) -> Tensor:
+def reduced(signed_radius: Tensor, by: int) -> Tensor:
     """Every so many pixels of radii [H, W] px, of the middle of the picture outwards."""
     first = [(size - 1) % by // 2 for size in signed_radius.shape]
     return signed_radius[first[0] :: by, first[1] :: by].detach()

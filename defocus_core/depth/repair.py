@@ -33,9 +33,9 @@ from defocus_core.depth.ramps import (
     without_ramps,
     without_wide_ramps,
 )
-from defocus_core.tensors.derived import Repaired, fraction_changed, held
+from defocus_core.tensors.derived import fraction_changed, repaired
 from defocus_core.tensors.neighbourhoods import range_of
-from defocus_core.tensors.source import Pixels, banded
+from defocus_core.tensors.source import banded
 from defocus_core.tensors.ties import off_round
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import number, one_of
@@ -45,18 +45,17 @@ _SMALL_STEPS = 3
 
 
 def repair_depth(
-    signed_radius: Pixels,
-    image: Pixels,
+    signed_radius: Tensor,
+    image: Tensor,
     infinity: float | None = None,
     threads: int = 1,
     *,
     depth_repair: str = "auto",
     edge_width: float | None = None,
     decided: DepthRepair | None = None,
-    hold: bool = False,
-    matte: Pixels | None = None,
+    matte: Tensor | None = None,
     reach: float = 0.0,
-) -> tuple[Pixels, DepthRepair]:
+) -> tuple[Tensor, DepthRepair]:
     """The signed radii by which `render` renders a picture, and the repair that made them.
 
     Noise comes first, for it hides everything else; then edges, then quantisation.
@@ -69,8 +68,6 @@ def repair_depth(
         depth_repair: As for `render`.
         edge_width: As for `render`.
         decided: The repair, where it is known already; None to find it.
-        hold: Whether there is room for the repaired radii if the given ones are no tensor; without
-            room those of a large picture are computed anew for each window.
         matte: As for `render`.
         reach: Px by which edges may be displaced at least; in any case a hundredth of the longer
             side of the picture.
@@ -85,40 +82,35 @@ def repair_depth(
     if depth_repair == "off":
         return signed_radius, DepthRepair()
     with own_modes(signed_radius.device):
-        hold_all = partial(held, threads=threads, hold=hold)
         if decided is None:
-            radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+            radii, repair = _diagnosed(signed_radius, infinity, threads)
             repair = _as_said(repair, edge_width, radii)
         else:
-            radii, repair = _muted(signed_radius, decided.noise, threads, hold=hold), decided
+            radii, repair = _muted(signed_radius, decided.noise, threads), decided
         if repair.wide_edges is not None and matte is None:
-            wide = without_wide_ramps(radii, repair.wide_edges, repair.ramps_of)
-            radii = hold_all(wide, radii)
+            radii = without_wide_ramps(radii, repair.wide_edges, repair.ramps_of, threads)
         scale = repair.ramps_of
         for steep, width in _ramps(repair, edge_width):
             repair_window = partial(without_ramps, steep=steep, edge_width=width, scale=scale)
-            radii = hold_all(Repaired(radii, repair_window, around_ramps(width)), radii)
+            radii = repaired(radii, repair_window, around_ramps(width), threads=threads)
         if matte is not None:
-            radii = hold_all(Repaired(radii, with_matte, _AROUND_MATTE, matte), radii, matte)
+            radii = repaired(radii, with_matte, _AROUND_MATTE, matte, threads=threads)
         else:
-            radii, shifts = _with_edges_of_colors(
-                radii, image, repair, threads, hold_all, decided, reach
-            )
+            radii, shifts = _with_edges_of_colors(radii, image, repair, threads, decided, reach)
             repair = repair._replace(edge_shifts=shifts)
         if repair.quantised:
-            radii = hold_all(Repaired(radii, without_terraces, AROUND_TERRACES), radii)
+            radii = repaired(radii, without_terraces, AROUND_TERRACES, threads=threads)
         return radii, repair._replace(fraction=fraction_changed(signed_radius, radii))
 
 
 def _with_edges_of_colors(
-    radii: Pixels,
-    image: Pixels,
+    radii: Tensor,
+    image: Tensor,
     repair: DepthRepair,
     threads: int,
-    hold_all: Callable[..., Pixels],
     decided: DepthRepair | None,
     reach: float,
-) -> tuple[Pixels, EdgeShifts | None]:
+) -> tuple[Tensor, EdgeShifts | None]:
     """Radii [H, W] px with edges moved to those of the colours, coarse to fine; and how far."""
     scale, soft, shifts = repair.ramps_of, repair.least_slope, repair.edge_shifts
     measure = partial(measured_shifts, pixels=image, threads=threads, soft=soft, scale=scale)
@@ -129,13 +121,13 @@ def _with_edges_of_colors(
     step = least_steps(radii, soft)[0] if shifts is None else shifts.step
     found = coarse_shifts(radii, image, step=step, scale=scale, reach=reach)
     if found:
-        radii = hold_all(with_coarse_shifts(radii, found, step, scale), radii)
+        radii = with_coarse_shifts(radii, found, step, scale, threads)
     if decided is None and soft is not None:
         (shifts,) = measure(radii)
     if shifts is None:
         return radii, None
     repair_window = partial(with_shifted_edges, shifts=shifts, scale=scale)
-    radii = hold_all(Repaired(radii, repair_window, AROUND_SHIFTS, image), radii, image)
+    radii = repaired(radii, repair_window, AROUND_SHIFTS, image, threads=threads)
     if decided is None:
         median = shifts.median + sum(each.median for each in found)
         shifts = shifts._replace(median=median)
@@ -165,7 +157,7 @@ def _ramps(repair: DepthRepair, edge_width: float | None) -> Iterator[tuple[floa
         yield STEEP, edge_width
 
 
-def _as_said(repair: DepthRepair, edge_width: float | None, radii: Pixels) -> DepthRepair:
+def _as_said(repair: DepthRepair, edge_width: float | None, radii: Tensor) -> DepthRepair:
     """The repair that was found, with soft edges as wide as they are said to be."""
     if edge_width is None:
         return repair
@@ -207,7 +199,6 @@ def repaired_each(
             infinity[place],
             decided=None if found is None else DepthRepair(edge_shifts=found),
         )
-        assert isinstance(picture, Tensor), "radii in memory are repaired in memory"
         pictures[place] = picture
     if all(place in shifts and shifts[place] is None for place in range(len(pictures))):
         return signed_radius, repairs
@@ -215,7 +206,7 @@ def repaired_each(
 
 
 def diagnose_depth(
-    signed_radius: Pixels,
+    signed_radius: Tensor,
     infinity: float | None = None,
     threads: int = 1,
     *,
@@ -237,29 +228,28 @@ def diagnose_depth(
     check_repair(depth_repair, edge_width)
     if depth_repair == "off":
         return DepthRepair()
-    hold = isinstance(signed_radius, Tensor)
     with torch.no_grad():
-        radii, repair = _diagnosed(signed_radius, infinity, threads, hold=hold)
+        radii, repair = _diagnosed(signed_radius, infinity, threads)
         return _as_said(repair, edge_width, radii)
 
 
 def _diagnosed(
-    signed_radius: Pixels, infinity: float | None, threads: int, *, hold: bool
-) -> tuple[Pixels, DepthRepair]:
+    signed_radius: Tensor, infinity: float | None, threads: int
+) -> tuple[Tensor, DepthRepair]:
     """Radii [H, W] px without noise, and the repair that given and noise-free radii need."""
     repair = diagnosed(signed_radius, infinity, threads)
     if repair.noise is None:
         return signed_radius, repair
-    radii = _muted(signed_radius, repair.noise, threads, hold=hold)
+    radii = _muted(signed_radius, repair.noise, threads)
     return radii, diagnosed(radii, infinity, threads, repair.noise)
 
 
-def _muted(signed_radius: Pixels, noise: float | None, threads: int, *, hold: bool) -> Pixels:
+def _muted(signed_radius: Tensor, noise: float | None, threads: int) -> Tensor:
     """Radii [H, W] px without noise of a standard deviation in px."""
     if noise is None:
         return signed_radius
-    quiet = Repaired(signed_radius, partial(without_noise, noise=noise), AROUND_NOISE)
-    return held(quiet, signed_radius, threads=threads, hold=hold)
+    muted = partial(without_noise, noise=noise)
+    return repaired(signed_radius, muted, AROUND_NOISE, threads=threads)
 
 
 # Half width in px of the square in which the silhouette, and the radii of its sides, are found.

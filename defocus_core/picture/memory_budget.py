@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 SHARE = 0.8
 # Share of the capacity for the arrays of all pictures in the pipeline; how many these are.
 _FOR_PICTURES, _PICTURES = 0.25, 3
-# Share of the room that what is derived from the whole picture may take; floats of a pixel of it.
-_FOR_DERIVED, _DERIVED = 0.25, 4
 # Memory in which the smallest picture is computed.
 _LEAST_MB = 40.0
 # Greatest difference of base memory between two processes.
@@ -180,11 +178,6 @@ def room_on(device: str, room_mb: float) -> float:
     if device != "cpu":
         return math.inf if available is None else available
     return max(room_mb if available is None else min(room_mb, available), 0.0)
-
-
-def holds_derived(pixels: int, room_mb: float) -> bool:
-    """Whether what is derived from a whole picture is kept, not computed where needed."""
-    return pixels * _DERIVED * _FLOAT / memory.MB <= _FOR_DERIVED * room_mb
 
 
 def regions_at_once(

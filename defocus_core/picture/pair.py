@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel, choose_depth_channel
 from defocus_core.io.depth_formats.reading import stretched, wrong_size
@@ -18,7 +17,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.scene import picture_on
+from defocus_core.picture.scene import map_on, picture_on
 from defocus_core.picture.steps.table import PAIR, WINDOW, through
 from defocus_core.picture.take import InputPair
 from defocus_core.request.job import Picture, Reading
@@ -154,41 +153,36 @@ def resized(given: InputPair) -> InputPair:
             remedy = "turn the depth as Exif turns the colour"
         raise InputError("wrong-size", problem, remedy, path=depth.path)
     size = f"{columns}x{rows} px resized"
-    metres = np.zeros((height, width), np.float32)
     if reading.resize_depth is None:
         words = f"{depth.path.name}: {size} to {width}x{height} px, guided by the colours"
         depth = replace(depth, warnings=(*depth.warnings, words))
     if reading.resize_depth != "nearest":
         require_valid(depth)
-        _fill_guided(metres, depth, color)
+        metres = _guided(depth, color)
         note = f"{depth.note}, {size}, guided by the colours{stretch_words(share)}"
         return given.with_depth(replace(depth, metres=metres, note=note))
     across = ((np.arange(width) + 0.5) * columns / width).astype(int)
     down = ((np.arange(height) + 0.5) * rows / height).astype(int)
-    for band in bands((height, width)):
-        first, last = int(down[band][0]), int(down[band][-1])
-        metres[band] = depth.metres[first : last + 1][down[band] - first][:, across]
+    metres = depth.metres[down][:, across]
     note = f"{depth.note}, {size} by nearest{stretch_words(share)}"
     return given.with_depth(replace(depth, metres=metres, note=note))
 
 
-def _fill_guided(metres: Any, depth: Depth, color: Color) -> None:
-    """Fill [H, W] with the depth of another size, its edges where the colours change."""
+def _guided(depth: Depth, color: Color) -> NDArray[np.float32]:
+    """The depth [H, W] at the size of its colour, its edges where the colours change."""
     import torch
 
-    from defocus_core.depth.guided_resize import GuidedDepth
+    from defocus_core.depth.guided_resize import guided_depth
 
-    given = torch.from_numpy(depth.metres[:].astype("float32"))
+    given, image = map_on(depth.metres, "cpu"), picture_on(color.planes, "cpu")
     if not depth.is_relative:
-        guided = GuidedDepth(given, picture_on(color.planes, "cpu"))
-        for rows in bands(metres.shape):
-            metres[rows] = guided[rows].numpy()
-        return
+        metres: NDArray[np.float32] = guided_depth(given, image).numpy()
+        return metres
     # Disparity of any scale, taken as 1 at its farthest and 2 at its nearest number.
     far, near = (float(end) for end in torch.aminmax(given))
     if depth.inverted:
         far, near = near, far
     scale = (near - far) or 1.0
-    guided = GuidedDepth(1 / (1 + (given - far) / scale), picture_on(color.planes, "cpu"))
-    for rows in bands(metres.shape):
-        metres[rows] = (far + scale * (1 / guided[rows] - 1)).float().numpy()
+    guided = guided_depth(1 / (1 + (given - far) / scale), image)
+    numbers: NDArray[np.float32] = (far + scale * (1 / guided - 1)).float().numpy()
+    return numbers

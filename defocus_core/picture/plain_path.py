@@ -174,7 +174,7 @@ def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Rend
 
     for each in passes:
         scene = each.scene.of_colors(each.light, each.px)
-        yield each, Renderer(scene, each.settings, hold=scene.layered is None and take.has_room)
+        yield each, Renderer(scene, each.settings)
 
 
 def _idle(take: Take, renderer: Renderer) -> list[str]:

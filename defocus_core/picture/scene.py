@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 
     from defocus_core.renderer.engine.scene import Scene
     from defocus_core.renderer.engine.settings import Settings
-    from defocus_core.tensors.source import Pixels
 
 
 def surfaces_of(take: Take) -> Surfaces:
@@ -125,7 +124,6 @@ def repair_surfaces(surfaces: Surfaces) -> Surfaces:
             depth_repair=reading.depth_repair,
             edge_width=reading.edge_width,
             decided=decided,
-            hold=surfaces.holds,
             matte=surfaces.matte,
         )
         for color, px, radii in zip(surfaces.colors, surfaces.px, surfaces.radii, strict=True)
@@ -200,7 +198,7 @@ def map_on(values: Any, device: str) -> Tensor:
     return torch.from_numpy(values if values.flags.writeable else values.copy()).to(device)
 
 
-def layers_on(pictures: Sequence[Pixels]) -> Tensor:
+def layers_on(pictures: Sequence[Tensor]) -> Tensor:
     """Pictures [..., H, W] of one size as one [L, ..., H, W] of float32."""
     import torch
 

@@ -18,7 +18,7 @@ from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.describe import describe
-from defocus_core.picture.memory_budget import Holding, holds_derived, room_on
+from defocus_core.picture.memory_budget import Holding
 from defocus_core.picture.opening import aperture_in_pixels
 from defocus_core.request.job import Job, Picture, Reading
 from defocus_core.request.lens import Lens
@@ -26,12 +26,13 @@ from defocus_core.request.output_kinds import Kind
 from defocus_core.system.text import counted, percent
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from defocus_core.depth.diagnosis import DepthRepair
     from defocus_core.picture.layers import Layers
     from defocus_core.renderer.engine.scene import Scene
     from defocus_core.renderer.engine.settings import Settings
     from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
-    from defocus_core.tensors.source import Pixels
 
 
 class Radii(NamedTuple):
@@ -158,12 +159,6 @@ class Take:
         """(width, height) of the picture shown, in px."""
         return self.inputs.depth.size
 
-    @cached_property
-    def has_room(self) -> bool:
-        """Whether there is room for what is derived from the whole picture."""
-        room = room_on(self.device, self.inputs.holding.room_mb)
-        return holds_derived(math.prod(self.inputs.color.shape[:2]), room)
-
     @property
     def reads_hidden(self) -> bool:
         """Whether a file of what is hidden is needed."""
@@ -204,12 +199,12 @@ class Surfaces:
     colors: tuple[Color, ...]
     radii: tuple[Radii, ...]  # of each surface its radii, as the depth says
     # Of each surface [C, H, W], linear, premultiplied: of a picture with its alpha
-    light: tuple[Pixels, ...]
-    px: tuple[Pixels, ...]  # of each surface the radii [H, W] that it is rendered by
-    coverage: Pixels | None = None  # [L, H, W] of layers; None of a picture
+    light: tuple[Tensor, ...]
+    px: tuple[Tensor, ...]  # of each surface the radii [H, W] that it is rendered by
+    coverage: Tensor | None = None  # [L, H, W] of layers; None of a picture
     repair: DepthRepair | None = None  # of the depth; None where nothing was looked for
     hidden: KnownLayer | None = None  # the known hidden layer
-    matte: Pixels | None = None  # [H, W], the coverage of the subject; None if it is not known
+    matte: Tensor | None = None  # [H, W], the coverage of the subject; None if it is not known
     # Number of clipped lights that were made brighter; None if this is not asked for
     lamps: int | None = None
 
@@ -222,11 +217,6 @@ class Surfaces:
     def has_matte(self) -> bool:
         """Whether the coverage of the subject counts: layers have their own."""
         return self.take.inputs.matte is not None and self.take.inputs.layers is None
-
-    @property
-    def holds(self) -> bool:
-        """Whether what is derived from the whole picture is kept."""
-        return self.coverage is None and self.take.has_room
 
 
 class Pass(NamedTuple):

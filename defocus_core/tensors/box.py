@@ -13,7 +13,6 @@ from typing import NamedTuple
 from torch import Tensor
 
 from defocus_core.allowed_values import MIN_TILE
-from defocus_core.tensors.source import Pixels
 
 
 class Box(NamedTuple):
@@ -58,7 +57,7 @@ class Box(NamedTuple):
         """The same rectangle counted from the corner of another."""
         return Box(self.top - other.top, self.left - other.left, self.height, self.width)
 
-    def of(self, picture: Pixels) -> Tensor:
+    def of(self, picture: Tensor) -> Tensor:
         """The window of a picture [..., H, W] in this rectangle."""
         return picture[..., self.top : self.top + self.height, self.left : self.left + self.width]
 

@@ -26,8 +26,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.derived import Mapped
-from defocus_core.tensors.source import Pixels, Scalar, banded, bands
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import in_bands
+from defocus_core.tensors.source import Scalar, banded, bands
 from defocus_core.tensors.sparse_masks import positions_of
 from defocus_core.tensors.validation import number, whole
 
@@ -64,13 +65,13 @@ _KNEE, _BRIGHTEST = 0.6, 0.9
 
 
 def with_lights(
-    image: Pixels,
+    image: Tensor,
     threshold: Scalar,
     gain: Scalar,
     *,
     colors: int | None = None,
-    signed_radius: Pixels | None = None,
-) -> Pixels:
+    signed_radius: Tensor | None = None,
+) -> Tensor:
     """A picture whose clipped lights have the light they may have had.
 
     Args:
@@ -82,7 +83,7 @@ def with_lights(
             below white. None if all are blurred widely.
 
     Returns:
-        [C, H, W], a tensor if the image is one. Gradients flow to a tensor, threshold and gain.
+        [C, H, W]. Gradients flow to a tensor, threshold and gain.
 
     Raises:
         ValueError: If an argument is not one of the above.
@@ -101,12 +102,12 @@ class ClippedLights:
 
     def __init__(
         self,
-        image: Pixels,
+        image: Tensor,
         threshold: Scalar,
         gain: Scalar,
         *,
         colors: int | None = None,
-        signed_radius: Pixels | None = None,
+        signed_radius: Tensor | None = None,
     ) -> None:
         """Find the blobs; arguments are those of `with_lights`."""
         if not 0 <= (minimum := number("threshold", threshold, "in linear light")) < 1:
@@ -121,8 +122,7 @@ class ClippedLights:
         if self.measured:
             return
         levels, self.count = _found(image, signed_radius, minimum, count)
-        lit = _lit(image, threshold, gain, count, levels)
-        self.added = lit.at_once(1) if isinstance(image, Tensor) else lit
+        self.added = _lit(image, threshold, gain, count, levels)
 
 
 class _BlobLevel(NamedTuple):
@@ -156,7 +156,7 @@ class _Lamps(NamedTuple):
 
 
 def _found(
-    image: Pixels, signed_radius: Pixels | None, threshold: float, colors: int
+    image: Tensor, signed_radius: Tensor | None, threshold: float, colors: int
 ) -> tuple[list[_BlobLevel], int]:
     """The blobs of each level from the threshold on, and the number of lights."""
     size = image.shape[-2], image.shape[-1]
@@ -325,12 +325,12 @@ def _step(values: Tensor, low: Tensor | float, high: Tensor | float) -> Tensor:
 
 
 def _lit(
-    image: Pixels, threshold: Scalar, gain: Scalar, colors: int, levels: list[_BlobLevel]
-) -> Mapped:
-    """The picture with the light of its blobs, window by window."""
+    image: Tensor, threshold: Scalar, gain: Scalar, colors: int, levels: list[_BlobLevel]
+) -> Tensor:
+    """The picture with the light of its blobs."""
 
-    def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-        window = image[..., slice(*rows), slice(*columns)]
+    def of_box(box: Box) -> Tensor:
+        window = box.of(image)
         light, rest = _wide(window).tensor_split([colors])
         bright = light.amax(0)
         at = positions_of(bright.detach() > levels[0].low)
@@ -341,7 +341,7 @@ def _lit(
         change = torch.zeros_like(colors_there)
         for low, high, runs, lamps in levels:
             above = (shining.detach() > low).nonzero()[:, 0]
-            run = runs.holding(row[above] + rows[0], column[above] + columns[0], image.shape[-1])
+            run = runs.holding(row[above] + box.top, column[above] + box.left, image.shape[-1])
             lower, upper = (
                 _step(shining[above].clamp(max=bound), threshold, 1) for bound in (low, high)
             )
@@ -354,7 +354,7 @@ def _lit(
         lit = light.flatten(1).index_add(1, row * light.shape[2] + column, change)
         return torch.cat([lit.view_as(light), rest]).to(image.dtype)
 
-    return Mapped(read, image.shape, image)
+    return in_bands(of_box, (image.shape[-2], image.shape[-1]), image.device)
 
 
 class Runs(NamedTuple):

@@ -1,35 +1,16 @@
-"""Pictures read through windows, and put together from the regions of a renderer."""
-
-from dataclasses import dataclass, field
+"""Parts of pictures: windows of what a function makes, and the regions of a renderer."""
 
 import torch
-from torch import Tensor
+
+from defocus_core.tensors.box import Box
 
 KINDS = ("render", "left", "right")
 
 
-@dataclass
-class Windows:
-    """A source that remembers how much of it was looked at at once."""
-
-    whole: Tensor
-    largest: int = 0
-    looked_at: int = 0
-    device: torch.device = field(default_factory=lambda: torch.device("cpu"))
-
-    @property
-    def shape(self):
-        return tuple(self.whole.shape)
-
-    @property
-    def dtype(self):
-        return self.whole.dtype
-
-    def __getitem__(self, window):
-        found = self.whole[window].clone()
-        self.largest = max(self.largest, found[..., :, :].shape[-2])
-        self.looked_at += found[0].numel() if found.dim() > 2 else found.numel()
-        return found
+def in_window(box, function, around, *pictures):
+    """What a function makes of a box of pictures, given no more than so many px around it."""
+    window = box.grown(around, Box(0, 0, *pictures[0].shape[-2:]))
+    return box.seen_from(window).of(function(*map(window.of, pictures)))
 
 
 def put_together(renderer, at_once=None):

@@ -48,8 +48,19 @@ def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
     versions = 1 if frame.settings.cat_eye is None else CORNERS * at_once
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
-    whole = _FIXED + coarse + spectra + repaired
+    whole = _FIXED + coarse + spectra + repaired + _bytes_of_layers(renderer)
     return whole + threads * of_thread + at_once * (region + result)
+
+
+def _bytes_of_layers(renderer: Renderer) -> float:
+    """Bytes of layers, put together and flattened for the renderer."""
+    layered = renderer.scene.layered
+    if layered is None:
+        return 0.0
+    count, channels, height, width = layered.colors.shape
+    sizes = (layered.colors, channels), (layered.signed_radius, 1), (layered.coverage, 1)
+    pixel = sum(count * many * kept.dtype.itemsize for kept, many in sizes)
+    return float(height * width * (pixel + (channels + 3) * layered.dtype.itemsize))
 
 
 def computed_regions(renderer: Renderer) -> list[Grid]:

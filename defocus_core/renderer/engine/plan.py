@@ -50,7 +50,7 @@ from defocus_core.tensors.box import BLOCK, Box, Grid, few_tiles, grid_over, lar
 from defocus_core.tensors.device_plan import launches_cost, pieces, tile_pixels
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.order_statistics import Ranks, counted
-from defocus_core.tensors.source import Pixels, banded, bands
+from defocus_core.tensors.source import banded, bands
 from defocus_core.tensors.threads import threaded
 
 # Greatest radius in px: any picture is a point beside it.
@@ -82,7 +82,7 @@ class Survey(NamedTuple):
 
 
 def surveyed(
-    pixels: Pixels, signed_radius: Pixels, dtype: torch.dtype, threads: int = 1
+    pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype, threads: int = 1
 ) -> list[Survey]:
     """The statistics of a picture, or of each picture of a batch; each pixel is read once.
 
@@ -119,7 +119,7 @@ def surveyed(
     ]
 
 
-def _checked(numbers: list[float], counts: Tensor, pixels: Pixels, dtype: torch.dtype) -> Survey:
+def _checked(numbers: list[float], counts: Tensor, pixels: Tensor, dtype: torch.dtype) -> Survey:
     """The survey of a picture.
 
     `pixels`: [C, H, W].
@@ -154,7 +154,7 @@ def _checked(numbers: list[float], counts: Tensor, pixels: Pixels, dtype: torch.
     )
 
 
-def border_range(signed_radius: Pixels) -> tuple[float, float]:
+def border_range(signed_radius: Tensor) -> tuple[float, float]:
     """The least and the greatest signed radius [..., H, W] on the edge of the frame."""
     H, W = signed_radius.shape[-2:]
     lines = [signed_radius[..., :1, :], signed_radius[..., H - 1 :, :]]
@@ -211,8 +211,8 @@ _COPIES_OF_REGION = 6
 
 
 def frame_of(
-    pixels: Pixels,  # [C, H, W], in px or in coarse pixels; of a batch [C, B, H, W]
-    signed_radius: Pixels,  # [H, W], repaired, in px or in coarse pixels; of a batch [B, H, W]
+    pixels: Tensor,  # [C, H, W], in px or in coarse pixels; of a batch [C, B, H, W]
+    signed_radius: Tensor,  # [H, W], repaired, in px or in coarse pixels; of a batch [B, H, W]
     settings: Settings,
     quality: Quality,  # settings of the quality, in px or in coarse pixels
     content: Content,
@@ -312,7 +312,7 @@ class _Resolution(NamedTuple):
     reaches: list[int]  # for each slice the greatest reach of its light in px of the frame
 
 
-def computed_in(pixels: Pixels, signed_radius: Pixels) -> torch.dtype:
+def computed_in(pixels: Tensor, signed_radius: Tensor) -> torch.dtype:
     """The type of numbers to compute with, if float32 is fine enough."""
     given = torch.promote_types(pixels.dtype, signed_radius.dtype)
     return torch.promote_types(given, torch.float32)

@@ -50,7 +50,6 @@ from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, regions
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.torch_modes import recomputed, unrecorded
 from defocus_core.tensors.views import Views, added, joined
@@ -242,7 +241,7 @@ def rendered_regions(
     frame: SharedFrame,
     scene: Scene,
     *,
-    reaching: Pixels,  # [H, W] px, the radii whose light reaches farthest
+    reaching: Tensor,  # [H, W] px, the radii whose light reaches farthest
     at_once: int | None,  # greatest number of regions computed at once; None for as many as threads
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[Views]:
@@ -285,7 +284,7 @@ def rendered_regions(
     return map(reported_whole, grids, threaded(recomputed(computed), grids, at_once))
 
 
-def _copied(frame: SharedFrame, grid: Grid, pixels: Pixels, part: Views | None = None) -> Views:
+def _copied(frame: SharedFrame, grid: Grid, pixels: Tensor, part: Views | None = None) -> Views:
     """Views of a region in focus: its pixels themselves, but for a part that was computed."""
     image = grid.box.of(pixels).to(frame.dtype)
     trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
@@ -351,7 +350,7 @@ def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
     yield row
 
 
-def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Pixels) -> Grid | None:
+def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Tensor) -> Grid | None:
     """The part of a region to compute: its tiles, cut to the pixels that blurred light reaches.
 
     `signed_radius`: [H, W] px of the frame. Returns none if all of the region is copied.

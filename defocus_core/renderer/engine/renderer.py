@@ -153,14 +153,14 @@ class Renderer:
         reaching: [H, W] px, the radii whose light reaches farthest.
     """
 
-    def __init__(self, scene: Scene, settings: Settings = STANDARD, *, hold: bool = False) -> None:
+    def __init__(self, scene: Scene, settings: Settings = STANDARD) -> None:
         """Repair the depth, and prepare the frame."""
         self._given, self._counts = scene, list[dict[str, int]]()
         if launches_cost(scene.signed_radius.device):  # its memory is planned for one tile at once
             settings = replace(settings, threads=1)
         self._settings = settings
         with self._modes():
-            self._prepare(scene, settings, hold=hold)
+            self._prepare(scene, settings)
 
     def _modes(self) -> AbstractContextManager[object]:
         """The modes of torch to compute in: gradients are recorded if any is wanted."""
@@ -169,10 +169,10 @@ class Renderer:
         modes.enter_context(recorded_for(*self._given.tensors, self._settings))
         return modes
 
-    def _prepare(self, scene: Scene, settings: Settings, *, hold: bool) -> None:
+    def _prepare(self, scene: Scene, settings: Settings) -> None:
         threads, quality = settings.threads, find(settings.quality)
         if scene.layered is None and scene.repair is None:
-            scene = repaired_once(scene, settings, hold=hold)
+            scene = repaired_once(scene, settings)
         scene = scene.as_layers()
         layered = scene.layered
         self._drops_alpha = layered is not None and self._given.layered is None  # not asked for
@@ -243,9 +243,8 @@ class Renderer:
         return (darkened(part, cat_eye, self.size) for part in parts)
 
     def picture(self, progress: Callable[[int, int], None] | None = None) -> Views:
-        """The views of the whole picture, of a scene in memory, in its precision."""
+        """The views of the whole picture, in the precision of the scene."""
         image = self._given.image
-        assert isinstance(image, Tensor), "a picture in memory"
         with self._modes():
             return assembled(self.frame, image, self.tiles(progress=progress))
 
@@ -261,7 +260,7 @@ class Renderer:
         return total(self.frame, self._counts)
 
 
-def repaired_once(scene: Scene, settings: Settings, *, hold: bool = False) -> Scene:
+def repaired_once(scene: Scene, settings: Settings) -> Scene:
     """The scene with the radii by which all its colours are rendered."""
     radius, repair = repair_depth(
         scene.signed_radius,
@@ -271,7 +270,6 @@ def repaired_once(scene: Scene, settings: Settings, *, hold: bool = False) -> Sc
         depth_repair=settings.depth_repair,
         edge_width=settings.edge_width,
         decided=settings.decided,
-        hold=hold,
         matte=scene.matte,
     )
     return replace(scene, signed_radius=radius, repair=repair)

@@ -21,9 +21,9 @@ from defocus_core.renderer.layers.alpha import color_of
 from defocus_core.renderer.layers.layer import CONTINUED, SampleLayer, layers_of, mixed_within
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import Mapped, chosen, held, plus, stacked
+from defocus_core.tensors.derived import chosen, plus
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.source import Pixels, Scalar, banded
+from defocus_core.tensors.source import Scalar, banded
 from defocus_core.tensors.validation import backward_only, described
 
 
@@ -67,15 +67,15 @@ _DECODE = "decode integers to linear light first"
 class Scene:
     """Surfaces in front of the lens: one at each pixel, or layers of them."""
 
-    # [C, H, W], linear light, premultiplied if it has alpha; a tensor or a `Source`. Of a batch
+    # [C, H, W], linear light, premultiplied if it has alpha. Of a batch
     # [C, B, H, W]
-    image: Pixels
-    signed_radius: Pixels  # [H, W] px, negative nearer than focus, the same; of a batch [B, H, W]
+    image: Tensor
+    signed_radius: Tensor  # [H, W] px, negative nearer than focus, the same; of a batch [B, H, W]
     hidden: KnownLayer | None = None  # the known layer behind the visible surface
     # The layers of which `image`, with alpha, is the `picture` in focus and `signed_radius` the
     # `nearest` radius; their views have alpha, too
     layered: Layered | None = None
-    matte: Pixels | None = None  # [H, W], the coverage of a subject; None if it is not known
+    matte: Tensor | None = None  # [H, W], the coverage of a subject; None if it is not known
     # The repair by which the radii were made; None if they are to be repaired
     repair: DepthRepair | None = None
     # Of a batch whose radii are repaired, what all its pictures hold together
@@ -149,17 +149,11 @@ class Scene:
             _check_known(*values)
             complete &= bool(values[2].all())
 
-        def coverage(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-            nearer, other, known = (
-                x[slice(*rows), slice(*columns)] for x in (visible, radius, mask)
-            )
-            behind = (known.to(nearer.device) != 0) & (other.to(nearer.device) > nearer)
-            return torch.stack([torch.ones_like(nearer), behind.to(nearer)]).detach()
-
+        behind = (mask.to(visible.device) != 0) & (radius.to(visible.device) > visible)
         layered = Layered.of(
-            stacked(self.image, color),
-            stacked(visible, radius),
-            held(Mapped(coverage, (2, *visible.shape), visible), visible, threads=1, hold=False),
+            torch.stack([self.image, color.to(self.image)]),
+            torch.stack([visible, radius.to(visible)]),
+            torch.stack([torch.ones_like(visible), behind.to(visible)]).detach(),
         )
         if layered.deepest == 1:
             return replace(self, hidden=None)

@@ -28,7 +28,7 @@ from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost, pieces, sent
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.pyramid import Axis, AxisHalving, axes, halves
-from defocus_core.tensors.source import Pixels, banded
+from defocus_core.tensors.source import banded
 from defocus_core.tensors.sparse_masks import exceeding, positions_of
 from defocus_core.tensors.threads import threaded
 
@@ -62,15 +62,15 @@ class Backdrop(NamedTuple):
 
 
 def backdrop_of(
-    pixels: Pixels,  # [C, H, W] linear, or [C, B, H, W] of a batch
-    signed_radius: Pixels,  # [H, W] px, or [B, H, W]
+    pixels: Tensor,  # [C, H, W] linear, or [C, B, H, W] of a batch
+    signed_radius: Tensor,  # [H, W] px, or [B, H, W]
     limit: float = math.inf,
     dtype: torch.dtype | None = None,  # type to compute in; None for the type of the pixels
     threads: int = 1,
     limits: tuple[float, float] | None = None,  # least and greatest radius in px; None to find them
     *,
     unmixes: bool = True,
-    matte: Pixels | None = None,  # [H, W], the coverage of a subject; None if it is not known
+    matte: Tensor | None = None,  # [H, W], the coverage of a subject; None if it is not known
 ) -> Backdrop:
     """The pyramid of a frame, the reach of its edges, and its mixed pixels taken apart."""
     H, W = signed_radius.shape[-2:]
@@ -137,7 +137,7 @@ def _put_together(
     return half_level, level, edges, MixedPixels.joined([band.mixed for band in bands])
 
 
-def _limits_of(signed_radius: Pixels) -> tuple[float, float]:
+def _limits_of(signed_radius: Tensor) -> tuple[float, float]:
     """The least and the greatest radius in px."""
     ranges = torch.stack([range_of(band) for band in banded(signed_radius)])
     return float(ranges.amin()), float(ranges.amax())

@@ -28,7 +28,6 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.pyramid import Axis, averaged, halves, spread_out
-from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.sparse_masks import flat_nonzero
 
 _Axes = tuple[Axis, Axis]
@@ -225,7 +224,7 @@ def _with_adjacent_surface(
 
 # Colour, radius and mask as of a `HiddenLayer`, in memory or in files: undefined outside the mask,
 # which is not 0 where the layer is known.
-KnownLayer = tuple[Pixels, Pixels, Pixels]
+KnownLayer = tuple[Tensor, Tensor, Tensor]
 
 
 def without_known(

@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from defocus_core.tensors.derived import chosen
-from defocus_core.tensors.source import Pixels
 from defocus_core.tensors.views import Views
 
 
@@ -25,7 +24,7 @@ class Alpha(Enum):
     COVERED = "the coverage of what was composited"
 
 
-def color_of(pixels: Pixels) -> Pixels:
+def color_of(pixels: Tensor) -> Tensor:
     """The colours [C, H, W] of a picture [C + 1, H, W] with alpha."""
     return chosen(pixels, range(pixels.shape[0] - 1))
 

@@ -17,9 +17,9 @@ from torch import Tensor
 
 from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.layer import SampleLayer
-from defocus_core.tensors.box import Box, Span
-from defocus_core.tensors.derived import Mapped, held
-from defocus_core.tensors.source import Pixels, banded
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.derived import in_bands
+from defocus_core.tensors.source import banded
 
 # Greatest radius in px: any picture is a point beside it.
 _MAX_PX = 1e8
@@ -40,9 +40,9 @@ FEW_SAMPLES = 8
 class Layered(NamedTuple):
     """Layers of a frame, in memory or in files, in any order."""
 
-    colors: Pixels  # [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0
-    signed_radius: Pixels  # [L, H, W] px; undefined where coverage is 0
-    coverage: Pixels  # [L, H, W] in [0, 1]
+    colors: Tensor  # [L, C, H, W] linear, premultiplied by coverage; undefined where it is 0
+    signed_radius: Tensor  # [L, H, W] px; undefined where coverage is 0
+    coverage: Tensor  # [L, H, W] in [0, 1]
     limits: tuple[float, float]  # least and greatest signed radius in px of what is there
     open: bool  # whether there are pixels that are not covered fully
     deepest: int  # the greatest number of samples in one pixel
@@ -50,7 +50,7 @@ class Layered(NamedTuple):
     mixed: bool = False
 
     @classmethod
-    def of(cls, colors: Pixels, signed_radius: Pixels, coverage: Pixels) -> Layered:
+    def of(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
         """Look through the layers."""
         minimum, maximum, is_open, deepest = torch.inf, -torch.inf, False, 1
         for radius, cover in zip(banded(signed_radius), banded(coverage), strict=True):
@@ -94,20 +94,20 @@ class Layered(NamedTuple):
         """The number of layers."""
         return self.colors.shape[0]
 
-    def picture(self) -> Pixels:
+    def picture(self) -> Tensor:
         """The picture in focus [C + 1, H, W]: premultiplied colours, and alpha."""
-        return self._read(lambda box: self.stack(box).flattened(), self.colors.shape[1] + 1)
+        return self._read(lambda box: self.stack(box).flattened())
 
     @property
     def alpha(self) -> Alpha:
         """Where the alpha of its views comes from."""
         return Alpha.BLURRED if self.deepest == 1 else Alpha.COVERED
 
-    def nearest(self) -> Pixels:
+    def nearest(self) -> Tensor:
         """The radius [H, W] px of the nearest sample of each pixel."""
         return self._read(lambda box: self.radii(box)[0].amin(0))
 
-    def most_blurred(self) -> Pixels:
+    def most_blurred(self) -> Tensor:
         """The radius [H, W] px of the most blurred sample of each pixel."""
 
         def most_blurred(box: Box) -> Tensor:
@@ -118,15 +118,11 @@ class Layered(NamedTuple):
 
         return self._read(most_blurred)
 
-    def _read(self, function: Callable[[Box], Tensor], *channels: int) -> Pixels:
-        """A picture [*channels, H, W] of a function of boxes; in memory if the layers are."""
-
-        def read(rows: tuple[int, int], columns: tuple[int, int]) -> Tensor:
-            return function(Box.over(Span(*rows), Span(*columns))).to(self.dtype)
-
-        like = torch.empty(0, dtype=self.dtype, device=self.colors.device)
-        picture = Mapped(read, (*channels, *self.colors.shape[2:]), like)
-        return held(picture, *self[:3], threads=1, hold=False)
+    def _read(self, function: Callable[[Box], Tensor]) -> Tensor:
+        """A picture [..., H, W] of a function of boxes."""
+        _, _, height, width = self.colors.shape
+        size, device = (height, width), self.colors.device
+        return in_bands(lambda box: function(box).to(self.dtype), size, device)
 
     def radii(self, box: Box) -> tuple[Tensor, Tensor]:
         """Radii and coverage [L, h, w] in a box; the radius of nothing where it is 0."""

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import avg_pool2d, interpolate, pad
 
-from defocus_core import GuidedDepth, repair_depth
+from defocus_core import guided_depth, repair_depth
 
 SIZE, FAR = (160, 224), 15.0
 TWO = torch.tensor([[0.6, 0.3, 0.15], [0.15, 0.3, 0.4]])[..., None, None]
@@ -81,7 +81,7 @@ def test_repair_is_never_worse_than_none(kind, colors, seed):
     true, given = subject(seed), DAMAGED[kind](seed)
     image = torch.where(true, *COLORS[colors](seed))
     if kind == "quarter":
-        depth = GuidedDepth(1 / (2 - given / FAR), image)[:]
+        depth = guided_depth(1 / (2 - given / FAR), image)
         found: Tensor = (2 - 1 / depth) * FAR
         given = interpolate(given[None, None], SIZE, mode="bilinear")[0, 0]
     else:

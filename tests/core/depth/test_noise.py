@@ -3,15 +3,13 @@
 import pytest
 import torch
 from measures import worst
+from windows import in_window
 
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.noise import AROUND, without_noise
 from defocus_core.evaluation.synthetic_scenes import scenery
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import Repaired
 
 SIZE = (128, 192)
 
@@ -127,9 +125,9 @@ def test_no_axis_is_the_first():
 def test_windows_make_what_the_whole_makes():
     radius = card() + scatter(0.4)
     whole = without_noise(radius, 0.4)
-    lazily = Repaired(radius, lambda r: without_noise(r, 0.4), AROUND)
     for box in (Box(0, 0, 40, 50), Box(60, 70, 68, 122), Box(30, 20, 1, 1)):
-        assert torch.equal(box.of(lazily), box.of(whole))
+        found = in_window(box, lambda r: without_noise(r, 0.4), AROUND, radius)
+        assert torch.equal(found, box.of(whole))
 
 
 def test_means_have_gradients():
@@ -145,25 +143,3 @@ def test_a_noisy_card_in_focus_has_no_holes(quality, amount):
     found = render(image, radius, quality=quality).render
     inside = Box(27, 43, 74, 106)
     assert worst(inside.of(found), inside.of(image)) < 0.06
-
-
-@pytest.mark.parametrize("fixtures", [(), ("no_room",)])
-def test_what_is_held_and_what_is_made_again_are_alike(fixtures, request):
-    class Lazily:
-        """Radii that are not in memory."""
-
-        def __init__(self, radius):
-            self._radius, self.shape = radius, tuple(radius.shape)
-            self.dtype, self.device = radius.dtype, radius.device
-
-        def __getitem__(self, window):
-            return self._radius[window]
-
-    image, radius = scene(card()), (card() + scatter(0.3)).float()
-    whole = render(image, radius).render
-    for name in fixtures:
-        request.getfixturevalue(name)
-    renderer = Renderer(Scene(image, Lazily(radius)))
-    assert renderer.repair.noise == pytest.approx(0.3, rel=0.1)
-    for part in renderer.tiles():
-        assert torch.equal(part.render, part.box.of(whole))

@@ -3,12 +3,12 @@
 import pytest
 import torch
 from measures import worst
+from windows import in_window
 
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.quantised import AROUND, without_terraces
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import Repaired
 
 SIZE = (96, 144)
 LEVELS = 48
@@ -86,9 +86,10 @@ def test_an_edge_beside_small_steps_is_no_softer():
 
 def test_windows_hold_what_the_whole_does():
     radius = in_levels(slope())
-    whole, lazily = without_terraces(radius), Repaired(radius, without_terraces, AROUND)
+    whole = without_terraces(radius)
     for box in (Box(0, 0, *SIZE), Box(10, 33, 40, 50), Box(90, 140, 6, 4)):
-        assert torch.equal(box.of(lazily), box.of(whole))
+        found = in_window(box, without_terraces, AROUND, radius)
+        assert torch.equal(found, box.of(whole))
 
 
 def test_mirrored_and_turned_levels_are_mirrored_and_turned():

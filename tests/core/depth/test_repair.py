@@ -6,7 +6,6 @@ Depth that a renderer wrote comes out as the same object; pictures of it do not 
 import pytest
 import torch
 from measures import worst
-from windows import Windows, put_together, same
 
 from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render, repair_depth
 from defocus_core.evaluation.synthetic_scenes import scenery
@@ -66,25 +65,6 @@ def test_repair_is_rendering_of_repaired_depth(damage):
     auto = render(image, radius).render
     assert torch.equal(auto, render(image, whole, depth_repair="off").render)
     assert not torch.equal(auto, render(image, radius, depth_repair="off").render)
-
-
-@pytest.mark.parametrize("damage", DAMAGED)
-def test_windows_are_repaired_as_the_whole(damage, no_room):
-    image, radius = DAMAGED[damage]()
-    whole = render(image, radius)
-    for hold in (False, True):
-        renderer = Renderer(Scene(Windows(image), Windows(radius)), hold=hold)
-        assert same(put_together(renderer), whole)
-
-
-def test_radii_are_read_once_to_be_repaired_where_there_is_room(no_room):
-    image, radius = quantised(LARGE)
-    read = {}
-    for hold in (False, True):
-        radii = Windows(radius)
-        put_together(Renderer(Scene(Windows(image), radii), hold=hold))
-        read[hold] = radii.looked_at / radius.numel()
-    assert read[True] < 7 < read[False]
 
 
 def test_a_channel_without_light_changes_nothing():

@@ -7,6 +7,7 @@ import torch
 from measures import worst
 from scenes import RADII, pattern
 from torch.nn.functional import max_pool2d
+from windows import in_window
 
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.displacement import AROUND as AROUND_SHIFTS
@@ -26,7 +27,6 @@ from defocus_core.depth.ramps import (
 )
 from defocus_core.depth.repair import repair_depth
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import Repaired
 from defocus_core.tensors.neighbourhoods import extreme_around
 
 SIZE = (60, 96)
@@ -231,9 +231,10 @@ def test_a_window_holds_what_the_whole_holds():
     radius = without_ramps(radius, 0.4)
     (shifts,) = measured_shifts(radius, image, 1, soft=0.0)
     repair = partial(with_shifted_edges, shifts=shifts)
-    whole, lazily = repair(radius, image), Repaired(radius, repair, AROUND_SHIFTS, image)
+    whole = repair(radius, image)
     for box in (Box(130, 140, 30, 40), Box(0, 150, 64, 64)):
-        assert torch.equal(box.of(lazily), box.of(whole))
+        found = in_window(box, repair, AROUND_SHIFTS, radius, image)
+        assert torch.equal(found, box.of(whole))
 
 
 def told(radius):

@@ -84,22 +84,6 @@ def test_a_picture_of_any_type_has_the_lights_of_one_in_floats(dtype):
     torch.testing.assert_close(lights.added, floats.added.to(dtype))
 
 
-def test_windows_are_cut_from_the_whole():
-    class Read:
-        """A source that is no tensor."""
-
-        def __init__(self, image):
-            self._image = image
-            self.shape, self.dtype, self.device = tuple(image.shape), image.dtype, image.device
-
-        def __getitem__(self, window):
-            return self._image[window]
-
-    image = street()
-    whole, source = with_lights(image, 0.8, 16.0), with_lights(Read(image), 0.8, 16.0)
-    torch.testing.assert_close(source[..., 10:70, 30:100], whole[..., 10:70, 30:100])
-
-
 def test_measured_light_and_alpha_stay():
     image = street()
     image[0, 5, 5] = 3.0

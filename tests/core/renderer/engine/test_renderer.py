@@ -1,11 +1,11 @@
-"""A picture that is read through windows and handed out in regions is the picture."""
+"""A picture that is handed out in regions is the picture."""
 
 from functools import partial
 
 import pytest
 import torch
 from counting import calls
-from windows import KINDS, Windows, put_together, same
+from windows import KINDS, put_together, same
 
 from defocus_core import render
 from defocus_core.evaluation.synthetic_scenes import scenery
@@ -21,8 +21,7 @@ def test_a_renderer_is_the_rendering(kind):
     image, radius = scenery(kind, 700, 150, 6.0)
     whole = render(image, radius, left_right=True)
     for threads, at_once in ((1, None), (3, 1), (2, 2)):
-        pixels, radii = Windows(image), Windows(radius)
-        renderer = Renderer(Scene(pixels, radii), Settings(left_right=True, threads=threads))
+        renderer = Renderer(Scene(image, radius), Settings(left_right=True, threads=threads))
         pictures = put_together(renderer, at_once)
         assert pictures.keys() == {*KINDS, "trust"}
         assert same(pictures, whole)
@@ -39,18 +38,10 @@ def soft_picture(height, width):
 def test_a_renderer_of_soft_depth_is_its_rendering():
     image, radius = soft_picture(700, 120)
     whole = render(image, radius)
-    renderer = Renderer(Scene(Windows(image), Windows(radius)), Settings(threads=2))
+    renderer = Renderer(Scene(image, radius), Settings(threads=2))
     assert renderer.repair.soft_edges
     assert same(put_together(renderer), whole)
     assert torch.equal(render(image, radius, threads=3).render, whole.render)
-
-
-def test_no_window_is_as_high_as_a_high_frame():
-    image, radius = scenery("most", 3200, 24, 3.0)
-    pixels, radii = Windows(image), Windows(radius)
-    pictures = put_together(Renderer(Scene(pixels, radii)))
-    assert same(pictures, render(image, radius))
-    assert max(pixels.largest, radii.largest) < 1500
 
 
 def test_half_colour_is_rendered_as_the_same_colour_in_float():
@@ -60,12 +51,12 @@ def test_half_colour_is_rendered_as_the_same_colour_in_float():
     assert same(pictures, render(image.half().float(), radius))
 
 
-def test_a_known_layer_is_read_through_windows_too():
+def test_a_known_layer_is_handed_out_in_regions_too():
     image, radius = scenery("cards", 200, 260, 8.0)
     known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     whole = render(image, radius, hidden=known)
     assert not torch.equal(whole.render, render(image, radius).render)
-    renderer = Renderer(Scene(image, radius, hidden=(*map(Windows, known),)))
+    renderer = Renderer(Scene(image, radius, hidden=known))
     assert same(put_together(renderer), whole)
 
 

@@ -2,12 +2,12 @@
 
 import pytest
 import torch
+from windows import in_window
 
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.ramps import around_ramps, without_ramps
 from defocus_core.renderer.engine.plan import needs_double, surveyed
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import Repaired
 from defocus_core.tensors.source import bands
 
 SIZE = (600, 24)
@@ -95,6 +95,6 @@ def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole():
     radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
     whole = without_ramps(radius)
     assert not torch.equal(whole, radius)
-    lazily = Repaired(radius, without_ramps, around_ramps(None))
     for box in (Box(0, 0, *SIZE), Box(245, 3, 7, 9), Box(256, 0, 100, 24)):
-        assert torch.equal(box.of(lazily), box.of(whole))
+        found = in_window(box, without_ramps, around_ramps(None), radius)
+        assert torch.equal(found, box.of(whole))
