@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -43,15 +43,11 @@ def bands(shape: Sequence[int], pixels: int = 0) -> list[slice]:
     return [slice(*pair) for pair in pairwise([*range(0, height, count), height])]
 
 
-def count_of(masks: Iterable[tuple[NDArray[np.bool_], int]]) -> tuple[int, str]:
-    """Number of true pixels in bands [h, W], each with its first row, and the first as x,y."""
-    count, first = 0, ""
-    for band, top in masks:
-        if not count and band.any():
-            y, x = np.unravel_index(int(band.argmax()), band.shape)
-            first = f"{x},{y + top}"
-        count += int(np.count_nonzero(band))
-    return count, first
+def count_of(mask: NDArray[np.bool_]) -> tuple[int, str]:
+    """Number of true pixels [H, W], and the first as x,y; empty if there is none."""
+    count = int(np.count_nonzero(mask))
+    y, x = np.unravel_index(int(mask.argmax()), mask.shape) if count else (0, 0)
+    return count, f"{x},{y}" if count else ""
 
 
 def sample_plane(plane: Any) -> Any:

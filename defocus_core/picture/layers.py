@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -43,11 +44,8 @@ class Layers:
     @property
     def is_flat(self) -> bool:
         """Whether each pixel has one sample that covers it, as of a picture that is not deep."""
-        return all(
-            np.all(np.stack([alpha[rows] > 0 for alpha in self.alpha]).sum(0) == 1)
-            and np.all(np.max([alpha[rows] for alpha in self.alpha], axis=0) >= 1)
-            for rows in bands(self.alpha[0].shape)
-        )
+        count = sum((alpha > 0).astype(np.uint8) for alpha in self.alpha)
+        return bool(np.all(count == 1) and np.all(reduce(np.maximum, self.alpha) >= 1))
 
     def before(self, plate: Layers) -> Layers:
         """These layers and those of a plate behind them."""
@@ -81,8 +79,7 @@ class Layers:
                     plane[rows] = strip.dense(chosen, strip.values[name])
         far = np.float32(np.inf)
         for layer in layers:
-            for rows in bands(shape):
-                layer[DEPTH][rows] = np.where(layer[ALPHA][rows] > 0, layer[DEPTH][rows], far)
+            layer[DEPTH][~(layer[ALPHA] > 0)] = far
         return replace(
             self,
             light=tuple(tuple(layer[name] for name in names[:-1]) for layer in layers),

@@ -35,8 +35,8 @@ def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | No
 
 def write_depth_preview(path: Path, metres: Any) -> None:
     """Write depth [H, W] as disparity, from black at infinity to white at the nearest pixel."""
-    near = (float(np.min(metres[rows])) for rows in bands(metres.shape))
-    nearest = min((value for value in near if np.isfinite(value)), default=1.0)
+    nearest = float(np.min(metres))
+    nearest = nearest if np.isfinite(nearest) else 1.0
     write_preview(path, (nearest / metres)[:, :, None])
 
 
@@ -45,7 +45,7 @@ def write_signed_preview(path: Path, radius: Any) -> None:
 
     The colours are symmetric about 0; full colour is the largest finite |radius|.
     """
-    maximum = max(largest(radius[rows]) for rows in bands(radius.shape))
+    maximum = largest(radius)
     encoded = (quantised(diverging(radius[rows], maximum), 8) for rows in bands(radius.shape))
     write_samples(path, radius.shape, encoded, "png", {})
 
@@ -78,7 +78,7 @@ def focus_planes(light: Sequence[Any], radius: Any) -> tuple[Any, ...]:
 
     `light`: of each colour [H, W], linear; `radius`: signed CoC radius in px, [H, W].
     """
-    maximum = max(largest(radius[rows]) for rows in bands(radius.shape))
+    maximum = largest(radius)
 
     def shown(px: NDArray[Any], *colors: NDArray[Any]) -> NDArray[Any]:
         grey = np.mean([c.astype("float32") for c in colors], axis=0, dtype="float32")

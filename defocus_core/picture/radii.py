@@ -46,8 +46,8 @@ def radii_of(lens: Lens, depth: Depth) -> Radii:
         near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
         scale = (infinity - near) * MM_PER_M
     limits = _limits_of(px, depth)
-    for rows in bands(px.shape) if depth.empty is not None else ():
-        px[rows] = np.where(depth.empty[rows], np.float32(limits[1]), px[rows])
+    if depth.empty is not None:
+        px[depth.empty] = limits[1]
     radii = Radii(px, limits, infinity, scale)
     return radii if lens.clamp_blur is None else _clamp(radii, lens.clamp_blur, depth)
 
@@ -78,14 +78,11 @@ def _relative(blur: float, lens: Lens, depth: Depth) -> Any:
 
 def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:
     """The radii of which none is larger than ``limit`` px."""
-    clamped = 0
-    whole = np.zeros(radii.px.shape, "float32")  # those of a file are other jobs', too
-    for rows in bands(radii.px.shape):
-        larger = np.abs(radii.px[rows]) > np.float32(limit)
-        if depth.empty is not None:
-            larger &= ~depth.empty[rows]
-        clamped += int(np.count_nonzero(larger))
-        whole[rows] = np.clip(radii.px[rows], -limit, limit)
+    larger = np.abs(radii.px) > np.float32(limit)
+    if depth.empty is not None:
+        larger &= ~depth.empty
+    clamped = int(np.count_nonzero(larger))
+    whole = np.clip(radii.px, -limit, limit)  # those of a file are other jobs', too
 
     def within(radius: float) -> float:
         return min(max(radius, -limit), limit)
@@ -162,12 +159,9 @@ def _refuse_infinite(
 
 def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
     """The least and greatest radius, in px, of what is there; not of what no frame would hold."""
-    ends: list[float] = []
-    for rows in bands(px.shape):
-        radius = px[rows] if depth.empty is None else px[rows][~depth.empty[rows]]
-        radius = radius[np.isfinite(radius)] if depth.is_radius else radius
-        ends += [float(radius.min()), float(radius.max())] if radius.size else []
-    least, greatest = min(ends, default=0.0), max(ends, default=0.0)
+    radius = px if depth.empty is None else px[~depth.empty]
+    radius = radius[np.isfinite(radius)] if depth.is_radius else radius
+    least, greatest = (float(radius.min()), float(radius.max())) if radius.size else (0.0, 0.0)
     remedy = "check ‹depth-unit› and ‹focus›"
     if depth.is_radius and not depth.is_relative and max(-least, greatest) > _MAX_PX:
         problem, remedy = (
@@ -175,9 +169,7 @@ def _limits_of(px: Any, depth: Depth) -> tuple[float, float]:
             "check ‹depth-format› coc",
         )
     elif not depth.is_radius and not -least <= _MAX_PX:
-        nearest = min(
-            float(each.min()) for rows in bands(px.shape) if (each := depth.present(rows)).size
-        )
+        nearest = float(depth.present.min())
         problem = f"has a depth of {nearest:.3g} m, which is blurred by {-least:.2g} px"
     elif not depth.is_radius and not greatest <= _FARTHEST_PX:
         problem = f"is blurred by {greatest:.2g} px: focus is hardly beyond the focal length"
@@ -221,8 +213,7 @@ def of_radii(
         return
     height, width = depth.metres.shape
     remedy = f"check {'the declared format or unit' if declared else '‹depth-unit›'} and ‹focus›"
-    near = (depth.metres[rows] * MM_PER_M < lens.foclen for rows in bands(depth.metres.shape))
-    nearer = sum(int(np.count_nonzero(band)) for band in near)
+    nearer = int(np.count_nonzero(depth.metres * MM_PER_M < lens.foclen))
     if nearer:
         where = f"nearer than the focal length {length_text(lens.foclen)}"
         yield f"depth is {where} in {counted(nearer, 'pixel')}; {remedy}"
@@ -238,18 +229,15 @@ def _least_blur(radius: Any, greatest: float) -> str:
     """The blur of the sharpest pixel, in words, where nothing is in focus; empty elsewhere."""
     if greatest <= SHARP_PX:
         return ""
-    sharpest = min(float(np.abs(radius[rows]).min()) for rows in bands(radius.shape))
+    sharpest = float(np.abs(radius).min())
     is_sharp = sharpest <= max(SHARP_PX, SHARP_SHARE * greatest)
     return "" if is_sharp else f"the sharpest pixel has a CoC radius of {sharpest:.3g} px"
 
 
 def _range_text(depth: Depth) -> str:
     """The range of the depth that is not sky, like ``from 2m to 40m``."""
-    nearest, farthest = math.inf, 0.0
-    for rows in bands(depth.metres.shape):
-        metres = depth.metres[rows]
-        nearest = min(nearest, float(metres.min()))
-        farthest = max(farthest, float(np.where(np.isinf(metres), 0, metres).max()))
+    nearest = float(depth.metres.min())
+    farthest = float(np.max(depth.metres, where=np.isfinite(depth.metres), initial=0.0))
     if math.isinf(nearest):
         return "nowhere but to the sky"
     near, far = (length_text(float(f"{x * MM_PER_M:.3g}")) for x in (nearest, farthest))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, with_dashes
-from defocus_core.io.arrays import bands, computed, count_of
+from defocus_core.io.arrays import bands, computed
 from defocus_core.io.exr.channel_choice import in_words, is_depth, name_in_view
 from defocus_core.io.exr.header import codec_of
 from defocus_core.io.exr.windows import Layout, Overscan, Window
@@ -116,12 +116,8 @@ def _not_finite(carried: Mapping[str, Any]) -> Iterator[str]:
     """What is said of channels that are copied and hold NaN or inf, which in depth is sky."""
     for name, plane in carried.items():
         if plane.dtype.kind == "f":
-            asked = np.isnan if is_depth(name) else np.isfinite
-            wrong = (
-                (asked(plane[rows]) == is_depth(name), rows.start) for rows in bands(plane.shape)
-            )
-            count, _ = count_of(wrong)
-            if count:
+            wrong = np.isnan(plane) if is_depth(name) else ~np.isfinite(plane)
+            if count := int(np.count_nonzero(wrong)):
                 what = "NaN" if is_depth(name) else "NaN or infinite"
                 yield f"{name}, which is copied, is {what} in {counted(count, 'pixel')}"
 

@@ -5,7 +5,6 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -123,21 +122,18 @@ class Depth:
         """Whether the file holds radii in px, of which no distance is taken for another."""
         return self.is_radius and not self.is_relative
 
-    def present(self, rows: slice) -> NDArray[np.float32]:
-        """The depths of some rows but where there is nothing."""
-        band: NDArray[np.float32] = self.metres[rows]
-        return band.ravel() if self.empty is None else band[~self.empty[rows]]
+    @property
+    def present(self) -> NDArray[np.float32]:
+        """The depths [n] but where there is nothing."""
+        whole: NDArray[np.float32] = self.metres
+        return whole.ravel() if self.empty is None else whole[~self.empty]
 
     @property
     def ends(self) -> tuple[float, float] | None:
         """The least and the greatest of the valid depths of what is there; None of nothing."""
-        least, greatest = np.float32(np.inf), np.float32(-np.inf)
-        for rows in bands(self.metres.shape):
-            valid = self.valid(rows)
-            known = self.metres[rows][valid if self.empty is None else valid & ~self.empty[rows]]
-            least = min(least, known.min(initial=np.inf))
-            greatest = max(greatest, known.max(initial=-np.inf))
-        return None if greatest == -np.inf else (float(least), float(greatest))
+        valid = self.valid(slice(None))
+        known = self.metres[valid if self.empty is None else valid & ~self.empty]
+        return (float(known.min()), float(known.max())) if known.size else None
 
     def valid(self, rows: slice) -> NDArray[np.bool_]:
         """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
@@ -180,8 +176,7 @@ def read_depth(
 
         refuse_assumed(path, values)
         told.append("16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›")
-    every = (is_sky(values[rows], row) for rows in bands(values.shape))
-    if reading.sky is not None and not any(sky.any() for sky in every):
+    if reading.sky is not None and not is_sky(values, row).any():
         told.append(f"‹sky› {reading.sky:g} marks no pixel")
     metres, half_sky = _decode(values, row, overscan)
     words = [samples.words, division, row.words, *_apply_marks(samples, row, metres)]
@@ -224,7 +219,7 @@ def read_numbers(
 
 def require_valid(depth: Depth) -> None:
     """Refuse a depth map with holes."""
-    count, first = count_of((~depth.valid(rows), rows.start) for rows in bands(depth.metres.shape))
+    count, first = count_of(depth.invalid)
     if not count:
         return
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
@@ -262,13 +257,8 @@ def _is_behind(depth: Depth) -> bool:
     """Whether it has negative numbers, and none that is positive and finite."""
     if depth.is_radius:
         return False
-    has_negative = False
-    for rows in bands(depth.metres.shape):
-        metres = depth.metres[rows]
-        if ((metres > 0) & (metres < np.inf)).any():
-            return False
-        has_negative |= bool((metres < 0).any())
-    return has_negative
+    metres = depth.metres
+    return bool((metres < 0).any()) and not ((metres > 0) & (metres < np.inf)).any()
 
 
 def _decode(values: Any, row: DepthFormat, overscan: Overscan) -> tuple[Any, bool]:
@@ -293,8 +283,7 @@ def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterat
 
         marks += (mask_beside(row.mask, samples.path, metres.shape),)
     for mark in marks:
-        for rows in bands(metres.shape):
-            metres[rows] = np.where(mark.pixels[rows], np.float32(mark.depth), metres[rows])
+        metres[mark.pixels] = mark.depth
         yield mark.words
 
 
@@ -303,8 +292,7 @@ def _replaced(depth: Depth, how: str) -> Depth:
 
     Of relative disparity its farthest number is far.
     """
-    shape = depth.metres.shape
-    count, _ = count_of((~depth.valid(rows), rows.start) for rows in bands(shape))
+    count = int(np.count_nonzero(depth.invalid))
     if not count:
         words = f"{depth.path.name}: ‹invalid› {how} finds no invalid pixel"
         return replace(depth, warnings=(*depth.warnings, words))
@@ -316,14 +304,13 @@ def _replaced(depth: Depth, how: str) -> Depth:
     farther = np.minimum if is_falling else np.maximum
     if _is_behind(depth):
         raise InputError("invalid-depth", *_BEHIND, path=depth.path)
-    if count == math.prod(shape):
+    if count == depth.metres.size:
         remedy = "give depth" if depth.is_relative else "check ‹depth-format›"
         raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
     if how == "far":
         ends = depth.ends if depth.is_relative else None
         far = np.float32(farther.reduce(ends) if ends else np.inf)
-        for rows in bands(shape):
-            depth.metres[rows] = np.where(depth.valid(rows), depth.metres[rows], far)
+        depth.metres[depth.invalid] = far
         taken = "the farthest number" if depth.is_relative else "infinitely far"
         words = f"{counted(count, 'invalid pixel')} taken as {taken}"
     else:

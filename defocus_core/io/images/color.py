@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import bands, count_of
+from defocus_core.io.arrays import count_of
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     choose_color,
@@ -213,10 +213,7 @@ def _no_exr(path: Path, part: int | None, *, original: bool) -> Color:
 def count_beyond(color: Color, maximum: float) -> tuple[int, str]:
     """Number of pixels of a colour image that are NaN or beyond ±most, and the first as x,y."""
     most = np.float32(maximum)
-    return count_of(
-        (~np.logical_and.reduce([np.abs(p[rows]) <= most for p in color.planes]), rows.start)
-        for rows in bands(color.shape)
-    )
+    return count_of(~np.logical_and.reduce([np.abs(p) <= most for p in color.planes]))
 
 
 def require_finite(color: Color) -> None:

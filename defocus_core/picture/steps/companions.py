@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import bands, computed, times
+from defocus_core.io.arrays import computed, times
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
 from defocus_core.io.depth_formats.reading import stretched
@@ -115,12 +115,9 @@ def _check(element: Color, plate: Plate) -> Plate:
         problem = f"has {', '.join(names[1])} but the element {', '.join(names[0])}"
         raise InputError("wrong-size", problem, "give a plate of the same channels", path=path)
     refuse_other_primaries(path, plate.color.attributes, element.attributes, "the element")
-    beyond = glowing = 0
-    for rows in bands(alpha.shape):
-        fraction = np.asarray(alpha[rows])
-        beyond += int(np.count_nonzero((fraction < 0) | (fraction > 1)))
-        lit = np.logical_or.reduce([light[rows] != 0 for light in element.light])
-        glowing += int(np.count_nonzero((fraction <= 0) & lit))
+    beyond = int(np.count_nonzero((alpha < 0) | (alpha > 1)))
+    lit = np.logical_or.reduce([light != 0 for light in element.light])
+    glowing = int(np.count_nonzero((alpha <= 0) & lit))
     warnings = list(plate.warnings)
     if beyond:
         warnings.append(f"alpha beyond 0…1 in {counted(beyond, 'pixel')} taken as 0 or 1")
@@ -143,9 +140,7 @@ def _far_away(wanted: InputPair) -> Plate:
         raise InputError("radii", f"has no {what}", remedy, path=picture.color)
     color = read_color(picture.color, view=reading.view, overscan=overscan)
     require_finite(color)
-    metres = np.zeros(color.shape[:2], np.float32)
-    for rows in bands(color.shape):
-        metres[rows] = np.full(metres[rows].shape, np.inf, np.float32)
+    metres = np.full(color.shape[:2], np.inf, np.float32)
     depth = Depth(metres, picture.color, "", "no depth, infinitely far", overscan=overscan)
     warning = f"{picture.color.name}: the plate has no depth and is taken as infinitely far"
     return Plate(picture, reading, color, element_depth(depth, color), (warning,))
@@ -174,10 +169,8 @@ def show_hidden(surfaces: Surfaces) -> Surfaces:
     take = surfaces.take
     assert take.inputs.hidden is not None
     color, depth = take.inputs.hidden
-    known = np.zeros(depth.metres.shape, np.bool_)
-    for rows in bands(depth.metres.shape):
-        shown = np.logical_or.reduce([plane[rows] != 0 for plane in color.planes])
-        known[rows] = np.isfinite(depth.metres[rows]) | shown
+    shown = np.logical_or.reduce([plane != 0 for plane in color.planes])
+    known = np.isfinite(depth.metres) | shown
     px = times(radii_of(take.lens, depth).px, take.longer_axis)
     light = picture_on(color.planes, take.device)
     hidden = light, map_on(px, take.device), map_on(known, take.device)

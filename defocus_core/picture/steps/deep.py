@@ -128,11 +128,9 @@ def _metres(numbers: Any, pair: InputPair) -> Any:
 
 def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:
     """The depth of one layer; infinitely far where it has no sample."""
-    for rows in bands(metres.shape):
-        far = np.float32(0 if like.is_radius else np.inf)
-        metres[rows] = np.where(np.asarray(alpha[rows]) > 0, metres[rows], far)
+    metres[~(np.asarray(alpha) > 0)] = 0 if like.is_radius else np.inf
     depth = replace(like, metres=metres, empty=None)
-    count, first = count_of((~depth.valid(rows), rows.start) for rows in bands(metres.shape))
+    count, first = count_of(depth.invalid)
     if count:
         problem = f"is NaN or ≤ 0 in {counted(count, 'sample')}, the first in pixel {first}"
         raise InputError(
