@@ -31,9 +31,9 @@ from defocus_core.depth.ramps import (
     softness,
     steepness,
 )
+from defocus_core.tensors.bands import Scalar, bands
 from defocus_core.tensors.device_plan import launches_cost, sent
 from defocus_core.tensors.neighbourhoods import extreme_around, ranges_of
-from defocus_core.tensors.source import Scalar, bands
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, sums_of_each
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.ties import off_round

@@ -26,6 +26,7 @@ from torch.nn.functional import embedding_bag
 from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
 from defocus_core.depth.ramps import HARD_STEP, LEVEL, slope_of_soft_edges
+from defocus_core.tensors.bands import banded, bands
 from defocus_core.tensors.device_plan import pieces, sent
 from defocus_core.tensors.neighbourhoods import (
     extreme_around,
@@ -33,7 +34,6 @@ from defocus_core.tensors.neighbourhoods import (
     ranges_of,
     squares_around,
 )
-from defocus_core.tensors.source import banded, bands
 from defocus_core.tensors.sparse_masks import (
     exceeding,
     flat_nonzero,

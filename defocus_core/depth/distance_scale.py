@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.bands import Scalar
 
 # Radii less than this many px from the radius of infinity count as infinitely far.
 INFINITE = 2.0**-12

@@ -13,8 +13,8 @@ import math
 import torch
 from torch import Tensor
 
+from defocus_core.tensors.bands import bands
 from defocus_core.tensors.neighbourhoods import extreme_around, steps_beside
-from defocus_core.tensors.source import bands
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, tally_of
 from defocus_core.tensors.ties import off_round
 

@@ -33,9 +33,9 @@ from defocus_core.depth.ramps import (
     without_ramps,
     without_wide_ramps,
 )
+from defocus_core.tensors.bands import banded
 from defocus_core.tensors.derived import fraction_changed, repaired
 from defocus_core.tensors.neighbourhoods import range_of
-from defocus_core.tensors.source import banded
 from defocus_core.tensors.ties import off_round
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import number, one_of

@@ -27,7 +27,7 @@ from defocus_core.optics.outline import (
 )
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
 from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.validation import described, number, whole
 
 PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")

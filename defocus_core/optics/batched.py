@@ -16,7 +16,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye, Rim
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import Part
-from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.torch_modes import requires_grad
 
 

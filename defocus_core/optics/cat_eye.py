@@ -16,7 +16,7 @@ from torch import Tensor
 
 from defocus_core.optics.outline import Disc, Outline, Squeezed
 from defocus_core.optics.parts import middles
-from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.validation import number
 
 _LENGTHS = "lengths are in radii of the pupil"

@@ -13,8 +13,8 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.optics.sensitivity import Sensitivity
+from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.device_plan import beside
-from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import described, number, one_of
 
 # The share of the light at lens point u.x that the left photodiode gets is 1 for the left half of

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from defocus_core.optics.outline import Outline
 from defocus_core.optics.sensitivity import Sensitivity
-from defocus_core.tensors.source import Scalar
+from defocus_core.tensors.bands import Scalar
 
 # Cuts between sixteen parts, along both axes; the outer parts of a disc are then about as large.
 _CUTS = (-1.0, -0.45, 0.0, 0.45, 1.0)

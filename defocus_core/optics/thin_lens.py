@@ -22,8 +22,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.gone import remedy
+from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.device_plan import sent
-from defocus_core.tensors.source import Scalar
 from defocus_core.tensors.validation import (
     bad_depth,
     between,

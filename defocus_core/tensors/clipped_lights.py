@@ -26,9 +26,9 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.tensors.bands import Scalar, banded, bands
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import in_bands
-from defocus_core.tensors.source import Scalar, banded, bands
 from defocus_core.tensors.sparse_masks import positions_of
 from defocus_core.tensors.validation import number, whole
 

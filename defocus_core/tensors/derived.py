@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import torch
 from torch import Tensor
 
+from defocus_core.tensors.bands import Scalar, bands_of
 from defocus_core.tensors.box import Box, Span
-from defocus_core.tensors.source import Scalar, bands_of
 from defocus_core.tensors.threads import threaded
 
 # Least height of a band, as a multiple of the margin.

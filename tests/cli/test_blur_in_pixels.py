@@ -182,6 +182,6 @@ def test_such_a_range_is_told_in_the_numbers_of_the_file_everywhere(tmp_path):
     assert {sample.sample_id: sample.lens.sharp_range for sample in samples(out)} == names
     assert {path.stem for path in (out / "render").iterdir()} == names.keys()
     journal = (out / "journal.jsonl").read_text()
-    assert f'"sharp_range": "{near}"' in journal
+    assert f'"sharp_range":"{near}"' in journal
     more = ("--blur", "8px", "--sharp-range", near, "-o", tmp_path / "one")
     assert f" sharp range {near}," in succeed("render", *inputs.values(), *more).err

@@ -80,7 +80,7 @@ def test_another_version_is_said(made, tmp_path):
     journal = copied(made[1], tmp_path / "two") / "journal.jsonl"
     text = journal.read_text()
     assert '"version":' in text
-    journal.write_text(text.replace('"version": "', '"version": "99.'))
+    journal.write_text(text.replace('"version":"', '"version":"99.'))
     (line, _) = run("compare", made[1], journal.parent).out.splitlines()
     assert line.startswith("recipe: version 99.")
     assert line.endswith("in 2 of 2 samples")

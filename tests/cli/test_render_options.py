@@ -101,7 +101,7 @@ def test_machine_options_are_recorded(tmp_path):
     picture = ran.json["pictures"][0]
     assert (picture["device"], picture["quality"]) == ("cpu", "high")
     assert header(tmp_path / "out" / "render" / "a.exr")["defocus:device"] == "cpu"
-    assert '"tile": 64' in (tmp_path / "out" / "journal.jsonl").read_text()
+    assert '"tile":64' in (tmp_path / "out" / "journal.jsonl").read_text()
 
 
 def test_more_quality_is_another_picture(tmp_path):

@@ -46,11 +46,11 @@ from defocus_core.renderer.layers.slice_radii import (
     octaves,
     slice_radii,
 )
+from defocus_core.tensors.bands import banded, bands
 from defocus_core.tensors.box import BLOCK, Box, Grid, few_tiles, grid_over, largest, regions
 from defocus_core.tensors.device_plan import launches_cost, pieces, tile_pixels
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.order_statistics import Ranks, counted
-from defocus_core.tensors.source import banded, bands
 from defocus_core.tensors.threads import threaded
 
 # Greatest radius in px: any picture is a point beside it.

@@ -20,10 +20,10 @@ from defocus_core.renderer.inpainting.hidden_layers import (
 from defocus_core.renderer.layers.alpha import color_of
 from defocus_core.renderer.layers.layer import CONTINUED, SampleLayer, layers_of, mixed_within
 from defocus_core.renderer.layers.samples import Layered
+from defocus_core.tensors.bands import Scalar, banded
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.derived import chosen, plus
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.source import Scalar, banded
 from defocus_core.tensors.validation import backward_only, described
 
 

@@ -24,11 +24,11 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
     stacked,
 )
 from defocus_core.renderer.layers.layer import layers_of, mixed_within
+from defocus_core.tensors.bands import banded
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost, pieces, sent
 from defocus_core.tensors.neighbourhoods import range_of, ranges_of
 from defocus_core.tensors.pyramid import Axis, AxisHalving, axes, halves
-from defocus_core.tensors.source import banded
 from defocus_core.tensors.sparse_masks import exceeding, positions_of
 from defocus_core.tensors.threads import threaded
 
