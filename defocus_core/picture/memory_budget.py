@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 SHARE = 0.8
 # Share of the capacity for the arrays of all pictures in the pipeline; how many these are.
 _FOR_PICTURES, _PICTURES = 0.25, 3
-# Memory in which the smallest picture is computed.
-_LEAST_MB = 40.0
+# Memory in which the smallest picture is computed; and that of others, in sizes of their arrays.
+_LEAST_MB, _USUAL = 40.0, 2.0
 # Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
@@ -83,7 +83,7 @@ def require_room(job: Job) -> None:
     if arrays + whole <= (left := capacity_mb(job.machine)):
         return
     problem = f"takes {arrays + whole:.0f} MB decoded, {left:.0f} MB are left"
-    enough = enough_mb(divide(arrays, left), max(arrays, whole) + _LEAST_MB)
+    enough = enough_mb(divide(arrays, left), _USUAL * max(arrays, whole) + _LEAST_MB)
     remedy = _remedy(job, enough, "", "cpu")
     raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
 
