@@ -31,6 +31,7 @@ _NEAR = 0.02  # greatest difference of a matrix from that of known primaries
 _GREY = 2e-3  # greatest relative difference of the channels of a grey
 _SAME = 2e-3  # greatest relative difference from the limit of what was clipped
 _CUT = 0.95  # least share of the pixels beyond the limit that are at it
+_BELOW = 0.97  # of the limit, beyond which there are values that were not cut off
 _MORE = 1.05  # what was cut off is brighter than the limit by this
 _SEVERAL = 3  # values that were cut off, at least
 _MOST_IDS = 2000
@@ -43,17 +44,19 @@ def clipped_light(pixels: Pixels) -> list[Finding]:
         high, limit = (max(_high(pixels, side, name) for name in layer) for side in "ab")
         if not (math.isfinite(high) and high > _MORE * limit > 0):
             continue
-        beyond, cut, between = 0, 0, 0
+        beyond, cut, between, below = 0, 0, 0, 0
         for name in layer:
             a, b = pixels.plane("a", name), pixels.plane("b", name)
             over = a > (1 + _SAME) * limit
+            below += int(np.count_nonzero((b > _BELOW * limit) & (b < (1 - _SAME) * limit)))
             old, new = a[over].astype(np.float64), b[over].astype(np.float64)
             at_limit = np.abs(new - limit) <= _SAME * limit
             beyond += new.size
             cut += int(np.count_nonzero(at_limit))
             between += int(np.count_nonzero(at_limit & (old < 0.98 * high)))
         plain = abs(limit - 1.0) <= _SAME
-        if beyond and cut >= _CUT * beyond and (plain or between >= 3):
+        # Coarse levels have none just below their highest.
+        if beyond and cut >= _CUT * beyond and (plain or (between >= _SEVERAL and below)):
             name = f"clipped at {limit:.4g}"
             return [Finding(name, name, {"limit": limit, "values": beyond})]
     return []
