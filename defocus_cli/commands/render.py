@@ -89,7 +89,7 @@ def command(
     dry_run: bool,
 ) -> None:
     """Parse the options, render the pictures that are left to do, and report."""
-    pictures, every = find(color, depth, others, frames=shot.choice(lenses))
+    pictures, every = find(color, depth, others, frames=shot.frames)
     if not lenses.is_complete:
         from defocus_core.picture.subject import with_blur_and_focus
 

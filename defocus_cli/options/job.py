@@ -144,14 +144,9 @@ def _asked_reading(**_: Any) -> Reading:
 class ShotOptions:
     """The options of a shot beside its lens."""
 
-    frames: Layer  # which are wanted
+    frames: FrameChoice  # which are wanted
     together: Layer  # what the frames have in common
     contact: int | None = None  # number of pictures on a contact sheet; None for no sheet
-
-    def choice(self, lenses: PictureLenses) -> FrameChoice:
-        """The frames that are wanted."""
-        keyed = () if lenses.animation is None else lenses.animation.frames
-        return choice_of(self.frames, CALLER.at, keyed)
 
 
 def shot_options(command: Command) -> Command:
@@ -160,7 +155,7 @@ def shot_options(command: Command) -> Command:
 
     def make(contact: int | None, **values: Any) -> ShotOptions:
         frames, together = (given_options(values, rows) for rows in (INPUT_OPTIONS, SHOT_OPTIONS))
-        return ShotOptions(frames, together, contact)
+        return ShotOptions(choice_of(frames, CALLER.at), together, contact)
 
     return bundle("shot", make, [*map(param_option, rows), contact_option])(command)
 

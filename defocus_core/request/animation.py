@@ -43,11 +43,6 @@ class Animation:
     keys: Mapping[str, Mapping[int, Given]]  # by option, by frame, ascending
 
     @property
-    def frames(self) -> tuple[int, ...]:
-        """The frames that have a key, ascending."""
-        return tuple(sorted({frame for keys in self.keys.values() for frame in keys}))
-
-    @property
     def taken(self) -> dict[str, str]:
         """The options that are animated, those of the same meaning, too, and where."""
         return {

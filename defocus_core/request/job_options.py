@@ -479,8 +479,8 @@ _INPUTS = (
         name="frames",
         heading="Shot",
         metavar="LIST",
-        help="Frames of patterns like 'shot.####.exr': 1001-1240, 1001-1240x2, 1001,1005; or "
-        "keys, those with a key of ‹animate›.  [default: all that are there]",
+        help="Frames of patterns like 'shot.####.exr': 1001-1240, 1001-1240x2, 1001,1005.  "
+        "[default: all that are there]",
     ),
     Param(
         name="missing",

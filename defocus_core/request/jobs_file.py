@@ -120,7 +120,7 @@ def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machi
     lenses = _lenses(tables["lens"], tables["sweep"], tables["sample"], animation, reading)
     outputs = outputs_of(layer_in(tables["outputs"], OUTPUT_OPTIONS), outputs)
     quality = fields_of(layer_in(tables["machine"], MACHINE_OPTIONS, "depth-repair"))
-    entries, shot = read_inputs(tables["inputs"], () if animation is None else animation.frames)
+    entries, shot = read_inputs(tables["inputs"])
     if (count := len(entries) * lenses.count) > MAX_JOBS:
         problem, remedy = f"asks for {count} pictures", f"split it into files of at most {MAX_JOBS}"
         raise UsageProblem("out-of-range", problem, remedy, path=path)
@@ -202,13 +202,13 @@ class Entry:
     options: Layer = field(default_factory=dict)
 
 
-def read_inputs(table: Table, keyed: tuple[int, ...] = ()) -> tuple[list[Entry], list[Entry]]:
+def read_inputs(table: Table) -> tuple[list[Entry], list[Entry]]:
     """The pictures of ``[inputs]`` in the order of the file, and all frames of its shot, if any.
 
     `table`: ``[inputs]``, whose patterns give pictures by name.
     """
     table.refuse_unknown(tuple(keys_of(INPUT_OPTIONS)))
-    entries, shot = _from_files(table, keyed)
+    entries, shot = _from_files(table)
     for name in table.texts("list"):
         file = table.file.parent / name
         entries += _from_rows(read_rows(file, "list of pictures", _EXAMPLE), file)
@@ -236,7 +236,7 @@ def _others(paths: Mapping[str, Path], where: Place) -> dict[str, tuple[Path, Pa
     return {role: (paths[role], paths.get(f"{role}-depth")) for role in OTHERS if role in paths}
 
 
-def _from_files(table: Table, keyed: tuple[int, ...]) -> tuple[list[Entry], list[Entry]]:
+def _from_files(table: Table) -> tuple[list[Entry], list[Entry]]:
     values = {key: value for key, value in table.values.items() if key not in ("list", "pictures")}
     options = layer_of(values, INPUT_OPTIONS, table.place)
     paths = {name: Path(each.text) for name, each in options.items() if INPUT_OPTIONS[name].is_path}
@@ -250,7 +250,7 @@ def _from_files(table: Table, keyed: tuple[int, ...]) -> tuple[list[Entry], list
         paths.get("depth"),
         _others(paths, table.place()),
         patterns_in=table.file.parent,
-        frames=choice_of(options, table.place, keyed),
+        frames=choice_of(options, table.place),
     )
     pictures, shot = ([Entry(picture, table.place()) for picture in each] for each in found)
     return pictures, shot

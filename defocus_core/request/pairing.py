@@ -21,7 +21,7 @@ from defocus_core.io.shots.frame_patterns import (
     ALL,
     FrameChoice,
     chosen,
-    frame_choice,
+    frame_numbers,
     frames_of,
     is_pattern,
 )
@@ -105,12 +105,14 @@ def find(
     return list(pictures.values()), []
 
 
-def choice_of(options: Layer, at: Callable[[str], Place], keyed: tuple[int, ...]) -> FrameChoice:
-    """The frames that options ask for; ``at``: the place of an option, ``keyed``: with a key."""
-    frames, missing = (
-        options[name].text if name in options else None for name in ("frames", "missing")
+def choice_of(options: Layer, at: Callable[[str], Place]) -> FrameChoice:
+    """The frames that options ask for; ``at``: the place of an option."""
+    frames, missing = options.get("frames"), options.get("missing")
+    return FrameChoice(
+        None if frames is None else frame_numbers(frames.text, frames.place),
+        ALL.missing if missing is None else missing.value,
+        at("missing" if frames is None else "frames"),
     )
-    return frame_choice(frames, missing, (at("frames"), at("missing")), keyed)
 
 
 def _refuse_frames(color: Path, depth: Path) -> None:

@@ -28,13 +28,7 @@ from defocus_core.system.text import counted, note
 
 _SCENE = "scene"
 _ROUNDING = 1e-6
-# Of an expression, which scenes were once: what tells it from a pattern, and pieces of patterns.
-_OF_EXPRESSIONS = re.compile(r"[\^$()|+{}\\]")
-_AS_PATTERN = (
-    (r"[\^$]", ""),
-    (r"\\d[+*]|\[0-9\][+*]", "#"),
-    (r"\(?(\.|\\w|\[\^.\])[+*]\??\)?", "*"),
-)
+_OF_EXPRESSIONS = re.compile(r"[\^$()|+{}\\]")  # what tells one from a pattern
 
 
 def read_splits(section: Table, pictures: Sequence[Picture]) -> list[Split]:
@@ -144,13 +138,9 @@ def _shares(section: Table) -> tuple[dict[str, float], dict[str, int]]:
 
 
 def _refuse_expression(text: str, where: Place) -> None:
-    """Refuse a regular expression, with the pattern for it, and a pattern without a wildcard."""
-    pattern = text
-    for expression, piece in _AS_PATTERN:
-        pattern = re.sub(expression, piece, pattern)
-    if _OF_EXPRESSIONS.search(pattern) or not has_wildcard(pattern):
-        pattern = "*_##"
-    problem = "is a regular expression" if _OF_EXPRESSIONS.search(text) else "has no wildcard"
-    if _OF_EXPRESSIONS.search(text) or not has_wildcard(text):
-        remedy = f'write a pattern, like "{pattern}": * is the scene, # a digit'
+    """Refuse a regular expression, which scenes were once, and a pattern without a wildcard."""
+    is_expression = _OF_EXPRESSIONS.search(text)
+    if is_expression or not has_wildcard(text):
+        problem = "is a regular expression" if is_expression else "has no wildcard"
+        remedy = 'write a pattern, like "*_##": * is the scene, # a digit'
         raise UsageProblem("malformed", f"'{text}' {problem}", remedy, path=where)

@@ -17,7 +17,6 @@ from defocus_core.errors import CALLER, InputError, Place, UsageProblem
 from defocus_core.system.text import counted
 
 MISSING = ("error", "skip")
-KEYS = "keys"  # the word for the frames that have keys
 _FIELD = re.compile(r"#+|%0?\d*d")
 _OTHER_FIELD = re.compile(r"\$F(\d{0,2})|@{2,}")
 _RANGE = re.compile(r"\d+-\d+(x\d+)?[#@]")  # as some programs write the frames of a pattern
@@ -52,26 +51,6 @@ def _with_hashes(path: Path) -> Path:
         return "#" * (int(found[1] or 1) if found[0][0] == "$" else len(found[0]))
 
     return path.with_name(_OTHER_FIELD.sub(hashes, path.name)) if path.name else path
-
-
-def frame_choice(
-    frames: str | None, missing: str | None, places: tuple[Place, Place], keyed: tuple[int, ...]
-) -> FrameChoice:
-    """The frames wanted.
-
-    `frames`: a list like 1001-1240, ``keys``, or None for all; `missing`: error or skip, or None
-    for the default.
-    """
-    missing, source = missing or ALL.missing, places[frames is None]
-    if frames is None:
-        return FrameChoice(None, missing, source)
-    if frames.strip().lower() != KEYS:
-        return FrameChoice(frame_numbers(frames, source), missing, source)
-    if not keyed:
-        problem = "asks for the frames that have keys"
-        remedy = "animate the lens, like ‹animate› FILE"
-        raise UsageProblem("missing-option", problem, remedy, path=source)
-    return FrameChoice(keyed, missing, source)
 
 
 def frame_numbers(text: str, where: Place) -> tuple[int, ...]:

@@ -43,7 +43,6 @@ def test_a_key_is_taken_as_it_is_written_and_the_ends_hold(tmp_path):
     assert [key(shot, frame, "focus") for frame in (5, 10, 20, 99)] == [
         *("1.3m", "1.3m", "2.3m", "2.3m"),
     ]
-    assert shot.frames == (10, 20)
 
 
 def test_a_tracked_point_is_a_focus_and_blades_hold(tmp_path):
