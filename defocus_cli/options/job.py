@@ -37,7 +37,7 @@ from defocus_core.request.job_options import (
     ReadingParam,
 )
 from defocus_core.request.lens import Lens
-from defocus_core.request.pairing import choice_of
+from defocus_core.request.pairing import Others, choice_of, others_of
 from defocus_core.request.parameters import LENS_OPTIONS, OPENING, SHAPES, Param
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
@@ -219,15 +219,11 @@ def others_options(command: Command) -> Command:
     return bundle("others", _others, list(map(param_option, rows)))(command)
 
 
-def _others(**given: Any) -> dict[str, tuple[Path, Path | None]]:
-    below = given.pop("over_depth")
-    if given["over"] is None and below is not None:
-        raise UsageProblem(
-            "missing-option", "stands without --over", "give the plate", field="over-depth"
-        )
-    pairs = {"hidden": given.pop("hidden"), "over": given["over"] and (given.pop("over"), below)}
-    pairs |= {role: (path, None) for role, path in given.items() if path is not None}
-    return {role: pair for role, pair in pairs.items() if pair is not None}
+def _others(**given: Any) -> Others:
+    if given["hidden"] is not None:
+        given["hidden"], given["hidden_depth"] = given["hidden"]
+    paths = {name.replace("_", "-"): path for name, path in given.items() if path is not None}
+    return others_of(paths, CALLER)
 
 
 def output_options(command: Command) -> Command:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -137,24 +137,6 @@ class ReadingParam(Param):
     of_render: bool = False  # what is not written has no use for it
 
 
-def _choice(
-    name: str,
-    choices: Sequence[str],
-    text: str,
-    *,
-    of_pictures: bool = False,
-    is_common: bool = False,
-) -> ReadingParam:
-    return ReadingParam(
-        name=name,
-        parse=one_of(choices),
-        choices=choices,
-        help=text,
-        of_pictures=of_pictures,
-        is_common=is_common,
-    )
-
-
 _READING = (
     ReadingParam(
         name="depth-format",
@@ -163,10 +145,10 @@ _READING = (
         metavar="NAME",
         help="Who wrote the depth, like kitti: 'defocus help depth' lists all.",
     ),
-    _choice(
-        "depth-unit",
-        tuple(UNITS),
-        "Unit of the depth.  [default: m; mm in 16-bit PNG]",
+    ReadingParam(
+        name="depth-unit",
+        choices=tuple(UNITS),
+        help="Unit of the depth.  [default: m; mm in 16-bit PNG]",
         is_common=True,
     ),
     ReadingParam(
@@ -175,7 +157,12 @@ _READING = (
         metavar="FACTOR",
         help="Multiplies the numbers of the depth file, like 1/256.",
     ),
-    _choice("depth-kind", DEPTH_KINDS, "What the numbers are.  [default: depth]", is_common=True),
+    ReadingParam(
+        name="depth-kind",
+        choices=DEPTH_KINDS,
+        help="What the numbers are.  [default: depth]",
+        is_common=True,
+    ),
     ReadingParam(
         name="depth-range",
         is_common=True,
@@ -241,23 +228,23 @@ _READING = (
         metavar="NUMBER",
         help="Numbers of the depth file from this one on are sky; of disparity, to it.",
     ),
-    _choice(
-        "invalid",
-        INVALID,
-        "Pixels without depth: an error, infinitely far, or filled from the farther neighbour.  "
-        "[default: error]",
+    ReadingParam(
+        name="invalid",
+        choices=INVALID,
+        help="Pixels without depth: an error, infinitely far, or filled from the farther "
+        "neighbour.  [default: error]",
     ),
-    _choice(
-        "resize-depth",
-        RESIZES,
-        "Take depth of another size than the colour: from the nearest pixel, or with edges where "
-        "the colours change.  [default: guided, of smaller depth of the same aspect]",
+    ReadingParam(
+        name="resize-depth",
+        choices=RESIZES,
+        help="Take depth of another size than the colour: from the nearest pixel, or with edges "
+        "where the colours change.  [default: guided, of smaller depth of the same aspect]",
         of_pictures=True,
     ),
-    _choice(
-        "depth-repair",
-        DEPTH_REPAIRS,
-        "auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off "
+    ReadingParam(
+        name="depth-repair",
+        choices=DEPTH_REPAIRS,
+        help="auto repairs depth that is noisy, anti-aliased, soft at edges or of few levels; off "
         "takes it as it is given.  [default: auto]",
         of_pictures=True,
     ),
@@ -306,20 +293,17 @@ _READING = (
 READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _READING}
 
 
-_word = partial(one_of, code="unknown-name")
-
-
 def kinds(text: str) -> tuple[str, ...]:
     """Kinds of output, separated by commas, each once."""
     names = tuple(dict.fromkeys(word.strip() for word in text.split(",")))
     if not text:
         raise QuantityError("names no kind of output", f"choose from {', '.join(KINDS)}")
-    return tuple(map(_word(tuple(KINDS)), names))
+    return tuple(map(one_of(tuple(KINDS), "unknown-name"), names))
 
 
 def image_format(text: str) -> str:
     """The type of image files, by either spelling of its suffix."""
-    return _word(tuple(SUFFIXES))(FORMAT_ALIASES.get(text, text))
+    return one_of(tuple(SUFFIXES), "unknown-name")(FORMAT_ALIASES.get(text, text))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -353,14 +337,12 @@ _ROWS = (
     ),
     OutputParam(
         name="map-format",
-        parse=_word(MAP_FORMATS),
         choices=MAP_FORMATS,
         help="Type of the maps: EXR, or float TIFF, which image libraries read, too.  "
         "[default: exr]",
     ),
     OutputParam(
         name="exr-type",
-        parse=_word(("half", "float")),
         choices=("half", "float"),
         help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
         suits=lambda outputs: outputs.format == "exr",
@@ -369,7 +351,6 @@ _ROWS = (
     ),
     OutputParam(
         name="color-space",
-        parse=_word(COLOR_SPACES),
         choices=COLOR_SPACES,
         help="Convert what is not an EXR to sRGB.  [default: the profile that the colour has]",
         suits=lambda outputs: outputs.format != "exr",
@@ -410,16 +391,15 @@ _ROWS = (
     OutputParam(
         name="inputs",
         only="files",
-        parse=_word(("copy",)),
         choices=("copy",),
         help="Also write the sharp picture and its depth, kinds image and depth.",
     ),
 )
 OUTPUT_OPTIONS: Mapping[str, OutputParam] = {row.name: row for row in _ROWS}
+_shot, _file, _machine = (partial(Param, heading=h) for h in ("Shot", "Files", "Machine"))
 _SHOT = (
-    Param(
+    _shot(
         name="steady",
-        heading="Shot",
         toggle=True,
         parse=switch,
         help="Decide once for the shot how depth is repaired and where a focus lies that the "
@@ -432,60 +412,52 @@ _INPUTS = (
         Param(name=name, only="files", is_path=True)
         for name in ("color", "depth", "hidden-depth", "holdout-depth")
     ),
-    Param(
+    _file(
         name="hidden",
         key="hidden-color",
-        heading="Files",
         words=2,
         is_path=True,
         metavar="COLOR DEPTH",
         help="Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
         "unknown, and invented; inf with colour is sky.",
     ),
-    Param(
+    _file(
         name="over",
         key="over-color",
-        heading="Files",
         is_path=True,
         metavar="PLATE",
         help="Plate behind the element COLOR, blurred with it as one scene. Its depth is that of "
         "‹over-depth›, or the EXR's own, or else infinitely far.",
     ),
-    Param(
+    _file(
         name="over-depth",
-        heading="Files",
         is_path=True,
         metavar="DEPTH",
         help="Depth of the plate.",
     ),
-    Param(
+    _file(
         name="holdout",
         key="holdout-color",
-        heading="Files",
         is_path=True,
         metavar="DEEP",
         help="Deep EXR whose samples hide what is behind them and show nothing, like objects that "
         "are composited later: colour and alpha are cut out.",
     ),
-    Param(
+    _file(
         name="matte",
-        heading="Files",
         is_path=True,
         metavar="FILE",
         help="Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
         "silhouette is the edge of the depth, and hair is parted from what is behind it.",
     ),
-    Param(
+    _shot(
         name="frames",
-        heading="Shot",
         metavar="LIST",
         help="Frames of patterns like 'shot.####.exr': 1001-1240, 1001-1240x2, 1001,1005.  "
         "[default: all that are there]",
     ),
-    Param(
+    _shot(
         name="missing",
-        heading="Shot",
-        parse=_word(MISSING),
         choices=MISSING,
         help="Frames that have no file: an error, or left out.  [default: error]",
     ),
@@ -508,43 +480,36 @@ ANIMATION_OPTIONS = {row.name: row for row in _ANIMATE}
 MAX_THREADS = 1024  # more than any machine has cores for one picture
 _MAX_TILE = 1 << 14  # px
 _MACHINE = (
-    Param(
+    _machine(
         name="quality",
-        heading="Machine",
-        parse=_word(QUALITIES),
         choices=QUALITIES,
         help=f"Accuracy, bought with time.  [default: {Machine.quality}]",
         is_common=True,
     ),
-    Param(
+    _machine(
         name="device",
         only="commands",
-        heading="Machine",
-        parse=_word(DEVICES),
         choices=DEVICES,
         help=f"Where to compute; auto takes a GPU if there is one.  [default: {Machine.device}]",
     ),
-    Param(
+    _machine(
         name="threads",
         only="commands",
-        heading="Machine",
         parse=whole_within(1, MAX_THREADS),
         metavar="N",
         help="Threads to compute with.  [default: one for each core]",
     ),
-    Param(
+    _machine(
         name="memory",
         only="commands",
-        heading="Machine",
         parse=byte_count,
         metavar="SIZE",
         help="Memory a process may take, like 2GB; what is larger is refused.  [default: most "
         "of what is free]",
     ),
-    Param(
+    _machine(
         name="tile",
         only="commands",
-        heading="Machine",
         parse=whole_within(MIN_TILE, _MAX_TILE),
         metavar="PX",
         help=f"Side of the tiles to compute in, {MIN_TILE} at least; changes the last digits.",

@@ -46,7 +46,7 @@ from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.row_files import Row, read_rows
 from defocus_core.request.animation import Animation, read_animation
-from defocus_core.request.job import OTHERS, Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.job_options import (
     INPUT_OPTIONS,
     MACHINE_OPTIONS,
@@ -57,7 +57,7 @@ from defocus_core.request.job_options import (
 from defocus_core.request.lens import Lens
 from defocus_core.request.lens_files import lens_path, reading_in
 from defocus_core.request.origin import JobsSource, read_origin
-from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find
+from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find, others_of
 from defocus_core.request.parameters import LENS_OPTIONS, METADATA
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
@@ -226,16 +226,6 @@ def read_inputs(table: Table) -> tuple[list[Entry], list[Entry]]:
     return entries, shot
 
 
-def _others(paths: Mapping[str, Path], where: Place) -> dict[str, tuple[Path, Path | None]]:
-    """Colour and depth of what belongs to each picture, by role."""
-    for role in OTHERS:
-        if f"{role}-depth" in paths and role not in paths:
-            problem = f"stands without {INPUT_OPTIONS[role].key}"
-            path = where.at(f"{role}-depth")
-            raise UsageProblem("missing-option", problem, "add that", path=path)
-    return {role: (paths[role], paths.get(f"{role}-depth")) for role in OTHERS if role in paths}
-
-
 def _from_files(table: Table) -> tuple[list[Entry], list[Entry]]:
     values = {key: value for key, value in table.values.items() if key not in ("list", "pictures")}
     options = layer_of(values, INPUT_OPTIONS, table.place)
@@ -248,7 +238,7 @@ def _from_files(table: Table) -> tuple[list[Entry], list[Entry]]:
     found = find(
         paths["color"],
         paths.get("depth"),
-        _others(paths, table.place()),
+        others_of(paths, table.place()),
         patterns_in=table.file.parent,
         frames=choice_of(options, table.place),
     )
@@ -305,7 +295,7 @@ def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
         )
     others: dict[str, Any] = {
         role: Picture(other.stem, other, depth or other)
-        for role, (other, depth) in _others(paths, where).items()
+        for role, (other, depth) in others_of(paths, where).items()
     }
     stem = _stem(row["stem"], where) if "stem" in row else color.stem
     return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)

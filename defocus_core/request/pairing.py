@@ -27,6 +27,7 @@ from defocus_core.io.shots.frame_patterns import (
 )
 from defocus_core.io.wildcards import has_wildcard, matching, texts_before
 from defocus_core.request.job import OTHERS, Picture
+from defocus_core.request.job_options import INPUT_OPTIONS
 from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.request.resolver import Layer
 from defocus_core.system.text import note
@@ -113,6 +114,20 @@ def choice_of(options: Layer, at: Callable[[str], Place]) -> FrameChoice:
         ALL.missing if missing is None else missing.value,
         at("missing" if frames is None else "frames"),
     )
+
+
+def others_of(paths: Mapping[str, Path], where: Place) -> Others:
+    """Colour and depth of what belongs to each picture, by role; ``paths``: by option."""
+    for role in OTHERS:
+        if f"{role}-depth" in paths and role not in paths:
+            other = f"‹{role}›" if where.path is None else INPUT_OPTIONS[role].key
+            raise UsageProblem(
+                "missing-option",
+                f"stands without {other}",
+                "add that",
+                path=where.at(f"{role}-depth"),
+            )
+    return {role: (paths[role], paths.get(f"{role}-depth")) for role in OTHERS if role in paths}
 
 
 def _refuse_frames(color: Path, depth: Path) -> None:

@@ -52,6 +52,11 @@ class Param:
     multiple: bool = False  # a command line may have it several times
     is_path: bool = False  # it names a file, or files
 
+    def __post_init__(self) -> None:
+        """Parse words to choose from as such, unless another parser is given."""
+        if self.choices and self.parse is str:
+            object.__setattr__(self, "parse", quantities.one_of(self.choices, "unknown-name"))
+
     @property
     def field(self) -> str:
         """The field that has its value."""

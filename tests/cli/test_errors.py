@@ -131,7 +131,7 @@ R --obstruction 2 → \
 2 malformed --obstruction: '2' is not a share of the radius; give 0 to 0.95, like 0.4
 R --noise 1000 → \
 2 malformed --noise: '1000' is not a noise of a sensor; write ELECTRONS:READ, like 4000:3
-R --depth-repair of → 2 malformed --depth-repair: 'of' is not known; did you mean off?
+R --depth-repair of → 2 unknown-name --depth-repair: 'of' is not known; did you mean off?
 R --depth-format kiti → \
 2 malformed --depth-format: 'kiti' is not a depth format; did you mean kitti or vkitti or vkitti2? \
 'defocus help depth' lists all of them

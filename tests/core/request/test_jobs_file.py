@@ -86,7 +86,7 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path):
         (FIXED + "[outputs]\nout = 'o'\n", "unknown-name [outputs]"),
         (FIXED + "[machine]\nquality = 'hihg'\n", "unknown-name quality"),
         (FIXED + "[machine]\nthreads = 2\n", "unknown-name [machine]"),
-        (FIXED + "[reading]\ndepth-unit = 'km'\n", "malformed depth-unit"),
+        (FIXED + "[reading]\ndepth-unit = 'km'\n", "unknown-name depth-unit"),
         (FIXED + "[reading]\npart = -1\n", "malformed part"),
         (FIXED + "file = 'no.toml'\n", "not-found"),
     ],
