@@ -60,8 +60,7 @@ def kinds(kind):
     return {kind.__name__}.union(*(kinds(each) for each in kind.__subclasses__()))
 
 
-# A refusal of a fit has the code of the error that the command line makes of it.
-ERRORS = kinds(DefocusError) | {"NoDepthChannel", "Refusal"}
+ERRORS = kinds(DefocusError) | {"NoDepthChannel"}
 
 
 def test_each_error_has_a_code_of_the_table_and_each_is_in_use():

@@ -1,34 +1,49 @@
 """The lens of a real pair: focus and strength of the blur between a sharp and a blurred picture.
 
-Both, and what else is unknown, are found by a coarse search over small pictures, then by
-Gauss-Newton steps over larger ones.
+A coarse search renders small pictures by all radii of the nearest and the farthest surface, then
+Gauss-Newton steps follow the best over larger ones. They take the slope of each unknown over a
+difference: that of a blur costs a rendering, that of registration and crosstalk none.
 """
 
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from functools import partial
 
 import torch
 from torch import Tensor
 
-from defocus_core.evaluation.metrics import near_edges
 from defocus_core.evaluation.similarity import psnr
-from defocus_core.fitting.pictures import Scale
-from defocus_core.fitting.refusals import JudgedPair, Refusal, refusals_of
-from defocus_core.fitting.residual import Optics, Residual
-from defocus_core.fitting.search import MIDDLE, FittedLens, Search
-from defocus_core.fitting.unknowns import Unknown, unknowns
+from defocus_core.fitting.pictures import Scale, offset_of
+from defocus_core.fitting.residual import Optics, Point, Residual, error_of, robust_of
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.renderer.render import render
 from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import described
 
-_NEAR_EDGE = 4.0  # px from a step of depth
+MAX_SHIFT = 16.0  # px
+MAX_MAGNIFICATION = 1.02  # or its inverse: about twice a camera's between near and far focus
+_WIDTHS = {200: 3, 480: 2, 1024: 1}  # px of the pictures, and how many points are kept there
+_JUDGED = 480  # px, of pictures by which errors are told
+_SEARCHED, _STARTS = 128, 6  # px, of pictures that are rendered by all radii; points kept there
+_RADII = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0)  # px there
+_STEPS = 6  # most Gauss-Newton steps at a width
+_DROP_RATIO = 4.0  # times the error of the best: nothing changes that
+_SAME_PX = 0.25  # px of pictures at a width, by which radii of one point differ
+_LEAST_STEP = 2e-4  # a smaller step is none
+_END_RATIO = 0.999  # times the error before a step: not worth another
+_FRACTIONS = (1.0, 0.35, 0.1)  # fractions of a step that are tried
+_SHORTEST = 0.01  # of the difference that slopes are first taken over
+_DAMPING = 1e-4
+_BLOCKS = 6  # along each side, for the uncertainty
+_SEPARATION = 0.5  # of left and right, from which steps descend
+_UNTOLD = 1e-9  # curvature of the error by pixel, of an unknown that the pictures tell nothing of
 _MAX_CROSSTALK = 0.49  # of light, that is known from none
-_MIN_SLOPE = 1e-9  # of the error, for an unknown that the pictures tell something of
+_MINIMUM = 1e-6  # mean square of compressed light, that is no difference
 
 
 @dataclass(frozen=True)
@@ -40,43 +55,48 @@ class Fit:
         focus: d₀, the disparity in focus.
         strength_error: Standard error of the strength, relative.
         focus_error: Standard error of the focus, in disparity.
-        gamma: Power of the numbers of the pictures that is linear light.
-        gamma_error: Its standard error, relative.
         shift: Px by which the blurred picture lies to the right of the sharp one, and below.
         magnification: Size of things in the blurred picture over that in the sharp one, about the
             middle; the shift is applied after it.
         gains: Factor of light of each channel from the sharp to the blurred picture.
-        psnr: In dB of compressed light, of all pixels that count, of those near depth edges and of
-            others; nan where there are none.
-        aperture: The pupil, with its rotation.
+        psnr: In dB of compressed light, of the pixels that count.
         dual_pixel: The photodiodes of a pair; None of one picture.
-        crosstalk_error: Standard error of the crosstalk, 0 if it was not sought.
         exchanged: Whether what was given for left is what the right photodiodes saw.
-        shading: Of left and right the factor in the middle, and its change over half a frame
-            along x and y; empty if it was not sought.
         explained: The fraction of the difference between the pictures that the blur explains.
-        doubts: What these pictures could not tell, in words.
-        refusals: Why this is not the lens of these pictures; empty if it may well be.
     """
 
     strength: float
     focus: float
     strength_error: float
     focus_error: float
-    gamma: float
-    gamma_error: float
     shift: tuple[float, float]
     magnification: float
     gains: tuple[float, ...]
-    psnr: tuple[float, float, float]
-    aperture: Aperture
+    psnr: float
     dual_pixel: DualPixel | None
-    crosstalk_error: float
     exchanged: bool
-    shading: tuple[tuple[float, ...], ...]
     explained: float
-    doubts: tuple[str, ...]
-    refusals: tuple[Refusal, ...]
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """An unknown, in units of which one is a large change."""
+
+    name: str  # a field of `Point`
+    unit: float  # of its value; of a ratio, of its logarithm
+    probe: float  # difference that slopes are taken over, in units
+    maximum: float  # greatest step, in units
+    is_ratio: bool = False  # whether steps multiply it
+    bound: float = math.inf  # greatest value, with either sign; of a ratio, factor either way
+
+    def moved(self, point: Point, step: float) -> Point:
+        """A point after a step."""
+        value: float = getattr(point, self.name)
+        if self.is_ratio:
+            value = min(max(value * math.exp(step * self.unit), 1 / self.bound), self.bound)
+        else:
+            value = min(max(value + step * self.unit, -self.bound), self.bound)
+        return point._replace(**{self.name: value})
 
 
 def fit(
@@ -84,15 +104,9 @@ def fit(
     disparity: Tensor,
     blurred: Tensor | tuple[Tensor, ...],
     *,
-    apertures: Sequence[Aperture] = (Aperture(),),
-    rotation: bool = False,
-    dual_pixels: Sequence[DualPixel] = (DualPixel(),),
+    aperture: Aperture | None = None,
+    dual_pixel: DualPixel | None = None,
     crosstalk: bool = False,
-    focus: float | None = None,
-    strength: Callable[[float], float] | None = None,
-    exposure: bool = False,
-    side_shading: bool = False,
-    gamma: bool = False,
     shift: bool = False,
     depth_repair: str = "auto",
     edge_width: float | None = None,
@@ -102,71 +116,52 @@ def fit(
     """Find the blur that turns a sharp picture into a blurred one.
 
     Args:
-        sharp: [C, H, W], linear light; with gamma, of which some power is.
+        sharp: [C, H, W], linear light.
         disparity: [H, W], of any unit and zero, greater when nearer.
         blurred: [C, H, W], light like that of sharp; or (left, right) of a dual-pixel sensor.
-        apertures: Pupils to choose from.
-        rotation: Whether pupils with blades are turned.
-        dual_pixels: Photodiodes of a pair to choose from.
+        aperture: The pupil, a round one by default.
+        dual_pixel: The photodiodes of a pair, ideal halves by default.
         crosstalk: Whether the crosstalk of a pair is to be found.
-        focus: The disparity in focus, if it is known.
-        strength: The strength by the disparity in focus, if it is known.
-        exposure: Whether each channel may have a factor between the two pictures, and each blurred
-            one a falloff of light over the frame.
-        side_shading: Whether left and right may have a factor each, a plane over the frame.
-        gamma: Whether the power is to be found by which the pictures are linear light.
-        shift: Whether the blurred picture may be shifted by up to 16 px, and magnified by 2 %.
+        shift: Whether the blurred picture may be shifted by up to 16 px, and each view have a
+            falloff of light over the frame.
         depth_repair: As for `render`.
         edge_width: As for `render`.
         threads: As for `render`.
         progress: Called with (renderings done, about how many in all).
 
     Raises:
-        ValueError: If shapes disagree, a value is not finite, the depth is the same everywhere and
-            the focus not known, or no pixel tells anything, as of pictures that are white.
+        ValueError: If shapes disagree, a value is not finite, the depth is the same everywhere, or
+            no pixel tells anything, as of pictures that are white.
     """
-    given = blurred if isinstance(blurred, tuple) else (blurred,)
-    _check(sharp, disparity, given, plane=focus is not None)
-    sharp, *observed = _one_channel(sharp, *given)
-    free = {
-        "strength": strength is None,
-        "focus": focus is None,
-        "gamma": gamma,
-        **dict.fromkeys(("across", "down", "magnification"), shift),
-        "separation": crosstalk and len(observed) > 1,
-    }
+    observed = blurred if isinstance(blurred, tuple) else (blurred,)
+    _check(sharp, disparity, observed)
     span = float(disparity.max() - disparity.min())
+    blur = [
+        Unknown("strength", 1.0, 0.02, 0.5, is_ratio=True),
+        Unknown("focus", span, 0.02, 0.25),
+    ]
+    cheap = [Unknown("magnification", 0.01, 0.1, 0.5, is_ratio=True, bound=MAX_MAGNIFICATION)]
+    if shift:
+        cheap += [Unknown(name, 1.0, 0.25, 2.0, bound=MAX_SHIFT) for name in ("across", "down")]
+    if crosstalk and len(observed) > 1:
+        cheap.append(Unknown("separation", 1.0, 0.1, 1.0, bound=1.2))
+    optics = Optics(aperture or Aperture(), dual_pixel or DualPixel())
     with torch.no_grad(), own_modes(sharp.device):
+        rendered = partial(render, depth_repair=depth_repair, threads=threads)
         residual = Residual(
             sharp,
             disparity,
-            tuple(observed),
-            exposure=exposure,
-            side_shading=side_shading,
-            depth_repair=depth_repair,
+            observed,
+            falloff=shift,
+            rendered=rendered,
             edge_width=edge_width,
-            threads=threads,
             progress=progress,
         )
-        rows = unknowns(span, (name for name, is_free in free.items() if is_free))
-        search = Search(residual, rows, rotation=rotation, focus=focus, strength=strength)
-        fitted = search.best([Optics(*each) for each in product(apertures, dual_pixels)])
-        if not math.isfinite(fitted.error):
-            raise ValueError(
-                "hardly a pixel tells anything: nearly all are clipped, or seen from beyond the "
-                "border; give a darker picture, or one that is blurred less"
-            )
-        sought = {"shift": shift, "exposure": exposure, "gamma": gamma}
-        return _fit_of(search, fitted, disparity, sought)
+        search = Search(residual, blur, cheap)
+        return search.fit_of(search.best(optics), optics)
 
 
-def _one_channel(*pictures: Tensor) -> list[Tensor]:
-    """Pictures [C, H, W] with one channel, if all channels are the same."""
-    same = all(bool((each == each[:1]).all()) for each in pictures)
-    return [each[:1] if same else each for each in pictures]
-
-
-def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...], *, plane: bool) -> None:
+def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...]) -> None:
     """Refuse pictures that do not belong together."""
     if sharp.dim() != 3 or disparity.shape != sharp.shape[1:]:
         raise ValueError(
@@ -180,102 +175,157 @@ def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...], *, pl
     for name, values in (("sharp", sharp), ("disparity", disparity), ("blurred", observed[0])):
         if not bool(torch.isfinite(values).all()):
             raise ValueError(f"{name} must be finite; infinitely far is a disparity of 0")
-    if float(disparity.max() - disparity.min()) <= 0 and not plane:
+    if float(disparity.max() - disparity.min()) <= 0:
         raise ValueError(
-            "disparity must differ somewhere: one plane does not tell where focus is; give its "
-            "‹focus›"
+            "disparity must differ somewhere: one plane does not tell where focus is; give a scene "
+            "of several depths"
         )
 
 
-def _fit_of(search: Search, fitted: FittedLens, disparity: Tensor, sought: dict[str, bool]) -> Fit:
-    """What was found, with its uncertainty: blocks of the picture stand for chance.
+class Search:
+    """The search for the point between two pictures."""
 
-    The covariance is that of clustered residuals, H⁻¹ (Σ g gᵀ) H⁻¹ (Liang & Zeger 1986).
-    """
-    scale, point, optics = search.residual.scale(MIDDLE), fitted.point, fitted.optics
-    free = search.free(optics)
-    residual, weight = search.residual.of(point, optics, scale)
-    errors = _errors(search, fitted, scale, free, float(weight.sum()))
-    radius = point.strength * scale.factor * (point.focus - scale.disparity)
-    pair = len(scale.observed) > 1
-    modelled = search.residual.modelled(point, optics, scale)
-    evidence = JudgedPair.of(search.residual, point, optics)
-    return Fit(
-        point.strength * point.magnification,
-        point.focus,
-        errors.get("strength", 0.0),
-        errors.get("focus", 0.0),
-        point.gamma,
-        errors.get("gamma", 0.0),
-        (point.across, point.down),
-        point.magnification,
-        tuple(modelled.gains.tolist()),
-        _psnr(residual, weight, radius),
-        point.turned(optics.aperture),
-        _with_crosstalk(optics.dual_pixel, point.separation) if pair else None,
-        errors.get("separation", 0.0) / 2,
-        point.separation < 0,
-        tuple(map(tuple, modelled.shading.tolist())),
-        evidence.explained,
-        tuple(_doubts(fitted, disparity, errors)),
-        tuple(refusals_of(evidence, sought, point)),
-    )
+    def __init__(self, residual: Residual, blur: list[Unknown], cheap: list[Unknown]) -> None:
+        """Keep what is to be found: by renderings, and without."""
+        self._residual, self._cheap, self._free = residual, cheap, blur + cheap
+
+    def best(self, optics: Optics) -> Point:
+        """The point of least error."""
+        scale, first = self._residual.scale(_SEARCHED), self._first()
+        signed = [*(-r for r in _RADII), 0.0, *_RADII]
+        low, high = scale.ends
+        ends = ((far, near) for far in signed for near in signed if near < far)
+        slopes = [(far, (far - near) / (high - low)) for far, near in ends]
+        points = [
+            first._replace(strength=slope / scale.factor, focus=low + far / slope)
+            for far, slope in slopes
+        ]
+        points = self._apart(points, optics, scale)[:_STARTS]
+        if not points:
+            raise ValueError(
+                "hardly a pixel tells anything: nearly all are clipped, or seen from beyond the "
+                "border; give a darker picture, or one that is blurred less"
+            )
+        for width, kept in _WIDTHS.items():
+            scale = self._residual.scale(width)
+            if width == min(_WIDTHS):
+                points = [self._descend(point, optics, scale, self._cheap) for point in points]
+            points = [self._descend(point, optics, scale, self._free) for point in points]
+            points = self._apart(points, optics, scale)[:kept]
+            if self._residual.width <= width:
+                break
+        return points[0]
+
+    def _first(self) -> Point:
+        """The registration from which steps descend: the shift in whole px, if it is free."""
+        names = {unknown.name for unknown in self._cheap}
+        first = Point(1.0, 0.0, separation=_SEPARATION if "separation" in names else 1.0)
+        if "across" not in names:
+            return first
+        scale = self._residual.scale(None)
+        across, down = offset_of(scale.sharp, scale.observed.mean(0), int(MAX_SHIFT))
+        return first._replace(across=across, down=down)
+
+    def _apart(self, points: list[Point], optics: Optics, scale: Scale) -> list[Point]:
+        """Points, the best first, without those that a better one is like."""
+        errors = {point: self._error(point, optics, scale) for point in points}
+        points, kept = sorted(points, key=errors.__getitem__), list[Point]()
+        for point in points:
+            if not errors[point] <= _DROP_RATIO * errors[points[0]] < math.inf:
+                break
+            radii = [[p.strength * (p.focus - end) for end in scale.ends] for p in (point, *kept)]
+            away = (max(map(abs, map(operator.sub, radii[0], other))) for other in radii[1:])
+            if all(px * scale.factor > _SAME_PX for px in away):
+                kept.append(point)
+        return kept
+
+    def _error(self, point: Point, optics: Optics, scale: Scale) -> float:
+        return error_of(*self._residual.of(point, optics, scale))
+
+    def _descend(self, point: Point, optics: Optics, scale: Scale, free: list[Unknown]) -> Point:
+        """A point after Gauss-Newton steps at a width.
+
+        Where a surface is nearly sharp slopes change within what they are taken over: that is no
+        longer than the last step.
+        """
+        error = self._error(point, optics, scale)
+        first = probes = torch.tensor([unknown.probe for unknown in free], dtype=torch.float64)
+        maximum = torch.tensor([unknown.maximum for unknown in free], dtype=torch.float64)
+        for _ in range(_STEPS):
+            hessian, gradient = (x.sum(0) for x in self._normal(point, optics, scale, free, probes))
+            damped = hessian + torch.diag(_DAMPING * hessian.diagonal() + 1e-12)
+            step = torch.linalg.solve(damped, -gradient)
+            step = step / (step.abs() / maximum).max().clamp_min(1)
+            for fraction in _FRACTIONS:
+                there = _moved(point, free, fraction * step)
+                if (less := self._error(there, optics, scale)) < error:
+                    break
+            else:
+                break
+            ratio, point, error = less / max(error, 1e-30), there, less
+            taken = fraction * step.abs()
+            probes = torch.minimum(probes, torch.maximum(taken, _SHORTEST * first))
+            if ratio > _END_RATIO or float(taken.max()) < _LEAST_STEP:
+                break
+        return point
+
+    def _normal(
+        self, point: Point, optics: Optics, scale: Scale, free: list[Unknown], probes: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
+        residual, weight = self._residual.of(point, optics, scale)
+        there = (unknown.moved(point, float(p)) for unknown, p in zip(free, probes, strict=True))
+        slopes = [self._residual.of(each, optics, scale)[0] - residual for each in there]
+        robust = robust_of(residual, weight)
+        tables = torch.stack([residual, *(s / p for s, p in zip(slopes, probes, strict=True))])
+        hessian, gradient = list[Tensor](), list[Tensor]()
+        for rows in (tables * robust.sqrt()).double().tensor_split(_BLOCKS, dim=-2):
+            for block in rows.tensor_split(_BLOCKS, dim=-1):
+                away, *slope = block.flatten(1)
+                hessian.append(torch.stack(slope) @ torch.stack(slope).T)
+                gradient.append(torch.stack(slope) @ away)
+        return torch.stack(hessian), torch.stack(gradient)
+
+    def fit_of(self, point: Point, optics: Optics) -> Fit:
+        """What was found, with its uncertainty: blocks of the picture stand for chance.
+
+        The covariance is that of clustered residuals, H⁻¹ (Σ g gᵀ) H⁻¹ (Liang & Zeger 1986).
+        """
+        scale, free = self._residual.scale(_JUDGED), self._free
+        away, weight = self._residual.of(point, optics, scale)
+        total = float(weight.sum()) * away.shape[1]
+        square = float((away.square() * weight).sum()) / total
+        sharp = point._replace(strength=_MINIMUM / (scale.ends[1] - scale.ends[0]))
+        before, its_weight = self._residual.of(sharp, optics, scale)
+        unlike = float((before.square() * its_weight).sum() / its_weight.sum()) / away.shape[1]
+        probes = torch.tensor([unknown.probe for unknown in free], dtype=torch.float64)
+        blocks, gradient = self._normal(point, optics, scale, free, probes)
+        hessian = blocks.sum(0)
+        inverse = torch.linalg.pinv(hessian)
+        variance = (inverse @ (gradient.T @ gradient) @ inverse).diagonal().clamp_min(0)
+        untold = hessian.diagonal() <= _UNTOLD * total
+        errors = variance.sqrt().masked_fill(untold, math.inf).tolist()
+        pair, sensor = len(scale.observed) > 1, optics.dual_pixel
+        fraction = (1 - abs(point.separation) * (1 - 2 * float(sensor.crosstalk))) / 2
+        return Fit(
+            strength=point.strength * point.magnification,
+            focus=point.focus,
+            strength_error=errors[0],
+            focus_error=errors[1] * free[1].unit,
+            shift=(point.across, point.down),
+            magnification=point.magnification,
+            gains=tuple(self._residual.modelled(point, optics, scale)[2].tolist()),
+            psnr=psnr(square),
+            dual_pixel=replace(sensor, crosstalk=min(max(fraction, 0.0), _MAX_CROSSTALK))
+            if pair
+            else None,
+            exchanged=point.separation < 0,
+            explained=1 - square / unlike if unlike > _MINIMUM else 0.0,
+        )
 
 
-def _errors(
-    search: Search, fitted: FittedLens, scale: Scale, free: list[Unknown], count: float
-) -> dict[str, float]:
-    """The standard error of each unknown; infinite where the pictures tell nothing of it."""
-    if not free:
-        return {}
-    hessian, gradient = search.normal(fitted, scale, free, [each.probe for each in free])
-    inverse = torch.linalg.pinv(hessian.sum(0))
-    variance = (inverse @ (gradient.T @ gradient) @ inverse).diagonal().clamp_min(0)
-    untold = hessian.sum(0).diagonal() <= _MIN_SLOPE * count
-    sizes = variance.sqrt().masked_fill(untold, math.inf)
-    return {u.name: u.unit * float(size) for u, size in zip(free, sizes, strict=True)}
-
-
-def _with_crosstalk(dual_pixel: DualPixel, separation: float) -> DualPixel:
-    """Photodiodes whose left and right are as far apart as found."""
-    fraction = (1 - abs(separation) * (1 - 2 * float(dual_pixel.crosstalk))) / 2
-    return replace(dual_pixel, crosstalk=min(max(fraction, 0.0), _MAX_CROSSTALK))
-
-
-def _psnr(residual: Tensor, weight: Tensor, radius: Tensor) -> tuple[float, float, float]:
-    """In dB, of all, of pixels near depth edges, and of others."""
-    near = near_edges(radius, _NEAR_EDGE)
-
-    def of(which: Tensor) -> float:
-        chosen = weight * which
-        count = float(chosen.sum()) * residual.shape[1]
-        return psnr(float((residual**2 * chosen).sum()) / count) if count else math.nan
-
-    return of(torch.ones_like(near)), of(near), of(~near)
-
-
-def _doubts(fitted: FittedLens, disparity: Tensor, errors: dict[str, float]) -> list[str]:
-    """What the pictures do not tell."""
-    point, nearest, farthest = fitted.point, float(disparity.max()), float(disparity.min())
-    maximum = point.strength * max(abs(point.focus - nearest), abs(point.focus - farthest))
-    doubts = {
-        "the focus lies beyond all depths of the picture, and is extrapolated": (
-            "focus" in errors and not farthest <= point.focus <= nearest
-        ),
-        "the strength may be off by more than 10 %": errors.get("strength", 0.0) > 0.1,
-        "the focus may be off by more than a tenth of the range of disparity": (
-            errors.get("focus", 0.0) > 0.1 * (nearest - farthest)
-        ),
-        "the gamma may be off by more than 10 %": errors.get("gamma", 0.0) > 0.1,
-        "the rotation of the blades may be off by more than 10 degrees": (
-            errors.get("rotation", 0.0) > 10
-        ),
-        "left and right are exchanged: the first is what the right photodiodes saw": (
-            point.separation < 0
-        ),
-        "the crosstalk may be off by more than 0.1": errors.get("separation", 0.0) > 0.2,
-        "hardly anything is blurred: strength and focus are uncertain": (
-            maximum < 1.5 and not errors.keys().isdisjoint({"strength", "focus"})
-        ),
-    }
-    return [words for words, holds in doubts.items() if holds]
+def _moved(point: Point, free: Sequence[Unknown], steps: Tensor) -> Point:
+    """A point after a step in each of the unknowns that are free."""
+    for unknown, step in zip(free, steps.tolist(), strict=True):
+        point = unknown.moved(point, step)
+    return point

@@ -2,9 +2,9 @@
 
 Differences are taken of light compressed by x / (x + m), so that no light outweighs a scene.
 They count less where they are large (Huber), and not where light is clipped, where a clipped light
-is blurred, whose strength nobody knows, nor where the rendering invents. They are of the numbers of
-the pictures, not of what a gamma makes of them. With an exposure each view has a falloff of its own
-over the frame: that of a wide opening is not that of a narrow one, and outweighs the blur.
+is blurred, whose strength nobody knows, nor where the rendering invents. Gains follow by least
+squares; so does, with a falloff, a factor of each view over the frame: that of a wide opening is
+not that of a narrow one, and outweighs the blur.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from defocus_core.fitting.pictures import Scale, border_of, registered
-from defocus_core.fitting.unknowns import Candidate
+from defocus_core.fitting.pictures import Scale, registered
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.render import render
+from defocus_core.tensors.views import Views
 
 BEND = 0.02  # of compressed light, from which on a difference counts less
 _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
@@ -32,6 +31,7 @@ _FAINT = 1e-7  # of a channel of lost light, which must not decide how colours a
 _FALLOFF = 4  # degree of the light's falloff to the corners, as that of cos⁴
 _CELLS = 32  # along a side, within which a factor over the frame is the same
 _KEPT = 4  # renderings, as a registration needs no other
+_ABOUT = 100  # renderings of a fit
 
 
 class Optics(NamedTuple):
@@ -41,14 +41,17 @@ class Optics(NamedTuple):
     dual_pixel: DualPixel
 
 
-class Modelled(NamedTuple):
-    """What a point makes."""
+class Point(NamedTuple):
+    """A value of each unknown."""
 
-    light: Tensor  # numbers that a camera stores [V, C, H, W]
-    weight: Tensor  # [V, 1, H, W]
-    gains: Tensor  # the factor of light of each channel [C]; ones if the exposure is the same
-    # Of each view the factor in the middle, and its change over half a frame [V, 3]; or none
-    shading: Tensor
+    strength: float  # k, px of radius for a disparity of 1, in the sharp picture
+    focus: float  # d₀, the disparity in focus
+    across: float = 0.0  # px by which the blurred picture lies to the right of the sharp one
+    down: float = 0.0  # px by which it lies below
+    magnification: float = 1.0  # of the blurred picture over the sharp one, about the middle
+    # How far left and right are apart, in the distance of halves of the pupil that share no
+    # light; below 0 they are exchanged
+    separation: float = 1.0
 
 
 class Residual:
@@ -60,20 +63,16 @@ class Residual:
         disparity: Tensor,  # [H, W]
         observed: tuple[Tensor, ...],
         *,
-        exposure: bool,
-        side_shading: bool = False,
-        depth_repair: str = "auto",
+        falloff: bool,
+        rendered: Callable[..., Views],
         edge_width: float | None = None,  # as for `render`, in px of the pictures
-        threads: int = 1,
         progress: Callable[[int, int], None] | None = None,
     ) -> None:
         """Keep the pictures."""
         self.width = sharp.shape[2]
-        self.exposure, self.side_shading = exposure, side_shading
+        self._falloff, self._render_as, self._edge_width = falloff, rendered, edge_width
         self._progress, self._done = progress, 0
-        self._repair, self._edge_width = depth_repair, edge_width
-        self._threads = threads
-        self._pictures = (sharp, disparity, observed)
+        self._pictures = sharp, disparity, torch.stack(observed)
         self._middle = float(observed[0].float().abs().median().clamp_min(1e-3))
         top = float(observed[0].max())
         self._white = _CLIPPED * top if top <= 1.001 else math.inf
@@ -87,122 +86,88 @@ class Residual:
             self._scales[width] = Scale(*self._pictures, width)
         return self._scales[width]
 
-    def of(self, point: Candidate, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor]:
+    def of(self, point: Point, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor]:
         """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
-        light, weight, *_ = self.modelled(point, optics, scale)
-        return self.compressed(light) - self.compressed(torch.stack(scale.observed)), weight
+        light, weight, _ = self.modelled(point, optics, scale)
+        one, other = (x.clamp_min(0) for x in (light, scale.observed))
+        return one / (one + self._middle) - other / (other + self._middle), weight
 
-    def modelled(self, point: Candidate, optics: Optics, scale: Scale) -> Modelled:
-        """What a camera stores of a point."""
-        light, weight = self._stored(point, optics, scale)
-        observed = torch.stack(scale.observed)
-        gains, shading = torch.ones(light.shape[1]), light.new_zeros(0, 3)
-        if self.exposure:
-            gains = self._factors(light, observed, weight)
-            light = light * gains[:, None, None]
-        if self.side_shading:
-            planes = self._smooth_factors(light, observed, weight, 1)
-            light = light * _surface(planes, light)
-            shading = planes[:, (0, 0, 1), (0, 1, 0)]
-        if self.exposure:
-            light = light * _surface(self._smooth_factors(light, observed, weight, _FALLOFF), light)
-        return Modelled(light, weight, gains**point.gamma, shading)
-
-    def _stored(self, point: Candidate, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor]:
-        """What `modelled` is without factors."""
-        modelled, trust = self._render(point, optics, scale)
+    def modelled(self, point: Point, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor, Tensor]:
+        """What a camera stores of a point [V, C, H, W], its weight [V, 1, H, W], and gains [C]."""
+        light, trust = self._render(point, optics, scale)
         if scale.lost is not None:
-            modelled, lost = modelled[:, :-1], modelled[:, -1]
+            light, lost = light[:, :-1], light[:, -1]
             trust = trust * (1 - lost.amax(0) / (_FAINT * _LOST)).clamp(0, 1)
-        if len(modelled) > 1:
-            modelled = modelled[:1] + point.separation * (modelled[1:] - modelled[:1])
-        if point.gamma != 1:
-            modelled = modelled.clamp_min(0) ** (1 / point.gamma)
+        if len(light) > 1:
+            light = light[:1] + point.separation * (light[1:] - light[:1])
         sure = ((trust - _TRUSTED) / (1 - _TRUSTED)).clamp(0, 1)
         across, down = point.across * scale.factor, point.down * scale.factor
         if across or down or point.magnification != 1:
-            modelled = registered(modelled, across, down, point.magnification)
-            sure = sure.clone()
-            for side, shift in ((sure.mT, across), (sure, down)):
-                if border := border_of(shift, point.magnification, len(side)):
-                    side[:border] = side[-border:] = 0
-        unclipped = (torch.stack(scale.observed).amax(1, keepdim=True) < self._white).float()
-        return modelled, sure * unclipped
+            light, inside = registered(light, across, down, point.magnification)
+            sure = sure * inside
+        weight = sure * (scale.observed.amax(1, keepdim=True) < self._white).float()
+        common = weight / (scale.observed + self._middle) ** 2
+        product = (common * light * scale.observed).sum((0, 2, 3))
+        gains = product / (common * light * light).sum((0, 2, 3)).clamp_min(1e-12)
+        light = light * gains[:, None, None]
+        if self._falloff:
+            light = light * _falloff(light, scale.observed, common)
+        return light, weight, gains
 
-    def _render(self, point: Candidate, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor]:
+    def _render(self, point: Point, optics: Optics, scale: Scale) -> tuple[Tensor, Tensor]:
         """The views of light that a blur makes, and their trust [H, W].
 
         The centre alone [1, C, H, W], or the centre, left and right. Where lights of the sharp
         picture are clipped, their share is a channel more.
         """
-        key = (point.rendered, optics, id(scale))
+        key = (point.strength, point.focus, optics, id(scale))
         if key in self._rendered:
             return self._rendered[key]
         strength = point.strength * scale.factor
-        light = scale.sharp if point.gamma == 1 else scale.sharp.clamp_min(0) ** point.gamma
-        views = render(
-            light if scale.lost is None else torch.cat([light, _FAINT * scale.lost]),
+        lost = [] if scale.lost is None else [_FAINT * scale.lost]
+        width = self._edge_width
+        views = self._render_as(
+            torch.cat([scale.sharp, *lost]),
             strength * (point.focus - scale.disparity),
-            aperture=point.turned(optics.aperture),
+            aperture=optics.aperture,
             dual_pixel=optics.dual_pixel,
             left_right=len(scale.observed) > 1,
-            threads=self._threads,
+            edge_width=None if width is None else width * scale.factor,
             infinity=strength * point.focus,
-            depth_repair=self._repair,
-            edge_width=None if self._edge_width is None else self._edge_width * scale.factor,
         )
         self._done += 1
         if self._progress is not None:
-            self._progress(self._done, max(self._done, 100))
-        fitted = torch.stack(list(views.images)), views.trust[0]
-        self._rendered[key] = fitted
+            self._progress(self._done, max(self._done, _ABOUT))
+        found = torch.stack(list(views.images)), views.trust[0]
+        self._rendered[key] = found
         if len(self._rendered) > _KEPT:
             self._rendered.pop(next(iter(self._rendered)))
-        return fitted
-
-    def _factors(self, modelled: Tensor, observed: Tensor, weight: Tensor) -> Tensor:
-        """The factor of each channel [C] by least squares."""
-        common = weight / (observed + self._middle) ** 2
-        return (common * modelled * observed).sum((0, 2, 3)) / (common * modelled * modelled).sum(
-            (0, 2, 3)
-        ).clamp_min(1e-12)
-
-    def _smooth_factors(
-        self, modelled: Tensor, observed: Tensor, weight: Tensor, degree: int
-    ) -> Tensor:
-        """The factor of each view by least squares: of yⁱ xʲ, i + j ≤ degree, [V, i, j]."""
-        common = weight / (observed + self._middle) ** 2
-        size = [min(_CELLS, side) for side in modelled.shape[2:]]
-        squares, products = (
-            interpolate((common * modelled * each).sum(1, keepdim=True), size, mode="area").double()
-            for each in (modelled, observed)
-        )
-        i, j = torch.ones(degree + 1, degree + 1).triu().fliplr().nonzero().unbind(1)
-        base = torch.einsum("ih,jw->ijhw", *(_powers(n, degree) for n in size))[i, j].to(squares)
-        normal = torch.einsum("ihw,jhw,vchw->vij", base, base, squares)
-        right = torch.einsum("ihw,vchw->vi", base, products)
-        ridge = 1e-9 * normal.diagonal(dim1=1, dim2=2).amax().clamp_min(1e-30)
-        ridges = ridge * torch.eye(len(base), dtype=normal.dtype, device=normal.device)
-        factors = normal.new_zeros(len(modelled), degree + 1, degree + 1)
-        factors[:, i, j] = torch.linalg.solve(normal + ridges, right)
-        return factors.to(modelled.dtype)
-
-    def compressed(self, light: Tensor) -> Tensor:
-        """Light in [0, 1), of which a half is the middle of what is observed."""
-        positive = light.clamp_min(0)
-        return positive / (positive + self._middle)
+        return found
 
 
-def _powers(size: int, degree: int) -> Tensor:
-    """Powers [degree + 1, size] of places from -1 to 1 along a side."""
-    place = (2 * torch.arange(size, dtype=torch.float64) + 1) / size - 1
-    return place ** torch.arange(degree + 1)[:, None]
+def _falloff(light: Tensor, observed: Tensor, common: Tensor) -> Tensor:
+    """The factor of each view over the frame [V, 1, H, W] by least squares: of yⁱ xʲ, i + j ≤ 4."""
+    size = [min(_CELLS, side) for side in light.shape[2:]]
+    squares, products = (
+        interpolate((common * light * each).sum(1, keepdim=True), size, mode="area").double()
+        for each in (light, observed)
+    )
+    base = _monomials(size).to(squares)
+    normal = torch.einsum("ihw,jhw,vchw->vij", base, base, squares)
+    right = torch.einsum("ihw,vchw->vi", base, products)
+    ridge = 1e-9 * normal.diagonal(dim1=1, dim2=2).amax().clamp_min(1e-30)
+    normal = normal + ridge * torch.eye(len(base)).to(normal)
+    factors = torch.linalg.solve(normal, right)
+    whole = _monomials(list(light.shape[2:])).to(factors)
+    return torch.einsum("vi,ihw->vhw", factors, whole)[:, None].to(light)
 
 
-def _surface(factors: Tensor, like: Tensor) -> Tensor:
-    """Factors [V, i, j] over the frame [V, 1, H, W]."""
-    rows, columns = (_powers(n, len(factors[0]) - 1).to(factors) for n in like.shape[-2:])
-    return torch.einsum("vij,ih,jw->vhw", factors, rows, columns)[:, None]
+def _monomials(size: list[int]) -> Tensor:
+    """The products yⁱ xʲ, i + j ≤ 4, of places from -1 to 1 over a frame: [15, h, w]."""
+    degrees = torch.arange(_FALLOFF + 1)[:, None]
+    rows, columns = (((2 * torch.arange(n).double() + 1) / n - 1) ** degrees for n in size)
+    i, j = torch.ones(_FALLOFF + 1, _FALLOFF + 1).triu().fliplr().nonzero().unbind(1)
+    return rows[i][:, :, None] * columns[j][:, None]
 
 
 def error_of(residual: Tensor, weight: Tensor) -> float:

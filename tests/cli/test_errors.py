@@ -94,9 +94,8 @@ R --format jpg --exr-type half → \
 2 idle-option --exr-type: has no effect on jpg; leave it out, or write the format exr
 R --format png --jpeg-quality 80 → \
 2 idle-option --jpeg-quality: has no effect on png; leave it out, or write the format jpg
-fit rgb.exr z.exr rgb.exr --side-shading → \
-2 idle-option --side-shading: has no effect without the right picture; add --right FILE, or leave \
-it out
+fit rgb.exr z.exr rgb.exr --dual-pixel → \
+2 idle-option --dual-pixel: has no effect without the right picture; add --right FILE
 render rgb.exr coc.exr -o out --depth-format coc --focus-at 3,3 → \
 2 idle-option --focus-at: has no effect: with depth-format coc, the files hold the radii; …
 render rgb.exr z.exr -o out --fnumber 2 --focus 2m → \

@@ -1,10 +1,10 @@
 """`defocus help json` names each field that commands print, and no other."""
 
 import re
-import shutil
 
+import numpy as np
 import pytest
-from command_line import LENS, depth_exr, photograph, run, succeed, write_exr
+from command_line import LENS, color_exr, depth_exr, photograph, run, succeed, write_exr
 from deep_files import write_deep_samples
 from elements import disc, element
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
@@ -55,14 +55,10 @@ def desk(tmp_path_factory):
     for number in (1, 2):
         depth_exr(desk / f"d.{number:04}.exr")
     (desk / "bad.exr").write_bytes(b"no picture")
-    for role, path in (
-        ("sharp", "a_rgb.exr"),
-        ("depth", "a_z.exr"),
-        ("blurred", "out/render/a_rgb.exr"),
-    ):
-        (desk / role).mkdir()
-        shutil.copy(desk / path, desk / role / "a.exr")
-        shutil.copy(desk / ("bad.exr" if role == "depth" else path), desk / role / "b.exr")
+    color_exr(desk / "sharp.exr", np.random.default_rng(1).random((48, 64, 3), np.float32))
+    metres = np.linspace(4, 1.2, 48, dtype=np.float32)[:, None].repeat(64, 1)
+    blurred = ("-o", desk / "pair", "--outputs", "left,right", "--fnumber", "1")
+    photograph(desk / "sharp.exr", depth_exr(desk / "metres.exr", metres), *blurred)
     jobs = jobs_file(desk, FIXED, inputs=INPUTS)
     for name in ("failing", "other"):
         (desk / name).mkdir()
@@ -78,6 +74,7 @@ def desk(tmp_path_factory):
 def lines(command, desk):
     """Command lines that together print all fields of a command."""
     pair, out = (desk / "a_rgb.exr", desk / "a_z.exr"), desk / "out"
+    views = (desk / "pair" / "left" / "sharp.exr", "--right", desk / "pair" / "right" / "sharp.exr")
     jobs, taken = desk / "jobs.toml", out / "render" / "a_rgb.exr"
     return {
         "render": [(*pair, *LENS, "-o", desk / "r")],
@@ -94,7 +91,7 @@ def lines(command, desk):
         ],
         "depth": [(pair[1], desk / "bad.exr", "-o", desk / "depths")],
         "lenses": [()],
-        "fit": [tuple(desk / role for role in ("sharp", "depth", "blurred"))],
+        "fit": [(desk / "sharp.exr", desk / "metres.exr", *views, "--dual-pixel")],
         "compare": [(pair[0], taken), (desk / "b", desk / "c")],
         "verify": [()],
     }[command]

@@ -170,18 +170,9 @@ def test_warnings_of_a_batch_are_summed_up_by_their_kind(tmp_path):
 def test_a_file_that_fails_beside_others_is_in_json_too(tmp_path):
     good, bad = depth_exr(tmp_path / "z.exr"), tmp_path / "bad.exr"
     bad.write_bytes(b"no picture")
-    color = color_exr(tmp_path / "c.exr")
-    for folder in ("sharp", "depth", "blurred"):
-        (tmp_path / folder).mkdir()
-        for stem in ("one", "two"):
-            path = good if folder == "depth" else color
-            (tmp_path / folder / f"{stem}.exr").write_bytes(path.read_bytes())
-    (tmp_path / "blurred" / "two.exr").write_bytes(b"no picture")
-    folders = [tmp_path / name for name in ("sharp", "depth", "blurred")]
     for words, key, subject in (
         (("depth", good, bad, "-o", tmp_path / "out"), "files", bad),
         (("info", good, bad), "files", bad),
-        (("fit", *folders), "pairs", tmp_path / "blurred" / "two.exr"),
     ):
         ran = run(*words, "--json")
         assert ran.code == 3

@@ -23,8 +23,7 @@ from defocus_core import (
 )
 from defocus_core.evaluation.lens_laws import LAWS, LawSetting, strips, waves
 from defocus_core.evaluation.synthetic_scenes import scenery
-from defocus_core.fitting.residual import Optics, Residual
-from defocus_core.fitting.unknowns import Candidate
+from defocus_core.fitting.residual import Optics, Point, Residual
 from defocus_core.renderer.engine import regions
 from defocus_core.renderer.engine.regions import Region
 from defocus_core.renderer.engine.renderer import Renderer
@@ -240,9 +239,9 @@ def test_nor_does_the_lens_of_a_pair(agree):
     seen = render(image, 8 * (0.4 - disparity)).render
 
     def work(to):
-        residual = Residual(to(image), to(disparity), (to(seen),), exposure=True)
-        point = Candidate(8.5, 0.4)
-        scales, optics = (residual.scale(None), residual.scale(32)), Optics(Aperture(), DualPixel())
+        residual = Residual(to(image), to(disparity), (to(seen),), falloff=True, rendered=render)
+        point, optics = Point(8.5, 0.4), Optics(Aperture(), DualPixel())
+        scales = residual.scale(None), residual.scale(32)
         return [x for scale in scales for x in residual.of(point, optics, scale)]
 
     with torch.no_grad():

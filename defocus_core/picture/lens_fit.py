@@ -1,0 +1,201 @@
+"""The lens of a real pair: files in, a lens file and a record out."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from defocus_core.errors import InputError, NotExplained
+from defocus_core.io.images.color import Color, read_color, require_finite
+from defocus_core.io.safe_files import written_whole
+from defocus_core.picture.pair import read
+from defocus_core.picture.take import InputPair
+from defocus_core.request.job import Picture, Reading
+from defocus_core.request.quantities import length_text
+from defocus_core.system.process import cores, set_to_render
+
+if TYPE_CHECKING:
+    import torch
+
+    from defocus_core.fitting.pair import Fit
+    from defocus_core.optics.dual_pixel import DualPixel
+
+_MM_PER_M = 1000.0
+_EXPLAINED = 1 / 3  # least share of the difference of pictures that their lens explains
+_MIN_BLUR = 1.5  # px of radius, below which strength and focus are hardly told
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """What is known of the lens, and what is to be found besides."""
+
+    foclen: float  # focal length in mm
+    sensor_width: float  # in mm
+    shift: bool = False  # whether the pictures may lie apart, and their light fall off otherwise
+    dual_pixel: bool = False  # whether the crosstalk of a pair is to be found
+    # The model of the photodiodes, or the file of their kernels; None is smooth where crosstalk is
+    # to be found, else ideal halves
+    dp_model: str | Path | None = None
+
+
+def fit_files(
+    picture: Picture,
+    blurred: tuple[Path, ...],
+    reading: Reading,
+    options: FitOptions,
+    progress: Callable[[int, int], None] | None = None,
+) -> dict[str, Any]:
+    """The record of the lens between a picture and its blurred one, or (left, right)."""
+    import torch
+
+    from defocus_core.fitting.pair import fit
+
+    set_to_render()
+    focal = options.foclen / options.sensor_width if reading.needs_lens else None
+    color, depth = read(InputPair(picture, reading, lens_focal=focal))
+    if depth.is_radius:
+        problem = "holds radii: there is no lens to be found"
+        raise InputError("radii", problem, "give depth", path=depth.path)
+    sharp, *observed = _light(color), *(_light_beside(color, path) for path in blurred)
+    count = min(map(len, (sharp, *observed)))
+    disparity = 1 / torch.from_numpy(depth.metres[:].astype("float32"))
+    try:
+        found = fit(
+            sharp[:count],
+            disparity,
+            tuple(each[:count] for each in observed),
+            dual_pixel=_photodiodes(options),
+            crosstalk=options.dual_pixel,
+            shift=options.shift,
+            depth_repair=reading.depth_repair,
+            edge_width=reading.edge_width,
+            threads=cores(),
+            progress=progress,
+        )
+    except ValueError as error:
+        problem, _, remedy = str(error).partition("; ")
+        remedy = remedy or "give another pair"
+        raise InputError("not-explained", problem, remedy, path=blurred[0]) from None
+    if found.explained < _EXPLAINED:
+        problem = f"a blur explains {max(found.explained, 0):.0%} of what the pictures differ by"
+        remedy = "give a pair of one scene and one exposure curve, and see ‹shift›"
+        raise NotExplained("not-explained", problem, remedy, path=blurred[0])
+    if found.focus * options.foclen >= _MM_PER_M:
+        where, far = length_text(_MM_PER_M / found.focus), length_text(options.foclen)
+        problem = f"the focus that was found, {where}, is not beyond the focal length {far}"
+        remedy = "give a shorter ‹focal-length›, or a ‹depth-range› that lies farther away"
+        raise InputError("focus-too-near", problem, remedy, path=blurred[0])
+    largest = float((found.strength * (found.focus - disparity)).abs().max())
+    record = _record(found, options, color.shape[1]) | {"max_coc_px": largest}
+    return {"picture": str(picture.color)} | record
+
+
+def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
+    """What a fit found, in plain values; `width` of the picture in px."""
+    from defocus_core.optics.thin_lens import fnum_of_strength
+
+    pitch = options.sensor_width / width
+    strength, focus = found.strength * _MM_PER_M, found.focus / _MM_PER_M
+    record: dict[str, Any] = {
+        "focus_m": None if found.focus <= 0 else 1 / found.focus,
+        "focus_dioptres": found.focus,
+        "focus_error_dioptres": _finite(found.focus_error),
+        "fnumber": fnum_of_strength(strength, focus, options.foclen, pitch),
+        "fnumber_error": _finite(found.strength_error),
+        "px_per_dioptre": found.strength,
+        "focal_length_mm": options.foclen,
+        "sensor_width_mm": options.sensor_width,
+        "shift_px": list(found.shift),
+        "magnification": found.magnification,
+        "gains": list(found.gains),
+        "explained": found.explained,
+        "psnr": found.psnr,
+    }
+    if (sensor := found.dual_pixel) is not None:
+        kernels = options.dp_model if isinstance(options.dp_model, Path) else None
+        record |= {
+            "dp_model": sensor.model if kernels is None else str(kernels.absolute()),
+            "dp_crosstalk": float(sensor.crosstalk),
+            "left_is_right": found.exchanged,
+        }
+    return record
+
+
+def _photodiodes(options: FitOptions) -> DualPixel:
+    from defocus_core.optics.dual_pixel import DualPixel
+    from defocus_core.picture.opening import measured_pair
+
+    if isinstance(options.dp_model, Path):
+        return DualPixel(measured=measured_pair(options.dp_model))
+    return DualPixel(options.dp_model or ("smooth" if options.dual_pixel else "split"))
+
+
+def _light_beside(color: Color, path: Path) -> torch.Tensor:
+    """The light of a picture of the size of another."""
+    other = read_color(path)
+    require_finite(other)
+    if other.shape[:2] != color.shape[:2]:
+        (height, width), (wide, high) = color.shape[:2], other.size
+        problem = f"is {wide}x{high} px but {color.path} is {width}x{height} px"
+        raise InputError("wrong-size", problem, "give pictures of one size", path=path)
+    return _light(other)
+
+
+def _light(color: Color) -> torch.Tensor:
+    """Linear light [C, H, W] without alpha."""
+    import torch
+
+    return torch.from_numpy(np.stack([plane[:] for plane in color.light]).astype(np.float32))
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def write_lens(path: Path, found: dict[str, Any]) -> None:
+    """Write what was found as a lens file."""
+    focus = found["focus_m"]
+    lines = [
+        "# Found by 'defocus fit'.",
+        f'focal-length = "{length_text(found["focal_length_mm"], 9)}"',
+        f'sensor-width = "{length_text(found["sensor_width_mm"], 9)}"',
+        f"fnumber = {found['fnumber']:.6g}",
+        f'focus = "{"inf" if focus is None else length_text(focus * _MM_PER_M, 7)}"',
+    ]
+    if found.get("dp_model", "split") != "split":
+        lines.append(f"dp-model = {json.dumps(found['dp_model'])}")
+    if found.get("dp_crosstalk"):
+        lines.append(f"dp-crosstalk = {found['dp_crosstalk']:.4g}")
+    with written_whole(path) as file:
+        file.write(("\n".join(lines) + "\n").encode())
+
+
+def words(found: dict[str, Any]) -> list[str]:
+    """What was found, a line each."""
+    distance = "infinity" if found["focus_m"] is None else f"{found['focus_m']:.4g} m"
+    focus_error, error = found["focus_error_dioptres"], found["fnumber_error"]
+    of_focus = "unknown" if focus_error is None else f"{focus_error:.2g} 1/m"
+    of_number = "unknown" if error is None else f"{error:.2%}"
+    (across, down), gains = found["shift_px"], ", ".join(f"{gain:.4g}" for gain in found["gains"])
+    lines = [
+        f"focus {distance} ({found['focus_dioptres']:.4g} 1/m, standard error {of_focus})",
+        f"f-number {found['fnumber']:.4g} (standard error {of_number}) for "
+        f"{found['focal_length_mm']:g}mm and a sensor of {found['sensor_width_mm']:g}mm: "
+        f"{found['px_per_dioptre']:.4g} px of radius for 1/m",
+        f"residual {found['psnr']:.1f} dB, {found['explained']:.0%} explained by the blur",
+        f"magnified {found['magnification']:.5f} times, {across:.2f} px to the right, "
+        f"{down:.2f} px down; gains {gains}",
+    ]
+    if "dp_model" in found:
+        lines.append(f"photodiodes {found['dp_model']}, crosstalk {found['dp_crosstalk']:.3f}")
+    if found.get("left_is_right"):
+        lines.append("not sure: left and right are exchanged")
+    if found["max_coc_px"] < _MIN_BLUR:
+        lines.append("not sure: hardly anything is blurred")
+    return lines
