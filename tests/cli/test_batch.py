@@ -14,7 +14,6 @@ from defocus_cli.main import main
 from defocus_core.batch.datasets.finished import samples
 from defocus_core.batch.journal.runs import locked
 from defocus_core.batch.run_batch import WorkerConfig
-from defocus_core.picture import plain_path
 
 NAMES = [f"{stem}_focus{focus}" for stem in "ab" for focus in ("1.5m", "2m")]
 
@@ -42,16 +41,6 @@ def test_a_batch_is_the_same_whoever_does_it(tmp_path, out, in_processes):
     assert without_times(out) == without_times(tmp_path / "here")
 
 
-def test_one_job_that_is_left_starts_no_process(tmp_path, out, in_processes, monkeypatch):
-    path = jobs_file(tmp_path)
-    run("batch", path, "-o", out, "--limit", "3")
-    in_processes()
-    here, compute = [], plain_path.compute
-    monkeypatch.setattr(plain_path, "compute", lambda *of: here.append(of) or compute(*of))
-    assert run("batch", path, "-o", out, "--processes", "2").code == 0
-    assert (len(here), len(records(out))) == (1, 4)
-
-
 def test_many_equal_errors_are_told_once(tmp_path, out):
     path = jobs_file(tmp_path, *"abcdef")
     for stem in "abcdef":
@@ -73,20 +62,6 @@ def test_fail_fast_stops_at_the_first(tmp_path, out):
     assert " left " in ran.err
     assert run("batch", path, "-o", out, "--keep-going").code == 1
     assert run("status", out, "--json").json["ok"] == 14
-
-
-def test_a_fault_of_our_own_fails_its_job_and_v_says_more(tmp_path, out, monkeypatch):
-    def faulty(*_):
-        raise RuntimeError("wires crossed")
-
-    path = jobs_file(tmp_path)
-    monkeypatch.setattr(plain_path, "compute", faulty)
-    ran = run("batch", path, "-o", out)
-    assert ran.code == 1
-    assert "unexpected RuntimeError: wires crossed" in ran.err
-    assert "Traceback" not in ran.err
-    assert "Traceback" in run("batch", path, "-o", out, "-v").err
-    assert {record["reason"] for record in records(out)} == {"fault"}
 
 
 def test_a_limit_leaves_the_rest_for_later(tmp_path, out):
@@ -168,24 +143,6 @@ def test_the_index_lists_what_the_batch_asks_for_and_after_a_merge_all(tmp_path,
     assert [one.sample_id for one in samples(out)] == sorted({*now, *NAMES})
 
 
-def test_kinds_made_one_after_another_are_one_sample(tmp_path, out):
-    path = jobs_file(tmp_path, "a")
-    run("batch", path, "-o", out)
-    path.write_text(JOBS.replace('"coc"', '"disparity"'))
-    run("batch", path, "-o", out, "--shards-size", "1MB")
-    assert [one.sample_id for one in samples(out)] == ["a_focus1.5m", "a_focus2m"]
-    assert all(set(one.files) == {"coc", "disparity"} for one in samples(out))
-
-
-def test_a_preview_that_alone_is_left_is_no_sample(tmp_path, out):
-    path = jobs_file(tmp_path, "a", text=JOBS + "preview = true\n")
-    run("batch", path, "-o", out)
-    path.write_text(JOBS)
-    (tmp_path / "rgb" / "a.exr").write_bytes(b"")
-    assert run("batch", path, "-o", out).code == 1
-    assert not list(samples(out))
-
-
 def test_a_second_batch_on_the_same_directory_is_refused(tmp_path, out):
     path = jobs_file(tmp_path)
     out.mkdir()
@@ -207,20 +164,6 @@ def test_a_dry_run_says_what_is_to_do_and_does_nothing(tmp_path, out):
     assert (told["done_before"], told["todo"], told["beyond_limit"]) == (1, 2, 1)
     assert [sample["stem"] for sample in told["pictures"]] == NAMES[1:3]
     assert "would read" in run("batch", path, "-o", out, "--dry-run", "-v").out
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="runs as root, who may read and write everything")
-@pytest.mark.parametrize("begun", [False, True])
-def test_a_dry_run_needs_no_out_that_can_be_written(tmp_path, begun):
-    path, locked = jobs_file(tmp_path), tmp_path / "locked"
-    locked.mkdir()
-    if begun:
-        assert run("batch", path, "-o", locked, "--limit", "1").code == 0
-    locked.chmod(0o555)
-    ran = run("batch", path, "-o", locked if begun else locked / "out", "--dry-run")
-    assert ran.code == 0
-    assert f"{4 - begun} to do" in ran.out
-    refused(run("batch", path, "-o", locked / "out"), 3, "unwritable", "locked")
 
 
 def test_a_dry_run_goes_on_where_the_batch_would(tmp_path, out):

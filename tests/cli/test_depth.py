@@ -118,16 +118,6 @@ def test_a_format_means_the_same_in_render_info_batch_and_lens_files(tmp_path):
         np.testing.assert_array_equal(read_exr(out / "coc" / "a.exr")["coc"], wanted)
 
 
-def test_options_win_over_the_lens_file(tmp_path):
-    lens = tmp_path / "l.toml"
-    lens.write_text('focal-length = "50mm"\nfnumber = 2\nfocus = "2m"\ndepth-unit = "cm"\n')
-    path = depth_exr(tmp_path / "z.exr")
-    (record,) = run("info", "--json", path, "--lens", lens).json["files"]
-    np.testing.assert_allclose(record["depth"]["range_m"], [0.01, 0.04], rtol=1e-6)
-    (record,) = run("info", "--json", path, "--lens", lens, "--depth-unit", "m").json["files"]
-    assert record["depth"]["range_m"] == [1.0, 4.0]
-
-
 def test_radial_depth_takes_the_field_of_view_of_the_lens(tmp_path):
     color, path = pair(tmp_path)
     focal = 50 / 36 * 24  # of LENS, 24 px wide

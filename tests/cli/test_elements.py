@@ -160,8 +160,7 @@ def grey(alpha, metres):
     return planes | {"A": alpha, "Z": metres.astype(np.float32)}
 
 
-@pytest.mark.parametrize("nothing", [None, 0.0], ids=["far", "0"])
-@pytest.mark.parametrize("far", [30.0, 1e4, 1e10, None])
+@pytest.mark.parametrize(("far", "nothing"), [(30.0, None), (1e10, 0.0), (None, None)])
 @pytest.mark.parametrize(("kind", "power"), [("disc", 1), ("disc", -1), ("hair", 1), ("hair", -1)])
 def test_edges_of_averaged_depth_are_those_of_the_object(kind, power, far, nothing, tmp_path):
     """In focus, so that the output is the input; far None is a background of 12 m."""

@@ -7,7 +7,6 @@ import OpenEXR
 import pytest
 from command_line import (
     HEIGHT,
-    PITCH,
     WIDTH,
     color_exr,
     depth_exr,
@@ -47,14 +46,6 @@ def test_coc_is_the_signed_radius_in_px_and_disparity_the_distance_of_half_discs
     assert coc.dtype == np.float32
     np.testing.assert_allclose(coc, thin_lens_radius(ramp() * 1e3), atol=1e-5)
     np.testing.assert_allclose(disparity, coc * (8 / (3 * math.pi)), rtol=1e-6)
-
-
-def test_telescopes_have_a_coc_too(tmp_path):
-    color, depth = pair(tmp_path)
-    lens = ("--focal-length", "39m", "--fnumber", "39000", "--focus", "inf")
-    succeed("render", *lens, color, depth, "-o", tmp_path / "out", "--outputs", "coc")
-    radius = read_exr(tmp_path / "out" / "coc" / "a.exr")["coc"]
-    np.testing.assert_allclose(radius, -39 / ramp() / (2 * PITCH), rtol=1e-6)
 
 
 def scene_exr(path):

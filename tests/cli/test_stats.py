@@ -3,7 +3,7 @@
 import numpy as np
 from command_line import color_exr, depth_exr, photograph, ramp, texture
 
-from defocus_core.tensors.box import BLOCK, TILE
+from defocus_core.tensors.box import TILE
 
 W, H = 3 * TILE, TILE
 
@@ -19,12 +19,6 @@ def flat(metres):
     return np.full((H, W), metres, np.float32)
 
 
-def test_a_frame_in_focus_is_copied(tmp_path):
-    stats = rendered(tmp_path, flat(2.0))
-    assert stats["pixels_copied"] == stats["pixels"] == W * H
-    assert stats["slice_tiles_blurred"] == 0
-
-
 def test_pixels_of_left_and_right_that_were_negative_are_counted(tmp_path):
     args = ("--outputs", "render,left,right")
     stats = rendered(tmp_path, ramp(W, H), *args)
@@ -37,15 +31,6 @@ def test_pixels_of_left_and_right_that_were_negative_are_counted(tmp_path):
     assert f"left, right: below 0 in {share} % of the pixels, and made 0" in said
     stats = rendered(tmp_path, ramp(W, H), pixels=dots)
     assert "pixels_clamped" not in stats, "there are no halves"
-
-
-def test_what_is_in_focus_is_copied_beside_what_is_not(tmp_path):
-    metres = flat(2.0)
-    metres[:, -TILE:] = 3.0  # behind, in the last tile, which blurs over its neighbour's border
-    stats = rendered(tmp_path, metres)
-    copied = stats["pixels_copied"]
-    assert TILE * H < copied < (W - TILE) * H
-    assert copied % (BLOCK * H) == 0
 
 
 def test_slices_that_do_not_reach_a_tile_are_skipped(tmp_path):

@@ -21,7 +21,7 @@ def stopped(*words):
 
 
 def pictures_of(folder):
-    for number in range(12):
+    for number in range(6):
         color, depth = pair(folder, f"{number:02}")
     return ("render", color.parent, depth.parent, *OUTPUTS, *LENS, "-o")
 
@@ -33,7 +33,7 @@ def shot_of(folder):
     return ("render", *files, "--focal-length", "50mm", "-o")
 
 
-@pytest.mark.parametrize(("words_of", "count", "kills"), [(pictures_of, 12, 5), (shot_of, 10, 3)])
+@pytest.mark.parametrize(("words_of", "count", "kills"), [(pictures_of, 6, 3), (shot_of, 10, 3)])
 def test_killed_runs_come_to_the_same_end(words_of, count, kills, tmp_path):
     """A shortened run of what is done by hand with 100 kills of 300 jobs in several processes."""
     words, whole, out = words_of(tmp_path), tmp_path / "whole", tmp_path / "killed"
@@ -62,7 +62,7 @@ def batch_of(folder, *stems):
 
 
 @pytest.mark.parametrize(
-    "every", [251, pytest.param(1, marks=pytest.mark.bench)], ids=["some", "each"]
+    "every", [397, pytest.param(1, marks=pytest.mark.bench)], ids=["some", "each"]
 )
 def test_a_disk_full_at_any_step_of_a_batch_leaves_what_goes_on(every, tmp_path):
     (tmp_path / "work").mkdir()
@@ -72,7 +72,7 @@ def test_a_disk_full_at_any_step_of_a_batch_leaves_what_goes_on(every, tmp_path)
 
 
 @pytest.mark.parametrize(
-    "every", [31, pytest.param(1, marks=pytest.mark.bench)], ids=["some", "each"]
+    "every", [47, pytest.param(1, marks=pytest.mark.bench)], ids=["some", "each"]
 )
 def test_a_merge_killed_at_any_step_goes_on(every, tmp_path):
     (tmp_path / "work").mkdir()

@@ -16,7 +16,6 @@ from command_line import LENS, files_under, hidden_in, pair, photograph, refused
 
 from defocus_cli import main
 from defocus_core.picture import plain_path
-from defocus_core.system.interrupts import delayed_signals
 
 __all__ = ["folders"]
 
@@ -166,19 +165,6 @@ def test_errors_of_the_system_are_one_line_and_faults_ask_for_a_report(
     verbose = render(color, depth, "-o", out, "-v")
     assert verbose.code == 1
     assert "Traceback" in verbose.err
-
-
-def test_ctrl_c_waits_for_imports_and_is_not_lost():
-    def imports():
-        with delayed_signals():
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.01)
-            done.append("imports")
-
-    done: list[str] = []
-    with pytest.raises(KeyboardInterrupt):
-        imports()
-    assert done
 
 
 def signalled(monkeypatch, module, name, *numbers, at=1):

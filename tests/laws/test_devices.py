@@ -85,10 +85,7 @@ def scene(kind="cards", size=SIZE):
 
 @pytest.mark.parametrize(
     ("kind", "quality"),
-    [
-        *((kind, "standard") for kind in ("floor", "cards", "lights", "most")),
-        *(("cards", "high"), ("lights", "high"), ("most", "reference")),
-    ],
+    [("floor", "standard"), ("lights", "standard"), ("most", "high"), ("cards", "reference")],
 )
 def test_pictures_do_not_depend_on_the_device(agree, kind, quality):
     image, radius = scene(kind)
@@ -99,17 +96,11 @@ def test_pictures_do_not_depend_on_the_device(agree, kind, quality):
 @pytest.mark.parametrize(
     "options",
     [
-        {"aperture": Aperture(5, 10.0), "left_right": True},
-        {"tile": 32},
-        {"num_layers": 5},
-        {"psf_ks": 41},
-        {"infinity": 9.0},
-        {"aperture": Aperture(obstruction=0.4, spherical=0.5)},
-        {"aperture": Aperture(image=PUPIL), "left_right": True},
-        {"cat_eye": CatEye(1.1, 0.5)},
+        {"aperture": Aperture(5, 10.0, obstruction=0.4, spherical=0.5), "left_right": True},
+        {"aperture": Aperture(image=PUPIL), "num_layers": 5, "psf_ks": 41, "edge_width": 12.0},
+        {"cat_eye": CatEye(1.1, 0.5), "infinity": 9.0, "tile": 32},
         {"color_offsets": (0.6, 0.0, -0.4)},
         {"dual_pixel": DualPixel(crosstalk=0.3), "left_right": True},
-        {"edge_width": 12.0},
     ],
     ids=lambda options: "-".join(options),
 )
@@ -119,7 +110,7 @@ def test_nor_does_an_option(agree, options):
         agree(lambda to: pictures(to(image), to(radius), **options), within=1e-6)
 
 
-@pytest.mark.parametrize("dtype", [torch.float16, torch.bfloat16, torch.float64])
+@pytest.mark.parametrize("dtype", [torch.float16, torch.float64])
 def test_nor_a_precision(agree, dtype):
     image, radius = scene()
     with torch.no_grad():
@@ -317,7 +308,7 @@ def test_nor_do_they_on_a_gpu(monkeypatch):
 )
 def test_a_batch_is_its_pictures(anywhere, options):
     # of other ranges of radius, one with highlights: no two plans are the same
-    scenes = [scene(kind, (41, 52)) for kind in ("floor", "cards", "most", "lights")]
+    scenes = [scene(kind, (41, 52)) for kind in ("floor", "most", "lights")]
     radii = [radius * (0.3 + 0.3 * i) for i, (_, radius) in enumerate(scenes)]
     images = [image for image, _ in scenes]
     with torch.no_grad(), anywhere.known():

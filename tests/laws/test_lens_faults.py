@@ -173,9 +173,3 @@ def test_an_opening_is_given_to_a_lens_or_to_an_aperture():
         DefocusLens(50.0, 0.5, aperture=pupil, **sensor)
     with pytest.raises(ValueError, match=r"Aperture\(image=…\)"):
         render(image, depth, aperture=pupil)
-
-
-def test_metres_given_as_millimetres_are_doubted():
-    lens = DefocusLens(50.0, 2.0, sensor_size=(36.0, 24.0), sensor_res=(24, 16))
-    with pytest.warns(UserWarning, match="metres"):
-        lens.render_rgbd(torch.rand(1, 3, 16, 24), torch.full((1, 1, 16, 24), 4.0))

@@ -67,7 +67,7 @@ def halves_of(image, r, aperture):
 
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
-@pytest.mark.parametrize("r", [0.3, 0.6, 1.0, 2.3, -3.7, 6.3, -11.0, 21.0])
+@pytest.mark.parametrize("r", [0.3, 1.0, 2.3, -3.7, -11.0, 21.0])
 def test_one_slice_is_one_convolution_of_a_scene_that_goes_on(r, aperture):
     """With one slice there are no slices between which to stand: borders, halves, everything."""
     image, radius = plane(r)
@@ -79,7 +79,7 @@ def test_one_slice_is_one_convolution_of_a_scene_that_goes_on(r, aperture):
 
 
 @pytest.mark.parametrize("aperture", PUPILS, ids=str)
-@pytest.mark.parametrize("r", [0.6, 1.0, 1.5, 2.3, -3.7, 4.0, 5.0, 6.3, -7.0, 11.0])
+@pytest.mark.parametrize("r", [0.6, 1.0, 1.5, 2.3, -3.7, 5.0, 11.0])
 def test_one_plane_is_one_convolution(r, aperture):
     """On the slice radii as well, up to the border."""
     image, radius = plane(r)
@@ -113,7 +113,7 @@ def test_the_middle_of_a_gaussian_is_brighter(psf_type):
     assert ratio == pytest.approx(math.exp(49 / 162) if psf_type == "gaussian" else 1.0, rel=1e-9)
 
 
-@pytest.mark.parametrize("r", [-10.8, 5.3, 12.0, 17.0, -23.0])
+@pytest.mark.parametrize("r", [-10.8, 5.3, 17.0])
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_a_light_does_not_stop_itself(quality, r):
     """Whatever the distance of the slice radii between which its own surface lies."""

@@ -38,7 +38,7 @@ def kept(recorded, names, **values):
     return {each.sample_id: each.split.name for each in jobs}
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=10)
 @given(shares=st.lists(st.integers(1, 20), min_size=1, max_size=4))
 def test_each_split_has_its_share_of_the_scenes_in_the_long_run(shares):
     wanted = {f"s{n}": share / sum(shares) for n, share in enumerate(shares)}
@@ -47,7 +47,7 @@ def test_each_split_has_its_share_of_the_scenes_in_the_long_run(shares):
         assert abs(found[name] / 2000 - share) < 0.05  # more than four standard deviations
 
 
-@settings(deadline=None)
+@settings(deadline=None, max_examples=30)
 @given(names=st.sets(st.text("abc123", min_size=1), min_size=2))
 def test_no_scene_moves_when_another_is_added_removed_or_renamed(names):
     every = assigned(sorted(names), train=0.7, val=0.1, test=0.2)

@@ -69,7 +69,7 @@ def test_the_light_is_continuous_in_the_threshold_where_blobs_grow_together():
     image = street()
     image[:, 20, 50] = 0.85
     image[:, 20, 53:202] = 0.82  # a bridge from the lamp to the wall
-    lit = [with_lights(image, t / 400, 16.0) for t in range(280, 380, 4)]
+    lit = [with_lights(image, t / 400, 16.0) for t in range(280, 380, 10)]
     steps = torch.stack([each[0, 20:23, 50:53] for each in lit]).diff(dim=0).abs()
     assert steps.max() < 2
     assert lit[0][0, 21, 51] < 0.7 * lit[-1][0, 21, 51]
@@ -133,7 +133,7 @@ def hue(light):
     return 360 * colorsys.rgb_to_hsv(red, green, blue)[0]
 
 
-@pytest.mark.parametrize("blur", [6.0, 12.0, 25.0])
+@pytest.mark.parametrize("blur", [6.0, 25.0])
 @pytest.mark.parametrize(
     "light", [(8.0, 4.8, 1.6), (4.0, 2.8, 1.4), (20.0, 12.0, 4.0), (2.0, 3.0, 8.0)]
 )

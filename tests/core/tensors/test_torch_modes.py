@@ -68,7 +68,7 @@ def pictures(seen):
 
 @lru_cache
 def two_tiles():
-    image, radius = scenery("cards", 72, 220, 30.0)
+    image, radius = scenery("cards", 24, 200, 30.0)
     return image, radius, pictures(render(image, radius, left_right=True))
 
 
@@ -95,7 +95,7 @@ def test_the_callers_modes_do_not_change_a_gradient(name):
 
 def test_products_are_not_rounded_as_the_caller_allows():
     product = torch.rand(64, 64, generator=torch.Generator().manual_seed(0))
-    image, radius = (x.requires_grad_() for x in scenery("cards", 48, 120, 40.0))
+    image, radius = (x.requires_grad_() for x in scenery("cards", 32, 64, 40.0))
 
     def seen():
         rendering = render(image, radius, left_right=True)

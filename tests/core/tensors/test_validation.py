@@ -39,6 +39,8 @@ def test_a_hidden_layer_is_of_floats():
 
 WRONG_LATER: list[tuple[str, Any, str]] = [
     ("foclen", math.nan, "foclen must be positive and finite, got nan"),
+    ("foclen", 25000.0, "foc_dist must be farther than foclen=25000"),
+    ("fnum", torch.tensor(-0.1), "fnum must be positive"),
     ("d_far", "20m", "d_far must be one number, got '20m'"),
     ("d_far", math.nan, "d_close must not be farther than d_far, got .*=nan mm"),
     ("d_far", 0, "d_close must not be farther than d_far"),

@@ -15,34 +15,18 @@ from defocus_core.batch.journal.progress import progress
 from defocus_core.batch.journal.record import Asked, Failed, Taken, line_of, record_of
 from defocus_core.batch.journal.runs import open_run, run_path
 
-NEEDED = (
-    *("sample_id", "recipe", "status", "settings", "inputs", "outputs"),
-    *("quality", "version", "warnings", "seconds", "finished", "lens", "size", "coc_px", "device"),
-)
 WRONG = [
     ({"status": "done"}, "$.status"),
-    ({"status": []}, "$.status"),
     ({"finished": "yesterday"}, "$.finished"),
     ({"finished": "2026-01-01T00:00:00"}, "timezone"),
-    ({"outputs": {"render": "a.png"}}, "$.outputs"),
     ({"inputs": {"depth": {"path": "z.exr"}}}, "no color"),
-    ({"size": [4]}, "$.size"),
-    ({"coc_px": ["a", "b"]}, "$.coc_px[0]"),
-    ({"seconds": {}}, "`render`"),
     ({"lens": {"fnumber": 2.0}}, "`focal_length_mm`"),
-    ({"warnings": [[]]}, "$.warnings[0]"),
     ({"sample_id": "../a"}, "$.sample_id"),
     ({"split": "../a"}, "$.split"),
     ({"split": "train\n"}, "$.split"),
     ({"coc_px": [float("nan"), 1]}, "is broken"),
     ({"size": [0, 3]}, "$.size[0]"),
-    ({"inputs": {"color": {"path": "c.exr", "size": "4"}}}, "$.inputs[...].size"),
-    ({"measures": {"coc_mean_px": "1"}}, "$.measures[...]"),
     ({"settings": {"lens": []}}, "$.lens"),
-    ({"settings": {"stem": {}}}, "$.stem"),
-    ({"depth_repair": {"kinds": [3]}}, "$.depth_repair.kinds[0]"),
-    ({"inputs": {"color": {"path": 3}}}, "$.inputs[...].path"),
-    ({"color_note": None}, "$.color_note"),
     ({"message": "\ud800"}, "is broken"),
 ]
 OUTSIDE = (
@@ -93,7 +77,7 @@ def output(path):
     return {"outputs": {"render": {"path": path}}}
 
 
-@pytest.mark.parametrize("key", NEEDED)
+@pytest.mark.parametrize("key", ["sample_id", "inputs", "lens", "size"])
 def test_a_line_that_lacks_a_key_is_named_by_its_number(key, tmp_path):
     whole = record(tmp_path, "a")
     lacking = {name: value for name, value in whole.items() if name != key}

@@ -7,7 +7,7 @@ from jobs_files import touch
 from refusals import refuses
 
 from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.run import Execution, make_plan, refuse_misplaced, refuse_unknown
+from defocus_core.batch.workers.run import Execution, make_plan, refuse_misplaced
 from defocus_core.io.safe_files import written_together, written_whole
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens
@@ -19,29 +19,6 @@ def jobs_for(pictures, outputs):
     return [Job(picture, LENS, Reading(), outputs, Machine()) for picture in pictures]
 
 
-def test_what_exists_is_refused_unless_it_is_known_or_told(tmp_path):
-    pictures = [Picture(stem, tmp_path / f"{stem}.exr", tmp_path / "z.exr") for stem in "abc"]
-    touch(tmp_path / "out" / "render", "b.exr", "c.exr")
-    jobs = jobs_for(pictures, Outputs(tmp_path / "out"))
-    with refuses("exists", path=tmp_path / "out/render/b.exr"):
-        refuse_unknown(jobs, set().__contains__)
-    with refuses("exists", path=tmp_path / "out/render/c.exr"):
-        refuse_unknown(jobs, {"render/b.exr"}.__contains__)
-    refuse_unknown(jobs, {"render/b.exr", "render/c.exr"}.__contains__)
-    refuse_unknown(
-        jobs_for(pictures, Outputs(tmp_path / "out", overwrite=True)), set().__contains__
-    )
-
-
-def test_a_directory_is_never_replaced(tmp_path):
-    jobs = jobs_for(
-        [Picture("a", tmp_path / "a", tmp_path / "z")], Outputs(tmp_path, overwrite=True)
-    )
-    (tmp_path / "render" / "a.exr").mkdir(parents=True)
-    with refuses("wrong-type"):
-        refuse_unknown(jobs, {"render/a.exr"}.__contains__)
-
-
 def test_an_input_is_never_overwritten_by_any_name_of_it(tmp_path):
     file = touch(tmp_path / "out" / "render", "a.exr") / "a.exr"
     (tmp_path / "linked").symlink_to(tmp_path / "out")
@@ -50,12 +27,6 @@ def test_an_input_is_never_overwritten_by_any_name_of_it(tmp_path):
         outputs = Outputs(tmp_path / root, overwrite=True)
         with refuses("replaces-input"):
             refuse_misplaced(jobs_for([Picture("a", color, color)], outputs))
-
-
-def test_no_file_is_written_twice(tmp_path):
-    pictures = [Picture(stem, tmp_path / stem, tmp_path / "z") for stem in ("a", "a.preview")]
-    with refuses("duplicate"):
-        refuse_misplaced(jobs_for(pictures, Outputs(tmp_path / "out", format="png", preview=True)))
 
 
 def test_a_folder_of_outputs_that_leads_elsewhere_is_refused(tmp_path):

@@ -51,8 +51,8 @@ for case in sys.argv[1:]:
 """
 # Kind, height, width, radius, quality, views and threads.
 _CASES = (
-    *("thin 384 576 24 high centre 2", "cards 512 768 40 standard centre 1"),
-    *("lights 720 1280 16 standard pair 1", "floor 1080 1920 32 standard centre 2"),
+    *("thin 256 384 16 high centre 2", "cards 384 576 30 standard centre 1"),
+    *("lights 480 800 12 standard pair 1", "floor 720 1280 24 standard centre 2"),
 )
 
 

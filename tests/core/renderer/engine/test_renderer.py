@@ -16,11 +16,11 @@ from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 
 
-@pytest.mark.parametrize("kind", ["most", "lights", "floor", "focus"])
+@pytest.mark.parametrize("kind", ["most", "lights", "focus"])
 def test_a_renderer_is_the_rendering(kind):
-    image, radius = scenery(kind, 700, 150, 6.0)
+    image, radius = scenery(kind, 450, 100, 6.0)
     whole = render(image, radius, left_right=True)
-    for threads, at_once in ((1, None), (3, 1), (2, 2)):
+    for threads, at_once in ((1, None), (3, 1)):
         renderer = Renderer(Scene(image, radius), Settings(left_right=True, threads=threads))
         pictures = put_together(renderer, at_once)
         assert pictures.keys() == {*KINDS, "trust"}
@@ -36,7 +36,7 @@ def soft_picture(height, width):
 
 
 def test_a_renderer_of_soft_depth_is_its_rendering():
-    image, radius = soft_picture(700, 120)
+    image, radius = soft_picture(450, 100)
     whole = render(image, radius)
     renderer = Renderer(Scene(image, radius), Settings(threads=2))
     assert renderer.repair.soft_edges
@@ -62,11 +62,11 @@ def test_a_known_layer_is_handed_out_in_regions_too():
 
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "hidden"])
 def test_another_side_of_tiles_changes_the_last_digits_alone(kind):
-    image, radius = scenery("cards" if kind == "hidden" else kind, 200, 140, 8.0)
+    image, radius = scenery("cards" if kind == "hidden" else kind, 200, 90, 8.0)
     known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     rendered = partial(render, left_right=True, hidden=known if kind == "hidden" else None)
     usual = rendered(image, radius)
-    for tile in (32, 80, 160):
+    for tile in (32, 80):
         other = rendered(image, radius, tile=tile)
         assert other.stats["tiles"] != usual.stats["tiles"]
         for name in KINDS:
@@ -81,7 +81,7 @@ def test_another_side_of_tiles_changes_the_last_digits_alone(kind):
 @pytest.mark.parametrize("quality", ["standard", "high"])
 def test_a_tile_sees_all_that_spreads_to_it(kind, quality):
     """In double precision nothing but what a tile left out would tell: large radii, edges."""
-    image, radius = (x.double() for x in scenery(kind, 200, 130, 24.0))
+    image, radius = (x.double() for x in scenery(kind, 200, 60, 24.0))
     usual, *others = (
         render(image, radius, quality=quality, left_right=True, **tile)
         for tile in ({}, {"tile": 48}, {"tile": 320})

@@ -73,7 +73,7 @@ def test_a_sign_in_focus_is_not_tinted_by_the_sky_behind_a_blurred_wire(quality,
 @pytest.mark.parametrize("known", [False, True])
 @pytest.mark.parametrize(
     ("quality", "sign"),
-    [*(("standard", r) for r in (-9.0, -4.0, -2.5, 2.5, 4.0, 9.0)), ("high", -4.0), ("high", 2.5)],
+    [*(("standard", r) for r in (-9.0, -2.5, 4.0)), ("high", -4.0), ("high", 2.5)],
 )
 def test_nor_is_a_sign_that_is_much_less_blurred_than_the_sky(quality, known, sign):
     """Whatever the colour of the sky, where the lens sees nothing but wires and the sign."""

@@ -23,7 +23,7 @@ def _layers(count, kind, side=8):
 
 @pytest.mark.parametrize("kind", _KINDS)
 def test_many_layers_are_composited_as_each_alone(monkeypatch, kind):
-    layers = _layers(120, kind)
+    layers = _layers(60, kind)
     views = render_layers(*layers)
     (gradient,) = torch.autograd.grad(views.render.square().sum(), layers[0])
     monkeypatch.setattr(region_layers, "of_slices", lambda layers, radii: layers)
