@@ -267,7 +267,6 @@ ROWS = [
     ("0.0375 mm across and 0.0444", lambda: DefocusLens(50, 1.4, (36, 24), (960, 540))),
     ("foc_dist must be one number, got None", lambda: lens().refocus(None)),
     ("coc must be positive", lambda: lens().hyperfocal(0.0)),
-    ("coc must be", lambda: lens().dof(1000.0, -0.03)),
     ("psf_type must be one of", lambda: lens().psf(torch.ones(3) * 2e3, psf_type="airy")),
     ("at least 1 each", lambda: lens().psf_map(grid=(0, 3))),
     ("at least 1 each", lambda: lens().psf_map_dp(grid=(2, 0))),

@@ -96,17 +96,3 @@ def test_a_heic_is_rendered_of_its_own_depth(kind, tmp_path):
             made = pixels(tmp_path / "b.png")
             assert contrast(made[:, :32]) > 4 * contrast(made[:, 32:])
         assert "colour: R, G, B" in run("info", file, *BLUR).out
-
-
-@pytest.mark.parametrize("suffix", ["jpg", "exr", "webp"])
-def test_a_file_is_replaced_only_if_that_is_asked_for(suffix, tmp_path):
-    file, out = photo(tmp_path, **INVERSE), tmp_path / f"out.{suffix}"
-    args = ("render", file, "--focus-at", "5,5", "-o", out, "--blur")
-    succeed(*args, "8px")
-    link, first = tmp_path / f"link.{suffix}", out.read_bytes()
-    link.symlink_to(out)
-    for path in (out, link):
-        refused(run(*args[:4], "-o", path, "--blur", "3px"), 3, "exists", path)
-    assert out.read_bytes() == first
-    succeed(*args, "3px", "--overwrite")
-    assert out.read_bytes() != first

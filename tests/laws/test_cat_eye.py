@@ -142,8 +142,9 @@ def sampled(name, x, y, r, around):
     return counts / counts.sum()
 
 
-@pytest.mark.parametrize("name", LENSES)
-@pytest.mark.parametrize("place", [0.0, 0.8])
+@pytest.mark.parametrize(
+    ("name", "place"), [("round", 0.0), ("mirror", 0.0), *((name, 0.8) for name in LENSES)]
+)
 def test_a_light_of_40_px_is_what_lens_points_make_of_it(name, place):
     pupil, rim = LENSES[name]
     height, width = FRAME

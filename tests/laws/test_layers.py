@@ -3,7 +3,7 @@
 import pytest
 import torch
 from launches import Launches
-from layers import brute_force, flattened
+from layers import brute_force
 from measures import inner, psnr
 from torch.autograd import gradcheck
 
@@ -46,14 +46,6 @@ def test_one_opaque_layer_is_the_rendering_of_the_picture():
     for one, other in zip(views.images, plain.images, strict=True):
         assert torch.equal(one[:-1], other)
         assert bool((one[-1] == 1).all())
-
-
-@pytest.mark.parametrize("quality", ["standard", "reference"])
-def test_in_focus_layers_are_over_each_other(quality):
-    colors, radius, coverage = scene((-1.0, 2.0, 5.0))
-    coverage, colors = coverage * 0.7, colors * 0.7
-    views = render_layers(colors, radius * 0, coverage, quality=quality)
-    assert (views.render - flattened(colors, radius, coverage)).abs().max() < 1e-6
 
 
 def test_layers_come_in_any_order():

@@ -30,10 +30,6 @@ def test_a_lens_focused_in_the_scene_or_at_infinity_is_not_doubted(foclen, focus
     assert not warnings(SCENE, Lens(foclen, 2.0, focus))
 
 
-def test_a_scene_as_good_as_sharp_is_not_doubted():
-    assert not warnings(SCENE * 100, Lens(8.0, 16.0, 2000.0))
-
-
 def test_sky_beside_what_is_in_focus_is_not_doubted():
     metres = np.full((240, 320), math.inf)
     metres[:3] = 2.0
@@ -93,18 +89,3 @@ def test_a_pfm_beside_calib_txt_may_be_disparity(tmp_path):
     (line,) = warnings(SCENE, path=path)
     assert "‹depth-format› middlebury" in line
     assert not warnings(SCENE, path=path, declared=True)
-
-
-def test_channels_of_unreal_are_in_centimetres():
-    channel = "FinalImageMovieRenderQueue_WorldDepth.R"
-    (line,) = warnings(SCENE, channel=channel)
-    assert "‹depth-format› unreal-mrq" in line
-    assert not warnings(SCENE, channel=channel, declared=True)
-
-
-def test_the_array_of_hypersim_holds_distances_to_the_point():
-    path = "frame.0000.depth_meters.hdf5"
-    (line,) = warnings(SCENE, path=path, channel="dataset")
-    assert "‹depth-format› hypersim" in line
-    assert not warnings(SCENE, path=path, channel="dataset", declared=True)
-    assert not warnings(SCENE, path="depth.npz", channel="dataset")

@@ -59,16 +59,6 @@ def test_a_smaller_tile_is_proposed_if_that_is_enough(short, monkeypatch):
         regions_at_once(job, 90.0)
 
 
-def test_the_sizes_of_a_refusal_add_up(short):
-    with pytest.raises(TooLarge) as refusal:
-        regions_at_once(short(lambda threads, at_once: 450.0), 80.0)
-    numbers = [int(word) for word in re.findall(r"\d+", str(refusal.value))]
-    needed, program, files, rendering, allowed = numbers[-5:]
-    assert needed == program + files + rendering
-    assert (files, rendering) == (30, 450)
-    assert allowed == pytest.approx(memory_budget.base_mb() + 30 + 80, abs=1)
-
-
 @pytest.mark.parametrize(("room", "regions"), [(1e9, 4), (75.0, 3), (60.0, 2), (45.0, 1)])
 def test_as_many_regions_as_fit_are_computed_at_once(room, regions, short):
     job = short(lambda threads, at_once: 80.0 * (at_once / 4) ** 0.5)

@@ -5,12 +5,10 @@ import re
 
 import numpy as np
 import pytest
-import torch
 from command_line import header, pair, read_exr, render, run
 from elements import disc, element, write
 
 from defocus_cli.commands.help import text
-from defocus_core import render as rendered
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.picture.write import _SOURCES
 from defocus_core.request.output_kinds import KINDS, Kind
@@ -57,15 +55,6 @@ def test_the_topic_on_conventions_lists_each_kind():
     table = text("conventions").partition("| kind | picture | file |")[2].partition("\n\n")[0]
     listed = re.findall("`(\\w+)`", " ".join(row.split("|")[0] for row in table.split("\n|")[1:]))
     assert listed == list(KINDS)
-
-
-@pytest.mark.parametrize("kind", KINDS.values(), ids=name_of)
-def test_a_kind_that_is_rendered_names_its_views(kind):
-    radius = torch.linspace(-3, 3, 48).reshape(6, 8)
-    assert kind.rendered or kind.source
-    views = rendered(torch.rand(3, 6, 8), radius, left_right=kind.halves)
-    for view in kind.rendered:
-        assert getattr(views, view).shape[-3:] == (3 if kind.image else 1, 6, 8)
 
 
 def test_memory_is_counted_for_what_is_held_until_it_is_written():

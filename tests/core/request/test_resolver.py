@@ -91,12 +91,6 @@ def test_what_makes_no_lens_is_refused_with_its_option(text, change, refusal, tm
         lens_of({**FLAGS, **change}, lens_file(tmp_path, text))
 
 
-def test_a_file_that_is_not_there_is_input(tmp_path):
-    for path, code in ((tmp_path / "no.toml", "not-found"),):
-        with refuses(code, path=path):
-            lens_of(FLAGS, path)
-
-
 def layer(**values):
     rows = {name.replace("_", "-"): value for name, value in values.items()}
     return layer_of(rows, ROWS, Place(Path("folder/list.csv"), "line 3").at)

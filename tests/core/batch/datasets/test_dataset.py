@@ -58,20 +58,6 @@ def index(folder, text):
     return [json.loads(line) for line in lines]
 
 
-def test_a_sweep_that_grows_does_what_is_new(tmp_path):
-    pictures(tmp_path)
-    text = LENS + 'fnumber = 2\n[sweep]\nfocus = ["1m", "2m"]\n'
-    few = index(tmp_path, text)
-    summary, _ = carried_out(tmp_path, text.replace('"2m"', '"2m", "3m"'))
-    assert (summary.skipped, summary.statuses) == (4, {"ok": 2})
-    grown = SAMPLE.replace("n = 4", "n = 5")
-    carried_out(tmp_path, LENS + SAMPLE)
-    summary, _ = carried_out(tmp_path, LENS + grown)
-    assert (summary.skipped, summary.statuses) == (8, {"ok": 2})
-    now = {line["sample_id"]: line for line in index(tmp_path, LENS + grown)}
-    assert all(now[line["sample_id"]] == line for line in few)
-
-
 class Killed(BaseException):
     """Ends a process at once."""
 

@@ -6,9 +6,7 @@ from depth_files import png
 from refusals import refuses
 
 from defocus_core.io.depth_formats.depth import read_depth
-from defocus_core.io.depth_formats.file_types import SIGNS
 from defocus_core.io.depth_formats.reading import DepthReading
-from defocus_core.io.depth_formats.table import FORMATS
 
 
 def numbers(size, *, zeros=0.0, tops=0.0):
@@ -56,9 +54,3 @@ def test_millimetres_are_read(place, values, tmp_path):
     (tmp_path / place).parent.mkdir(parents=True, exist_ok=True)
     read = read_depth(png(tmp_path / place, values))
     np.testing.assert_allclose(read.metres, values / 1000, rtol=1e-6)
-
-
-def test_signs_are_of_formats_that_read_otherwise():
-    for row in (FORMATS[sign.format] for sign in SIGNS):
-        assert "16-bit PNG" in row.files
-        assert (row.rule, row.scale, row.bits) != ("scale", 1 / 1000, "")

@@ -25,12 +25,6 @@ def composite(*layers):
     return seen
 
 
-def test_complementary_coverages_add():
-    seen = composite((0.3, 1.0), (0.7, 0.5))
-    assert worst(seen[:, 1], 1.0) < EXACT
-    assert worst(seen[:, 0], 0.3 + 0.35) < EXACT
-
-
 def test_full_coverage_hides_everything_behind():
     assert torch.equal(composite((1.0, 0.2), (1.0, 1e6)), composite((1.0, 0.2)))
 
@@ -39,10 +33,6 @@ def test_coverage_saturates_at_one():
     seen = composite((0.6, 1.0), (0.8, 0.5), (0.5, 9.0))
     assert worst(seen[:, 1], 1.0) < EXACT
     assert worst(seen[:, 0], 0.6 + 0.4 * 0.5) < EXACT
-
-
-def test_nothing_adds_nothing():
-    assert torch.equal(composite((0.4, 1.0), (0.0, 0.0)), composite((0.4, 1.0)))
 
 
 def test_a_picture_is_divided_by_what_was_seen():

@@ -6,7 +6,6 @@ import pytest
 import torch
 from measures import worst
 from scenes import pattern
-from torch.autograd import gradcheck
 
 from defocus_core.renderer.inpainting.coherence_transport import structure, transported
 from defocus_core.renderer.inpainting.hidden_layers import hidden_layer
@@ -39,16 +38,6 @@ def behind_a_bar(background):
     image, radius = background.clone(), torch.full((H, W), FAR, dtype=torch.float64)
     image[..., BAR], radius[:, BAR] = 0.9, NEAR
     return image, radius
-
-
-@pytest.mark.parametrize("degrees", [0.0, 25.0, 45.0, 70.0, 90.0])
-def test_the_tensor_of_stripes_points_across_them(degrees):
-    image = stripes(degrees)[:1]
-    tensor = tensor_of(image, torch.zeros(H, W, dtype=torch.float64))
-    xx, xy, yy = tensor[:, 5:-5, 5:-5]
-    angle = torch.rad2deg(0.5 * torch.atan2(2 * xy, xx - yy))
-    off = (angle - degrees + 90) % 180 - 90
-    assert worst(off, 0.0) < 2.5
 
 
 def test_edges_of_depth_have_no_direction():
@@ -121,20 +110,3 @@ def test_mirrored_pictures_hide_mirrored_content():
     for dims in ((-1,), (-2,), (-2, -1)):
         other = hidden_layer(image.flip(dims), radius.flip(dims))
         assert worst(other.color.flip(dims), found.color) < 1e-10
-
-
-def test_gradients_pass_through_directions():
-    image = torch.rand(2, 9, 12, dtype=torch.float64, generator=torch.manual_seed(3))
-    image.requires_grad_()
-    radius = torch.full((9, 12), FAR, dtype=torch.float64)
-    radius[:, 5:8] = NEAR
-    at = torch.tensor([[4, 5], [3, 6], [6, 7]])
-    border = torch.zeros(3, dtype=torch.float64)
-
-    def colors(image):
-        tensor = tensor_of(image, radius, axes((9, 12)))[:, at[:, 0] // 4, 0].T
-        smooth = torch.cat([image[:, at[:, 0], 2].T, torch.full((3, 1), FAR)], 1)
-        picture = torch.cat([image, radius[None]])
-        return transported(picture, at, border, smooth, tensor)
-
-    assert gradcheck(colors, (image,))

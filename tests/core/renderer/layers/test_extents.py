@@ -49,15 +49,6 @@ def test_all_that_reaches_a_tile_is_in_its_patch(layer, margin):
         assert all(n <= m for n, m in zip(patch.minimum, maximum, strict=True))
 
 
-@given(some=st.lists(st.tuples(layers(), st.integers(0, 40)), min_size=1, max_size=4))
-def test_layers_do_not_know_of_each_other(some):
-    tiles = grid_over(*SIZE, side=32).tiles
-    stacked = torch.stack([blocks(layer) for layer, _ in some])
-    found = patches(stacked, tiles, [margin for _, margin in some], SIZE)
-    for (layer, margin), each in zip(some, found, strict=True):
-        assert [each] == patches(blocks(layer)[None], tiles, [margin], SIZE)
-
-
 @given(
     lit=st.integers(0, 60),
     length=st.integers(1, 60),

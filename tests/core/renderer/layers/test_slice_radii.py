@@ -50,14 +50,6 @@ def test_shares_keep_the_second_moment(quality):
     assert (square[RADII.abs() <= SHARP] == 0).all()
 
 
-def test_shares_have_no_step():
-    radii = torch.linspace(-1.2, 1.2, 24001, dtype=torch.float64)
-    for quality in QUALITIES:
-        found = slice_position(radii, slice_radii(-1.2, 1.2, find(quality)))
-        assert found.diff().min() >= 0
-        assert found.diff().max() < 1e-3
-
-
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("reach", [0.1, 5.0, 200.0, 1e6])
 def test_a_pixel_stands_between_the_rungs_beside_it(reach, dtype):

@@ -5,8 +5,6 @@ from command_line import ramp, run, write_exr
 from depth_files import gdepth, npy, pfm, png
 from optional_libraries import HEIC_MAGIC, heic, write_hdf5
 
-from defocus_core.io.depth_formats.table import FORMATS
-
 
 def evidence(path, *args):
     ran = run("info", "--json", path, *args)
@@ -84,12 +82,6 @@ def test_a_grey_picture_in_three_channels_is_told_what_one_channel_is(tmp_path):
     assert notes[0] == notes[1]
     grey[-1, -1] = (250, 0, 0)
     assert evidence(png(tmp_path / "colored.png", grey, np.uint8)) == ""
-
-
-def test_every_format_that_is_named_exists():
-    from defocus_core.reports.inspection import evidence as module
-
-    assert {*module._TELLING_NAMES, *module._BESIDE} <= FORMATS.keys()
 
 
 def test_gdepth_in_a_photograph(tmp_path):
