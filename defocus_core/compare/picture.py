@@ -25,7 +25,7 @@ from defocus_core.io.exr.header import Header, Raw, is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color_space import linear_light, linear_to_srgb, srgb_to_linear, unit
 from defocus_core.io.images.primaries import REC_709, Chromaticities, declared_primaries
-from defocus_core.io.images.raster import Raster, read_pages, read_samples
+from defocus_core.io.images.raster import PLAIN_CHANNELS, Raster, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
 
 SUFFIXES = frozenset(
@@ -39,7 +39,6 @@ _NUMBERS = {
     **dict.fromkeys(("double", "v2d", "v3d", "m33d", "m44d"), "d"),
     **dict.fromkeys(("int", "v2i", "v3i", "box2i", "rational"), "i"),
 }
-_CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
 _LONGEST = 80  # characters of a metadata value that are shown
 
 
@@ -130,10 +129,10 @@ def planes_of(image: Any) -> dict[str, Any]:
         if np.any(np.isinf(values) & np.isfinite(wide)):
             raise ValueError(f"image must have values of 32 bits, got {np.nanmax(np.abs(wide)):g}")
     values = values[..., None] if values.ndim == 2 else values
-    if values.ndim != 3 or values.shape[2] not in _CHANNELS or not values.size:
+    if values.ndim != 3 or values.shape[2] not in PLAIN_CHANNELS or not values.size:
         wanted = "[H, W], [H, W, C] or, as a tensor, [C, H, W] with 1 to 4 channels"
         raise ValueError(f"image must be {wanted}, got {list(np.shape(image))}")
-    names = _CHANNELS[values.shape[2]]
+    names = PLAIN_CHANNELS[values.shape[2]]
     planes = {name: np.ascontiguousarray(values[..., k]) for k, name in enumerate(names)}
     for name in names if shown else ():
         if name != "A":

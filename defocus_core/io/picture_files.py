@@ -25,12 +25,12 @@ from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images import color as color_files
 from defocus_core.io.images import encode
 from defocus_core.io.images.color import Color
+from defocus_core.io.images.raster import PLAIN_CHANNELS
 
 if TYPE_CHECKING:
     from os import PathLike
 
 HOLES = ("keep", "error", "far", "fill")
-_CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}
 
 
 def read_color(
@@ -171,7 +171,7 @@ def write_image(
     image = np.asarray(pixels, np.float32)
     image = image[:, :, None] if image.ndim == 2 else image
     if channels is None and image.ndim == 3:
-        channels = _CHANNELS.get(image.shape[2])
+        channels = PLAIN_CHANNELS.get(image.shape[2])
     if channels is None or image.ndim != 3 or len(channels) != image.shape[2] or not image.size:
         wanted = "[H, W] or [H, W, C] with the C channels named, or 1 to 4 of them"
         raise ValueError(f"pixels must be {wanted}, got {list(np.shape(pixels))}")

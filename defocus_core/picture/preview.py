@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from defocus_core.io.arrays import bands, computed
 from defocus_core.io.images.color_space import linear_to_srgb, quantised, srgb_to_linear
 from defocus_core.io.images.encode import display_encoded, srgb_matrix, write_samples
+from defocus_core.io.images.raster import PLAIN_CHANNELS
 
 # sRGB; orange against blue stays apart for all common kinds of colour vision.
 NEAR = (0.85, 0.37, 0.01)
@@ -24,7 +25,7 @@ def write_preview(path: Path, pixels: Any, attributes: Mapping[str, object] | No
 
     Attributes may declare the primaries of the pixels.
     """
-    channels = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[pixels.shape[2]]
+    channels = PLAIN_CHANNELS[pixels.shape[2]]
     to_srgb = srgb_matrix(path, channels, attributes or {})
     encoded = (
         display_encoded(pixels[rows], channels, 8, keep_alpha=False, to_srgb=to_srgb)[0]

@@ -191,7 +191,8 @@ class Processes:
     def _lost(self, each: _Worker) -> Lost:
         self.workers.remove(each)
         each.kill()
-        self.failed_starts += not (each.ready or each.stopping)
+        if not (each.ready or each.stopping):
+            self.failed_starts += 1
         if self.failed_starts >= _FAILED_STARTS:
             problem = f"die when they start (exit code {each.process.exitcode})"
             raise InputError(

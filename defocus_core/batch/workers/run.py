@@ -114,30 +114,44 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
         update.refuse_foreign(out, named, packs=execution.shards_size is not None)
     is_file, forced = writes_file(jobs), any(job.outputs.overwrite for job in jobs)
     ledger = Ledger(out, is_empty=is_file)
+    plan = _assigned(jobs, ledger, execution.shard, forced=forced)
+    _decide(plan, execution, forced=forced)
+    resume.refuse_others(plan.unfinished, ledger, keep_lenses=execution.keep_lenses)
+    begun = set() if is_file else runs.begun_samples(out, execution.shard)
+    refuse_unknown((job for job in plan.unfinished if job.sample_id not in begun), ledger.is_known)
+    return plan
+
+
+def _assigned(jobs: Sequence[Job], ledger: Ledger, shard: Shard | None, *, forced: bool) -> Plan:
+    """The plan of the jobs of a shard, with the splits that samples had, unless it is forced."""
     if any(job.split.choices for job in jobs):
         from defocus_core.request.splits import with_recorded
 
         jobs = with_recorded(jobs, {} if forced else ledger.splits)
-    plan = Plan(jobs if execution.shard is None else _part(jobs, execution.shard), ledger)
+    return Plan(jobs if shard is None else _part(jobs, shard), ledger)
+
+
+def _decide(plan: Plan, execution: Execution, *, forced: bool) -> None:
+    """Mark which jobs of a plan are to do, now or beyond the limit; all if it is forced."""
     left = len(plan.jobs) if execution.limit is None else execution.limit
     for number, job in enumerate(plan.jobs):
         found = resume.Decision(False)
         if not forced:
-            found = resume.decided(job, ledger, read_inputs=execution.read_inputs)
-        is_kept = execution.new_only and found.again and _has_outputs(job, ledger)
+            found = resume.decided(job, plan.ledger, read_inputs=execution.read_inputs)
+        is_kept = execution.new_only and found.again and _has_outputs(job, plan.ledger)
         if is_kept:
             plan.kept[found.again] += 1
         elif found.again and found.again != resume.AGAIN["failed"]:
             plan.again[found.again] += 1
         if found.moved is not None:
             plan.moved[number] = found.moved
-        is_settled = found.is_done or is_kept
-        plan.marks.append(0 if is_settled else _DUE if left else _LATER)
-        left -= bool(left) and not is_settled
-    resume.refuse_others(plan.unfinished, ledger, keep_lenses=execution.keep_lenses)
-    begun = set() if is_file else runs.begun_samples(out, execution.shard)
-    refuse_unknown((job for job in plan.unfinished if job.sample_id not in begun), ledger.is_known)
-    return plan
+        if found.is_done or is_kept:
+            plan.marks.append(0)
+        elif left:
+            plan.marks.append(_DUE)
+            left -= 1
+        else:
+            plan.marks.append(_LATER)
 
 
 def writes_file(jobs: Sequence[Job]) -> bool:

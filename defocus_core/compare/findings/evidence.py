@@ -9,10 +9,10 @@ Rounding is forgiven only after that, where it says how much is explained.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,9 @@ class Explanation:
         return Finding(self.name, self.text or self.name + self.how, self.values)
 
 
+T = TypeVar("T")
+
+
 class Evidence:
     """A pair as explanations see it.
 
@@ -76,10 +79,18 @@ class Evidence:
         codecs: tuple[str, str] = ("", ""),
     ) -> None:
         self.pixels, self.others, self.codecs = pixels, others, codecs
+        self._found: dict[object, Any] = {}
         self.is_small = pixels.a[0].size < _FEW
         self.names = tuple(n for n, most in pixels.differences.largest.items() if most)
         self.gamma = pixels.gamma
         self.types = {types[name] for name in self.names}
+
+    def once(self, find: Callable[[Evidence], T]) -> T:
+        """What a function makes of the evidence; several explanations share it."""
+        if find not in self._found:
+            self._found[find] = find(self)
+        found: T = self._found[find]
+        return found
 
     @property
     def size(self) -> tuple[int, int]:

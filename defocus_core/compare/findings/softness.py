@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import product
 from typing import Any
 
@@ -118,7 +118,6 @@ class _Frame:
         return int((np.square(responses) @ powers[side] - 2 * responses @ common).argmin())
 
 
-@lru_cache(maxsize=1)
 def _frames(evidence: Evidence) -> list[_Frame]:
     """The frame in light and, where files have a curve, in what a screen shows; if it has room."""
     a, b = (evidence.scaled(side) for side in evidence.sampled)
@@ -132,7 +131,7 @@ def _gauss(f: Any, sigma: float) -> NDArray[Any]:
     return np.asarray(np.exp(-2 * (np.pi * sigma * f) ** 2))
 
 
-@lru_cache(maxsize=1)
+@cache
 def _jinc() -> tuple[NDArray[Any], NDArray[Any]]:
     """2 J1(x) / x at places x, by the integral of Bessel (1824)."""
     x, t = np.linspace(0, 80, 4000)[1:], (np.arange(200) + 0.5) * np.pi / 200
@@ -146,7 +145,7 @@ def _disc(f: Any, radius: float) -> NDArray[Any]:
 
 def filtered(evidence: Evidence) -> Iterator[Explanation]:
     """B is A through one filter for all places, or A is B through one; or it has more detail."""
-    for frame in _frames(evidence):
+    for frame in evidence.once(_frames):
         (rows, columns, (power, _, common)), far = frame.few, np.hypot(*frame.frequencies)
         for side, (response, sizes, wide) in product(
             (0, 1), ((_disc, _RADII, 1.0), (_gauss, _SIGMAS, 2.0))
@@ -170,7 +169,7 @@ def filtered(evidence: Evidence) -> Iterator[Explanation]:
             how, values = f": detail x {1 + gain:.3g}", {"gain": 1 + gain, "sigma": sigma}
             left = frame.left(a + gain * (a - frame.smooth(0, sigma)))
             yield Explanation(left, "sharper", how, values)
-    for frame in _frames(evidence)[:1]:
+    for frame in evidence.once(_frames)[:1]:
         for predicted in _denoised(frame):
             left = frame.left(predicted)
             yield Explanation(left, "softer", ": smeared as by a denoiser")
@@ -196,7 +195,7 @@ def _denoised(frame: _Frame) -> Iterator[NDArray[Any]]:
 
 def filtered_in_parts(evidence: Evidence) -> Iterator[Explanation]:
     """In each part of the frame B is A blurred, or A is B blurred, by as much as it takes."""
-    for frame in _frames(evidence)[:1]:
+    for frame in evidence.once(_frames)[:1]:
         lefts = []
         for part in _PARTS:
             tried = []
@@ -251,7 +250,7 @@ def _fitted_in_parts(
 
 def resized(evidence: Evidence) -> Iterator[Explanation]:
     """B is A at another size, enlarged again, by its frequencies or by a grid of its steps."""
-    for frame in _frames(evidence):
+    for frame in evidence.once(_frames):
         shown = [evidence.scaled_light(side).astype("f8") for side in evidence.framed]
         sizes: list[tuple[tuple[float, float], _Kernels]] = []
         for factor, least in _ON_GRID.items():

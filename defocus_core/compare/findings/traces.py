@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,6 @@ _UNLIKE_NEIGHBOURS = 0.3  # greatest correlation of noise with itself one pixel 
 _TIED = 0.35  # least correlation of a difference with the detail of a side that it is of
 
 
-@lru_cache(maxsize=1)
 def _difference(evidence: Evidence) -> NDArray[Any]:
     """B − A on the scale of differences, the mean of the channels, of the whole picture [H, W]."""
     total = np.zeros(evidence.size, np.float32)
@@ -54,7 +52,7 @@ def _difference(evidence: Evidence) -> NDArray[Any]:
 
 def sparks(evidence: Evidence) -> Iterator[Explanation]:
     """A few pixels apart from each other hold the difference."""
-    difference = _difference(evidence)
+    difference = evidence.once(_difference)
     size = np.abs(difference)
     sparks = size > max(_SPARK, 0.1 * float(size.max()))
     number = int(np.count_nonzero(sparks))
@@ -142,7 +140,7 @@ def _colors_over(a: NDArray[Any], change: NDArray[Any]) -> Iterator[tuple[Any, f
 def seams(evidence: Evidence) -> Iterator[Explanation]:
     """The difference lies on lines that are the side of a tile apart."""
     yield from _gains_of_tiles(evidence)
-    difference = _difference(evidence)
+    difference = evidence.once(_difference)
     profiles = [_profile(difference), _profile(difference.T)]  # of columns and of rows
     total = sum(float(profile.mean()) for profile in profiles)
     if not total:
@@ -307,7 +305,7 @@ def _frequencies(values: NDArray[Any]) -> NDArray[Any]:
 
 def noise(evidence: Evidence) -> Iterator[Explanation]:
     """The difference has no mean, and neighbours in it have nothing in common."""
-    difference = _difference(evidence)[evidence.frame].astype("f8")
+    difference = evidence.once(_difference)[evidence.frame].astype("f8")
     power = float(np.square(difference).mean())
     few = np.count_nonzero(difference) < _MIN_CHANGED * difference.size
     sides = [evidence.scaled(evidence.at(side, *evidence.frame)) for side in "ab"]

@@ -31,7 +31,7 @@ from defocus_core.io.images.primaries import (
     converted,
     declared_primaries,
 )
-from defocus_core.io.images.raster import OWN, OWN_CHANNEL, Tag, set_tag
+from defocus_core.io.images.raster import OWN, OWN_CHANNEL, PLAIN_CHANNELS, Tag, set_tag
 from defocus_core.io.safe_files import damaged, decode_window, opened_image, quiet, written_whole
 from defocus_core.system.text import counted
 
@@ -279,7 +279,7 @@ def _spec(size: tuple[int, int], samples: NDArray[Any], codec: str, attributes: 
     (height, width), count = size, samples.shape[2]
     number_type = "float" if samples.dtype.kind == "f" else samples.dtype.name
     spec = oiio.ImageSpec(width, height, count, number_type)
-    spec.channelnames = tuple({1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}[count])
+    spec.channelnames = tuple(PLAIN_CHANNELS[count])
     spec.alpha_channel = count - 1 if count in (2, 4) else -1
     # An empty DateTime keeps OpenImageIO from writing the current one.
     space = "lin_rec709" if samples.dtype.kind == "f" else "sRGB"

@@ -51,6 +51,7 @@ _TILES_BYTES = 1 << 26  # of a row of tiles, decoded
 HEIC_DAMAGE = "is a damaged HEIC file"
 OWN = "defocus:"  # begins names and values by which a file says how it was made
 OWN_CHANNEL = "DocumentName"  # the tag of a TIFF that names the one channel of a map of ours
+PLAIN_CHANNELS = {1: "Y", 2: "YA", 3: "RGB", 4: "RGBA"}  # names, by their number
 _MOST_PAGES = 256  # that a TIFF may have: to look at one goes through those before it
 
 

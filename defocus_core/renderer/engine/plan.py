@@ -231,8 +231,8 @@ def frame_of(
     radii = _slice_radii(*limits, quality, settings)
     layer_indices = layers(radii, quality)
     exact = settings.num_layers is not None
-    stride, level = (1, 0) if exact else (quality.hidden_stride, quality.hidden_level)
-    level *= content.edges
+    stride = 1 if exact else quality.hidden_stride
+    level = quality.hidden_level if edges and not exact else 0
     border = border or border_range(signed_radius)
     inwards = 0
     if exact or max(map(abs, border)) > SHARP:
@@ -260,17 +260,17 @@ def frame_of(
     order = composite_order(radii, layer_indices, each)
     slices = _slices(radii, layer_indices, order, (fine, coarse), sizes[0], stride, slicing)
     return SharedFrame(
-        size,
-        settings,
-        quality,
-        dtype,
-        (rows, columns),
-        inwards > min(rows, columns),
-        grid,
-        margin,
-        content,
-        slices,
-        division,
+        size=size,
+        settings=settings,
+        quality=quality,
+        dtype=dtype,
+        beyond=(rows, columns),
+        cut=inwards > min(rows, columns),
+        grid=grid,
+        margin=margin,
+        content=content,
+        slices=slices,
+        division=division,
     )
 
 

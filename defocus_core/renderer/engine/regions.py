@@ -316,7 +316,7 @@ def assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Vie
     images = [each.new_empty(each.shape).movedim(-3, 0) for _ in range(frame.views)]
     trust = each.new_empty(*each.shape[:-3], 1, *each.shape[-2:]).movedim(-3, 0)
     counts: list[dict[str, int]] = []
-    for part in (each.to(pixels.dtype) for each in parts):
+    for part in (part.to(pixels.dtype) for part in parts):
         for image, part_image in zip(images, part.images, strict=True):
             part.box.of(image).copy_(part_image)
         part.box.of(trust).copy_(part.trust)
