@@ -29,6 +29,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.depth.distance_scale import (
         radius_from_relative_disparity as radius_from_relative_disparity,
     )
+    from defocus_core.depth.guided_resize import GuidedDepth as GuidedDepth
     from defocus_core.depth.guided_resize import guided_depth as guided_depth
     from defocus_core.depth.repair import diagnose_depth as diagnose_depth
     from defocus_core.depth.repair import repair_depth as repair_depth
@@ -90,7 +91,7 @@ _GROUPS = {
     "depth": {
         "depth.distance_scale": "radius_from_relative_disparity",
         "depth.diagnosis": "DepthRepair",
-        "depth.guided_resize": "guided_depth",
+        "depth.guided_resize": "GuidedDepth guided_depth",
         "depth.repair": "diagnose_depth repair_depth",
     },
     "fitting": {

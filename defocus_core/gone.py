@@ -115,7 +115,6 @@ GONE: dict[str, tuple[Gone, ...]] = {
         ),
         Gone("value", "urbansyn", "write metres, with ‹depth-scale› 1e5 and ‹sky›", "depth-format"),
         Gone("value", "synscapes", "write metres, with ‹sky›", "depth-format"),
-        Gone("python", "GuidedDepth", "write guided_depth(depth, image)"),
         Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),
         Gone("python", "rim_shift", "write cat_eye_shift", "RandomDefocus"),
     ),

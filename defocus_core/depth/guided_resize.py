@@ -76,6 +76,9 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
     )
 
 
+GuidedDepth = guided_depth  # its name in 0.1, when windows were read of it: a tensor has them, too
+
+
 def _snapped(
     radii: Tensor,
     coarse: Tensor,
