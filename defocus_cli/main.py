@@ -40,19 +40,19 @@ from defocus_core.system.text import versions
 
 # Each command, in the order help shows them, and what it does, so that help imports none of them.
 COMMANDS = {
-    "render": "Defocus pictures: colour and depth in, render, left, right, coc out.",
-    "batch": "Do the jobs of a file: many pictures, many lenses; go on where it was stopped.",
-    "status": "Say how far the batch in a directory is.",
-    "merge": "Make one journal of those of all shards.",
-    "choose": "Write a page on which to choose focus and blur.",
-    "info": "Say what is in a file: size, channels, depth range, blur with a lens.",
+    "render": "Defocus pictures, given their colour and depth.",
+    "batch": "Render many pictures with many lenses, as a jobs file lists them.",
+    "status": "Show the progress of a batch.",
+    "merge": "Merge the journals of all shards of a batch.",
+    "choose": "Write an HTML page for choosing focus and blur by clicks.",
+    "info": "Show the content of files: size, channels, depth range.",
     "depth": "Convert depth files of any format to EXR in planar metres.",
-    "aperture": "Draw the opening of a lens, and the blur of a point.",
-    "lenses": "List the lens files that ship, or show their looks.",
-    "fit": "Find the lens between a sharp and a blurred picture.",
-    "compare": "Say whether pictures are the same, and what happened if not.",
-    "bench": "Render scenes with known truth; say error and time.",
-    "verify": "Measure whether the laws of the lens hold on this machine.",
+    "aperture": "Draw the aperture of a lens and the blur of a point.",
+    "lenses": "List the lens files that ship with defocus, or draw their looks.",
+    "fit": "Find the lens that turns a sharp picture into a blurred one.",
+    "compare": "Compare pictures, and name the cause where they differ.",
+    "bench": "Render scenes with known truth; print error and time.",
+    "verify": "Check on this machine that the laws of the lens hold.",
     "help": "Print the reference on a topic, or list the topics.",
 }
 

@@ -82,12 +82,15 @@ def shard_of(text: str) -> Shard:
 @option("--limit N", "Do at most N jobs and leave the rest.", click.IntRange(min=1))
 @option(
     "--keep-going/--fail-fast",
-    "Whether the rest is done if a job fails.",
+    "Go on with the other jobs when one fails, or stop.",
     default=True,
     show_default=True,
 )
 @option("--overwrite", "Do all again, whatever was done before.")
-@option("--new-only", "Leave what has outputs, whatever changed: do what has none yet.")
+@option(
+    "--new-only",
+    "Do only the jobs that have no outputs yet; keep existing outputs, whatever changed.",
+)
 @dataset_options
 @contact_option
 @option("--dry-run", "Say what is to do, why, and in how much memory; stop.")
@@ -111,17 +114,17 @@ def command(
     crew: WorkerConfig,
     check_inputs: str,
 ) -> None:
-    """Do the jobs of JOBS.toml: each picture by each lens, to OUT/<kind>/<sample>.<ext>.
+    """Render each picture with each lens of JOBS.toml to OUT/<kind>/<sample>.<ext>.
 
-    JOBS.toml says what a batch is made of; see 'defocus help batch'. OUT/journal.jsonl has a line
-    for each job that came to an end. Whatever stops a batch, the same command goes on where it was:
-    what is done is not done again, unless its inputs, settings or outputs changed, or defocus did;
-    what failed is tried again. When the batch has ended, OUT/metadata.jsonl lists its samples;
-    those of an earlier batch that this one does not ask for stay in OUT, and out of the list.
+    'defocus help batch' describes JOBS.toml. OUT/journal.jsonl has a line for each finished job.
+    After an interruption the same command continues: finished jobs are done again only if their
+    inputs, settings or outputs changed, or the renderer did; failed jobs are tried again. At the
+    end OUT/metadata.jsonl lists the samples. Samples of an earlier batch that this one does not ask
+    for stay in OUT, but not in the list.
 
-    The first Ctrl-C finishes what is being rendered, the second stops at once, as SIGTERM does.
+    The first Ctrl-C finishes the pictures being rendered; the second stops at once, like SIGTERM.
 
-    Many machines that share a file system each do a part: --shard 1/8 to --shard 8/8, then
+    Several machines that share a file system each do a part: --shard 1/8 to --shard 8/8, then
     'defocus merge OUT'.
 
     \b

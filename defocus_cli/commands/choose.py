@@ -49,11 +49,11 @@ def command(
     machine: Machine,
     verbose: bool,
 ) -> None:
-    """Write a page to choose focus and blur on, for a browser: one file, which loads nothing.
+    """Write an HTML page for choosing focus and blur: one file, which loads nothing else.
 
-    A click puts in focus what is there, a slider changes the blur, and below the picture stands
-    the command that renders it. The pictures of the page are small, of 8 distances in focus and
-    5 strengths, and it shows the nearest. Without a lens, depth is relative, as for 'render'.
+    A click sets the focus, a slider the blur; the command that renders the choice stands below the
+    picture. The page holds small pictures at 8 focus distances and 5 strengths of blur, and shows
+    the nearest. Without a lens, depth is relative, as for 'render'.
 
     \b
     Examples:

@@ -19,11 +19,11 @@ from defocus_core.system.text import counted
 @dataset_options
 @json_option
 def command(out: Path, shards_size: int | None, as_json: bool) -> None:
-    """Make one journal of those that 'defocus batch --shard' left in OUT, and the index of samples.
+    """Merge the journals that 'defocus batch --shard' left in OUT, and write the index of samples.
 
-    What comes of it is what a single run would have left, and the index lists the samples of all
-    batches in OUT; 'defocus batch' without --shard, run again, those of its jobs file alone. No
-    shard may be running.
+    The result is that of a single run. The index lists the samples of all batches in OUT;
+    'defocus batch' without --shard, run again, lists those of its jobs file alone. No shard may be
+    running.
 
     \b
     Examples:

@@ -30,16 +30,16 @@ from defocus_core.request.pairing import find
 from defocus_core.request.picture_lenses import PictureLenses
 
 _KINDS = "\n".join(f"  {kind.name:<13} {kind.help}" for kind in KINDS.values())
-_HELP = f"""Defocus COLOR as a lens would that sees DEPTH, and write to OUT/<kind>/<stem>.<ext>.
+_HELP = f"""Defocus COLOR as a lens would at the distances of DEPTH; write OUT/<kind>/<stem>.<ext>.
 
 COLOR and DEPTH are two files, or two directories whose files pair up by stem. Without DEPTH,
 COLOR is an EXR that holds both, or a directory of such. Patterns like 'shot.####.exr' or
 'shot.%04d.exr' are the frames of a shot, which pair up by number ('defocus help shots').
 
-OUT/journal.jsonl says what was done. Given again, the command does what is left: pictures whose
-inputs, options and outputs are as they were are not rendered again. Files that the journal does
-not know, and pictures that another lens took, are not replaced: give another OUT.
---view left,right renders each view, with the view in the name.
+OUT/journal.jsonl records what was done. The same command, given again, renders what is left, and
+what has other inputs, options or outputs than before. Files that the journal does not know, and
+pictures of another lens, are not replaced: give another OUT. --view left,right renders each view;
+its name becomes part of the file name.
 
 \b
 Kinds:

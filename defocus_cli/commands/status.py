@@ -17,16 +17,16 @@ from defocus_core.request.origin import KEPT
 @click.argument("out", type=FilePath())
 @option(
     "--failures N",
-    "Name at most N jobs that failed, the last ones.",
+    "Name at most the last N failed jobs.",
     click.IntRange(min=0),
     default=10,
     show_default=True,
 )
 @json_option
 def command(out: Path, failures: int, as_json: bool) -> None:
-    """Say how many jobs of the batch in OUT are done, how many failed and why, and when it ends.
+    """Show the progress of the batch in OUT: jobs done, failed jobs with reasons, time left.
 
-    It looks at the journal alone, and may be asked while the batch runs.
+    It reads the journal alone, so it may run while the batch does.
 
     \b
     Examples:

@@ -143,7 +143,7 @@ _READING = (
         is_common=True,
         parse=format_name,
         metavar="NAME",
-        help="Who wrote the depth, like kitti: 'defocus help depth' lists all.",
+        help="Format of the depth file, like kitti; 'defocus help depth' lists all formats.",
     ),
     ReadingParam(
         name="depth-unit",
@@ -155,12 +155,12 @@ _READING = (
         name="depth-scale",
         parse=scale,
         metavar="FACTOR",
-        help="Multiplies the numbers of the depth file, like 1/256.",
+        help="Factor by which the numbers of the depth file are multiplied, like 1/256.",
     ),
     ReadingParam(
         name="depth-kind",
         choices=DEPTH_KINDS,
-        help="What the numbers are.  [default: depth]",
+        help="Meaning of the numbers in the depth file.  [default: depth]",
         is_common=True,
     ),
     ReadingParam(
@@ -169,8 +169,9 @@ _READING = (
         parse=distances,
         words=2,
         metavar="NEAR FAR",
-        help="Distances of the ends of the number's type, 0 and 255 or 65535, or 0 and 1: of depth "
-        "0 is NEAR; of disparity 0 is FAR. Swapped, it is the other way round.",
+        help="Distances of the least and the greatest value of the number type: 0 and 255 or "
+        "65535, or 0 and 1. In depth, 0 is NEAR; in disparity, 0 is FAR. Give them in the other "
+        "order if the file is reversed.",
         unit="mm",
         separator=" ",
     ),
@@ -178,34 +179,34 @@ _READING = (
         name="focal-px",
         parse=pixel_count,
         metavar="PX",
-        help="Focal length in px, for disparity and for ‹radial›.",
+        help="Focal length in px of the depth file, for disparity and for ‹radial›.",
     ),
     ReadingParam(
         name="baseline",
         parse=distance,
         metavar="LENGTH",
-        help="Distance between the two cameras of disparity, like 65mm.",
+        help="Distance between the two cameras of a stereo pair, for disparity, like 65mm.",
         unit="mm",
     ),
     ReadingParam(
         name="doffs",
         parse=number,
         metavar="PX",
-        help="Added to disparity: the difference of the two principal points.",
+        help="Difference of the two principal points in px; it is added to disparity.",
     ),
     ReadingParam(
         name="radial",
         stored_as="geometry",
         flag=True,
         parse=always("radial"),
-        help="The numbers are distances to the point.",
+        help="The numbers are distances to the camera's centre, not along the axis.",
     ),
     ReadingParam(
         name="planar",
         stored_as="geometry",
         flag=True,
         parse=always("planar"),
-        help="The numbers are depth along the axis.",
+        help="The numbers are depth along the optical axis.",
         instead_of="radial",
     ),
     ReadingParam(
@@ -213,7 +214,7 @@ _READING = (
         is_common=True,
         flag=True,
         parse=always("invert"),
-        help="Black is near in a depth of relative disparity; with ‹blur›.",
+        help="Black is near in relative disparity; with ‹blur›.",
         of_pictures=True,
     ),
     ReadingParam(
@@ -226,19 +227,19 @@ _READING = (
         name="sky",
         parse=number,
         metavar="NUMBER",
-        help="Numbers of the depth file from this one on are sky; of disparity, to it.",
+        help="Depth of this number and above is sky; disparity of this number and below is sky.",
     ),
     ReadingParam(
         name="invalid",
         choices=INVALID,
-        help="Pixels without depth: an error, infinitely far, or filled from the farther "
-        "neighbour.  [default: error]",
+        help="Treatment of pixels without depth: an error, infinitely far, or filled from the "
+        "farther neighbour.  [default: error]",
     ),
     ReadingParam(
         name="resize-depth",
         choices=RESIZES,
-        help="Take depth of another size than the colour: from the nearest pixel, or with edges "
-        "where the colours change.  [default: guided, of smaller depth of the same aspect]",
+        help="Resize depth whose size is not that of the colour: nearest pixel, or guided, with "
+        "edges where the colours change.  [default: guided, for smaller depth of the same aspect]",
         of_pictures=True,
     ),
     ReadingParam(
@@ -252,8 +253,8 @@ _READING = (
         name="edge-width",
         parse=edge_width,
         metavar="PX",
-        help="Width of the widest soft edges of the depth, like 8px; 0 says that edges are hard.  "
-        "[default: as found]",
+        help="Width of the softest edges of the depth, like 8px; 0 if edges are hard.  "
+        "[default: measured]",
         of_pictures=True,
     ),
     ReadingParam(
@@ -271,8 +272,7 @@ _READING = (
         name="blur-channels",
         parse=words,
         metavar="NAME,…",
-        help="Further channels of an EXR that are light, like diffuse.*: blurred with the picture; "
-        "the others are copied.",
+        help="Further EXR channels to blur with the picture, like diffuse.*; others are copied.",
         separator=",",
         of_pictures=True,
         of_render=True,
@@ -281,13 +281,13 @@ _READING = (
         name="part",
         parse=whole,
         metavar="N",
-        help="Part of an EXR, page of a TIFF or frame of an array, from 0.",
+        help="Part of an EXR, page of a TIFF or frame of an array, counted from 0.",
     ),
     ReadingParam(
         name="view",
         metavar="NAME",
-        help="View of an EXR of several cameras, like left; in ‹render› several, like left,right.  "
-        "[default: the file's first]",
+        help="View of a multi-view EXR, like left; ‹render› takes several, like left,right.  "
+        "[default: the first of the file]",
     ),
 )
 READING_OPTIONS: Mapping[str, ReadingParam] = {row.name: row for row in _READING}
@@ -324,7 +324,7 @@ _ROWS = (
         is_common=True,
         parse=kinds,
         metavar="KIND,…",
-        help=f"What to write, of {', '.join(KINDS)}.  [default: render]",
+        help=f"Kinds of output to write: {', '.join(KINDS)}.  [default: render]",
         separator=",",
     ),
     OutputParam(
@@ -332,19 +332,19 @@ _ROWS = (
         is_common=True,
         parse=image_format,
         choices=tuple(SUFFIXES),
-        help=f"Type of the images; maps ({', '.join(MAPS)}) are always float.  "
+        help=f"File type of the images; maps ({', '.join(MAPS)}) are always float.  "
         "[default: exr, or that of the file -o]",
     ),
     OutputParam(
         name="map-format",
         choices=MAP_FORMATS,
-        help="Type of the maps: EXR, or float TIFF, which image libraries read, too.  "
+        help="File type of the maps: EXR, or float TIFF, which more image libraries read.  "
         "[default: exr]",
     ),
     OutputParam(
         name="exr-type",
         choices=("half", "float"),
-        help=f"Number type of the images' EXR.  [default: {Outputs.exr_type}]",
+        help=f"Number type of EXR images.  [default: {Outputs.exr_type}]",
         suits=lambda outputs: outputs.format == "exr",
         idle="has no effect on {format}",
         remedy="leave it out, or write the format exr",
@@ -352,7 +352,7 @@ _ROWS = (
     OutputParam(
         name="color-space",
         choices=COLOR_SPACES,
-        help="Convert what is not an EXR to sRGB.  [default: the profile that the colour has]",
+        help="Convert images other than EXR to sRGB.  [default: keep the colour file's profile]",
         suits=lambda outputs: outputs.format != "exr",
         idle="has no effect on {format}, which is linear",
     ),
@@ -360,8 +360,8 @@ _ROWS = (
         name="compression",
         parse=compression,
         metavar="CODEC",
-        help=f"Codec of EXR: {', '.join(COMPRESSIONS)} (that of the colour). dwaa:45 has a "
-        f"level, and loses detail.  [default: {Outputs.compression}]",
+        help=f"EXR compression: {', '.join(COMPRESSIONS)} (that of the colour file). dwaa:45 sets "
+        f"a level and is lossy.  [default: {Outputs.compression}]",
         suits=lambda outputs: outputs.writes_exr,
         idle="is of EXR, and none is written",
     ),
@@ -385,8 +385,8 @@ _ROWS = (
         name="keep-overscan",
         flag=True,
         parse=always(True),
-        help="Write the pixels beyond the display window of an EXR, too; they take part in the "
-        "blur in any case.",
+        help="Also write the pixels of an EXR beyond its display window. They are blurred in any "
+        "case.",
     ),
     OutputParam(
         name="inputs",
@@ -402,8 +402,8 @@ _SHOT = (
         name="steady",
         toggle=True,
         parse=switch,
-        help="Decide once for the shot how depth is repaired and where a focus lies that the "
-        "depth decides; or each frame for itself.  [default: steady]",
+        help="Decide the repair of depth, and a focus that depends on depth, once for the shot; or "
+        "for each frame.  [default: steady]",
     ),
 )
 SHOT_OPTIONS = {row.name: row for row in _SHOT}
@@ -418,16 +418,16 @@ _INPUTS = (
         words=2,
         is_path=True,
         metavar="COLOR DEPTH",
-        help="Colour and depth of what lies behind, where it is known: depth inf with colour 0 is "
-        "unknown, and invented; inf with colour is sky.",
+        help="Colour and depth of the surfaces behind the visible ones. Depth inf with colour 0 is "
+        "unknown and is invented; inf with colour is sky.",
     ),
     _file(
         name="over",
         key="over-color",
         is_path=True,
         metavar="PLATE",
-        help="Plate behind the element COLOR, blurred with it as one scene. Its depth is that of "
-        "‹over-depth›, or the EXR's own, or else infinitely far.",
+        help="Plate behind the element COLOR; both are blurred as one scene. Its depth comes from "
+        "‹over-depth› or from the EXR; without either it is infinitely far.",
     ),
     _file(
         name="over-depth",
@@ -440,15 +440,16 @@ _INPUTS = (
         key="holdout-color",
         is_path=True,
         metavar="DEEP",
-        help="Deep EXR whose samples hide what is behind them and show nothing, like objects that "
-        "are composited later: colour and alpha are cut out.",
+        help="Deep EXR whose samples cut their shape out of colour and alpha, like objects that "
+        "are composited later.",
     ),
     _file(
         name="matte",
         is_path=True,
         metavar="FILE",
-        help="Coverage of the near subject, 0 to 1, in grey or alpha, as of a portrait mode: its "
-        "silhouette is the edge of the depth, and hair is parted from what is behind it.",
+        help="Coverage of the near subject, 0 to 1, as grey or alpha, like that of a portrait "
+        "mode. Its silhouette becomes the edge of the depth, and hair is separated from the "
+        "background.",
     ),
     _shot(
         name="frames",
@@ -459,7 +460,7 @@ _INPUTS = (
     _shot(
         name="missing",
         choices=MISSING,
-        help="Frames that have no file: an error, or left out.  [default: error]",
+        help="Treatment of frames without a file: an error, or skipped.  [default: error]",
     ),
     Param(name="list", only="files"),
     Param(name="pictures", only="files"),
@@ -472,7 +473,7 @@ _ANIMATE = (
         heading="Lens",
         multiple=True,
         metavar="FILE",
-        help="Options of the lens by frame: CSV with columns like frame,focus,fnumber, TOML, or "
+        help="Lens options by frame: a CSV with columns like frame,focus,fnumber, a TOML, or "
         "Nuke's .chan.  ('defocus help shots')",
     ),
 )
@@ -483,7 +484,7 @@ _MACHINE = (
     _machine(
         name="quality",
         choices=QUALITIES,
-        help=f"Accuracy, bought with time.  [default: {Machine.quality}]",
+        help=f"Accuracy; higher takes longer.  [default: {Machine.quality}]",
         is_common=True,
     ),
     _machine(
@@ -504,15 +505,15 @@ _MACHINE = (
         only="commands",
         parse=byte_count,
         metavar="SIZE",
-        help="Memory a process may take, like 2GB; what is larger is refused.  [default: most "
-        "of what is free]",
+        help="Memory limit of a process, like 2GB; pictures that need more are refused.  "
+        "[default: most of what is free]",
     ),
     _machine(
         name="tile",
         only="commands",
         parse=whole_within(MIN_TILE, _MAX_TILE),
         metavar="PX",
-        help=f"Side of the tiles to compute in, {MIN_TILE} at least; changes the last digits.",
+        help=f"Side of the tiles in px, at least {MIN_TILE}; it changes the last digits.",
     ),
 )
 MACHINE_OPTIONS = {row.name: row for row in _MACHINE}

@@ -219,7 +219,7 @@ _ROWS = (
         is_common=True,
         parse=quantities.pixel,
         metavar="X,Y",
-        help="Focus on what this pixel shows, counted from 0; instead of ‹focus›.",
+        help="Pixel to focus on, counted from 0 at the top left; instead of ‹focus›.",
         tag="at",
         example="240,135",
         recorded_as="focus_at_px",
@@ -232,8 +232,8 @@ _ROWS = (
         name="sharp-range",
         parse=quantities.sharp_range,
         metavar="A..B",
-        help="Distances in focus besides, like 1.8m..2.4m: without blur there, unchanged "
-        "elsewhere. Beside ‹blur›, numbers of the depth file, like 100..200.",
+        help="Distances that are kept sharp as well, like 1.8m..2.4m. Beside ‹blur›, numbers "
+        "of the depth file, like 100..200.",
         tag="sharp",
         example="1.8m..2.4m",
         unit="mm",
@@ -247,10 +247,9 @@ _ROWS = (
         never_off=True,
         parse=quantities.blur,
         metavar="PX",
-        help="Radius of the most blurred pixel, like 40px, or 2% of the longer side, instead of "
-        "a lens: the depth is "
-        "relative disparity of any scale, white near; ‹focus-at› or ‹focus-value› says what is in "
-        "focus.",
+        help="Radius of the most blurred pixel, like 40px, or 2% of the longer side; instead of a "
+        "lens. The depth is then relative disparity of any scale, white near; ‹focus-at› or "
+        "‹focus-value› sets the focus.",
         tag="blur",
         example="40px",
         unit="px",
@@ -262,7 +261,7 @@ _ROWS = (
         never_off=True,
         parse=quantities.number,
         metavar="NUMBER",
-        help="The number of the depth file that is in focus, like 128; with ‹blur›.",
+        help="Number of the depth file that is in focus, like 128; with ‹blur›.",
         tag="value",
         example="128",
         even_in="steps",
@@ -274,7 +273,7 @@ _ROWS = (
         name="clamp-blur",
         parse=quantities.pixel_count,
         metavar="PX",
-        help="No radius is larger than this, like 60px; how many were is said.  "
+        help="Largest radius of the blur, like 60px; a line says how many pixels were limited.  "
         "[default: no limit]",
         tag="clamp",
         example="60px",
@@ -285,8 +284,8 @@ _ROWS = (
         name="cat-eye",
         parse=quantities.rim,
         metavar="SIZE:DISTANCE",
-        help="Rim of the barrel that clips the opening off the middle of the picture, like "
-        "1.05:1.5: its radius and its distance before the opening, in radii of the opening.",
+        help="Rim of the lens barrel, which clips the aperture away from the picture's centre, "
+        "like 1.05:1.5: its radius and its distance from the aperture, in radii of the aperture.",
         tag="rim",
         example="1.05:1.5",
         separator=":",
@@ -297,9 +296,9 @@ _ROWS = (
         name="axial-color",
         parse=quantities.shifts,
         metavar="RED:BLUE",
-        help="Axial colour, like 0.1mm:0.1mm: how much farther behind the lens red and blue are "
-        "in focus than green. Above 0, rims are green beyond the focus and magenta nearer. Beside "
-        "‹blur›, shares of it, like 0.05:0.05.",
+        help="Axial colour, like 0.1mm:0.1mm: distance by which red and blue focus farther behind "
+        "the lens than green. Positive values give green rims beyond the focus and magenta rims "
+        "in front of it. Beside ‹blur›, shares of it, like 0.05:0.05.",
         tag="axial",
         example="0.1mm:0.1mm",
         unit="mm",
@@ -311,7 +310,7 @@ _ROWS = (
         name="vignetting",
         parse=quantities.switch,
         metavar="on|off",
-        help="Whether corners are darker by the light that the rim takes away.  [default: off]",
+        help="Darken the corners by the light that the rim blocks.  [default: off]",
         tag="vignetting",
         example="on",
         needs="cat-eye",
@@ -322,7 +321,7 @@ _ROWS = (
         name="blades",
         parse=quantities.blades,
         metavar="N",
-        help="Blades of the opening: 0 is round; 3 and more, a polygon in that round.",
+        help="Number of aperture blades: 0 is a round aperture, 3 or more an inscribed polygon.",
         tag="blades",
         example="6",
         recorded_as="blades",
@@ -331,8 +330,8 @@ _ROWS = (
         name="blade-rotation",
         parse=quantities.angle,
         metavar="DEG",
-        help="Where a vertex of the polygon points, counter-clockwise from +x as seen in the "
-        "image, for points beyond the focus.",
+        help="Direction of a vertex of the polygon, counter-clockwise from +x in the image, for "
+        "points beyond the focus.",
         tag="turn",
         example="15",
         recorded_as="blade_rotation_deg",
@@ -356,8 +355,8 @@ _ROWS = (
         name="obstruction",
         parse=quantities.within(0, 0.95, "a share of the radius", "like 0.4"),
         metavar="0…0.95",
-        help="Opaque share of the radius in the middle, as a mirror lens has, like 0.4.  "
-        "[default: 0]",
+        help="Radius of the central obstruction of a mirror lens, as a share of the aperture's "
+        "radius, like 0.4.  [default: 0]",
         tag="mirror",
         example="0.4",
         even_in="steps",
@@ -366,8 +365,8 @@ _ROWS = (
         name="spherical",
         parse=quantities.within(-1, 1, "a spherical aberration", "like 0.5"),
         metavar="-1…1",
-        help="Spherical aberration: above 0, bright rings beyond the focus and soft discs nearer; "
-        "below 0, the reverse.  [default: 0]",
+        help="Spherical aberration: positive values give bright rims to discs beyond the focus and "
+        "soft discs in front of it; negative values the reverse.  [default: 0]",
         tag="ring",
         example="0.5",
         even_in="steps",
@@ -376,7 +375,7 @@ _ROWS = (
         name="squeeze",
         parse=quantities.within(1, 4, "a squeeze", "like 2"),
         metavar="1…4",
-        help="Squeeze of an anamorphic lens: ovals so many times taller than wide, like 2.  "
+        help="Squeeze of an anamorphic lens: height of the bokeh over its width, like 2.  "
         "[default: 1]",
         tag="squeeze",
         example="2",
@@ -386,8 +385,8 @@ _ROWS = (
         name="aperture-image",
         parse=quantities.file,
         metavar="FILE",
-        help="Picture of the opening instead of blades, grey or RGB, PNG, EXR or NPY: bright is "
-        "open, as a point beyond the focus shows it.",
+        help="Picture of the aperture, instead of blades: grey or RGB, PNG, EXR or NPY. Bright is "
+        "open; oriented as the bokeh beyond the focus.",
         tag="pupil",
         example="pupil.png",
         file_field="aperture_image",
@@ -397,9 +396,9 @@ _ROWS = (
         name="highlights",
         parse=quantities.highlights,
         metavar="auto|T:GAIN",
-        help="Give clipped lights of pictures of 8 or 16 bits the light they lost: a gain, like "
-        "8, from a threshold in linear light, like 0.93, up to white. Pictures with light above "
-        "1 stay as they are.  [default: off]",
+        help="Restore the light that clipped highlights of 8 or 16-bit pictures lost: auto, or "
+        "THRESHOLD:GAIN in linear light, like 0.93:8. Pictures with light above 1 are left as "
+        "they are.  [default: off]",
         tag="lights",
         example="auto",
         separator=":",
@@ -410,10 +409,10 @@ _ROWS = (
         never_off=True,
         parse=quantities.dual_pixel((*DUAL_PIXEL_MODELS, *DUAL_PIXEL_SENSORS)),
         metavar="MODEL",
-        help="Dual pixels: split, each photodiode sees half of the opening; smooth, all of it, "
-        "less and less towards the other side; a sensor that was measured, @pixel4 or "
-        "@canon-dpp; or a file of kernels that were, like pair.npy. "
-        "Split is ideal, a choice: on real pairs it costs 3 to 8 dB.  [default: split]",
+        help="Model of the two photodiodes of a pixel. split: each sees one half of the aperture, "
+        "an ideal that costs 3 to 8 dB on real pairs; smooth: each sees all of it, falling off "
+        "towards the other side; @pixel4 or @canon-dpp: a measured sensor; or a file of measured "
+        "kernels, like pair.npy.  [default: split]",
         tag="dp",
         example="smooth",
         file_field="dp_kernels",
@@ -422,7 +421,7 @@ _ROWS = (
         name="dp-crosstalk",
         parse=quantities.within(0, 0.49, "a share of the light", "like 0.15"),
         metavar="0…0.49",
-        help="Share of its light that each photodiode gives to the other, like 0.15.  [default: 0]",
+        help="Share of its light that each photodiode loses to the other, like 0.15.  [default: 0]",
         tag="crosstalk",
         example="0.15",
         even_in="steps",
@@ -431,8 +430,8 @@ _ROWS = (
         name="noise",
         parse=quantities.noise,
         metavar="ELECTRONS:READ",
-        help="Noise of the sensor, like 4000:3: electrons that a light of 1 makes, whose number "
-        "varies, and electrons of read noise.",
+        help="Sensor noise, like 4000:3: electrons at a light of 1, which set the shot noise, and "
+        "electrons of read noise.",
         tag="noise",
         example="4000:3",
         separator=":",
@@ -443,7 +442,7 @@ _ROWS = (
         never_off=True,
         parse=quantities.whole,
         metavar="N",
-        help="Number that decides the random numbers of the noise.  [default: 0]",
+        help="Seed of the noise.  [default: 0]",
         tag="seed",
         example="7",
         needs="noise",
