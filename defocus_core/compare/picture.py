@@ -279,9 +279,7 @@ def _from_raster(path: Path, pages: Sequence[Raster]) -> DecodedPicture:
         names = [f"{dotted}{name}" for name in page.channels]
         if len(set(names)) < len(names):
             names = [f"{dotted}channel {index}" for index in range(len(names))]
-        pixels = np.empty((page.height, page.width, len(names)), np.float32)
-        for window, samples in read_samples(path, page.page):
-            pixels[window] = unit(samples)
+        pixels = unit(read_samples(path, page.page))
         planes |= {name: pixels[:, :, index] for index, name in enumerate(names)}
         types |= dict.fromkeys(names, page.type)
     first = pages[0]

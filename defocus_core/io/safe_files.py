@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
 from defocus_core.errors import InputError, first_line, reason
-from defocus_core.io.below import Folder, open_plain, sync_names
+from defocus_core.io.below import Folder, open_plain
 from defocus_core.system.interrupts import delayed_signals
 
 if TYPE_CHECKING:
@@ -276,16 +276,6 @@ def written_together(root: Path | None = None) -> Iterator[None]:
         for sibling in together.files:
             sibling.discard()
         _together.reset(token)
-
-
-def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable, where the system can."""
-    with suppress(PermissionError):  # one that may be written may not be readable
-        number = os.open(folder, os.O_RDONLY)
-        try:
-            sync_names(number)
-        finally:
-            os.close(number)
 
 
 def is_at(path: Path, number: int) -> bool:

@@ -111,7 +111,7 @@ def base_mb() -> float:
 
 
 def _sizes(job: Job) -> tuple[float, float]:
-    """MB of the arrays of a job, and of those files that can only be decoded at once."""
+    """MB of the arrays of a job, and of the samples of those files that are decoded at once."""
     pixels, per_pixel, whole, channels = _inputs(job.picture, job.reading.blur_channels)
     outputs, sample = job.outputs, 2 if _half(job) else _FLOAT
     if outputs.need_rendering:
@@ -139,7 +139,8 @@ def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, f
             native = _FLOAT * len(kinds) + layers * (native + 2 * _FLOAT + held)
         names = [channel.name for part in parts for channel in part.channels]
         light = sum(any(fnmatchcase(name, pattern) for pattern in passes) for name in names)
-        return info.pixels, native, native if info.at_once else 0.0, min(len(kinds), 4) + light
+        whole = 0.0 if is_exr(read_head(path)) else native
+        return info.pixels, native, whole, min(len(kinds), 4) + light
 
     try:
         pixels, native, color_whole, count = pixel_bytes(picture.color)
@@ -235,7 +236,7 @@ class Gate:
 
     def enter(self, number: int, job: Job) -> None:
         """Wait until there is room for the picture of a job."""
-        need = _sizes(job)[0]
+        need = sum(_sizes(job))
         limit = _beside_each_other_mb(need, capacity_mb(job.machine))
         with self._changed:
             self._changed.wait_for(

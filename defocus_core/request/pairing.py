@@ -34,7 +34,7 @@ from defocus_core.system.text import note
 
 COLOR_SUFFIXES = frozenset(
     {
-        *(".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".ppm", ".pgm"),
+        *(".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".webp"),
         *(".heic", ".heif"),
     }
 )
@@ -42,7 +42,7 @@ PHOTO_SUFFIXES = frozenset({".jpg", ".jpeg"})
 OWN_DEPTH_SUFFIXES = PHOTO_SUFFIXES | {".heic", ".heif"}  # of photographs that may hold their depth
 DEPTH_SUFFIXES = PHOTO_SUFFIXES | {
     *(".exr", ".pfm", ".npy", ".npz", ".png", ".tif", ".tiff", ".dpt", ".bin", ".h5", ".hdf5"),
-    *(".dsp5", ".mat", ".heic", ".heif", ".pgm", ".ppm"),
+    *(".dsp5", ".mat", ".heic", ".heif"),
 }
 SCENE_SUFFIXES = frozenset({".exr"})  # of files that hold colour and depth
 

@@ -44,19 +44,6 @@ def test_a_sweep_of_any_length_is_refused_at_once(sweep, color, depth, tmp_path)
     refused(ran, 3 if sweep.startswith("[") else 2, "malformed")
 
 
-@pytest.mark.parametrize(
-    "header",
-    [
-        *("P5\n32#width\n24 2000\n", "P5#a\n32 24#b\n#c\n2000\n", "P5 +32 24 +2000\n"),
-        f"P5\n{'# ' * 22}\n32#width\n24 2000\n",
-    ],
-)
-def test_the_header_of_a_pgm_is_read_by_its_standard(header, tmp_path):
-    path = tmp_path / "a.pgm"
-    path.write_bytes(header.encode() + np.full((24, 32), 1000, ">u2").tobytes())
-    assert np.allclose(read_depth(path).metres, 1.0)
-
-
 @pytest.mark.parametrize("codec", ["dwaa", "dwaa:500", "input"])
 def test_carried_channels_are_bit_equal_in_any_codec(codec, depth, out, tmp_path):
     ids = np.random.default_rng(0).integers(1, 2**30, (16, 24), np.uint32).view(np.float32)

@@ -164,8 +164,7 @@ def _planes(path: Path, kind: str) -> Any:
     if path.suffix == ".exr":
         channels = read_parts(path, read_headers(path))[0].channels
         return np.asarray(channels[row.channel or kind], np.float32)[None]
-    strips = [strip for _, strip in read_samples(path)]
-    return np.concatenate(strips).transpose(2, 0, 1)[:1].astype(np.float32)
+    return read_samples(path).transpose(2, 0, 1)[:1].astype(np.float32)
 
 
 def _lens(sample: Sample, fraction: float) -> dict[str, Tensor]:

@@ -98,11 +98,11 @@ def _written(out: Path, records: Iterable[Record]) -> list[Path]:
 
 def _there(out: Path, records: Iterable[Record]) -> Iterator[Record]:
     """The records of samples whose files are all in OUT; how many are not is said."""
-    folder, gone = Folder(out), list[str]()
+    gone = list[str]()
     for name, mine in groupby(records, lambda record: record.sample_id):
         every = [*mine]
         files = ((kind, s.path) for r in every if r.taken for kind, s in r.outputs.items())
-        if all(folder.status(path) for kind, path in files if kind in KINDS):
+        if all((out / path).exists() for kind, path in files if kind in KINDS):
             yield from every
         else:
             gone.append(name)

@@ -35,8 +35,8 @@ from defocus_core.batch.journal.record import (
     require_outputs,
 )
 from defocus_core.errors import InputError, cannot_read, one_line
-from defocus_core.io.below import Folder
-from defocus_core.io.safe_files import is_at, sync_folder, unwritable
+from defocus_core.io.below import Folder, sync_folder
+from defocus_core.io.safe_files import is_at, unwritable
 from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note

@@ -159,20 +159,20 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
     require_size(path, reading, shape, size)
     if row.weights or row.bits == "float32":
         channels = {3: "RGB", 4: "RGBA"}.get(len(page.channels), "") * (page.type == "uint8")
-        file_type, values = f"8-bit {channels}" if channels else kind, raster.read_whole(path, page)
+        file_type, values = (
+            f"8-bit {channels}" if channels else kind,
+            raster.read_samples(path, page.page),
+        )
         if file_type in row.files:
             values = _unpacked(values, row)
         return DepthNumbers(path, values, file_type, kind)
     _refuse_unsuited(path, page, reading)
     dtypes = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16}  # 65504 of half is sky
-    values = np.zeros(shape, dtypes.get(page.type, np.float32))
-    for window, samples in raster.read_samples(path, page.page):
-        values[window] = samples[:, :, 0] if len(page.channels) < 3 else _grey(path, samples)
-    if (top := raster.pnm_top(path)) is not None:
-        factor = top / (255 if page.type == "uint8" else 65535)
-        values = np.rint(values[:] * factor).astype(values.dtype)
+    samples = raster.read_samples(path, page.page)
+    values = samples[:, :, 0] if len(page.channels) < 3 else _grey(path, samples)
+    values = np.array(values, dtypes.get(page.type, np.float32))
     if row.bits == "float16":
-        values = np.ascontiguousarray(values[:].astype(np.uint16)).view(np.float16)
+        values = values.astype(np.uint16).view(np.float16)
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(page.type, "float TIFF")
     metadata = raster.text_of(path) if row.sidecar == "text-chunks" else {}
     return DepthNumbers(path, values, file_type, kind, metadata=metadata)

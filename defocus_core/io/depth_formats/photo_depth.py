@@ -23,7 +23,7 @@ from defocus_core.io.images.raster import (
     HEIC_DAMAGE,
     open_heic,
     read_pages,
-    read_whole,
+    read_samples,
     upright,
 )
 from defocus_core.io.safe_files import decoding, quiet, read_head
@@ -76,7 +76,7 @@ def read_gdepth(path: Path) -> DepthNumbers:
         raise InputError("no-depth", "has no GDepth in its XMP", remedy, path=path)
     try:
         with _unpack(metadata.pop("Data")) as image:
-            values = read_whole(image, read_pages(image)[0])[:, :, 0]
+            values = read_samples(image)[:, :, 0]
     except (InputError, ValueError) as error:  # it would name the scratch file
         why = error.problem if isinstance(error, InputError) else reason(error)
         problem = f"has a damaged GDepth image ({why})"

@@ -18,7 +18,7 @@ from defocus_core.errors import InputError, reason
 from defocus_core.io.below import read_plain
 from defocus_core.io.depth_formats.reading import DepthNumbers, Mark
 from defocus_core.io.depth_formats.table import DepthFormat, Mask
-from defocus_core.io.images.raster import choose_page, read_pages, read_whole
+from defocus_core.io.images.raster import choose_page, read_pages, read_samples
 from defocus_core.io.safe_files import MALFORMED, decoding
 
 _LONGEST = 1 << 20  # bytes of a sidecar
@@ -191,7 +191,7 @@ def mask_beside(mask: Mask, path: Path, shape: tuple[int, int]) -> Mark:
             values = np.load(place, mmap_mode="r", allow_pickle=False)
             values = values.reshape(values.shape[:2])
     else:
-        values = read_whole(place, choose_page(place, read_pages(place), None))[:, :, 0]
+        values = read_samples(place, choose_page(place, read_pages(place), None).page)[:, :, 0]
     if values.shape != shape:
         sizes = [f"{'x'.join(map(str, each[::-1]))} px" for each in (values.shape, shape)]
         problem = f"is {sizes[0]} and {path} is {sizes[1]}"

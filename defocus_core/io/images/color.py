@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import count_of
+from defocus_core.io.arrays import bands, count_of
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
     choose_color,
@@ -246,10 +246,10 @@ def _from_raster(path: Path, raster: Raster) -> Color:
     if space.hdr:
         problem = f"has the curve {space.hdr} of HDR television, which is not decoded"
         raise InputError("unsupported", problem, "convert it to sRGB, or to linear EXR", path=path)
-    size = raster.height, raster.width
-    planes = tuple(np.zeros((len(channels), *size), np.float32))
-    for window, every in read_samples(path, raster.page):
-        samples = every[:, :, which]
+    every = read_samples(path, raster.page)
+    planes = tuple(np.zeros((len(channels), raster.height, raster.width), np.float32))
+    for rows in bands(every.shape):
+        samples = every[rows, :, which]
         alpha = unit(samples[:, :, -1:]) if channels[-1] == "A" else None
         pixels = linear_light(
             samples if alpha is None else samples[:, :, :-1],
@@ -259,7 +259,7 @@ def _from_raster(path: Path, raster: Raster) -> Color:
         )
         parts = pixels if alpha is None else np.concatenate([pixels, alpha], axis=2)
         for index, plane in enumerate(planes):
-            plane[window] = parts[:, :, index]
+            plane[rows] = parts[:, :, index]
     unheeded = f"its {space.unheeded} is not applied" if space.unheeded else ""
     warnings = (f"{unheeded}; convert it to sRGB, or to linear EXR",) if unheeded else ()
     return Color(

@@ -186,7 +186,7 @@ def _declared(spec: Any, kind: str) -> tuple[float | None, str]:
     space = str(spec.get_string_attribute("oiio:ColorSpace")).lower()
     gamma: float | None = spec.get_float_attribute("oiio:Gamma", 0.0)
     is_linear = space.startswith("lin") or space == "scene_linear"
-    if is_linear or space.startswith("srgb") or space == "rec709":  # as it says of every PPM
+    if is_linear or space.startswith("srgb") or space == "rec709":
         gamma = 1.0 if is_linear else None
     has_primaries = "_" not in space or "rec709" in space or space == "scene_linear"
     is_known = gamma != 0 and (has_primaries or spec.getattribute(CODES) is not None)
@@ -254,7 +254,8 @@ def unit(samples: NDArray[Any]) -> NDArray[np.float32]:
     """Integers as 0…1, floats as they are."""
     if samples.dtype.kind != "u":
         return samples.astype(np.float32)
-    return (samples / np.iinfo(samples.dtype).max).astype(np.float32)
+    scaled: NDArray[np.float32] = np.divide(samples, np.iinfo(samples.dtype).max, dtype=np.float32)
+    return scaled
 
 
 def quantised(values: NDArray[np.float32], bits: int) -> NDArray[Any]:

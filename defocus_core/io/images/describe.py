@@ -30,7 +30,6 @@ class FileInfo:
     width: int  # of the picture shown, in px
     height: int  # in px
     parts: tuple[Header, ...]  # one, except in some EXR and TIFF files
-    at_once: bool  # whether its decoder may hold all of it; else it is read in pieces
     pixels: int  # as many as are read at most, with those beyond the picture shown
 
     @property
@@ -66,7 +65,7 @@ def describe(path: Path) -> FileInfo:
         shown = headers[0].display
         frames = (h.display.grown(h.data.beyond(h.display)) for h in headers)
         maximum = max(frame.width * frame.height for frame in frames)
-        return FileInfo(path, shown.width, shown.height, headers, at_once=False, pixels=maximum)
+        return FileInfo(path, shown.width, shown.height, headers, maximum)
     return _of_no_exr(path, head)
 
 
@@ -74,8 +73,8 @@ def _of_no_exr(path: Path, head: bytes) -> FileInfo:
     from defocus_core.io import array_files as arrays
     from defocus_core.io.images.raster import read_pages
 
-    if kind := arrays.array_type(head):
-        return _arrays(path, arrays.read_entries(path), at_once=kind in arrays.NAMED)
+    if arrays.array_type(head):
+        return _arrays(path, arrays.read_entries(path))
     known = "EXR, PNG, JPEG, TIFF, WEBP, HDR, PFM or NPY"
     pages = read_pages(path, wanted=known)
     parts = tuple(
@@ -87,11 +86,10 @@ def _of_no_exr(path: Path, head: bytes) -> FileInfo:
         for p in pages
     )
     first = next((page for page in pages if page.whole), pages[0])
-    at_once = any(page.at_once for page in pages)
-    return FileInfo(path, first.width, first.height, parts, at_once, first.width * first.height)
+    return FileInfo(path, first.width, first.height, parts, first.width * first.height)
 
 
-def _arrays(path: Path, entries: Mapping[str, ArrayEntry], *, at_once: bool) -> FileInfo:
+def _arrays(path: Path, entries: Mapping[str, ArrayEntry]) -> FileInfo:
     """The arrays of a file: its size is that of the first."""
     channels, sizes = [], []
     for name, entry in entries.items():
@@ -101,7 +99,7 @@ def _arrays(path: Path, entries: Mapping[str, ArrayEntry], *, at_once: bool) -> 
         sizes.append(shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:])
     (height, width), maximum = sizes[0], max(map(math.prod, sizes))
     part = _part(0, channels, width, height)
-    return FileInfo(path, width, height, (part,), at_once, maximum)
+    return FileInfo(path, width, height, (part,), maximum)
 
 
 def _part(index: int, channels: Sequence[tuple[str, str]], width: int, height: int) -> Header:

@@ -1,4 +1,4 @@
-"""PNG, JPEG, TIFF, WEBP, HDR, PGM and PPM files, decoded by OpenImageIO.
+"""PNG, JPEG, TIFF, WEBP and HDR files, decoded by OpenImageIO.
 
 Samples come back as they are in the file: no colour conversion, and alpha not multiplied in (left
 to itself, OpenImageIO multiplies it into sRGB integers, which loses precision and is not linear).
@@ -7,9 +7,9 @@ to itself, OpenImageIO multiplies it into sRGB integers, which loses precision a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from itertools import accumulate, chain, islice
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import bands
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import no_exr
 from defocus_core.io.images.color_space import CODES, ColorSpace, color_space
@@ -25,7 +24,6 @@ from defocus_core.io.images.primaries import PROFILE, REC_709, Chromaticities
 from defocus_core.io.safe_files import (
     AGAIN,
     check_size,
-    damaged,
     decode_window,
     decoding,
     is_heic,
@@ -37,17 +35,13 @@ from defocus_core.io.safe_files import (
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _SAMPLES["double"] = "float"
-_KINDS = ("png", "jpeg", "tiff", "hdr", "webp", "pnm")
+_KINDS = ("png", "jpeg", "tiff", "hdr", "webp")
 # How files of these kinds begin
 _MAGIC = (b"\x89PNG", b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"RIFF", b"#?")
-_PNM = (b"P2", b"P3", b"P5", b"P6")  # of which the header has a greatest number
-_PNM_HEAD = 1 << 16  # bytes
 # Of orientations, those that swap rows and columns, and those that reverse them after that.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
 _PNG_CHUNKS = 1 << 16  # bytes in which the chunks before the pixels are looked for
-_PNG_HEAD = 29  # bytes up to the last of IHDR, which is 0 if rows follow one another
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
-_TILES_BYTES = 1 << 26  # of a row of tiles, decoded
 HEIC_DAMAGE = "is a damaged HEIC file"
 OWN = "defocus:"  # begins names and values by which a file says how it was made
 OWN_CHANNEL = "DocumentName"  # the tag of a TIFF that names the one channel of a map of ours
@@ -64,7 +58,6 @@ class Raster:
     channels: tuple[str, ...]  # names, upper case for colour and alpha: R, G, B, A or Y
     type: str  # sample type in OpenImageIO's words
     space: ColorSpace  # how its samples become light
-    at_once: bool  # whether its decoder may hold all of it
     associated: bool = False  # whether colour is already multiplied by alpha
     deep: bool = False  # whether it holds deep data, which has no samples
     orientation: int = 1  # by which it was turned, as Exif counts them: 1 is upright, 2 to 8
@@ -95,24 +88,6 @@ def text_of(path: Path) -> dict[str, str]:
         return {each.name: each.value for each in texts if isinstance(each.value, str)}
 
 
-def pnm_top(path: Path) -> int | None:
-    """The greatest number of a PGM or PPM by its header, if the decoder scales it to its type's.
-
-    A comment, from # to the end of its line, may stand anywhere in the header, and is a blank
-    (netpbm, "PGM Format Specification").
-    """
-    if read_head(path, 2) not in _PNM:
-        return None
-    pieces = (line.partition(b"#")[0] for line in read_head(path, _PNM_HEAD)[2:].splitlines())
-    try:
-        top = int(next(islice(chain.from_iterable(map(bytes.split, pieces)), 2, None)))
-    except (StopIteration, ValueError):
-        top = 0
-    if not 0 < top < 1 << 16:
-        raise damaged(path, "no greatest number up to 65535", "has a damaged header")
-    return None if top in (255, 65535) else top
-
-
 def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
     """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
 
@@ -130,46 +105,24 @@ def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
     raise InputError("ambiguous", f"has {len(pages)} pages", remedy, path=path)
 
 
-def read_samples(path: Path, page: int = 0) -> Iterator[tuple[tuple[slice, slice], NDArray[Any]]]:
-    """Decode an image of a file, strip after strip of rows.
-
-    Returns rows and columns of the upright picture, and their samples: uint8, uint16 or float32 [h,
-    w, C].
-    """
+def read_samples(path: Path, page: int = 0) -> NDArray[Any]:
+    """The samples of an image of a file, upright: uint8, uint16 or float32 [H, W, C]."""
     if is_heic(read_head(path)):
         file = open_heic(path)
         with decoding(path, HEIC_DAMAGE), quiet():
-            whole = np.atleast_3d(np.asarray(file))
-        yield (slice(0, len(whole)), slice(0, whole.shape[1])), whole
-        return
-    with ExitStack() as stack:
-        # Not around the yield: it silences all that is printed.
-        with decoding(path, "cannot be read"), quiet():
-            file = stack.enter_context(_open(path, "an image"))
-            file.seek_subimage(page, 0)
-            spec = file.spec()
+            return np.atleast_3d(np.asarray(file))
+    with decoding(path, "cannot be read"), quiet(), _open(path, "an image") as file:
+        file.seek_subimage(page, 0)
+        spec = file.spec()
         kind = _SAMPLES.get(str(spec.format))
         if kind is None:
             problem = f"has samples of type {spec.format}"
             remedy = "save it with 8, 16 or float samples"
             raise InputError("unsupported", problem, remedy, path=path)
-        high = spec.tile_height or 1
-        step = -(-bands((spec.height, spec.width))[0].stop // high) * high
-        for top in range(0, spec.height, step):
-            rows = slice(top, min(top + step, spec.height))
-            with decoding(path, "cannot be read"), quiet():
-                place = (spec.y + rows.start, spec.y + rows.stop), (spec.x, spec.x + spec.width)
-                samples = decode_window(path, file, page, *place, (0, spec.nchannels), kind)
-            yield _place(spec, rows), upright(samples, spec.get_int_attribute("Orientation", 1))
-
-
-def read_whole(path: Path, page: Raster) -> NDArray[Any]:
-    """All samples [H, W, C] of an image of a file, as `read_samples` gives them."""
-    pieces = list(read_samples(path, page.page))
-    every = np.empty((page.height, page.width, len(page.channels)), pieces[0][1].dtype)
-    for window, samples in pieces:
-        every[window] = samples
-    return every
+        rows, columns = (spec.y, spec.y + spec.height), (spec.x, spec.x + spec.width)
+        samples = decode_window(path, file, page, rows, columns, (0, spec.nchannels), kind)
+    turned: NDArray[Any] = upright(samples, spec.get_int_attribute("Orientation", 1))
+    return turned
 
 
 def open_heic(path: Path) -> Any:
@@ -198,7 +151,7 @@ def _heic_page(path: Path) -> Raster:
         spec.attribute(CODES, oiio.TypeDesc("int[4]"), (*both, 0, 1))
     space = color_space(spec)
     space = replace(space, note=f"HEIC, {space.note}")
-    return Raster(width, height, channels, "uint8", space, at_once=True)
+    return Raster(width, height, channels, "uint8", space)
 
 
 @contextmanager
@@ -230,19 +183,6 @@ def upright(stored: Any, orientation: int) -> Any:
     return turned[:, ::-1] if orientation in _RIGHT_TO_LEFT else turned
 
 
-def _place(spec: Any, rows: slice) -> tuple[slice, slice]:
-    """Rows and columns of the upright picture that rows of the stored one become."""
-    turn = spec.get_int_attribute("Orientation", 1)
-    (y, height), (x, width) = sides = (rows, spec.height), (slice(0, spec.width), spec.width)
-    if turn in SIDEWAYS:
-        (y, height), (x, width) = sides[::-1]
-    if turn in _BOTTOM_UP:
-        y = slice(height - y.stop, height - y.start)
-    if turn in _RIGHT_TO_LEFT:
-        x = slice(width - x.stop, width - x.start)
-    return y, x
-
-
 def _raster(path: Path, file: Any, page: int) -> Raster:
     spec = file.spec()
     width, height = spec.width, spec.height
@@ -256,7 +196,6 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
     return Raster(
         *(width, height, tuple(_canonical(spec)), str(spec.format)),
         color_space(spec, _png_primaries(path)),
-        at_once=_is_at_once(path, spec, file.format_name()),
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
         orientation=orientation,
@@ -283,16 +222,6 @@ def _png_primaries(path: Path) -> Chromaticities:
             found = tuple(float(each) for pair in (*colors, white) for each in pair)
         at += size + 12
     return found
-
-
-def _is_at_once(path: Path, spec: Any, kind: str) -> bool:
-    """Whether OpenImageIO may hold all of a file: a JPEG does not tell if it is progressive."""
-    if kind == "png":
-        return read_head(path, _PNG_HEAD)[-1] != 0
-    if kind == "tiff" and spec.tile_height:
-        across = -(-spec.width // spec.tile_width)
-        return bool(across * spec.tile_bytes(True) > _TILES_BYTES)
-    return kind not in ("tiff", "hdr")
 
 
 def _canonical(spec: Any) -> Iterator[str]:

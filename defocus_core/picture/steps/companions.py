@@ -219,10 +219,7 @@ def _matte_values(path: Path) -> NDArray[np.float32]:
         colors = color.pixels if color.alpha is None else np.asarray(color.alpha[:])[:, :, None]
     else:
         page = choose_page(path, read_pages(path), None)
-        pieces = list(read_samples(path, page.page))
-        colors = np.zeros((page.height, page.width, len(page.channels)), np.float32)
-        for window, samples in pieces:
-            colors[window] = unit(samples)
+        colors = unit(read_samples(path, page.page))
         if "A" in page.channels:
             colors = colors[:, :, page.channels.index("A")][:, :, None]
     values = np.asarray(colors[:, :, 0], np.float32)

@@ -23,7 +23,7 @@ from defocus_core.io.exr.header import Header, is_exr
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import LARGEST_FLOAT, Color, count_beyond, read_color
-from defocus_core.io.images.describe import SAMPLE_BYTES, FileInfo, describe
+from defocus_core.io.images.describe import FileInfo, describe
 from defocus_core.io.images.raster import read_samples
 from defocus_core.io.safe_files import read_head
 from defocus_core.io.shots.frame_patterns import frames_of, gaps, in_words
@@ -38,13 +38,10 @@ from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.interrupts import delayed_signals
-from defocus_core.system.memory import MB
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
 
-# Most MB of samples of an interlaced PNG or a JPEG, of which a decoder may hold two copies.
-MAX_AT_ONCE = 512
 # Codes of files that have no colour, or no depth, but may have the other.
 _ABSENT = frozenset({"no-color", "no-depth", "ambiguous", "no-such-channel", "no-such-view"})
 
@@ -180,7 +177,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     has_frames = container_type(read_head(path, 32)) != ""  # whose number --part is
     if reading.part is not None and not has_frames and (lone or len(info.parts) > 1):
         require_part(path, reading.part, len(info.parts))
-    color_note = depth_note = _too_large(info)
+    color_note = depth_note = info.nearly_empty and f"not decoded: {info.nearly_empty}"
     picture, color, depth = None, None, None
     maps: list[dict[str, Any]] = []
     evidence: tuple[str, ...] = ()
@@ -244,18 +241,6 @@ def _depth_of(
         return error.problem if usual else _clause(error), None
 
 
-def _too_large(info: FileInfo) -> str:
-    """Why a file takes too much time or memory to decode; empty if it does not."""
-    if info.nearly_empty:
-        return f"not decoded: {info.nearly_empty}"
-    kinds = ([channel.type for channel in part.channels] for part in info.parts)
-    samples = max(sum(SAMPLE_BYTES.get(kind, 8) for kind in each) for each in kinds)
-    decoded = info.at_once * info.pixels * samples / MB
-    if decoded <= MAX_AT_ONCE:
-        return ""
-    return f"takes {decoded:.0f} MB to decode; save it as EXR, or not interlaced"
-
-
 def _part_record(path: Path, part: Header) -> dict[str, Any]:
     """A part of a file in plain values; windows are those of an EXR, samples of a deep one."""
     told = {
@@ -286,22 +271,19 @@ def _maps(info: FileInfo) -> list[dict[str, Any]]:
     if not kinds or container_type(read_head(info.path, 32)):  # an array may have such a name, too
         return []
     maps = []
-    for kind, values in _bands_of_maps(info.path, kinds):
-        ends = [end for band in values for end in ends_of(band[np.isfinite(band)])]
-        maps.append({"kind": kind, range_key(kind): [min(ends), max(ends)] if ends else None})
+    for kind, values in _values_of_maps(info.path, kinds):
+        ends = ends_of(values[np.isfinite(values)])
+        maps.append({"kind": kind, range_key(kind): ends or None})
     return maps
 
 
-def _bands_of_maps(
-    path: Path, kinds: Sequence[str]
-) -> Iterator[tuple[str, Iterator[NDArray[Any]]]]:
+def _values_of_maps(path: Path, kinds: Sequence[str]) -> Iterator[tuple[str, NDArray[Any]]]:
     """The maps of an EXR, or the one of a TIFF, and their numbers."""
     if not is_exr(read_head(path)):
-        yield kinds[0], (samples for _, samples in read_samples(path))
+        yield kinds[0], read_samples(path)
         return
     for part in read_parts(path, wanted=lambda _, name: name in NO_DEPTH):
-        for kind, plane in part.channels.items():
-            yield kind, (plane[rows] for rows in bands(plane.shape))
+        yield from part.channels.items()
 
 
 def range_key(kind: str) -> str:

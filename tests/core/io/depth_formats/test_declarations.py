@@ -294,18 +294,6 @@ def test_colours_are_no_depth(suffix, tmp_path):
         read(save(tmp_path / f"a.{suffix}", drawn), relative=True)
 
 
-@pytest.mark.parametrize("top", [255, 2047, 65535])
-def test_pgm_is_depth(top, tmp_path):
-    numbers = np.arange(1, 13).reshape(3, 4) * 20
-    data = numbers.astype("u1" if top == 255 else ">u2").tobytes()
-    (tmp_path / "a.pgm").write_bytes(b"P5\n# made by hand\n4 3\n%d\n" % top + data)
-    found = read(tmp_path / "a.pgm", depth_unit="mm").metres
-    np.testing.assert_allclose(found, numbers / 1000, rtol=1e-6)
-    (tmp_path / "cut.pgm").write_bytes(b"P5\n4 3\n%d\n" % top + data[:5])
-    with refuses("damaged", path=tmp_path / "cut.pgm"):
-        read(tmp_path / "cut.pgm", depth_unit="mm")
-
-
 def test_16_bits_from_end_to_end_are_scaled_file_by_file(tmp_path):
     path = png(tmp_path / "a.png", np.linspace(0, 65535, 48).reshape(6, 8), np.uint16)
     with refuses("unknown-unit", "scaled file by file", "‹depth-range› NEAR FAR", path=path):

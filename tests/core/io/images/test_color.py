@@ -1,7 +1,6 @@
 """Colour files: what they hold, in linear light, premultiplied."""
 
 import struct
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -134,24 +133,6 @@ def test_strips_of_a_file_are_the_whole(name, more, tmp_path):
     whole: Any = oiio.ImageBuf(str(path)).get_pixels(oiio.FLOAT)
     light = whole if name.endswith("hdr") else srgb(whole)
     np.testing.assert_allclose(read_color(path).pixels, light, rtol=1e-5, atol=1e-6)
-
-
-def test_what_a_decoder_holds_at_once_is_known(tmp_path):
-    samples = integers(8, 3)
-    for name, more, at_once in (
-        ("a.png", {}, False),
-        ("a.tif", {}, False),
-        ("tiled.tif", {"tile": (16, 16)}, False),
-        ("large.tif", {"tile": (4096, 5472)}, True),
-        ("a.jpg", {}, True),
-    ):
-        assert describe(save(tmp_path / name, samples, **more)).at_once == at_once, name
-    lone = b"\0\0\0\1" * 2 + bytes([8, 2, 0, 0, 1])  # one pixel of 8-bit RGB, interlaced
-    chunks = (b"IHDR", lone), (b"IDAT", zlib.compress(bytes(4))), (b"IEND", b"")
-    path = tmp_path / "interlaced.png"
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(png_chunk(*chunk) for chunk in chunks))
-    assert describe(path).at_once
-    assert not read_color(path).pixels.any()
 
 
 def test_exr_colour_is_taken_as_it_is(tmp_path):
