@@ -113,6 +113,15 @@ GONE: dict[str, tuple[Gone, ...]] = {
             Gone("value", name, _CALIBRATED, "depth-format")
             for name in ("spring", "unrealstereo4k", "hci-lightfield", "middlebury2006")
         ),
+        Gone("value", "eth3d", "save its rows as NPY, and write metres", "depth-format"),
+        Gone(
+            "value", "ffs-stereo4d", "save its px as NPY, and write disparity", "depth-format"
+        ),
+        Gone("value", "infinigen", "save its first plane as NPY, and write metres", "depth-format"),
+        Gone("value", "irs", "write disparity, with ‹depth-channel› G", "depth-format"),
+        Gone("value", "moge-png", "write moge, for the EXR of MoGe", "depth-format"),
+        Gone("value", "omniobject3d", "write metres, with ‹depth-channel›", "depth-format"),
+        Gone("value", "ros", "write png-mm for 16 bits, metres for floats", "depth-format"),
         Gone("value", "urbansyn", "write metres, with ‹depth-scale› 1e5 and ‹sky›", "depth-format"),
         Gone("value", "synscapes", "write metres, with ‹sky›", "depth-format"),
         Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),

@@ -1,4 +1,4 @@
-"""Arrays of numbers in files: NPY, PFM, .dpt, COLMAP and headerless rows; NPZ and HDF5.
+"""Arrays of numbers in files: NPY, PFM, .dpt, COLMAP; NPZ and HDF5.
 
 PFM (netpbm): ``Pf``, width, height, scale, then rows from bottom to top; a negative scale means
 little endian. OpenImageIO returns the rows upside down or not depending on how it is asked.
@@ -140,19 +140,12 @@ def wrong_shape(path: Path, shape: tuple[int, ...]) -> InputError:
     return InputError("wrong-shape", problem, remedy, path=path)
 
 
-def read_headerless(path: Path, size: tuple[int, int]) -> NDArray[Any]:
-    """Map float32 little-endian rows without a header into memory: [H, W]."""
-    read_head(path)
-    return _rows(path, 0, *size)
-
-
 def _rows(path: Path, start: int, width: int, height: int, dtype: str = "<f4") -> NDArray[Any]:
     check_size(path, width, height, 4)
     there, wanted = path.stat().st_size - start, width * height * 4
     if there != wanted:
         problem = f"has {there} bytes of pixels, and {width}×{height} px of float32 are {wanted}"
-        code = "damaged" if start else "wrong-size"  # of a header, or of the colour
-        raise InputError(code, problem, AGAIN, path=path)
+        raise InputError("damaged", problem, AGAIN, path=path)
     return np.memmap(path, dtype, "r", start, (height, width))
 
 

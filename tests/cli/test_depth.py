@@ -223,16 +223,6 @@ def test_converted_depth_pairs_with_its_pictures_and_previews_do_not(tmp_path):
     photograph(tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o")
 
 
-def test_rows_without_a_header_have_the_size_of_the_colour(tmp_path):
-    color, path = pair(tmp_path)
-    held = tmp_path / "DSC_0001.JPG"
-    held.write_bytes(ramp().astype("<f4").tobytes())
-    found = coc(tmp_path / "o", color, held, "--depth-format", "eth3d")
-    np.testing.assert_array_equal(found, coc(tmp_path / "p", color, path))
-    ran = run("depth", held, "--depth-format", "eth3d", "-o", tmp_path / "z.exr")
-    refused(ran, 3, "wrong-size", held)
-
-
 def test_a_frame_of_an_array_is_chosen_beside_a_colour_of_one_part(tmp_path):
     color, path = pair(tmp_path)
     np.savez(tmp_path / "a.npz", depths=np.stack([ramp() * 9, ramp()]).astype(np.float32))

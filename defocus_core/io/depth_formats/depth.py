@@ -207,7 +207,7 @@ def read_numbers(
 ) -> DepthNumbers:
     """The numbers of a depth file, of a type that the named format comes in."""
     row, read = reading.row, exr_depth_numbers
-    if row.files == ("headerless",) or not is_exr(read_head(path)):
+    if not is_exr(read_head(path)):
         from defocus_core.io.depth_formats.file_types import other_numbers as read
     samples = read(path, reading, size, overscan)
     if reading.depth_format is not None and samples.type not in row.files:

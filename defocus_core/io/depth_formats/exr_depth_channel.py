@@ -80,7 +80,7 @@ def exr_depth_numbers(
         channel=chosen.name,
         marks=tuple(marks),
         data_window="" if header.data.covers(window) else str(header.data),
-        metadata={**header.attributes, "size": (header.display.width, header.display.height)},
+        metadata=header.attributes,
         is_deep=header.deep,
     )
 
@@ -106,8 +106,6 @@ def choose_depth_channel(
     every = channels_of(path, headers, reading.part)
     if channel is not None:
         return by_name(path, every, channel, "channel", "‹depth-channel›")
-    if reading.row.plane is not None:
-        return every[reading.row.plane]
     for pattern in reading.row.channels:
         for each in every:
             if fnmatchcase(each.name, pattern):

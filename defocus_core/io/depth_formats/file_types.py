@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -18,11 +18,9 @@ from defocus_core.io.array_files import (
     ArrayEntry,
     array_type,
     read_entries,
-    read_headerless,
     squeezed,
     wrong_shape,
 )
-from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH, NoDepthChannel
 from defocus_core.io.depth_formats.photo_depth import read_gdepth, read_heic
 from defocus_core.io.depth_formats.reading import (
@@ -39,7 +37,6 @@ from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.windows import Overscan
 from defocus_core.io.images import raster
 from defocus_core.io.safe_files import decoding, is_heic, is_jpeg, read_head
-from defocus_core.system.text import percent
 
 # Levels of 8 bits by which channels of grey differ after JPEG; weights of its luma.
 _CHROMA_NOISE, _LUMA = 24, (0.299, 0.587, 0.114)
@@ -54,14 +51,10 @@ def other_numbers(
     """The numbers of a depth file that is no EXR."""
     row, head = reading.row, read_head(path, 32)
     is_photo = "GDepth" in row.files or (reading.depth_format is None and holds_gdepth(path))
-    is_headerless = row.files == ("headerless",)
-    kind = "" if is_headerless or is_heic(head) else array_type(head)
+    kind = "" if is_heic(head) else array_type(head)
     if reading.depth_channel is not None and kind not in NAMED:
         problem = f"{path} has no named channels"
         raise UsageProblem("idle-option", problem, "leave it out", field="depth-channel")
-    if is_headerless:
-        rows = read_headerless(path, size or row.size or (0, 0))
-        return DepthNumbers(path, rows, "headerless", "float32 rows")
     if is_heic(head):
         return _from_photo(path, reading, read_heic(path), size)
     if kind:
@@ -126,7 +119,7 @@ def _frame(
     """One map of an array in a file, of which no more than that is loaded."""
     row, shape, index = reading.row, entry.shape, None
     frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and kind in NAMED))
-    if frames and shape[0] != 1 and row.plane is None:
+    if frames and shape[0] != 1:
         if reading.part is None:
             remedy = "choose one with ‹part›, counted from 0"
             raise InputError("ambiguous", f"holds {shape[0]} frames", remedy, path=path)
@@ -141,8 +134,6 @@ def _frame(
 def _map_of(path: Path, values: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
     """One map [H, W] of an array of any number of axes."""
     values = squeezed(values)
-    if values.ndim == 3 and row.plane is not None:
-        values = values[:, :, row.plane]
     if values.ndim != 2:
         raise wrong_shape(path, values.shape)
     return values.T if row.axes.endswith("WH") else values
@@ -174,8 +165,7 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
     if row.bits == "float16":
         values = values.astype(np.uint16).view(np.float16)
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(page.type, "float TIFF")
-    metadata = raster.text_of(path) if row.sidecar == "text-chunks" else {}
-    return DepthNumbers(path, values, file_type, kind, metadata=metadata)
+    return DepthNumbers(path, values, file_type, kind)
 
 
 def _unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:
@@ -223,62 +213,29 @@ def _refuse_unsuited(path: Path, page: raster.Raster, reading: DepthReading) -> 
 
 _TOP = 65535  # of 16 bits
 _PARTS = 6  # of a path, from its end, that are looked at
-_KITTI_FOLDERS = r"proj_depth/(groundtruth|velodyne_raw)/|_selection_cropped/|kitti"
-_KITTI_SIZES = ((1242, 375), (1241, 376), (1238, 374), (1226, 370), (1224, 370), (1216, 352))
+# Formats by what the end of the path of their files matches, in small letters.
+_SIGNS = {
+    "vkitti2": r"vkitti|virtual.?kitti|frames/depth/camera_[01]/",
+    "kitti": r"proj_depth/(groundtruth|velodyne_raw)/|_selection_cropped/",
+    "matterport": r"undistorted_depth_images/|[0-9a-f]{32}_d[0-2]_[0-5]\.png$",
+    "tum": r"rgbd_dataset_freiburg|rgbd_bonn|smart_?portraits",
+    "ibims1": r"ibims-?1",
+    "pointodyssey": r"point_?odyssey",
+    "dynamicreplica": r"dynamic_?replica",
+    "co3d": r"co3d|\.jpg\.geometric\.png$",
+    "cityscapes": r"[a-z]+_\d{6}_\d{6}_disparity\.png$",
+}
 
 
-@dataclass(frozen=True)
-class Sign:
-    """A sign of a format."""
-
-    format: str
-    path: str = ""  # an expression that the end of the path matches, in small letters
-    sizes: tuple[tuple[int, int], ...] = ()  # (width, height) in px; empty for any
-    zeros: tuple[float, float] = (0.0, 1.0)  # least and greatest share of pixels that are 0
-    tops: float = 0.0  # least share of pixels that are 65535
-    maximum: int = _TOP  # the greatest number
-
-
-SIGNS = (
-    Sign("kitti", _KITTI_FOLDERS, zeros=(0.2, 1), maximum=32000),
-    Sign("kitti", sizes=_KITTI_SIZES, zeros=(0.5, 1), maximum=32000),
-    Sign("vkitti2", r"vkitti|virtual.?kitti|frames/depth/camera_[01]/", zeros=(0, 0)),
-    Sign("vkitti2", sizes=((1242, 375),), zeros=(0, 0), tops=0.001),
-    Sign("matterport", r"undistorted_depth_images/|[0-9a-f]{32}_d[0-2]_[0-5]\.png$"),
-    Sign("tum", r"rgbd_dataset_freiburg|rgbd_bonn|smart_?portraits"),
-    Sign("ibims1", r"ibims-?1"),
-    Sign("pointodyssey", r"point_?odyssey"),
-    Sign("dynamicreplica", r"dynamic_?replica"),
-    Sign("co3d", r"co3d|\.jpg\.geometric\.png$"),
-    Sign("cityscapes", r"[a-z]+_\d{6}_\d{6}_disparity\.png$"),
-)
-
-
-def refuse_assumed(path: Path, values: Any) -> None:
-    """Refuse 16 bits [H, W] as millimetres with a sign of another format, or from end to end."""
-    counts, maximum = np.zeros(2), 0
-    for rows in bands(values.shape):
-        band = values[rows]
-        counts += [np.count_nonzero(band == number) for number in (0, _TOP)]
-        maximum = max(maximum, int(band.max()))
-    zeros, tops = counts / (values.shape[0] * values.shape[1])
-    place, size = "/".join(path.absolute().parts[-_PARTS:]).lower(), values.shape[1::-1]
-    for sign in SIGNS:
-        found = re.search(sign.path, place)
-        if (
-            found
-            and (not sign.sizes or size in sign.sizes)
-            and sign.zeros[0] <= zeros <= sign.zeros[1]
-            and sign.tops <= tops
-            and maximum <= sign.maximum
-        ):
-            told = [f"its path has '{found[0]}'" if sign.path else f"{size[0]}x{size[1]} px"]
-            ends = {0: zeros, _TOP: tops}
-            told += [f"{percent(share)} are {n}" for n, share in ends.items() if share]
-            problem = f"has 16 bits that may be {sign.format}, not millimetres: {', '.join(told)}"
-            remedy = f"say ‹depth-format› {sign.format}, or ‹depth-unit› mm"
+def refuse_assumed(path: Path, values: NDArray[np.uint16]) -> None:
+    """Refuse 16 bits [H, W] as millimetres by the path of another format, or from end to end."""
+    place = "/".join(path.absolute().parts[-_PARTS:]).lower()
+    for name, sign in _SIGNS.items():
+        if found := re.search(sign, place):
+            problem = f"has 16 bits that may be {name}, not millimetres: its path has '{found[0]}'"
+            remedy = f"say ‹depth-format› {name}, or ‹depth-unit› mm"
             raise InputError("unknown-unit", problem, remedy, path=path)
-    if zeros and tops:
+    if (values == 0).any() and (values == _TOP).any():
         problem = f"has numbers from 0 to {_TOP}, as depth has that is scaled file by file"
         remedy = "say ‹depth-range› NEAR FAR and ‹depth-kind›; or ‹depth-unit› mm, or "
         remedy += "‹depth-format›"

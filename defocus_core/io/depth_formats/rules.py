@@ -2,7 +2,6 @@
 
 A row of the table names a rule; its sidecar and the user complete the row. Numbers v become
   scale      depth  scale · v + shift
-  log        depth  exp(scale · v + shift)
   inverse    depth  1 / (scale · v + shift), v a disparity in px of two cameras
   per-metre  depth  1 / (scale · v + shift), v a disparity in 1 / m
   radius     signed CoC radius in px, v itself
@@ -178,8 +177,7 @@ def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> 
             remedy = "‹depth-format› apple-heic" if samples.type == "HEIC" else "‹depth-unit› mm"
             problem = f"{numbers}, whose unit is unknown"
             raise InputError("unknown-unit", problem, f"say {remedy}", path=samples.path)
-    own = row.integer_scale if samples.is_integer else None
-    scale = (row.scale if own is None else own) * UNITS[unit or "m"]
+    scale = row.scale * UNITS[unit or "m"]
     words = [UNIT_WORDS[unit] if unit else ""]
     if reading.depth_scale is not None:
         scale *= reading.depth_scale
@@ -281,7 +279,6 @@ def _inverted(scaled: NDArray[np.float64]) -> NDArray[np.float64]:
 
 RULES = {
     "scale": DepthRule("depth", ("depth-scale",), _by_unit, _same),
-    "log": DepthRule("depth", (), _by_unit, np.exp),
     "inverse": DepthRule(
         "disparity", ("depth-scale", "baseline", "doffs", "focal-px"), _by_cameras, _inverted
     ),

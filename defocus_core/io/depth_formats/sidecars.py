@@ -1,11 +1,10 @@
 """Files beside a depth file that hold a part of its rule: calibration, cameras, masks.
 
-Also the metadata of the file itself: MoGe's text chunks, HEIC's and GDepth's properties.
+Also the metadata of the file itself: HEIC's and GDepth's properties.
 """
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -50,26 +49,6 @@ def _calib(place: Path, _: DepthNumbers) -> Found:
     return _calibrated(place.name, focal, baseline, float(lines.get("doffs", 0)))
 
 
-def _cityscapes(place: Path, _: DepthNumbers) -> Found:
-    """Cityscapes' camera/*.json; numbers are 256 times the disparity, and 1 more."""
-    camera = json.loads(_text(place))
-    focal, baseline = float(camera["intrinsic"]["fx"]), float(camera["extrinsic"]["baseline"])
-    return _calibrated(place.name, focal, baseline, -1 / 256)
-
-
-_STEPS = 65533  # of MoGe, between the numbers 1 and 65534
-
-
-def _text_chunks(_: Path, samples: DepthNumbers) -> Found:
-    """MoGe: near and far, and a unit in files of its first version; steps of the logarithm."""
-    unit = float(samples.metadata.get("unit", 1))
-    near, far = (
-        math.log(_positive(float(samples.metadata[key]) * unit)) for key in ("near", "far")
-    )
-    scale = (far - near) / _STEPS
-    return {"words": "text chunks near and far", "scale": scale, "shift": near - scale}
-
-
 def _heic(_: Path, samples: DepthNumbers) -> Found:
     """HEIC: steps of 1/z from far to near (0), of disparity in 1/m (1), or of z (2)."""
     metadata = samples.metadata
@@ -111,58 +90,24 @@ def _positive(value: float) -> float:
     return value
 
 
-def _alicevision(_: Path, samples: DepthNumbers) -> Found:
-    """AliceVision: the camera in px of the map, or its inverse; nothing if there is neither.
-
-    Either is stored by rows or by columns: that is meant whose principal point is in the middle.
-    """
-    width, height = samples.metadata["size"]
-    for name, is_inverse in (("iCamArr", True), ("P", False)):
-        if (raw := samples.metadata.get(f"AliceVision:{name}")) is None:
-            continue
-        numbers = np.frombuffer(raw.value, "<f8" if raw.kind.endswith("d") else "<f4")
-        matrix = numbers.astype(float).reshape((math.isqrt(len(numbers)),) * 2)[:3, :3]
-        for stored in (matrix, matrix.T):
-            camera = np.linalg.inv(stored) if is_inverse else stored
-            squares = camera @ camera.T
-            squares = squares / squares[2, 2]
-            x, y, focal = squares[0, 2], squares[1, 2], squares[0, 0] - squares[0, 2] ** 2
-            if abs(x - width / 2) < width / 4 and abs(y - height / 2) < height / 4 and focal > 0:
-                return {"words": f"camera of {name}", "focal_px": math.sqrt(focal)}
-    return {}
-
-
 class _Sidecar(NamedTuple):
     """How a sidecar is read, and where it may lie."""
 
     read: Callable[[Path, DepthNumbers], Found]  # by its place and the numbers of the depth file
-    # Relative to the depth file's folder: ``{stem}`` is the stem of the depth file, ``{scene}`` it
-    # without its last word, ``{folder}`` and ``{above}`` the names of its folder and the one above;
-    # none of metadata of the file itself
+    # Relative to the depth file's folder; none of metadata of the file itself
     places: tuple[str, ...] = ()
 
 
 _SIDECARS = {
     "calib.txt": _Sidecar(_calib, ("calib.txt",)),
-    "camera.json": _Sidecar(
-        _cityscapes,
-        ("{scene}_camera.json", "../../../camera/{above}/{folder}/{scene}_camera.json"),
-    ),
-    "text-chunks": _Sidecar(_text_chunks),
     "heic": _Sidecar(_heic),
     "gdepth": _Sidecar(_gdepth),
-    "alicevision": _Sidecar(_alicevision),
 }
 
 
 def _found(places: tuple[str, ...], path: Path) -> Path | None:
     """The first file of some places beside a depth file; None if there is none."""
-    words = {
-        "stem": path.stem,
-        "scene": path.stem.rpartition("_")[0],
-        "folder": path.parent.name,
-        "above": path.parent.parent.name,
-    }
+    words = {"stem": path.stem, "folder": path.parent.name}
     files = (path.parent / template.format(**words) for template in places)
     return next((file for file in files if file.is_file() and file != path), None)
 

@@ -49,7 +49,6 @@ class DepthFormat:
     shift: float = 0.0  # added to numbers that were scaled
     # What 0 and the greatest number of the type are, in m or 1/m, where the file says it
     ends: tuple[float, float] | None = None
-    integer_scale: float | None = None  # what 1 is where the numbers are integers; None for `scale`
     bits: str = ""  # ``float32`` or ``float16`` where the bits of a pixel are those of a float
     weights: tuple[float, ...] = ()  # of R, G and B, where a pixel is an integer spread over them
     # Names of EXR channels and of arrays in a container, patterns allowed, the first that is
@@ -57,10 +56,7 @@ class DepthFormat:
     channels: tuple[str, ...] = ()
     holes: str = ""  # name of the array in the same file whose zeros are invalid
     radial_channels: tuple[str, ...] = ()  # which of these hold the distance to the point
-    # Which entry of a last axis of several; of EXR channels in the order of the file
-    plane: int | None = None
     axes: str = "HW"  # order of axes in the file, N for frames
-    size: tuple[int, int] | None = None  # width and height of a file without a header
     geometry: str = "planar"  # planar, radial, or ask where the user must say it
     # Numbers that mean no depth, beside NaN and what is not in front of the camera
     invalid: tuple[float, ...] = ()
@@ -114,17 +110,7 @@ STEREO_DATASETS = (
         ("16-bit PNG",),
         scale=1 / 256,
         invalid=(0,),
-        sidecar="camera.json",
-    ),
-    _stereo(
-        "irs", "IRS", ("EXR",), channels=("G", "*"), invalid=(0,), focal_px=480.0, baseline=0.1
-    ),
-    _stereo(
-        "ffs-stereo4d",
-        "Stereo4D of Fast Foundation Stereo, (255² R + 255 G + B) / 1000 px",
-        ("8-bit RGB", "8-bit RGBA"),
-        scale=1 / 1000,
-        weights=(255.0**2, 255.0, 1.0),
+        shift=-1 / 256,
     ),
 )
 
@@ -132,9 +118,6 @@ STEREO_DATASETS = (
 _PICTURES = ("16-bit PNG", "8-bit PNG")
 
 NETWORKS = (
-    _png16(
-        "moge-png", "MoGe, depth in the logarithm", rule="log", sky=65535, sidecar="text-chunks"
-    ),
     _exr(
         "moge",
         "MoGe, depth.exr",
@@ -180,8 +163,7 @@ NETWORKS = (
         "AliceVision, Meshroom, depthMap.exr",
         invalid=(-1,),
         geometry="radial",
-        sidecar="alicevision",
-        note="known by its header, whose camera says the field of view",
+        note="known by its header",
     ),
     DepthFormat("android-gdepth", "Android, JPEG with GDepth", ("GDepth",), sidecar="gdepth"),
 )
@@ -373,14 +355,6 @@ DEPTH_DATASETS = (
     ),
     _png16("matterport", "Matterport3D, undistorted_depth_images", scale=1 / 4000),
     DepthFormat("diode", "DIODE", ("NPY",), mask=Mask(("{stem}_mask.npy",), zeros=True)),
-    DepthFormat(
-        "eth3d",
-        "ETH3D, ground_truth_depth without a header",
-        ("headerless",),
-        size=(6048, 4032),
-        invalid_infinity=True,
-        note="pairs with the distorted pictures",
-    ),
     _png16("pointodyssey", "PointOdyssey", scale=1000 / 65535, sky=65535),
     _png16("dynamicreplica", "Dynamic Replica, float16 in 16 bits", bits="float16"),
     _png16(
@@ -399,7 +373,6 @@ DEPTH_DATASETS = (
         channels=("Depth", *UNREAL_DEPTH, "*.Depth"),
         sky=_BEYOND_20000,
     ),
-    DepthFormat("omniobject3d", "OmniObject3D, last channel", ("EXR",), plane=-1, sky=65504),
     DepthFormat("3dkenburns", "3D Ken Burns", ("EXR",), scale=1 / 1000, sky=_BEYOND_20000),
     DepthFormat(
         "megadepth",
@@ -422,14 +395,6 @@ DEPTH_DATASETS = (
             zeros=True,
         ),
         note="mask_invalid is true where the depth is valid",
-    ),
-    DepthFormat("infinigen", "Infinigen", ("NPY",), plane=0),
-    DepthFormat(
-        "ros",
-        "ROS, 32FC1 in metres or 16UC1 in millimetres",
-        (*FLOATS, "16-bit PNG", "integer NPY"),
-        integer_scale=1 / 1000,
-        invalid=(0,),
     ),
     _png16("scenenet-rgbd", "SceneNet RGB-D", scale=1 / 1000, geometry="radial"),
 )

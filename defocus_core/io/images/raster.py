@@ -81,13 +81,6 @@ def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR")
         return pages
 
 
-def text_of(path: Path) -> dict[str, str]:
-    """Texts in the header of an image, like those of chunks of a PNG, by key."""
-    with decoding(path, "cannot be read"), quiet(), _open(path, "PNG") as file:
-        texts = file.spec().extra_attribs
-        return {each.name: each.value for each in texts if isinstance(each.value, str)}
-
-
 def choose_page(path: Path, pages: Sequence[Any], part: int | None) -> Any:
     """The image of a file that is meant: the only one, or that which ``part`` counts from 0.
 

@@ -180,14 +180,14 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
     color_note = depth_note = info.nearly_empty and f"not decoded: {info.nearly_empty}"
     picture, color, depth = None, None, None
     maps: list[dict[str, Any]] = []
-    evidence: tuple[str, ...] = ()
+    evidence: list[str] = []
     if not color_note:
         asked = _Asked(path, reading, lens)
         picture, color_note = _color_of(info, reading)
         color = picture and _color_figures(picture)
         depth_note, depth = _depth_of(asked, picture, arrays=has_frames)
         maps = _maps(info)
-        evidence = () if maps else evidence_of(path, reading, info)
+        evidence = [] if maps else [*evidence_of(path, reading, info)]
     return {
         "file": str(path),
         "size": [info.width, info.height],
@@ -196,7 +196,7 @@ def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> d
         "color_note": color_note,
         "depth": depth,
         "depth_note": depth_note,
-        "evidence": list(evidence),
+        "evidence": evidence,
         "maps": maps,
     }
 

@@ -21,7 +21,6 @@ def facts(row):
         "inverse": "/",
         "per-metre": "/",
         "radius": "px of radius",
-        "log": "near^(1−t) far^t",
     }.get(row.rule, "depth or")
     yield row.bits
     yield from (
@@ -43,9 +42,7 @@ def facts(row):
     yield from ["`--depth-kind`"] * (not row.rule)
     yield {"ask": "`--radial` or `--planar`"}.get(row.geometry, "")
     yield from ["`--fov`"] * (row.geometry == "radial" and row.focal_px is None)
-    yield (
-        "metadata of the file" if row.sidecar in ("text-chunks", "heic", "gdepth") else row.sidecar
-    )
+    yield ("metadata of the file" if row.sidecar in ("heic", "gdepth") else row.sidecar)
 
 
 def test_every_format_is_listed_as_the_table_has_it():

@@ -2,7 +2,7 @@
 
 import numpy as np
 from command_line import ramp, run, write_exr
-from depth_files import gdepth, npy, pfm, png
+from depth_files import gdepth, npy, png
 from optional_libraries import HEIC_MAGIC, heic, write_hdf5
 
 
@@ -21,32 +21,6 @@ def test_plain_depth_has_none(tmp_path):
     assert evidence(npy(tmp_path / "a.npy", ramp())) == ""
 
 
-def test_the_greatest_number_of_16_bits(tmp_path):
-    numbers = np.full((10, 10), 1000)
-    numbers[:3, :4] = 65535
-    told = evidence(png(tmp_path / "a.png", numbers))
-    assert "65535 in 12 % of the 16-bit pixels: " in told
-    for name in ("vkitti2", "pointodyssey", "ibims1"):
-        assert name in told
-    assert "kitti," not in told.replace("vkitti2,", "")
-    assert "say --depth-format NAME" in told
-    assert evidence(tmp_path / "a.png", "--depth-format", "vkitti2") == ""
-
-
-def test_zeros_of_16_bits_are_holes_or_far(tmp_path):
-    numbers = np.full((10, 10), 1000)
-    numbers[5] = 0
-    told = evidence(png(tmp_path / "a.png", numbers))
-    assert "0 in 10 % of the 16-bit pixels: holes of" in told
-    assert "--invalid far or fill" in told
-
-
-def test_a_sidecar_beside_a_pfm(tmp_path):
-    (tmp_path / "calib.txt").write_text("")
-    told = evidence(pfm(tmp_path / "a.pfm", ramp()))
-    assert told == "calib.txt beside it: middlebury; say --depth-format middlebury"
-
-
 def test_channels_of_unreal(tmp_path):
     planes = {"FinalImageMovieRenderQueue_WorldDepth.R": ramp() * 100}
     header_free = write_exr(tmp_path / "a.exr", **{"R": ramp(), "G": ramp(), "B": ramp() + 1})
@@ -63,25 +37,6 @@ def test_arrays_to_choose_from_are_named_and_their_format(tmp_path):
     path = write_hdf5(tmp_path / "nyu.mat", arrays)
     assert "nyu-mat; say --depth-format nyu-mat" in evidence(path)
     assert "no depth: holds the arrays depths, rawDepths; choose one" in run("info", path).out
-
-
-def test_8_bits_are_relative(tmp_path):
-    path = png(tmp_path / "a.png", ramp() * 50, np.uint8)
-    told = evidence(path)
-    assert "8 bits: relative depth of a network; say --blur 20px --focus-at X,Y" in told
-    said = ("--depth-format", "depth-anything", "--depth-range", "1m", "9m")
-    assert evidence(path, *said) == ""
-
-
-def test_a_grey_picture_in_three_channels_is_told_what_one_channel_is(tmp_path):
-    one = png(tmp_path / "one.png", ramp() * 50, np.uint8)
-    grey = np.repeat((ramp() * 50)[..., None], 3, 2)
-    three = png(tmp_path / "three.png", grey, np.uint8)
-    assert evidence(three) == evidence(one) != ""
-    notes = [run("info", "--json", path).json["files"][0]["depth_note"] for path in (one, three)]
-    assert notes[0] == notes[1]
-    grey[-1, -1] = (250, 0, 0)
-    assert evidence(png(tmp_path / "colored.png", grey, np.uint8)) == ""
 
 
 def test_gdepth_in_a_photograph(tmp_path):
