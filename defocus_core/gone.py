@@ -114,9 +114,7 @@ GONE: dict[str, tuple[Gone, ...]] = {
             for name in ("spring", "unrealstereo4k", "hci-lightfield", "middlebury2006")
         ),
         Gone("value", "eth3d", "save its rows as NPY, and write metres", "depth-format"),
-        Gone(
-            "value", "ffs-stereo4d", "save its px as NPY, and write disparity", "depth-format"
-        ),
+        Gone("value", "ffs-stereo4d", "save its px as NPY, and write disparity", "depth-format"),
         Gone("value", "infinigen", "save its first plane as NPY, and write metres", "depth-format"),
         Gone("value", "irs", "write disparity, with ‹depth-channel› G", "depth-format"),
         Gone("value", "moge-png", "write moge, for the EXR of MoGe", "depth-format"),
