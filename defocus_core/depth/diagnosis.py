@@ -8,7 +8,6 @@ averaged, distance or disparity.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import islice
 from typing import NamedTuple
 
@@ -32,7 +31,7 @@ from defocus_core.depth.ramps import (
     steepness,
 )
 from defocus_core.tensors.bands import Scalar, bands
-from defocus_core.tensors.device_plan import launches_cost, sent
+from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import extreme_around, ranges_of
 from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, sums_of_each
 from defocus_core.tensors.threads import threaded
@@ -248,15 +247,6 @@ def diagnosed(
     """
     (found,) = _found(signed_radius, infinity, threads)
     return _diagnosis(signed_radius, found, infinity, noise)
-
-
-def diagnosed_each(signed_radius: Tensor, infinity: Sequence[float | None]) -> list[DepthRepair]:
-    """What `diagnosed` says of each picture of a batch [B, H, W]."""
-    common: Scalar | None = infinity[0]
-    if len(set(infinity)) > 1:  # of lenses, which all know it
-        common = sent(infinity, signed_radius)
-    every = zip(signed_radius, _found(signed_radius, common, 1), infinity, strict=True)
-    return [_diagnosis(radii, evidence, limit, None) for radii, evidence, limit in every]
 
 
 def _found(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from torch import Tensor
 from torch.nn.functional import avg_pool2d, max_pool2d
 
 from defocus_core.allowed_values import DEPTH_REPAIRS, WIDEST_EDGE
-from defocus_core.depth.diagnosis import DepthRepair, diagnosed, diagnosed_each
+from defocus_core.depth.diagnosis import DepthRepair, diagnosed
 from defocus_core.depth.displacement import AROUND as AROUND_SHIFTS
 from defocus_core.depth.displacement import (
     EdgeShifts,
@@ -169,40 +169,6 @@ def _as_said(repair: DepthRepair, edge_width: float | None, radii: Tensor) -> De
     slope = min(slope, (maximum - minimum) / (_SMALL_STEPS * edge_width))
     repair = repair._replace(antialiased=None, wide_edges=None)
     return repair._replace(soft_edges=slope, ramps=True, edge_width=edge_width)
-
-
-def repaired_each(
-    signed_radius: Tensor, pixels: Tensor, infinity: Sequence[float | None]
-) -> tuple[Tensor, list[DepthRepair]]:
-    """What `repair_depth` makes of each picture of a batch, by diagnosis alone.
-
-    `signed_radius`: [B, H, W] px; `pixels`: [C, B, H, W] linear. Returns [B, H, W] px, the given
-    radii themselves if none needs a repair; and the repairs.
-    """
-    repairs = diagnosed_each(signed_radius, infinity)
-    hard = [place for place, repair in enumerate(repairs) if repair == DepthRepair()]
-    index = torch.tensor(hard, dtype=torch.long).to(signed_radius.device)
-    shifts = dict[int, EdgeShifts | None]()
-    if hard:
-        whole = len(hard) == len(repairs)
-        radii = signed_radius if whole else signed_radius.index_select(0, index)
-        colors = pixels if whole else pixels.index_select(1, index)
-        shifts = dict(zip(hard, measured_shifts(radii, colors), strict=True))
-    pictures = list(signed_radius)
-    for place in range(len(pictures)):
-        found = shifts.get(place)
-        if place in shifts and found is None:
-            continue
-        picture, repairs[place] = repair_depth(
-            signed_radius[place],
-            pixels[:, place],
-            infinity[place],
-            decided=None if found is None else DepthRepair(edge_shifts=found),
-        )
-        pictures[place] = picture
-    if all(place in shifts and shifts[place] is None for place in range(len(pictures))):
-        return signed_radius, repairs
-    return torch.stack(pictures), repairs
 
 
 def diagnose_depth(

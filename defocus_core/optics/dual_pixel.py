@@ -14,7 +14,6 @@ from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.optics.sensitivity import Sensitivity
 from defocus_core.tensors.bands import Scalar
-from defocus_core.tensors.device_plan import beside
 from defocus_core.tensors.validation import described, number, one_of
 
 # The share of the light at lens point u.x that the left photodiode gets is 1 for the left half of
@@ -78,7 +77,7 @@ class DualPixel:
         apart = self.apart
         if isinstance(apart, float) and apart == 1:
             return pair
-        return centre + (pair - centre) * beside(apart, centre)
+        return centre + (pair - centre) * apart
 
     @property
     def apart(self) -> Scalar:

@@ -21,8 +21,9 @@ from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.thin_lens import radii_of_each
 from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.render import render_each
 from defocus_core.tensors.order_statistics import percentile_rank
 from defocus_core.tensors.torch_modes import graph_break, own_modes
 from defocus_core.tensors.validation import (
@@ -33,7 +34,7 @@ from defocus_core.tensors.validation import (
     one_of,
     positive,
 )
-from defocus_core.tensors.views import Views, no_pictures
+from defocus_core.tensors.views import Views, batch, no_pictures
 
 Option = float | Distribution
 
@@ -275,7 +276,8 @@ class RandomDefocus(torch.nn.Module):
         radii, views = maps, no_pictures(image, 3 if self.left_right else 1)
         if drawings:
             radii = radii_of_each([drawing.lens for drawing in drawings], maps)
-            views = render_each(image, radii, [self._settings(drawing) for drawing in drawings])
+            every = zip(image, radii, map(self._settings, drawings), strict=True)
+            views = batch([Renderer(Scene(*one), own).picture() for *one, own in every])
         columns = {
             name: torch.tensor(
                 [options[name] for options, _ in drawings], dtype=torch.float64, device="cpu"

@@ -17,20 +17,15 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import apart
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.engine.renderer import (
-    Renderer,
-    batches,
-    fit_together,
-    repaired_once,
-)
+from defocus_core.renderer.engine.renderer import Renderer, repaired_once
 from defocus_core.renderer.engine.scene import Scene, check_hidden
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.layers.alpha import with_opaque_alpha
 from defocus_core.tensors.bands import Scalar
-from defocus_core.tensors.torch_modes import graph_break, own_modes, recorded_for
+from defocus_core.tensors.torch_modes import graph_break, own_modes
 from defocus_core.tensors.validation import check_image, maps_of, numbers
-from defocus_core.tensors.views import Views, batch, in_order, no_pictures, of_channels
+from defocus_core.tensors.views import Views, batch, no_pictures, of_channels
 
 
 @graph_break
@@ -95,8 +90,7 @@ def render(
             as they see it, other pixels as a mean of what the corners of their region see.
         color_offsets: For each channel the px to add to its signed radii, as axial colour does,
             see `color_offset`; different ones are rendered apart. Trust is the least of all.
-        progress: Called with (tiles done, tiles in all) of each picture, or of those that are
-            computed at once: small ones of a batch, and on an accelerator large ones, too.
+        progress: Called with (tiles done, tiles in all) of each picture.
 
     Returns:
         Views in the shape and dtype of the image, their counts summed over the batch; half
@@ -125,8 +119,6 @@ def render(
     behind = _behind(hidden, pictures, radii)
     colors = apart(color_offsets, pictures.shape[1])
     every = _settings_of_each(settings, infinity, len(pictures))
-    if hidden is None and matte is None and color_offsets is None and image.dim() == 4:
-        return render_each(pictures, radii, every, progress)
     mattes = [None] * len(pictures) if matte is None else _mattes(matte, radii)
     views = [
         _rendered(Scene(one, radius, known, matte=matte), own, colors, progress)
@@ -135,28 +127,6 @@ def render(
         )
     ]
     return batch(views) if image.dim() == 4 else views[0]
-
-
-def render_each(
-    pixels: Tensor,  # [B, C, H, W]
-    signed_radius: Tensor,  # [B, H, W] px
-    settings: Sequence[Settings],
-    progress: Callable[[int, int], None] | None = None,
-) -> Views:
-    """`render` of pictures that may have lenses of their own, at once where it pays.
-
-    `settings`: the options of each, which differ in aperture, dual_pixel, cat_eye without
-    vignetting and infinity alone.
-    """
-    if not fit_together(pixels, settings[0]):
-        every = zip(pixels, signed_radius, settings, strict=True)
-        return batch([Renderer(Scene(*one), own).picture(progress) for *one, own in every])
-    with own_modes(pixels.device), recorded_for(pixels, signed_radius, list(settings)):
-        together = [
-            (each.numbers, Renderer(each.scene, each.settings).picture(progress))
-            for each in batches(pixels, signed_radius, settings)
-        ]
-        return in_order(together)
 
 
 def _rendered(

@@ -39,11 +39,6 @@ def sent(values: Tensor | Sequence[Any] | float, like: Tensor) -> Tensor:
     return values.to(like.device, like.dtype, non_blocking=like.device.type != "mps")
 
 
-def beside(value: float | Tensor, like: Tensor) -> float | Tensor:
-    """A number, or numbers [B, 1, 1] of the host where a tensor of pictures is."""
-    return sent(value, like) if isinstance(value, Tensor) and value.dim() else value
-
-
 def pieces(device: torch.device, bytes_each: int, on_cpu: int | None = None) -> int:
     """The number of pixels, or of other items, that are computed at once: bounds memory.
 

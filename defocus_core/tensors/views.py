@@ -94,20 +94,6 @@ def no_pictures(pixels: Tensor, kinds: int) -> Views:
     return Views([pixels.clone() for _ in range(kinds)], pixels[:, :1].clone(), {}, box)
 
 
-def in_order(parts: Sequence[tuple[list[int], Views]]) -> Views:
-    """The views of pictures of one size, stacked in the order of their numbers."""
-    if len(parts) == 1 and parts[0][1].trust.dim() > 3:
-        return parts[0][1]
-    each: dict[int, Views] = {}
-    for numbers, views in parts:
-        alone = views.trust.dim() == 3
-        of_one = [image[None] if alone else image for image in (*views.images, views.trust)]
-        for number, (*images, trust) in zip(numbers, zip(*of_one, strict=True), strict=True):
-            each[number] = Views(images, trust, {}, views.box)
-    together = batch([each[number] for number in sorted(each)])
-    return together._replace(stats=added(views.stats for _, views in parts))
-
-
 def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
     """The sums of counts by name."""
     total: dict[str, int] = {}

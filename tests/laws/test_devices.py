@@ -324,23 +324,6 @@ def test_a_batch_is_its_pictures(anywhere, options):
             torch.testing.assert_close(anywhere.here(together), alone, rtol=0, atol=anywhere.within)
 
 
-# depth that needs a repair is repaired picture by picture
-@pytest.mark.parametrize(("kind", "repair"), [("floor", "auto"), ("cards", "off")])
-def test_a_batch_takes_half_as_many_launches_again_as_a_picture(anywhere, kind, repair):
-    image, radius = map(anywhere.there, scene(kind, (41, 52)))
-    counted: list[Launches] = []
-    for many in (1, 6):
-        pair = [torch.stack([values] * many) for values in (image, radius)]
-        with torch.no_grad(), anywhere.known(), Launches(anywhere.name) as counts:
-            render(pair[0], pair[1], depth_repair=repair)
-        counted.append(counts)
-    # a CPU transforms kernels one by one
-    more = 3 if anywhere is CPU else 1.5
-    assert counted[1].launches <= more * counted[0].launches
-    if anywhere is not CPU:  # which waits for nothing
-        assert counted[1].waits <= more * counted[0].waits
-
-
 def random_lenses(**options):
     return RandomDefocus(
         foclen=50.0,
@@ -374,14 +357,10 @@ def depths_of(count, size):
 def test_a_batch_of_random_lenses_is_its_pictures(anywhere, options):
     size = (41, 52)
     images, depth = torch.stack([scene("cards", size)[0]] * 3), depths_of(3, size)
-    lenses, counted = random_lenses(**options), list[Launches]()
+    lenses = random_lenses(**options)
 
     def taken(numbers):
-        with Launches(anywhere.name) as counts:
-            views, _ = lenses(
-                anywhere.there(images[numbers]), anywhere.there(depth[numbers]), numbers
-            )
-        counted.append(counts)
+        views, _ = lenses(anywhere.there(images[numbers]), anywhere.there(depth[numbers]), numbers)
         return [anywhere.here(x) for x in (*views.images, views.trust)]
 
     with torch.no_grad(), anywhere.known():
@@ -389,10 +368,6 @@ def test_a_batch_of_random_lenses_is_its_pictures(anywhere, options):
         together = taken([0, 1, 2])
     for batch, alone in zip(together, each, strict=True):
         torch.testing.assert_close(batch, alone, rtol=0, atol=anywhere.within)
-    *ones, every = counted
-    more = len(ones) if anywhere is CPU else 1.5  # which draws the kernels of each lens, too
-    assert every.launches <= more * max(one.launches for one in ones)
-    assert every.waits <= more * max(one.waits for one in ones)
 
 
 def test_so_are_its_gradients(anywhere):

@@ -20,7 +20,6 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.batched import Apertures
 from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 from defocus_core.tensors.box import Box
@@ -62,34 +61,20 @@ def kernels(
     *,
     views: Sequence[Rim] = (),
     leaning: bool = False,
-    wanted: Sequence[Sequence[bool]] = (),
 ) -> Tensor:
     """Kernels of all parts, in the middle of a square.
 
-    Returns [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning; [K, 1 or 3, M, B, ...]
-    of the pupils of a batch.
+    Returns [K, 1, M, 2 extent + 1, 2 extent + 1]; [K, 3, M, ...] if leaning.
     """
-    view = type(views[0]).joined(views) if views else None
-    pupils: list[tuple[Aperture, Rim | None]] = [(aperture, view)]
-    pictures: Sequence[Sequence[bool]] = [[True] * len(radii)]
-    if batch := isinstance(aperture, Apertures):
-        pupils, pictures = list(aperture.seeing(view)), wanted
-    side, points = 2 * extent + 1, len(views) or 1
-    nothing = torch.zeros(3 if leaning else 1, points, side, side, dtype=radii.dtype)
-
-    each = []
-    for (pupil, view), own in zip(pupils, pictures, strict=True):
-        # a region keeps its own
-        draw = _kernel.__wrapped__ if pupil.requires_grad or view else _kernel
-        pupil = pupil if pupil.requires_grad else pupil.fixed
-        of_slices = [
-            torch.cat([draw(radius, extent, pupil, part, view, leaning) for part in parts], 1)
-            if is_wanted
-            else nothing.repeat(1, len(parts), 1, 1)
-            for radius, is_wanted in zip(radii.tolist(), own, strict=True)
-        ]
-        each.append(torch.stack(of_slices))
-    return torch.stack(each, -3) if batch else each[0]
+    view = Rim.joined(views) if views else None
+    # a region keeps its own
+    draw = _kernel.__wrapped__ if aperture.requires_grad or view else _kernel
+    pupil = aperture if aperture.requires_grad else aperture.fixed
+    of_slices = [
+        torch.cat([draw(radius, extent, pupil, part, view, leaning) for part in parts], 1)
+        for radius in radii.tolist()
+    ]
+    return torch.stack(of_slices)
 
 
 @lru_cache(maxsize=_MAX_KERNELS)
@@ -180,20 +165,13 @@ def by_group(
 
 def _sum_of_products(terms: list[tuple[Tensor, Tensor]], group: slice) -> Tensor:
     """Sum of spectra [C + 1, ...] times kernels' spectra [M, 1, ...], for a group of m parts."""
-
-    def of_group(kernel: Tensor, spectrum: Tensor) -> Tensor:
-        kernel = kernel[group]  # of each picture of a batch, or the same for all
-        return kernel if kernel.dim() > spectrum.dim() else kernel[:, :, None]
-
     (spectrum, kernel), *others = terms
-    total = spectrum * of_group(kernel, spectrum)
+    total = spectrum * kernel[group]
     for spectrum, kernel in others:
-        total = total.addcmul_(spectrum, of_group(kernel, spectrum))
+        total = total.addcmul_(spectrum, kernel[group])
     return total
 
 
-# Slices beyond those of a picture of a batch that surfaces may have a share in.
-_MORE = 2
 # Number of sizes of a window's transforms: quarters of the largest.
 _SIZES = 4
 # Number of slopes of a slice whose tilted kernels are cached.
@@ -252,7 +230,6 @@ class TransformWindow:
     parts: list[Part]  # the parts of the pupil
     like: Tensor  # a tensor of the dtype and device of the spectra
     views: tuple[Rim, ...] = ()  # views of the pupil: M counts each part once with each
-    each: Sequence[range] = ()  # the slices of each picture of a batch
     # Cached kernels, by number of the slice
     kernels: dict[int, Tensor] = field(default_factory=dict)
     # Cached spectra, by number of the slice, size, and whether they lean
@@ -281,8 +258,7 @@ class TransformWindow:
     def spectrum(self, slice_index: int, size: tuple[int, int], *, leaning: bool = False) -> Tensor:
         """The spectrum of a slice's kernel, [M, 1, height, width // 2 + 1].
 
-        If leaning, those of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...]. Of
-        the pupils of a batch, here and below, [M, 1, B, ...].
+        If leaning, those of the kernel times u.x and u.y, for tilted surfaces: [2, M, 1, ...].
         """
         spectrum = self.spectra.get((slice_index, size, leaning))
         if spectrum is not None:
@@ -342,7 +318,7 @@ class TransformWindow:
 
     def _key(self, slice_index: int, size: tuple[int, int], *, leaning: bool) -> object:
         """What the spectrum of a slice depends on; None if it is of this picture alone."""
-        if self.views or isinstance(self.aperture, Apertures):
+        if self.views:
             return None
         radius = float(self.radii[self.slices.index(slice_index)])
         kind = self.like.dtype, self.like.device, self.level, leaning
@@ -372,10 +348,6 @@ class TransformWindow:
                 self.parts,
                 views=self.views,
                 leaning=leaning,
-                wanted=[
-                    [own.start - _MORE <= n < own.stop + _MORE for n in missing]
-                    for own in self.each
-                ],
             )
             self.kernels.update(zip(missing, sent(computed, self.like.real), strict=True))
         return [self.kernels[n] for n in slice_indices]
@@ -392,7 +364,6 @@ def transform_windows(
     dtype: torch.dtype,
     device: torch.device,
     stride: int,
-    each: Sequence[range] = (),
 ) -> list[TransformWindow]:
     """The window of each slice, one for each layer.
 
@@ -412,9 +383,7 @@ def transform_windows(
         used = [k for k in slices if k % stride == 0]
         layer_radii = torch.tensor([radii[k] for k in used], dtype=torch.float64)
         size = rows, columns
-        window = TransformWindow(
-            extent, size, level, used, layer_radii, aperture, parts, like, each=each
-        )
+        window = TransformWindow(extent, size, level, used, layer_radii, aperture, parts, like)
         window.prepare()
         window_of.update(dict.fromkeys(slices, window))
     return [window_of[k] for k in range(len(radii))]

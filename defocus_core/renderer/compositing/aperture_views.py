@@ -169,23 +169,20 @@ class TileCompositor:
         # where these cover all, nothing is seen behind: as if it were full
         covered = torch.where(near > full - _MIN_ROOM, full, front[:, -1:] - near)
         aside = Aside(front, covered, self.invented)
-        blank = [0, 0] * (front.dim() - 2) + [front.shape[1] - 1, 0]
-        self.front, self.invented = pad(covered, blank), None
+        blank = front.shape[1] - 1
+        self.front, self.invented = pad(covered, (0, 0, 0, 0, blank, 0)), None
         return aside
 
-    def close_gaps(self, aside: Aside, pictures: Tensor | None = None) -> None:
+    def close_gaps(self, aside: Aside) -> None:
         """Close gaps that are small beside what the surfaces that were set aside cover.
 
         What these hide is continued at half the resolution: with what is visible of the same
         surface it may not quite cover all, and a bright sky behind both must not show.
-
-        `pictures`: [B, 1, 1], 0 for pictures of a batch whose gaps stay; None to close all.
         """
         gap = (self._full - self.front[:, -1:]).clamp(min=0)
         near = aside.composited[:, -1:] - aside.covered
         error = (_ERROR * near).clamp(min=_LEAST_ERROR)
         added = gap * (2 - gap / error).clamp(0, 1)
-        added = added if pictures is None else added * pictures
         room = (self._full - aside.covered).clamp(min=_MIN_ROOM)
         larger = 1 + added / (room - gap).clamp(min=_MIN_ROOM)
         self.front = _changed(self.front, added, larger)
@@ -215,14 +212,10 @@ class TileCompositor:
         """Whether no gap is left that is worth filling by an invented surface."""
         return is_full(self.front, self._maximum, self._negligible)
 
-    def fill(self, layer: Tensor | None, pictures: Tensor | None = None) -> None:
-        """Add an invented surface over the tile, [M, C + 1, h, w]; None where it is absent.
-
-        `pictures`: [B, 1, 1], 0 for pictures of a batch without it; None to add it to all.
-        """
+    def fill(self, layer: Tensor | None) -> None:
+        """Add an invented surface over the tile, [M, C + 1, h, w]; None where it is absent."""
         if layer is None:
             return
-        layer = layer if pictures is None else layer * pictures
         seen = shown_in_gaps(self.front, layer, self._maximum, self._groups)
         if seen is None:
             return

@@ -13,7 +13,6 @@ from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.compositing.saturating_sum import EQUAL, ColorRange, clamped
 from defocus_core.renderer.layers.slopes import along_first
 from defocus_core.tensors.bands import Scalar
-from defocus_core.tensors.device_plan import beside
 from defocus_core.tensors.ties import tied, with_gradient
 
 # Negative light of this share of the brightest pixel is not worth a warning.
@@ -71,8 +70,7 @@ def _around_centre(halves: Tensor, centre: Tensor, minimum: float, fraction: Sca
     # transforms leave ±1e-8
     left, right = ((half - minimum).clamp(min=0) for half in halves)
     if not _is_half(fraction):
-        share = beside(fraction, centre)
-        left, right = left * (2 * share), right * (2 - 2 * share)
+        left, right = left * (2 * fraction), right * (2 - 2 * fraction)
     total = left + right
     lit = total > 0
     of_left = torch.where(lit, left / torch.where(lit, total, 1.0), 0.5)
@@ -92,8 +90,7 @@ def _within_range(pair: Tensor, centre: Tensor, limits: ColorRange, fraction: Sc
     more = _OVERSHOOT * (limits.greatest - limits.least)
     more = torch.where(more < torch.inf, more, 0.0)
     least, greatest = limits.least - more, limits.greatest + more
-    left = beside(fraction, centre)
-    ratio = 1.0 if _is_half(fraction) else (1 - left) / left
+    ratio = 1.0 if _is_half(fraction) else (1 - fraction) / fraction
     # without a greatest value the least alone bounds, also in the gradient to the ratio
     above = torch.where(greatest < torch.inf, greatest - centre, 0.0)
     darkest = torch.where(greatest < torch.inf, centre - ratio * above, least)

@@ -169,7 +169,7 @@ _SLACK = 9e-5
 
 
 class ColorRange(NamedTuple):
-    """Least and greatest value of each channel, [C, 1, 1], or [C, 1, 1, 1] of a batch."""
+    """Least and greatest value of each channel, [C, 1, 1]."""
 
     least: Tensor
     greatest: Tensor
@@ -180,15 +180,14 @@ class ColorRange(NamedTuple):
     ) -> ColorRange:
         """The range of the channels of a picture.
 
-        `like`: [C, ..., h, w]; others are bounded by the minimum alone.
+        `like`: [C, h, w]; others are bounded by the minimum alone.
         """
         others = len(like) - len(channels) if channels else 1
         every = [*channels, *[(minimum, torch.inf)] * others]
-        shape = -1, *[1] * (like.dim() - 1)
-        return cls(*(sent(limits, like).view(shape) for limits in zip(*every, strict=True)))
+        return cls(*(sent(limits, like).view(-1, 1, 1) for limits in zip(*every, strict=True)))
 
     def bounded(self, picture: Tensor) -> Tensor:
-        """A picture [C, ..., h, w] within the range."""
+        """A picture [C, h, w] within the range."""
         slack = [_SLACK * torch.minimum(x.abs(), self.greatest - self.least) for x in self]
         return clamped(picture, self.least - slack[0], self.greatest + slack[1])
 

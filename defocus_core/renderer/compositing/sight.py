@@ -24,7 +24,6 @@ from torch import Tensor
 from torch.nn.functional import grid_sample, max_pool2d, pad
 
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.batched import Apertures
 from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.layers.samples import ascending
@@ -231,7 +230,7 @@ def fraction_in_frame(
     index = flat_nonzero(exceeding(signed_radius.abs() - nearest, 0.0))
     rows = index.div(box.width, rounding_mode="floor")
     columns = index - rows * box.width
-    if signed_radius.dim() > 2:  # of a batch
+    if signed_radius.dim() > 2:  # of several samples of a pixel
         rows = rows.remainder(box.height)
     r = signed_radius.flatten().index_select(0, index)[:, None]
     y, x = (
@@ -242,10 +241,6 @@ def fraction_in_frame(
     corners = torch.stack([x[:, None].expand(-1, 2, -1), y[..., None].expand(-1, -1, 2)], -1)
     tables = [_areas_below(aperture, part, view) for part in parts for view in views or (None,)]
     areas, corners = sent(torch.stack(tables)[None], r), corners.reshape(1, -1, 4, 2)
-    if areas.dim() > 4:  # of each picture, one behind another
-        picture = index.div(box.area, rounding_mode="floor").to(r) * (2 / (areas.shape[2] - 1)) - 1
-        behind = picture.view(1, -1, 1, 1).expand(-1, -1, 4, -1)
-        corners = torch.cat([corners, behind], -1)[:, None]
     below = grid_sample(areas, corners, align_corners=True).view(len(tables), len(index), 4)
     within = (below[..., 0] + below[..., 3] - below[..., 1] - below[..., 2]).abs()
     fraction = signed_radius.new_ones(len(tables), *signed_radius.shape)
@@ -254,9 +249,7 @@ def fraction_in_frame(
 
 
 def _areas_below(aperture: Aperture, part: Part, view: Rim | None) -> Tensor:
-    """`_summed_area`, or [B, y, x] of the pupils of a batch."""
-    if isinstance(aperture, Apertures):
-        return torch.stack([_areas_below(one, part, own) for one, own in aperture.seeing(view)])
+    """`_summed_area`, kept unless it is of a learning pupil or of a place in the frame."""
     if aperture.requires_grad:
         return _summed_area.__wrapped__(aperture, part, view)
     return (_summed_area.__wrapped__ if view else _summed_area)(aperture.fixed, part, view)

@@ -5,7 +5,6 @@ Behind a cat's eye the pupil changes over the frame, as regions and points see i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -47,25 +46,6 @@ class Content(NamedTuple):
     double: bool  # whether float32 is too coarse for the pixels
     alpha: Alpha = Alpha.NONE  # where the alpha of its views comes from
     open: bool = False  # whether there are pixels that layers do not cover
-    # Least and greatest signed radius in px of each picture of a batch; empty for one
-    ranges: tuple[tuple[float, float], ...] = ()
-
-    @classmethod
-    def of_batch(cls, contents: Sequence[Content]) -> Content:
-        """The properties of all pictures of a batch together, which differ in range alone."""
-        return contents[0]._replace(
-            limits=(min(c.limits[0] for c in contents), max(c.limits[1] for c in contents)),
-            tilted=any(c.tilted for c in contents),
-            channels=tuple(
-                (min(least), max(greatest))
-                for least, greatest in (
-                    zip(*each, strict=True)
-                    for each in zip(*(c.channels for c in contents), strict=True)
-                )
-            ),
-            limit=max(c.limit for c in contents),
-            ranges=tuple(c.limits for c in contents),
-        )
 
 
 class Slices(NamedTuple):

@@ -162,7 +162,7 @@ def composite(
     """
     visible, known = surfaces[VISIBLE], surfaces.get(HIDDEN, {})
     if HIDDEN in surfaces:
-        order = CompositeOrder(0, 0, {})
+        order = CompositeOrder(0, 0, [])
     blurred: dict[Filling, Hidden] = {}
 
     def over_tile(surface: Filling) -> Hidden:
@@ -170,10 +170,10 @@ def composite(
             blurred[surface] = surface.over_tile(index, compositor.sight)
         return blurred[surface]
 
-    def fill(octave: int, pictures: Tensor | None = None) -> None:
+    def fill(octave: int) -> None:
         for surface in () if HIDDEN in surfaces else continued:
             if surface.has(octave, index) and not compositor.is_full():
-                compositor.fill(over_tile(surface).of(octave), pictures)
+                compositor.fill(over_tile(surface).of(octave))
 
     def show(numbers: set[int]) -> None:
         for number in sorted(numbers & indices):
@@ -189,19 +189,19 @@ def composite(
     aside = None
     if covered is not None:
         before = compositor.coverage()
-        for octave, pictures in order.before(None, compositor.front):
+        for octave, _ in order.ahead:
             if octave < 0:
-                fill(octave, pictures)
+                fill(octave)
         aside = compositor.set_aside(covered + (compositor.coverage() - before))
     # before layers that the tile lacks, too: a pixel does not depend on the tile that it is in
     later = {first for _, first in order.ahead}
     for k in sorted({k for k in indices if k >= order.beyond} | later):
-        for octave, pictures in order.before(k, compositor.front):
+        for octave in order.before(k):
             if aside is None:
-                fill(octave, pictures)
+                fill(octave)
             elif octave > 0:
-                fill(octave, pictures)
-                compositor.close_gaps(aside, pictures)
+                fill(octave)
+                compositor.close_gaps(aside)
         show({k})
     compositor.close()
     for surface in continued:

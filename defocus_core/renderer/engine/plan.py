@@ -49,7 +49,7 @@ from defocus_core.renderer.layers.slice_radii import (
 from defocus_core.tensors.bands import banded, bands
 from defocus_core.tensors.box import BLOCK, Box, Grid, few_tiles, grid_over, largest, regions
 from defocus_core.tensors.device_plan import launches_cost, pieces, tile_pixels
-from defocus_core.tensors.neighbourhoods import range_of, ranges_of
+from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.order_statistics import Ranks, counted
 from defocus_core.tensors.threads import threaded
 
@@ -81,42 +81,29 @@ class Survey(NamedTuple):
         return max(greatest for _, greatest in self.channels)
 
 
-def surveyed(
-    pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype, threads: int = 1
-) -> list[Survey]:
-    """The statistics of a picture, or of each picture of a batch; each pixel is read once.
+def surveyed(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype, threads: int = 1) -> Survey:
+    """The statistics of a picture; each pixel is read once.
 
-    `pixels`: [C, H, W] or [C, B, H, W]; `signed_radius`: [H, W] or [B, H, W] px.
+    `pixels`: [C, H, W]; `signed_radius`: [H, W] px.
     """
-    W, batch = signed_radius.shape[-1], len(signed_radius.shape) > 2
+    W = signed_radius.shape[-1]
 
-    def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor, Tensor]:
-        """Statistics of radii, least and greatest values of channels, counts of brightness."""
+    def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor]:
+        """Extremes of radii and of channels, the least ones first; and counts of brightness."""
         band = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
-        brightness = band.amax(0)
-        radii = signed_radius[..., rows[0] : rows[1] + 1, :].detach().to(dtype)
-        limits = torch.cat([band.amin((-2, -1)), band.amax((-2, -1))])
-        limits = limits.movedim(0, -1)
-        return _radius_statistics(radii, rows), limits, counted(brightness, each=batch)
+        radii = signed_radius[rows[0] : rows[1] + 1].detach().to(dtype)
+        least, *greatest = _radius_statistics(radii, rows).tensor_split([1])
+        limits = least, band.amin((-2, -1)), *greatest, band.amax((-2, -1))
+        return torch.cat(limits), counted(band.amax(0))
 
-    radius_range, color_range, counts = [], [], torch.zeros((), dtype=torch.long)
-    for of_radii, pair, band_counts in threaded(band_statistics, bands(pixels), threads):
-        radius_range.append(of_radii)
-        color_range.append(pair)
-        counts = band_counts + counts
-    every = torch.cat([torch.stack(radius_range), torch.stack(color_range)], -1)
-    every = every if batch else every[:, None]  # [bands, B, 4 + 2 C]
-    least_of = [0, *range(4, 4 + pixels.shape[0])]
-    greatest_of = [1, 2, 3, *range(4 + pixels.shape[0], every.shape[-1])]
-    least, greatest = every[..., least_of].amin(0), every[..., greatest_of].amax(0)
+    extremes, counts = zip(*threaded(band_statistics, bands(pixels), threads), strict=True)
+    every = torch.stack(extremes)
+    least, greatest = every.tensor_split([1 + len(pixels)], 1)
     # one copy to the host; counts of pixels are exact in double precision
-    every = torch.cat([least.double(), greatest.double(), counts.double().view(len(least), -1)], 1)
-    extremes, of_each = every.cpu().tensor_split([least.shape[1] + greatest.shape[1]], 1)
-    pictures = [pixels[:, number] for number in range(len(least))] if batch else [pixels]
-    return [
-        _checked(numbers, own, picture, dtype)
-        for numbers, own, picture in zip(extremes.tolist(), of_each.long(), pictures, strict=True)
-    ]
+    found = least.amin(0), greatest.amax(0), torch.stack(counts).sum(0)
+    together = torch.cat([part.double() for part in found])
+    numbers, held = together.cpu().tensor_split([every.shape[1]])
+    return _checked(numbers.tolist(), held.long(), pixels, dtype)
 
 
 def _checked(numbers: list[float], counts: Tensor, pixels: Tensor, dtype: torch.dtype) -> Survey:
@@ -155,7 +142,7 @@ def _checked(numbers: list[float], counts: Tensor, pixels: Tensor, dtype: torch.
 
 
 def border_range(signed_radius: Tensor) -> tuple[float, float]:
-    """The least and the greatest signed radius [..., H, W] on the edge of the frame."""
+    """The least and the greatest signed radius [H, W] on the edge of the frame."""
     H, W = signed_radius.shape[-2:]
     lines = [signed_radius[..., :1, :], signed_radius[..., H - 1 :, :]]
     for first, last in bands(signed_radius):
@@ -187,19 +174,17 @@ def needs_double(survey: Survey, limit: float) -> bool:
 
 
 def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
-    """Least and greatest radius of a band, and greatest step down and across: [..., 4].
+    """Least and greatest radius of a band, and greatest step down and across: [4].
 
-    `band`: [..., h, W] px, the rows of the band and the one below them.
+    `band`: [h, W] px, the rows of the band and the one below them.
     """
-    radii = band[..., : rows[1] - rows[0], :]
+    radii = band[: rows[1] - rows[0]]
     steps = band.diff(dim=-2), radii.diff(dim=-1)
     steepest = [
-        ranges_of(step).abs().amax(-1, keepdim=True)
-        if step.numel()
-        else radii.new_zeros((*radii.shape[:-2], 1))
+        range_of(step).abs().amax(-1, keepdim=True) if step.numel() else radii.new_zeros(1)
         for step in steps
     ]
-    return torch.cat([ranges_of(radii), *steepest], -1)
+    return torch.cat([range_of(radii), *steepest])
 
 
 # The scene goes on beyond the frame as far as its light reaches, but by no more px than this or the
@@ -211,10 +196,10 @@ _COPIES_OF_REGION = 6
 
 
 def frame_of(
-    pixels: Tensor,  # [C, H, W], in px or in coarse pixels; of a batch [C, B, H, W]
-    signed_radius: Tensor,  # [H, W], repaired, in px or in coarse pixels; of a batch [B, H, W]
+    pixels: Tensor,  # [C, H, W]
+    signed_radius: Tensor,  # [H, W] px, repaired
     settings: Settings,
-    quality: Quality,  # settings of the quality, in px or in coarse pixels
+    quality: Quality,  # settings of the quality
     content: Content,
     *,
     layered: Layered | None = None,
@@ -249,15 +234,12 @@ def frame_of(
     division = Division.of(settings.aperture, centre_parts(settings, quality), pair)
     dtype = torch.float64 if content.double else computed_in(pixels, signed_radius)
     sample = (pixels.shape[0] + 1 + (layered is not None)) * dtype.itemsize
-    sample *= math.prod(signed_radius.shape[:-2])
     grid = _grid_of(settings, size, pixels.device, layer_indices, sample * len(division.parts))
     sizes = grid.tiles[0][2:], largest(regions(grid, margin))  # of a tile and a region
-    own = [_slice_radii(*one, quality, settings) for one in content.ranges]
-    each = [range(bisect_left(radii, r[0]), bisect_right(radii, r[-1])) for r in own]
     slicing = partial(
-        _slicing, radii, sizes, settings.aperture, division.parts, dtype, pixels.device, each
+        _slicing, radii, sizes, settings.aperture, division.parts, dtype, pixels.device
     )
-    order = composite_order(radii, layer_indices, each)
+    order = composite_order(radii, layer_indices)
     slices = _slices(radii, layer_indices, order, (fine, coarse), sizes[0], stride, slicing)
     return SharedFrame(
         size=size,
@@ -385,7 +367,6 @@ def _slicing(
     parts: list[Part],
     dtype: torch.dtype,
     device: torch.device,
-    each: list[range],
     resolution: _Resolution,
     layer_of: list[int],
     stride: int,
@@ -403,7 +384,6 @@ def _slicing(
         dtype,
         device,
         stride,
-        each,
     )
     reached = [spread.px for spread in spreads]
     return Slicing(stride, level, slice_windows, layer_of, reached, reaches)

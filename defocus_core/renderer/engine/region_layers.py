@@ -1,7 +1,6 @@
 """The layers of a region: what a picture, or layers with coverage, show and hide there.
 
-A layer is colour, coverage and radii, nearest first; each kind of layer is seen otherwise. The
-batch of small pictures and colours that are rendered apart give layers of the same form.
+A layer is colour, coverage and radii, nearest first; each kind of layer is seen otherwise.
 """
 
 from __future__ import annotations

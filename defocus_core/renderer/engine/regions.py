@@ -8,7 +8,6 @@ given it, and computes tiles. Regions in focus are copied.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from itertools import count, islice
@@ -151,7 +150,7 @@ class Region:
         frame, content, tile = self._frame, self._frame.content, self._tiles[index]
         sight = self._sight and self._sight.over(tile.seen_from(self._tiles[0]))
         division, shape = frame.division, self._like.shape
-        blank = self._like.new_zeros(len(division.parts), shape[0] + 1, *shape[1:-2], *tile[2:])
+        blank = self._like.new_zeros(len(division.parts), shape[0] + 1, *tile[2:])
         full = self._full(index)
         compositor = TileCompositor(blank, full, division.groups, sight, closed=not content.open)
         surfaces = {kind: blur.over_tile(index) for kind, blur in self._blurs.items()}
@@ -210,7 +209,7 @@ class Region:
             for surface in needed
             for slice_index in surface.plan[index]
         ]
-        counts = {
+        return {
             "pixels": area,
             "pixels_copied": 0 if any(window.margin for window in visible + hidden) else area,
             "tiles": 1,
@@ -224,8 +223,6 @@ class Region:
             "tiles_culled": int(len(needed) < len(reaching)),
             "tiles_with_hidden": int(bool(reaching)),
         }
-        pictures = math.prod(self._like.shape[1:-2])
-        return {name: pictures * count for name, count in counts.items()}
 
 
 # Greater than all rows and columns.
@@ -288,14 +285,13 @@ def _copied(frame: SharedFrame, grid: Grid, pixels: Tensor, part: Views | None =
     """Views of a region in focus: its pixels themselves, but for a part that was computed."""
     image = grid.box.of(pixels).to(frame.dtype)
     trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
-    pictures = math.prod(image.shape[1:-2])
-    area, tiles, counts = pictures * grid.box.area, pictures * len(grid.tiles), dict[str, int]()
+    area, tiles, counts = grid.box.area, len(grid.tiles), dict[str, int]()
     if part:
         images, counts = [image.clone() for image in images], part.stats
         where = part.box.seen_from(grid.box)
         for whole, computed in zip([*images, trust], [*part.images, part.trust], strict=True):
             where.of(whole).copy_(computed)
-        area, tiles = area - pictures * part.box.area, tiles - counts["tiles"]
+        area, tiles = area - part.box.area, tiles - counts["tiles"]
     slice_tiles = 2 * len(frame.slices.radii) * tiles
     copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
     return Views(images, trust, added([counts, copies]), grid.box)
@@ -305,16 +301,13 @@ def assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Vie
     """The views of the whole picture.
 
     Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
-    Trust is [1, H, W]. Of a batch they are [B, C, H, W] and [B, 1, H, W].
-
     `pixels`: [C, H, W], whose precision the views get.
     """
     if torch.is_grad_enabled():
         views = joined(list(in_rows(part.to(pixels.dtype) for part in parts)))
-        return _by_picture(views._replace(stats=total(frame, [views.stats])))
-    each = pixels.movedim(0, -3)  # in memory picture by picture
-    images = [each.new_empty(each.shape).movedim(-3, 0) for _ in range(frame.views)]
-    trust = each.new_empty(*each.shape[:-3], 1, *each.shape[-2:]).movedim(-3, 0)
+        return views._replace(stats=total(frame, [views.stats]))
+    images = [pixels.new_empty(pixels.shape) for _ in range(frame.views)]
+    trust = pixels.new_empty(1, *pixels.shape[1:])
     counts: list[dict[str, int]] = []
     for part in (part.to(pixels.dtype) for part in parts):
         for image, part_image in zip(images, part.images, strict=True):
@@ -322,16 +315,7 @@ def assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Vie
         part.box.of(trust).copy_(part.trust)
         counts.append(part.stats)
     whole = Box(0, 0, *pixels.shape[-2:])
-    return _by_picture(Views(images, trust, total(frame, counts), whole))
-
-
-def _by_picture(views: Views) -> Views:
-    """Views [C, ..., H, W] as [..., C, H, W]; each picture of a batch has the slices of all."""
-    if views.trust.dim() == 3:
-        return views
-    images = [image.movedim(0, -3) for image in views.images]
-    stats = views.stats | {"slices": views.trust.shape[1] * views.stats["slices"]}
-    return views._replace(images=images, trust=views.trust.movedim(0, -3), stats=stats)
+    return Views(images, trust, total(frame, counts), whole)
 
 
 def total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
@@ -373,10 +357,9 @@ def _reached(frame: SharedFrame, around: Box, radii: Tensor) -> Tensor:
 
     The first one is greater if none is reached.
 
-    `radii`: [..., h, w] px of the part.
+    `radii`: [h, w] px of the part.
     """
-    lows, highs = (radii, radii) if radii.dim() == 2 else (radii.amin(0), radii.amax(0))
-    minimum, maximum = (torch.cat([end(1), end(0)]) for end in (lows.amin, highs.amax))
+    minimum, maximum = (torch.cat([end(1), end(0)]) for end in (radii.amin, radii.amax))
     blurred, reach = (minimum < -SHARP) | (maximum > SHARP), _reach(frame, minimum, maximum)
     lines = [torch.arange(side.first, side.end, device=radii.device) for side in around.sides]
     at, sizes = torch.cat(lines), [len(line) for line in lines]

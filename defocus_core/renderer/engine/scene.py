@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.renderer.engine.frame import Content, SharedFrame
+from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.inpainting.hidden_layers import (
     HiddenLayer,
@@ -33,7 +33,7 @@ def layers_within(
     """The layers of a part of a picture: [C, h, w] and [h, w] px in the rectangle `outer`."""
     mixed = backdrop.mixed
     if outer[2:] != backdrop.size:
-        mixed = mixed_within(mixed, outer, backdrop.size[0])
+        mixed = mixed_within(mixed, outer)
     return layers_of(pixels, signed_radius, mixed)
 
 
@@ -67,10 +67,8 @@ _DECODE = "decode integers to linear light first"
 class Scene:
     """Surfaces in front of the lens: one at each pixel, or layers of them."""
 
-    # [C, H, W], linear light, premultiplied if it has alpha. Of a batch
-    # [C, B, H, W]
-    image: Tensor
-    signed_radius: Tensor  # [H, W] px, negative nearer than focus, the same; of a batch [B, H, W]
+    image: Tensor  # [C, H, W], linear light, premultiplied if it has alpha
+    signed_radius: Tensor  # [H, W] px, negative nearer than focus
     hidden: KnownLayer | None = None  # the known layer behind the visible surface
     # The layers of which `image`, with alpha, is the `picture` in focus and `signed_radius` the
     # `nearest` radius; their views have alpha, too
@@ -78,14 +76,11 @@ class Scene:
     matte: Tensor | None = None  # [H, W], the coverage of a subject; None if it is not known
     # The repair by which the radii were made; None if they are to be repaired
     repair: DepthRepair | None = None
-    # Of a batch whose radii are repaired, what all its pictures hold together
-    content: Content | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and types."""
         shape, size = tuple(self.image.shape), tuple(self.signed_radius.shape)
-        dims = 3 if self.content is None else 4
-        if len(shape) != dims or 0 in shape or shape[1:] != size:
+        if len(shape) != 3 or 0 in shape or shape[1:] != size:
             raise ValueError(
                 f"image must be [C, H, W] and signed_radius [H, W], of a pixel at least, got "
                 f"{shape} and {size}; one of a batch is image[0] and signed_radius[0, 0]"

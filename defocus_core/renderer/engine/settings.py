@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import check_repair
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.batched import Apertures, CatEyes, DualPixels
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.pupil_image import PupilImage
@@ -77,19 +75,6 @@ class Settings:
                 raise ValueError(f"{problem}; None if not known")
         for name, value in checked.items():
             object.__setattr__(self, name, value)
-
-    @classmethod
-    def of_batch(cls, each: Sequence[Settings]) -> Settings:
-        """The settings of pictures that are rendered at once, of which the lenses may differ."""
-        first = each[0]
-        if all(one is first for one in each):
-            return first
-        return replace(
-            first,
-            aperture=Apertures.of([one.aperture for one in each]),
-            dual_pixel=DualPixels.of([one.dual_pixel for one in each]),
-            cat_eye=CatEyes.of([one.cat_eye for one in each]),
-        )
 
 
 STANDARD = Settings()

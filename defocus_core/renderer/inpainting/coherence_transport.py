@@ -36,7 +36,7 @@ def structure(half: PyramidLevel) -> PyramidLevel:
     `half`: linear colour and radius in px, at half of the resolution.
     """
     radius = torch.where(half.edges, torch.nan, half.first.maximum)
-    picture, r = (x.reshape(*x.shape[:-1], *half.shape) for x in (half.first.values, radius))
+    picture, r = (x.reshape(*x.shape[:-1], *half.size) for x in (half.first.values, radius))
     x, y = (_slope(picture[:-1], r, dim) for dim in (-1, -2))
     tensor = torch.stack([(x * x).sum(0), (x * y).sum(0), (y * y).sum(0)])
     # a second sheet has too few pixels for slopes
@@ -63,23 +63,18 @@ def _sum_beside(steps: Tensor, dim: int) -> Tensor:
 
 
 def transported(
-    picture: Tensor,  # [C + 1, ..., H, W] linear colour and radius in px
+    picture: Tensor,  # [C + 1, H, W] linear colour and radius in px
     at: Tensor,  # [n, 2] rows and columns of pixels
     border: Tensor,  # [n] px of radius, beyond which a pixel is of a farther surface
     smooth: Tensor,  # [n, C + 1] colour and radius as continued without a direction
     tensor: Tensor,  # [n, 3] structure tensor, continued without a direction
     level: int = 0,
-    of: Tensor | None = None,
 ) -> Tensor:
-    """Colours [n, C] behind nearer surfaces, with lines continued from the visible picture.
-
-    `of`: [n] the picture of a batch that each pixel is of; None if there is one.
-    """
+    """Colours [n, C] behind nearer surfaces, with lines continued from the visible picture."""
     r, color, size = picture[-1].detach().flatten(), smooth[:, :-1], picture.shape[-2:]
     along, coherence = _direction(tensor, color)
     ways = (torch.cat([at, at]), torch.cat([border, border]), torch.cat([along, -along]))
-    first = None if of is None else (of * (size[0] * size[1])).repeat(2)
-    spot, away = _first_beyond(r, size, *ways, 0.5**level, first)
+    spot, away = _first_beyond(r, size, *ways, 0.5**level)
     expected = smooth[:, -1].detach().repeat(2)
     near = (away < FARTHEST) & ((r.index_select(0, spot) - expected).abs() < _ALIKE)
     limits = picture[:-1].flatten(1).index_select(1, spot).T
@@ -116,12 +111,10 @@ def _first_beyond(
     border: Tensor,  # [n]
     along: Tensor,  # [n, 2] of length 1
     scale: float,  # pixels of the picture in one px
-    first: Tensor | None,
 ) -> tuple[Tensor, Tensor]:
     """The first pixel along a direction that lies beyond the border, and its distance.
 
-    `first`: [n] index in r of the first pixel of each one's picture; None if there is one. Returns
-    [n] index in r, and [n] px; infinitely far where there is none.
+    Returns [n] index in r, and [n] px; infinitely far where there is none.
     """
     H, W = size
     # halves are rounded away from 0: mirrored directions lead to mirrored pixels
@@ -129,7 +122,6 @@ def _first_beyond(
     steps = sent(_STEPS, along)[:, None, None] * scale
     row, column = (at + (half + along * steps).long()).unbind(2)  # [steps, n] each
     every = row.clamp_(0, H - 1).mul_(W).add_(column.clamp_(0, W - 1))
-    every = every if first is None else every + first
     known = r.index_select(0, every.flatten()).view(every.shape) > border
     which = known.byte().argmax(0)
     distance = sent(_STEPS, r).index_select(0, which)

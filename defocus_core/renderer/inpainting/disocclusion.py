@@ -118,25 +118,24 @@ def grain_of(minimum: float, maximum: float) -> float:
 def coarse_edges(r: Tensor, farther: Tensor, grain: float, middle: tuple[Axis, Axis]) -> Tensor:
     """The radii of the farther pixels at edges, at half resolution: cones that reach nowhere yet.
 
-    `r`: [..., H, W] px.
+    `r`: [H, W] px.
     """
     grains = r.flatten()[farther].clamp(-_MAXIMUM, _MAXIMUM) / grain
     radii = (grains + _BETWEEN).round().to(torch.int32)
     row = farther.div(r.shape[-1], rounding_mode="floor")
     column = farther - row * r.shape[-1]
     source = (radii << _BITS) + (radii + (1 << _LEVELS))
-    down, across = (halves(n, axis) for n, axis in zip(r.shape[-2:], middle, strict=True))
-    cone = source.new_full((*r.shape[:-2], down.length, across.length), _NOWHERE)
-    above = 0 if r.dim() == 2 else row.div(r.shape[-2], rounding_mode="floor")
-    for coarse_row in _coarse_size(row - above * r.shape[-2], down):
-        first = (coarse_row + above * down.length) * across.length
+    down, across = (halves(n, axis) for n, axis in zip(r.shape, middle, strict=True))
+    cone = source.new_full((down.length, across.length), _NOWHERE)
+    for coarse_row in _coarse_size(row, down):
         for coarse_column in _coarse_size(column, across):
-            cone.view(-1).scatter_reduce_(0, first + coarse_column, source, "amax")
+            at = coarse_row * across.length + coarse_column
+            cone.view(-1).scatter_reduce_(0, at, source, "amax")
     return cone
 
 
 def reach_of(edges: Tensor, grain: float, span: float, fine: tuple[Axis, Axis]) -> Reach:
-    """The reach of edges [..., h, w] from `coarse_edges`, whose radii differ by `span` px at most.
+    """The reach of edges [h, w] from `coarse_edges`, whose radii differ by `span` px at most.
 
     The edges are overwritten.
     """
@@ -158,7 +157,7 @@ def _coarse_size(position: Tensor, axis: AxisHalving) -> list[Tensor]:
 
 
 def _dilated(edges: Tensor, decay: int, span: float) -> Tensor:
-    """Edges [..., h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
+    """Edges [h, w] whose upper bits fall by the decay per px, by `span` at most; in place."""
     reached, stride, coarse = 0, 1, pieces(edges.device, _BYTES_EACH, _PIXELS)
     while 2 * reached * decay < span:
         fall = (2 * decay * stride) << _BITS

@@ -27,7 +27,7 @@ from defocus_core.renderer.layers.layer import layers_of, mixed_within
 from defocus_core.tensors.bands import banded
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost, pieces, sent
-from defocus_core.tensors.neighbourhoods import range_of, ranges_of
+from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.pyramid import Axis, AxisHalving, axes, halves
 from defocus_core.tensors.sparse_masks import exceeding, positions_of
 from defocus_core.tensors.threads import threaded
@@ -62,8 +62,8 @@ class Backdrop(NamedTuple):
 
 
 def backdrop_of(
-    pixels: Tensor,  # [C, H, W] linear, or [C, B, H, W] of a batch
-    signed_radius: Tensor,  # [H, W] px, or [B, H, W]
+    pixels: Tensor,  # [C, H, W] linear
+    signed_radius: Tensor,  # [H, W] px
     limit: float = math.inf,
     dtype: torch.dtype | None = None,  # type to compute in; None for the type of the pixels
     threads: int = 1,
@@ -98,24 +98,19 @@ def backdrop_of(
         if not (is_first and is_last):
             own = Box(0, 0, H, W) if is_first else Box(fine[0].middle + 4 * first, 0, H, W)
             own = own if is_last else own._replace(height=fine[0].middle + 4 * last - own.top)
-            mixed = mixed_within(mixed, own.seen_from(box), below - top)
+            mixed = mixed_within(mixed, own.seen_from(box))
             mixed = mixed._replace(at=mixed.at + sent([own.top, 0], mixed.at))
         middle = level.middle[0].middle
         in_level = level, first + middle, last + middle
         return _Band((halved, start, end), in_level, edges[..., start:end, :], mixed)
 
-    batch = len(signed_radius.shape) > 2
     rows = max(1, pieces(signed_radius.device, _BYTES_EACH) // (W << 2))
-    rows = quarter.length if batch else rows
     cuts = [*range(0, quarter.length, rows), quarter.length]
     bands = list(threaded(band_of, list(pairwise(cuts)), threads))
     half_level, level, edges, mixed = _put_together(bands, half, quarter)
     levels = [level]
     while max(levels[-1].size) > 1 and 1 << levels[-1].level < _WIDER * (maximum - minimum):
         levels.append(coarser(levels[-1]))
-    if batch:  # each picture has as many levels as it has alone
-        spans = ranges_of(signed_radius[:].detach()).diff(dim=-1)[..., 0]
-        levels[1:] = [x.of_pictures(_WIDER * spans > 1 << (x.level - 1)) for x in levels[1:]]
     reach = reach_of(edges, grain, maximum - minimum, fine)
     rest = levels[_DIRECTIONS:]
     groups = [levels[:_DIRECTIONS], *([rest] if launches_cost(edges.device) else zip(rest))]
@@ -150,22 +145,20 @@ class _Band(NamedTuple):
     # each, and the one after the last
     half: tuple[PyramidLevel, int, int]
     quarter: tuple[PyramidLevel, int, int]
-    edges: Tensor  # [..., h, w], from `coarse_edges`, of the rows alone
+    edges: Tensor  # [h, w], from `coarse_edges`, of the rows alone
     mixed: MixedPixels  # those of its rows
 
 
 def _halved(
     pixels: Tensor,
     signed_radius: Tensor,
-    limit: float | Tensor,
+    limit: float,
     grain: float,
     middle: tuple[Axis, Axis],
     mixed: MixedPixels,
 ) -> tuple[PyramidLevel, Tensor]:
     """The level of half resolution, and its edges."""
     r = signed_radius.detach()
-    if r.dim() > 2:  # no picture of a batch has highlights
-        limit = pixels.detach().amax((0, -2, -1))[:, None, None]
     farther = _beside_edges(r)
     own, *nearer = layers_of(pixels, signed_radius, mixed)
     weight = exceeding(own.color.detach().amax(0), limit).logical_not_().to(r.dtype)
@@ -178,14 +171,12 @@ def _halved(
 
 
 def _beside_edges(r: Tensor) -> Tensor:
-    """The numbers of the farther pixels at edges of radii [..., H, W] px."""
+    """The numbers of the farther pixels at edges of radii [H, W] px."""
     numbers = []
-    H, W = r.shape[-2:]
+    W = r.shape[-1]
     for dim, stride in ((-2, W), (-1, 1)):
         step = r.diff(dim=dim)
         row, column = positions_of(exceeding(step.abs(), EDGE)).unbind(1)
         rises = step.flatten().index_select(0, row * step.shape[-1] + column) > 0
-        if r.dim() > 2 and dim == -2:  # a picture has a row of steps less
-            row = row + row.div(max(H - 1, 1), rounding_mode="floor")
         numbers.append(row * W + column + stride * rises)
     return torch.cat(numbers)

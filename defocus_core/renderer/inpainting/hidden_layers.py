@@ -110,8 +110,8 @@ class HiddenLayer(NamedTuple):
 
 
 def hidden_layer(
-    image: Tensor,  # [C, ..., H, W] linear
-    signed_radius: Tensor,  # [..., H, W] px
+    image: Tensor,  # [C, H, W] linear
+    signed_radius: Tensor,  # [H, W] px
     backdrop: Backdrop | None = None,  # the frame that this is a part of; None if it is the whole
     box: Box | None = None,
     wanted: Box | None = None,  # where in it the layer matters; None if everywhere
@@ -137,14 +137,10 @@ def hidden_layer(
     if not len(index):
         return None
     row = index.div(coarse.width, rounding_mode="floor")
-    column, of = index - row * coarse.width, None
-    if near.dim() > 2:
-        of = row.div(coarse.height, rounding_mode="floor")
-        row = row - of * coarse.height
-    at = torch.stack([row + coarse.top, column + coarse.left], 1)
+    at = torch.stack([row + coarse.top, index - row * coarse.width + coarse.left], 1)
     shown, source, front, ceiling = (x.flatten().index_select(0, index) for x in revealed)
     pixels = grid.pixels(at) + sent(box[:2], at)
-    asked = HiddenQueries(pixels, front + (source - front) * _BETWEEN, ceiling, of)
+    asked = HiddenQueries(pixels, front + (source - front) * _BETWEEN, ceiling)
     values, tensor, weight = _from_frame(backdrop, asked)
     values, weight = _with_adjacent_surface(values, weight, backdrop, asked, level)
     surface = values / weight.clamp(min=LEAST_WEIGHT)[:, None]
@@ -152,15 +148,14 @@ def hidden_layer(
     if len(lines):
         if level:  # the whole frame
             half = backdrop.half
-            picture = half.first.values.reshape(-1, *half.shape)
+            picture = half.first.values.reshape(-1, *half.size)
             corner = [half.middle[d].middle - grid.middle[d].middle for d in (0, 1)]
         else:
             picture, corner = torch.cat([image, signed_radius[None]]), [0, 0]
         spot, border, smooth = (x.index_select(0, lines) for x in (at, asked.border, surface))
         way = tensor.index_select(0, lines)
-        own = None if of is None else of.index_select(0, lines)
         spot = spot + sent(corner, spot)
-        colors = transported(picture, spot, border, smooth, way, level, own)
+        colors = transported(picture, spot, border, smooth, way, level)
         surface = surface.index_copy(0, lines, torch.cat([colors, smooth[:, -1:]], 1))
     exists = weight > 0
     # the radius of no hidden surface is below all others

@@ -12,7 +12,6 @@ have there, and the rest from the next coarser level, until its weight is enough
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from itertools import accumulate
 from typing import NamedTuple
@@ -88,8 +87,7 @@ class PyramidLevel(NamedTuple):
     """A picture, or a part of one, at some resolution."""
 
     size: tuple[int, int]  # (height, width) in coarse pixels
-    # The farthest surface in each coarse pixel, row by row, picture by picture of a batch
-    first: CellSurface
+    first: CellSurface  # the farthest surface in each coarse pixel, row by row
     second: CellSurface  # the surface in front of the first, for the coarse pixels that hold two
     second_index: Tensor  # [height * width] the index of each coarse pixel in `second`, or -1
     middle: tuple[Axis, Axis]  # the middle of the frame, in coarse pixels
@@ -98,30 +96,16 @@ class PyramidLevel(NamedTuple):
     whole: bool = False  # whether all weights are 1
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """The size, after the number of pictures of a batch: there is no such batch of one."""
-        pictures = self.first.data.shape[1] // (self.size[0] * self.size[1])
-        return self.size if pictures == 1 else (pictures, *self.size)
-
-    @property
     def has_second(self) -> bool:
         """Whether any coarse pixel holds two surfaces."""
         return self.second.data.shape[1] > 0
 
-    def of_pictures(self, exists: Tensor) -> PyramidLevel:
-        """The level with surfaces in some pictures [B] bool of a batch alone."""
-        held = exists.repeat_interleave(self.size[0] * self.size[1])
-        data = self.first.data
-        data = torch.cat([data[:-3], (data[-3] * held)[None], data[-2:]])
-        index = torch.where(held, self.second_index, -1)
-        return self._replace(first=CellSurface(data), second_index=index)
-
 
 def pixels_of(
-    values: Sequence[Tensor],  # each [k, ..., H, W], together K channels
-    signed_radius: Tensor,  # [..., H, W] px
+    values: Sequence[Tensor],  # each [k, H, W], together K channels
+    signed_radius: Tensor,  # [H, W] px
     middle: tuple[Axis, Axis],
-    weight: Tensor | None = None,  # [..., H, W] in [0, 1], weights of pixels; None if all are 1
+    weight: Tensor | None = None,  # [H, W] in [0, 1], weights of pixels; None if all are 1
 ) -> PyramidLevel:
     """A picture at full resolution."""
     r = signed_radius.detach()
@@ -151,8 +135,7 @@ def coarser(pyramid_level: PyramidLevel) -> PyramidLevel:
     overlapping = pyramid_level.level > 0
     alike = _ALIKE * _GROWTH ** max(pyramid_level.level - 1, 0)
     middle, size = (down.axis, across.axis), (down.length, across.length)
-    device, each = pyramid_level.first.data.device, size[0] * size[1]
-    count = math.prod(pyramid_level.shape[:-2]) * each
+    device, count = pyramid_level.first.data.device, size[0] * size[1]
     if count <= (_FEW_THERE if launches_cost(device) else _FEW):
         dense, near = _apart(*_every(pyramid_level, (down, across), overlapping), alike)
         is_edge = near.maximum > -torch.inf
@@ -262,10 +245,7 @@ def _split(
 ) -> tuple[CellSurface, CellSurface]:
     """The farthest surface and the next one in coarse pixels [n] of half resolution."""
     row = coarse.div(axes[1].length, rounding_mode="floor")
-    column, above = coarse - row * axes[1].length, None
-    if len(pyramid_level.shape) > 2:
-        above = row.div(axes[0].length, rounding_mode="floor")
-        row = row - above * axes[0].length
+    column = coarse - row * axes[1].length
     positions, fractions = [], []
     for second_index, axis, length in zip((row, column), axes, pyramid_level.size, strict=True):
         offsets, by = zip(*_taps(axis, overlapping), strict=True)
@@ -274,8 +254,7 @@ def _split(
         inside = position.clamp(0, length - 1)
         fractions.append(sent(by, pyramid_level.first.data)[:, None] * (inside == position))
         positions.append(inside)
-    rows = positions[0] if above is None else positions[0] + above * pyramid_level.size[0]
-    index = torch.add(positions[1], rows[:, None], alpha=pyramid_level.size[1]).flatten()
+    index = torch.add(positions[1], positions[0][:, None], alpha=pyramid_level.size[1]).flatten()
     fraction = (fractions[0][:, None] * fractions[1]).flatten()
     data, count = pyramid_level.first.data.index_select(1, index), len(coarse)
     if pyramid_level.has_second:
@@ -293,13 +272,13 @@ def _every(
     pyramid_level: PyramidLevel, axes: tuple[AxisHalving, AxisHalving], overlapping: bool
 ) -> tuple[Tensor, Tensor]:
     """What all n coarse pixels of half resolution hold: [K + 3, k, n], and their shares [k, 1]."""
-    data, shape = pyramid_level.first.data, pyramid_level.shape
+    data = pyramid_level.first.data
     sheets = [data]
     if pyramid_level.has_second:
         index = pyramid_level.second_index
         nearer = pyramid_level.second.data.index_select(1, index.clamp(min=0))
         sheets.append(torch.cat([nearer[:-3], nearer[-3:-2] * (index >= 0), nearer[-2:]]))
-    pixels = torch.stack(sheets, 1).view(len(data), len(sheets), *shape)
+    pixels = torch.stack(sheets, 1).view(len(data), len(sheets), *pyramid_level.size)
     missing, shares = list[int](), list[tuple[float, ...]]()
     for axis, length in zip(axes, pyramid_level.size, strict=True):
         offsets, by = zip(*_taps(axis, overlapping), strict=True)
@@ -378,13 +357,10 @@ class HiddenQueries(NamedTuple):
     at: Tensor  # [n, 2] rows and columns, also between pixels
     border: Tensor  # [n] px, the radius that a surface must exceed
     ceiling: Tensor  # [n] px, the radius that a surface must not reach
-    of: Tensor | None = None  # [n] the picture of a batch that each is of; None if there is one
 
     def select(self, index: Tensor) -> HiddenQueries:
         """The pixels of these indices."""
-        at, border, ceiling = (values.index_select(0, index) for values in self[:3])
-        of = None if self.of is None else self.of.index_select(0, index)
-        return HiddenQueries(at, border, ceiling, of)
+        return HiddenQueries(*(values.index_select(0, index) for values in self))
 
 
 class SurfaceTable(NamedTuple):
@@ -394,14 +370,12 @@ class SurfaceTable(NamedTuple):
     limits: Tensor  # [2, N] their weights and least radii
     second: Tensor  # [m] for each first one the row of the second, or -1
     # [L, 2, 1] of each level: the row and column of pixel 0 of the frame among coarse pixels, those
-    # between two pixels, and the last coarse pixel; [L, 1, 1] its width, its first row in the table
-    # and the number of its coarse pixels
+    # between two pixels, and the last coarse pixel; [L, 1, 1] its width and first row in the table
     origin: Tensor
     step: Tensor
     last: Tensor
     width: Tensor
     start: Tensor
-    area: Tensor
 
     @classmethod
     def of(cls, levels: Sequence[PyramidLevel], fine: tuple[Axis, Axis]) -> SurfaceTable:
@@ -423,13 +397,12 @@ class SurfaceTable(NamedTuple):
                 places.append((ends[0], ends[1] - ends[0], length - 1))
         origin, step, last = sent(places, like).view(-1, 2, 1, 3).unbind(3)
         rows = [level.size[1] for level in levels], [0, *accumulate(counts[:-1])]
-        wholes = *rows, [level.size[0] * level.size[1] for level in levels]
-        width, start, area = sent(wholes, like.new_empty(0, dtype=torch.long))[..., None, None]
+        width, start = sent(rows, like.new_empty(0, dtype=torch.long))[..., None, None]
         return cls(
             torch.cat([sheet.values.T for sheet in (*firsts, *seconds)]),
             torch.cat([sheet.data[-3:-1] for sheet in (*firsts, *seconds)], 1),
             torch.cat(numbers),
-            *(origin, step, last, width, start, area),
+            *(origin, step, last, width, start),
         )
 
 
@@ -466,8 +439,6 @@ def _nearby(table: SurfaceTable, asked: HiddenQueries, around: float) -> tuple[T
     share = share * (inside == tap)
     row, column = inside.long().unbind(1)  # [L, n, t]
     row = row * table.width + table.start
-    if asked.of is not None:
-        row = row + asked.of[:, None] * table.area
     number = (row[..., None] + column[..., None, :]).flatten(2)
     share = (share[:, 0, :, :, None] * share[:, 1, :, None]).flatten(2)  # [L, n, t * t]
     if len(table.values) > len(table.second):  # 0 where a coarse pixel has no second surface

@@ -89,12 +89,11 @@ def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple
     )
 
 
-def mixed_within(mixed: MixedPixels, box: Box, height: int) -> MixedPixels:
-    """The mixed pixels in a box of a frame of a height, or of each picture of a batch."""
-    above = mixed.at[:, 0].div(height, rounding_mode="floor")
-    y, x = mixed.at[:, 0] - above * height - box.top, mixed.at[:, 1] - box.left
+def mixed_within(mixed: MixedPixels, box: Box) -> MixedPixels:
+    """The mixed pixels in a box of a frame."""
+    y, x = mixed.at[:, 0] - box.top, mixed.at[:, 1] - box.left
     number = flat_nonzero((y >= 0) & (x >= 0) & (y < box.height) & (x < box.width))
-    at = torch.stack([y + above * box.height, x], 1)
+    at = torch.stack([y, x], 1)
     return mixed._replace(at=at).select(number)
 
 

@@ -11,7 +11,6 @@ would be tinted by the sky. So such a hidden octave is composited before the mor
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
@@ -210,20 +209,12 @@ class CompositeOrder(NamedTuple):
     # Number of the first visible layer beyond focus; greater than all numbers if there is none
     beyond: int
     # Hidden octaves, nearest first, with the number of the first visible layer that comes after
-    # each; and the pictures of a batch for which it is so by their own slices. Octaves that come
-    # before no visible layer are absent
-    ahead: dict[tuple[int, int], list[bool]]
+    # each. Octaves that come before no visible layer are absent
+    ahead: list[tuple[int, int]]
 
-    def before(self, number: int | None, like: Tensor) -> list[tuple[int, Tensor | None]]:
-        """The octaves that come before a layer, or before any, with their pictures [B, 1, 1].
-
-        1 for pictures in which it is so, else 0; None if it is in all.
-        """
-        return [
-            (octave, None if all(which) else sent(which, like)[:, None, None])
-            for (octave, first), which in self.ahead.items()
-            if number in (first, None)
-        ]
+    def before(self, number: int) -> list[int]:
+        """The octaves that come before a layer."""
+        return [octave for octave, first in self.ahead if first == number]
 
 
 def octaves(radii: tuple[float, ...]) -> list[int]:
@@ -232,25 +223,18 @@ def octaves(radii: tuple[float, ...]) -> list[int]:
     return [size if r > 0 else -size for size, r in zip(sizes, radii, strict=True)]
 
 
-def composite_order(
-    radii: tuple[float, ...], layer_indices: list[int], each: Sequence[range] = ()
-) -> CompositeOrder:
-    """The composite order of hidden octaves, by the radii in px and the layers of slices.
-
-    `each`: the slices of each picture of a batch; none of one picture, which has all.
-    """
-    ahead: dict[tuple[int, int], list[bool]] = {}
-    each = each or [range(len(radii))]
-    for number, own in enumerate(each):
-        minimum: dict[int, float] = {}
-        for k in own:
-            if radii[k] >= ALONE:
-                minimum.setdefault(layer_indices[k], radii[k])
-        for octave in {o for o in octaves(radii[own.start : own.stop]) if o}:
-            maximum = ALONE * 2.0 ** abs(octave)
-            later = [layer_index for layer_index, r in minimum.items() if r >= _MORE * maximum]
-            if later:
-                ahead.setdefault((octave, min(later)), [False] * len(each))[number] = True
+def composite_order(radii: tuple[float, ...], layer_indices: list[int]) -> CompositeOrder:
+    """The composite order of hidden octaves, by the radii in px and the layers of slices."""
+    minimum: dict[int, float] = {}
+    for layer_index, r in zip(layer_indices, radii, strict=True):
+        if r >= ALONE:
+            minimum.setdefault(layer_index, r)
+    ahead = []
+    for octave in sorted({octave for octave in octaves(radii) if octave}):
+        maximum = ALONE * 2.0 ** abs(octave)
+        later = [layer_index for layer_index, r in minimum.items() if r >= _MORE * maximum]
+        if later:
+            ahead.append((octave, min(later)))
     numbers = [*layer_indices, len(radii)]
     around, beyond = (sum(r <= -ALONE for r in radii), sum(r < ALONE for r in radii))
-    return CompositeOrder(numbers[around], numbers[beyond], dict(sorted(ahead.items())))
+    return CompositeOrder(numbers[around], numbers[beyond], ahead)

@@ -96,15 +96,15 @@ def blocks_of(
 ) -> Tensor:
     """For each slice the blocks of 16 px that hold a pixel of it: [K, rows, columns] bool.
 
-    `positions`: [..., H, W] positions of pixels among the slice radii, of any picture of a batch.
-    If they learn, a pixel on a slice is in the one before, too: its share in this is 0, and has a
-    gradient; `present`: [..., H, W] bool, which pixels exist; None if all do; `sharp`: the slice in
-    focus, on which shares have no gradient; None if there is none.
+    `positions`: [H, W] positions of pixels among the slice radii. If they learn, a pixel on a slice
+    is in the one before, too: its share in this is 0, and has a gradient; `present`: [H, W] bool,
+    which pixels exist; None if all do; `sharp`: the slice in focus, on which shares have no
+    gradient; None if there is none.
     """
     if present is not None:
         at = torch.nonzero(present)
         size = positions.shape[-2], positions.shape[-1]
-        return blocks_at(positions[at.unbind(1)], at[:, -2:], slices, size, sharp)
+        return blocks_at(positions[at.unbind(1)], at, slices, size, sharp)
     learn, positions = positions.requires_grad, positions.detach()
 
     def beside(place: Tensor) -> tuple[Tensor, Tensor]:
@@ -123,7 +123,6 @@ def blocks_of(
         for slice_index in beside(mixed):
             slices_held.scatter_(1, slice_index, True)
         occupied[several.unbind(1)] = slices_held
-    occupied = occupied if occupied.dim() == 3 else occupied.any(0)
     return occupied.permute(2, 0, 1)
 
 
@@ -144,15 +143,10 @@ def _in_blocks(values: Tensor) -> Tensor:
 def blocks_at(
     positions: Tensor, at: Tensor, slices: int, size: tuple[int, int], sharp: int | None = None
 ) -> Tensor:
-    """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2].
-
-    Rows may be counted on from one picture of a batch to the next.
-    """
+    """As `blocks_of`, for n samples: their places [n], and their rows and columns [n, 2]."""
     rows, columns = (-(-n // BLOCK) for n in size)
     occupied = torch.zeros(slices * rows * columns, dtype=torch.bool, device=positions.device)
-    row, column = (
-        x.div(BLOCK, rounding_mode="floor") for x in (at[:, 0].remainder(size[0]), at[:, 1])
-    )
+    row, column = (x.div(BLOCK, rounding_mode="floor") for x in at.unbind(1))
     number = row * columns + column
     beside = _slices_beside(positions.detach(), slices, sharp, learn=positions.requires_grad)
     for slice_index in beside:
@@ -296,13 +290,10 @@ class Planes:
     def __init__(self, slopes: Tensor, blocks: Tensor) -> None:
         """Look for slices that are planes.
 
-        `slopes`: [2, ..., H, W], x and y, px per px; `blocks`: [K, rows, columns] bool, where
+        `slopes`: [2, H, W], x and y, px per px; `blocks`: [K, rows, columns] bool, where
         slices are, on the CPU.
         """
-        lowest, highest = block_ranges(slopes)
-        if slopes.dim() > 3:  # of all pictures of a batch
-            lowest, highest = lowest.amin(1), highest.amax(1)
-        self._lowest, self._highest = lowest.cpu(), highest.cpu()
+        self._lowest, self._highest = (ends.cpu() for ends in block_ranges(slopes))
         self._blocks = blocks
         self.tilted: Tensor = ((self._lowest < 0) | (self._highest > 0)).any(0)
         every, all_blocks = list(range(len(blocks))), slice(None)

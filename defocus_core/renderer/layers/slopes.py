@@ -138,9 +138,7 @@ class Shifts:
         apparent = _apparent.__wrapped__ if requires_grad else _apparent
         half = parts[0] if parts[0].is_uneven else LEFT
         known = aperture if requires_grad else aperture.fixed
-        # [K] or, of the pupils of a batch, [K B], picture by picture
-        found = stacked(apparent(radii, known, half), signed_radius).reshape(len(radii), -1)
-        self._apparent, self._count = found.T.flatten(), len(radii)
+        self._apparent = stacked(apparent(radii, known, half), signed_radius)  # [K]
         # pixels of lesser radii have shares in slices near focus
         self._end = min((abs(r) for r in radii if abs(r) >= NEAR), default=math.inf)
         centroids = [aperture.centroid(part) for part in parts]
@@ -148,7 +146,7 @@ class Shifts:
         level = (torch.as_tensor(y * y < _LEVEL**2).all() for _, y in centroids)
         dims = 1 if all(map(bool, level)) else 2
         means = stacked([mean for pair in centroids for mean in pair], signed_radius)
-        self._centroids = means.view(-1, 2, *means.shape[1:])[:, :dims]
+        self._centroids = means.view(-1, 2)[:, :dims]
 
     def over(self, box: Box) -> Tensor | None:
         """The change of the colours of a surface within a rectangle: [M, C, h, w].
@@ -163,13 +161,9 @@ class Shifts:
         size = r.abs()
         if size.is_cpu and not bool(((size < self._end) & (size > SHARP)).any()):
             return None
-        count = self._count
         lower = slice_before(positions.detach())
         fraction, number = positions - lower, lower.long()
-        pairs = [(number + i).clamp(max=count - 1) for i in (0, 1)]
-        if len(self._apparent) > count:  # of each picture
-            pictures = torch.arange(len(r), device=r.device).view(-1, 1, 1)
-            pairs = [of_slice + count * pictures for of_slice in pairs]
+        pairs = [(number + i).clamp(max=len(self._apparent) - 1) for i in (0, 1)]
         first, second = (self._apparent.index_select(0, each.flatten()) for each in pairs)
         apparent = torch.lerp(first, second, fraction.flatten()).reshape(r.shape)
         # as positions do, it begins between SHARP and SOFT
@@ -177,7 +171,7 @@ class Shifts:
         dims = (-1, -2)[: self._centroids.shape[1]]
         slopes = torch.stack([inner.of(_slope(color, radius, dim)) for dim in dims])
         changes = slopes * (apparent - begun * r)
-        first_mean, *means = (_leading(mean, changes.dim()) for mean in self._centroids.unbind(1))
+        first_mean, *means = (mean.view(-1, 1, 1, 1) for mean in self._centroids.unbind(1))
         moved: Tensor = first_mean * changes[0]
         for mean, change in zip(means, changes[1:], strict=True):
             moved = moved.addcmul(mean, change)
@@ -185,23 +179,13 @@ class Shifts:
 
 
 def stacked(values: Sequence[Scalar], like: Tensor) -> Tensor:
-    """A tensor [n] of numbers and of tensors of one number, through which gradients flow.
-
-    [n, B, 1, 1] if some are numbers [B, 1, 1] of the pictures of a batch.
-    """
-    tensors = [torch.as_tensor(value, dtype=torch.float64) for value in values]
-    shape = max((tensor.shape for tensor in tensors), key=len)
-    return sent(torch.stack([tensor.expand(shape) for tensor in tensors]), like)
+    """A tensor [n] of numbers and of tensors of one number, through which gradients flow."""
+    return sent(torch.stack([torch.as_tensor(v, dtype=torch.float64) for v in values]), like)
 
 
 def along_first(values: Sequence[Scalar], like: Tensor) -> Tensor:
-    """Numbers as in `stacked`, one for each of the first dimension of a tensor [n, ...]."""
-    return _leading(stacked(values, like), like.dim())
-
-
-def _leading(values: Tensor, dims: int) -> Tensor:
-    """Numbers [n] or [n, B, 1, 1] before so many dimensions in all."""
-    return values.view(len(values), *[1] * (dims - values.dim()), *values.shape[1:])
+    """Numbers, one for each of the first dimension of a tensor [n, ...]."""
+    return stacked(values, like).view(-1, *[1] * (like.dim() - 1))
 
 
 def _slope(color: Tensor, signed_radius: Tensor, dim: int) -> Tensor:

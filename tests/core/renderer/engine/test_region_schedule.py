@@ -38,7 +38,7 @@ def scene(spot, *, hard):
 
 def frame_for(image, radius):
     quality = find("standard")
-    content = content_of(surveyed(image, radius, torch.float32)[0], quality)
+    content = content_of(surveyed(image, radius, torch.float32), quality)
     return frame_of(image, radius, Settings(), quality, content)
 
 

@@ -30,7 +30,7 @@ def test_the_steepest_step_is_seen_wherever_it_is(row):
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 7.0
     radius[row, 5] = 1.0
-    (survey,) = surveyed(noise(3, *SIZE), radius, torch.float32, 1)
+    survey = surveyed(noise(3, *SIZE), radius, torch.float32, 1)
     assert survey.steepest == (7.0, 1.0)
     assert (survey.minimum, survey.maximum) == (0.0, 7.0)
 
@@ -58,7 +58,7 @@ def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row):
 
 def test_brightness_is_that_of_the_brightest_channel():
     image = noise(3, *SIZE)
-    (survey,) = surveyed(image.half(), torch.zeros(SIZE), torch.float32, 2)
+    survey = surveyed(image.half(), torch.zeros(SIZE), torch.float32, 2)
     whole = image.half().float().amax(0).flatten().clamp(min=0).sort().values
     for rank in (1, 5000, 14399, 14400):
         low, high = survey.brightness.about(rank)
@@ -72,7 +72,7 @@ def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(d
     image = torch.zeros(3, *SIZE)
     image[1, :400] = dark
     image[0, 7, 7] = 1.0
-    (survey,) = surveyed(image, torch.zeros(SIZE), torch.float32, 2)
+    survey = surveyed(image, torch.zeros(SIZE), torch.float32, 2)
     assert needs_double(survey, limit=1.0) == double
     assert not needs_double(survey, limit=dark)
 
