@@ -183,3 +183,11 @@ def test_a_lens_file_is_as_good_as_flags(tmp_path):
     photograph(*files, "-o", tmp_path / "flags")
     one, other = (tmp_path / name / "render" / "a.exr" for name in ("file", "flags"))
     assert one.read_bytes() == other.read_bytes()
+
+
+def test_a_link_is_no_name_for_a_picture(color, depth, here):
+    (here / "link.png").symlink_to(depth)
+    before = depth.read_bytes()
+    refused(render(color, depth, "-o", "link.png"), 3, "exists", "link.png")
+    photograph(color, depth, "-o", "link.png", "--overwrite")
+    assert (depth.read_bytes(), (here / "link.png").is_symlink()) == (before, False)

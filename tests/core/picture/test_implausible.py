@@ -82,10 +82,15 @@ def test_whoever_declared_the_unit_is_not_asked_to_declare_it():
     assert line.endswith("check the declared format or unit and ‹focus›")
 
 
-def test_a_pfm_beside_calib_txt_may_be_disparity(tmp_path):
-    path = str(tmp_path / "disp0.pfm")
-    assert not warnings(SCENE, path=path)
-    (tmp_path / "calib.txt").write_text("cam0=[1 0 0; 0 1 0; 0 0 1]\n")
-    (line,) = warnings(SCENE, path=path)
-    assert "‹depth-format› middlebury" in line
-    assert not warnings(SCENE, path=path, declared=True)
+@pytest.mark.parametrize(
+    ("path", "channel", "name"),
+    [
+        ("a.exr", "FinalImageMovieRenderQueue_WorldDepth.R", "unreal-mrq"),
+        ("frame.0000.depth_meters.hdf5", "dataset", "hypersim"),
+    ],
+)
+def test_a_channel_that_one_program_writes_is_told_with_its_format(path, channel, name):
+    (line,) = warnings(SCENE, path=path, channel=channel)
+    assert f"‹depth-format› {name}" in line
+    assert not warnings(SCENE, path=path, channel=channel, declared=True)
+    assert not warnings(SCENE, path="depth.npz", channel="dataset")

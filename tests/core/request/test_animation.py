@@ -2,7 +2,7 @@ import math
 from pathlib import Path
 
 import pytest
-from refusals import refuses, refuses_as
+from refusals import refuses
 
 from defocus_core.errors import CALLER
 from defocus_core.request.animation import read_animation
@@ -77,23 +77,6 @@ def test_keys_stand_in_toml_too(tmp_path):
     text = '[animate]\nfocus = {1001 = "1.2m", 1060 = "4m"}\n'
     shot = animation(tmp_path, text, "pull.toml")
     assert key(shot, 1060, "focus") == "4m"
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "refusal"),
-    [
-        ("a.csv", "frame,fokus\n1,1m\n", "unknown-name fokus"),
-        ("a.csv", "frame,focus\n1,none\n", "malformed focus"),
-        ("a.csv", "frame,focus,x,y\n1,1m,2,3\n", "contradiction focus"),
-        ("a.toml", "[animate]\nfocus = 3\n", "malformed focus"),
-        ("a.toml", "[lens]\nfocus = 3\n", "unknown-name"),
-        ("a.toml", '[animate]\nfocus = {x = "1m"}\n', "malformed focus"),
-        ("a.chan", "1 0 0 0 0 0 0 190\n", "malformed line 1"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(tmp_path, name, text, refusal):
-    with refuses_as(refusal):
-        animation(tmp_path, text, name)
 
 
 def test_between_percentiles_there_is_nothing(tmp_path):

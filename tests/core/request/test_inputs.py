@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from jobs_files import FIXED, jobs, names, touch
-from refusals import refuses, refuses_as
+from refusals import refuses
 
 from defocus_core.io.wildcards import matching
 from defocus_core.request.job import Picture
@@ -123,70 +123,6 @@ def test_tables_and_lists_and_patterns_come_one_after_another(tmp_path):
     (tmp_path / "l.csv").write_text("color\nb.exr\n")
     inputs = 'color = "a*.exr"\nlist = ["l.csv"]\n[[inputs.pictures]]\ncolor = "a.exr"\nstem = "c"'
     assert names(jobs(tmp_path, FIXED, inputs=inputs)) == ["a", "b", "c"]
-
-
-@pytest.mark.parametrize(
-    ("inputs", "refusal"),
-    [
-        ('colour = "a"', "unknown-name [inputs]"),
-        ("", "empty [inputs]"),
-        ('depth = "*.exr"', "missing-option depth"),
-        ('color = "*.png"\nhidden-depth = "h"', "missing-option hidden-depth"),
-        ("color = 7", "malformed color"),
-        ('color = "no.exr"', "not-found"),
-        ('color = "x*.png"\ndepth = "*.npy"', "empty"),
-        ('color = "*.png"\ndepth = "1.npy"', "wrong-type"),
-        ('color = "*.png"\ndepth = "*.npy"', "empty"),
-        ('color = "?.jpg"\ndepth = "?.npy"', "empty"),
-        ('color = "[12].*"\ndepth = "*.npy"', "duplicate"),
-        ('list = "l.txt"', "wrong-type"),
-        ('list = "no.csv"', "not-found"),
-        ("list = [1]", "malformed list"),
-        ("pictures = 1", "malformed pictures"),
-        ('[[inputs.pictures]]\ndepth = "1.npy"', "empty [[inputs.pictures]] 1"),
-        ('[[inputs.pictures]]\ncolor = "1.png"', "empty [[inputs.pictures]] 1"),
-        ('[[inputs.pictures]]\ncolor = "9.exr"', "not-found [[inputs.pictures]] 1"),
-        ('[[inputs.pictures]]\ncolor = "1.png"\ndepht = "1"', "unknown-name [[inputs.pictures]] 1"),
-        ('[[inputs.pictures]]\ncolor = "c.exr"\nfokus = "1"', "unknown-name [[inputs.pictures]] 1"),
-        ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = "a/b"', "malformed stem"),
-        ('[[inputs.pictures]]\ncolor = "c.exr"\nstem = ""', "malformed stem"),
-        (
-            '[[inputs.pictures]]\ncolor = "c.exr"\nhidden-depth = "h"',
-            "missing-option hidden-depth",
-        ),
-        ('[[inputs.pictures]]\ncolor = "c.exr"\nfocus = "2"', "malformed focus"),
-    ],
-)
-def test_what_is_wrong_is_told_with_its_place(tmp_path, inputs, refusal):
-    touch(tmp_path, "1.png", "1.jpg", "2.png", "1.npy", "3.npy", "c.exr", "l.txt")
-    with refuses_as(refusal):
-        jobs(tmp_path, FIXED, inputs=inputs or "\n")
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "refusal"),
-    [
-        ("l.csv", "", "empty"),
-        ("l.csv", "color,depth\n", "empty"),
-        ("l.csv", "color,color\n", "duplicate line 1"),
-        ("l.csv", "color\nc.exr\nb.exr,x\n", "malformed line 3"),
-        ("l.csv", "color\n'c.exr\n\"b", "malformed line 3"),
-        ("l.csv", "color,speed\nc.exr,9\n", "unknown-name line 2"),
-        ("l.csv", "color,fnumber\nc.exr,2\nb.exr,f/x\n", "malformed fnumber"),
-        ("l.csv", 'color,focus,focus-at\nc.exr,2m,"1,1"\n', "contradiction focus"),
-        ("l.csv", "color\nc.exr\nd/c.exr\n", "duplicate line 3"),
-        ("l.jsonl", '{"color": "c.exr"}\n{"color"\n', "malformed line 2"),
-        ("l.jsonl", "[1]\n", "malformed line 1"),
-        ("l.csv", "color\n\udcff\n", "not-utf-8"),
-        ("l.jsonl", '{"color": ["c.exr"]}\n', "malformed color"),
-        ("l.jsonl", "\xff".encode("latin-1").decode("latin-1"), "malformed line 1"),
-    ],
-)
-def test_what_is_wrong_in_a_list_is_told_with_its_line(tmp_path, name, text, refusal):
-    touch(tmp_path, "c.exr")
-    (tmp_path / name).write_bytes(text.encode(errors="surrogateescape"))
-    with refuses_as(refusal):
-        jobs(tmp_path, FIXED, inputs=f'list = "{name}"')
 
 
 def test_one_missing_file_of_a_list_is_left_to_its_own_job(tmp_path):

@@ -1,8 +1,7 @@
 """Files pair up by stem, and a job writes nothing that it should not."""
 
-import pytest
 from jobs_files import touch
-from refusals import refuses, refuses_as
+from refusals import refuses
 
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens
@@ -41,22 +40,6 @@ def test_one_exr_is_colour_and_depth(tmp_path):
     file = folder / "a.exr"
     assert find_pictures(file, None) == [Picture("a", file, file)]
     assert [picture.stem for picture in find_pictures(folder, None)] == ["a", "b"]
-
-
-@pytest.mark.parametrize(
-    ("colors", "depths", "refusal"),
-    [
-        (["1.png", "2.png"], ["1.exr"], "empty"),
-        (["1.png"], ["1.exr", "3.exr", "4.exr"], "empty"),
-        (["1.png", "1.jpg"], ["1.exr"], "duplicate"),
-        (["1.png"], ["1.exr", "1.npy"], "duplicate"),
-        ([], ["1.exr"], "empty"),
-    ],
-)
-def test_what_does_not_pair_is_named(tmp_path, colors, depths, refusal):
-    color, depth = touch(tmp_path / "c", *colors), touch(tmp_path / "d", *depths)
-    with refuses_as(refusal):
-        find_pictures(color, depth)
 
 
 def test_a_file_does_not_pair_with_a_directory(tmp_path):

@@ -2,9 +2,7 @@
 
 import math
 
-import pytest
-from jobs_files import FIXED, LENS, jobs, jobs_file, names, touch
-from refusals import refuses, refuses_as
+from jobs_files import FIXED, jobs, jobs_file, names, touch
 
 from defocus_core.request.job import Machine, Outputs, Reading
 from defocus_core.request.jobs_file import read_jobs
@@ -60,47 +58,3 @@ def test_all_lenses_of_a_picture_follow_one_another(tmp_path):
     touch(tmp_path, "1.exr", "2.exr")
     found = jobs(tmp_path, FIXED + "[sweep]\nblades = [0, 5]\n", inputs='color = "*.exr"')
     assert names(found) == ["1_blades0", "1_blades5", "2_blades0", "2_blades5"]
-
-
-@pytest.mark.parametrize(
-    ("text", "refusal"),
-    [
-        ("[len]\n", "unknown-name"),
-        ("lens = 1\n", "unknown-name [inputs]"),
-        ("[lens]\nfocus-length = 1\n", "unknown-name [lens]"),
-        (FIXED + "[outputs]\nkinds = ['rendre']\n", "unknown-name kinds"),
-        (FIXED + "[outputs]\nkinds = []\n", "malformed kinds"),
-        (FIXED + "[outputs]\nformat = 'gif'\n", "unknown-name format"),
-        (FIXED + "[outputs]\nexr-type = 'double'\n", "unknown-name exr-type"),
-        (FIXED + "[outputs]\nexr-type = 'half'\nformat = 'jpg'\n", "idle-option exr-type"),
-        (FIXED + "[outputs]\njpeg-quality = 101\nformat = 'jpg'\n", "malformed jpeg-quality"),
-        (FIXED + "[outputs]\njpeg-quality = 80\n", "idle-option jpeg-quality"),
-        (FIXED + "[outputs]\npreview = 1\n", "malformed preview"),
-        (FIXED + "[outputs]\nout = 'o'\n", "unknown-name [outputs]"),
-        (FIXED + "[machine]\nquality = 'hihg'\n", "unknown-name quality"),
-        (FIXED + "[machine]\nthreads = 2\n", "unknown-name [machine]"),
-        (FIXED + "[reading]\ndepth-unit = 'km'\n", "unknown-name depth-unit"),
-        (FIXED + "[reading]\npart = -1\n", "malformed part"),
-        (FIXED + "file = 'no.toml'\n", "not-found"),
-    ],
-)
-def test_what_is_wrong_is_told_with_its_key(tmp_path, text, refusal):
-    with refuses_as(refusal):
-        jobs(tmp_path, text)
-
-
-@pytest.mark.parametrize("text", ["[inputs", "\0", "\xff", "inputs = 3\n"])
-def test_what_is_no_toml_or_no_table_is_refused(tmp_path, text):
-    (tmp_path / "jobs.toml").write_bytes(text.encode("latin-1"))
-    with refuses("malformed"):
-        read_jobs(tmp_path / "jobs.toml", Outputs(tmp_path), Machine())
-
-
-def test_more_jobs_than_anybody_means_are_refused_before_they_are_made(tmp_path):
-    text = (
-        LENS
-        + 'focus = "2m"\n[sweep]\nblades = [5, 6, 7, 8, 9, 10, 11]\nblade-rotation = "0..9 @ 9"\n'
-    )
-    text += '[sample]\nn = 1000000\nseed = 1\nfnumber = "uniform(2, 4)"\n'
-    with refuses("out-of-range"):
-        jobs(tmp_path, text)

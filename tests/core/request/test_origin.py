@@ -4,7 +4,6 @@ import json
 
 import pytest
 from command_line import pair, run
-from refusals import refuses
 
 from defocus_core import run_batch, samples
 from defocus_core.request.origin import JobsSource, Origin, keep, origin_of
@@ -60,11 +59,6 @@ def test_without_a_word_there_is_none(tmp_path):
     (sample,) = samples(tmp_path / "out")
     assert sample.record["licence"] is None
     assert "license:" not in (tmp_path / "out" / "README.md").read_text()
-
-
-def test_an_unknown_word_is_refused(tmp_path):
-    with refuses("unknown-name", "licence"):
-        run_batch(tables(tmp_path, license="MIT"), tmp_path / "out")
 
 
 def test_a_file_of_others_stays(tmp_path, caplog):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from elements import disc, element, write
-from refusals import refuses, refuses_as
+from refusals import refuses
 
 from defocus_core.errors import CALLER, Place
 from defocus_core.request.job import Picture
@@ -63,32 +63,6 @@ def lens_file(folder, text):
 )
 def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(text, flags, lens, tmp_path):
     assert lens_of(flags, lens_file(tmp_path, text)) == lens
-
-
-@pytest.mark.parametrize(
-    ("text", "change", "refusal"),
-    [
-        *(("", {name: None}, f"missing-option {name}") for name in FLAGS),
-        ("", {"focus-at": "1,1"}, "contradiction focus"),
-        ('focus = "2m"\nfocus-at = [1, 2]\n', {"focus": None}, "contradiction focus"),
-        ("", {"focus": "49mm"}, "out-of-range focus"),
-        ("", {"focus": "50mm"}, "out-of-range focus"),
-        ("", {"blade-rotation": "30"}, "idle-option blade-rotation"),
-        ("", {"blades": "0", "blade-rotation": "30"}, "idle-option blade-rotation"),
-        (TURNED, {}, "idle-option blade-rotation"),
-        (f"blades = 0\n{TURNED}", {}, "idle-option blade-rotation"),
-        ("[lens]", {}, "unknown-name"),
-        ("iso = 100", {}, "unknown-name"),
-        ("focal-length = 50", {}, "malformed focal-length"),
-        ("focus-at = [1, 2, 3]", {}, "malformed focus-at"),
-        ("blades = 2", {}, "malformed blades"),
-        ("blades = true", {}, "malformed blades"),
-        ("fnumber = 2\nfocus 2m\n", {}, "malformed"),
-    ],
-)
-def test_what_makes_no_lens_is_refused_with_its_option(text, change, refusal, tmp_path):
-    with refuses_as(refusal):
-        lens_of({**FLAGS, **change}, lens_file(tmp_path, text))
 
 
 def layer(**values):

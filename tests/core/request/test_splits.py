@@ -119,21 +119,6 @@ def test_patterns_of_many_wildcards_end():
         splits(picture("a" * 250), train=1, scene="*a" * 40 + "#")
 
 
-@pytest.mark.parametrize(
-    ("values", "refusal"),
-    [
-        ({"train": 0.9}, "malformed [split]"),
-        ({"train": 1.5}, "malformed train"),
-        ({"train": True}, "malformed train"),
-        ({"tr/ain": 1.0}, "malformed tr/ain"),
-        ({"scene": "a"}, "missing-option scene"),
-    ],
-)
-def test_shares_that_make_no_sense_are_refused(values, refusal):
-    with refuses_as(refusal):
-        splits(**values)
-
-
 def test_whole_numbers_are_so_many_scenes_and_shares_are_of_the_others():
     names = [f"s{n:02}" for n in range(30)]
     found = assigned(names, train=24, test=6)

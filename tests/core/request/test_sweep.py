@@ -5,10 +5,9 @@ from itertools import pairwise
 from statistics import mean
 
 import pytest
-from jobs_files import FIXED, LENS, jobs, names, touch
-from refusals import refuses, refuses_as
+from jobs_files import LENS, jobs, names, touch
+from refusals import refuses
 
-from defocus_core.picture.opening import dual_pixel_of
 from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.request.resolver import value_of
 
@@ -101,40 +100,6 @@ def test_ranges_are_of_any_number(tmp_path):
     assert sorted({job.lens.blade_rotation for job in found}) == [-10, 0, 10]
 
 
-@pytest.mark.parametrize(
-    ("sweep", "refusal"),
-    [
-        ("fnumbr = [2]", "unknown-name [sweep]"),
-        ("fnumber = 2", "malformed fnumber"),
-        ("fnumber = []", "malformed fnumber"),
-        ("fnumber = [2, 'x']", "malformed fnumber"),
-        ("fnumber = [2, 2.0]", "contradiction [sweep]"),
-        ("focus = ['2m']\nfocus-at = ['1,2']", "contradiction focus"),
-        ("focus = '1m..2m'", "malformed focus"),
-        ("focus = '1m..2m @ 1'", "malformed focus"),
-        ("focus = '1m..2m @ 3 in steps'", "malformed focus"),
-        ("focus = '1..2m @ 3'", "malformed focus"),
-        ("focus = '1m..inf @ 3 in log'", "malformed focus"),
-        ("focus = 'percentile(5)..2m @ 3'", "malformed focus"),
-        ("blade-rotation = '0..9 @ 3 in log'", "malformed blade-rotation"),
-        ("blades = '5..6 @ 3'", "malformed blades"),
-        ("focus-at = '1,1..2,2 @ 2'", "malformed focus-at"),
-        ("lenses = [1]", "malformed lenses"),
-        ("lenses = [{fokus = 1}]", "unknown-name lenses"),
-        ("lenses = [{focus = 1}]", "malformed lenses: focus"),
-        ("lenses = [{fnumber = 2}]\nfnumber = [2]", "contradiction fnumber"),
-        ("focus = ['4cm']", "out-of-range focus"),
-        ("focal-length = ['35mm']", "contradiction focal-length"),
-        ("fnumber = '1..2 @ 400'\nfocus = '1m..2m @ 400'", "out-of-range [sweep]"),
-        ("fnumber = '1..2 @ 100001'", "out-of-range fnumber"),
-        (f"fnumber = {[2] * 100_001}", "out-of-range fnumber"),
-    ],
-)
-def test_what_is_wrong_in_a_sweep_is_told_with_its_key(tmp_path, sweep, refusal):
-    with refuses_as(refusal):
-        swept(tmp_path, sweep, "fnumber = 2" if sweep.startswith("focus") else 'focus = "2m"')
-
-
 SAMPLE = 'n = 200\nseed = 7\nfnumber = "loguniform(1.4, 16)"\nfocus = "percentile(5, 95)"\n'
 
 
@@ -151,14 +116,6 @@ def test_draws_are_of_their_distributions(tmp_path):
         assert abs(mean(shares) - 0.5) < 3 * deviation
     assert 70 < [lens.blades for lens in lenses].count(6) < 130
     assert {lens.blades for lens in lenses} == {0, 6}
-
-
-def test_sensors_are_drawn(tmp_path):
-    text = 'n = 60\nseed = 7\ndp-model = "choice(@pixel4, @canon-dpp, split)"\n'
-    drawn = [dual_pixel_of(job.lens) for job in sampled(tmp_path, text, FIXED.removeprefix(LENS))]
-    apart = {each.model: round(each.apart, 3) for each in drawn}
-    assert apart == {"@pixel4": 0.84, "@canon-dpp": 0.33, "split": 1}
-    assert all(10 < [each.model for each in drawn].count(model) < 30 for model in apart)
 
 
 def test_draws_of_an_option_do_not_follow_those_of_another(tmp_path):
@@ -201,41 +158,3 @@ def test_draws_are_taken_for_each_lens_of_a_sweep_and_follow_no_other(tmp_path):
     stops = [math.log(job.lens.fnum / 1.4) / math.log(16 / 1.4) for job in found]
     assert len(set(stops)) == 400
     assert not follows(stops[:200], stops[200:])
-
-
-@pytest.mark.parametrize(
-    ("sample", "refusal"),
-    [
-        ("seed = 7", "missing-option n"),
-        ("n = 5", "missing-option seed"),
-        ("n = 0\nseed = 7", "malformed n"),
-        ("n = 20000000\nseed = 7\nfnumber = 'uniform(1, 2)'", "out-of-range"),
-        ("n = 5\nseed = 7\nfnumbr = 'uniform(1, 2)'", "unknown-name [sample]"),
-        ("n = 5\nseed = 7", "idle-option [sample]"),
-        ("n = 5\nseed = 7\nfnumber = 2", "malformed fnumber"),
-        ("n = 5\nseed = 7\nfocus = 'percentile(5)'", "malformed focus"),
-        ("n = 5\nseed = 7\nfnumber = 'normal(1, 2)'", "malformed fnumber"),
-        ("n = 5\nseed = 7\nfnumber = 'uniform(1)'", "malformed fnumber"),
-        ("n = 5\nseed = 7\nfnumber = 'uniform(4, 2)'", "malformed fnumber"),
-        ("n = 5\nseed = 7\nfnumber = 'percentile(4, 5)'", "malformed fnumber"),
-        ("n = 5\nseed = 7\nfocus = 'uniform(1m, inf)'", "malformed focus"),
-        ("n = 5\nseed = 7\nfocus = 'uniform(1, 2m)'", "malformed focus"),
-        ("n = 5\nseed = 7\nfocus = 'percentile(5, 101)'", "malformed focus"),
-        ("n = 5\nseed = 7\nfocus = 'uniform(percentile(5), 2m)'", "malformed focus"),
-        ("n = 5\nseed = 7\nfocus = 'uniform(4cm, 2m)'", "out-of-range focus"),
-        ("n = 5\nseed = 7\nblades = 'uniform(5, 9)'", "malformed blades"),
-        ("n = 5\nseed = 7\nblade-rotation = 'loguniform(-5, 9)'", "malformed blade-rotation"),
-        ("n = 5\nseed = 7\nfocal-length = 'uniform(20mm, 50mm)'", "contradiction focal-length"),
-    ],
-)
-def test_what_is_wrong_in_a_sample_is_told_with_its_key(tmp_path, sample, refusal):
-    lens = "fnumber = 2\n" if "focus" in sample else 'focus = "2m"\n'
-    with refuses_as(refusal):
-        sampled(tmp_path, sample, lens)
-
-
-def test_what_is_swept_is_not_drawn(tmp_path):
-    text = FIXED.replace("fnumber = 2\n", "") + "[sweep]\nfnumber = [2]\n"
-    text += '[sample]\nn = 1\nseed = 1\nfnumber = "uniform(1, 2)"\n'
-    with refuses("contradiction", field="fnumber"):
-        jobs(tmp_path, text)

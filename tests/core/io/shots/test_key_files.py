@@ -1,4 +1,3 @@
-import pytest
 from refusals import refuses
 
 from defocus_core.io.shots.key_files import FIELD_OF_VIEW, read_keys
@@ -25,26 +24,6 @@ def test_a_camera_of_nuke_gives_its_field_of_view(tmp_path):
     assert texts(tmp_path, "cam.chan", lines) == {FIELD_OF_VIEW: {1: "40.5", 2: "41"}}
     with refuses("malformed", path=tmp_path / "old.chan", field="line 1"):
         texts(tmp_path, "old.chan", "1 0 0 0 0 0 0\n")
-
-
-@pytest.mark.parametrize(
-    ("text", "code", "field"),
-    [
-        ("", "empty", ""),
-        ("focus\n1m\n", "malformed", "line 1"),
-        ("frame,focus,focus\n1,1m,1m\n", "duplicate", "line 1"),
-        ("frame,x\n1,2\n", "malformed", "line 1"),
-        ("frame,focus\n1\n", "malformed", "line 2"),
-        ("frame,focus\na,1m\n", "malformed", "line 2"),
-        ("frame,focus\n1,1m\n1,2m\n", "duplicate", "focus"),
-        ('frame,focus\n1,"1m\n', "malformed", "line 2"),
-        ("\0", "wrong-type", ""),
-        ("1001,1.5\n1005,2.5\n", "malformed", "line 1"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(tmp_path, text, code, field):
-    with refuses(code, path=tmp_path / "pull.csv", field=field):
-        texts(tmp_path, "pull.csv", text)
 
 
 def test_a_file_of_another_kind_or_none_is_refused(tmp_path):
