@@ -118,27 +118,6 @@ def test_a_format_means_the_same_in_render_info_batch_and_lens_files(tmp_path):
         np.testing.assert_array_equal(read_exr(out / "coc" / "a.exr")["coc"], wanted)
 
 
-def test_radial_depth_takes_the_field_of_view_of_the_lens(tmp_path):
-    color, path = pair(tmp_path)
-    focal = 50 / 36 * 24  # of LENS, 24 px wide
-    fov = np.degrees(2 * np.arctan(18 / 50))
-    radial = coc(tmp_path / "o", color, path, "--radial")
-    for number, said in enumerate((("--focal-px", f"{focal!r}"), ("--fov", f"{fov!s}"))):
-        found = coc(tmp_path / f"p{number}", color, path, "--radial", *said)
-        np.testing.assert_allclose(found, radial, atol=1e-6)
-    assert np.abs(coc(tmp_path / "q", color, path, "--planar") - radial).max() > 1e-3
-    text = f'[inputs]\ncolor = "{color}"\ndepth = "{path}"\n[lens]\nfnumber = 2\nfocus = "2m"\n'
-    text += '[sweep]\nfocal-length = ["25mm", "50mm"]\n[reading]\nradial = true\n'
-    (tmp_path / "jobs.toml").write_text(f'{text}[outputs]\nkinds = ["coc"]\n')
-    succeed("batch", tmp_path / "jobs.toml", "-o", tmp_path / "b", "--processes", "1")
-    (swept,) = (tmp_path / "b" / "coc").glob("*50mm*")
-    np.testing.assert_array_equal(read_exr(swept)["coc"], radial)
-    small = write_exr(tmp_path / "s.exr", Z=ramp(12, 8))
-    args = (color, small, "--resize-depth", "nearest", "--radial")
-    of = [coc(tmp_path / f"s{len(w)}", *args, *w) for w in ((), ("--focal-px", repr(focal / 2)))]
-    np.testing.assert_allclose(*of, atol=1e-6)
-
-
 def test_depth_of_another_size_is_guided_by_the_colours(tmp_path):
     """A bright square before a dark wall; a cell of depth covers 4 by 4 px of both."""
     inside = (slice(9, 51), slice(13, 67))
@@ -180,58 +159,6 @@ def test_signed_radii_are_used_as_they_are_and_need_no_lens(tmp_path):
     assert " m to " not in shown
 
 
-def test_of_a_lens_file_radii_leave_the_shape_of_the_opening(tmp_path):
-    color, _ = pair(tmp_path)
-    held = write_exr(tmp_path / "coc.exr", coc=np.float32(ramp() * 2 - 5))
-    text = 'depth-format = "coc"\nfocal-length = "50mm"\nfnumber = 2\nfocus = "2m"\nblades = 5\n'
-    (tmp_path / "lens.toml").write_text(text)
-    args = ("render", color, held, "-o", tmp_path / "o", "--lens", tmp_path / "lens.toml")
-    ran = run(*args, "--json")
-    lens = ran.json["pictures"][0]["lens"]
-    assert (lens["focal_length_mm"], lens["focus_mm"], lens["blades"]) == (None, None, 5)
-    assert "radii of the file, 5 blades" in run(*args, "--overwrite").err
-    run("render", color, held, "-o", tmp_path / "p", "--depth-format", "coc")
-    of = [read_exr(tmp_path / name / "render" / "a.exr")["R"] for name in "op"]
-    assert np.abs(of[0] - of[1]).max() > 1e-3
-
-
-def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path):
-    color, _ = pair(tmp_path)
-    held = write_exr(tmp_path / "coc.exr", coc=np.float32(ramp() * 2 - 5))
-    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{held}"\n[reading]\ndepth-format = "coc"\n'
-    jobs, out = tmp_path / "jobs.toml", tmp_path / "o"
-    for table, name in (("lens", "fnumber"), ("sweep", "focus"), ("sample", "focal-length")):
-        more = 'n = 1\nseed = 7\nfocal-length = "uniform(20mm, 50mm)"' if table == "sample" else ""
-        value = {"lens": "fnumber = 2", "sweep": 'focus = ["1m", "2m"]', "sample": more}[table]
-        jobs.write_text(f"{inputs}[{table}]\n{value}\n")
-        refused(run("batch", jobs, "-o", out), 2, "idle-option", jobs, name)
-    jobs.write_text(f"{inputs}[sweep]\nblades = [0, 5]\n")
-    succeed("batch", jobs, "-o", out, "--processes", "1")
-    assert "2 done before" in run("batch", jobs, "-o", out, "--processes", "1").err
-    lenses = [sample.lens for sample in samples(out)]
-    assert [(lens.is_shape, lens.foc_dist, lens.blades) for lens in lenses] == [
-        (True, None, 0),
-        (True, None, 5),
-    ]
-
-
-def test_converted_depth_pairs_with_its_pictures_and_previews_do_not(tmp_path):
-    color_exr(tmp_path / "frames" / "a.exr")
-    path = npy(tmp_path / "a.npy", ramp())
-    succeed("depth", path, "-o", tmp_path / "depths", "--preview")
-    assert (tmp_path / "depths" / "a.preview.png").is_file()
-    photograph(tmp_path / "frames", tmp_path / "depths", "-o", tmp_path / "o")
-
-
-def test_a_frame_of_an_array_is_chosen_beside_a_colour_of_one_part(tmp_path):
-    color, path = pair(tmp_path)
-    np.savez(tmp_path / "a.npz", depths=np.stack([ramp() * 9, ramp()]).astype(np.float32))
-    said = ("--depth-format", "video-depth-anything", "--depth-kind", "depth", "--part", "1")
-    found = coc(tmp_path / "o", color, tmp_path / "a.npz", *said)
-    np.testing.assert_array_equal(found, coc(tmp_path / "p", color, path))
-    assert "depth: 1 m to 4 m" in run("info", tmp_path / "a.npz", *said).out
-
-
 def test_a_sidecar_or_mask_that_changes_is_a_changed_input(tmp_path):
     color = color_exr(tmp_path / "a.exr")
     disparity = pfm(tmp_path / "d.pfm", 10 / ramp())
@@ -259,3 +186,33 @@ def test_a_pfm_beside_calib_txt_is_not_converted_without_a_word(tmp_path):
     assert ran.err == f"warning: {warning}\n"
     ran = run("depth", path, "-o", tmp_path / "b.exr", "--depth-format", "metres", "--json")
     assert ran.json["files"][0]["warnings"] == []
+
+
+def test_radial_depth_takes_the_field_of_view_of_the_lens(tmp_path):
+    color, path = pair(tmp_path)
+    radial = coc(tmp_path / "o", color, path, "--radial")
+    fov = np.degrees(2 * np.arctan(18 / 50))  # of LENS
+    found = coc(tmp_path / "p", color, path, "--radial", "--fov", f"{fov!s}")
+    np.testing.assert_allclose(found, radial, atol=1e-6)
+    assert np.abs(coc(tmp_path / "q", color, path, "--planar") - radial).max() > 1e-3
+    text = f'[inputs]\ncolor = "{color}"\ndepth = "{path}"\n[lens]\nfnumber = 2\nfocus = "2m"\n'
+    text += '[sweep]\nfocal-length = ["25mm", "50mm"]\n[reading]\nradial = true\n'
+    (tmp_path / "jobs.toml").write_text(f'{text}[outputs]\nkinds = ["coc"]\n')
+    succeed("batch", tmp_path / "jobs.toml", "-o", tmp_path / "b", "--processes", "1")
+    (swept,) = (tmp_path / "b" / "coc").glob("*50mm*")
+    np.testing.assert_array_equal(read_exr(swept)["coc"], radial)
+
+
+def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path):
+    color, _ = pair(tmp_path)
+    held = write_exr(tmp_path / "coc.exr", coc=np.float32(ramp() * 2 - 5))
+    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{held}"\n[reading]\ndepth-format = "coc"\n'
+    jobs, out = tmp_path / "jobs.toml", tmp_path / "o"
+    jobs.write_text(f'{inputs}[sweep]\nfocus = ["1m", "2m"]\n')
+    refused(run("batch", jobs, "-o", out), 2, "idle-option", jobs, "focus")
+    jobs.write_text(f"{inputs}[sweep]\nblades = [0, 5]\n")
+    succeed("batch", jobs, "-o", out, "--processes", "1")
+    lenses = [sample.lens for sample in samples(out)]
+    assert [(lens.is_shape, lens.foc_dist, lens.blades) for lens in lenses] == [
+        *((True, None, 0), (True, None, 5)),
+    ]

@@ -56,6 +56,7 @@ TOML: dict[str, str | bytes] = {
     "underscored": 'Focal_Length = "50mm"\n',
     "outside": OUTSIDE,
     "near": OUTSIDE.replace("24", "0"),
+    "semicolons": '[inputs]\nlist = "semicolons.csv"\n[lens]\n',
     "numpy": b"\x93NUMPY\x01\xff\xfe",
     "brackets": "[" * 100_000,
     "nines": "fnumber = " + "9" * 5000,
@@ -265,6 +266,10 @@ render rgb.0001.exr rgb.0002.exr -o out LENS → \
 render 1001-1005#.exr -o out LENS → \
 3 not-found 1001-1005#.exr: matches no file; write 'shot.####.exr', and the range as --frames \
 1001-1005
+render no*.png z.exr -o out LENS → 3 not-found no*.png: matches nothing: …
+R --animate semicolons.csv → \
+3 malformed semicolons.csv: line 1: has semicolons between its cells; write commas
+B semicolons.toml → 3 malformed semicolons.csv: line 1: has semicolons …
 R -q -v → 2 contradiction --quiet: stands beside -v; keep one
 R -o text.txt → 3 wrong-type text.txt: is a file where a directory is needed; choose another -o
 R -o lost → 3 not-found lost: is a symbolic link that leads to nothing; …
@@ -389,6 +394,7 @@ def desk(tmp_path_factory):
         (folder / f"{name}.toml").write_bytes(text if isinstance(text, bytes) else text.encode())
     write_pictures(folder)
     depth_exr(folder / "done" / "coc" / "rgb.exr")
+    (folder / "semicolons.csv").write_text("frame;focus\n1;2m\n")
     for frame in (1, 2, 3):
         color_exr(folder / f"rgb.{frame:04}.exr")
         if frame < 3:

@@ -2,7 +2,6 @@
 
 import json
 import struct
-import zlib
 
 import numpy as np
 import OpenEXR
@@ -18,12 +17,11 @@ from command_line import (
     succeed,
     write_exr,
 )
-from image_files import SCANLINE, multi_part, png_chunk, random_planes, save
+from image_files import SCANLINE, multi_part, random_planes, save
 from jobs_files import FIXED, jobs
 from refusals import refuses
 
 from defocus_core.io.picture_files import read_color, read_depth
-from defocus_core.io.row_files import read_rows
 from defocus_core.request.job_options import READING_OPTIONS
 
 RAMP = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
@@ -206,30 +204,6 @@ def test_parts_keep_their_names(out, tmp_path):
     assert "layer rgba as RGB" in read_color(tmp_path / "b.exr").note
 
 
-def test_primaries_of_a_png_are_applied(tmp_path):
-    p3 = [0.3127, 0.329, 0.68, 0.32, 0.265, 0.69, 0.15, 0.06]
-    raw = b"".join(b"\0" + bytes([200, 100, 50] * 4) for _ in range(3))
-    chunks = [
-        (b"IHDR", struct.pack(">IIBBBBB", 4, 3, 8, 2, 0, 0, 0)),
-        (b"cHRM", struct.pack(">8I", *[round(x * 1e5) for x in p3])),
-        *((b"IDAT", zlib.compress(raw)), (b"IEND", b"")),
-    ]
-    path = tmp_path / "a.png"
-    path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(png_chunk(*each) for each in chunks))
-    color = read_color(path)
-    assert "Display P3" in color.note
-    assert "chromaticities" in color.attributes
-
-
-def test_labels_of_a_relative_sharp_range_are_those_of_the_radii(color, out, tmp_path):
-    np.save(tmp_path / "d.npy", np.broadcast_to(np.linspace(0, 10, 24, dtype="f4"), (16, 24)))
-    how = ("--blur", "10px", "--focus-value", "5", "--sharp-range", "3..10")
-    ran = run("render", color, tmp_path / "d.npy", "-o", out, *how, "--outputs", "coc")
-    assert ran.code == 0, ran.err
-    radii = read_exr(out / "coc" / "color.exr")["coc"]
-    assert f"CoC {radii.min():.2f} to {radii.max():.2f} px" in ran.err
-
-
 def test_names_with_brackets_that_are_there_are_no_patterns(tmp_path):
     folder = tmp_path / "[2024] shoot"
     write_exr(folder / "img[1].exr", R=RAMP, G=RAMP, B=RAMP, Z=RAMP + 1)
@@ -244,20 +218,6 @@ def test_names_with_brackets_that_are_there_are_no_patterns(tmp_path):
     refused(run("batch", jobs, "-o", tmp_path / "out"), 3, "empty", tmp_path / "no*.exr")
 
 
-def test_a_quoted_pattern_says_that_it_matches_nothing(depth, out, tmp_path):
-    ran = run("render", tmp_path / "no*.png", depth, "-o", out, *LENS)
-    refused(ran, 3, "not-found", tmp_path / "no*.png")
-    assert "matches nothing" in ran.err
-
-
-@pytest.mark.parametrize("field", ["####", "%04d", "$F4", "@@@@"])
-def test_frames_are_numbered_as_other_programs_do(field, tmp_path):
-    for number in (1001, 1002):
-        write_exr(tmp_path / f"a.{number}.exr", R=RAMP, G=RAMP, B=RAMP, Z=RAMP + 1)
-    told = succeed("info", tmp_path / f"a.{field}.exr", "--json").json["shots"]
-    assert told[0]["frames"] == [1001, 1002]
-
-
 def test_a_codec_that_is_missing_is_no_damage(tmp_path):
     path = save(tmp_path / "a.tif", np.full((16, 24, 1), 2000, np.uint16), compression="none")
     data = bytearray(path.read_bytes())
@@ -268,13 +228,3 @@ def test_a_codec_that_is_missing_is_no_damage(tmp_path):
     path.write_bytes(data)
     with refuses("unsupported", "codec", path=path):
         read_depth(path)
-
-
-def test_semicolons_are_told_to_be_commas(color, depth, out, tmp_path):
-    (tmp_path / "a.csv").write_text("frame;focus\n1;2m\n")
-    (tmp_path / "b.csv").write_text("color;depth\na.png;b.png\n")
-    with refuses("malformed", "write commas"):
-        list(read_rows(tmp_path / "b.csv", "list of pictures", ""))
-    ran = run("render", color, depth, "-o", out, *LENS, "--animate", tmp_path / "a.csv")
-    assert ran.error.code == "malformed"
-    assert "write commas" in ran.err

@@ -1,14 +1,12 @@
 """What a user says of a depth file decides its depth; what nobody says is asked for by name."""
 
 import math
-from zipfile import ZipFile
 
 import numpy as np
 import pytest
-from command_line import write_exr
 from depth_files import gdepth, npy, pfm, png
 from image_files import save
-from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, heic, instead
+from optional_libraries import HDF5_MAGIC, HEIC_MAGIC, instead
 from refusals import refuses
 
 from defocus_core.errors import UsageProblem
@@ -75,58 +73,6 @@ def test_what_is_said_makes_metres(numbers, said, metres, tmp_path):
     np.testing.assert_allclose(read(path, **said).metres, [metres], rtol=1e-6)
 
 
-def test_grey_pictures_of_three_channels_are_depth_if_a_range_says_so(tmp_path):
-    grey = np.repeat(RAMP[:, :, None], 3, axis=2).astype(np.uint8)
-    said = {"depth_format": "depth-anything", "depth_range": (1000.0, 9000.0)}
-    assert read(save(tmp_path / "a.png", grey), **said).metres[1, 2] == 1
-    grey[0, 0, 2] = 90
-    with refuses("not-one-channel", "R, G, B"):
-        read(save(tmp_path / "b.png", grey), **said)
-
-
-def test_the_field_of_view_of_distances_to_the_point(tmp_path):
-    height, width, focal = 3, 4, 2.0  # a field of view of 90°
-    y, x = np.mgrid[:height, :width] - np.array([1.0, 1.5])[:, None, None]
-    path = npy(tmp_path / "a.npy", 6 * np.sqrt(x**2 + y**2 + focal**2) / focal)
-    for said, lens_focal in (
-        ({"fov": 90.0}, None),
-        ({"focal_px": 2.0}, None),
-        ({}, 0.5),  # of a lens: 18 mm before a sensor of 36 mm
-    ):
-        depth = read(path, lens_focal, geometry="radial", **said)
-        np.testing.assert_allclose(depth.metres, 6, rtol=1e-6)
-    with refuses("missing-option", "‹fov›", "‹focal-px›", field="radial"):
-        read(path, geometry="radial")
-
-
-@pytest.mark.parametrize(
-    ("said", "code", "field"),
-    [
-        ({"depth_format": "kitti", "depth_unit": "cm"}, "idle-option", "depth-unit"),
-        ({"depth_format": "kitti", "depth_range": (1, 2)}, "idle-option", "depth-range"),
-        ({"depth_format": "kitti", "baseline": 65.0}, "idle-option", "baseline"),
-        ({"depth_format": "kitti", "doffs": 1.0}, "idle-option", "doffs"),
-        ({"depth_format": "kitti", "depth_kind": "disparity"}, "contradiction", "depth-kind"),
-        ({"fov": 60.0}, "idle-option", "fov"),
-        ({"focal_px": 60.0}, "idle-option", "focal-px"),
-        ({"geometry": "radial", "depth_kind": "disparity"}, "idle-option", "radial"),
-        ({"geometry": "radial", "depth_format": "middlebury"}, "idle-option", "radial"),
-        ({"geometry": "radial", "depth_format": "coc"}, "idle-option", "radial"),
-        ({"geometry": "radial", "fov": 60.0, "focal_px": 9.0}, "contradiction", "fov"),
-        ({"depth_range": (1, 2)}, "missing-option", "depth-range"),
-        ({"depth_range": (1, 1), "depth_kind": "depth"}, "out-of-range", "depth-range"),
-        ({**RANGE, "depth_kind": "depth", "depth_scale": 2.0}, "contradiction", "depth-scale"),
-        ({**RANGE, **DISPARITY, "doffs": 2.0}, "contradiction", "doffs"),
-        ({"depth_kind": "disparity", "depth_unit": "cm"}, "idle-option", "depth-unit"),
-    ],
-)
-def test_what_means_nothing_or_contradicts_is_refused(said, code, field, tmp_path):
-    radii = said.get("depth_format") in ("coc", "middlebury")
-    path = (pfm if radii else png)(tmp_path / "a.png", RAMP)
-    with refuses(code, kind=UsageProblem, field=field):
-        read(path, **said)
-
-
 def test_floats_beyond_0_and_1_have_no_range(tmp_path):
     path = pfm(tmp_path / "a.pfm", np.array([[0.0, 4523.0]]))  # as MiDaS writes
     with refuses("out-of-range", "from 0 to 4523", "‹depth-range›", "‹depth-scale›"):
@@ -136,17 +82,6 @@ def test_floats_beyond_0_and_1_have_no_range(tmp_path):
     assert "4523, the greatest of the file, is 1 m" in of_network.note
     metres = read(path, depth_format="midas", depth_scale=1e-4, doffs=0.05).metres
     np.testing.assert_allclose(metres, [[1 / 0.05, 1 / 0.5023]])
-
-
-def test_relative_disparity_of_a_video_needs_a_range(tmp_path):
-    np.savez(tmp_path / "a.npz", depths=np.full((3, 4), 0.5))
-    said = {"depth_format": "video-depth-anything", "depth_kind": "disparity"}
-    needed = ("‹depth-range›", "‹depth-scale›", "‹doffs›")
-    format_name = {"field": "depth-format", "value": "video-depth-anything"}
-    with refuses("missing-option", *needed, **format_name):
-        read(tmp_path / "a.npz", **said)
-    metres = read(tmp_path / "a.npz", **said, depth_range=(1000.0, math.inf)).metres
-    assert metres[0, 0] == 2
 
 
 @pytest.mark.parametrize(
@@ -175,49 +110,6 @@ def test_another_type_of_file_than_the_format_comes_in(tmp_path):
         read(path, depth_format="tartanair2")
 
 
-def test_an_array_of_a_container_is_chosen_by_name(tmp_path):
-    near, far = np.full((2, 3), 1.0), np.full((2, 3), 2.0)
-    np.savez(tmp_path / "a.npz", near=near, far=far, names=np.array(["a"]))
-    with refuses("ambiguous", "near, far", "‹depth-channel›"):
-        read(tmp_path / "a.npz")
-    assert read(tmp_path / "a.npz", depth_channel="far").metres[0, 0] == 2
-    with refuses("no-such-channel", "near, far"):
-        read(tmp_path / "a.npz", depth_channel="z")
-
-
-def test_a_frame_of_several_is_chosen_by_its_number(tmp_path):
-    frames = np.stack([np.full((5, 6), number) for number in (1.0, 2.0, 3.0)])
-    np.savez(tmp_path / "a.npz", depth=frames)
-    with refuses("ambiguous", "3 frames", "‹part›"):
-        read(tmp_path / "a.npz")
-    assert read(tmp_path / "a.npz", part=2).metres[0, 0] == 3
-    with refuses("no-such-part"):
-        read(tmp_path / "a.npz", part=3)
-
-
-def test_a_compressed_array_that_claims_more_than_its_file_is_refused(tmp_path):
-    header = {"descr": "|u1", "fortran_order": False, "shape": (40000, 40000)}
-    with ZipFile(tmp_path / "a.npz", "w") as file, file.open("depth.npy", "w") as member:
-        np.lib.format.write_array_header_1_0(member, header)
-    with refuses("too-large", "40000×40000 px"):
-        read(tmp_path / "a.npz", depth_unit="m")
-
-
-def test_a_sidecar_that_makes_no_sense_is_named(tmp_path):
-    (tmp_path / "calib.txt").write_text("cam0=[0 0 1; 0 1 1; 0 0 1]\nbaseline=1\n")
-    path = pfm(tmp_path / "a.pfm", np.ones((2, 3)))
-    with refuses("malformed", "a.pfm", path=tmp_path / "calib.txt"):
-        read(path, depth_format="middlebury")
-
-
-def test_what_the_user_says_wins_over_the_sidecar(tmp_path):
-    (tmp_path / "calib.txt").write_text("cam0=[10 0 1; 0 1 1; 0 0 1]\nbaseline=1000\ndoffs=0\n")
-    path = pfm(tmp_path / "a.pfm", np.ones((2, 3)))
-    assert read(path, depth_format="middlebury").metres[0, 0] == 10
-    said = {"focal_px": 20.0, "baseline": 500.0, "doffs": 1.0}
-    assert read(path, depth_format="middlebury", **said).metres[0, 0] == 5
-
-
 def test_a_mask_of_another_size_is_refused(tmp_path):
     depth, mask = npy(tmp_path / "a.npy", np.ones((2, 3))), tmp_path / "a_mask.npy"
     npy(mask, np.ones((2, 2)))
@@ -227,22 +119,6 @@ def test_a_mask_of_another_size_is_refused(tmp_path):
         mask.write_bytes(data)
         with refuses("damaged", path=mask):
             read(depth, depth_format="diode")
-
-
-@pytest.mark.parametrize("option", ["baseline", "doffs", "focal_px"])
-def test_disparity_in_1_over_metres_has_no_calibration(option, tmp_path):
-    path = write_exr(tmp_path / "a.exr", Z=np.ones((2, 3), np.float32))
-    name = option.replace("_", "-")
-    with refuses("idle-option", field=name):
-        read(path, depth_format="nuke-scanline", **{option: 1.0})
-    assert read(path, depth_format="nuke-scanline", depth_unit="cm").metres[0, 0] == 0.01 / 1
-
-
-def test_a_scale_means_nothing_where_the_file_says_it(tmp_path):
-    (tmp_path / "a.heic").write_bytes(HEIC_MAGIC)
-    file = heic(np.array([[0, 255]], np.uint8), d_min=0.1, d_max=2.0)
-    with file, refuses("idle-option", field="depth-scale"):
-        read(tmp_path / "a.heic", depth_format="apple-heic", depth_scale=2.0)
 
 
 TURNS = {3: RAMP[::-1, ::-1], 6: np.rot90(RAMP, -1), 8: np.rot90(RAMP, 1)}
@@ -300,3 +176,50 @@ def test_16_bits_from_end_to_end_are_scaled_file_by_file(tmp_path):
         read(path)
     assert read(path, depth_kind="depth", depth_range=(1000.0, 9000.0)).metres[5, 7] == 9
     assert read(path, depth_unit="mm").metres[5, 7] == pytest.approx(65.535)
+
+
+@pytest.mark.parametrize(
+    ("said", "code", "field"),
+    [
+        ({"depth_format": "kitti", "depth_unit": "cm"}, "idle-option", "depth-unit"),
+        ({"depth_format": "kitti", "baseline": 65.0}, "idle-option", "baseline"),
+        ({"depth_format": "kitti", "depth_kind": "disparity"}, "contradiction", "depth-kind"),
+        ({"fov": 60.0}, "idle-option", "fov"),
+        ({"geometry": "radial", "depth_kind": "disparity"}, "idle-option", "radial"),
+        ({"geometry": "radial", "fov": 60.0, "focal_px": 9.0}, "contradiction", "fov"),
+        ({"depth_range": (1, 2)}, "missing-option", "depth-range"),
+        ({"depth_range": (1, 1), "depth_kind": "depth"}, "out-of-range", "depth-range"),
+        ({**RANGE, "depth_kind": "depth", "depth_scale": 2.0}, "contradiction", "depth-scale"),
+        ({**DISPARITY, "depth_unit": "cm"}, "idle-option", "depth-unit"),
+    ],
+)
+def test_what_means_nothing_or_contradicts_is_refused(said, code, field, tmp_path):
+    with refuses(code, kind=UsageProblem, field=field):
+        read(png(tmp_path / "a.png", RAMP), **said)
+
+
+def test_an_array_of_a_container_is_chosen_by_name_and_a_frame_by_number(tmp_path):
+    frames = np.stack([np.full((5, 6), number) for number in (1.0, 2.0, 3.0)])
+    np.savez(tmp_path / "a.npz", near=frames[0], far=frames[1], names=np.array(["a"]))
+    np.savez(tmp_path / "b.npz", depth=frames)
+    assert read(tmp_path / "a.npz", depth_channel="far").metres[0, 0] == 2
+    assert read(tmp_path / "b.npz", part=2).metres[0, 0] == 3
+    for name, said, code, fact in (
+        ("a.npz", {}, "ambiguous", "‹depth-channel›"),
+        ("a.npz", {"depth_channel": "z"}, "no-such-channel", "near, far"),
+        ("b.npz", {}, "ambiguous", "3 frames"),
+        ("b.npz", {"part": 3}, "no-such-part", ""),
+    ):
+        with refuses(code, fact):
+            read(tmp_path / name, **said)
+
+
+def test_what_the_user_says_wins_over_the_sidecar_which_must_make_sense(tmp_path):
+    calib, path = tmp_path / "calib.txt", pfm(tmp_path / "a.pfm", np.ones((2, 3)))
+    calib.write_text("cam0=[10 0 1; 0 1 1; 0 0 1]\nbaseline=1000\ndoffs=0\n")
+    assert read(path, depth_format="middlebury").metres[0, 0] == 10
+    said = {"focal_px": 20.0, "baseline": 500.0, "doffs": 1.0}
+    assert read(path, depth_format="middlebury", **said).metres[0, 0] == 5
+    calib.write_text("cam0=[0 0 1; 0 1 1; 0 0 1]\nbaseline=1\n")
+    with refuses("malformed", "a.pfm", path=calib):
+        read(path, depth_format="middlebury")

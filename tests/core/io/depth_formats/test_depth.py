@@ -1,11 +1,10 @@
 """Depth files: which channel, in which unit, where is sky, where is nothing."""
 
 from io import BytesIO
-from typing import Any
 
 import numpy as np
 import pytest
-from image_files import box, multi_part, random_planes, save, write_deep, write_window
+from image_files import box, multi_part, random_planes, save, write_window
 from refusals import refuses
 
 from defocus_core.errors import UsageProblem
@@ -77,16 +76,6 @@ def test_the_likeliest_channel_is_proposed(tmp_path):
         read_depth(path)
 
 
-def test_depth_that_is_negative_in_front_of_the_camera(tmp_path):
-    values = -np.array([[1.0, 2.5, 1e10]], np.float32)
-    write_exr(tmp_path / "a.exr", {"Pz": values}, {})
-    with refuses("invalid-depth", "negative", "‹depth-scale› -1"):
-        require_valid(read_depth(tmp_path / "a.exr"))
-    wanted = [[1.0, 2.5, np.inf]]
-    for reading in (DepthReading(depth_scale=-1.0), DepthReading(depth_format="houdini")):
-        np.testing.assert_array_equal(read_any(tmp_path / "a.exr", reading).metres, wanted)
-
-
 def test_several_candidates_are_listed_and_chosen(tmp_path):
     path = exr(tmp_path / "a.exr", "Z", "depth.Z", "R")
     with refuses("ambiguous", "Z, depth.Z", "‹depth-channel› Z"):
@@ -112,30 +101,6 @@ def test_all_parts_are_searched(tmp_path):
     color = read_color(path)
     assert color.channels == ("R", "G", "B", "A")
     np.testing.assert_array_equal(color.extras["depth.Z"], z)
-
-
-def test_depth_in_two_parts_is_listed_and_chosen(tmp_path):
-    near, far = plane(1, (24, 32)), plane(2, (24, 32))
-    path = multi_part(tmp_path / "a.exr", left={"Z": near}, right={"Z": far})
-    with refuses("ambiguous", "left/Z, right/Z", "‹depth-channel› left/Z", "‹part›"):
-        read_depth(path)
-    for found in (read_depth(path, part=1), read_depth(path, channel="right/Z")):
-        np.testing.assert_array_equal(found.metres, far)
-
-
-def test_a_part_called_depth_wins_over_one_called_mist(tmp_path):
-    z, mist = plane(1, (24, 32)), plane(2, (24, 32))
-    parts: dict[str, Any] = {"ViewLayer.Mist": {"Z": mist}, "ViewLayer.Depth": {"Z": z}}
-    np.testing.assert_array_equal(read_depth(multi_part(tmp_path / "a.exr", **parts)).metres, z)
-
-
-def test_no_depth_names_the_channels_there_are(tmp_path):
-    with refuses("no-depth", "B, G, R", "‹depth-channel› NAME", kind=NoDepthChannel):
-        read_depth(exr(tmp_path / "a.exr", "R", "G", "B"))
-    with refuses("no-such-channel") as caught:  # it was asked for
-        read_depth(tmp_path / "a.exr", channel="Z")
-    assert not isinstance(caught.value, NoDepthChannel)
-    np.testing.assert_array_equal(read_depth(tmp_path / "a.exr", channel="R").metres, plane())
 
 
 def test_sky_and_holes(tmp_path):
@@ -174,30 +139,28 @@ def test_depth_must_cover_the_picture(tmp_path):
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_pfm_rows_run_from_bottom_to_top(tmp_path, order):
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b" "])
+def test_pfm_rows_run_from_bottom_to_top_and_its_header_ends_with_its_line(order, end, tmp_path):
     values = plane()
-    body = values[::-1].astype(f"{order}f4").tobytes()
-    (tmp_path / "a.pfm").write_bytes(b"Pf\n6 5\n%d.0\n" % {"<": -1, ">": 1}[order] + body)
+    if end != b" ":
+        values[-1, 0] = np.frombuffer(b"\n\r A", f"{order}f4")[0]  # may look like an end of a line
+    head = b"Pf\n# by hand\n6 5\n%d.0" % {"<": -1, ">": 1}[order] + end
+    (tmp_path / "a.pfm").write_bytes(head + values[::-1].astype(f"{order}f4").tobytes())
     read = read_depth(tmp_path / "a.pfm")
     np.testing.assert_array_equal(read.metres, values)
     assert read.metres.dtype == np.dtype("=f4")
-    assert read.note == "PFM, metres"
 
 
-@pytest.mark.parametrize("end", [b"\n", b"\r\n", b" \n", b" "])
-def test_the_header_of_a_pfm_ends_with_its_line(tmp_path, end):
-    values = plane()
-    if end != b" ":
-        values[-1, 0] = np.frombuffer(b"\n\r A", "<f4")[0]  # may look like an end of a line
-    body = values[::-1].astype("<f4").tobytes()
-    (tmp_path / "a.pfm").write_bytes(b"Pf\n# by hand\n6 5\n-1.0" + end + body)
-    np.testing.assert_array_equal(read_depth(tmp_path / "a.pfm").metres, values)
-
-
-@pytest.mark.parametrize("kind", ["f4", "f8"])
-def test_float_tiff_is_metres(kind, tmp_path):
-    path = save(tmp_path / "a.tif", plane().astype(kind)[:, :, None])
-    np.testing.assert_array_equal(read_depth(path).metres, plane())
+@pytest.mark.parametrize("dtype", ["f2", "<f4", ">f4", "f8"])
+def test_floats_of_any_kind_are_metres(dtype, tmp_path):
+    values = plane().astype(dtype)
+    np.save(tmp_path / "a.npy", values)
+    np.save(tmp_path / "b.npy", values[:, :, None])
+    save(tmp_path / "c.tif", plane().astype(dtype.strip("<>"))[:, :, None])
+    for name in ("a.npy", "b.npy", "c.tif"):
+        read = read_depth(tmp_path / name)
+        np.testing.assert_array_equal(read.metres, values.astype("f4"))
+        assert read.metres.dtype == np.dtype("=f4")
 
 
 def npy_bytes(values):
@@ -228,26 +191,6 @@ def test_a_bad_file_is_refused(tmp_path, name, content, code, fact):
         read_depth(tmp_path / name)
 
 
-@pytest.mark.parametrize("dtype", ["f2", "<f4", ">f4", "f8"])
-def test_npy_is_read_in_any_float(tmp_path, dtype):
-    values = plane().astype(dtype)
-    for name, saved in (("a.npy", values), ("b.npy", values[:, :, None])):
-        np.save(tmp_path / name, saved)
-        read = read_depth(tmp_path / name)
-        np.testing.assert_array_equal(read.metres, values.astype("f4"))
-        assert read.metres.dtype == np.dtype("=f4")
-
-
-def test_16_bit_integers_are_millimetres_and_0_is_a_hole(tmp_path):
-    values = np.array([[0, 1, 1000, 65534]], np.uint16)
-    for name, said in (("a.png", "16-bit PNG"), ("a.tif", "16-bit TIF")):
-        read = read_depth(save(tmp_path / name, values[:, :, None]))
-        np.testing.assert_array_equal(read.metres, np.array([[0, 0.001, 1, 65.534]], "f"))
-        assert read.invalid.tolist() == [[True, False, False, False]]
-        assert read.note == f"{said}, millimetres"
-        assert read_depth(tmp_path / name, unit="cm").metres[0, 2] == 10
-
-
 def test_whole_numbers_in_exr_have_no_unit_but_the_one_given(tmp_path):
     path = tmp_path / "a.exr"
     write_exr(path, {"Z": np.array([[0, 1000, 70_000]], np.uint32)}, {})
@@ -266,8 +209,3 @@ def test_depth_has_one_channel(tmp_path):
         read_depth(path)
     with refuses("idle-option", kind=UsageProblem, field="depth-channel"):
         read_depth(path, channel="R")
-
-
-def test_of_deep_data_depth_is_that_of_the_first_surface(tmp_path):
-    write_deep(tmp_path / "a.exr")
-    assert (read_depth(tmp_path / "a.exr").metres == 1).all()

@@ -326,17 +326,11 @@ def test_a_file_of_the_format_becomes_planar_metres(name, tmp_path):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("vray-zdepth", ["leaves ‹depth-range› open"]),
         ("marigold", ["leaves ‹depth-range› open"]),
-        ("depth-anything", ["leaves ‹depth-range› open"]),
         ("video-depth-anything", ["leaves ‹depth-kind› open"]),
-        ("megadepth", ["leaves ‹depth-scale› open"]),
         ("co3d", ["leaves ‹depth-scale› open", "scale_adjustment"]),
-        ("unity-perception", ["add ‹planar› or ‹radial›"]),
         ("kubric", ["add ‹planar› or ‹radial›"]),
-        ("depth-anything-3", ["add ‹planar› or ‹radial›"]),
         ("mitsuba", ["‹fov› 60deg or ‹focal-px› PX"]),
-        ("scenenet-rgbd", ["‹fov› 60deg or ‹focal-px› PX"]),
         ("middlebury", ["leaves ‹focal-px› and ‹baseline› open: there is no calib.txt beside"]),
         ("disparity", ["‹focal-px› PX and ‹baseline› 65mm, or ‹depth-range› NEAR FAR, or"]),
     ],

@@ -28,12 +28,6 @@ def test_a_hole_takes_the_farther_of_its_neighbours(rows, filled):
     assert metres.tolist() == filled
 
 
-def test_nothing_can_be_filled_from_nothing(tmp_path):
-    path = npy(tmp_path / "a.npy", [[0.0, NAN]])
-    with refuses("invalid-depth", path=path):
-        read_depth(path, DepthReading(invalid="fill"))
-
-
 @pytest.mark.parametrize(
     ("invert", "how", "found"),
     [
@@ -63,11 +57,3 @@ def test_replaced_pixels_are_counted_and_told(how, value, tmp_path):
     words = {"far": "taken as infinitely far", "fill": "filled from the farther neighbour"}[how]
     assert f"2 invalid pixels {words}" in depth.note
     assert f"a.npy: 2 invalid pixels {words}" in depth.warnings
-
-
-def test_16_bits_with_holes_are_asked_for_their_format(tmp_path):
-    from depth_files import png
-
-    path = png(tmp_path / "a.png", [[0, 1000]])
-    with refuses("invalid-depth", "in 1 pixel", "‹depth-format›", path=path):
-        require_valid(read_depth(path))

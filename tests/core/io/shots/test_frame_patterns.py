@@ -21,11 +21,11 @@ def touch(folder, *names):
         (folder / name).touch()
 
 
-@pytest.mark.parametrize("name", ["shot.####.exr", "shot.%04d.exr"])
-def test_a_pattern_stands_for_numbers_of_at_least_its_digits(tmp_path, name):
+@pytest.mark.parametrize("field", ["####", "%04d", "$F4", "@@@@"])
+def test_a_pattern_stands_for_numbers_of_at_least_its_digits(tmp_path, field):
     touch(tmp_path, "shot.0998.exr", "shot.1001.exr", "shot.10000.exr", "shot.12.exr")
     touch(tmp_path, "shot.0998.png", "other.1001.exr", "shot.1001.exr.tmp")
-    files = frames_of(tmp_path / name)
+    files = frames_of(tmp_path / f"shot.{field}.exr")
     assert {number: path.name for number, path in files.items()} == {
         998: "shot.0998.exr",
         1001: "shot.1001.exr",
