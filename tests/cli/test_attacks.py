@@ -2,14 +2,12 @@
 
 import json
 import os
-import signal
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
 from batches import again, folders
 from command_line import color_exr, failed, files_under, refused, run, succeed, texture
-from counting import calls
 from records import pack, record, taken
 from refusals import refuses
 
@@ -19,10 +17,7 @@ from defocus_core.batch.journal.runs import sweep_up
 from defocus_core.compare.pairing import RECIPE, read_recipes
 from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain, path_fault
-from defocus_core.io.row_files import read_rows
 from defocus_core.io.safe_files import written_together, written_whole
-from defocus_core.io.wildcards import matching
-from defocus_core.request import origin
 
 __all__ = ["folders"]
 FOREIGN = (
@@ -70,20 +65,6 @@ def names(folder):
 
 
 @pytest.fixture
-def soon():
-    """A test that ends within half a minute, or fails: the hangs it knows took years."""
-
-    def late(*_):
-        raise AssertionError("it hangs")
-
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(30)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
-
-
-@pytest.fixture
 def mine(tmp_path):
     """A file that nobody asked to be touched."""
     path = tmp_path / "home" / "mine"
@@ -109,17 +90,6 @@ def test_nothing_below_a_folder_is_reached_through_a_link(tmp_path, mine):
     below.remove("file")
     assert mine.read_text() == "mine"
     assert names(mine.parent) == ["mine"]
-
-
-def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    for reach in (Folder(tmp_path).open, Folder(tmp_path).append):
-        with pytest.raises(OSError, match="not a regular file"):
-            reach("pipe")
-    journal = journal_path(tmp_path)
-    os.mkfifo(journal)
-    with refuses("unreadable", "not a regular file"):
-        Ledger(tmp_path)
 
 
 def test_a_folder_that_is_swapped_for_a_link_gets_nothing(tmp_path, mine):
@@ -193,19 +163,6 @@ def test_a_report_replaces_nothing_but_a_report(tmp_path):
         succeed("compare", picture, picture, "--html", page, "--junit", cases)
     refused(run("compare", picture, picture, "--junit", page), 3, "exists", page)
     assert (picture.read_bytes(), jobs.read_text()) == (before, "[inputs]")
-
-
-def test_rows_are_read_from_no_pipe_and_columns_are_counted_once(tmp_path):
-    os.mkfifo(tmp_path / "pipe.csv")
-    with refuses("unreadable", "not a regular file"):
-        list(read_rows(tmp_path / "pipe.csv", "list", "{}"))
-    (tmp_path / "wide.csv").write_text(",".join(["color"] * 10_000) + "\n")
-
-    def read():
-        with refuses("duplicate", field="line 1"):
-            list(read_rows(tmp_path / "wide.csv", "list", "{}"))
-
-    assert calls(read) < 15_000, "one, to strip it, and none to count it"
 
 
 def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path):
@@ -300,36 +257,6 @@ def test_whole_numbers_beyond_all_floats_are_no_toml(over, tmp_path):
     rules, picture = tmp_path / "rules.toml", color_exr(tmp_path / "a.exr")
     rules.write_text(f"over = {over}\n")
     refused(run("compare", picture, picture, "--thresholds", rules), 3, "malformed", rules)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("color_note", None),
-        ("depth_repair", {"kinds": [7]}),
-        ("measures", {"coc_mean_px": "a"}),
-        ("seconds", {"render": 10**400}),
-        ("inputs", {"color": {"path": "a.exr", "blake2b": []}}),
-    ],
-)
-def test_a_record_of_wrong_types_is_told(key, value, tmp_path):
-    lines = [json.dumps(record(tmp_path, "a") | more) + "\n" for more in ({key: value}, {})]
-    journal_path(tmp_path).write_text("".join(lines))
-    for command in ("status", "merge"):
-        refused(run(command, tmp_path), 3, "damaged", "journal.jsonl")
-
-
-@pytest.mark.usefixtures("soon")
-def test_no_wildcards_hang(tmp_path):
-    name = "a" * 15 + "X" + "a" * 200
-    (tmp_path / name).touch()
-    ((text, _),) = matching(tmp_path, "*a" * 14 + "aX*")
-    assert text == "a" * 200
-
-
-def test_a_kept_jobs_file_of_an_endless_key_takes_no_memory(tmp_path):
-    (tmp_path / origin.KEPT).write_text(".".join(["a"] * 100_000) + " = 1\n")
-    assert origin.origin_of(tmp_path) == origin.Origin()
 
 
 def test_a_link_to_what_is_no_picture_is_not_accepted(tmp_path, mine):

@@ -3,15 +3,14 @@
 import struct
 import subprocess
 import sys
-from pathlib import Path
 
 import h5py
 import numpy as np
 import OpenEXR
 import pytest
-from command_line import LENS, failed, photograph, read_exr, refused, run, succeed, texture
+from command_line import LENS, failed, photograph, read_exr, refused, run, texture
 from deep_files import write_deep_samples
-from image_files import SCANLINE, save
+from image_files import SCANLINE
 from refusals import refuses
 
 from defocus_core.io.picture_files import read_depth
@@ -33,15 +32,6 @@ def test_a_text_of_any_length_is_refused_at_once(words, color, depth, out):
     assert ran.err.count("\n") == 1
     assert len(ran.err) < 1000
     assert "characters" in ran.err or "not in the range" in ran.err
-
-
-@pytest.mark.parametrize("sweep", [f'"{LONG}"', f'"{"1m..2m@" * 1_000}"', f"[{LONG}]"])
-def test_a_sweep_of_any_length_is_refused_at_once(sweep, color, depth, tmp_path):
-    inputs = f'[inputs]\ncolor = "{color}"\ndepth = "{depth}"\n'
-    jobs = tmp_path / "jobs.toml"
-    jobs.write_text(f'{inputs}[lens]\nfocal-length = "50mm"\nfnumber = 2\n[sweep]\nfocus = {sweep}')
-    ran = run("batch", jobs, "-o", tmp_path / "out")
-    refused(ran, 3 if sweep.startswith("[") else 2, "malformed")
 
 
 @pytest.mark.parametrize("codec", ["dwaa", "dwaa:500", "input"])
@@ -112,13 +102,6 @@ def test_frames_of_hdf5_that_are_written_are_read(tmp_path):
         read_depth(tmp_path / "a.h5", part=2)
 
 
-@pytest.mark.parametrize("shape", [(1, 24), (16, 1), (1, 1), (2, 2)])
-def test_info_of_a_picture_of_any_size(shape, tmp_path):
-    planes = dict.fromkeys("RGB", np.ones(shape, np.float32)) | {"Z": np.ones(shape, np.float32)}
-    OpenEXR.File({**SCANLINE}, planes).write(str(tmp_path / "a.exr"))
-    assert "depth: 1 m" in succeed("info", tmp_path / "a.exr").out
-
-
 def deep(path, *depths):
     pixel = [{**dict.fromkeys("RGB", 0.1), "A": 0.5, "Z": z} for z in depths]
     return write_deep_samples(path, [[pixel] * 24] * 16)
@@ -143,40 +126,9 @@ def test_a_damaged_header_of_deep_pixels_is_refused(old, new, out, tmp_path):
     assert not (out / "render").exists()
 
 
-@pytest.mark.parametrize("depths", [(np.nan, 2.0), (-1.0, 2.0), (np.nan, np.nan)])
-def test_the_remedy_of_deep_samples_without_depth_is_taken(depths, out, tmp_path):
-    ran = run("render", deep(tmp_path / "a.exr", *depths), "-o", out, *LENS)
-    assert ran.code == 3
-    assert "everywhere" not in ran.err
-    assert "--invalid" not in ran.err
-
-
 def test_a_depth_that_is_hardly_a_number_names_its_file(color, out, tmp_path):
     np.save(tmp_path / "d.npy", np.full((16, 24), 1e-42, np.float32))
     refused(run("render", color, tmp_path / "d.npy", "-o", out, *LENS), 3, "too-blurred", "d.npy")
-
-
-@pytest.mark.parametrize("name", ["a.jpg", "a.tif"])
-@pytest.mark.parametrize("profile", [b"none" * 100, bytes(36) + b"acsp" + bytes(400)])
-def test_a_colour_profile_that_is_none_is_said_and_left_out(name, profile, depth, out, tmp_path):
-    path = save(tmp_path / name, np.full((16, 24, 3), 99, np.uint8), ICCProfile=profile)
-    ran = photograph(path, depth, "-o", out, "--format", "png")
-    assert "colour profile, which is damaged and left out" in ran.err
-    assert b"iCCP" not in (out / "render" / "a.png").read_bytes()
-
-
-@pytest.mark.parametrize("command", ["info", "depth", "status", "merge"])
-def test_more_can_be_said_of_an_error_as_its_line_asks_for(command, tmp_path):
-    out = ("-o", tmp_path / "o.exr") * (command == "depth")
-    assert "no such option" not in run(command, tmp_path, *out, "-v").err
-
-
-def test_a_full_stdout_is_said_once(depth, tmp_path):
-    command = [sys.executable, "-m", "defocus_cli", "info", depth, depth]
-    with Path("/dev/full").open("w") as full:
-        ran = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert ran.returncode == 3
-    assert ran.stderr.count("stdout: cannot be written") == 1
 
 
 def test_an_error_that_stderr_cannot_take_is_said_whole_on_stdout(tmp_path):

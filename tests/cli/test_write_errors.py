@@ -92,17 +92,6 @@ def test_a_document_that_cannot_be_told_is_an_error(
     assert (ran.returncode, ran.stderr.count("\n")) == (3, 1)
 
 
-def test_a_full_disk(color, depth, out, monkeypatch):
-    def full(*_):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    monkeypatch.setattr(os, "fsync", full)
-    for name in ("exr", "png", "jpg"):
-        ran = render(color, depth, "-o", out, "--format", name, "--outputs", "render,coc")
-        refused(ran, 3, "unwritable", ".journal.run")
-        assert not out.exists()
-
-
 def test_a_disk_that_fills_up_during_a_batch_names_the_file(tmp_path, out, monkeypatch):
     for stem in "ab":
         color, depth = pair(tmp_path, stem)

@@ -10,16 +10,14 @@ import os
 import random
 import sys
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 SIZE = (24, 32)  # height, width
 MAX_BYTES = 2**30
-_CODECS = ("ZIP", "ZIPS", "RLE", "PIZ", "PXR24", "B44", "DWAA", "NO")
-_EXTREMES = (0, 1, 0x7F, 0x80, 0xFF)
-_NUMBERS = (0, 1, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
+_CODECS = ("zip", "zips", "rle", "piz", "pxr24", "b44", "dwaa", "none")
+_NUMBERS = (0, 1, 0x7F, 0x80, 0xFF, 0x7FFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF)
 _SOUND = "sound"
 
 
@@ -30,46 +28,33 @@ def sound_files(folder):
     from defocus_core.io.exr.writing import write_exr
 
     folder.mkdir(parents=True, exist_ok=True)
-    names = {"8": np.uint8, "16": np.uint16}
     ramp = np.add.outer(np.arange(SIZE[0]), np.arange(SIZE[1])) / sum(SIZE)
     color = np.stack([ramp, ramp**2, 1 - ramp, np.ones(SIZE)], axis=2)
-    files = []
-    for bits, dtype in names.items():
-        samples = (color * np.iinfo(dtype).max).astype(dtype)
-        for channels in (1, 3, 4):
-            files.append(save(folder / f"{channels}x{bits}.png", samples[..., :channels]))
-        for codec in ("zip", "lzw", "none", "packbits"):
-            files.append(save(folder / f"{codec}{bits}.tif", samples[..., :3], Compression=codec))
-        files.append(save(folder / f"tiles{bits}.tif", samples[..., :3], tile=(16, 16)))
-    samples = (color[..., :3] * 255).astype(np.uint8)
+    floats, bytes_ = color[..., :3].astype(np.float32), (color * 255).astype(np.uint8)
     tags = {"Make": "camera", "Exif__FocalLength": 50.0, "GPS__LatitudeRef": "N"}
-    files.append(save(folder / "baseline.jpg", samples, **tags))
-    files.append(save(folder / "progressive.jpg", samples, jpeg__progressive=1))
-    files.append(save(folder / "grey.jpg", samples[..., :1]))
-    files.append(save(folder / "float.tif", color[..., :1].astype(np.float32)))
-    files.append(save(folder / "a.hdr", color[..., :3].astype(np.float32)))
+    for samples in (bytes_, (color * 65535).astype(np.uint16)):
+        bits = 8 * samples.itemsize
+        for channels in (1, 3, 4):
+            save(folder / f"{channels}x{bits}.png", samples[..., :channels])
+        for codec in ("zip", "lzw", "none", "packbits"):
+            save(folder / f"{codec}{bits}.tif", samples[..., :3], Compression=codec)
+        save(folder / f"tiles{bits}.tif", samples[..., :3], tile=(16, 16))
+    for name, samples, more in (
+        ("baseline.jpg", bytes_[..., :3], tags),
+        ("progressive.jpg", bytes_[..., :3], {"jpeg__progressive": 1}),
+        ("grey.jpg", bytes_[..., :1], {}),
+        ("float.tif", floats[..., :1], {}),
+        ("a.hdr", floats, {}),
+    ):
+        save(folder / name, samples, **more)
+    planes = random_planes("RGB") | {"Z": ramp.astype(np.float32)}
     for codec in _CODECS:
-        files.append(_exr(folder / f"{codec.lower()}.exr", codec, ramp))
-    write_exr(folder / "ours.exr", {**random_planes("RGB"), "Z": ramp.astype(np.float32)}, {})
-    parts = {"rgb": random_planes("RGB"), "depth": {"Z": ramp.astype(np.float32)}}
-    files += [folder / "ours.exr", multi_part(folder / "parts.exr", **parts)]
+        write_exr(folder / f"{codec}.exr", dict(planes), {}, compression=codec)
+    multi_part(folder / "parts.exr", rgb=random_planes("RGB"), depth={"Z": planes["Z"]})
     write_deep(folder / "deep.exr")
-    np.save(folder / "a.npy", ramp.astype(np.float32))
+    np.save(folder / "a.npy", planes["Z"])
     (folder / "a.pfm").write_bytes(b"Pf\n32 24\n-1.0\n" + ramp.astype("<f4").tobytes())
-    files += [folder / "deep.exr", folder / "a.npy", folder / "a.pfm"]
-    return {path.name: path.read_bytes() for path in files}
-
-
-def _exr(path, codec, ramp):
-    import OpenEXR
-
-    header = {
-        "compression": getattr(OpenEXR, f"{codec}_COMPRESSION"),
-        "type": OpenEXR.scanlineimage,
-    }
-    planes = {name: (ramp**power).astype(np.float16) for power, name in enumerate("RGB", 1)}
-    OpenEXR.File(header, {**planes, "Z": ramp.astype(np.float32)}).write(str(path))
-    return path
+    return {path.name: path.read_bytes() for path in sorted(folder.iterdir())}
 
 
 def damaged(data, name, rng):
@@ -93,12 +78,8 @@ def _flip(spoiled, rng):
     spoiled[_place(spoiled, rng)] ^= 1 << rng.randrange(8)
 
 
-def _set_byte(spoiled, rng):
-    spoiled[_place(spoiled, rng)] = rng.choice((*_EXTREMES, rng.randrange(256)))
-
-
 def _set_number(spoiled, rng):
-    at, size = _place(spoiled, rng), rng.choice((2, 4, 8))
+    at, size = _place(spoiled, rng), rng.choice((1, 2, 4, 8))
     number = rng.choice(_NUMBERS) & (256**size - 1)
     spoiled[at : at + size] = number.to_bytes(size, rng.choice(("little", "big")))
 
@@ -107,30 +88,14 @@ def _cut_off(spoiled, rng):
     del spoiled[rng.randint(0, len(spoiled) - 1) :]
 
 
-def _remove(spoiled, rng):
-    at = _place(spoiled, rng)
-    del spoiled[at : at + rng.choice((1, 2, 4, 30))]
+def _replace(spoiled, rng):
+    """Some bytes by others, more or fewer, or by those of another place."""
+    at, copied = _place(spoiled, rng), _place(spoiled, rng)
+    new = rng.choice((b"", rng.randbytes(rng.choice((1, 4, 3000))), spoiled[copied : copied + 64]))
+    spoiled[at : at + rng.choice((0, 1, 4, 30, 64))] = new
 
 
-def _insert(spoiled, rng):
-    at = _place(spoiled, rng)
-    spoiled[at:at] = rng.randbytes(rng.choice((1, 2, 4, 30, 3000)))
-
-
-def _repeat(spoiled, rng):
-    at, to = _place(spoiled, rng), _place(spoiled, rng)
-    spoiled[to:to] = spoiled[at : at + rng.randint(1, 200)]
-
-
-def _move(spoiled, rng):
-    at, to, size = _place(spoiled, rng), _place(spoiled, rng), rng.randint(1, 64)
-    spoiled[to : to + size] = spoiled[at : at + size]
-
-
-_DAMAGES: tuple[Callable[[bytearray, random.Random], None], ...] = (
-    *(_flip, _flip, _set_byte, _set_number, _set_number),
-    *(_cut_off, _remove, _insert, _repeat, _move),
-)
+_DAMAGES = (_flip, _flip, _set_number, _set_number, _set_number, _cut_off, *[_replace] * 3)
 
 
 def _with_checksums(png):

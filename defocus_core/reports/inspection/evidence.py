@@ -60,9 +60,10 @@ def _grows_downwards(path: Path, reading: DepthReading) -> bool:
     values, height = samples.values, samples.values.shape[0]
     if samples.type not in FLOATS or reading.says_scale or samples.marks or height < 3:
         return False
-    above, below = (
-        np.asarray(values[rows], np.float64)
-        for rows in (slice(height // 3), slice(-(height // 3), None))
-    )
+    with np.errstate(invalid="ignore"):  # NaN may be of the kind that signals
+        above, below = (
+            np.asarray(values[rows], np.float64)
+            for rows in (slice(height // 3), slice(-(height // 3), None))
+        )
     usable = all(np.isfinite(each).all() and each.min() >= 0 for each in (above, below))
     return usable and float(np.median(below)) > _GROWS * float(np.median(above)) + 1e-9

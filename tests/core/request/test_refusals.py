@@ -33,6 +33,7 @@ sweep fnumber = [2, 2.0] → contradiction [sweep]
 sweep focus = ['2m'] ¶ focus-at = ['1,2'] → contradiction focus
 sweep focus = '1m..2m' → malformed focus
 sweep focus = '1m..inf @ 3 in log' → malformed focus
+sweep focus = 'long' → malformed focus
 sweep focus = ['4cm'] → out-of-range focus
 sweep blades = '5..6 @ 3' → malformed blades
 sweep blades = [0, 6] ¶ blade-rotation = [0, 10] → idle-option blade-rotation
@@ -180,6 +181,6 @@ def give(folder, door, text):
 def test_what_makes_no_sense_is_refused_with_its_place(line, tmp_path):
     said, refusal = line.split(" → ")
     door, _, text = said.partition(" ")
-    text = text.replace(" ¶ ", "\n").replace(" ¶", "\n")
+    text = text.replace("long", 1000 * "1m..2m@").replace(" ¶ ", "\n").replace(" ¶", "\n")
     with refuses_as(refusal):
         give(tmp_path, door, text)
