@@ -130,15 +130,6 @@ def test_one_view_of_two_aspects_is_stretched(tmp_path):
     refused(render(path, depth, "-o", tmp_path / "p", *how), 3, "wrong-size", depth)
 
 
-def test_the_one_over_z_of_nuke_is_named(color, out, tmp_path):
-    header = {**SCANLINE, "nuke/version": "15.0"}
-    path = tmp_path / "z.exr"
-    OpenEXR.File(header, {"depth.Z": np.full((16, 24), 0.4, "f4")}).write(str(path))
-    for words in (("info", path), ("render", color, path, "-o", out, *LENS)):
-        ran = succeed(*words)
-        assert "nuke-scanline" in ran.out + ran.err
-
-
 def test_exr_of_relative_disparity_is_named_and_read(tmp_path):
     near_below = np.broadcast_to(np.linspace(0, 40, 16, dtype="f4")[:, None], (16, 24))
     path = write_exr(tmp_path / "a.exr", Z=near_below)
