@@ -10,7 +10,7 @@ import click
 from defocus_cli.options.job import reading_options
 from defocus_cli.options.shared import FilePath, GroupedCommand, json_option, output_option
 from defocus_cli.words import console
-from defocus_core.batch.depth_conversion import Converted, convert, places, refuse_existing
+from defocus_core.picture.depth_conversion import Converted, convert, places, refuse_existing
 from defocus_core.request.job import Reading
 from defocus_core.system.text import counted
 

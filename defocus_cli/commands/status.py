@@ -24,7 +24,7 @@ from defocus_core.request.origin import KEPT
 )
 @json_option
 def command(out: Path, failures: int, as_json: bool) -> None:
-    """Show the progress of the batch in OUT: jobs done, failed jobs with reasons, time left.
+    """Show the progress of the batch in OUT: jobs done and left, failed ones with reasons.
 
     It reads the journal alone, so it may run while the batch does.
 

@@ -17,7 +17,7 @@ from defocus_core.errors import kind_of, with_dashes
 from defocus_core.io.safe_files import spoken
 from defocus_core.request.job import FRAME_ROLE, Job
 from defocus_core.request.lens import lens_record, lens_record_words, lens_words
-from defocus_core.system.text import counted, duration
+from defocus_core.system.text import counted
 
 if TYPE_CHECKING:
     from defocus_core.batch.journal.progress import Progress
@@ -265,14 +265,9 @@ def progress_lines(out: Path, state: Progress) -> Iterator[str]:
     if state.shards is not None:
         numbers, division = state.shards
         yield f"  {len(numbers)} of {division} shards begun, not merged yet"
-    if state.seconds is not None:
-        rate = f", {state.rate:.3g} jobs a second" if state.rate else ""
-        yield f"  {state.seconds:.2f} s of rendering each{rate}"
     for who in state.running:
         yield f"  running: {who}"
-    if state.eta_seconds is not None:
-        yield f"  the rest takes about {duration(state.eta_seconds)}"
-    elif state.left:
+    if state.left and not state.running:
         yield "  not running; run the same command again to go on"
     if state.reasons:
         yield f"  {reasons_words(state.reasons)}"
@@ -290,9 +285,6 @@ def progress_record(state: Progress) -> dict[str, Any]:
         **{status: state.statuses[status] for status in _WORDS},
         "reasons": dict(state.reasons),
         "running": state.running,
-        "jobs_per_second": state.rate,
-        "render_seconds": state.seconds,
-        "eta_seconds": state.eta_seconds,
         "shards": state.shards and {"begun": state.shards[0], "of": state.shards[1]},
         "failures": [
             {"sample_id": name, "status": e.status, "reason": e.reason, "message": e.message}

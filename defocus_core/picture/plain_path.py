@@ -19,6 +19,7 @@ from defocus_core.picture.memory_budget import (
     base_mb,
     holding,
     image_type,
+    limit_mb,
     regions_at_once,
     require_room,
 )
@@ -86,7 +87,7 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
     job, inputs = take.job, take.inputs
     if not job.outputs.need_rendering:
         return take
-    images, maximum = _Images(take), None
+    images, maximum, limit = _Images(take), None, limit_mb(job.machine)
     set_to_render()
     begun = time.perf_counter(), time.process_time()
     surfaces = surfaces_of(take)
@@ -97,10 +98,7 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
             for number, (each, renderer) in enumerate(renderers(take, passes)):
                 images.reach = max(images.reach, renderer.frame.farthest)
                 fitting = maximum or regions_at_once(job, renderer, inputs.holding, take.device)[0]
-                if fitting < job.machine.threads:  # memory is short
-                    memory.keep_freed(False)
-                    memory.trim()
-                shown = progress and partial(_of_all, progress, number, len(passes))
+                shown = partial(_of_all, progress, limit, number, len(passes))
                 images.invented = 0  # of one rendering
                 for part in renderer.tiles(fitting, shown):
                     images.place(part, each, first=number == 0)
@@ -154,7 +152,7 @@ def choose_device(name: str) -> str:
 def load() -> None:
     """Import torch and the renderer, which takes seconds, and set up the allocator."""
     memory.share_heap()
-    memory.keep_freed(True)  # what is read leaves room for what is rendered
+    memory.keep_freed()  # what is read leaves room for what is rendered
     with delayed_signals(), imports():
         import torch  # noqa: F401
 
@@ -166,6 +164,7 @@ Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
 _MANY_CLAMPED = 0.01
 _TRUSTED = 0.99  # share of the lens
+_FULL = 0.9  # share of the limit of memory from which on freed memory is given back
 
 
 def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Renderer]]:
@@ -194,8 +193,14 @@ def _clamp_warning(stats: Mapping[str, float]) -> list[str]:
     return [f"left, right: below 0 in {100 * fraction:.0f} % of the pixels, and made 0: {why}"]
 
 
-def _of_all(progress: Progress, number: int, count: int, done: int, tiles: int) -> None:
-    progress(number * tiles + done, count * tiles)
+def _of_all(
+    progress: Progress | None, limit: float, number: int, count: int, done: int, tiles: int
+) -> None:
+    """Tell of the tiles of all passes; what tiles freed between what others hold goes back."""
+    if memory.held_mb() > _FULL * limit:
+        memory.trim()
+    if progress is not None:
+        progress(number * tiles + done, count * tiles)
 
 
 class _Images:

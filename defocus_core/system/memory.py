@@ -99,15 +99,15 @@ def trim() -> None:
     _glibc("malloc_trim", 0)
 
 
-def keep_freed(keep: bool) -> None:
-    """Whether glibc's allocator keeps freed memory for later; other allocators stay as they are.
+def keep_freed() -> None:
+    """Let glibc's allocator keep freed memory for later; other allocators stay as they are.
 
-    If not, it gives free memory at the end of its heap back to the system, and takes the next
+    Otherwise it gives free memory at the end of its heap back to the system, and takes the next
     pages one by one: 3 to 10 % of the time of a picture. Blocks of _LARGEST bytes or more are
     given back in any case.
     """
     _glibc("mallopt", _M_MMAP_THRESHOLD, _LARGEST)
-    _glibc("mallopt", _M_TRIM_THRESHOLD, _FOREVER if keep else 2 * _LARGEST)
+    _glibc("mallopt", _M_TRIM_THRESHOLD, _FOREVER)
 
 
 def share_heap() -> None:

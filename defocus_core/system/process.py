@@ -34,7 +34,7 @@ def set_to_render() -> None:
 
     torch.set_num_threads(1)
     sys.setswitchinterval(_SWITCH_SECONDS)
-    memory.keep_freed(True)
+    memory.keep_freed()
 
 
 @contextmanager

@@ -4,7 +4,6 @@ import json
 import os
 import re
 import subprocess
-from pathlib import Path
 
 import pytest
 from batches import again, folders, jobs_file, records
@@ -238,15 +237,6 @@ def test_another_picture_of_the_same_name_is_refused(tmp_path, out, computed):
     one[0].rename(tmp_path / "moved.exr")
     photograph(*other, "-o", out, "--quality", "high")
     assert computed == ["a", "a", "a"]
-
-
-def test_a_preview_goes_with_the_picture_that_it_shows(folders, out):
-    previews = [out / "coc" / f"{stem}.preview.png" for stem in "abc"]
-    again(folders, out, "--preview")
-    assert all(map(Path.exists, previews))
-    previews[1].write_bytes(b"somebody's own")
-    again(folders, out, "--quality", "high")
-    assert [path.exists() for path in previews] == [False, True, False]
 
 
 def with_renderer(out, version):

@@ -2,7 +2,6 @@
 
 import os
 
-import pytest
 from batches import JOBS, jobs_file
 from command_line import depth_exr, ramp, run
 
@@ -46,6 +45,4 @@ def test_status_can_be_asked_while_a_batch_runs(tmp_path, out):
     told, words = seen[1]
     assert (told["ok"], told["left"], told["jobs"]) == (2, 2, 4)
     assert told["running"][0].startswith(f"process {os.getpid()} on ")
-    assert told["jobs_per_second"] > 0
-    assert told["eta_seconds"] == pytest.approx(2 / told["jobs_per_second"])
-    assert any("the rest takes about " in line for line in words)
+    assert not any("not running" in line for line in words)

@@ -21,7 +21,7 @@ def write_index(out, records):
     """Write the index of records, oldest first; its path."""
     made = [record_of(msgspec.json.encode(e)) if isinstance(e, dict) else e for e in records]
     made.sort(key=lambda record: record.sample_id)
-    entries = (sample_index.entry_of(each, Origin()) for each in sample_index.joined(made))
+    entries = (sample_index.entry_of(each, Origin()) for each in sample_index.newest(made))
     path = out / sample_index.NAME
     path.write_bytes(b"".join(map(sample_index.line, entries)))
     return path

@@ -16,12 +16,9 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from functools import reduce
 from itertools import groupby
 from pathlib import Path
 from typing import Any, BinaryIO
-
-from msgspec.structs import replace
 
 from defocus_core.batch.journal.record import Record, Taken
 from defocus_core.batch.journal.runs import INDEX
@@ -40,17 +37,15 @@ MM_PER_M = 1000.0
 _DECODED = (".png", ".jpg", ".tif")  # types that image libraries without EXR decode
 
 
-def joined(records: Iterable[Record]) -> Iterator[Record]:
-    """A record for each sample; those that took nothing are no samples.
-
-    Records of one sample become one if they differ in their outputs alone; else the last holds, as
-    the earlier outputs were taken by another lens.
+def newest(records: Iterable[Record]) -> Iterator[Record]:
+    """The last record of each sample; those that took nothing are no samples.
 
     `records`: of the journal by name, oldest first.
     """
     pictures = (r for r in records if r.taken and not r.outputs.keys().isdisjoint(KINDS))
     for _, mine in groupby(pictures, lambda record: record.sample_id):
-        yield reduce(_joined, mine)
+        *_, last = mine
+        yield last
 
 
 def is_own(out: Path, name: str = NAME) -> bool:
@@ -88,30 +83,9 @@ def split_lists(out: Path) -> Iterator[str]:
         yield from (name for name in names if name.endswith(list_name("")) and is_own(out, name))
 
 
-def _joined(before: Record, record: Record) -> Record:
-    """A record with the outputs of an earlier record of the sample, if both were taken alike."""
-    was, now = _pictures(before), _pictures(record)
-    if _how_taken(before) != _how_taken(record):
-        return record
-    outputs = {**was.outputs, **now.outputs}
-    warnings = tuple(dict.fromkeys([*was.warnings, *now.warnings]))
-    return replace(record, end=replace(now, outputs=outputs, warnings=warnings))
-
-
 def _pictures(record: Record) -> Taken:
     assert record.taken is not None  # of a sample
     return record.taken
-
-
-def _how_taken(record: Record) -> tuple[Any, ...]:
-    """What two records have in common whose pictures have the same inputs, lens and renderer."""
-    taken = _pictures(record)
-    how = (taken.lens, taken.size, taken.coc_px, record.quality, record.renderer)
-    return (*how, _hashes(record))
-
-
-def _hashes(record: Record) -> dict[str, Any]:
-    return {role: stamp.blake2b for role, stamp in record.inputs.items()}
 
 
 def line(entry: Mapping[str, Any]) -> bytes:
@@ -150,7 +124,7 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
         "depth_repaired_share": repair.get("share"),
         "warnings": list(taken.warnings),
         "outputs_blake2b": {kind: stamp.blake2b for kind, stamp in outputs.items()},
-        "inputs_blake2b": _hashes(record),
+        "inputs_blake2b": {role: stamp.blake2b for role, stamp in record.inputs.items()},
         "version": record.version,
         "renderer": record.renderer,
         **{key: getattr(origin, key) or None for key in ("licence", "source")},

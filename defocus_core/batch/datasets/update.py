@@ -78,7 +78,7 @@ def _written(out: Path, records: Iterable[Record]) -> list[Path]:
     lists, pictures = dict[str, BinaryIO](), set[str]()
     with ExitStack() as stack:
         file = stack.enter_context(written_whole(out / sample_index.NAME, out))
-        for record in sample_index.joined(records):
+        for record in sample_index.newest(records):
             entry = sample_index.entry_of(record, origin)
             count += 1
             file.write(sample_index.line(entry))

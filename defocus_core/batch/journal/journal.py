@@ -170,27 +170,25 @@ class Ledger:
         splits: the splits that pictures were in, by their stems.
         last: by file, relative to OUT, the number of the record that holds for it.
         outcomes: how the job of each record ended.
-        seconds: what each took to render.
         earlier: files that an earlier version wrote, whose lines count no more.
     """
 
     def __init__(
         self,
         out: Path,
-        seen: Callable[[Shard | None, str, datetime], None] | None = None,
+        seen: Callable[[str, datetime], None] | None = None,
         *,
         is_empty: bool = False,
     ) -> None:
         """Read the journals; those of shards follow, as a run on all of OUT joins them first.
 
-        `seen`: called with the shard, the sample and the time of each record, oldest first;
+        `seen`: called with the sample and the time of each record, oldest first;
         `is_empty`: no journal counts, as beside a picture that has none.
         """
         self.out = out
         self.splits: dict[str, tuple[str, ...]] = {}
         self.last: dict[str, int] = {}
         self.outcomes: list[Outcome] = []
-        self.seconds = array("f")
         self.earlier = set[str]()
         self._once: set[str] = set()  # files that an earlier record has as done, and the last not
         # Of each record its sample, where its line begins, in which journal; how many files it has
@@ -200,7 +198,7 @@ class Ledger:
         self._journals = [JournalFile(journal_path(out, part)) for part in parts]
         outcomes: dict[Outcome, Outcome] = {}
         with without_collections():
-            for place, (part, reader) in enumerate(zip(parts, self._journals, strict=True)):
+            for place, reader in enumerate(self._journals):
                 for begin, record, outputs, _ in reader.lines():
                     if record is None:
                         self.earlier.update(stamp.path for stamp in outputs.values())
@@ -211,7 +209,7 @@ class Ledger:
                     self._of.append(place)
                     self._add(record)
                     if seen is not None:
-                        seen(part, record.sample_id, record.finished)
+                        seen(record.sample_id, record.finished)
         self.earlier -= self.last.keys()
         if self.earlier:
             files = counted(len(self.earlier), "file")
@@ -229,7 +227,6 @@ class Ledger:
             self.last[path] = number
         self._files.append(len(paths))
         self._samples.append(record.sample_id)
-        self.seconds.append(record.end.seconds.get("render", 0.0))
         if record.split:
             stem = record.settings.get("stem", "")
             if record.split not in self.splits.setdefault(stem, ()):

@@ -137,13 +137,11 @@ class _Note(Struct):
 
 @dataclass
 class OpenRun:
-    """A run that did not come to its end, and what it did."""
+    """A run that did not come to its end."""
 
     begun: datetime
     left: set[str]  # samples of its jobs that did not end since
     again: set[str] = field(default_factory=set)  # those of them that ended before
-    ended: int = 0
-    last: datetime | None = None  # when the last of them ended
 
 
 def run_path(out: Path, shard: Shard | None = None) -> Path:

@@ -11,7 +11,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,7 +21,6 @@ from defocus_core.batch.journal import resume, runs
 from defocus_core.batch.journal.journal import Journal, Ledger, Shard, input_path, journal_path
 from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Stamps, Taken, now
 from defocus_core.errors import InputError, NoteKinds
-from defocus_core.io.below import Folder
 from defocus_core.io.safe_files import missing, require_utf_8, unwritable
 from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.request.job import Job, Outputs
@@ -505,7 +504,6 @@ class _State:
         """Count a job whose record is kept, and tell of it."""
         summary, end = self.summary, record.end
         if isinstance(end, Taken):
-            self._remove_previews(job)
             names = job.names.values()
             self.replaced |= {n for n in map(self.plan.ledger.last.get, names) if n is not None}
         summary.left -= 1
@@ -517,17 +515,3 @@ class _State:
         if end.status == "failed" and self.execution.fail_fast:
             self.stopping = True
         self.listener.ended(job, record)
-
-    def _remove_previews(self, job: Job) -> None:
-        """Remove the previews of a job that were made of another lens."""
-        if job.outputs.preview or job.outputs.file:
-            return
-        ledger = self.plan.ledger
-        for path in replace(job.outputs, preview=True).names(job.sample_id).values():
-            number = None if path in job.names.values() else ledger.last.get(path)
-            if number is None:
-                continue
-            stamps = ledger.record(number).outputs.values()
-            stamp = next((s for s in stamps if s.path == path), Stamp())
-            if resume.unchanged(ledger.out / path, stamp):
-                Folder(ledger.out).remove(path)

@@ -1,4 +1,4 @@
-"""Texts for people, durations and shares, and command lines that mean to a shell what they say."""
+"""Texts for people, shares, and command lines that mean to a shell what they say."""
 
 import shutil
 import subprocess
@@ -6,21 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from defocus_core.system.text import command_line, duration, percent
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [
-        (0.04, "0.0 s"),
-        (2.34, "2.3 s"),
-        (42.4, "42 s"),
-        (200.0, "3 min 20 s"),
-        (7500.0, "2 h 5 min"),
-    ],
-)
-def test_durations_are_told_as_people_do(seconds, words):
-    assert duration(seconds) == words
+from defocus_core.system.text import command_line, percent
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.describe import describe
@@ -17,8 +17,9 @@ from defocus_core.picture.preview import write_depth_preview
 from defocus_core.picture.radii import of_file
 from defocus_core.request.job import Reading
 from defocus_core.request.output_kinds import PICTURES
-from defocus_core.system.interrupts import delayed_signals
 from defocus_core.system.text import versions
+
+_RADII = "give such files to 'defocus render'"
 
 
 @dataclass(frozen=True)
@@ -72,59 +73,41 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarg
 
 def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
     """Refuse to replace files, unless that is asked for; an input is never replaced."""
-    for place in wanted:
-        for path in place.written:
-            if path.exists() and any(path.samefile(p.file) for p in wanted if p.file.exists()):
-                raise InputError(
-                    "replaces-input", "is a file to convert", "name another output", path=path
-                )
-            if path.exists() and not overwrite:
-                raise InputError(
-                    "exists",
-                    "is there already",
-                    "say ‹overwrite›, or name another output",
-                    path=path,
-                )
+    inputs = {place.file.resolve() for place in wanted}
+    for path in (path for place in wanted for path in place.written if path.exists()):
+        if path.resolve() in inputs:
+            problem, remedy = "is a file to convert", "name another output"
+            raise InputError("replaces-input", problem, remedy, path=path)
+        if not overwrite:
+            remedy = "say ‹overwrite›, or name another output"
+            raise InputError("exists", "is there already", remedy, path=path)
 
 
 def convert(place: DepthTarget, reading: Reading) -> Converted:
     """Read a depth file and write it as EXR."""
-    with delayed_signals():
-        import numpy as np
-
     if reading.row.rule == "radius":
-        problem = "holds radii of a lens, and no depth"
-        raise UsageProblem(
-            "radii", problem, "give such files to 'defocus render'", field="depth-format"
-        )
-    _refuse_nearly_empty(place.file)
+        problem, remedy = "holds radii of a lens, and no depth", _RADII
+        raise UsageProblem("radii", problem, remedy, field="depth-format")
+    try:
+        claimed = describe(place.file).nearly_empty
+    except InputError:  # the decoder says why
+        claimed = ""
+    if claimed:
+        remedy = "cut it into smaller pictures"
+        raise InputError("too-large", f"has {claimed}", remedy, path=place.file)
     depth = read_depth(place.file, reading)
     require_valid(depth)
-    sky, extremes = 0, []
-    for rows in bands(depth.metres.shape):
-        finite = depth.metres[rows][np.isfinite(depth.metres[rows])]
-        sky += depth.metres[rows].size - finite.size
-        extremes += [float(finite.min()), float(finite.max())] if finite.size else []
     attributes = {
         "defocus:version": versions(),
         "defocus:kind": "depth",
         "defocus:depth": place.file.name,
         "defocus:depth_read_as": depth.note,
     }
-    range_m = (min(extremes), max(extremes)) if extremes else None
     with written_together():
         write_exr(place.out, {"Z": depth.metres}, attributes)
         if place.preview is not None:
             write_depth_preview(place.preview, depth.metres)
+    finite = depth.metres[np.isfinite(depth.metres)]
+    range_m = (float(finite.min()), float(finite.max())) if finite.size else None
     warnings = (*of_file(depth, declared=reading.says_scale), *depth.warnings)
-    return Converted(place, depth, range_m, sky, warnings)
-
-
-def _refuse_nearly_empty(file: Path) -> None:
-    """Refuse a file of a few MB that would take all memory to say next to nothing."""
-    info = None
-    with suppress(InputError):  # a file without a header has no size; the decoder says why
-        info = describe(file)
-    if info is not None and info.nearly_empty:
-        problem = f"has {info.nearly_empty}"
-        raise InputError("too-large", problem, "cut it into smaller pictures", path=file)
+    return Converted(place, depth, range_m, depth.metres.size - finite.size, warnings)
