@@ -236,7 +236,7 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     def load(name: str, index: int | None) -> NDArray[Any]:
         with decoding(path), h5py.File(path, "r") as file:
             dataset = file[name]
-            _require_own(path, dataset, index)
+            _require_own(path, dataset)
             shape = dataset.shape if index is None else dataset.shape[1:]
             checked(path, shape, dataset.dtype.itemsize)
             values: NDArray[Any] = dataset[()] if index is None else dataset[index]
@@ -253,25 +253,12 @@ def _hdf5(path: Path) -> Iterator[tuple[str, ArrayEntry]]:
     yield from entries
 
 
-def _require_own(path: Path, dataset: Any, index: int | None) -> None:
-    """Refuse numbers of HDF5 that lie in other files, or that were never written.
-
-    `index`: the entry of the first axis that is wanted; None for all.
-    """
+def _require_own(path: Path, dataset: Any) -> None:
+    """Refuse numbers of HDF5 that lie in other files, or of which none was ever written."""
     if dataset.is_virtual or dataset.external:
         problem = f"has {dataset.name} in other files, which are not followed"
         raise InputError("unsupported", problem, "copy the numbers into it", path=path)
-    if dataset.chunks is None:
-        written = dataset.id.get_storage_size() > 0
-    else:
-        shape, chunk = dataset.shape, dataset.chunks
-        if index is not None:
-            shape = (1, *shape[1:])
-        wanted = math.prod(-(-length // step) for length, step in zip(shape, chunk, strict=True))
-        count = dataset.id.get_num_chunks()
-        starts = (dataset.id.get_chunk_info(n).chunk_offset[0] for n in range(count))
-        written = wanted <= sum(index is None or 0 <= index - at < chunk[0] for at in starts)
-    if not written:
+    if not dataset.id.get_storage_size():
         problem = f"has numbers of {dataset.name} that were never written"
         raise InputError("damaged", problem, AGAIN, path=path)
 

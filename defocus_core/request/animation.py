@@ -8,7 +8,6 @@ without a unit a focus is in metres, other lengths in mm.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -16,23 +15,14 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from defocus_core.errors import CALLER, InputError, UsageProblem
-from defocus_core.io.shots.key_files import FIELD_OF_VIEW, Key, frame_of, read_keys
-from defocus_core.request.job_options import ANIMATION_OPTIONS, field_of_view
+from defocus_core.io.shots.key_files import Key, frame_of, read_keys
+from defocus_core.request.job_options import ANIMATION_OPTIONS
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES, LensParam
 from defocus_core.request.quantities import read_at, text_of
 from defocus_core.request.resolver import Given, alternatives, keys_of, refuse_contradiction
 from defocus_core.request.toml_file import Table, read_toml, refuse_unknown
 from defocus_core.request.toml_file import table as table_of
 
-_FIELD_OF_VIEW = LensParam(
-    name=FIELD_OF_VIEW,
-    parse=field_of_view,
-    help="Vertical field of view in degrees, of which a focal length is made.",
-    tag="fov",
-    example="40",
-    even_in="log",
-)
-_ANIMATED = {**LENS_OPTIONS, FIELD_OF_VIEW: _FIELD_OF_VIEW}
 _DIGITS = 9
 
 
@@ -48,12 +38,12 @@ class Animation:
         return {
             same: str(_first(keys).place)
             for name, keys in self.keys.items()
-            for same in alternatives("focal-length" if name == FIELD_OF_VIEW else name)
+            for same in alternatives(name)
         }
 
     def at(self, frame: int) -> dict[str, Given]:
         """The options of a frame; at a key, the key."""
-        return {name: _at(_ANIMATED[name], keys, frame) for name, keys in self.keys.items()}
+        return {name: _at(LENS_OPTIONS[name], keys, frame) for name, keys in self.keys.items()}
 
 
 def _at(row: LensParam, keys: Mapping[int, Given], frame: int) -> Given:
@@ -117,8 +107,8 @@ def _first(keys: Mapping[int, _K]) -> _K:
 
 def _checked(name: str, keys: Mapping[int, Key]) -> dict[int, Given]:
     """The keys of an option by frame, with the units that numbers have."""
-    refuse_unknown([name], tuple(_ANIMATED), _first(keys).where, "a lens", "option")
-    row, made = _ANIMATED[name], {}
+    refuse_unknown([name], tuple(LENS_OPTIONS), _first(keys).where, "a lens", "option")
+    row, made = LENS_OPTIONS[name], {}
     for frame, key in sorted(keys.items()):
         text = row.with_unit(key.text)
         made[frame] = Given(read_at(key.where, row.parse, text), text, key.where)
@@ -151,9 +141,3 @@ def _keys_of(table: Table) -> dict[str, Mapping[int, Key]]:
             for frame, text in frames.items()
         }
     return every
-
-
-def focal_length(fov: float, sensor_width: float, size: tuple[int, int]) -> str:
-    """The focal length of a vertical field of view, on a sensor of the shape of a picture."""
-    height = sensor_width * size[1] / size[0]
-    return f"{height / 2 / math.tan(math.radians(fov / 2)):.9g}mm"

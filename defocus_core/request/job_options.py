@@ -473,8 +473,8 @@ _ANIMATE = (
         heading="Lens",
         multiple=True,
         metavar="FILE",
-        help="Lens options by frame: a CSV with columns like frame,focus,fnumber, a TOML, or "
-        "Nuke's .chan.  ('defocus help shots')",
+        help="Lens options by frame: a CSV with columns like frame,focus,fnumber, or a "
+        "TOML.  ('defocus help shots')",
     ),
 )
 ANIMATION_OPTIONS = {row.name: row for row in _ANIMATE}

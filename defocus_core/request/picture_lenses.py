@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from defocus_core.errors import CALLER, Place, UsageProblem
-from defocus_core.io.images.describe import describe
 from defocus_core.request.job import Picture
-from defocus_core.request.lens import DEFAULTS, Draw, Lens
+from defocus_core.request.lens import Draw, Lens
 from defocus_core.request.parameters import METADATA
 from defocus_core.request.resolver import (
     Given,
@@ -28,7 +27,6 @@ from defocus_core.request.resolver import (
     laid_over,
     lens_of,
     missing_options,
-    parsed,
     refuse_optics,
     refuse_taken,
 )
@@ -178,7 +176,7 @@ class PictureLenses:
         metadata = self._of_metadata(picture)
         own = laid_over(self.own, self.sampling.options, row)
         below = laid_over(self._of_file(own), metadata)
-        return laid_over(below, self._keyed(picture, laid_over(below, own)), own), metadata
+        return laid_over(below, self._keyed(picture), own), metadata
 
     def _of_file(self, above: Layer) -> Layer:
         """The options of the lens file, which others stand above."""
@@ -203,23 +201,13 @@ class PictureLenses:
             for name, each in of_metadata(picture.color, self.metres).items()
         }
 
-    def _keyed(self, picture: Picture, others: Layer) -> Layer:
-        """The options of the frame of a picture; ``others`` may have the width of the sensor."""
+    def _keyed(self, picture: Picture) -> Layer:
+        """The options of the frame of a picture."""
         if self.animation is None:
             return {}
-        from defocus_core.io.shots.key_files import FIELD_OF_VIEW
-        from defocus_core.request.animation import focal_length
-
         if picture.frame is None:
             problem = f"moves the lens, but {picture.color} has no frame number"
             raise UsageProblem(
                 "idle-option", problem, "give patterns like 'shot.####.exr'", field="animate"
             )
-        keyed = self.animation.at(picture.frame)
-        if fov := keyed.pop(FIELD_OF_VIEW, None):
-            width, info = DEFAULTS["sensor_width"], describe(picture.color)
-            if "sensor-width" in others:
-                width = others["sensor-width"].value
-            text = focal_length(fov.value, width, (info.width, info.height))
-            keyed["focal-length"] = parsed("focal-length", text, fov.place)
-        return keyed
+        return self.animation.at(picture.frame)

@@ -76,15 +76,11 @@ def unwritten(file, _):
     file.create_dataset("depth", (4, 6), "f4", fillvalue=3)
 
 
-def partly_written(file, _):
-    file.create_dataset("depth", (4, 6), "f4", fillvalue=3, chunks=(2, 3))[:2] = 1
-
-
 @pytest.mark.parametrize(
     ("make", "code"),
     [
         *((external, "unsupported"), (virtual, "unsupported")),
-        *((unwritten, "damaged"), (partly_written, "damaged")),
+        (unwritten, "damaged"),
     ],
 )
 def test_hdf5_gives_the_numbers_that_are_in_it_alone(make, code, tmp_path):
@@ -92,14 +88,6 @@ def test_hdf5_gives_the_numbers_that_are_in_it_alone(make, code, tmp_path):
         make(file, tmp_path / "other")
     with refuses(code, path=tmp_path / "a.h5"):
         read_depth(tmp_path / "a.h5")
-
-
-def test_frames_of_hdf5_that_are_written_are_read(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file.create_dataset("depth", (3, 4, 6), "f4", chunks=(1, 4, 6))[1] = 2
-    assert (read_depth(tmp_path / "a.h5", part=1).metres == 2).all()
-    with refuses("damaged"):
-        read_depth(tmp_path / "a.h5", part=2)
 
 
 def deep(path, *depths):

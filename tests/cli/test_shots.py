@@ -95,17 +95,6 @@ def test_a_pull_gives_each_frame_what_the_command_line_would(tmp_path):
         np.testing.assert_allclose(picture(out, frame), picture(alone, frame), atol=1e-3)
 
 
-def test_a_camera_of_nuke_zooms(tmp_path):
-    patterns = shot(tmp_path)
-    fov = 2 * np.degrees(np.arctan(36 * HEIGHT / WIDTH / 2 / 50))
-    lines = "".join(f"{1001 + k} 0 0 0 0 0 0 {fov}\n" for k in range(4))
-    (tmp_path / "cam.chan").write_text(lines)
-    words = ("--fnumber", "2", "--focus", "2m")
-    succeed("render", *patterns, "-o", tmp_path / "a", *words, "--animate", tmp_path / "cam.chan")
-    photograph(*patterns, "-o", tmp_path / "b")
-    np.testing.assert_allclose(*(picture(tmp_path / o, 1002) for o in "ab"), atol=1e-3)
-
-
 def test_the_lens_comes_from_metadata_and_what_is_missing_is_asked_for(tmp_path):
     color, depth = tmp_path / "rgb.0001.exr", tmp_path / "z.0001.exr"
     planes = {name: texture()[..., k].copy() for k, name in enumerate("RGB")}

@@ -203,7 +203,7 @@ class Ledger:
                     if record is None:
                         self.earlier.update(stamp.path for stamp in outputs.values())
                         continue
-                    found = Outcome(record.status, record.end.reason, record.renderer)
+                    found = Outcome(record.status, record.end.reason)
                     self.outcomes.append(outcomes.setdefault(found, found))
                     self._begins.append(begin)
                     self._of.append(place)
@@ -279,11 +279,10 @@ class Ledger:
 
 
 class Outcome(NamedTuple):
-    """How a job ended, as far as jobs are counted by it."""
+    """Status and reason of a job, as `status` counts them."""
 
     status: str
     reason: str | None
-    renderer: int | None
 
 
 def input_path(path: Path, out: Path) -> str:

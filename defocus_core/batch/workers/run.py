@@ -19,14 +19,12 @@ from msgspec.structs import replace as copy
 
 from defocus_core.batch.journal import resume, runs
 from defocus_core.batch.journal.journal import Journal, Ledger, Shard, input_path, journal_path
-from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Stamps, Taken, now
+from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Stamps, now
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.safe_files import missing, require_utf_8, unwritable
-from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.request.job import Job, Outputs
 from defocus_core.system.interrupts import Interrupts
 from defocus_core.system.memory import without_collections
-from defocus_core.system.text import note
 
 if TYPE_CHECKING:
     from defocus_core.request.origin import JobsSource
@@ -382,23 +380,6 @@ def _index(asked: Collection[str], state: _State) -> None:
         is_other |= execution.shards_size is not None
         if is_other or sample_index.listed(out) != state.done_before():
             summary.written = update.index(out, execution.shards_size, names)
-    if not summary.error:
-        _tell_mix(state)
-
-
-def _tell_mix(state: _State) -> None:
-    """Say that pictures of another renderer stay beside those of this one."""
-    ledger = state.plan.ledger
-    counts = Counter(
-        ledger.outcomes[number].renderer
-        for number in ledger.live()
-        if number not in state.replaced and ledger.is_ok(number)
-    )
-    counts[RENDERER_VERSION] += state.summary.statuses["ok"]
-    versions = {version: count for version, count in counts.items() if count}
-    if len(versions) > 1:
-        words = ", ".join(f"{count} by {v}" for v, count in sorted(versions.items(), key=str))
-        note(f"{ledger.out}: warning: pictures of several renderers: {words}")
 
 
 @contextmanager
@@ -432,7 +413,6 @@ class _State:
         )
         self.interrupts = Interrupts(patient=plan.due > 1)
         self.withdrawn: set[str] | None = None  # samples of an index that was removed
-        self.replaced: set[int] = set()  # numbers of records whose pictures were made again
         self.stopping = False
 
     @contextmanager
@@ -503,9 +483,6 @@ class _State:
     def count(self, job: Job, record: Record) -> None:
         """Count a job whose record is kept, and tell of it."""
         summary, end = self.summary, record.end
-        if isinstance(end, Taken):
-            names = job.names.values()
-            self.replaced |= {n for n in map(self.plan.ledger.last.get, names) if n is not None}
         summary.left -= 1
         summary.statuses[end.status] += 1
         summary.warned += bool(end.warnings)

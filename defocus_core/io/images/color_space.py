@@ -149,11 +149,8 @@ class ColorSpace:
     attributes: Mapping[str, Embedded] = field(default_factory=dict)
 
 
-def color_space(spec: Any, primaries: Chromaticities = REC_709) -> ColorSpace:
-    """How the samples of an OpenImageIO ``spec`` are understood.
-
-    `primaries`: those that the file names beside a profile.
-    """
+def color_space(spec: Any) -> ColorSpace:
+    """How the samples of an OpenImageIO ``spec`` are understood."""
     kind, stored = str(spec.format), spec.getattribute(PROFILE)
     color_count = spec.nchannels - (spec.alpha_channel >= 0)
     data = b"" if stored is None else sound_profile(bytes(stored), color_count)
@@ -165,7 +162,7 @@ def color_space(spec: Any, primaries: Chromaticities = REC_709) -> ColorSpace:
             by = f" by profile '{named}'" if named else " by its profile"
     else:
         gamma, unheeded = _declared(spec, kind)
-        primaries = _PRIMARIES_OF_CODE.get(codes[0], primaries)
+        primaries = _PRIMARIES_OF_CODE.get(codes[0], REC_709)
     if profile is None and stored is not None:
         unheeded = f"colour profile '{named}'" if named else "colour profile without a name"
         unheeded = unheeded if data else "colour profile, which is damaged and left out,"

@@ -20,7 +20,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.exr.channel_choice import require_part
 from defocus_core.io.exr.header import no_exr
 from defocus_core.io.images.color_space import CODES, ColorSpace, color_space
-from defocus_core.io.images.primaries import PROFILE, REC_709, Chromaticities
+from defocus_core.io.images.primaries import PROFILE
 from defocus_core.io.safe_files import (
     AGAIN,
     check_size,
@@ -40,7 +40,6 @@ _KINDS = ("png", "jpeg", "tiff", "hdr", "webp")
 _MAGIC = (b"\x89PNG", b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"RIFF", b"#?")
 # Of orientations, those that swap rows and columns, and those that reverse them after that.
 SIDEWAYS, _BOTTOM_UP, _RIGHT_TO_LEFT = (5, 6, 7, 8), (3, 4, 7, 8), (2, 3, 6, 7)
-_PNG_CHUNKS = 1 << 16  # bytes in which the chunks before the pixels are looked for
 _PART_OF_ANOTHER = 1 | 4  # bits of NewSubfileType: reduced in size, or a mask
 HEIC_DAMAGE = "is a damaged HEIC file"
 OWN = "defocus:"  # begins names and values by which a file says how it was made
@@ -188,7 +187,7 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         width, height = height, width
     return Raster(
         *(width, height, tuple(_canonical(spec)), str(spec.format)),
-        color_space(spec, _png_primaries(path)),
+        color_space(spec),
         associated=not spec.get_int_attribute("oiio:UnassociatedAlpha", 0),
         deep=bool(spec.deep),
         orientation=orientation,
@@ -196,25 +195,6 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
         tags=tags_of(spec),
     )
-
-
-def _png_primaries(path: Path) -> Chromaticities:
-    """The primaries of the chunk cHRM of a PNG; those of Rec. 709 where it has none.
-
-    A profile, or the word that it is sRGB, stands above it (W3C, "PNG", 11.3.2.1).
-    """
-    head, at, found = read_head(path, _PNG_CHUNKS), 8, REC_709
-    while head.startswith(b"\x89PNG") and at + 8 <= len(head):
-        size, kind = int.from_bytes(head[at : at + 4], "big"), head[at + 4 : at + 8]
-        if kind in (b"iCCP", b"sRGB", b"cICP"):
-            return REC_709
-        if kind in (b"PLTE", b"IDAT"):
-            break
-        if kind == b"cHRM" and size == 32 and at + 40 <= len(head):
-            white, *colors = (np.frombuffer(head, ">u4", 8, at + 8) / 1e5).reshape(4, 2).tolist()
-            found = tuple(float(each) for pair in (*colors, white) for each in pair)
-        at += size + 12
-    return found
 
 
 def _canonical(spec: Any) -> Iterator[str]:

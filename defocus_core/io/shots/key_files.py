@@ -1,25 +1,20 @@
 """Files of keys: the values of lens options at frames of a shot, as texts.
 
 A ``.csv`` has a header that names frame and options, like ``frame,focus,fnumber``; ``x,y`` is
-focus-at, and an empty cell is no key. Nuke's ``.chan`` of a camera has in each line the frame,
-three numbers of place, three of rotation, and the vertical field of view in degrees, which alone is
-read.
+focus-at, and an empty cell is no key.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from defocus_core.errors import InputError, Place, cannot_read
-from defocus_core.io.below import read_plain
-from defocus_core.io.row_files import Row, read_rows
+from defocus_core.errors import InputError, Place
+from defocus_core.io.row_files import read_rows
 
-FIELD_OF_VIEW = "vertical-fov"  # of a .chan file, which becomes a focal length
 _HEADER = "frame,focus,fnumber"
-_CHAN_COLUMNS = 8
 _MAX_ROWS = 2**17 - 1  # a shot of 90 minutes
 
 
@@ -35,12 +30,10 @@ Keys = Mapping[str, Mapping[int, Key]]  # by option, by frame
 
 def read_keys(file: Path) -> Keys:
     """The keys of a file that is no TOML."""
-    suffix = file.suffix.lower()
-    if suffix not in (".csv", ".chan"):
-        remedy = "give CSV with a header like frame,focus,fnumber, TOML, or .chan"
+    if file.suffix.lower() != ".csv":
+        remedy = "give CSV with a header like frame,focus,fnumber, or TOML"
         raise InputError("wrong-type", "is not a file of keys by its name", remedy, path=file)
-    csv = read_rows(file, "file of keys", "", _HEADER, _columns)
-    rows = _chan(file) if suffix == ".chan" else csv
+    rows = read_rows(file, "file of keys", "", _HEADER, _columns)
     keys: dict[str, dict[int, Key]] = {}
     for number, (place, row) in enumerate(rows):
         if number == _MAX_ROWS:
@@ -51,7 +44,7 @@ def read_keys(file: Path) -> Keys:
             values["focus-at"] = ",".join(values.pop(name, "") for name in "xy").strip(",")
         values.pop("frame", None)
         for option, text in values.items():
-            key = Key(text, place.at(option.removeprefix(FIELD_OF_VIEW)))
+            key = Key(text, place.at(option))
             if (other := keys.setdefault(option, {}).setdefault(frame, key)) is not key:
                 problem = f"is another key of frame {frame}, like {other.where}"
                 raise InputError("duplicate", problem, "remove one of them", path=key.where)
@@ -78,21 +71,3 @@ def frame_of(text: str, where: Place) -> int:
             return round(float(text))
     remedy = "begin the line with a frame, like 1001"
     raise InputError("malformed", f"'{text}' is not a frame", remedy, path=where)
-
-
-def _chan(file: Path) -> Iterator[Row]:
-    try:
-        lines = read_plain(file).decode("utf-8-sig").splitlines()
-    except OSError as error:
-        raise cannot_read(file, error, "check the path") from None
-    except UnicodeDecodeError:
-        raise InputError("not-utf-8", "is not UTF-8 text", "save it as UTF-8", path=file) from None
-    for number, line in enumerate(lines, 1):
-        cells, place = line.replace(",", " ").split(), Place(file, f"line {number}")
-        if not cells or cells[0].startswith("#"):
-            continue
-        if len(cells) < _CHAN_COLUMNS:
-            problem = f"has {len(cells)} numbers, and none of the lens"
-            remedy = "export the camera with its vertical field of view, the eighth number"
-            raise InputError("malformed", problem, remedy, path=place)
-        yield place, {"frame": cells[0], FIELD_OF_VIEW: cells[_CHAN_COLUMNS - 1]}

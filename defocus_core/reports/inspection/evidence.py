@@ -6,6 +6,7 @@ It changes nothing in what is read, and only strong evidence is told.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -14,7 +15,7 @@ import numpy as np
 
 from defocus_core.errors import DefocusError
 from defocus_core.io.depth_formats.depth import read_numbers
-from defocus_core.io.depth_formats.reading import DepthReading, holds_gdepth
+from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading, holds_gdepth
 from defocus_core.io.depth_formats.table import FLOATS
 from defocus_core.io.images.describe import FileInfo
 from defocus_core.io.safe_files import is_heic, read_head
@@ -44,21 +45,28 @@ def evidence_of(path: Path, reading: DepthReading, info: FileInfo) -> Iterator[s
         yield "GDepth in its XMP: android-gdepth; say ‹depth-format› android-gdepth"
     elif is_heic(read_head(path)):
         yield "a depth image beside the picture: apple-heic; say ‹depth-format› apple-heic"
-    elif _grows_downwards(path, reading):
+    elif (samples := _numbers(path, reading)) is None:
+        return
+    elif samples.is_of_nuke:
+        yield "Nuke wrote it, whose ScanlineRender writes 1/z; say ‹depth-format› nuke-scanline"
+    elif samples.type in FLOATS and not reading.says_scale and _grows_downwards(samples):
         yield (
             "greater numbers below than above, as disparity has: of a network say ‹depth-format› "
             "depth-anything ‹depth-range› NEAR FAR, or ‹blur› 20px ‹focus-at› X,Y"
         )
 
 
-def _grows_downwards(path: Path, reading: DepthReading) -> bool:
-    """Whether floats are clearly greater in the lower third than above: the ground is near."""
-    try:
-        samples = read_numbers(path, replace(reading, depth_scale=1.0), None)
-    except DefocusError:  # another line of the report says why
-        return False
+def _numbers(path: Path, reading: DepthReading) -> DepthNumbers | None:
+    """The numbers of a depth file; None where another line of the report says why not."""
+    with suppress(DefocusError):
+        return read_numbers(path, replace(reading, depth_scale=1.0), None)
+    return None
+
+
+def _grows_downwards(samples: DepthNumbers) -> bool:
+    """Whether the lower third has clearly greater numbers than the upper: the ground is near."""
     values, height = samples.values, samples.values.shape[0]
-    if samples.type not in FLOATS or reading.says_scale or samples.marks or height < 3:
+    if samples.marks or height < 3:
         return False
     with np.errstate(invalid="ignore"):  # NaN may be of the kind that signals
         above, below = (

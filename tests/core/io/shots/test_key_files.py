@@ -1,6 +1,6 @@
 from refusals import refuses
 
-from defocus_core.io.shots.key_files import FIELD_OF_VIEW, read_keys
+from defocus_core.io.shots.key_files import read_keys
 
 
 def texts(folder, name, text):
@@ -17,13 +17,6 @@ def test_columns_of_csv_are_options_and_empty_cells_no_keys(tmp_path):
         "focal-length": {1001: "50mm", 1005: "55mm"},
         "focus-at": {1001: "3,4", 1005: "5,6"},
     }
-
-
-def test_a_camera_of_nuke_gives_its_field_of_view(tmp_path):
-    lines = "1\t0 0 0\t0 0 0\t40.5\n2\t0 0 1\t0 0 0\t41\n"
-    assert texts(tmp_path, "cam.chan", lines) == {FIELD_OF_VIEW: {1: "40.5", 2: "41"}}
-    with refuses("malformed", path=tmp_path / "old.chan", field="line 1"):
-        texts(tmp_path, "old.chan", "1 0 0 0 0 0 0\n")
 
 
 def test_a_file_of_another_kind_or_none_is_refused(tmp_path):
