@@ -99,13 +99,12 @@ keys.csv frame,focus,focus ¶ 1,1m,1m ¶ → duplicate line 1
 keys.csv frame,focus ¶ 1,1m ¶ 1,2m ¶ → duplicate focus
 keys.csv \0 → wrong-type
 keys.csv many → too-large
-keys.chan 1 0 0 0 0 0 0 ¶ → malformed line 1
+keys.chan 1 0 0 0 0 0 0 ¶ → wrong-type
 animated.csv frame,fokus ¶ 1,1m ¶ → unknown-name fokus
 animated.csv frame,focus ¶ 1,none ¶ → malformed focus
 animated.csv frame,focus,x,y ¶ 1,1m,2,3 ¶ → contradiction focus
 animated.toml [lens] ¶ focus = 3 → unknown-name
 animated.toml [animate] ¶ focus = {x = "1m"} → malformed focus
-animated.chan 1 0 0 0 0 0 0 190 ¶ → malformed line 1
 split train = 0.9 → malformed [split]
 split train = 1.5 → malformed train
 split "tr/ain" = 1.0 → malformed tr/ain
