@@ -43,9 +43,10 @@ _options = [
         show_default=True,
     ),
     _fit_option(
-        "--shift",
-        "Find by how many px, up to 16, BLURRED lies beside SHARP, and its falloff of light.",
+        "--exposure",
+        "Find a gain of each colour, too, and how light falls off over the frame of each picture.",
     ),
+    _fit_option("--shift", "Find by how many px, up to 16, BLURRED lies beside SHARP, too."),
     _fit_option("--dual-pixel", "Find the crosstalk of the photodiodes of a pair, too."),
     _fit_option(
         "--dp-model MODEL",
@@ -86,13 +87,13 @@ def command(
 
     The radius of the blur is affine in 1/depth. So depth of unknown scale and shift will do: give
     any --depth-range, and use the lens file with the same one. Pixels that are clipped, or that a
-    rendering must invent, hardly count. Gains of the colours and the magnification are found, too.
+    rendering must invent, hardly count. The magnification of BLURRED is found, too.
 
     \b
     Examples:
       defocus fit sharp.exr depth.exr blurred.exr -o lens.toml
       defocus fit sharp.png d.png blurred.png --depth-kind disparity --depth-range 1m 20m
-      defocus fit sharp.exr depth.exr left.exr --right right.exr --dual-pixel --shift
+      defocus fit sharp.exr depth.exr left.exr --right right.exr --exposure --shift --dual-pixel
     """  # noqa: D301  click reads the backspace
     if right is None and (options.dual_pixel or options.dp_model is not None):
         field = "dual-pixel" if options.dual_pixel else "dp-model"

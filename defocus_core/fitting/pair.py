@@ -1,15 +1,14 @@
 """The lens of a real pair: focus and strength of the blur between a sharp and a blurred picture.
 
-A coarse search renders small pictures by all radii of the nearest and the farthest surface, then
-Gauss-Newton steps follow the best over larger ones. They take the slope of each unknown over a
-difference: that of a blur costs a rendering, that of registration and crosstalk none.
+A coarse search blurs small pictures as a whole, then Gauss-Newton steps follow the best points over
+larger ones. They take the slope of each unknown over a difference: that of a blur costs a
+rendering, that of registration and crosstalk none.
 """
 
 from __future__ import annotations
 
 import math
-import operator
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -17,8 +16,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.evaluation.similarity import psnr
-from defocus_core.fitting.pictures import Scale, offset_of
-from defocus_core.fitting.residual import Optics, Point, Residual, error_of, robust_of
+from defocus_core.fitting.pictures import Pictures, clipped, offset_of
+from defocus_core.fitting.residual import Point, Residual, error_of, measure_of, robust_of
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.render import render
@@ -27,18 +26,28 @@ from defocus_core.tensors.validation import described
 
 MAX_SHIFT = 16.0  # px
 MAX_MAGNIFICATION = 1.02  # or its inverse: about twice a camera's between near and far focus
+# Of each unknown, in the order of `Point`: the difference that slopes are first taken over, the
+# greatest step, and the greatest value of either sign; px are those of the pictures at a width.
+_PROBES = torch.tensor([0.2, 0.2, 0.25, 0.25, 0.001, 0.1], dtype=torch.float64)
+_STEPS = torch.tensor([4.0, 4.0, 2.0, 2.0, 0.005, 1.0], dtype=torch.float64)
+_BOUNDS = torch.tensor(
+    [math.inf, math.inf, MAX_SHIFT, MAX_SHIFT, math.log(MAX_MAGNIFICATION), 1.2],
+    dtype=torch.float64,
+)
+_LEAST_RANGE = 1e-3  # px of radius between the farthest and the nearest surface
+_SEARCHED, _LEVELS = 128, 64  # px, of pictures that are blurred as a whole; levels of disparity
+_ROOTS = torch.linspace(-5.5, 5.5, 23, dtype=torch.float64)  # of the radii there, in px
+_TRIED, _STARTS = 12, 4  # points of it that are rendered, and that are followed
 _WIDTHS = {200: 3, 480: 2, 1024: 1}  # px of the pictures, and how many points are kept there
-_JUDGED = 480  # px, of pictures by which errors are told
-_SEARCHED, _STARTS = 128, 6  # px, of pictures that are rendered by all radii; points kept there
-_RADII = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0)  # px there
-_STEPS = 6  # most Gauss-Newton steps at a width
+_MIN_WEIGHT = 0.05  # of the pixels, of which enough count
+_MOST_STEPS = 6  # at a width
 _DROP_RATIO = 4.0  # times the error of the best: nothing changes that
 _SAME_PX = 0.25  # px of pictures at a width, by which radii of one point differ
-_LEAST_STEP = 2e-4  # a smaller step is none
-_END_RATIO = 0.999  # times the error before a step: not worth another
+_LEAST_STEP = 0.003  # of the difference that slopes are first taken over; a smaller step is none
+_EXACT = 1e-10  # error of pictures that differ by nothing else
 _FRACTIONS = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _SHORTEST = 0.01  # of the difference that slopes are first taken over
-_DAMPING = 1e-4
+_DAMPING = 1e-6
 _BLOCKS = 6  # along each side, for the uncertainty
 _SEPARATION = 0.5  # of left and right, from which steps descend
 _UNTOLD = 1e-9  # curvature of the error by pixel, of an unknown that the pictures tell nothing of
@@ -58,7 +67,8 @@ class Fit:
         shift: Px by which the blurred picture lies to the right of the sharp one, and below.
         magnification: Size of things in the blurred picture over that in the sharp one, about the
             middle; the shift is applied after it.
-        gains: Factor of light of each channel from the sharp to the blurred picture.
+        gains: Factor of light of each channel from the sharp to the blurred picture; of grey ones
+            one.
         psnr: In dB of compressed light, of the pixels that count.
         dual_pixel: The photodiodes of a pair; None of one picture.
         exchanged: Whether what was given for left is what the right photodiodes saw.
@@ -78,27 +88,6 @@ class Fit:
     explained: float
 
 
-@dataclass(frozen=True)
-class Unknown:
-    """An unknown, in units of which one is a large change."""
-
-    name: str  # a field of `Point`
-    unit: float  # of its value; of a ratio, of its logarithm
-    probe: float  # difference that slopes are taken over, in units
-    maximum: float  # greatest step, in units
-    is_ratio: bool = False  # whether steps multiply it
-    bound: float = math.inf  # greatest value, with either sign; of a ratio, factor either way
-
-    def moved(self, point: Point, step: float) -> Point:
-        """A point after a step."""
-        value: float = getattr(point, self.name)
-        if self.is_ratio:
-            value = min(max(value * math.exp(step * self.unit), 1 / self.bound), self.bound)
-        else:
-            value = min(max(value + step * self.unit, -self.bound), self.bound)
-        return point._replace(**{self.name: value})
-
-
 def fit(
     sharp: Tensor,
     disparity: Tensor,
@@ -107,6 +96,7 @@ def fit(
     aperture: Aperture | None = None,
     dual_pixel: DualPixel | None = None,
     crosstalk: bool = False,
+    exposure: bool = False,
     shift: bool = False,
     depth_repair: str = "auto",
     edge_width: float | None = None,
@@ -122,8 +112,9 @@ def fit(
         aperture: The pupil, a round one by default.
         dual_pixel: The photodiodes of a pair, ideal halves by default.
         crosstalk: Whether the crosstalk of a pair is to be found.
-        shift: Whether the blurred picture may be shifted by up to 16 px, and each view have a
-            falloff of light over the frame.
+        exposure: Whether each channel may have a factor between the pictures, and each blurred one
+            a falloff of light over the frame.
+        shift: Whether the blurred picture may be shifted by up to 16 px.
         depth_repair: As for `render`.
         edge_width: As for `render`.
         threads: As for `render`.
@@ -133,32 +124,36 @@ def fit(
         ValueError: If shapes disagree, a value is not finite, the depth is the same everywhere, or
             no pixel tells anything, as of pictures that are white.
     """
-    observed = blurred if isinstance(blurred, tuple) else (blurred,)
-    _check(sharp, disparity, observed)
-    span = float(disparity.max() - disparity.min())
-    blur = [
-        Unknown("strength", 1.0, 0.02, 0.5, is_ratio=True),
-        Unknown("focus", span, 0.02, 0.25),
-    ]
-    cheap = [Unknown("magnification", 0.01, 0.1, 0.5, is_ratio=True, bound=MAX_MAGNIFICATION)]
-    if shift:
-        cheap += [Unknown(name, 1.0, 0.25, 2.0, bound=MAX_SHIFT) for name in ("across", "down")]
-    if crosstalk and len(observed) > 1:
-        cheap.append(Unknown("separation", 1.0, 0.1, 1.0, bound=1.2))
-    optics = Optics(aperture or Aperture(), dual_pixel or DualPixel())
+    given = blurred if isinstance(blurred, tuple) else (blurred,)
+    _check(sharp, disparity, given)
+    if all(bool((each == each[:1]).all()) for each in (sharp, *given)):
+        sharp, given = sharp[:1], tuple(each[:1] for each in given)  # grey is one channel
+    low, high = (float(x) for x in disparity.aminmax())
+    names = ["far", "near", "growth"] + ["across", "down"] * shift
+    names += ["separation"] * (crosstalk and len(given) > 1)
+    sensor = dual_pixel or DualPixel()
+    rendered = partial(
+        render, aperture=aperture, dual_pixel=sensor, depth_repair=depth_repair, threads=threads
+    )
     with torch.no_grad(), own_modes(sharp.device):
-        rendered = partial(render, depth_repair=depth_repair, threads=threads)
+        depth = ((disparity.double() - low) / (high - low)).to(sharp)
+        pictures = Pictures(sharp, depth, torch.stack(given), clipped(sharp))
         residual = Residual(
-            sharp,
-            disparity,
-            observed,
-            falloff=shift,
-            rendered=rendered,
+            pictures,
+            rendered,
+            exposure=exposure,
+            infinity=low / (low - high),
             edge_width=edge_width,
             progress=progress,
         )
-        search = Search(residual, blur, cheap)
-        return search.fit_of(search.best(optics), optics)
+        search = Search(residual, pictures, [Point._fields.index(name) for name in names])
+        found = search.fit_of(search.best(), sensor)
+    return replace(
+        found,
+        strength=found.strength / (high - low),
+        focus=low + found.focus * (high - low),
+        focus_error=found.focus_error * (high - low),
+    )
 
 
 def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...]) -> None:
@@ -185,147 +180,180 @@ def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...]) -> No
 class Search:
     """The search for the point between two pictures."""
 
-    def __init__(self, residual: Residual, blur: list[Unknown], cheap: list[Unknown]) -> None:
-        """Keep what is to be found: by renderings, and without."""
-        self._residual, self._cheap, self._free = residual, cheap, blur + cheap
+    def __init__(self, residual: Residual, pictures: Pictures, free: list[int]) -> None:
+        """Keep which unknowns, by number, are to be found: the radii first."""
+        self._residual, self._free = residual, free
+        self._widths = {width: pictures.reduced(width) for width in (_SEARCHED, *_WIDTHS)}
+        self._all = pictures
 
-    def best(self, optics: Optics) -> Point:
+    def best(self) -> Point:
         """The point of least error."""
-        scale, first = self._residual.scale(_SEARCHED), self._first()
-        signed = [*(-r for r in _RADII), 0.0, *_RADII]
-        low, high = scale.ends
-        ends = ((far, near) for far in signed for near in signed if near < far)
-        slopes = [(far, (far - near) / (high - low)) for far, near in ends]
-        points = [
-            first._replace(strength=slope / scale.factor, focus=low + far / slope)
-            for far, slope in slopes
-        ]
-        points = self._apart(points, optics, scale)[:_STARTS]
+        points = self._apart(self._starts(self._first()), _SEARCHED)[:_STARTS]
         if not points:
             raise ValueError(
                 "hardly a pixel tells anything: nearly all are clipped, or seen from beyond the "
                 "border; give a darker picture, or one that is blurred less"
             )
         for width, kept in _WIDTHS.items():
-            scale = self._residual.scale(width)
-            if width == min(_WIDTHS):
-                points = [self._descend(point, optics, scale, self._cheap) for point in points]
-            points = [self._descend(point, optics, scale, self._free) for point in points]
-            points = self._apart(points, optics, scale)[:kept]
-            if self._residual.width <= width:
+            pictures, ended = self._widths[width], list[Point]()
+            for point in points:
+                if width == min(_WIDTHS):
+                    point = self._descend(point, pictures, self._free[2:])
+                ended.append(self._descend(point, pictures, self._free))
+                if self._error(ended[-1], pictures) < _EXACT:
+                    break
+            points = self._apart(ended, width)[:kept]
+            if pictures is self._all:
                 break
         return points[0]
 
     def _first(self) -> Point:
         """The registration from which steps descend: the shift in whole px, if it is free."""
-        names = {unknown.name for unknown in self._cheap}
-        first = Point(1.0, 0.0, separation=_SEPARATION if "separation" in names else 1.0)
+        names = {Point._fields[number] for number in self._free}
+        first = Point(0.0, 0.0, separation=_SEPARATION if "separation" in names else 1.0)
         if "across" not in names:
             return first
-        scale = self._residual.scale(None)
-        across, down = offset_of(scale.sharp, scale.observed.mean(0), int(MAX_SHIFT))
+        across, down = offset_of(self._all.sharp, self._all.observed.mean(0), int(MAX_SHIFT))
         return first._replace(across=across, down=down)
 
-    def _apart(self, points: list[Point], optics: Optics, scale: Scale) -> list[Point]:
+    def _starts(self, first: Point) -> list[Point]:
+        """Points of little error where each disparity is blurred as the whole picture would be."""
+        small = self._widths[_SEARCHED]
+        mean, zero = small.observed.mean(0, keepdim=True), torch.zeros_like(small.disparity)
+        flat = Pictures(small.sharp, zero, mean, small.lost, small.factor)
+        level = (small.disparity * (_LEVELS - 1)).round().long().flatten().cpu()
+        tables = []
+        for radius in (_ROOTS * _ROOTS.abs()).tolist():
+            point = first._replace(far=radius / flat.factor, near=radius / flat.factor)
+            away, weight = (x.double().mean((0, 1)) for x in self._residual.of(point, flat))
+            tables.append([weight, weight * measure_of(away)])
+        count, error = (
+            torch.stack([level.bincount(x.flatten().cpu(), _LEVELS) for x in each])
+            for each in zip(*tables, strict=True)
+        )
+        far, near = (_ROOTS * _ROOTS.abs())[torch.triu_indices(len(_ROOTS), len(_ROOTS), 1)].flip(0)
+        radii = far[:, None] + (near - far)[:, None] * torch.linspace(0, 1, _LEVELS)
+        place = (radii.sign() * radii.abs().sqrt() - _ROOTS[0]) / (_ROOTS[1] - _ROOTS[0])
+        index = place.long().clamp_max(len(_ROOTS) - 2)
+        count, error = (
+            torch.lerp(x.gather(0, index), x.gather(0, index + 1), place - index).sum(1)
+            for x in (count, error)
+        )
+        sure = (error / count).masked_fill(count < _MIN_WEIGHT * len(level), math.inf)
+        best = [i for i in sure.argsort().tolist()[:_TRIED] if sure[i] < math.inf]
+        pairs = zip((far / flat.factor).tolist(), (near / flat.factor).tolist(), strict=True)
+        points = [first._replace(far=one, near=other) for one, other in pairs]
+        return [points[index] for index in best]
+
+    def _apart(self, points: list[Point], width: int) -> list[Point]:
         """Points, the best first, without those that a better one is like."""
-        errors = {point: self._error(point, optics, scale) for point in points}
-        points, kept = sorted(points, key=errors.__getitem__), list[Point]()
+        errors = {point: self._error(point, self._widths[width]) for point in points}
+        points, kept, radii = sorted(points, key=errors.__getitem__), list[Point](), list[Tensor]()
         for point in points:
             if not errors[point] <= _DROP_RATIO * errors[points[0]] < math.inf:
                 break
-            radii = [[p.strength * (p.focus - end) for end in scale.ends] for p in (point, *kept)]
-            away = (max(map(abs, map(operator.sub, radii[0], other))) for other in radii[1:])
-            if all(px * scale.factor > _SAME_PX for px in away):
+            ends = torch.tensor(point[:2]) * self._widths[width].factor
+            if all(float((ends - other).abs().max()) > _SAME_PX for other in radii):
                 kept.append(point)
+                radii.append(ends)
         return kept
 
-    def _error(self, point: Point, optics: Optics, scale: Scale) -> float:
-        return error_of(*self._residual.of(point, optics, scale))
+    def _error(self, point: Point, pictures: Pictures) -> float:
+        return error_of(*self._residual.of(point, pictures))
 
-    def _descend(self, point: Point, optics: Optics, scale: Scale, free: list[Unknown]) -> Point:
-        """A point after Gauss-Newton steps at a width.
+    def _descend(self, point: Point, pictures: Pictures, free: list[int]) -> Point:
+        """A point after Gauss-Newton steps.
 
         Where a surface is nearly sharp slopes change within what they are taken over: that is no
         longer than the last step.
         """
-        error = self._error(point, optics, scale)
-        first = probes = torch.tensor([unknown.probe for unknown in free], dtype=torch.float64)
-        maximum = torch.tensor([unknown.maximum for unknown in free], dtype=torch.float64)
-        for _ in range(_STEPS):
-            hessian, gradient = (x.sum(0) for x in self._normal(point, optics, scale, free, probes))
+        error, px = self._error(point, pictures), _px(pictures)[free]
+        first = probes = px * _PROBES[free]
+        for _ in range(_MOST_STEPS):
+            hessian, gradient = (x.sum(0) for x in self._normal(point, pictures, free, probes))
             damped = hessian + torch.diag(_DAMPING * hessian.diagonal() + 1e-12)
             step = torch.linalg.solve(damped, -gradient)
-            step = step / (step.abs() / maximum).max().clamp_min(1)
+            step = step / (step.abs() / (px * _STEPS[free])).max().clamp_min(1)
             for fraction in _FRACTIONS:
                 there = _moved(point, free, fraction * step)
-                if (less := self._error(there, optics, scale)) < error:
+                if (less := self._error(there, pictures)) < error:
                     break
             else:
                 break
-            ratio, point, error = less / max(error, 1e-30), there, less
+            point, error = there, less
             taken = fraction * step.abs()
             probes = torch.minimum(probes, torch.maximum(taken, _SHORTEST * first))
-            if ratio > _END_RATIO or float(taken.max()) < _LEAST_STEP:
+            if error < _EXACT or float((taken / first).max()) < _LEAST_STEP:
                 break
         return point
 
     def _normal(
-        self, point: Point, optics: Optics, scale: Scale, free: list[Unknown], probes: Tensor
+        self, point: Point, pictures: Pictures, free: list[int], probes: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
-        residual, weight = self._residual.of(point, optics, scale)
-        there = (unknown.moved(point, float(p)) for unknown, p in zip(free, probes, strict=True))
-        slopes = [self._residual.of(each, optics, scale)[0] - residual for each in there]
-        robust = robust_of(residual, weight)
-        tables = torch.stack([residual, *(s / p for s, p in zip(slopes, probes, strict=True))])
-        hessian, gradient = list[Tensor](), list[Tensor]()
-        for rows in (tables * robust.sqrt()).double().tensor_split(_BLOCKS, dim=-2):
-            for block in rows.tensor_split(_BLOCKS, dim=-1):
-                away, *slope = block.flatten(1)
-                hessian.append(torch.stack(slope) @ torch.stack(slope).T)
-                gradient.append(torch.stack(slope) @ away)
-        return torch.stack(hessian), torch.stack(gradient)
+        away, weight = self._residual.of(point, pictures)
+        tables = [away]
+        for number, probe in zip(free, probes, strict=True):
+            there = _moved(point, [number], probe)
+            tables.append((self._residual.of(there, pictures)[0] - away) / float(probe))
+        table = (torch.stack(tables) * robust_of(away, weight).sqrt()).double().cpu()
+        products = [
+            block.flatten(1) @ block.flatten(1).T
+            for rows in table.tensor_split(_BLOCKS, dim=-2)
+            for block in rows.tensor_split(_BLOCKS, dim=-1)
+        ]
+        both = torch.stack(products)
+        return both[:, 1:, 1:], both[:, 1:, 0]
 
-    def fit_of(self, point: Point, optics: Optics) -> Fit:
-        """What was found, with its uncertainty: blocks of the picture stand for chance.
-
-        The covariance is that of clustered residuals, H⁻¹ (Σ g gᵀ) H⁻¹ (Liang & Zeger 1986).
-        """
-        scale, free = self._residual.scale(_JUDGED), self._free
-        away, weight = self._residual.of(point, optics, scale)
+    def fit_of(self, point: Point, sensor: DualPixel) -> Fit:
+        """What was found, with its uncertainty."""
+        pictures = self._widths[max(_WIDTHS)]
+        (away, weight), free = self._residual.of(point, pictures), self._free
         total = float(weight.sum()) * away.shape[1]
         square = float((away.square() * weight).sum()) / total
-        sharp = point._replace(strength=_MINIMUM / (scale.ends[1] - scale.ends[0]))
-        before, its_weight = self._residual.of(sharp, optics, scale)
+        still = point._replace(far=_MINIMUM, near=0.0)
+        before, its_weight = self._residual.of(still, pictures)
         unlike = float((before.square() * its_weight).sum() / its_weight.sum()) / away.shape[1]
-        probes = torch.tensor([unknown.probe for unknown in free], dtype=torch.float64)
-        blocks, gradient = self._normal(point, optics, scale, free, probes)
-        hessian = blocks.sum(0)
-        inverse = torch.linalg.pinv(hessian)
-        variance = (inverse @ (gradient.T @ gradient) @ inverse).diagonal().clamp_min(0)
-        untold = hessian.diagonal() <= _UNTOLD * total
-        errors = variance.sqrt().masked_fill(untold, math.inf).tolist()
-        pair, sensor = len(scale.observed) > 1, optics.dual_pixel
+        probes = (_px(pictures) * _PROBES)[free]
+        hessian, gradient = self._normal(point, pictures, free, probes)
+        strength, focus = point.far - point.near, point.far / (point.far - point.near)
+        slopes = torch.zeros(2, len(free), dtype=torch.float64)
+        slopes[:, :2] = torch.tensor([[1, -1], [1 - focus, focus]]) / strength
+        errors = (slopes @ _covariance(hessian, gradient) @ slopes.T).diagonal().sqrt()
+        if bool((hessian.sum(0).diagonal()[:2] <= _UNTOLD * total).any()):
+            errors = torch.full_like(errors, math.inf)
         fraction = (1 - abs(point.separation) * (1 - 2 * float(sensor.crosstalk))) / 2
+        crosstalk = min(max(fraction, 0.0), _MAX_CROSSTALK)
         return Fit(
-            strength=point.strength * point.magnification,
-            focus=point.focus,
-            strength_error=errors[0],
-            focus_error=errors[1] * free[1].unit,
+            strength=strength * math.exp(point.growth),
+            focus=focus,
+            strength_error=float(errors[0]),
+            focus_error=float(errors[1]),
             shift=(point.across, point.down),
-            magnification=point.magnification,
-            gains=tuple(self._residual.modelled(point, optics, scale)[2].tolist()),
+            magnification=math.exp(point.growth),
+            gains=tuple(self._residual.modelled(point, pictures)[2].tolist()),
             psnr=psnr(square),
-            dual_pixel=replace(sensor, crosstalk=min(max(fraction, 0.0), _MAX_CROSSTALK))
-            if pair
-            else None,
+            dual_pixel=replace(sensor, crosstalk=crosstalk) if len(away) > 1 else None,
             exchanged=point.separation < 0,
             explained=1 - square / unlike if unlike > _MINIMUM else 0.0,
         )
 
 
-def _moved(point: Point, free: Sequence[Unknown], steps: Tensor) -> Point:
+def _covariance(hessian: Tensor, gradient: Tensor) -> Tensor:
+    """The covariance [P, P], by the jackknife: of a step without each block [B], in turn."""
+    rest = hessian.sum(0) - hessian
+    away: Tensor = (torch.linalg.pinv(rest) @ gradient[..., None])[..., 0]
+    return away.T @ away * (1 - 1 / len(away))
+
+
+def _px(pictures: Pictures) -> Tensor:
+    """The px of a pair for a px of smaller pictures; of what is no px, 1."""
+    return torch.tensor([1 / pictures.factor] * 4 + [1.0] * 2, dtype=torch.float64)
+
+
+def _moved(point: Point, free: list[int], steps: Tensor) -> Point:
     """A point after a step in each of the unknowns that are free."""
-    for unknown, step in zip(free, steps.tolist(), strict=True):
-        point = unknown.moved(point, step)
-    return point
+    values = torch.tensor(point, dtype=torch.float64)
+    values[free] += steps
+    values[0] = torch.maximum(values[0], values[1] + _LEAST_RANGE)
+    return Point(*values.clamp(-_BOUNDS, _BOUNDS).tolist())

@@ -2,42 +2,47 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
 _ENDLESS = 1.001  # greatest value, beyond which light has no end
 _END = 0.9999  # fraction of the greatest value
+_MIN_HEIGHT = 16  # px
 _LOBES = 3  # of the windowed sinc that moves a picture
 
 
-class Scale:
-    """The pictures at one size: `factor` px of it for a px, `sharp`, `observed` and `disparity`.
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """The pictures of a pair at one size."""
 
-    `lost` is the share of pixels whose light is clipped in the sharp picture [1, H, W], or None;
-    `ends` are the least and the greatest disparity.
+    sharp: Tensor  # [C, H, W]
+    disparity: Tensor  # [H, W], 0 of the farthest surface and 1 of the nearest
+    observed: Tensor  # [V, C, H, W]
+    lost: Tensor  # [1, H, W], the share of a pixel whose light is clipped in the sharp picture
+    factor: float = 1.0  # px of them for a px of the pair
+
+    def reduced(self, width: int) -> Pictures:
+        """The same pictures at a width in px, if it is less."""
+        if width >= self.sharp.shape[2]:
+            return self
+        factor = width / self.sharp.shape[2]
+        size = max(_MIN_HEIGHT, round(self.sharp.shape[1] * factor)), width
+        sharp, lost = (interpolate(x[None], size, mode="area")[0] for x in (self.sharp, self.lost))
+        disparity = interpolate(self.disparity[None, None], size, mode="nearest-exact")[0, 0]
+        observed = interpolate(self.observed, size, mode="area")
+        return Pictures(sharp, disparity, observed, lost, factor)
+
+
+def clipped(image: Tensor) -> Tensor:
+    """Where a picture [C, H, W] that ends at 1 or below is at its end: [1, H, W], 1 or 0.
+
+    The end of a picture without clipped light is that of a pixel or two.
     """
-
-    def __init__(self, sharp: Tensor, disparity: Tensor, observed: Tensor, width: int) -> None:
-        """Reduce the pictures to a width in px."""
-        self.factor = width / sharp.shape[2]
-        size = max(16, round(sharp.shape[1] * self.factor)), width
-        self.sharp, self.observed = _reduced(sharp[None], size)[0], _reduced(observed, size)
-        # The end of a picture without clipped light is that of a pixel or two
-        top = float(sharp.max()) if float(sharp.max()) <= _ENDLESS else torch.inf
-        clipped = (sharp.amax(0, keepdim=True) >= _END * top).to(sharp)
-        self.lost = _reduced(clipped[None], size)[0] if bool(clipped.any()) else None
-        rows, columns = (
-            ((torch.arange(n) + 0.5) * full / n).long()
-            for n, full in zip(size, disparity.shape, strict=True)
-        )
-        self.disparity = disparity[rows][:, columns]
-        low, high = map(float, self.disparity.aminmax())
-        self.ends = low, high
-
-
-def _reduced(images: Tensor, size: tuple[int, int]) -> Tensor:
-    return images if images.shape[-2:] == size else interpolate(images, size, mode="area")
+    top = float(image.max()) if float(image.max()) <= _ENDLESS else torch.inf
+    return (image.amax(0, keepdim=True) >= _END * top).to(image)
 
 
 def registered(
@@ -48,8 +53,8 @@ def registered(
     Beside them where nothing comes in from beyond the border: [H, W], 1 or 0.
     """
     inside = torch.ones_like(images[0, 0])
-    for shift, dim in ((across, -1), (down, -2)):
-        size = images.shape[dim]
+    for shift in (down, across):  # the rows, then, turned, the columns
+        size = images.shape[-2]
         middle = (size - 1) / 2
         place = (torch.arange(size).double() - middle - shift) / magnification + middle
         moved = torch.zeros_like(images)
@@ -57,16 +62,11 @@ def registered(
             source = place.floor() + tap
             away = place - source
             lanczos = torch.sinc(away) * torch.sinc(away / _LOBES) * (away.abs() < _LOBES)
-            values = images.index_select(dim, source.long().clamp(0, size - 1).to(images.device))
-            moved += values * _along(lanczos, dim).to(images)
-        images = moved
+            values = images.index_select(-2, source.long().clamp(0, size - 1).to(images.device))
+            moved += values * lanczos[:, None].to(images)
         within = (place > _LOBES - 1) & (place < size - _LOBES)
-        inside = inside * _along(within, dim).to(images)
+        images, inside = moved.mT, (inside * within[:, None].to(images)).mT
     return images, inside
-
-
-def _along(values: Tensor, dim: int) -> Tensor:
-    return values if dim == -1 else values[:, None]
 
 
 def offset_of(sharp: Tensor, observed: Tensor, maximum: int) -> tuple[float, float]:

@@ -37,7 +37,8 @@ class FitOptions:
 
     foclen: float  # focal length in mm
     sensor_width: float  # in mm
-    shift: bool = False  # whether the pictures may lie apart, and their light fall off otherwise
+    exposure: bool = False  # whether the pictures may differ by gains, and by the light's falloff
+    shift: bool = False  # whether the pictures may lie apart
     dual_pixel: bool = False  # whether the crosstalk of a pair is to be found
     # The model of the photodiodes, or the file of their kernels; None is smooth where crosstalk is
     # to be found, else ideal halves
@@ -72,6 +73,7 @@ def fit_files(
             tuple(each[:count] for each in observed),
             dual_pixel=_photodiodes(options),
             crosstalk=options.dual_pixel,
+            exposure=options.exposure,
             shift=options.shift,
             depth_repair=reading.depth_repair,
             edge_width=reading.edge_width,
@@ -84,7 +86,7 @@ def fit_files(
         raise InputError("not-explained", problem, remedy, path=blurred[0]) from None
     if found.explained < _EXPLAINED:
         problem = f"a blur explains {max(found.explained, 0):.0%} of what the pictures differ by"
-        remedy = "give a pair of one scene and one exposure curve, and see ‹shift›"
+        remedy = "give a pair of one scene and one curve, and see ‹exposure› and ‹shift›"
         raise NotExplained("not-explained", problem, remedy, path=blurred[0])
     if found.focus * options.foclen >= _MM_PER_M:
         where, far = length_text(_MM_PER_M / found.focus), length_text(options.foclen)

@@ -55,7 +55,7 @@ def test_the_sensor_of_a_pair_is_written_for_render(pair, tmp_path):
     sensor = ("--dp-model", "smooth", "--dp-crosstalk", "0.2", "--outputs", "left,right")
     succeed("render", *pair[:2], *LENS, *sensor, "-o", folder / "dp", "--exr-type", "float")
     left, right = (folder / "dp" / side / "a.exr" for side in ("left", "right"))
-    sought = ("--right", right, "--dual-pixel", "--shift", "-o", folder / "dp.toml")
+    sought = ("--right", right, "--dual-pixel", "--exposure", "--shift", "-o", folder / "dp.toml")
     ran = succeed("fit", *pair[:2], left, *sought)
     assert "photodiodes smooth, crosstalk 0.2" in ran.out
     lens = tomllib.loads((folder / "dp.toml").read_text())
@@ -86,7 +86,7 @@ def test_a_shift_and_gains_are_found(pair, tmp_path):
     write_exr(folder / "d.exr", Z=read_exr(pair[1])["Z"][4:-4, 4:-4])
     files = [folder / f"{name}.exr" for name in "sdb"]
     width = ("--sensor-width", "33mm")  # of the 88 px that are left of 96
-    (record,) = succeed("fit", *files, "--json", "--shift", *width).json["pairs"]
+    (record,) = succeed("fit", *files, "--json", "--exposure", "--shift", *width).json["pairs"]
     assert record["gains"] == pytest.approx([2, 2, 2], rel=0.05)
     assert record["shift_px"] == pytest.approx([-2, 1], abs=0.05)
     assert record["magnification"] == pytest.approx(1, abs=1e-3)
