@@ -16,7 +16,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.evaluation.similarity import psnr
-from defocus_core.fitting.pictures import Pictures, clipped, offset_of
+from defocus_core.fitting.pictures import Scale, clipped, offset_of
 from defocus_core.fitting.residual import Point, Residual, error_of, measure_of, robust_of
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
@@ -137,7 +137,7 @@ def fit(
     )
     with torch.no_grad(), own_modes(sharp.device):
         depth = ((disparity.double() - low) / (high - low)).to(sharp)
-        pictures = Pictures(sharp, depth, torch.stack(given), clipped(sharp))
+        pictures = Scale(sharp, depth, torch.stack(given), clipped(sharp))
         residual = Residual(
             pictures,
             rendered,
@@ -180,7 +180,7 @@ def _check(sharp: Tensor, disparity: Tensor, observed: tuple[Tensor, ...]) -> No
 class Search:
     """The search for the point between two pictures."""
 
-    def __init__(self, residual: Residual, pictures: Pictures, free: list[int]) -> None:
+    def __init__(self, residual: Residual, pictures: Scale, free: list[int]) -> None:
         """Keep which unknowns, by number, are to be found: the radii first."""
         self._residual, self._free = residual, free
         self._widths = {width: pictures.reduced(width) for width in (_SEARCHED, *_WIDTHS)}
@@ -220,7 +220,7 @@ class Search:
         """Points of little error where each disparity is blurred as the whole picture would be."""
         small = self._widths[_SEARCHED]
         mean, zero = small.observed.mean(0, keepdim=True), torch.zeros_like(small.disparity)
-        flat = Pictures(small.sharp, zero, mean, small.lost, small.factor)
+        flat = Scale(small.sharp, zero, mean, small.lost, small.factor)
         level = (small.disparity * (_LEVELS - 1)).round().long().flatten().cpu()
         tables = []
         for radius in (_ROOTS * _ROOTS.abs()).tolist():
@@ -258,29 +258,33 @@ class Search:
                 radii.append(ends)
         return kept
 
-    def _error(self, point: Point, pictures: Pictures) -> float:
+    def _error(self, point: Point, pictures: Scale) -> float:
         return error_of(*self._residual.of(point, pictures))
 
-    def _descend(self, point: Point, pictures: Pictures, free: list[int]) -> Point:
+    def _descend(self, point: Point, pictures: Scale, free: list[int]) -> Point:
         """A point after Gauss-Newton steps.
 
         Where a surface is nearly sharp slopes change within what they are taken over: that is no
         longer than the last step.
         """
-        error, px = self._error(point, pictures), _px(pictures)[free]
+        px = _px(pictures)[free]
         first = probes = px * _PROBES[free]
         for _ in range(_MOST_STEPS):
             hessian, gradient = (x.sum(0) for x in self._normal(point, pictures, free, probes))
             damped = hessian + torch.diag(_DAMPING * hessian.diagonal() + 1e-12)
             step = torch.linalg.solve(damped, -gradient)
             step = step / (step.abs() / (px * _STEPS[free])).max().clamp_min(1)
+            here = self._residual.of(point, pictures)
             for fraction in _FRACTIONS:
                 there = _moved(point, free, fraction * step)
-                if (less := self._error(there, pictures)) < error:
+                # Of the same pixels: else it counts which are seen from beyond the border
+                away, weight = self._residual.of(there, pictures)
+                common = torch.minimum(weight, here[1])
+                if (error := error_of(away, common)) < error_of(here[0], common):
                     break
             else:
                 break
-            point, error = there, less
+            point = there
             taken = fraction * step.abs()
             probes = torch.minimum(probes, torch.maximum(taken, _SHORTEST * first))
             if error < _EXACT or float((taken / first).max()) < _LEAST_STEP:
@@ -288,7 +292,7 @@ class Search:
         return point
 
     def _normal(
-        self, point: Point, pictures: Pictures, free: list[int], probes: Tensor
+        self, point: Point, pictures: Scale, free: list[int], probes: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
         away, weight = self._residual.of(point, pictures)
@@ -346,7 +350,7 @@ def _covariance(hessian: Tensor, gradient: Tensor) -> Tensor:
     return away.T @ away * (1 - 1 / len(away))
 
 
-def _px(pictures: Pictures) -> Tensor:
+def _px(pictures: Scale) -> Tensor:
     """The px of a pair for a px of smaller pictures; of what is no px, 1."""
     return torch.tensor([1 / pictures.factor] * 4 + [1.0] * 2, dtype=torch.float64)
 

@@ -15,7 +15,7 @@ _LOBES = 3  # of the windowed sinc that moves a picture
 
 
 @dataclass(frozen=True, eq=False)
-class Pictures:
+class Scale:
     """The pictures of a pair at one size."""
 
     sharp: Tensor  # [C, H, W]
@@ -24,7 +24,7 @@ class Pictures:
     lost: Tensor  # [1, H, W], the share of a pixel whose light is clipped in the sharp picture
     factor: float = 1.0  # px of them for a px of the pair
 
-    def reduced(self, width: int) -> Pictures:
+    def reduced(self, width: int) -> Scale:
         """The same pictures at a width in px, if it is less."""
         if width >= self.sharp.shape[2]:
             return self
@@ -33,7 +33,7 @@ class Pictures:
         sharp, lost = (interpolate(x[None], size, mode="area")[0] for x in (self.sharp, self.lost))
         disparity = interpolate(self.disparity[None, None], size, mode="nearest-exact")[0, 0]
         observed = interpolate(self.observed, size, mode="area")
-        return Pictures(sharp, disparity, observed, lost, factor)
+        return Scale(sharp, disparity, observed, lost, factor)
 
 
 def clipped(image: Tensor) -> Tensor:
@@ -48,7 +48,7 @@ def clipped(image: Tensor) -> Tensor:
 def registered(
     images: Tensor, across: float, down: float, magnification: float
 ) -> tuple[Tensor, Tensor]:
-    """Pictures [V, C, H, W] magnified about their middle, then moved by px, by Lanczos' sinc.
+    """Scale [V, C, H, W] magnified about their middle, then moved by px, by Lanczos' sinc.
 
     Beside them where nothing comes in from beyond the border: [H, W], 1 or 0.
     """

@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import interpolate
 
-from defocus_core.fitting.pictures import Pictures, registered
+from defocus_core.fitting.pictures import Scale, registered
 from defocus_core.tensors.views import Views
 
 _BEND = 0.02  # of compressed light, from which on a difference counts less
@@ -50,7 +50,7 @@ class Residual:
 
     def __init__(
         self,
-        pictures: Pictures,
+        pictures: Scale,
         rendered: Callable[..., Views],  # of a sharp picture and its radii
         *,
         exposure: bool,
@@ -68,13 +68,13 @@ class Residual:
         self._has_lost = bool(pictures.lost.any())
         self._views: dict[object, tuple[Tensor, Tensor]] = {}
 
-    def of(self, point: Point, pictures: Pictures) -> tuple[Tensor, Tensor]:
+    def of(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor]:
         """Differences of compressed light [V, C, H, W], and weights [V, 1, H, W]."""
         light, weight, _ = self.modelled(point, pictures)
         one, other = (x.clamp_min(0) for x in (light, pictures.observed))
         return one / (one + self._middle) - other / (other + self._middle), weight
 
-    def modelled(self, point: Point, pictures: Pictures) -> tuple[Tensor, Tensor, Tensor]:
+    def modelled(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor, Tensor]:
         """What a camera stores of a point [V, C, H, W], its weight [V, 1, H, W], and gains [C]."""
         light, trust = self._blurred(point, pictures)
         observed = pictures.observed
@@ -98,7 +98,7 @@ class Residual:
             light = light * _falloff(light, observed, common)
         return light, weight, gains
 
-    def _blurred(self, point: Point, pictures: Pictures) -> tuple[Tensor, Tensor]:
+    def _blurred(self, point: Point, pictures: Scale) -> tuple[Tensor, Tensor]:
         """The views of light that a blur makes, and their trust [H, W].
 
         The centre alone [1, C, H, W], or the centre, left and right. Where lights of the sharp
