@@ -86,3 +86,8 @@ def _fraction(*keys: object) -> float:
     text = "\0".join(map(str, keys))
     digest = blake2b(text.encode("utf-8", "surrogateescape"), digest_size=8).digest()
     return (int.from_bytes(digest) >> 11) / 2**53
+
+
+def percentile_rank(percent: float, total: int) -> int:
+    """The rank, from 1, of the least of `total` numbers that a share of them does not exceed."""
+    return min(max(math.ceil(total * (percent / 100)), 1), total)

@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import MM_PER_M
 from defocus_core.picture.take import Take
@@ -81,22 +82,21 @@ def _place_of(lens: Lens, pixel: tuple[int, int], depth: Depth) -> tuple[slice, 
 
 
 def _at_percentile(lens: Lens, depth: Depth) -> float:
-    import torch
+    """The depth in mm that a share of the pixels does not exceed, without sky and holes.
 
-    from defocus_core.tensors.order_statistics import depth_percentile
+    It is that of a pixel: between two surfaces there is nothing to focus on.
+    """
+    from defocus_core.optics.distributions import percentile_rank
 
     assert lens.focus_percentile is not None
-    metres = depth_percentile(
-        lambda: (torch.from_numpy(depth.metres[rows]) for rows in bands(depth.metres.shape)),
-        lens.focus_percentile,
-        torch.float32,
-    )
-    if metres is None:
+    solid = depth.metres[np.isfinite(depth.metres) & (depth.metres > 0)]
+    if not solid.size:
         remedy = "give the focus as a distance"
         what = "is all sky" if depth.empty is None else "is sky or has an alpha of 0 everywhere"
         problem = f"{what}, with nothing to focus on"
         raise InputError("no-valid-depth", problem, remedy, path=depth.path)
-    foc_dist = metres * MM_PER_M
+    rank = percentile_rank(lens.focus_percentile, solid.size)
+    foc_dist = float(np.partition(solid, rank - 1)[rank - 1]) * MM_PER_M
     if foc_dist <= lens.foclen:
         where, far = Percentile(lens.focus_percentile), length_text(lens.foclen)
         problem = f"has {length_text(foc_dist)} at {where}, not beyond the focal length {far}"

@@ -17,14 +17,18 @@ from torch import Tensor
 from defocus_core.gone import remedy
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye
-from defocus_core.optics.distributions import ATTEMPTS, Distribution, drawn
+from defocus_core.optics.distributions import (
+    ATTEMPTS,
+    Distribution,
+    drawn,
+    percentile_rank,
+)
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.thin_lens import radii_of_each
 from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.tensors.order_statistics import percentile_rank
 from defocus_core.tensors.torch_modes import graph_break, own_modes
 from defocus_core.tensors.validation import (
     bad_depth,

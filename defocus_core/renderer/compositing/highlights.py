@@ -36,15 +36,10 @@ from defocus_core.renderer.layers.sliced_surface import blocks_of
 from defocus_core.tensors.box import BLOCK, Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import extreme_around
-from defocus_core.tensors.order_statistics import Ranks
 from defocus_core.tensors.sparse_masks import exceeding, positions_of
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
-_BRIGHTER = 2.0
-_ORDINARY = 0.995
-# Discs as large as so many frames, all together, are drawn one by one at most, brightest first; but
-# all that are so many times as bright as this pixel, for their rounding noise would be seen.
-_FRAMES, _ALWAYS = 8.0, 100.0
+BRIGHTER = 2.0
 
 
 class Highlights(NamedTuple):
@@ -53,24 +48,6 @@ class Highlights(NamedTuple):
     at: Tensor  # [n, 2] rows and columns
     light: Tensor  # [n, C] their colours
     signed_radius: Tensor  # [n] px
-
-
-def threshold(brightness: Ranks, maximum: float, radius: float) -> float:
-    """The brightness above which a pixel is a highlight.
-
-    `radius`: the greatest radius of blur in px.
-    """
-    # negative light is never a highlight, nor twice as much of it a bound
-    maximum = max(maximum, 0.0)
-    rank = max(1, int(_ORDINARY * brightness.total))
-    if brightness.about(rank)[0] >= maximum / _BRIGHTER:
-        return maximum
-    ordinary = max(brightness.exactly(rank), 0.0)
-    if ordinary >= maximum / _BRIGHTER:
-        return maximum
-    drawn = max(1, int(_FRAMES * brightness.total / (math.pi * max(radius, 1.0) ** 2)))
-    beyond = brightness.about(max(1, brightness.total - drawn))[1]
-    return max(_BRIGHTER * ordinary, min(beyond, _ALWAYS * ordinary, maximum))
 
 
 def reached_by(farthest: int) -> int:
@@ -97,7 +74,7 @@ def split(
     rest, drawn = [], []
     for layer, light, each, where in zip(layers, lights, brightness, bright, strict=True):
         colors, others = layer.color.tensor_split([channels])
-        ordinary = torch.where(where, limit / _BRIGHTER / each, 1.0)
+        ordinary = torch.where(where, limit / BRIGHTER / each, 1.0)
         rest.append(layer._replace(color=torch.cat([colors * ordinary, others])))
         at = positions_of(where)
         row, column = at.unbind(1)

@@ -1,11 +1,11 @@
-"""Preparation of a picture: its statistics, its slices, their windows, its tiles and regions."""
+"""Preparation of a picture: its slices, their windows, its tiles and regions."""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import lru_cache, partial
 from typing import NamedTuple
 
@@ -22,7 +22,7 @@ from defocus_core.renderer.blur.kernel_bank import (
     transform_windows,
 )
 from defocus_core.renderer.blur.layer_blur import Slicing
-from defocus_core.renderer.compositing.highlights import reached_by, threshold
+from defocus_core.renderer.compositing.highlights import reached_by
 from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
     Content,
@@ -30,8 +30,13 @@ from defocus_core.renderer.engine.frame import (
     SharedFrame,
     Slices,
 )
-from defocus_core.renderer.engine.scene import BRIGHTEST
 from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.survey import (
+    Survey,
+    border_range,
+    highlight_limit,
+    needs_double,
+)
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
 from defocus_core.renderer.layers.alpha import Alpha
@@ -46,146 +51,8 @@ from defocus_core.renderer.layers.slice_radii import (
     octaves,
     slice_radii,
 )
-from defocus_core.tensors.bands import banded, bands
-from defocus_core.tensors.box import BLOCK, Box, Grid, few_tiles, grid_over, largest, regions
+from defocus_core.tensors.box import BLOCK, Grid, few_tiles, grid_over, largest, regions
 from defocus_core.tensors.device_plan import launches_cost, pieces, tile_pixels
-from defocus_core.tensors.neighbourhoods import range_of
-from defocus_core.tensors.order_statistics import Ranks, counted
-from defocus_core.tensors.threads import threaded
-
-# Greatest radius in px: any picture is a point beside it.
-_MAX_PX = 1e8
-# Brightness as a multiple of the median, and by itself (or one divided by it), beyond which
-# float32 is too coarse.
-_RANGE, _SQUARED = 1e3, 1e15
-
-
-class Survey(NamedTuple):
-    """Statistics of a picture. The brightness of a pixel is that of its brightest channel."""
-
-    minimum: float  # least signed radius in px
-    maximum: float  # greatest signed radius in px
-    # Greatest differences of radius between neighbours in px: down, across
-    steepest: tuple[float, float]
-    channels: tuple[tuple[float, float], ...]  # least and greatest value of each channel
-    brightness: Ranks  # order statistics of the brightness of all pixels
-
-    @property
-    def darkest(self) -> float:
-        """Least value of all channels."""
-        return min(least for least, _ in self.channels)
-
-    @property
-    def brightest(self) -> float:
-        """Greatest value of all channels."""
-        return max(greatest for _, greatest in self.channels)
-
-
-def surveyed(pixels: Tensor, signed_radius: Tensor, dtype: torch.dtype, threads: int = 1) -> Survey:
-    """The statistics of a picture; each pixel is read once.
-
-    `pixels`: [C, H, W]; `signed_radius`: [H, W] px.
-    """
-    W = signed_radius.shape[-1]
-
-    def band_statistics(rows: tuple[int, int]) -> tuple[Tensor, Tensor]:
-        """Extremes of radii and of channels, the least ones first; and counts of brightness."""
-        band = Box(rows[0], 0, rows[1] - rows[0], W).of(pixels).detach().to(dtype)
-        radii = signed_radius[rows[0] : rows[1] + 1].detach().to(dtype)
-        least, *greatest = _radius_statistics(radii, rows).tensor_split([1])
-        limits = least, band.amin((-2, -1)), *greatest, band.amax((-2, -1))
-        return torch.cat(limits), counted(band.amax(0))
-
-    extremes, counts = zip(*threaded(band_statistics, bands(pixels), threads), strict=True)
-    every = torch.stack(extremes)
-    least, greatest = every.tensor_split([1 + len(pixels)], 1)
-    # one copy to the host; counts of pixels are exact in double precision
-    found = least.amin(0), greatest.amax(0), torch.stack(counts).sum(0)
-    together = torch.cat([part.double() for part in found])
-    numbers, held = together.cpu().tensor_split([every.shape[1]])
-    return _checked(numbers.tolist(), held.long(), pixels, dtype)
-
-
-def _checked(numbers: list[float], counts: Tensor, pixels: Tensor, dtype: torch.dtype) -> Survey:
-    """The survey of a picture.
-
-    `pixels`: [C, H, W].
-    """
-    count = pixels.shape[0]
-    minimum, maximum, down, across = numbers[0], *numbers[count + 1 : count + 4]
-    least, greatest = numbers[1 : count + 1], numbers[count + 4 :]
-    for name, every in (("signed_radius", [minimum, maximum]), ("image", least + greatest)):
-        if not all(map(math.isfinite, every)):
-            raise ValueError(f"{name} must be finite, got NaN or infinity; repair it first")
-    darkest, brightest = min(least), max(greatest)
-    if max(-minimum, maximum) > _MAX_PX:
-        raise ValueError(
-            f"signed_radius must be within {_MAX_PX:g} px, got {minimum:.3g} to {maximum:.3g} px; "
-            "check the units of depth and lens, and write inf for sky"
-        )
-    if max(-darkest, brightest) > float(torch.tensor(BRIGHTEST, dtype=dtype)):
-        raise ValueError(
-            f"image must be within ±{BRIGHTEST:g}, got {darkest:.3g} to {brightest:.3g}; "
-            "scale it, light has no unit here"
-        )
-
-    def brightness_again() -> Iterator[Tensor]:
-        return (band.to(dtype).amax(0) for band in banded(pixels))
-
-    return Survey(
-        minimum=minimum,
-        maximum=maximum,
-        steepest=(down, across),
-        channels=tuple(zip(least, greatest, strict=True)),
-        brightness=Ranks(counts, brightness_again, dtype),
-    )
-
-
-def border_range(signed_radius: Tensor) -> tuple[float, float]:
-    """The least and the greatest signed radius [H, W] on the edge of the frame."""
-    H, W = signed_radius.shape[-2:]
-    lines = [signed_radius[..., :1, :], signed_radius[..., H - 1 :, :]]
-    for first, last in bands(signed_radius):
-        lines += [signed_radius[..., first:last, at] for at in (slice(1), slice(W - 1, W))]
-    minimum, maximum = range_of(torch.cat([line.detach().flatten() for line in lines])).tolist()
-    return minimum, maximum
-
-
-def needs_double(survey: Survey, limit: float) -> bool:
-    """Whether float32 is too coarse.
-
-    Its transforms round to 1e-7 of the brightest, which shows in the dark; and squares of very
-    bright colours are infinite, of very dark ones 0. Pixels brighter than the limit do not
-    count: they are highlights, which are not transformed.
-    """
-    bright = min(survey.brightest, limit)
-    size = max(bright, -survey.darkest)
-    if size > _SQUARED or 0 < size < 1 / _SQUARED:
-        return True
-    black = int(survey.brightness.counts[0])  # and denormal numbers, which are as dark
-    lit = survey.brightness.total - black
-    if not lit:
-        return False
-    median = black + (lit + 1) // 2
-    low, high = survey.brightness.about(median)
-    if bright <= _RANGE * low or bright > _RANGE * high:
-        return bright > _RANGE * high
-    return bright > _RANGE * survey.brightness.exactly(median)
-
-
-def _radius_statistics(band: Tensor, rows: tuple[int, int]) -> Tensor:
-    """Least and greatest radius of a band, and greatest step down and across: [4].
-
-    `band`: [h, W] px, the rows of the band and the one below them.
-    """
-    radii = band[: rows[1] - rows[0]]
-    steps = band.diff(dim=-2), radii.diff(dim=-1)
-    steepest = [
-        range_of(step).abs().amax(-1, keepdim=True) if step.numel() else radii.new_zeros(1)
-        for step in steps
-    ]
-    return torch.cat([range_of(radii), *steepest])
-
 
 # The scene goes on beyond the frame as far as its light reaches, but by no more px than this or the
 # side of the frame.
@@ -307,7 +174,7 @@ def content_of(
     layered: Layered | None = None,
 ) -> Content:
     """What a picture holds."""
-    limit = threshold(survey.brightness, survey.brightest, max(-survey.minimum, survey.maximum))
+    limit = highlight_limit(survey)
     return Content(
         limits=(survey.minimum, survey.maximum),
         edges=layered is not None or max(survey.steepest) > EDGE,

@@ -11,16 +11,11 @@ import torch
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth
 from defocus_core.renderer.engine.frame import darkened
-from defocus_core.renderer.engine.plan import (
-    border_range,
-    computed_in,
-    content_of,
-    frame_of,
-    surveyed,
-)
+from defocus_core.renderer.engine.plan import computed_in, content_of, frame_of
 from defocus_core.renderer.engine.regions import assembled, rendered_regions, total
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import STANDARD, Settings
+from defocus_core.renderer.engine.survey import border_range, surveyed
 from defocus_core.renderer.layers.alpha import color_of, without_alpha
 from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.device_plan import launches_cost
@@ -57,7 +52,7 @@ class Renderer:
         return modes
 
     def _prepare(self, scene: Scene, settings: Settings) -> None:
-        threads, quality = settings.threads, find(settings.quality)
+        quality = find(settings.quality)
         if scene.layered is None and scene.repair is None:
             scene = repaired_once(scene, settings)
         scene = scene.as_layers()
@@ -73,7 +68,7 @@ class Renderer:
             counted = color_of(image)
             self.reaching = layered.most_blurred()
             border = border_range(self.reaching)
-        survey = surveyed(counted, signed_radius, computed_in(counted, signed_radius), threads)
+        survey = surveyed(counted, signed_radius, computed_in(counted, signed_radius))
         self.frame = frame_of(
             counted,
             signed_radius,

@@ -8,11 +8,11 @@ import torch
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL, LEFT, RIGHT
-from defocus_core.renderer.compositing.highlights import Highlights, draw, threshold
+from defocus_core.renderer.compositing.highlights import Highlights, draw
+from defocus_core.renderer.engine.survey import highlight_limit, surveyed
 from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.order_statistics import Ranks, counted
 
 RADII = tuple(float(r) for r in range(-12, 31, 2))
 H, W = 61, 83
@@ -231,7 +231,8 @@ def test_discs_are_drawn_one_by_one_as_long_as_all_of_them_are_few_frames(count,
 
     def limit(maximum):
         brightness[:count] = maximum
-        return threshold(Ranks(counted(light), lambda: [light], light.dtype), maximum, radius)
+        survey = surveyed(light[None], torch.full_like(light, radius), light.dtype)
+        return highlight_limit(survey)
 
     assert (limit(16.0) < 16.0) == alone
     assert limit(1600.0) < 1600.0, "the rounding noise of their transforms would be seen"

@@ -7,9 +7,10 @@ import torch
 
 from defocus_core import render
 from defocus_core.renderer.engine import regions
-from defocus_core.renderer.engine.plan import content_of, frame_of, surveyed
+from defocus_core.renderer.engine.plan import content_of, frame_of
 from defocus_core.renderer.engine.regions import blurred_part
 from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.survey import surveyed
 from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.box import BLOCK, Box, Grid
 

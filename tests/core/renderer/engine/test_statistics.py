@@ -6,7 +6,7 @@ from windows import in_window
 
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.ramps import around_ramps, without_ramps
-from defocus_core.renderer.engine.plan import needs_double, surveyed
+from defocus_core.renderer.engine.survey import needs_double, surveyed
 from defocus_core.tensors.bands import bands
 from defocus_core.tensors.box import Box
 
@@ -30,7 +30,7 @@ def test_the_steepest_step_is_seen_wherever_it_is(row):
     radius = torch.zeros(SIZE)
     radius[row + 1 :] = 7.0
     radius[row, 5] = 1.0
-    survey = surveyed(noise(3, *SIZE), radius, torch.float32, 1)
+    survey = surveyed(noise(3, *SIZE), radius, torch.float32)
     assert survey.steepest == (7.0, 1.0)
     assert (survey.minimum, survey.maximum) == (0.0, 7.0)
 
@@ -58,7 +58,7 @@ def test_few_steep_pixels_beside_many_hard_edges_are_a_surface(row):
 
 def test_brightness_is_that_of_the_brightest_channel():
     image = noise(3, *SIZE)
-    survey = surveyed(image.half(), torch.zeros(SIZE), torch.float32, 2)
+    survey = surveyed(image.half(), torch.zeros(SIZE), torch.float32)
     whole = image.half().float().amax(0).flatten().clamp(min=0).sort().values
     for rank in (1, 5000, 14399, 14400):
         low, high = survey.brightness.about(rank)
@@ -72,22 +72,22 @@ def test_what_is_bright_beside_the_median_of_lit_pixels_needs_double_precision(d
     image = torch.zeros(3, *SIZE)
     image[1, :400] = dark
     image[0, 7, 7] = 1.0
-    survey = surveyed(image, torch.zeros(SIZE), torch.float32, 2)
+    survey = surveyed(image, torch.zeros(SIZE), torch.float32)
     assert needs_double(survey, limit=1.0) == double
     assert not needs_double(survey, limit=dark)
 
 
 @pytest.mark.parametrize("value", [torch.nan, torch.inf, -torch.inf])
 @pytest.mark.parametrize("row", [0, 300, 599])
-def test_what_is_not_finite_is_found_in_every_band(value, row):
+def test_what_is_not_finite_is_found(value, row):
     image, radius = noise(3, *SIZE), torch.zeros(SIZE)
     broken = image.clone()
     broken[1, row, 3] = value
     with pytest.raises(ValueError, match="image must be finite"):
-        surveyed(broken, radius, torch.float32, 1)
+        surveyed(broken, radius, torch.float32)
     radius[row, 3] = value
     with pytest.raises(ValueError, match="signed_radius must be finite"):
-        surveyed(image, radius, torch.float32, 1)
+        surveyed(image, radius, torch.float32)
 
 
 def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole():
