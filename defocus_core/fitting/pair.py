@@ -34,6 +34,7 @@ _BOUNDS = torch.tensor(
     [math.inf, math.inf, MAX_SHIFT, MAX_SHIFT, math.log(MAX_MAGNIFICATION), 1.2],
     dtype=torch.float64,
 )
+_RADII = 2  # unknowns that are radii, the first ones
 _LEAST_RANGE = 1e-3  # px of radius between the farthest and the nearest surface
 _SEARCHED, _LEVELS = 128, 64  # px, of pictures that are blurred as a whole; levels of disparity
 _ROOTS = torch.linspace(-5.5, 5.5, 23, dtype=torch.float64)  # of the radii there, in px
@@ -298,6 +299,9 @@ class Search:
         away, weight = self._residual.of(point, pictures)
         tables = [away]
         for number, probe in zip(free, probes, strict=True):
+            # Radii outwards: less of a blur that is below a px tells nothing
+            if number < _RADII and -1 < point[number] * pictures.factor < 0:
+                probe = -probe
             there = _moved(point, [number], probe)
             tables.append((self._residual.of(there, pictures)[0] - away) / float(probe))
         table = (torch.stack(tables) * robust_of(away, weight).sqrt()).double().cpu()

@@ -48,7 +48,7 @@ def clipped(image: Tensor) -> Tensor:
 def registered(
     images: Tensor, across: float, down: float, magnification: float
 ) -> tuple[Tensor, Tensor]:
-    """Scale [V, C, H, W] magnified about their middle, then moved by px, by Lanczos' sinc.
+    """Images [V, C, H, W] magnified about their middle, then moved by px, by Lanczos' sinc.
 
     Beside them where nothing comes in from beyond the border: [H, W], 1 or 0.
     """

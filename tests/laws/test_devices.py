@@ -23,7 +23,8 @@ from defocus_core import (
 )
 from defocus_core.evaluation.lens_laws import LAWS, LawSetting, strips, waves
 from defocus_core.evaluation.synthetic_scenes import scenery
-from defocus_core.fitting.residual import Optics, Point, Residual
+from defocus_core.fitting.pictures import Scale, clipped
+from defocus_core.fitting.residual import Point, Residual
 from defocus_core.renderer.engine import regions
 from defocus_core.renderer.engine.regions import Region
 from defocus_core.renderer.engine.renderer import Renderer
@@ -230,10 +231,11 @@ def test_nor_does_the_lens_of_a_pair(agree):
     seen = render(image, 8 * (0.4 - disparity)).render
 
     def work(to):
-        residual = Residual(to(image), to(disparity), (to(seen),), falloff=True, rendered=render)
-        point, optics = Point(8.5, 0.4), Optics(Aperture(), DualPixel())
-        scales = residual.scale(None), residual.scale(32)
-        return [x for scale in scales for x in residual.of(point, optics, scale)]
+        sharp = to(image)
+        whole = Scale(sharp, to(disparity), to(seen)[None], clipped(sharp))
+        residual = Residual(whole, render, exposure=True, infinity=0.0)
+        point = Point(far=3.4, near=-5.1, across=0.5, growth=0.01)
+        return [x for scale in (whole, whole.reduced(32)) for x in residual.of(point, scale)]
 
     with torch.no_grad():
         agree(work, 1e-5)
