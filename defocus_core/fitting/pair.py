@@ -34,7 +34,6 @@ _BOUNDS = torch.tensor(
     [math.inf, math.inf, MAX_SHIFT, MAX_SHIFT, math.log(MAX_MAGNIFICATION), 1.2],
     dtype=torch.float64,
 )
-_RADII = 2  # unknowns that are radii, the first ones
 _LEAST_RANGE = 1e-3  # px of radius between the farthest and the nearest surface
 _SEARCHED, _LEVELS = 128, 64  # px, of pictures that are blurred as a whole; levels of disparity
 _ROOTS = torch.linspace(-5.5, 5.5, 23, dtype=torch.float64)  # of the radii there, in px
@@ -46,9 +45,9 @@ _DROP_RATIO = 4.0  # times the error of the best: nothing changes that
 _SAME_PX = 0.25  # px of pictures at a width, by which radii of one point differ
 _LEAST_STEP = 0.003  # of the difference that slopes are first taken over; a smaller step is none
 _EXACT = 1e-10  # error of pictures that differ by nothing else
-_FRACTIONS = (1.0, 0.35, 0.1)  # fractions of a step that are tried
 _SHORTEST = 0.01  # of the difference that slopes are first taken over
-_DAMPING = 1e-6
+_DAMPINGS = (1e-6, 0.03, 1.0, 30.0)  # of steps that are tried, in turn
+_TOLD = 1e-3  # of the greatest curvature, that damps an unknown of which nothing is told
 _BLOCKS = 6  # along each side, for the uncertainty
 _SEPARATION = 0.5  # of left and right, from which steps descend
 _UNTOLD = 1e-9  # curvature of the error by pixel, of an unknown that the pictures tell nothing of
@@ -268,16 +267,18 @@ class Search:
         Where a surface is nearly sharp slopes change within what they are taken over: that is no
         longer than the last step.
         """
-        px = _px(pictures)[free]
-        first = probes = px * _PROBES[free]
+        lengths = torch.ones(len(free), dtype=torch.float64)
         for _ in range(_MOST_STEPS):
-            hessian, gradient = (x.sum(0) for x in self._normal(point, pictures, free, probes))
-            damped = hessian + torch.diag(_DAMPING * hessian.diagonal() + 1e-12)
-            step = torch.linalg.solve(damped, -gradient)
-            step = step / (step.abs() / (px * _STEPS[free])).max().clamp_min(1)
+            probes = _probes(point, pictures, free)
+            normal = self._normal(point, pictures, free, lengths[:, None] * probes)
+            hessian, gradient = (x.sum(0) for x in normal)
+            hessian, gradient = hessian / lengths.outer(lengths), gradient / lengths
+            told = hessian.diagonal().clamp_min(_TOLD * hessian.diagonal().max() + 1e-30)
             here = self._residual.of(point, pictures)
-            for fraction in _FRACTIONS:
-                there = _moved(point, free, fraction * step)
+            for damping in _DAMPINGS:
+                step = -torch.linalg.solve(hessian + torch.diag(damping * told), gradient)
+                step = step / ((step @ probes).abs() / _longest(pictures)[free]).max().clamp_min(1)
+                there = _moved(point, free, step @ probes)
                 # Of the same pixels: else it counts which are seen from beyond the border
                 away, weight = self._residual.of(there, pictures)
                 common = torch.minimum(weight, here[1])
@@ -285,25 +286,21 @@ class Search:
                     break
             else:
                 break
-            point = there
-            taken = fraction * step.abs()
-            probes = torch.minimum(probes, torch.maximum(taken, _SHORTEST * first))
-            if error < _EXACT or float((taken / first).max()) < _LEAST_STEP:
+            point, lengths = there, lengths.minimum(step.abs().clamp_min(_SHORTEST))
+            if error < _EXACT or float(step.abs().max()) < _LEAST_STEP:
                 break
         return point
 
     def _normal(
         self, point: Point, pictures: Scale, free: list[int], probes: Tensor
     ) -> tuple[Tensor, Tensor]:
-        """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step."""
+        """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step.
+
+        The step is in units of the probes [P, P], a row each.
+        """
         away, weight = self._residual.of(point, pictures)
-        tables = [away]
-        for number, probe in zip(free, probes, strict=True):
-            # Radii outwards: less of a blur that is below a px tells nothing
-            if number < _RADII and -1 < point[number] * pictures.factor < 0:
-                probe = -probe
-            there = _moved(point, [number], probe)
-            tables.append((self._residual.of(there, pictures)[0] - away) / float(probe))
+        moved = [_moved(point, free, probe) for probe in probes]
+        tables = [away] + [self._residual.of(there, pictures)[0] - away for there in moved]
         table = (torch.stack(tables) * robust_of(away, weight).sqrt()).double().cpu()
         products = [
             block.flatten(1) @ block.flatten(1).T
@@ -322,11 +319,12 @@ class Search:
         still = point._replace(far=_MINIMUM, near=0.0)
         before, its_weight = self._residual.of(still, pictures)
         unlike = float((before.square() * its_weight).sum() / its_weight.sum()) / away.shape[1]
-        probes = (_px(pictures) * _PROBES)[free]
+        probes = _probes(point, pictures, free)
         hessian, gradient = self._normal(point, pictures, free, probes)
         strength, focus = point.far - point.near, point.far / (point.far - point.near)
         slopes = torch.zeros(2, len(free), dtype=torch.float64)
         slopes[:, :2] = torch.tensor([[1, -1], [1 - focus, focus]]) / strength
+        slopes = slopes @ probes.T
         errors = (slopes @ _covariance(hessian, gradient) @ slopes.T).diagonal().sqrt()
         if bool((hessian.sum(0).diagonal()[:2] <= _UNTOLD * total).any()):
             errors = torch.full_like(errors, math.inf)
@@ -354,9 +352,29 @@ def _covariance(hessian: Tensor, gradient: Tensor) -> Tensor:
     return away.T @ away * (1 - 1 / len(away))
 
 
+def _longest(pictures: Scale) -> Tensor:
+    """The greatest step of each unknown."""
+    return _STEPS * _px(pictures)
+
+
 def _px(pictures: Scale) -> Tensor:
     """The px of a pair for a px of smaller pictures; of what is no px, 1."""
     return torch.tensor([1 / pictures.factor] * 4 + [1.0] * 2, dtype=torch.float64)
+
+
+def _probes(point: Point, pictures: Scale, free: list[int]) -> Tensor:
+    """What slopes are first taken over [P, P], a row each: the unknowns, but of the radii others.
+
+    All radii grow in proportion, then as is square to that, so that their range grows. Steps of
+    both hardly depend on each other, be the focus within the range of depth or not.
+    """
+    probes = torch.diag(_PROBES * _px(pictures))
+    far, near = point.far, point.near
+    ends = torch.tensor([[far, near], [-near, far]], dtype=torch.float64)
+    ends = ends / ends.abs().max().clamp_min(1e-12)
+    ends[1] *= 1 if ends[1, 0] >= ends[1, 1] else -1
+    probes[:2, :2] = ends * probes[0, 0]
+    return probes[free][:, free]
 
 
 def _moved(point: Point, free: list[int], steps: Tensor) -> Point:
