@@ -219,3 +219,9 @@ def test_a_codec_that_is_missing_is_no_damage(tmp_path):
     path.write_bytes(data)
     with refuses("unsupported", "codec", path=path):
         read_depth(path)
+
+
+def test_the_one_over_z_of_nuke_is_named(color, out, tmp_path):
+    told, path = {**SCANLINE, "nuke/version": "15.0"}, tmp_path / "z.exr"
+    OpenEXR.File(told, {"depth.Z": np.full((16, 24), 0.4, "f4")}).write(str(path))
+    assert "nuke-scanline" in photograph(color, path, "-o", out).err

@@ -4,7 +4,7 @@ import struct
 
 import numpy as np
 import pytest
-from command_line import color_exr, depth_exr, header, render, run, texture
+from command_line import depth_exr, header, render, run, texture
 from image_files import png_chunk, raw_png, save
 from refusals import refuses
 
@@ -66,12 +66,16 @@ def test_a_curve_of_hdr_television_is_refused(tmp_path, code, curve):
         read_color(coded(tmp_path / "a.png", 9, code))
 
 
-def test_the_curve_that_is_taken_is_told(tmp_path):
-    for gamma, told in ((1.0, "linear"), (1.8, "the power 1.8"), (2.2, "the power 2.2")):
-        chunk = png_chunk(b"gAMA", round(100_000 / gamma).to_bytes(4, "big"))
-        color = read_color(raw_png(tmp_path / "a.png", DEEP, chunk))
-        assert (color.note, color.warnings) == (f"16-bit, taken as {told}", ())
-    assert read_color(color_exr(tmp_path / "a.exr")).note == "EXR float, linear"
-    for suffix in ("tif", "hdr"):
-        color = read_color(save(tmp_path / f"a.{suffix}", texture()))
-        assert (color.note, color.warnings) == ("float, taken as linear", ())
+def test_primaries_of_a_png_are_applied(tmp_path):
+    p3 = (0.3127, 0.329, 0.68, 0.32, 0.265, 0.69, 0.15, 0.06)
+    chunk = png_chunk(b"cHRM", struct.pack(">8I", *(round(x * 1e5) for x in p3)))
+    color = read_color(raw_png(tmp_path / "a.png", DEEP, chunk))
+    assert "Display P3" in color.note
+    assert "chromaticities" in color.attributes
+
+
+def test_a_profile_that_is_none_is_said_and_left_out(tmp_path):
+    path = save(tmp_path / "a.jpg", PHOTOGRAPH, ICCProfile=bytes(36) + b"acsp" + bytes(400))
+    ran = render(path, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "b.png")
+    assert (ran.code, "damaged and left out" in ran.err) == (0, True)
+    assert b"iCCP" not in (tmp_path / "b.png").read_bytes()

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
-from command_line import WIDTH, depth_exr, ramp, read_exr, refused_input, render, run, texture
+from command_line import WIDTH, ramp, run, texture
 from refusals import refuses
 
 from defocus_core.io.images.color import read_color
@@ -53,22 +53,6 @@ def test_a_thumbnail_is_no_page_to_choose_from(tmp_path):
     assert read_color(path).shape == large.shape
     assert describe(path).width == WIDTH
     assert read_color(path, part=0).shape == small.shape
-
-
-def test_render_and_info_take_the_same_page(tmp_path, out):
-    color = tiff(tmp_path / "a.tif", photograph(0), photograph(1))
-    depth = depth_exr(tmp_path / "z.exr", np.full_like(ramp(), 2))  # in focus
-    refused_input(render(color, depth, "-o", out), color, "ambiguous")
-    ran = run("info", color)
-    assert ran.code == 0
-    assert "no colour: has 2 pages; choose one with --part" in ran.out
-    assert "part 1: R uint8" in ran.out
-    assert "colour: R, G, B" in run("info", color, "--part", "1").out
-    for part in "01":
-        assert render(color, depth, "-o", out / part, "--part", part).code == 0
-        red = read_exr(out / part / "render" / "a.exr")["R"]
-        expected = srgb_to_linear(photograph(int(part))[..., 0] / 255)
-        np.testing.assert_allclose(red, expected, rtol=1e-3)  # half
 
 
 def test_a_page_may_be_the_depth(tmp_path):
