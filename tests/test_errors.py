@@ -301,6 +301,8 @@ ROWS = [
     ("blades must be a whole number", lambda: Aperture(3.5)),
     ("blades must be 10000 at most", lambda: Aperture(10**6)),
     ("rotation must be one number", lambda: Aperture(6, "15")),
+    (r"Aperture\(image=…\)", lambda: lens(aperture=PupilImage(LEFT))),
+    (r"Aperture\(image=…\)", lambda: render(IMAGE, RADIUS, aperture=PupilImage(LEFT))),
     (r"foclen must be one number, got \(24, 50\); in mm", lambda: drawn(foclen=(24, 50))),
     (r"blades must be a whole number", lambda: drawn(blades=(0, 6))),
     ("sensor_width must be one number, got None", lambda: drawn(sensor_width=None)),

@@ -60,25 +60,10 @@ def test_dual_pixel_images_take_depth_of_either_sign(small, options):
     assert not torch.equal(*before)
 
 
-def test_options_of_other_lenses_are_refused(small):
-    with pytest.raises(TypeError):
-        small.render_rgbd(image(), plane(500.0), method="psf_patch", num_layers=8)
-
-
 def test_depth_may_lack_the_dimension_of_channels(small):
     assert torch.equal(
         small.render_rgbd(image(), plane(500.0)[:, 0]), small.render_rgbd(image(), plane(500.0))
     )
-
-
-@pytest.mark.parametrize("depth", [plane(-500.0), torch.where(torch.rand(64, 64) < 0.5, 1.0, -1.0)])
-def test_negative_depth_is_refused_where_deeplens_refuses_it(small, depth):
-    depth = depth.expand(1, 1, 64, 64) * 500
-    with pytest.raises(ValueError, match="depth must be positive"):
-        small.render_rgbd(image(), depth)
-    if depth.max() > 0:
-        with pytest.raises(ValueError, match="depth must be positive"):
-            small.render_rgbd_dp(image(), depth)
 
 
 def test_the_sky_may_be_minus_infinity_in_a_map_of_negative_depth(small):

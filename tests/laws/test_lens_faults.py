@@ -9,7 +9,7 @@ import pytest
 import torch
 from tolerances import ROUNDING
 
-from defocus_core import Aperture, DefocusLens, PupilImage, render
+from defocus_core import DefocusLens
 
 DTYPE = torch.float64
 
@@ -89,14 +89,6 @@ def test_focus_within_the_focal_length_is_refused_whatever_its_sign(foc_dist):
         camera().refocus(foc_dist)
 
 
-def test_depth_of_field_is_infinite_and_not_negative_past_the_hyperfocal_distance():
-    lens = camera(5000.0)
-    past = float(lens.hyperfocal(0.03)) * torch.tensor([1.001, 2, 100, math.inf])
-    assert lens.dof(past, 0.03).tolist() == [math.inf] * 4
-    assert (lens.dof(-torch.logspace(2, 8, 50)) >= 0).all()  # each point's own CoC
-    assert math.isfinite(lens.dof(0.99 * float(past[0]) / 1.001, 0.03))
-
-
 @pytest.mark.parametrize("ks", [31, 32])
 @pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
 def test_dual_pixel_halves_are_mirror_images_whose_mean_is_the_psf(ks, psf_type):
@@ -135,41 +127,3 @@ def test_dual_pixel_halves_are_as_far_apart_near_focus_as_their_halves_of_the_le
     (slope,) = torch.autograd.grad(apart.sum(), radius)
     torch.testing.assert_close(slope, torch.full_like(radius, shift), atol=1e-6, rtol=1e-3)
     assert min(left.min(), right.min()) > (-0.11 if ks % 2 else -1e-3)
-
-
-@pytest.mark.parametrize("ks", [63, 64])
-def test_the_distance_of_dual_pixel_halves_does_not_jump(ks):
-    lens = camera()
-    radius = torch.arange(-12, 6, 0.05, dtype=DTYPE)
-    left, right = lens.psf_dp(at_radius(lens, radius), ks, "pillbox", strict=True)
-    apart = ((right - left).sum(1) * torch.arange(ks, dtype=DTYPE)).sum(1)
-    expected = 8 * radius / (3 * math.pi)
-    torch.testing.assert_close(apart, expected, atol=1e-9, rtol=0.01)
-
-
-def test_two_scenes_of_equal_radius_render_alike_whatever_lens_and_depth():
-    image, depth = speckle(48, 32), slope(48, 32)
-    lens, other = camera(), camera(1500.0, foclen=35.0)
-    other.fnum = 0.8
-    at_infinity = other.signed_radius(math.inf)
-    per_disparity = at_infinity - other.signed_radius(1.0)
-    same_radius = per_disparity / (at_infinity - lens.signed_radius(depth))
-    assert (same_radius / depth - 1).abs().max() > 0.2
-    torch.testing.assert_close(
-        other.render_rgbd(image, same_radius), lens.render_rgbd(image, depth), atol=1e-9, rtol=0
-    )
-
-
-def test_an_opening_is_given_to_a_lens_or_to_an_aperture():
-    image, depth = torch.rand(1, 3, 16, 24), torch.full((1, 1, 16, 24), 4000.0)
-    sensor = {"sensor_size": (36.0, 24.0), "sensor_res": (24, 16)}
-    lens = DefocusLens(50.0, 0.5, aperture=Aperture(obstruction=0.5), **sensor)
-    plain = DefocusLens(50.0, 0.5, **sensor)
-    for each in (lens, plain):
-        each.refocus(1000.0)
-    assert not torch.equal(lens.render_rgbd(image, depth), plain.render_rgbd(image, depth))
-    pupil = PupilImage(torch.ones(5, 5))
-    with pytest.raises(ValueError, match=r"Aperture\(image=…\)"):
-        DefocusLens(50.0, 0.5, aperture=pupil, **sensor)
-    with pytest.raises(ValueError, match=r"Aperture\(image=…\)"):
-        render(image, depth, aperture=pupil)
