@@ -14,6 +14,7 @@ from defocus_core import (
     Aperture,
     CatEye,
     DefocusLens,
+    Distribution,
     DualPixel,
     HiddenLayer,
     PupilImage,
@@ -34,6 +35,7 @@ from defocus_core.errors import (
     Place,
     with_dashes,
 )
+from defocus_core.optics.distributions import ATTEMPTS
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
@@ -313,6 +315,39 @@ ROWS = [
     ("image must be of floats of torch, got torch.uint8", lambda: tiled((255 * IMAGE).byte())),
     ("of a pixel at least", lambda: tiled(IMAGE[:0])),
     ("hidden must be color, signed_radius", lambda: tiled(hidden=(IMAGE, RADIUS, RADIUS[1:]))),
+    *(
+        (words, lambda k=kind, v=values: Distribution(k, v))
+        for kind, values, words in (
+            ("normal", (1, 2), "must be one of uniform, .*, got 'normal'"),
+            ("uniform", (1,), "must have two numbers as ends, got 1"),
+            ("uniform", (2, 1), "must begin at the lower end, got 2 and 1"),
+            ("loguniform", (0, 1), "must have ends above 0"),
+            ("loguniform", (1, math.inf), "must have finite ends"),
+            ("percentile", (5, 101), "must lie between 0 and 100"),
+            ("choice", (), "must have values to choose from"),
+        )
+    ),
+    *of(
+        {},
+        RandomDefocus,
+        ("fnum must be positive", {"fnum": Distribution("uniform", (0, 2))}),
+        ("fnum must not be drawn from a disp", {"fnum": Distribution("disparity", (1, 2))}),
+        ("max_radius must be", {"max_radius": 0.0}),
+        ("blades must be whole", {"blades": Distribution("uniform", (5, 9))}),
+        ("blades must be 0 or at least 3", {"blades": Distribution("choice", (0, 2))}),
+        ("obstruction must be", {"obstruction": Distribution("uniform", (0.0, 1.0))}),
+        ("shift must be", {"cat_eye_shift": 0.9, "cat_eye_size": 0.9}),
+        ("crosstalk must be", {"crosstalk": 0.5}),
+    ),
+    *of(
+        {},
+        drawn,
+        ("seeds must be one .*, a list of 1, got one of 2;", {"seeds": [1, 2]}),
+        ("seeds must be one", {"seeds": [1.5]}),
+        ("seeds must be one", {"seeds": 7}),
+        ("depth must be farther in focus .* last of 100 .* foclen=", {"depth": DEPTHS / 1000}),
+        (f"max_radius must allow some lens.* {ATTEMPTS} lenses", {"max_radius": 1e-9}),
+    ),
     ("at_once must be at least 1", lambda: list(Renderer(Scene(IMAGE, RADIUS)).tiles(0))),
 ]
 

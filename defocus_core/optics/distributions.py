@@ -53,16 +53,18 @@ class Distribution:
         try:
             low, high = map(float, self.values)
         except (TypeError, ValueError):
-            limits = f"got {len(self.values)}: {self.values}"
+            limits = f"got {len(self.values)}: {self.values}; give (low, high)"
             raise ValueError(f"{self.kind} must have two numbers as ends, {limits}") from None
         if math.isinf(low) or (math.isinf(high) and self.kind != "disparity"):
             raise ValueError(f"{self.kind} must have finite ends; only disparity reaches infinity")
         if low <= 0 and self.kind in ("loguniform", "disparity"):
-            raise ValueError(f"{self.kind} must have ends above 0, got {low:g}")
+            raise ValueError(f"{self.kind} must have ends above 0, got {low:g}; give a higher one")
         if not low <= high:
-            raise ValueError(f"{self.kind} must begin at the lower end, got {low:g} and {high:g}")
+            ends = f"got {low:g} and {high:g}; give the lower one first"
+            raise ValueError(f"{self.kind} must begin at the lower end, {ends}")
         if self.kind == "percentile" and not 0 <= low <= high <= 100:
-            raise ValueError(f"percentile must lie between 0 and 100, got {low:g} and {high:g}")
+            ends = f"got {low:g} and {high:g}; like (5, 95)"
+            raise ValueError(f"percentile must lie between 0 and 100, {ends}")
 
     def at(self, fraction: float) -> Any:
         """The value at a share in [0, 1) of the distribution."""

@@ -1,7 +1,6 @@
 """Deep EXR: the samples of each pixel are layers; what they say is rendered, and no more."""
 
 import numpy as np
-import pytest
 import torch
 from command_line import read_exr, refused_input, run, succeed, write_exr
 from deep_files import from_layers, write_deep_samples
@@ -171,18 +170,6 @@ def test_a_holdout_cuts_a_flat_picture_too(tmp_path):
     assert psnr(alpha[6:-6, 6:-6], 1 - truth(*made)[3]) > 43
 
 
-def test_a_deep_picture_over_a_plate_is_the_scene_of_both(tmp_path):
-    color, depth, coverage = layers(0.9, 3.0, 6.0)
-    color[2], coverage[2] = 0.4, 1.0
-    whole = rendered(tmp_path, "whole", from_layers(color, depth, coverage), light="float")
-    behind = {name: color[2, k] for k, name in enumerate("RGB")}
-    plate = write_exr(tmp_path / "plate.exr", **behind, Z=np.array(depth[2]))
-    front = from_layers(color[:2], depth[:2], coverage[:2])
-    one = rendered(tmp_path, "a", front, "--over", plate, light="float")
-    assert (one - whole).abs().max() < 1e-4
-    assert (one[3] == 1).all()
-
-
 def test_rows_without_samples_are_nothing(tmp_path):
     color, depth, coverage = layers(0.8, 2.0, 6.0)
     coverage[:, 16:] = 0
@@ -190,23 +177,3 @@ def test_rows_without_samples_are_nothing(tmp_path):
     assert float(shown[-1, -4:].max()) == 0
     coverage[:] = 0
     assert not rendered(tmp_path, "none", from_layers(color, depth, coverage)).any()
-
-
-@pytest.mark.parametrize("view", ["left", "right"])
-def test_a_deep_picture_of_two_views_in_one_part_renders_each(tmp_path, view):
-    """Both views have as many samples in a pixel: those of one part share their numbers."""
-    made = {"left": from_layers(*layers(2.0, 4.0)), "right": from_layers(*layers(1.5, 3.0))}
-
-    def merged(pair):
-        each = zip(made, pair, strict=True)
-        return {f"{side}.{n}": value for side, sample in each for n, value in sample.items()}
-
-    both = [
-        [list(map(merged, zip(*pixels, strict=True))) for pixels in zip(*rows, strict=True)]
-        for rows in zip(*made.values(), strict=True)
-    ]
-    names = [f"{each}.{name}" for each in made for name in "RGBAZ"]
-    seen = rendered(
-        tmp_path, "deep", both, "--view", view, names=names, light="float", views=("left", "right")
-    )
-    assert torch.equal(seen, rendered(tmp_path, "alone", made[view], light="float"))

@@ -102,17 +102,6 @@ def test_overscan_takes_part_in_the_blur_and_is_cropped_after_it(tmp_path):
         np.testing.assert_array_equal(given[name], planes[name].astype(given[name].dtype))
 
 
-def test_overscan_wider_than_the_picture_is_kept_whole(tmp_path):
-    rng = np.random.default_rng(0)
-    planes = {name: rng.random(SIZE, np.float32) for name in "RGB"}
-    planes["Z"] = np.full(SIZE, METRES, np.float32)
-    data, shown = box(-40, -30, SIZE[1] - 41, SIZE[0] - 31), box(0, 0, 9, 4)
-    made = write(tmp_path / "a.exr", planes, dataWindow=data, displayWindow=shown)
-    kept = picture(made, tmp_path / "k", "--sensor-width", "5mm", "--keep-overscan")
-    whole = picture(write(tmp_path / "b.exr", planes), tmp_path / "p", "--sensor-width", "30mm")
-    np.testing.assert_allclose(*([p[n] for n in "RGB"] for p in (kept, whole)), atol=2e-6)
-
-
 def test_overscan_that_the_depth_lacks_is_left_out_of_the_blur(tmp_path):
     planes = {name: np.full(SIZE, 0.5, np.float32) for name in "RGB"}
     data, shown = box(-4, 0, SIZE[1] - 5, SIZE[0] - 1), box(0, 0, SIZE[1] - 5, SIZE[0] - 1)
@@ -192,12 +181,6 @@ def test_depth_that_does_not_go_with_alpha_stays_as_it_is(tmp_path):
     assert "edge pixel" not in ran.err
 
 
-def test_a_whole_pixel_without_depth_is_still_an_error(tmp_path):
-    planes = element(disc())
-    planes["Z"][19, 29] = 0
-    refused(render(write(tmp_path / "a.exr", planes), tmp_path / "o"), 3, "invalid-depth", "a.exr")
-
-
 def test_light_without_alpha_stays_where_it_has_a_depth(tmp_path):
     planes = element(disc())
     planes["R"][4, 6] = 3.0
@@ -206,13 +189,6 @@ def test_light_without_alpha_stays_where_it_has_a_depth(tmp_path):
     assert "light without alpha in 1 pixel" in ran.err
     red = read_exr(tmp_path / "o" / "render" / "a.exr")["R"]
     assert red.sum() == pytest.approx(planes["R"].sum(), rel=1e-3)
-
-
-def test_percentiles_of_the_focus_count_only_what_has_alpha(tmp_path):
-    planes = element(disc())
-    planes["Z"] = np.where(planes["A"] > 0, planes["Z"], np.float32(0.2))
-    ran = render(write(tmp_path / "a.exr", planes), tmp_path / "o", "-v", focus="percentile(50)")
-    assert "focus 1.5m at percentile(50)" in ran.err
 
 
 def test_nothing_cannot_be_focused_on(tmp_path):
@@ -258,23 +234,6 @@ def test_a_view_is_rendered_as_if_it_were_alone(make, tmp_path):
     np.testing.assert_array_equal(
         rgba(read_exr(tmp_path / "default" / "render" / "a.exr")), rgba(right)
     )
-
-
-def test_info_tells_views_windows_and_what_alpha_leaves_out(tmp_path):
-    made = views_in_parts(tmp_path / "a.exr")
-    told = run("info", made, "--view", "left").out
-    assert "part 2 (rgba.left): A float, B float, G float, R float; view left" in told
-    clear = int((disc(center=(19.5, 33.5)) == 0).sum())
-    assert f"alpha 0 in {clear} pixels" in told
-    assert f"nothing in {clear} pixels" in told
-    assert "no colour" not in told
-    cut = write_within(tmp_path / "b.exr", element(disc()), (16, 6, 43, 33))
-    (record,) = run("info", "--json", cut).json["files"]
-    assert record["parts"][0]["data_window"] == [16, 6, 43, 33]
-    assert record["parts"][0]["display_window"] == [0, 0, SIZE[1] - 1, SIZE[0] - 1]
-    assert record["depth"]["invalid_pixels"] == 0
-    assert record["depth"]["nothing_pixels"] == record["color"]["nothing_pixels"]
-    assert record["color"]["partial_pixels"] == int(((disc() > 0) & (disc() < 1)).sum())
 
 
 def passes(path):

@@ -8,7 +8,7 @@ import pytest
 from command_line import header, read_exr, refused, run, succeed
 from deep_files import write_deep_samples
 from elements import SIZE, disc, element, write
-from image_files import box, save
+from image_files import save
 
 # Radii of 3 to 4 px at the depths below.
 LENS = ("--focal-length", "120mm", "--fnumber", "1.2", "--focus")
@@ -113,31 +113,6 @@ def test_a_plate_without_depth_is_infinitely_far_and_said_to_be(tmp_path):
     assert equal(read_exr(tmp_path / "p" / "render" / "a.exr"), expected)
     png = save(tmp_path / "plate.png", np.full((*SIZE, 3), 128, np.uint8))
     assert picture(tmp_path / "q", ball, "--over", png)["A"].min() > 1 - 1e-5
-
-
-def test_overscan_of_both_takes_part(tmp_path):
-    ball, below, _, _ = scene(tmp_path, 0.8, 1.6)
-    shown = box(0, 0, SIZE[1] - 13, SIZE[0] - 9)
-    data = box(-6, -4, SIZE[1] - 7, SIZE[0] - 5)
-    windows = {"dataWindow": data, "displayWindow": shown}
-    cut = [
-        write(tmp_path / f"{n}.exr", read_exr(f), **windows) for n, f in (("a", ball), ("p", below))
-    ]
-    lens = ("--sensor-width", "24mm")
-    seen = picture(tmp_path / "o", cut[0], "--over", cut[1], *lens)
-    whole = picture(tmp_path / "w", ball, "--over", below, "--sensor-width", "30mm")
-    for name in "RGBA":
-        np.testing.assert_allclose(seen[name], whole[name][4:-4, 6:-6], atol=1e-4)
-
-
-def test_the_plate_stands_in_the_dry_run_and_in_the_journal(tmp_path):
-    ball, below, _, _ = scene(tmp_path, 0.8, 1.6)
-    arguments = ("render", ball, "-o", tmp_path / "o", *LENS, "1m", "--over", below)
-    succeed(*arguments, "--dry-run")
-    succeed(*arguments)
-    write(below, read_exr(below) | {"R": np.zeros(SIZE, np.float32)})
-    succeed(*arguments, "--json")
-    assert read_exr(tmp_path / "o" / "render" / "a.exr")["R"][0, 0] == 0, "rendered again"
 
 
 IN_FOCUS = ("--focal-length", "1mm", "--fnumber", "64", "--focus", "5m", *FLOATS)

@@ -6,12 +6,9 @@ import json
 
 import numpy as np
 import pytest
-import torch
 from command_line import read_exr, run
 from deep_files import from_layers, write_deep_samples
 from elements import disc, element, write
-
-from defocus_core import DefocusLens, color_offset, render_layers
 
 LENS = ("--focal-length", "50mm", "--fnumber", "1", "--focus", "1.5m", "--sensor-width", "9mm")
 KINDS = ("over", "deep", "holdout")
@@ -69,19 +66,6 @@ def test_axial_color_moves_red_and_blue_alone(tmp_path, kind):
     for name in ("render.R", "render.B"):
         assert np.abs(axial[name] - plain[name]).max() > 0.02
         assert axial[name].sum() == pytest.approx(plain[name].sum(), rel=0.01)
-
-
-def test_each_colour_of_a_deep_picture_is_that_of_its_own_focus(tmp_path):
-    axial = shown(tmp_path / "a", scene(tmp_path / "a", "deep"), *SHIFT)
-    color, depth, coverage = (torch.from_numpy(np.array(a, np.float64)) for a in layers())
-    height, width = coverage.shape[-2:]
-    sensor = 9.0, 9.0 * height / width
-    lens = DefocusLens(50.0, 1.0, sensor, (width, height), "cpu", torch.float64)
-    lens.refocus(1500.0)
-    for name, channel, shift in (("R", 0, 0.4), ("B", 2, -0.3)):
-        radius = lens.signed_radius(depth * 1000) + color_offset(lens, shift)
-        expected = render_layers(color[:, channel : channel + 1], radius, coverage).render[0]
-        assert np.abs(axial[f"render.{name}"] - expected.numpy()).max() < 2e-3
 
 
 def test_clipped_lights_of_an_element_are_brightened_and_counted(tmp_path):

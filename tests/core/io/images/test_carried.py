@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import OpenEXR
-import pytest
 from command_line import HEIGHT, WIDTH, header, ramp, read_exr, refused_input, render, run
 from image_files import SCANLINE, box, write_window
 
@@ -36,19 +35,6 @@ def test_overscan_is_read_and_cropped_to_the_display_window_which_is_written_bac
             assert np.ravel(told[window]).tolist() == list(DISPLAY)
     seen = whole["R"][3 : 3 + HEIGHT, 2 : 2 + WIDTH]  # all of it is in focus
     np.testing.assert_array_equal(read_exr(out / "render" / "a.exr")["R"], seen)
-
-
-@pytest.mark.parametrize("names", ["RGB", "RGBA"])
-def test_a_frame_without_pixels_is_nothing_and_said_so(names, tmp_path, depth, out):
-    path = tmp_path / "a.exr"
-    write_window(path, planes(names, 6, 10), box(2, 1, 11, 6), box(0, 0, WIDTH - 1, HEIGHT - 1))
-    ran = render(path, depth, "-o", out, "-v")
-    assert "  colour: EXR float, linear, nothing outside the data window 10x6 at 2,1\n" in ran.err
-    assert "warning" not in ran.err
-    alpha = read_exr(out / "render" / "a.exr")["A"]
-    assert alpha.max() > 0
-    assert alpha[-1].max() == 0
-    assert "nothing outside the data window 10x6 at 2,1" in run("info", path).out
 
 
 def test_a_part_that_no_output_can_hold_is_said_to_be_left_out(tmp_path, depth, out):

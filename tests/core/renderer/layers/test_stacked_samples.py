@@ -1,5 +1,3 @@
-import time
-
 import pytest
 import torch
 
@@ -32,16 +30,3 @@ def test_many_layers_are_composited_as_each_alone(monkeypatch, kind):
     (of_each,) = torch.autograd.grad(each.render.square().sum(), layers[0])
     torch.testing.assert_close(views.render, each.render, rtol=0, atol=1e-6)
     torch.testing.assert_close(gradient, of_each, rtol=1e-4, atol=1e-5)
-
-
-@pytest.mark.bench
-@pytest.mark.parametrize("kind", _KINDS)
-def test_time_grows_with_the_layers_and_not_their_pairs(kind):
-    def seconds(count):
-        color, radius, cover = _layers(count, kind, 16)
-        start = time.process_time()
-        render_layers(color.detach(), radius, cover)
-        return time.process_time() - start
-
-    seconds(100)
-    assert seconds(4000) < 24 * seconds(500)  # pairs: 64
