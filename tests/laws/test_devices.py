@@ -144,7 +144,6 @@ def fitted(to):
     return [x for scale in (whole, whole.reduced(32)) for x in residual.of(point, scale)]
 
 
-
 # What is computed, and the most that it may differ by, beside what the device may.
 WORKS = {
     "floor": (picture_of("floor", left_right=True), 0),

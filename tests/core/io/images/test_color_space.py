@@ -66,14 +66,6 @@ def test_a_curve_of_hdr_television_is_refused(tmp_path, code, curve):
         read_color(coded(tmp_path / "a.png", 9, code))
 
 
-def test_primaries_of_a_png_are_applied(tmp_path):
-    p3 = (0.3127, 0.329, 0.68, 0.32, 0.265, 0.69, 0.15, 0.06)
-    chunk = png_chunk(b"cHRM", struct.pack(">8I", *(round(x * 1e5) for x in p3)))
-    color = read_color(raw_png(tmp_path / "a.png", DEEP, chunk))
-    assert "Display P3" in color.note
-    assert "chromaticities" in color.attributes
-
-
 def test_a_profile_that_is_none_is_said_and_left_out(tmp_path):
     path = save(tmp_path / "a.jpg", PHOTOGRAPH, ICCProfile=bytes(36) + b"acsp" + bytes(400))
     ran = render(path, depth_exr(tmp_path / "z.exr"), "-o", tmp_path / "b.png")
