@@ -16,7 +16,7 @@ from typing import Any
 
 from defocus_core.compare.findings.evidence import Evidence, Explanation
 from defocus_core.compare.findings.places import coc_map, place_of
-from defocus_core.compare.findings.table import CAUSES, Cause, Finding, kind_of
+from defocus_core.compare.findings.table import CAUSES, Finding, kind_of
 from defocus_core.compare.pairing import partners
 from defocus_core.compare.picture import DecodedPicture, in_linear_light, read_picture
 from defocus_core.compare.pixels import Pixels
@@ -57,45 +57,41 @@ def diagnose(
 
 def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanation]]:
     """The explanation that is named, if there is one; else the two that tie."""
-    tied: list[Explanation] = []
-    for turn in (0, 1):
-        fits: dict[str, Explanation] = {}
-        for row in CAUSES:
-            for fit in _fits(row, evidence) if row.turn == turn else ():
-                known = fits.get(kind_of(fit.name))
-                if known is None or fit.left <= _HALF * known.left > _HALF * _ALL:
-                    fits[kind_of(fit.name)] = fit
-        good = [fit for fit in fits.values() if evidence.explained(fit.left) >= 1 - fit.limit]
-        if evidence.is_small:
-            good = [fit for fit in good if fit.left <= _LEFT_OF_FEW]
-        if turn:  # what is known by its looks is measured by other means
-            return next(iter(good), None), tied
-        for fit in sorted(good, key=lambda each: each.left):
-            others = [each for each in fits.values() if not _is_beyond(each, fit)]
-            simple = [each for each in others if _is_beyond(fit, each)]
-            is_enough = any(
-                fit.left > _SIMPLER * each.left or evidence.explained(each.left) >= _ENOUGH
-                for each in simple
-            )
-            if not is_enough and all(_is_much_better(fit.left, each.left) for each in others):
-                return fit, ()
-        tied = sorted(good, key=lambda each: each.left)[:2]
-        tied = tied if len(tied) == 2 else []
-    return None, tied
+    fits: dict[str, Explanation] = {}
+    for fit in _fits(evidence, looks=False):
+        known = fits.get(kind_of(fit.name))
+        if known is None or fit.left <= _HALF * known.left > _HALF * _ALL:
+            fits[kind_of(fit.name)] = fit
+    good = sorted((f for f in fits.values() if _is_enough(f, evidence)), key=lambda f: f.left)
+    for fit in good:
+        others = [each for each in fits.values() if not _is_beyond(each, fit)]
+        serves = any(
+            fit.left > _SIMPLER * each.left or evidence.explained(each.left) >= _ENOUGH
+            for each in others
+            if _is_beyond(fit, each)
+        )
+        if not serves and all(fit.left <= max(_HALF * each.left, _ALL) for each in others):
+            return fit, ()
+    # What is known by its looks is measured by other means.
+    seen = (fit for fit in _fits(evidence, looks=True) if _is_enough(fit, evidence))
+    return next(seen, None), good[:2] if len(good) > 1 else ()
 
 
-def _fits(row: Cause, evidence: Evidence) -> Iterator[Explanation]:
-    """The fits of a cause to a pair, if it may have befallen it."""
-    colors = {name for layer in evidence.pixels.color for name in layer}
-    if not row.light or not colors.isdisjoint(evidence.names):
-        module, _, name = row.model.partition(".")
+def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:
+    """The fits of causes to a pair, of those that may have befallen it."""
+    rows, colors = {row.name: row for row in CAUSES}, evidence.pixels.color
+    lit = not {name for layer in colors for name in layer}.isdisjoint(evidence.names)
+    for model in dict.fromkeys(r.model for r in CAUSES if r.looks == looks and r.light <= lit):
+        module, _, name = model.partition(".")
         for fit in getattr(import_module(f"{__package__}.{module}"), name)(evidence):
-            yield replace(fit, beyond=row.beyond, limit=row.left)
+            row = rows[kind_of(fit.name)]
+            yield replace(fit, beyond=fit.beyond or row.beyond, limit=row.left)
 
 
-def _is_much_better(left: float, other: float) -> bool:
-    """Whether what is left is at most half of the other, or all is explained by both."""
-    return left <= _HALF * other or left <= _ALL
+def _is_enough(fit: Explanation, evidence: Evidence) -> bool:
+    """Whether a cause explains as much of the difference as it must."""
+    few = not evidence.is_small or fit.left <= _LEFT_OF_FEW
+    return few and evidence.explained(fit.left) >= 1 - fit.limit
 
 
 def _is_beyond(fit: Explanation, other: Explanation) -> bool:

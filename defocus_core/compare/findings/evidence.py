@@ -233,6 +233,17 @@ class Evidence:
         return math.sqrt(float((weights * np.square(rest)).sum()) / every) if every else math.inf
 
     @cached_property
+    def difference(self) -> NDArray[Any]:
+        """B − A on the scale of differences, the mean of the channels, of all pixels [H, W]."""
+        total = np.zeros(self.size, np.float32)
+        for rows in self.pixels.strips():
+            for name in self.names:
+                a, b = (self.scaled(self.pixels.plane(s, name)[rows]) for s in ("a", "b"))
+                total[rows] += (b - a) / np.float32(len(self.names))
+        total[self.pixels.greatest == 0] = 0.0
+        return total
+
+    @cached_property
     def window(self) -> tuple[int, int, int, int]:
         """The first row and column that differ, and those after the last."""
         rows, columns = (np.flatnonzero((self.pixels.greatest > 0).any(axis=k)) for k in (1, 0))

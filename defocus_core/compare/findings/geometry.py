@@ -17,9 +17,7 @@ _PEAKS = 3  # of each correlation that are tried
 _EXPLAINED = 0.02  # left of a difference, below which no further move is looked for
 _LEAST_PART = 0.02  # px of a move that is looked at
 _CHOSEN, _STEPS = 1600, 8  # samples that choose a small move, and steps to it
-_AROUND = 1e-4  # px by which kernels of interpolation are moved for their slope
-# Of a move: how far down and how far right, in px, and how far out at half of the longer side.
-_SHIFT, _SCALED = np.eye(3)[:2], np.eye(3)
+_AROUND = 1e-3  # px by which a move is changed for its slope
 
 
 def other_file(evidence: Evidence) -> Iterator[Explanation]:
@@ -54,23 +52,18 @@ def flipped(evidence: Evidence) -> Iterator[Explanation]:
 
 def cropped(evidence: Evidence) -> Iterator[Explanation]:
     """B is 0 outside of a window, and as A within it."""
-    planes = [evidence.pixels.plane("b", name) for name in evidence.names]
-    if all(plane[0].any() and plane[:, 0].any() and plane[-1].any() for plane in planes):
+    kept = np.logical_or.reduce([evidence.pixels.plane("b", n) != 0 for n in evidence.names])
+    if kept.all() or not kept.any():
         return
-    kept = np.logical_or.reduce([plane != 0 for plane in planes])
-    if not kept.any():
-        return
-    (top, bottom), (left, right) = (
-        np.flatnonzero(kept.any(axis=axis))[[0, -1]].tolist() for axis in (1, 0)
-    )
-    width, height = right - left + 1, bottom - top + 1
-    if (height, width) != evidence.size:
+    ends = [np.flatnonzero(kept.any(axis=axis))[[0, -1]].tolist() for axis in (1, 0)]
+    (top, bottom), (left, right) = ends
+    if kept[top : bottom + 1, left : right + 1].size < kept.size:
         rows, columns = evidence.places
         inside = (rows >= top) & (rows <= bottom) & (columns >= left) & (columns <= right)
         left_over = evidence.left(np.where(inside, evidence.sampled[0], np.float32(0.0)))
-        text = f"a crop: 0 outside of {width}x{height} at {left},{top}"
-        values = {"window": [left, top, width, height]}
-        yield Explanation(left_over, "crop", values=values, text=text)
+        window = [left, top, right - left + 1, bottom - top + 1]
+        text = "a crop: 0 outside of {2}x{3} at {0},{1}".format(*window)
+        yield Explanation(left_over, "crop", values={"window": window}, text=text)
 
 
 def _offsets(evidence: Evidence) -> list[tuple[int, int]]:
@@ -110,53 +103,44 @@ def moved(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(least, "shifted", f" by ({dx}, {dy})", {"dx": dx, "dy": dy})
     if least <= _EXPLAINED or min(evidence.size) <= 16:
         return
-    first = tuple(sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1])
     move = np.array([dy, dx, 0.0])
-    for free in (_SHIFT, _SCALED):
-        move, better = _fitted(evidence, first, move, free)
+    for free in (2, 3):
+        move, better = _fitted(evidence, move, free)
         if not better:
             continue
-        inside, (there,) = _moved(evidence, *evidence.places, move, evidence.names)
+        inside, there = _moved(evidence, slice(None), move, evidence.names)
         left = evidence.left(_interpolated(evidence)[1](there), inside)
         down, right, out = map(float, move)
-        values = {"dx": right, "dy": down, "scale": 1 + out / _far(evidence)}
+        values = {"dx": right, "dy": down, "scale": 1 + out / (max(evidence.size) / 2)}
         ways = [f"shifted by ({right:.2f}, {down:.2f})"]
-        if free is _SCALED and abs(out) > _LEAST_PART:
+        if free == 3 and abs(out) > _LEAST_PART:
             ways = [f"scaled by {values['scale']:.5g}", *ways]
             ways = ways[: 1 + bool(np.hypot(right, down) > 5 * _LEAST_PART)]
         yield Explanation(left, ways[0].partition(" ")[0], values=values, text=" and ".join(ways))
 
 
-def _far(evidence: Evidence) -> float:
-    """Distance from the middle, in px, at which growth is measured."""
-    return max(evidence.size) / 2
-
-
-def _fitted(
-    evidence: Evidence, names: tuple[str, ...], start: NDArray[Any], free: NDArray[Any]
-) -> tuple[NDArray[np.float64], bool]:
+def _fitted(evidence: Evidence, start: NDArray[Any], free: int) -> tuple[NDArray[Any], bool]:
     """The move near another that makes B of A, and whether it explains some of it, or the other.
 
-    It is found by least squares on the gradient (Lucas and Kanade, 1981).
+    Of a move, so many numbers are free: how far down and how far right, in px, and how far out at
+    half of the longer side. It is found by Gauss-Newton steps (Lucas and Kanade, 1981).
     """
-    rows, columns = evidence.places
-    fits = np.flatnonzero(evidence.fits)
-    fits = fits[:: max(1, len(fits) // _CHOSEN)]
-    places = rows[fits], columns[fits]
-    far, (height, width) = _far(evidence), evidence.size
-    y, x = (places[0] - (height - 1) / 2) / far, (places[1] - (width - 1) / 2) / far
+    names = sorted(evidence.names, key=lambda name: name[-1:] not in "GY")[:1]
+    few = np.flatnonzero(evidence.fits)
+    few = few[:: max(1, len(few) // _CHOSEN)]
     scale, _ = _interpolated(evidence)
-    was, aim = (scale(evidence.at(side, *places, names)) for side in "ab")
+    rows, columns = (places[few] for places in evidence.places)
+    was, aim = (scale(evidence.at(side, rows, columns, names)) for side in "ab")
     # Light counts as much as a screen shows of it.
     slope = steepness(was) if scale == evidence.light else 1.0
-    move, rest, inside = start.copy(), aim - was, np.ones(len(fits), bool)
+    move = start.copy()
     for _ in range(_STEPS):
-        inside, (there, down, right) = _moved(evidence, *places, move, names, sloped=True)
-        ways = [-v * slope * inside for v in (down, right, down * y + right * x)]
+        inside, there = _moved(evidence, few, move, names)
+        beside = [_moved(evidence, few, move + _AROUND * d, names)[1] for d in np.eye(3)[:free]]
+        design = np.stack([((v - there) / _AROUND * slope * inside).ravel() for v in beside])
         rest = (aim - there) * slope * inside
-        design = free @ np.stack([way.ravel() for way in ways])
         step = np.linalg.lstsq(design @ design.T, design @ rest.ravel(), rcond=None)[0].clip(-2, 2)
-        move += step @ free
+        move[:free] += step
         if np.abs(step).max() < 0.002:
             break
     every = np.square((aim - was) * slope * inside).sum()
@@ -173,26 +157,16 @@ def _interpolated(evidence: Evidence) -> tuple[_Scale, _Scale]:
 
 
 def _moved(
-    evidence: Evidence,
-    rows: NDArray[Any],
-    columns: NDArray[Any],
-    move: NDArray[Any],
-    names: Sequence[str],
-    *,
-    sloped: bool = False,
-) -> tuple[NDArray[np.bool_], list[NDArray[Any]]]:
-    """Places of A that were within it, and A there, if asked for with its slopes down and right."""
-    far, (height, width) = _far(evidence), evidence.size
-    y, x = (rows - (height - 1) / 2) / far, (columns - (width - 1) / 2) / far
-    at_y, at_x = rows - move[0] - move[2] * y, columns - move[1] - move[2] * x
-    inside = (at_y > 2) & (at_y < height - 3) & (at_x > 2) & (at_x < width - 3)
-    top, left = np.floor(at_y).astype(np.intp), np.floor(at_x).astype(np.intp)
-    taps = np.arange(-1, 3)[:, None]
-    lines, row = (top + taps).clip(0, height - 1)[:, None], (left + taps).clip(0, width - 1)
-    values = _interpolated(evidence)[0](evidence.at("a", lines, row, names))  # [C, 4, 4, N]
-    down, across = at_y - top - taps, at_x - left - taps
-    ways = [(keys(down), keys(across))]
-    if sloped:
-        slopes = [(keys(t + _AROUND) - keys(t - _AROUND)) / (2 * _AROUND) for t in (down, across)]
-        ways += [(slopes[0], ways[0][1]), (ways[0][0], slopes[1])]
-    return inside, [np.einsum("kn,jn,ckjn->cn", k, j, values) for k, j in ways]
+    evidence: Evidence, few: Any, move: NDArray[Any], names: Sequence[str]
+) -> tuple[NDArray[np.bool_], NDArray[Any]]:
+    """Which of some samples were within A, and A moved there."""
+    inside, axes = np.bool_(True), []
+    for places, length, by in zip(evidence.places, evidence.size, move[:2], strict=True):
+        out = (places[few] - (length - 1) / 2) / (max(evidence.size) / 2)
+        at = places[few] - by - move[2] * out
+        inside = inside & (at > 2) & (at < length - 3)
+        taps = np.floor(at).astype(np.intp) + np.arange(-1, 3)[:, None]
+        axes.append((taps.clip(0, length - 1), keys(at - taps)))
+    (rows, down), (columns, across) = axes
+    values = _interpolated(evidence)[0](evidence.at("a", rows[:, None], columns, names))
+    return np.asarray(inside), np.einsum("kn,jn,ckjn->cn", down, across, values)

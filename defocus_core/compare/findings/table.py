@@ -14,133 +14,108 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Cause:
-    """A model of what may have happened to B.
+    """What may have happened to B, and the evidence for it.
 
     Attributes:
+        name: the fixed words of the finding.
+        words: what is evidence for it.
         model: module of this folder and function that fits it to a pair, in one way or several.
-        findings: names that it gives, each with the evidence for it.
         beyond: names of simpler causes that the model can make, too: it is named in the place of
             one of these where it leaves at most half as much, and is no rival to it.
-        light: whether it is one of colour alone.
         left: largest share of a difference that it may leave, if it is to be named.
-        turn: 1 for what is looked for where no row of turn 0 is named.
+        light: whether it is one of colour alone.
+        looks: whether it is looked for where no other row is named.
     """
 
+    name: str
+    words: str
     model: str
-    findings: dict[str, str]
     beyond: tuple[str, ...] = ()
-    light: bool = False
     left: float = 0.4
-    turn: int = 0
+    light: bool = False
+    looks: bool = False
 
 
-_LINEAR = ("another exposure", "multiplied", "channels swapped", "premultiplication")
+_FACTOR = ("another exposure", "multiplied")
+_LINEAR = (*_FACTOR, "channels swapped", "premultiplication")
 _TONES = (*_LINEAR, "offset or contrast", "inverted", "another gamma", "clipped", "normalised")
+_AXIS = "along rays instead of along the axis, by which focal length"
+_VIEW = "B is the other view: a file `left`/`right` beside A, channels, or halves of the picture"
+_MIXED = "a matrix: which primaries, the factor, or grey"
+_COC = "either, where metadata, recipes or CoC maps say so"
 CAUSES = (
     # Values in place.
-    Cause("tone.empty", {"empty": "one value everywhere, or 0 in a rectangle"}),
-    Cause("tone.rounded", {"rounded to half": "to the numbers of 16 bits"}),
-    Cause("tone.clipped", {"clipped": "at which limit, from above or from below"}),
-    Cause("tone.quantised", {"quantised": "to the levels of how many bits"}, ("rounded to half",)),
+    Cause("empty", "one value everywhere, or 0 in a rectangle", "tone.empty"),
+    Cause("rounded to half", "to the numbers of 16 bits", "tone.rounded"),
+    Cause("clipped", "at which limit, from above or from below", "tone.clipped"),
+    Cause("quantised", "to the levels of how many bits", "tone.quantised", ("rounded to half",)),
+    Cause("channels swapped", "which", "tone.exchanged"),
+    Cause("left and right swapped", _VIEW, "tone.exchanged"),
+    Cause("layers exchanged", "channels of one layer in the place of another", "tone.exchanged"),
+    Cause("ids exchanged", "the same numbers, in other places", "tone.exchanged_ids"),
     Cause(
-        "tone.exchanged",
-        {
-            "channels swapped": "which",
-            "left and right swapped": "B is the other view: a file `left`/`right` beside A, "
-            "channels, or halves of the picture",
-            "layers exchanged": "channels of one layer in the place of another",
-        },
+        "another exposure",
+        "brighter or darker: the factor, of all channels or of each",
+        "tone.summed",
     ),
-    Cause("tone.exchanged_ids", {"ids exchanged": "the same numbers, in other places"}),
+    Cause("multiplied", "the same of channels that are not light, like depth", "tone.summed"),
+    Cause("normalised", "0…1 of other numbers, like depth; or their inverse", "tone.summed"),
+    Cause("another gamma", "the power; sRGB encoded or decoded once more", "tone.summed", _FACTOR),
     Cause(
-        "tone.exposed",
-        {
-            "another exposure": "brighter or darker: the factor, of all channels or of each",
-            "multiplied": "the same of channels that are not light, like depth",
-        },
+        "offset or contrast",
+        "A times a factor, and a constant: of light or of a screen",
+        "tone.summed",
+        (*_FACTOR, "normalised"),
     ),
-    Cause("tone.normalised", {"normalised": "0…1 of other numbers, like depth; or their inverse"}),
+    Cause("inverted", "the same with a factor below 0", "tone.summed", _FACTOR),
+    Cause("radial depth", _AXIS, "tone.radial"),
+    Cause("planar depth", "along the axis instead of along rays", "tone.radial"),
     Cause(
-        "tone.radial",
-        {
-            "radial depth": "along rays instead of along the axis, by which focal length",
-            "planar depth": "along the axis instead of along rays",
-        },
-    ),
-    Cause(
+        "premultiplication",
+        "colour divided or multiplied by alpha once more",
         "tone.premultiplied",
-        {"premultiplication": "colour divided or multiplied by alpha once more"},
         light=True,
     ),
-    Cause(
-        "tone.another_gamma",
-        {"another gamma": "the power; sRGB encoded or decoded once more"},
-        ("another exposure", "multiplied"),
-    ),
-    Cause(
-        "tone.offset",
-        {
-            "offset or contrast": "A times a factor, and a constant: of light or of a screen",
-            "inverted": "the same with a factor below 0",
-        },
-        ("another exposure", "multiplied", "normalised"),
-    ),
-    Cause(
-        "tone.mixed_channels",
-        {"primaries or saturation": "a matrix: which primaries, the factor, or grey"},
-        _LINEAR,
-        light=True,
-    ),
-    Cause("tone.curve", {"another tone curve": "a curve that rises"}, _TONES, light=True),
+    Cause("primaries or saturation", _MIXED, "tone.mixed_channels", _LINEAR, light=True),
+    Cause("another tone curve", "a curve that rises", "tone.curve", _TONES, light=True),
     # Places.
-    Cause("geometry.other_file", {"another view or frame": "a file beside A"}),
-    Cause("geometry.flipped", {"flipped": "how", "rotated": "by right angles"}),
-    Cause("geometry.cropped", {"crop": "which part of A it is"}, ("empty",)),
-    Cause(
-        "geometry.moved",
-        {"shifted": "by px, fractions included", "scaled": "by a factor"},
-        ("flipped", "rotated"),
-        left=0.2,
-    ),
+    Cause("another view or frame", "a file beside A", "geometry.other_file"),
+    Cause("flipped", "how", "geometry.flipped"),
+    Cause("rotated", "by right angles", "geometry.flipped"),
+    Cause("crop", "which part of A it is", "geometry.cropped", ("empty",)),
+    Cause("shifted", "by px, fractions included", "geometry.moved", ("flipped", "rotated"), 0.2),
+    Cause("scaled", "by a factor", "geometry.moved", ("flipped", "rotated"), 0.2),
     # Patterns.
-    Cause("traces.sparks", {"fireflies or few pixels": "how many, brighter or darker"}),
+    Cause("fireflies or few pixels", "how many, brighter or darker", "traces.sparks"),
     Cause(
-        "traces.overlay", {"overlay": "text or a watermark: one colour over a part"}, (), True, 0.15
+        "overlay",
+        "text or a watermark: one colour over a part",
+        "traces.overlay",
+        left=0.15,
+        light=True,
     ),
     # Sharpness.
     Cause(
-        "softness.filtered",
-        {
-            "softer": "blurred or denoised, by how many px",
-            "sharper": "the reverse, or more detail",
-            "another CoC": "either, where metadata, recipes or CoC maps say so",
-        },
-        light=True,
+        "softer",
+        "blurred or denoised, by how many px",
+        "softness.softened",
         left=0.68,
     ),
-    Cause(
-        "softness.resized",
-        {"lower resolution": "of which size"},
-        ("softer",),
-        light=True,
-        left=0.5,
-    ),
-    Cause(
-        "softness.filtered_in_parts",
-        {},
-        ("softer", "sharper", "lower resolution", "shifted", "scaled"),
-        light=True,
-        left=0.68,
-    ),
+    Cause("sharper", "the reverse, or more detail", "softness.softened", left=0.68),
+    Cause("another CoC", _COC, "softness.softened", left=0.68),
+    Cause("lower resolution", "of which size", "softness.softened", ("softer",), 0.5),
     # Known by how a difference looks.
     Cause(
+        "compressed with losses",
+        "blocks of 8 px, or the header",
         "traces.compressed",
-        {"compressed with losses": "blocks of 8 px, or the header"},
         left=0.8,
-        turn=1,
+        looks=True,
     ),
-    Cause("traces.seams", {"seams": "on lines of a period, or tiles of another exposure"}, turn=1),
-    Cause("traces.noise", {"noise": "added, or in another pattern"}, turn=1),
+    Cause(
+        "seams", "on lines of a period, or tiles of another exposure", "traces.seams", looks=True
+    ),
+    Cause("noise", "added, or in another pattern", "traces.noise", looks=True),
 )
 # What no model is fitted to.
 STRUCTURE = {
@@ -160,7 +135,7 @@ PLACES = {
     "at the border": "within 1 to 16 px",
     "in one region": "the rectangle that holds most of it, or all of it amid detail that is equal",
 }
-EVIDENCE = STRUCTURE | {n: words for row in CAUSES for n, words in row.findings.items()}
+EVIDENCE = STRUCTURE | {row.name: row.words for row in CAUSES}
 FINDINGS = (*EVIDENCE, *PLACES)  # first words of all names, for rules like found:clipped
 
 

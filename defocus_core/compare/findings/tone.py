@@ -6,8 +6,9 @@ Most are sums of terms of A, found by weighted least squares: of light, or of wh
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import permutations
 from typing import Any
 
@@ -28,7 +29,6 @@ _MAX_SWAPPED = 4  # channels of a layer whose permutations are tried
 _BITS = range(3, 13)
 _KNOTS = 40  # of a tone curve
 _NEAR = 0.02  # greatest difference of a matrix from that of known primaries
-_GREY = 2e-3  # greatest relative difference of the channels of a grey
 _SAME = 2e-3  # greatest relative difference from the limit of what was clipped
 _CUT = 0.95  # least share of the pixels beyond the limit that are at it
 _BELOW = 0.97  # of the limit, beyond which there are values that were not cut off
@@ -44,21 +44,21 @@ def clipped_light(pixels: Pixels) -> list[Finding]:
         high, limit = (max(_high(pixels, side, name) for name in layer) for side in "ab")
         if not (math.isfinite(high) and high > _MORE * limit > 0):
             continue
-        beyond, cut, between, below = 0, 0, 0, 0
-        for name in layer:
-            a, b = pixels.plane("a", name), pixels.plane("b", name)
-            over = a > (1 + _SAME) * limit
-            below += int(np.count_nonzero((b > _BELOW * limit) & (b < (1 - _SAME) * limit)))
-            old, new = a[over].astype(np.float64), b[over].astype(np.float64)
-            at_limit = np.abs(new - limit) <= _SAME * limit
-            beyond += new.size
-            cut += int(np.count_nonzero(at_limit))
-            between += int(np.count_nonzero(at_limit & (old < 0.98 * high)))
-        plain = abs(limit - 1.0) <= _SAME
+        planes = [[pixels.plane(side, name) for name in layer] for side in "ab"]
+        over = [a > (1 + _SAME) * limit for a in planes[0]]
+        old, new = (
+            np.concatenate(
+                [plane[mask].astype("f8") for plane, mask in zip(side, over, strict=True)]
+            )
+            for side in planes
+        )
+        cut = np.abs(new - limit) <= _SAME * limit
         # Coarse levels have none just below their highest.
-        if beyond and cut >= _CUT * beyond and (plain or (between >= _SEVERAL and below)):
+        below = any(((b > _BELOW * limit) & (b < (1 - _SAME) * limit)).any() for b in planes[1])
+        several = below and np.count_nonzero(cut & (old < 0.98 * high)) >= _SEVERAL
+        if cut.size and cut.mean() >= _CUT and (several or abs(limit - 1.0) <= _SAME):
             name = f"clipped at {limit:.4g}"
-            return [Finding(name, name, {"limit": limit, "values": beyond})]
+            return [Finding(name, name, {"limit": limit, "values": cut.size})]
     return []
 
 
@@ -194,42 +194,18 @@ def exchanged(evidence: Evidence) -> Iterator[Explanation]:
 
 def exchanged_ids(evidence: Evidence) -> Iterator[Explanation]:
     """Each number of A is another one of the same numbers, as those that name objects."""
-    if evidence.pixels.color:
+    if evidence.pixels.color or len(evidence.names) > 1:
         return
-    a, b = evidence.sampled
-    predicted, exchanged = a.copy(), 0
-    for old, new, aim in zip(a, b, predicted, strict=True):
-        known, place = np.unique(old, return_inverse=True)
-        if not 2 <= len(known) <= min(_MOST_IDS, old.size // 8) or not np.isin(new, known).all():
-            return
+    (old,), (new,) = evidence.sampled
+    known, place = np.unique(old, return_inverse=True)
+    if 2 <= len(known) <= min(_MOST_IDS, old.size // 8) and np.isin(new, known).all():
         counts = np.zeros((len(known), len(known)), np.int32)
         np.add.at(counts, (place, np.searchsorted(known, new)), 1)
         there = counts.argmax(axis=1)
-        if len(set(there.tolist())) < len(known):
-            return
-        aim[:] = known[there][place]
-        exchanged += int(np.count_nonzero(there != np.arange(len(known))))
-    how, values = f": {exchanged} of the numbers", {"ids": exchanged}
-    yield Explanation(evidence.left(predicted), "ids exchanged", how, values)
-
-
-def normalised(evidence: Evidence) -> Iterator[Explanation]:
-    """Numbers, or their inverse, with a factor and an offset by which they are 0…1."""
-    low, high = _range(evidence, "b")
-    _, before = _range(evidence, "a")
-    if evidence.pixels.color or not (low >= -0.001 and high <= _ONE < before):
-        return
-    a, b = (side.astype("f8") for side in evidence.sampled)
-    with np.errstate(divide="ignore"):
-        inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1), 0.0)
-    chosen = (1.0 * evidence.fits) * ((b > 1e-4) & (b < 0.999))
-    for old, how in ((a, ""), (inverse, " of the inverse")):
-        each = zip(evidence.names, old, b, chosen, strict=True)
-        solved = {n: summed_up([np.ones_like(o), o], new, w) for n, o, new, w in each}
-        predicted = np.stack([c + f * o for (c, f), o in zip(solved.values(), old, strict=True)])
-        said = ", ".join(f"{n} x {f:.4g}, {c:+.3g}" for n, (c, f) in solved.items())
-        left = evidence.left(predicted.clip(0, 1))
-        yield Explanation(left, "normalised", f"{how}: {said}")
+        if len(set(there.tolist())) == len(known):
+            number = int(np.count_nonzero(there != np.arange(len(known))))
+            left, how = evidence.left(known[there][place][None]), f": {number} of the numbers"
+            yield Explanation(left, "ids exchanged", how, {"ids": number})
 
 
 def radial(evidence: Evidence) -> Iterator[Explanation]:
@@ -240,15 +216,14 @@ def radial(evidence: Evidence) -> Iterator[Explanation]:
     far = (rows - (height - 1) / 2) ** 2.0 + (columns - (width - 1) / 2) ** 2.0
     a, b = (side[0].astype("f8") for side in evidence.sampled)
     usable = (a > 0) & (b > 0) & evidence.fits
-    for name, one, other in (("radial depth", a, b), ("planar depth", b, a)):
+    for name, one, other, power in (("radial depth", a, b, 0.5), ("planar depth", b, a, -0.5)):
         square = np.where(usable, (other / np.where(one != 0, one, 1)) ** 2 - 1, 0.0)
         slope = float((square * far).sum() / max(float((far[usable] ** 2).sum()), 1e-300))
         if slope > 0:
-            stretch = np.sqrt(1 + slope * far)
-            there = a * stretch if one is a else a / stretch
-            how = f": by a focal length of {1 / math.sqrt(slope):.4g} px"
-            left = evidence.left(there[None])
-            yield Explanation(left, name, how, {"focal": 1 / math.sqrt(slope)})
+            focal = 1 / math.sqrt(slope)
+            left = evidence.left((a * (1 + slope * far) ** power)[None])
+            how = f": by a focal length of {focal:.4g} px"
+            yield Explanation(left, name, how, {"focal": focal})
 
 
 def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
@@ -264,193 +239,162 @@ def premultiplied(evidence: Evidence) -> Iterator[Explanation]:
         yield Explanation(left, "premultiplication", f": colour {how} by alpha once more")
 
 
+def _with(constant: float, factor: float) -> str:
+    ways = [f"x {factor:.4g}"] * (factor != 1) + [f"{constant:+.3g}"] * (constant != 0)
+    return ", ".join(ways)
+
+
+def _as_exposure(_: float, factor: float) -> str:
+    return f"x {factor:.4g} ({math.log2(max(factor, 1e-9)):+.3g} EV)"
+
+
+def _as_power(constant: float, power: float) -> str:
+    return f"to the power {power:.4g}" + f", exposure x {math.exp(constant):.4g}" * (constant != 0)
+
+
 @dataclass(frozen=True)
 class _Scale:
-    """A and B [C, N] as light or as a screen shows it, where terms of A are added up."""
+    """A and B [C, N] on a scale where B is a multiple of A, a constant, or both.
 
-    evidence: Evidence
+    Attributes:
+        models: of multiples ``A`` and constants ``1``, ``s`` for those of each channel; a constant
+            alone is added to A itself.
+        weights: 0 where a sample chooses nothing.
+        back: to the values of the file.
+        of: words for the scale.
+    """
+
+    name: str
+    models: tuple[str, ...]
     old: NDArray[Any]
     new: NDArray[Any]
-    weights: NDArray[Any]  # 0 where a sample chooses nothing
-    back: _Curve  # to the values of the file
+    weights: NDArray[Any]
+    back: _Curve
+    words: Callable[[float, float], str] = _with
+    of: str = ""
 
-    def fitted(
-        self, terms: Sequence[NDArray[Any]], base: Any = 0.0, *, each: bool = False
-    ) -> tuple[NDArray[Any], float]:
-        """Multiples of terms that B is beside a base, of all channels or each; what is left."""
-        aim = self.new - base
-        terms = [np.broadcast_to(term, aim.shape) for term in terms]
-        solved = np.stack([summed_up(terms, aim, self.weights)] * len(aim))
-        if each:
-            sides = zip(zip(*terms, strict=True), aim, self.weights, strict=True)
-            solved = np.stack([summed_up(own, to, weights) for own, to, weights in sides])
-        total = base + sum(solved[:, k : k + 1] * term for k, term in enumerate(terms))
+    def fit(self, evidence: Evidence, terms: str, *, each: bool) -> Explanation:
+        """The explanation by some terms."""
+        aim, count = self.new - (0.0 if "A" in terms else self.old), len(self.new)
+        columns = [self.old if term == "A" else np.ones_like(self.old) for term in terms]
+        numbers = np.tile([0.0, 1.0], (count, 1))  # constants and factors
+        for cut in [slice(k, k + 1) for k in range(count)] if each else [slice(None)]:
+            solved = summed_up([c[cut] for c in columns], aim[cut], self.weights[cut])
+            numbers[cut, ["1A".index(term) for term in terms]] = solved
         # Of a value at a bound of the file, what is beyond is not known.
-        return solved, self.evidence.left(self.back(total), self.evidence.steady)
+        total = numbers[:, :1] + numbers[:, 1:] * self.old
+        left = evidence.left(self.back(total), evidence.steady)
+        constants, factors = numbers.T.tolist()
+        words = [self.words(*both) for both in zip(constants, factors, strict=True)]
+        name = "inverted" if self.name[0] == "o" and factors[0] < 0 else self.name
+        if not each:
+            values = {"factor": factors[0], "offset": constants[0]}
+            return Explanation(left, name, f": {words[0]}{self.of}", values)
+        said = ", ".join(f"{n} {w}" for n, w in zip(evidence.names, words, strict=True))
+        named = [dict(zip(evidence.names, v, strict=True)) for v in (factors, constants)]
+        values = dict(zip(("factors", "offsets"), named, strict=True))
+        return Explanation(left, name, f" of each channel: {said}{self.of}", values)
 
 
-def _scales(evidence: Evidence) -> Iterator[tuple[_Scale, str]]:
-    """Light, and the values that a screen shows."""
-    stored = evidence.sampled
-    inner = evidence.steady & (stored[1] > _range(evidence, "b")[0])
-    if evidence.gamma != 1.0 and evidence.pixels.color:
-        inner &= stored[1] < 0.996
-    chosen = np.sqrt(evidence.weights) * evidence.fits * inner
-    old, new = map(evidence.light, stored)
-    of = "light" if evidence.pixels.color else "its values"
-    yield _Scale(evidence, old, new, chosen * steepness(old), evidence.stored), of
-    if evidence.pixels.color:
-        old, new = (evidence.scaled(side).astype(np.float64) for side in stored)
-        chosen = chosen * (stored[0] <= 1.0)
-        yield _Scale(evidence, old, new, chosen, evidence.unscaled), "what a screen shows"
-
-
-def _named(evidence: Evidence, numbers: NDArray[Any], sign: str) -> tuple[dict[str, float], str]:
-    values = dict(zip(evidence.names, map(float, numbers), strict=True))
-    return values, ", ".join(
-        f"{name} {sign and sign + ' '}{v:{'.4g' if sign else '+.3g'}}" for name, v in values.items()
-    )
-
-
-def exposed(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a multiple of A, the same for all channels, or of its own for each."""
-    light, _ = next(_scales(evidence))
-    solved, left = light.fitted([light.old])
-    factor = float(solved[0, 0])
-    if factor > 0:
-        how = f": x {factor:.4g} ({np.log2(factor):+.3g} EV)"
-        yield Explanation(left, "another exposure", how, {"factor": factor})
-    if len(evidence.names) > 1:
-        factors, left = light.fitted([light.old], each=True)
-        if (factors > 0).all():
-            numbers, said = _named(evidence, factors[:, 0], "x")
-            how = f" of each channel: {said}"
-            yield Explanation(left, "another exposure", how, {"factors": numbers})
-
-
-def another_gamma(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a power of A, of its values or of those that a screen shows; or encoded once more."""
+def summed(evidence: Evidence) -> Iterator[Explanation]:
+    """B is a multiple of A, a constant more, or both, on some scale; or encoded once more."""
+    for scale in _scales(evidence):
+        for terms in scale.models:
+            if len(evidence.names) > 1 or terms[-1] != "s":
+                yield scale.fit(evidence, terms.strip("s"), each=terms[-1] == "s")
     for name, curve in (("sRGB-encoded", linear_to_srgb), ("sRGB-decoded", _decoded)):
         left = evidence.left(curve(evidence.sampled[0]).astype(np.float32))
         yield Explanation(left, "another gamma", f": {name} once more")
-    yield from _powers(evidence, np.asarray, np.asarray, "")
-    if evidence.gamma == 1.0 and evidence.pixels.color:
-        clips = _range(evidence, "b")[1] <= _ONE < _range(evidence, "a")[1]
-        yield from _powers(evidence, linear_to_srgb, _decoded, ", sRGB-encoded", clips=clips)
 
 
-def _powers(
-    evidence: Evidence, curve: _Curve, back: _Curve, how: str, *, clips: bool = False
-) -> Iterator[Explanation]:
-    a, b = (curve(np.clip(v, 0, 1) if clips else v) for v in evidence.sampled)
-    usable = (a > 0.02) & (b > 0.02) & evidence.fits & evidence.steady
-    if np.count_nonzero(usable) < 16:
-        return
-    x, y = (np.log(side[usable], dtype=np.float64) for side in (a, b))
-    weight = np.minimum(a[usable], 1.0)
-    power = float((weight * x * y).sum() / max((weight * x * x).sum(), 1e-300))
-    fits = [(power, 1.0, f": to the power {power:.4g}{how}")]
-    if not how and float(np.ptp(x)) > 0.1:
-        power, offset = (float(value) for value in np.polyfit(x, y, 1))
-        factor = float(np.exp(offset))
-        fits.append((power, factor, f": to the power {power:.4g}, exposure x {factor:.4g}"))
-    for power, factor, said in fits:
-        left = evidence.left(back(_power(a, power, factor)), evidence.steady)
-        yield Explanation(left, "another gamma", said, {"power": power, "factor": factor})
+def _scales(evidence: Evidence) -> Iterator[_Scale]:
+    """Scales on which B may be a multiple of A."""
+    stored, color = evidence.sampled, evidence.pixels.color
+    low, high = _range(evidence, "b")
+    is_wider = high <= _ONE < _range(evidence, "a")[1]
+    fits = np.broadcast_to(evidence.fits, stored[0].shape)
+    inner = evidence.steady & (stored[1] > low)
+    if evidence.gamma != 1.0 and color:
+        inner &= stored[1] < 0.996
+    chosen = np.sqrt(evidence.weights) * fits * inner
+    old, new = map(evidence.light, stored)
+    light, shown = chosen * steepness(old), chosen * (stored[0] <= 1.0)
+    of = " of light" if color else " of its values"
+    yield _Scale("another exposure", ("A", "As"), old, new, light, evidence.stored, _as_exposure)
+    lifts = ("1", "1A", "1s")
+    yield _Scale("offset or contrast", lifts, old, new, light, evidence.stored, of=of)
+    if color:
+        old, new = (evidence.scaled(side).astype("f8") for side in stored)
+        of = " of what a screen shows"
+        yield _Scale("offset or contrast", lifts, old, new, shown, evidence.unscaled, of=of)
+    elif low >= -0.001 and is_wider:
+        a, b = (side.astype("f8") for side in stored)
+        between = 1.0 * fits * ((b > 1e-4) & (b < 0.999))
+        inverse = np.where(a != 0, 1 / np.where(a != 0, a, 1), 0.0)
+        for old, of in ((a, ""), (inverse, " of the inverse")):
+            yield _Scale("normalised", ("1A", "1As"), old, b, between, _unit, of=of)
+    for curve, back, of in (
+        (np.asarray, np.asarray, ""),
+        (linear_to_srgb, _decoded, ", sRGB-encoded"),
+    ):
+        if not of or (evidence.gamma == 1.0 and color):
+            sides = [curve(np.clip(v, 0, 1) if of and is_wider else v) for v in stored]
+            usable = (sides[0] > 0.02) & (sides[1] > 0.02) & fits & evidence.steady
+            old, new = (np.log(np.maximum(np.abs(side), 1e-30), dtype="f8") for side in sides)
+            weights = usable * np.sqrt(sides[0].clip(0, 1))
+            way = partial(_powers, back, np.sign(sides[0]))
+            models = ("A",) if of else ("A", "1A")
+            yield _Scale("another gamma", models, old, new, weights, way, _as_power, of)
 
 
-def _power(values: NDArray[Any], power: float, factor: float) -> NDArray[Any]:
-    magnitude = np.abs(values).astype(np.float64)
-    with np.errstate(divide="ignore", over="ignore"):
-        scaled = np.where(magnitude > 0, magnitude**power, 0.0) * factor
-    signed: NDArray[Any] = np.sign(values) * np.minimum(scaled, 1e30)
-    return signed.astype(np.float32)
+def _powers(back: _Curve, sign: NDArray[Any], logarithms: NDArray[Any]) -> NDArray[Any]:
+    values: NDArray[Any] = back((sign * np.exp(logarithms.clip(-80, 69))).astype(np.float32))
+    return values
 
 
-def offset(evidence: Evidence) -> Iterator[Explanation]:
-    """B is a multiple of A and a constant: of light, or of the values that a screen shows."""
-    for scale, of in _scales(evidence):
-        one = np.ones_like(scale.old)
-        solved, left = scale.fitted([one], scale.old)
-        lift = float(solved[0, 0])
-        if lift > 0 or of != "light":
-            how = f": {lift:+.3g} of {of}"
-            yield Explanation(left, "offset or contrast", how, {"offset": lift, "factor": 1.0})
-        solved, left = scale.fitted([one, scale.old])
-        lift, factor = map(float, solved[0])
-        name, values = "offset or contrast", {"offset": lift, "factor": factor}
-        how = f": x {factor:.4g}, {lift:+.3g} of {of}"
-        if factor < 0:
-            name, how = "inverted", f": {lift:.3g} - {-factor:.4g} x A of {of}"
-        elif 0.1 < (pivot := lift / (1 - factor) if factor != 1 else math.inf) < 0.9:
-            how = f": x {factor:.4g} around {pivot:.3g} of {of}"
-        yield Explanation(left, name, how, values)
-        if len(scale.old) > 1:
-            offsets, left = scale.fitted([one], scale.old, each=True)
-            numbers, said = _named(evidence, offsets[:, 0], "")
-            how = f": {said} of {of}"
-            yield Explanation(left, "offset or contrast", how, {"offsets": numbers})
+def _unit(values: NDArray[Any]) -> NDArray[Any]:
+    return values.clip(0, 1)
 
 
 def mixed_channels(evidence: Evidence) -> Iterator[Explanation]:
-    """The channels of the only layer of R, G and B mixed by a matrix, of light or as shown.
-
-    It makes the picture grey, changes the distances to luma by a factor, or is that of primaries.
-    """
+    """The light of R, G and B of the only layer, or what a screen shows, mixed by a matrix."""
     found = [each for each in color_layers(evidence.pixels.names) if len(each) == 3]
     if len(found) != 1 or not set(evidence.names) <= set(found[0]):
         return
     (layer,) = found
     kept = [layer.index(name) for name in evidence.names]
     stored = [evidence.at(side, *evidence.places, layer) for side in ("a", "b")]
-    light: list[NDArray[Any]] = [evidence.light(side) for side in stored]
     dark = float(stored[1].min()) >= 0.0  # what would be negative may have become 0
-    steady = np.asarray(evidence.steady.all(axis=0))
-    lit = (stored[1] > 0.0).all(axis=0) | np.bool_(not dark)
-    chosen = np.sqrt(evidence.weights) * (evidence.fits & lit & steady)
-    shown = [evidence.scaled_light(side).astype(np.float64) for side in light]
-    grey = _is_grey(stored[1]) and not _is_grey(stored[0])
-    for of, (old, new), weight, back in (
-        ("", light, chosen * steepness(light[0]), evidence.stored),
-        (" of what a screen shows", shown, np.stack([chosen] * 3), evidence.unscaled),
-    ):
-        for matrix, how, values in _matrices(layer, old, new, weight, of, grey=grey):
-            there = matrix @ old
-            predicted = back(np.maximum(there, 0.0) if dark else there)[kept]
-            left = evidence.left(np.asarray(predicted, np.float32), None if grey else steady)
+    chosen = np.sqrt(evidence.weights) * (evidence.fits & evidence.steady.all(axis=0))
+    if dark:
+        chosen = chosen * (stored[1] > 0.0).all(axis=0)
+    old, new = map(evidence.light, stored)
+    weights = chosen * steepness(old)
+    shown = (evidence.scaled_light(old).astype("f8"), evidence.scaled_light(new).astype("f8"))
+    luma = np.tile(LUMINANCE, (3, 1))
+    scales: list[tuple[Any, Any, NDArray[Any], _Curve, str]] = [
+        (old, new, weights, evidence.stored, ""),
+        (*shown, np.stack([chosen] * 3), evidence.unscaled, " of what a screen shows"),
+    ]
+    for a, b, weight, back, of in scales:
+        mixed = np.stack([summed_up(list(a), to, w) for to, w in zip(b, weight, strict=True)])
+        factor = float(summed_up([a - luma @ a], b - luma @ a, weight)[0])
+        saturated = (luma + factor * (np.eye(3) - luma), f"saturation x {factor:.4g}{of}")
+        ways = [saturated] * (abs(factor) > _NEAR)
+        if not of:
+            ways.append((mixed, _primaries(mixed)))
+        for matrix, how in ways:
+            total = np.maximum(matrix @ a, 0.0) if dark else matrix @ a
+            left = evidence.left(np.asarray(back(total)[kept], np.float32))
+            values = {"matrix": matrix.tolist()}
             yield Explanation(left, "primaries or saturation", f": {how}", values)
 
 
-def _is_grey(values: NDArray[Any]) -> bool:
-    """Whether three channels [3, N] are equal."""
-    return bool(np.ptp(values, axis=0).max() <= _GREY * max(float(values.max()), 1e-9))
-
-
-def _matrices(
-    layer: Sequence[str],
-    old: NDArray[Any],
-    new: NDArray[Any],
-    weight: NDArray[Any],
-    of: str,
-    *,
-    grey: bool,
-) -> Iterator[tuple[NDArray[Any], str, dict[str, Any]]]:
-    """Matrices that make light of light, or what a screen shows, with words and values."""
-    if grey:
-        shares = summed_up(list(old), new[0], weight[0])
-        said = " ".join(f"{s:+.2f} {n}" for n, s in zip(layer, shares, strict=True)).lstrip("+")
-        values = {"weights": dict(zip(layer, map(float, shares), strict=True))}
-        yield np.tile(shares, (3, 1)), f"monochrome, {said}{of}", values
-    luma = np.tile(LUMINANCE, (3, 1))
-    factor = float(summed_up([old - luma @ old], new - luma @ old, weight)[0])
-    changed, how = luma + factor * (np.eye(3) - luma), f"saturation x {factor:.4g}{of}"
-    yield changed, how, {"factor": factor}
-    matrix = np.stack([summed_up(list(old), each, w) for each, w in zip(new, weight, strict=True)])
-    if not of:
-        yield matrix, _primaries(matrix), {"matrix": matrix.tolist()}
-
-
 def _primaries(matrix: NDArray[Any]) -> str:
+    """Words for a matrix that makes light of light."""
+    if np.ptp(matrix, axis=0).max() < _NEAR:
+        shares = zip("RGB", matrix.mean(axis=0), strict=True)
+        return "monochrome, " + " ".join(f"{s:+.2f} {n}" for n, s in shares).lstrip("+")
     apart = {
         f"{new} instead of {old}": float(np.abs(known - matrix).max())
         for old, new in permutations(NAMED, 2)
