@@ -31,7 +31,6 @@ _GRID = 16  # px that the corner of the frame is a multiple of, so that blocks a
 _BLOCK = 16  # px of the blocks that take turns: one chooses parameters, the next measures
 _LARGEST = 1e30  # value that is looked at: beyond it, arithmetic in float32 overflows
 _PART_OF = 0.6  # greatest share of a picture that a rectangle of it has
-_GOES_ON = 0.2  # least density of detail outside of it, by that inside
 LOSSY_CODECS = frozenset({"DWAA", "DWAB", "B44", "B44A"})
 # RMS of what number types round off, on the scale of differences: absolute, and of the level.
 _ROUNDING = {"uint8": (0.41 / 255, 0.0), "uint16": (0.41 / 65535, 0.0), "half": (0.0, 4e-4)}
@@ -251,26 +250,13 @@ class Evidence:
 
     @cached_property
     def is_rectangle(self) -> bool:
-        """Whether what differs is a rectangle: its rims differ as all of it, and A goes on outside.
-
-        Only detail counts: what is flat may stay as it is.
-        """
+        """Whether what differs is a rectangle: its rims differ as all of it."""
         changed, (top, left, bottom, right) = self.pixels.greatest > 0, self.window
-        inside = (slice(top, bottom), slice(left, right))
-        if changed[inside].size > _PART_OF * changed.size or min(changed[inside].shape) < 4:
+        within = changed[top:bottom, left:right]
+        if within.size > _PART_OF * changed.size or min(within.shape) < 4:
             return False
-        plane = np.nan_to_num(self.scaled(self.pixels.plane("a", self.names[0])))
-        steps = (np.diff(plane, axis=k, append=plane.take([-1], axis=k)) for k in (0, 1))
-        steep = sum(map(np.abs, steps))
-        detail = steep >= 0.5 * np.median(steep[changed])
-        within, there = changed[inside], detail[inside]
-        apart = np.count_nonzero(detail) - np.count_nonzero(there)
-        if apart * there.size < _GOES_ON * np.count_nonzero(there) * (detail.size - there.size):
-            return False
-        first, last = slice(4), slice(-4, None)
-        rims = ((first,), (last,), (slice(None), first), (slice(None), last))
-        shares = [float(within[rim][there[rim]].mean()) for rim in rims if there[rim].any()]
-        return min(shares, default=0.0) > 0.5 * float(within[there].mean()) > 0.1
+        rims = (within[:4], within[-4:], within[:, :4], within[:, -4:])
+        return min(float(rim.mean()) for rim in rims) > 0.5 * float(within.mean()) > 0.1
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:

@@ -21,8 +21,7 @@ from defocus_core.compare.picture import DecodedPicture
 from defocus_core.compare.selection import beside_jumps, read_radius, widened
 from defocus_core.errors import InputError
 
-# Name, words after it, pixels, and the least share of the difference that they hold.
-_Places = Iterator[tuple[str, str, NDArray[np.bool_], float]]
+_Places = Iterator[tuple[str, str, NDArray[np.bool_]]]  # name, words after it, and pixels
 _Cut = tuple[slice, slice]
 
 _LOOKED_AT = 2**19  # pixels, of which every n-th row and column are kept
@@ -61,12 +60,12 @@ def place_of(
         ends = zip(corner[::-1], evidence.size, strict=True)
         within = tuple(slice(at, at + length) for at, length in ends)
         ways = [_by_scene(files, within, cut), _by_light(evidence, a), *ways]
-    for name, how, mask, least in chain.from_iterable(ways):
+    for name, how, mask in chain.from_iterable(ways):
         used = measures if name == "in one region" else np.ones(mask.shape, bool)
         whole = float(power[used].sum())
         share = float(power[mask & used].sum()) / whole if whole else 0.0
         area = np.count_nonzero(mask & used) / np.count_nonzero(used)
-        if share >= least and 0 < area < 1 and (tells := _relative_entropy(share, area)) >= _TELLS:
+        if share >= _MOST and 0 < area < 1 and (tells := _relative_entropy(share, area)) >= _TELLS:
             told.append((tells, name, how, share, area, mask))
     if not told:
         return None
@@ -105,32 +104,28 @@ def _by_scene(
         inverse = 1 / np.maximum(np.nan_to_num(depths[0][within].astype(np.float32)), 1e-9)
         low, high = np.quantile(inverse[cut], (0.01, 0.99))
         jumps = beside_jumps(inverse, max(_JUMP * float(high - low), 1e-9))
-    else:
-        return
-    for reach in reaches:
-        yield "at silhouettes", f", within {reach} px", widened(jumps, reach)[cut], _MOST
+    for reach in reaches if radii or depths else ():
+        yield "at silhouettes", f", within {reach} px", widened(jumps, reach)[cut]
 
 
 def _by_light(evidence: Evidence, a: NDArray[Any]) -> _Places:
     """Where A is steep, whatever the depth is; where its brightest channel is bright."""
     if evidence.pixels.color:
         steep = np.hypot(*np.gradient(a.mean(axis=0)))
-        yield "at edges", "", widened(steep > np.quantile(steep, _STEEPEST), 1), _MOST
+        yield "at edges", "", widened(steep > np.quantile(steep, _STEEPEST), 1)
         bright = _BRIGHT if evidence.gamma == 1.0 else _BRIGHT_ON_SCREEN
-        yield "in highlights", "", a.max(axis=0) > bright, _MOST  # what is new is no light of A
+        yield "in highlights", "", a.max(axis=0) > bright  # what is new is no light of A
 
 
 def _by_frame(evidence: Evidence, power: NDArray[Any], cut: _Cut) -> _Places:
     """The border, and the rectangle that holds most of the power of what chooses it."""
     size, step = evidence.size, cut[0].step
     for wide in _BORDERS:
-        inner = np.zeros(size, bool)
-        inner[wide:-wide, wide:-wide] = True
-        yield "at the border", f", within {wide} px", ~inner[cut], _MOST
-    if not power.any():
-        return
+        outer = np.ones(size, bool)
+        outer[wide:-wide, wide:-wide] = False
+        yield "at the border", f", within {wide} px", outer[cut]
     top, left, bottom, right = evidence.window
-    if not evidence.is_rectangle:
+    if power.any() and not evidence.is_rectangle:
         ends = []
         for axis in (0, 1):
             total = np.cumsum(power.sum(axis=1 - axis))
@@ -139,7 +134,7 @@ def _by_frame(evidence: Evidence, power: NDArray[Any], cut: _Cut) -> _Places:
         (top, bottom), (left, right) = ends
     within = np.zeros(size, bool)
     within[top:bottom, left:right] = True
-    yield "in one region", f" of {right - left}x{bottom - top} at {left},{top}", within[cut], _MOST
+    yield "in one region", f" of {right - left}x{bottom - top} at {left},{top}", within[cut]
 
 
 def _relative_entropy(share: float, area: float) -> float:

@@ -30,7 +30,6 @@ _ON_GRID = 0.82  # greatest share left of what blocks in other places leave
 _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
 _MOST_COVERED, _COVERED = 0.4, 0.5  # of a frame by an overlay; of its difference by one opacity
-_STRONG = (0.6, 0.3)  # quantiles of a difference beyond which a colour is sought
 _OPACITY = 0.25  # relative difference of one opacity
 _MOST_LOST = 12 / 255  # greatest RMS that a codec of the header may lose
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
@@ -65,11 +64,15 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
     if not 24 <= np.count_nonzero(changed) < _MOST_COVERED * changed.size:
         return
     measures = ~blocks_in_turn(changed.shape, 4)[changed]
-    for scale, strong in product((evidence.light, evidence.scaled), _STRONG):
+    for scale, nears in product((evidence.light, evidence.scaled), (False, True)):
         a, b = (scale(side).astype("f8")[:, changed] for side in sides)
         change = b - a
         power = np.square(change).sum(axis=0)
-        chosen = power > np.quantile(power, strong)
+        chosen = power > np.quantile(power, 0.6)
+        if nears:
+            each = _opacities(_nearest(*(v[:, chosen] for v in (a, change))) - a, change)
+            usual = float(np.quantile(each[chosen], 0.75))
+            chosen = np.abs(each - usual) < _OPACITY * usual
         for _ in range(5):
             if np.count_nonzero(chosen) < 12:
                 break
@@ -79,7 +82,7 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
                 break
             color = (a + change / opacity)[:, chosen].mean(axis=1, keepdims=True)
             toward = color - a
-            each = (change * toward).sum(axis=0) / np.maximum(np.square(toward).sum(axis=0), 1e-9)
+            each = _opacities(toward, change)
             chosen = np.abs(each - opacity) < _OPACITY * opacity
         else:
             low, high, held = float(color.min()), float(color.max()), power[chosen].sum()
@@ -94,6 +97,20 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
             said = " ".join(f"{v:.2g}" for v in color[:, 0])
             how = f": {values['opacity']:.0%} of one colour ({said})"
             yield Explanation(left, "overlay", how, values)
+
+
+def _opacities(toward: NDArray[Any], change: NDArray[Any]) -> NDArray[Any]:
+    """How far changes [C, N] go toward a colour."""
+    squares = np.maximum(np.square(toward).sum(axis=0), 1e-9)
+    return np.asarray((change * toward).sum(axis=0) / squares)
+
+
+def _nearest(points: NDArray[Any], lines: NDArray[Any]) -> NDArray[Any]:
+    """The point [C, 1] that is nearest to all lines through points [C, N]."""
+    weights = np.square(lines).sum(axis=0)
+    matrix = np.eye(len(points)) * weights.sum() * (1 + 1e-9) - lines @ lines.T
+    aim = (points * weights).sum(axis=1) - lines @ (lines * points).sum(axis=0)
+    return np.asarray(np.linalg.lstsq(matrix, aim, rcond=None)[0][:, None])
 
 
 def seams(evidence: Evidence) -> Iterator[Explanation]:
