@@ -720,13 +720,11 @@ KINDS: dict[str, Kind] = {
 _IN_8_BITS = ("text", "watermark", "resized and back", "tone curve", "saturation", "f-number")
 _IN_8_BITS += ("seams", "hot pixels")
 _NOISY = ("primaries", "focus pulled", "gaussian blur", "white balance", "overscan cropped")
-for _names, _noise in ((_IN_8_BITS, 0.0), (_NOISY, 2.5)):
-    KINDS |= {
-        f"{name}, PNG": Kind(
-            KINDS[name].right, shown_as(KINDS[name].make, _noise), KINDS[name].plausible, _PNG
-        )
-        for name in _names
-    }
+for _names, _noise, _also in ((_IN_8_BITS, 0.0, ()), (_NOISY, 2.5, _NOISE)):
+    for _name in _names:
+        _kind = KINDS[_name]
+        _make = shown_as(_kind.make, _noise)
+        KINDS[f"{_name}, PNG"] = Kind(_kind.right, _make, (*_kind.plausible, *_also), _PNG)
 
 
 def _flipped(m, s):

@@ -9,10 +9,10 @@ Rounding is forgiven only after that, where it says how much is explained.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,9 +55,6 @@ class Explanation:
         return Finding(self.name, self.text or self.name + self.how, self.values)
 
 
-T = TypeVar("T")
-
-
 class Evidence:
     """A pair as explanations see it.
 
@@ -78,18 +75,10 @@ class Evidence:
         codecs: tuple[str, str] = ("", ""),
     ) -> None:
         self.pixels, self.others, self.codecs = pixels, others, codecs
-        self._found: dict[object, Any] = {}
         self.is_small = pixels.a[0].size < _FEW
         self.names = tuple(n for n, most in pixels.differences.largest.items() if most)
         self.gamma = pixels.gamma
         self.types = {types[name] for name in self.names}
-
-    def once(self, find: Callable[[Evidence], T]) -> T:
-        """What a function makes of the evidence; several explanations share it."""
-        if find not in self._found:
-            self._found[find] = find(self)
-        found: T = self._found[find]
-        return found
 
     @property
     def size(self) -> tuple[int, int]:
@@ -250,13 +239,15 @@ class Evidence:
 
     @cached_property
     def is_rectangle(self) -> bool:
-        """Whether what differs is a rectangle: its rims differ as all of it."""
+        """Whether what differs is a rectangle: within the picture, its rims differ as all of it."""
         changed, (top, left, bottom, right) = self.pixels.greatest > 0, self.window
-        within = changed[top:bottom, left:right]
+        within, (height, width) = changed[top:bottom, left:right], self.size
         if within.size > _PART_OF * changed.size or min(within.shape) < 4:
             return False
         rims = (within[:4], within[-4:], within[:, :4], within[:, -4:])
-        return min(float(rim.mean()) for rim in rims) > 0.5 * float(within.mean()) > 0.1
+        inside = (top > 0, bottom < height, left > 0, right < width)
+        least = min(float(rim.mean()) for rim, counts in zip(rims, inside, strict=True) if counts)
+        return least > 0.5 * float(within.mean()) > 0.1
 
     @cached_property
     def frame(self) -> tuple[slice, slice]:

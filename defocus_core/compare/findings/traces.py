@@ -69,7 +69,7 @@ def overlay(evidence: Evidence) -> Iterator[Explanation]:
         change = b - a
         power = np.square(change).sum(axis=0)
         chosen = power > np.quantile(power, 0.6)
-        if nears:
+        if nears and chosen.any():
             each = _opacities(_nearest(*(v[:, chosen] for v in (a, change))) - a, change)
             usual = float(np.quantile(each[chosen], 0.75))
             chosen = np.abs(each - usual) < _OPACITY * usual
@@ -230,7 +230,8 @@ def noise(evidence: Evidence) -> Iterator[Explanation]:
     sides = [evidence.scaled(evidence.at(side, *evidence.frame)) for side in "ab"]
     each = float(np.square(sides[1] - sides[0], dtype="f8").mean())
     mean = abs(float(difference.mean()))
-    if few or power < _SHARED * each or mean > _WITHOUT_MEAN * math.sqrt(power):
+    is_part = few or evidence.is_rectangle
+    if is_part or power < _SHARED * each or mean > _WITHOUT_MEAN * math.sqrt(power):
         return
     ways = ((difference[:, 1:], difference[:, :-1]), (difference[1:], difference[:-1]))
     shared = max(abs(alike(*way)) for way in ways)
