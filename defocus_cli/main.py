@@ -35,7 +35,7 @@ from defocus_core.errors import (
     reason,
     with_dashes,
 )
-from defocus_core.system.interrupts import Terminated, delayed_signals, terminations
+from defocus_core.system.process import Terminated, delayed_signals, terminations
 from defocus_core.system.text import versions
 
 # Each command, in the order help shows them, and what it does, so that help imports none of them.

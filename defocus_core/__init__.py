@@ -26,11 +26,11 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.compare.findings.table import Finding as Finding
     from defocus_core.compare.record import Comparison as Comparison
     from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
-    from defocus_core.depth.distance_scale import (
-        radius_from_relative_disparity as radius_from_relative_disparity,
-    )
     from defocus_core.depth.guided_resize import GuidedDepth as GuidedDepth
     from defocus_core.depth.guided_resize import guided_depth as guided_depth
+    from defocus_core.depth.ramps import (
+        radius_from_relative_disparity as radius_from_relative_disparity,
+    )
     from defocus_core.depth.repair import diagnose_depth as diagnose_depth
     from defocus_core.depth.repair import repair_depth as repair_depth
     from defocus_core.errors import DefocusError as DefocusError
@@ -56,9 +56,9 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.optics.cat_eye import CatEye as CatEye
     from defocus_core.optics.distributions import Distribution as Distribution
     from defocus_core.optics.dual_pixel import DualPixel as DualPixel
-    from defocus_core.optics.pupil_image import PupilImage as PupilImage
-    from defocus_core.optics.sensitivity import Sensitivity as Sensitivity
-    from defocus_core.optics.sensitivity import sensitivities as sensitivities
+    from defocus_core.optics.outline import PupilImage as PupilImage
+    from defocus_core.optics.parts import Sensitivity as Sensitivity
+    from defocus_core.optics.parts import sensitivities as sensitivities
     from defocus_core.optics.sensor_noise import with_noise as with_noise
     from defocus_core.optics.thin_lens import fnum_of_strength as fnum_of_strength
     from defocus_core.renderer.defocus_lens import DefocusLens as DefocusLens
@@ -83,13 +83,13 @@ _GROUPS = {
         "optics.axial_color": "color_offset",
         "optics.cat_eye": "CatEye",
         "optics.dual_pixel": "DualPixel",
-        "optics.pupil_image": "PupilImage",
-        "optics.sensitivity": "Sensitivity sensitivities",
+        "optics.outline": "PupilImage",
+        "optics.parts": "Sensitivity sensitivities",
         "optics.sensor_noise": "with_noise",
         "tensors.clipped_lights": "with_lights",
     },
     "depth": {
-        "depth.distance_scale": "radius_from_relative_disparity",
+        "depth.ramps": "radius_from_relative_disparity",
         "depth.diagnosis": "DepthRepair",
         "depth.guided_resize": "GuidedDepth guided_depth",
         "depth.repair": "diagnose_depth repair_depth",

@@ -15,14 +15,14 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.displacement import EdgeShifts
-from defocus_core.depth.distance_scale import DistanceScale, distance_of, distance_scale
-from defocus_core.depth.noise import noise_from, scatter_counts
-from defocus_core.depth.quantised import are_few, steps_of
 from defocus_core.depth.ramps import (
     FOOT_FRACTION,
     MINIMUM,
     STEEP,
+    DistanceScale,
     are_steeper,
+    distance_of,
+    distance_scale,
     hard_steps,
     reduced,
     reduction,
@@ -30,12 +30,18 @@ from defocus_core.depth.ramps import (
     softness,
     steepness,
 )
-from defocus_core.tensors.bands import Scalar, bands
-from defocus_core.tensors.device_plan import launches_cost
-from defocus_core.tensors.neighbourhoods import extreme_around, ranges_of
-from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, sums_of_each
+from defocus_core.depth.smoothing import are_few, noise_from, scatter_counts, steps_of
+from defocus_core.tensors.device_plan import bands, launches_cost
+from defocus_core.tensors.neighbourhoods import (
+    exceeding,
+    extreme_around,
+    flat_nonzero,
+    ranges_of,
+    sums_of_each,
+)
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.ties import off_round
+from defocus_core.tensors.validation import Scalar
 
 # Range of radius in px, within 3 px of each other, that matters.
 _MATTERS = off_round(1.0)

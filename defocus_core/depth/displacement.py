@@ -23,21 +23,17 @@ import torch
 from torch import Tensor
 from torch.nn.functional import embedding_bag
 
-from defocus_core.depth.distance_scale import DistanceScale
 from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
-from defocus_core.depth.ramps import HARD_STEP, LEVEL, slope_of_soft_edges
-from defocus_core.tensors.bands import banded, bands
-from defocus_core.tensors.device_plan import pieces, sent
+from defocus_core.depth.ramps import HARD_STEP, LEVEL, DistanceScale, slope_of_soft_edges
+from defocus_core.tensors.device_plan import banded, bands, pieces, sent
 from defocus_core.tensors.neighbourhoods import (
+    exceeding,
     extreme_around,
+    flat_nonzero,
     halfway,
+    positions_of,
     ranges_of,
     squares_around,
-)
-from defocus_core.tensors.sparse_masks import (
-    exceeding,
-    flat_nonzero,
-    positions_of,
     sums_of_each,
     tally,
 )

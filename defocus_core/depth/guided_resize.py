@@ -15,9 +15,9 @@ from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.displacement import least_steps
 from defocus_core.depth.repair import repair_depth
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import in_bands
+from defocus_core.tensors.device_plan import in_bands
 from defocus_core.tensors.neighbourhoods import halfway
-from defocus_core.tensors.resampling import beside, linear
+from defocus_core.tensors.pyramid import beside, linear
 from defocus_core.tensors.validation import described
 
 # Range of radii in px for which the depth is repaired.

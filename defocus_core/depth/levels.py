@@ -23,12 +23,9 @@ from defocus_core.depth.displacement import (
     shifts_of,
     silhouette_of,
 )
-from defocus_core.depth.distance_scale import DistanceScale
-from defocus_core.depth.ramps import LEAST_SIDE
-from defocus_core.tensors.bands import bands
+from defocus_core.depth.ramps import LEAST_SIDE, DistanceScale
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import in_bands
-from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.device_plan import bands, in_bands, sent
 
 # Displacement that is looked for, as a share of the longer side of a picture.
 _FRACTION = 0.01

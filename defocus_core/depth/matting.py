@@ -17,8 +17,13 @@ import torch
 from torch import Tensor
 
 from defocus_core.tensors.device_plan import pieces
-from defocus_core.tensors.neighbourhoods import extreme_around, halfway, squares_around
-from defocus_core.tensors.sparse_masks import exceeding, positions_of
+from defocus_core.tensors.neighbourhoods import (
+    exceeding,
+    extreme_around,
+    halfway,
+    positions_of,
+    squares_around,
+)
 from defocus_core.tensors.ties import off_round
 
 # A pixel is on an edge if its radius and those of its neighbours span more than EDGE px, and two of

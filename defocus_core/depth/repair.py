@@ -21,10 +21,6 @@ from defocus_core.depth.displacement import (
 )
 from defocus_core.depth.levels import coarse_shifts, with_coarse_shifts
 from defocus_core.depth.matting import EDGE, SUBJECT
-from defocus_core.depth.noise import AROUND as AROUND_NOISE
-from defocus_core.depth.noise import without_noise
-from defocus_core.depth.quantised import AROUND as AROUND_TERRACES
-from defocus_core.depth.quantised import without_terraces
 from defocus_core.depth.ramps import (
     AVERAGED,
     STEEP,
@@ -33,11 +29,16 @@ from defocus_core.depth.ramps import (
     without_ramps,
     without_wide_ramps,
 )
-from defocus_core.tensors.bands import banded
-from defocus_core.tensors.derived import fraction_changed, repaired
+from defocus_core.depth.smoothing import (
+    AROUND_NOISE,
+    AROUND_TERRACES,
+    without_noise,
+    without_terraces,
+)
+from defocus_core.tensors.device_plan import banded, repaired
 from defocus_core.tensors.neighbourhoods import range_of
+from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.ties import off_round
-from defocus_core.tensors.torch_modes import own_modes
 from defocus_core.tensors.validation import number, one_of
 
 # Range of the radii of a frame, in the smallest steps whose edges are as wide as is said.
@@ -100,7 +101,7 @@ def repair_depth(
             repair = repair._replace(edge_shifts=shifts)
         if repair.quantised:
             radii = repaired(radii, without_terraces, AROUND_TERRACES, threads=threads)
-        return radii, repair._replace(fraction=fraction_changed(signed_radius, radii))
+        return radii, repair._replace(fraction=_fraction_changed(signed_radius, radii))
 
 
 def _with_edges_of_colors(
@@ -132,6 +133,11 @@ def _with_edges_of_colors(
         median = shifts.median + sum(each.median for each in found)
         shifts = shifts._replace(median=median)
     return radii, shifts
+
+
+def _fraction_changed(before: Tensor, after: Tensor) -> float:
+    """The share of the pixels [H, W] that differ."""
+    return 0.0 if after is before else int((before != after).sum()) / before.numel()
 
 
 def check_repair(depth_repair: str, edge_width: float | None) -> None:

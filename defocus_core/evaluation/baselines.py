@@ -12,7 +12,7 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import FULL
 from defocus_core.renderer.blur.kernel_bank import kernel_spectra, kernels, reach, transform_length
-from defocus_core.renderer.layers.quality import find
+from defocus_core.renderer.engine.settings import quality_of
 from defocus_core.renderer.layers.slice_radii import membership, slice_position, slice_radii
 from defocus_core.tensors.threads import threaded
 
@@ -41,7 +41,7 @@ def plain_sum(
         [C, H, W].
     """
     aperture = aperture or Aperture()
-    radii = slice_radii(float(signed_radius.min()), float(signed_radius.max()), find(quality))
+    radii = slice_radii(float(signed_radius.min()), float(signed_radius.max()), quality_of(quality))
     positions = slice_position(signed_radius.to(image.dtype), radii)
     pixels = torch.cat([image, torch.ones_like(image[:1])])
     total = torch.zeros_like(pixels)

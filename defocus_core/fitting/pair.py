@@ -21,7 +21,7 @@ from defocus_core.fitting.residual import Point, Residual, error_of, measure_of,
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.render import render
-from defocus_core.tensors.torch_modes import own_modes
+from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.validation import described
 
 MAX_SHIFT = 16.0  # px

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, TypeVar, cast
 
 from defocus_core.errors import InputError, first_line, reason
 from defocus_core.io.below import Folder, open_plain
-from defocus_core.system.interrupts import delayed_signals
+from defocus_core.system.process import delayed_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable

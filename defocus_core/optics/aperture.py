@@ -22,13 +22,12 @@ from defocus_core.optics.outline import (
     Obstructed,
     Outline,
     Polygon,
+    PupilImage,
     Squeezed,
     inradius,
 )
 from defocus_core.optics.parts import FULL, Part, area_of, gaussian, middles, parts_of, weight_of
-from defocus_core.optics.pupil_image import PupilImage
-from defocus_core.tensors.bands import Scalar
-from defocus_core.tensors.validation import described, number, whole
+from defocus_core.tensors.validation import Scalar, described, number, whole
 
 PSF_TYPES: tuple[str, ...] = ("pillbox", "gaussian")
 _MAX_BLADES = 10_000

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from torch import Tensor
 
 from defocus_core.optics.thin_lens import ThinLens
-from defocus_core.tensors.bands import Scalar
-from defocus_core.tensors.validation import number
+from defocus_core.tensors.validation import Scalar, number
 
 
 def color_offset(lens: ThinLens, shift: Scalar) -> Scalar:

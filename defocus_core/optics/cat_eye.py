@@ -16,8 +16,7 @@ from torch import Tensor
 
 from defocus_core.optics.outline import Disc, Outline, Squeezed
 from defocus_core.optics.parts import middles
-from defocus_core.tensors.bands import Scalar
-from defocus_core.tensors.validation import number
+from defocus_core.tensors.validation import Scalar, number
 
 _LENGTHS = "lengths are in radii of the pupil"
 # The rim keeps this share of its radius about the middle of the pupil.

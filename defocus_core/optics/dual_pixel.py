@@ -11,10 +11,8 @@ from torch import Tensor
 from defocus_core.allowed_values import DUAL_PIXEL_MODELS, DUAL_PIXEL_SENSORS
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import Rim
-from defocus_core.optics.parts import LEFT, RIGHT, Part
-from defocus_core.optics.sensitivity import Sensitivity
-from defocus_core.tensors.bands import Scalar
-from defocus_core.tensors.validation import described, number, one_of
+from defocus_core.optics.parts import LEFT, RIGHT, Part, Sensitivity
+from defocus_core.tensors.validation import Scalar, described, number, one_of
 
 # The share of the light at lens point u.x that the left photodiode gets is 1 for the left half of
 # the pupil and 0 for the right, or (1 - u.x) / 2 throughout.

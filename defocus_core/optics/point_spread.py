@@ -14,8 +14,7 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT
 from defocus_core.optics.thin_lens import ThinLens
-from defocus_core.tensors.bands import Scalar
-from defocus_core.tensors.validation import flag, number, whole
+from defocus_core.tensors.validation import Scalar, flag, number, whole
 
 # Kernels of discs wider than this times ks are all alike: level.
 _LEVEL = 1000

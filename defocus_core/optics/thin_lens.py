@@ -22,9 +22,9 @@ import torch
 from torch import Tensor
 
 from defocus_core.gone import remedy
-from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.validation import (
+    Scalar,
     bad_depth,
     between,
     broadcast,

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from defocus_core.optics.aperture import Aperture
     from defocus_core.optics.cat_eye import CatEye
     from defocus_core.optics.dual_pixel import DualPixel
-    from defocus_core.optics.pupil_image import PupilImage
-    from defocus_core.optics.sensitivity import Sensitivity
+    from defocus_core.optics.outline import PupilImage
+    from defocus_core.optics.parts import Sensitivity
 
 _MAX_SIDE = 4096  # px; sums of areas lose digits beyond
 _MAX_RADIUS = 2000  # px of a drawn blur
@@ -101,7 +101,7 @@ def measured_pair(path: Path) -> tuple[Sensitivity, Sensitivity]:
     """What the left and the right photodiodes see, of a file of their kernels."""
     import torch
 
-    from defocus_core.optics.sensitivity import sensitivities
+    from defocus_core.optics.parts import sensitivities
 
     left, right = (torch.from_numpy(kernels) for kernels in _two_kernels(path))
     try:
@@ -133,7 +133,7 @@ def pupil_image(path: Path) -> PupilImage:
     from defocus_core.io.array_files import array_type, read_array
     from defocus_core.io.images.color import read_color
     from defocus_core.io.images.describe import describe
-    from defocus_core.optics.pupil_image import PupilImage
+    from defocus_core.optics.outline import PupilImage
 
     if array_type(read_head(path)) == "NPY":
         mapped = read_array(path)

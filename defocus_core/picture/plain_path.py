@@ -32,8 +32,7 @@ from defocus_core.picture.write import write
 from defocus_core.request.job import Job
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system import memory
-from defocus_core.system.interrupts import delayed_signals
-from defocus_core.system.process import imports, set_to_render
+from defocus_core.system.process import delayed_signals, imports, set_to_render
 
 if TYPE_CHECKING:
     from defocus_core.renderer.engine.renderer import Renderer

@@ -56,7 +56,7 @@ def _relative(blur: float, lens: Lens, depth: Depth) -> Any:
     """The radii of relative disparity, linear in its numbers."""
     import torch
 
-    from defocus_core.depth.distance_scale import radius_from_relative_disparity
+    from defocus_core.depth.ramps import radius_from_relative_disparity
 
     assert lens.focus_value is not None
     assert lens.blur_reach is not None, "with_blur_reach() is for this"

@@ -16,9 +16,8 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.point_spread import PsfLens
 from defocus_core.renderer.render import render
-from defocus_core.tensors.bands import Scalar
-from defocus_core.tensors.torch_modes import graph_break
-from defocus_core.tensors.validation import depth_maps, described, floating, one_of
+from defocus_core.tensors.threads import graph_break
+from defocus_core.tensors.validation import Scalar, depth_maps, described, floating, one_of
 
 DEPTH_UNITS = {"mm": 1.0, "m": 1000.0}  # mm
 

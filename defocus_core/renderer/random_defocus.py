@@ -29,7 +29,7 @@ from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.tensors.torch_modes import graph_break, own_modes
+from defocus_core.tensors.threads import graph_break, own_modes
 from defocus_core.tensors.validation import (
     bad_depth,
     depth_maps,

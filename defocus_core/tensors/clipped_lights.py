@@ -26,11 +26,10 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.bands import Scalar, banded, bands
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import in_bands
-from defocus_core.tensors.sparse_masks import positions_of
-from defocus_core.tensors.validation import number, whole
+from defocus_core.tensors.device_plan import banded, bands, in_bands
+from defocus_core.tensors.neighbourhoods import positions_of
+from defocus_core.tensors.validation import Scalar, number, whole
 
 # Sides of blobs, the roots of their areas: up to which a blob is a light, and from which on a
 # surface, as shares of the side of a square of the area of the frame. Of blobs of a colour, and of

@@ -1,4 +1,4 @@
-"""The plan of a device: how much it computes at once.
+"""How much is computed at once, on which device: bytes, tiles, bands of rows.
 
 On a CPU pieces fit into a cache, and their sizes are fixed, so that a picture does not depend on
 the machine. Any other device takes some µs to begin an operation, however small: there pieces are
@@ -7,12 +7,16 @@ as large as its whole memory allows, of which others may use a part meanwhile.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import torch
 from torch import Tensor
+
+from defocus_core.tensors.box import Box, Span
+from defocus_core.tensors.threads import threaded
 
 # Memory in bytes of a device that torch cannot ask.
 _UNKNOWN = 8 << 30
@@ -64,3 +68,67 @@ def memory_of(device: torch.device) -> int:
     if device.type == "mps" and torch.backends.mps.is_available():
         return torch.mps.recommended_max_memory()
     return _UNKNOWN
+
+
+# Greatest number of pixels and of rows in a band on a CPU, and bytes that a pixel takes elsewhere.
+_PIXELS, _ROWS, _BYTES = 1 << 19, 256, 100
+
+
+def bands_of(
+    size: tuple[int, int], device: torch.device, minimum: int = 1
+) -> list[tuple[int, int]]:
+    """First row and end of each band of a frame; bands have at least so many rows."""
+    height, width = size
+    rows = pieces(device, _BYTES, _PIXELS) // width
+    rows = max(minimum, rows if launches_cost(device) else min(_ROWS, rows))
+    return list(pairwise([*range(0, height, rows), height]))
+
+
+def bands(picture: Tensor) -> list[tuple[int, int]]:
+    """First row and end of each band of a picture [..., H, W]."""
+    return bands_of((picture.shape[-2], picture.shape[-1]), picture.device)
+
+
+def banded(picture: Tensor) -> Iterator[Tensor]:
+    """A picture [..., H, W] band by band, without its gradient."""
+    for first, last in bands(picture):
+        yield picture[..., first:last, :].detach()
+
+
+# Least height of a band, as a multiple of the margin.
+_BAND_OF_MARGIN = 6
+
+
+def in_bands(
+    function: Callable[[Box], Tensor],
+    size: tuple[int, int],
+    device: torch.device,
+    *,
+    margin: int = 0,
+    threads: int = 1,
+) -> Tensor:
+    """A picture [..., H, W] of a function of boxes, computed in bands of rows.
+
+    `margin`: px around a box that decide it; bands are much higher.
+    """
+    rows = bands_of(size, device, _BAND_OF_MARGIN * margin)
+    boxes = [Box.over(Span(*band), Span(0, size[1])) for band in rows]
+    return torch.cat(list(threaded(function, boxes, threads)), -2)
+
+
+def repaired(
+    signed_radius: Tensor,
+    repair: Callable[..., Tensor],
+    around: int,
+    *others: Tensor,
+    threads: int = 1,
+) -> Tensor:
+    """Radii [H, W] px, each repaired by the pixels around it; others are of the same frame."""
+    height, width = signed_radius.shape[-2:]
+
+    def of_box(box: Box) -> Tensor:
+        window = box.grown(around, Box(0, 0, height, width))
+        pictures = map(window.of, (signed_radius, *others))
+        return box.seen_from(window).of(repair(*pictures))
+
+    return in_bands(of_box, (height, width), signed_radius.device, margin=around, threads=threads)

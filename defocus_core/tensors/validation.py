@@ -14,6 +14,7 @@ from torch.autograd import forward_ad
 from defocus_core.gone import remedy
 
 T = TypeVar("T")
+Scalar = float | Tensor
 # Most letters of a wrong value that an error shows.
 _LETTERS = 60
 

@@ -33,8 +33,7 @@ from defocus_core.picture.take import Inputs, Take, measures, repair_record
 from defocus_core.request.job import Job
 from defocus_core.request.lens import lens_record
 from defocus_core.request.parameters import LENS_FILES
-from defocus_core.system.interrupts import delayed_signals
-from defocus_core.system.process import settings_kept
+from defocus_core.system.process import delayed_signals, settings_kept
 
 TileCount = Callable[[int, int], None]
 _DIGITS = 6  # of radii and measures

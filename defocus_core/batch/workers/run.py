@@ -23,8 +23,8 @@ from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Stamps
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.safe_files import missing, require_utf_8, unwritable
 from defocus_core.request.job import Job, Outputs
-from defocus_core.system.interrupts import Interrupts
 from defocus_core.system.memory import without_collections
+from defocus_core.system.process import Interrupts
 
 if TYPE_CHECKING:
     from defocus_core.request.origin import JobsSource

@@ -27,7 +27,7 @@ from defocus_core.io.exr.header import (
 )
 from defocus_core.io.exr.windows import Layout, Window
 from defocus_core.io.safe_files import quiet, written_whole
-from defocus_core.system.interrupts import delayed_signals
+from defocus_core.system.process import delayed_signals
 from defocus_core.system.text import counted
 
 

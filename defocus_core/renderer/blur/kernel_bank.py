@@ -24,7 +24,7 @@ from defocus_core.optics.cat_eye import Rim
 from defocus_core.optics.parts import Part
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost, sent
-from defocus_core.tensors.torch_modes import requires_grad
+from defocus_core.tensors.threads import requires_grad
 
 # Number of kernels cached for further frames, more than a picture has slices.
 _MAX_KERNELS = 256

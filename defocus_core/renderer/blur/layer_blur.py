@@ -18,8 +18,14 @@ from defocus_core.renderer.blur.kernel_bank import TransformWindow, blurred, by_
 from defocus_core.renderer.layers.sliced_surface import Patch, Surface, SurfaceSamples, patch_of
 from defocus_core.renderer.layers.slopes import NEAR
 from defocus_core.tensors.box import Box, Grid, Span
-from defocus_core.tensors.pyramid import Axis, position_of
-from defocus_core.tensors.resampling import AxisWeights, coarse_read, cubic_weights, resampled
+from defocus_core.tensors.pyramid import (
+    Axis,
+    AxisWeights,
+    coarse_read,
+    cubic_weights,
+    position_of,
+    resampled,
+)
 
 CORNERS = 4
 

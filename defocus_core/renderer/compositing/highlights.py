@@ -35,8 +35,7 @@ from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import blocks_of
 from defocus_core.tensors.box import BLOCK, Box
 from defocus_core.tensors.device_plan import sent
-from defocus_core.tensors.neighbourhoods import extreme_around
-from defocus_core.tensors.sparse_masks import exceeding, positions_of
+from defocus_core.tensors.neighbourhoods import exceeding, extreme_around, positions_of
 
 # A highlight is brighter than this many times the brightest of all but one pixel in 200.
 BRIGHTER = 2.0

@@ -12,8 +12,8 @@ from torch import Tensor
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.compositing.saturating_sum import EQUAL, ColorRange, clamped
 from defocus_core.renderer.layers.slopes import along_first
-from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.ties import tied, with_gradient
+from defocus_core.tensors.validation import Scalar
 
 # Negative light of this share of the brightest pixel is not worth a warning.
 _NEGLIGIBLE = 1e-3

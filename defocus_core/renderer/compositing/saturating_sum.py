@@ -19,10 +19,10 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.renderer.layers.slopes import along_first
-from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.ties import tied, with_gradient
+from defocus_core.tensors.validation import Scalar
 
 # Least room that counts as left: it guards 0 / 0, and shows nothing, however bright.
 _MIN_FRACTION = 1e-30

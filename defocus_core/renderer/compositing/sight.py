@@ -30,7 +30,7 @@ from defocus_core.renderer.layers.samples import ascending
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
-from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero
+from defocus_core.tensors.neighbourhoods import exceeding, flat_nonzero
 
 # Px around the disc of a pixel that it may see: edges lie between pixels, some half a pixel off.
 _AROUND = 0.7

@@ -18,14 +18,13 @@ from defocus_core.optics.parts import LEFT, RIGHT, Part
 from defocus_core.renderer.blur.kernel_bank import TransformWindow
 from defocus_core.renderer.blur.layer_blur import Slicing
 from defocus_core.renderer.compositing.sight import ASIDE, OPAQUE
-from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.settings import Quality, Settings
 from defocus_core.renderer.layers.alpha import Alpha
-from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.slice_radii import CompositeOrder
 from defocus_core.renderer.layers.slopes import along_first
-from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.box import Box, Grid
 from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.validation import Scalar
 from defocus_core.tensors.views import Views
 
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.

@@ -32,8 +32,15 @@ from defocus_core.renderer.layers.layer import HIDDEN, VISIBLE, SampleLayer
 from defocus_core.renderer.layers.slice_radii import CompositeOrder
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.pyramid import axes, halves, position_of
-from defocus_core.tensors.resampling import AxisWeights, coarse_read, linear_weights, resampled
+from defocus_core.tensors.pyramid import (
+    AxisWeights,
+    axes,
+    coarse_read,
+    halves,
+    linear_weights,
+    position_of,
+    resampled,
+)
 
 
 class Hidden:

@@ -30,7 +30,7 @@ from defocus_core.renderer.engine.frame import (
     SharedFrame,
     Slices,
 )
-from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.settings import Quality, Settings
 from defocus_core.renderer.engine.survey import (
     Survey,
     border_range,
@@ -40,7 +40,6 @@ from defocus_core.renderer.engine.survey import (
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
 from defocus_core.renderer.layers.alpha import Alpha
-from defocus_core.renderer.layers.quality import Quality
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import (
     SHARP,

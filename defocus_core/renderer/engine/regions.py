@@ -49,8 +49,7 @@ from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, regions
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.threads import threaded
-from defocus_core.tensors.torch_modes import recomputed, unrecorded
+from defocus_core.tensors.threads import recomputed, threaded, unrecorded
 from defocus_core.tensors.views import Views, added, joined
 
 

@@ -14,12 +14,11 @@ from defocus_core.renderer.engine.frame import darkened
 from defocus_core.renderer.engine.plan import computed_in, content_of, frame_of
 from defocus_core.renderer.engine.regions import assembled, rendered_regions, total
 from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.settings import STANDARD, Settings
+from defocus_core.renderer.engine.settings import STANDARD, Settings, quality_of
 from defocus_core.renderer.engine.survey import border_range, surveyed
 from defocus_core.renderer.layers.alpha import color_of, without_alpha
-from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.device_plan import launches_cost
-from defocus_core.tensors.torch_modes import own_modes, recorded_for
+from defocus_core.tensors.threads import own_modes, recorded_for
 from defocus_core.tensors.validation import whole
 from defocus_core.tensors.views import Views
 
@@ -52,7 +51,7 @@ class Renderer:
         return modes
 
     def _prepare(self, scene: Scene, settings: Settings) -> None:
-        quality = find(settings.quality)
+        quality = quality_of(settings.quality)
         if scene.layered is None and scene.repair is None:
             scene = repaired_once(scene, settings)
         scene = scene.as_layers()

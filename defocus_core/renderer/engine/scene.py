@@ -20,11 +20,10 @@ from defocus_core.renderer.inpainting.hidden_layers import (
 from defocus_core.renderer.layers.alpha import color_of
 from defocus_core.renderer.layers.layer import CONTINUED, SampleLayer, layers_of, mixed_within
 from defocus_core.renderer.layers.samples import Layered
-from defocus_core.tensors.bands import Scalar, banded
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import chosen, plus
+from defocus_core.tensors.device_plan import banded
 from defocus_core.tensors.pyramid import axes
-from defocus_core.tensors.validation import backward_only, described
+from defocus_core.tensors.validation import Scalar, backward_only, described
 
 
 def layers_within(
@@ -168,21 +167,32 @@ class Scene:
     def of_colors(self, channels: Sequence[int], px: Scalar) -> Scene:
         """The scene in some channels, with px added to its radii; of layers, of their colours."""
         if self.layered is not None:
-            layers = self.layered._replace(colors=chosen(self.layered.colors, channels))
-            radii = plus(layers.signed_radius, px)
+            layers = self.layered._replace(colors=_chosen(self.layered.colors, channels))
+            radii = _plus(layers.signed_radius, px)
             if radii is not layers.signed_radius:
                 layers = Layered.of(layers.colors, radii, layers.coverage)
             return Scene.of_layered(layers, self.repair)
         hidden = self.hidden
         if hidden is not None:
             color, radius, mask = hidden
-            hidden = chosen(color, channels), plus(radius, px), mask
+            hidden = _chosen(color, channels), _plus(radius, px), mask
         return replace(
             self,
-            image=chosen(self.image, channels),
-            signed_radius=plus(self.signed_radius, px),
+            image=_chosen(self.image, channels),
+            signed_radius=_plus(self.signed_radius, px),
             hidden=hidden,
         )
+
+
+def _chosen(picture: Tensor, channels: Sequence[int]) -> Tensor:
+    """Some channels of a picture [..., C, H, W]; itself of all of them."""
+    some = list(channels)
+    return picture if len(some) == picture.shape[-3] else picture[..., some, :, :]
+
+
+def _plus(radii: Tensor, px: Scalar) -> Tensor:
+    """Radii and some px; themselves without any."""
+    return radii if not isinstance(px, Tensor) and px == 0 else radii + px
 
 
 def _check_known(color: Tensor, radius: Tensor, mask: Tensor) -> None:

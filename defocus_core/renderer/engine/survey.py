@@ -11,8 +11,7 @@ from torch import Tensor
 
 from defocus_core.renderer.compositing.highlights import BRIGHTER
 from defocus_core.renderer.engine.scene import BRIGHTEST
-from defocus_core.tensors.neighbourhoods import range_of
-from defocus_core.tensors.sparse_masks import tally
+from defocus_core.tensors.neighbourhoods import range_of, tally
 
 # Greatest radius in px: any picture is a point beside it.
 _MAX_PX = 1e8

@@ -24,12 +24,10 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
     stacked,
 )
 from defocus_core.renderer.layers.layer import layers_of, mixed_within
-from defocus_core.tensors.bands import banded
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import launches_cost, pieces, sent
-from defocus_core.tensors.neighbourhoods import range_of
+from defocus_core.tensors.device_plan import banded, launches_cost, pieces, sent
+from defocus_core.tensors.neighbourhoods import exceeding, positions_of, range_of
 from defocus_core.tensors.pyramid import Axis, AxisHalving, axes, halves
-from defocus_core.tensors.sparse_masks import exceeding, positions_of
 from defocus_core.tensors.threads import threaded
 
 # Edges of radius, in px per pixel, above which one surface hides another.

@@ -27,8 +27,8 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
 )
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
+from defocus_core.tensors.neighbourhoods import flat_nonzero
 from defocus_core.tensors.pyramid import Axis, averaged, halves, spread_out
-from defocus_core.tensors.sparse_masks import flat_nonzero
 
 _Axes = tuple[Axis, Axis]
 

@@ -21,6 +21,7 @@ from torch import Tensor
 from torch.nn.functional import embedding_bag, pad
 
 from defocus_core.tensors.device_plan import launches_cost, pieces, sent
+from defocus_core.tensors.neighbourhoods import flat_nonzero
 from defocus_core.tensors.pyramid import (
     Axis,
     AxisHalving,
@@ -30,7 +31,6 @@ from defocus_core.tensors.pyramid import (
     position_of,
     pulled,
 )
-from defocus_core.tensors.sparse_masks import flat_nonzero
 
 # Range of radii in px that counts as one surface in a coarse pixel of two by two pixels; and the
 # factor by which the range grows at each further level.

@@ -11,7 +11,6 @@ from enum import Enum
 import torch
 from torch import Tensor
 
-from defocus_core.tensors.derived import chosen
 from defocus_core.tensors.views import Views
 
 
@@ -26,7 +25,7 @@ class Alpha(Enum):
 
 def color_of(pixels: Tensor) -> Tensor:
     """The colours [C, H, W] of a picture [C + 1, H, W] with alpha."""
-    return chosen(pixels, range(pixels.shape[0] - 1))
+    return pixels[:-1]
 
 
 def with_coverage(front: Tensor) -> Tensor:

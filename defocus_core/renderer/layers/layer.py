@@ -16,7 +16,7 @@ from defocus_core.depth.matting import MixedPixels
 from defocus_core.renderer.layers.slice_radii import membership, slice_position
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
-from defocus_core.tensors.sparse_masks import flat_nonzero
+from defocus_core.tensors.neighbourhoods import flat_nonzero
 
 # Kinds of layers: what a pinhole sees; what nearer samples of the same pixels hide; what no sample
 # covers, without colours; and what is continued behind edges, maybe at half of the resolution.

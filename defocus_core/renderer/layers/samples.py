@@ -17,9 +17,8 @@ from torch import Tensor
 
 from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.layer import SampleLayer
-from defocus_core.tensors.bands import banded
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.derived import in_bands
+from defocus_core.tensors.device_plan import banded, in_bands
 
 # Greatest radius in px: any picture is a point beside it.
 _MAX_PX = 1e8

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.layers.quality import Quality
+from defocus_core.renderer.engine.settings import Quality
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.ties import tied, with_gradient
 

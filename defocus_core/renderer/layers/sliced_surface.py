@@ -25,8 +25,8 @@ from defocus_core.renderer.layers.slice_radii import (
 from defocus_core.renderer.layers.slopes import Shifts
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, min_transform
 from defocus_core.tensors.device_plan import launches_cost, pieces
+from defocus_core.tensors.neighbourhoods import flat_nonzero
 from defocus_core.tensors.pyramid import Axis, averaged
-from defocus_core.tensors.sparse_masks import flat_nonzero
 
 
 def continue_edges(values: Tensor, given: Box) -> None:

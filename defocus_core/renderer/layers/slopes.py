@@ -25,10 +25,10 @@ from torch.nn.functional import pad
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, Part
 from defocus_core.renderer.layers.slice_radii import SHARP, SOFT, slice_before, slice_position
-from defocus_core.tensors.bands import Scalar
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import range_of
+from defocus_core.tensors.validation import Scalar
 
 # Slopes in px per px, below which the limiter is nearly a plain mean.
 _SMALL = 0.05

@@ -37,7 +37,7 @@ from defocus_core.reports.inspection.evidence import evidence_of
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.lens import Lens, lens_record
 from defocus_core.request.output_kinds import KINDS
-from defocus_core.system.interrupts import delayed_signals
+from defocus_core.system.process import delayed_signals
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair

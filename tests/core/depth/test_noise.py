@@ -7,7 +7,7 @@ from windows import in_window
 
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.noise import AROUND, without_noise
+from defocus_core.depth.smoothing import AROUND_NOISE, without_noise
 from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.tensors.box import Box
 
@@ -126,7 +126,7 @@ def test_windows_make_what_the_whole_makes():
     radius = card() + scatter(0.4)
     whole = without_noise(radius, 0.4)
     for box in (Box(0, 0, 40, 50), Box(60, 70, 68, 122), Box(30, 20, 1, 1)):
-        found = in_window(box, lambda r: without_noise(r, 0.4), AROUND, radius)
+        found = in_window(box, lambda r: without_noise(r, 0.4), AROUND_NOISE, radius)
         assert torch.equal(found, box.of(whole))
 
 

@@ -7,7 +7,7 @@ from windows import in_window
 
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.quantised import AROUND, without_terraces
+from defocus_core.depth.smoothing import AROUND_TERRACES, without_terraces
 from defocus_core.tensors.box import Box
 
 SIZE = (96, 144)
@@ -88,7 +88,7 @@ def test_windows_hold_what_the_whole_does():
     radius = in_levels(slope())
     whole = without_terraces(radius)
     for box in (Box(0, 0, *SIZE), Box(10, 33, 40, 50), Box(90, 140, 6, 4)):
-        found = in_window(box, without_terraces, AROUND, radius)
+        found = in_window(box, without_terraces, AROUND_TERRACES, radius)
         assert torch.equal(found, box.of(whole))
 
 

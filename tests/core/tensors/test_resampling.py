@@ -5,7 +5,7 @@ there are 0.
 import pytest
 import torch
 
-from defocus_core.tensors.resampling import cubic_weights, linear_weights, resampled
+from defocus_core.tensors.pyramid import cubic_weights, linear_weights, resampled
 
 # By kind the degree of the polynomials that it keeps.
 KINDS = {"tents": (linear_weights, 1), "cubics": (cubic_weights, 2)}

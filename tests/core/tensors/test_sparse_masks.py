@@ -7,7 +7,7 @@ import math
 import pytest
 import torch
 
-from defocus_core.tensors.sparse_masks import exceeding, flat_nonzero, positions_of
+from defocus_core.tensors.neighbourhoods import exceeding, flat_nonzero, positions_of
 
 SIZES = [(0, 5), (1, 1), (1, 7), (5, 13), (31, 65), (1, 8199), (128, 64), (91, 97), (2, 4101)]
 

@@ -8,7 +8,7 @@ from measures import worst
 from tolerances import RENDERED
 
 from defocus_core import render
-from defocus_core.renderer.layers import quality
+from defocus_core.renderer.engine import settings
 from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import Surface, SurfaceSamples
@@ -23,8 +23,8 @@ SIZES = [(40, 56), (41, 57), (7, 150), (130, 200)]
 @pytest.fixture
 def halved_early(monkeypatch):
     """Radii from 2 px on are blurred at reduced resolution: small frames show what large do."""
-    early = replace(quality.QUALITY["standard"], full_resolution=2.0)
-    monkeypatch.setitem(quality.QUALITY, "standard", early)
+    early = replace(settings.QUALITY["standard"], full_resolution=2.0)
+    monkeypatch.setitem(settings.QUALITY, "standard", early)
 
 
 def scene(size, r):

@@ -9,9 +9,8 @@ from defocus_core import render
 from defocus_core.renderer.engine import regions
 from defocus_core.renderer.engine.plan import content_of, frame_of
 from defocus_core.renderer.engine.regions import blurred_part
-from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.engine.settings import Settings, quality_of
 from defocus_core.renderer.engine.survey import surveyed
-from defocus_core.renderer.layers.quality import find
 from defocus_core.tensors.box import BLOCK, Box, Grid
 
 H, W = 400, 480
@@ -38,7 +37,7 @@ def scene(spot, *, hard):
 
 
 def frame_for(image, radius):
-    quality = find("standard")
+    quality = quality_of("standard")
     content = content_of(surveyed(image, radius, torch.float32), quality)
     return frame_of(image, radius, Settings(), quality, content)
 

@@ -7,8 +7,8 @@ from windows import in_window
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.ramps import around_ramps, without_ramps
 from defocus_core.renderer.engine.survey import needs_double, surveyed
-from defocus_core.tensors.bands import bands
 from defocus_core.tensors.box import Box
+from defocus_core.tensors.device_plan import bands
 
 SIZE = (600, 24)
 

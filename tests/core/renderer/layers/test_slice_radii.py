@@ -5,7 +5,7 @@ import torch
 from tolerances import ROUNDING
 
 from defocus_core import QUALITIES
-from defocus_core.renderer.layers.quality import find
+from defocus_core.renderer.engine.settings import quality_of
 from defocus_core.renderer.layers.slice_radii import (
     SHARP,
     evenly,
@@ -32,7 +32,7 @@ def test_two_slices_have_gradients_too():
 
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_shares_are_a_partition_of_unity(quality):
-    share = shares(slice_radii(-23.0, 31.0, find(quality)))
+    share = shares(slice_radii(-23.0, 31.0, quality_of(quality)))
     assert (share.sum(0) - 1).abs().max() < EXACT
     assert share.min() >= 0
     assert (share > EXACT).sum(0).max() <= 2
@@ -40,7 +40,7 @@ def test_shares_are_a_partition_of_unity(quality):
 
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_shares_keep_the_second_moment(quality):
-    spaced = slice_radii(-23.0, 31.0, find(quality))
+    spaced = slice_radii(-23.0, 31.0, quality_of(quality))
     square = (shares(spaced) * torch.tensor(spaced, dtype=torch.float64)[:, None, None] ** 2).sum(0)
     off = (square - RADII**2) / RADII.abs().clamp(min=1) ** 2
     near = RADII.abs() < 0.25  # up to SHARP a pixel is in focus
@@ -59,7 +59,7 @@ def test_a_pixel_stands_between_the_rungs_beside_it(reach, dtype):
     generator = torch.Generator().manual_seed(3)
     some = (torch.rand(4000, generator=generator, dtype=dtype) * 1.7 - 1) * reach
     for spaced in (
-        slice_radii(-reach, 0.7 * reach, find("standard")),
+        slice_radii(-reach, 0.7 * reach, quality_of("standard")),
         evenly(-reach, 0.7 * reach, 7),
         evenly(reach, reach, 3),
     ):
@@ -75,7 +75,8 @@ def test_a_pixel_stands_between_the_rungs_beside_it(reach, dtype):
 @pytest.mark.parametrize("quality", QUALITIES)
 def test_the_ladder_stands_where_it_stands(quality):
     """A range only chooses which slice radii are there, focus among them, mirrored about it."""
-    wide, narrow = slice_radii(-40.0, 40.0, find(quality)), slice_radii(-3.3, 7.9, find(quality))
+    quality = quality_of(quality)
+    wide, narrow = slice_radii(-40.0, 40.0, quality), slice_radii(-3.3, 7.9, quality)
     assert set(narrow) <= set(wide)
     assert 0.0 in narrow
     assert narrow[0] <= -3.3

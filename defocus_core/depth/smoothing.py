@@ -1,0 +1,252 @@
+"""Depth made smooth again: noise, and terraces of few levels.
+
+Noise: a surface in focus would have holes where its radii scatter. A pixel that seems out of focus
+among sharp pixels spreads its light, and the far background would show in the gap. Scatter from
+pixel to pixel all over a frame, smaller than the steps between surfaces, is noise of a sensor or of
+stereo matching, not shape. Each pixel gets the mean of the pixels around it that are about as near.
+They count in pairs from both sides of the pixel, so that slopes stay.
+
+Terraces: an 8-bit depth map shows a slope in steps. No surface ends where the radius steps by up to
+a pixel, but a step of nearly a pixel would leave a gap as wide, and the far background would show
+through it as a thin line. Pixels beside such steps get the mean radius of the pixels around them,
+as far as one surface goes.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import accumulate
+
+import torch
+from torch import Tensor
+from torch.nn.functional import pad
+
+from defocus_core.tensors.device_plan import bands, launches_cost
+from defocus_core.tensors.neighbourhoods import (
+    exceeding,
+    extreme_around,
+    flat_nonzero,
+    steps_beside,
+    taken,
+    tally,
+    tally_of,
+)
+from defocus_core.tensors.ties import off_round
+
+# Greatest step in px between neighbours of one surface, and the least share of such neighbours.
+_STEP, _TOGETHER = off_round(2.5), 0.5
+# Least distance in px of a noisy pixel from the mean of its neighbours, and the least share of such
+# pixels in a noisy frame: two thirds stick out where everything is noise.
+_MINIMUM, _FRACTION = off_round(0.02), 0.1
+# Number of intervals of the histogram of these distances, evenly spaced in the logarithm.
+_INTERVALS = 48
+# Median distance from the mean of two neighbours, in standard deviations of the noise.
+_MEDIAN = 1.1606
+# Difference in standard deviations, and in px, from which on a pixel is of another surface; and the
+# greater one, in standard deviations, for a pixel that has no other near pixel.
+_SURE, _MAXIMUM, _ALONE = 4.0, off_round(3.5), 6.0
+# Radius in px of the disc whose pixels are averaged, and the number of rounds.
+_NEAR, _TIMES = 2, 2
+# Px around a pixel that decide what it becomes.
+AROUND_NOISE = _NEAR * _TIMES
+# Half of the disc's offsets; the other half lies opposite.
+_HALF = [
+    (y, x)
+    for y in range(_NEAR + 1)
+    for x in range(-_NEAR, _NEAR + 1)
+    if (y, x) > (0, 0) and y * y + x * x <= _NEAR * _NEAR
+]
+# Stands for a radius beyond the frame.
+_OUTSIDE = 1e18
+
+
+def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) -> Tensor:
+    """Histogram of scatter in rows of a frame, or of each of a batch: [..., _INTERVALS + 3].
+
+    How many pixels have a far neighbour; how many are as near as the mean of both neighbours along
+    an axis, or between both, as on slopes and on terraces; and the others by their distance from
+    that mean.
+
+    `steps`: differences in px of each pixel and the next of a band [..., h, W], down and across;
+    the band has the counted rows and at least the rows of the frame beside them.
+    """
+    down, across = steps
+    first, end = max(rows[0], 1), max(min(rows[1], across.shape[-2] - 1), 1)
+    inner = (down[..., first - 1 : end, 1:-1], across[..., first:end, :])
+    pairs = [
+        [step.narrow(dim, at, max(step.shape[dim] - 1, 0)) for at in (0, min(1, step.shape[dim]))]
+        for dim, step in zip((-2, -1), inner, strict=True)
+    ]
+    before, after = (torch.cat(both, -2) for both in zip(*pairs, strict=True))
+    limits = _interval_limits().to(before)
+    apart = torch.zeros(before.shape[:-2], dtype=torch.long, device=before.device)
+    if steepest < float(limits[0]):  # so is no pixel far from the mean of its neighbours
+        counts = torch.zeros(*apart.shape, len(limits) + 1, dtype=torch.long, device=before.device)
+        counts[..., 0] = before.shape[-2] * before.shape[-1]
+        return torch.cat([apart[..., None], counts], -1)
+    beyond = torch.mul(before, after).clamp_(max=0).bool()
+    if launches_cost(before.device) or steepest > _STEP:
+        far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
+        apart, beyond = tally_of(far), beyond & ~far
+    off = (taken(after, beyond) - taken(before, beyond)).abs_() / 2
+    off = off.flatten(-2) if off.dim() > 1 else off
+    counts = tally(torch.bucketize(off, limits, right=True), len(limits) + 1)
+    counts[..., 0] += before.shape[-2] * before.shape[-1] - off.shape[-1] - apart
+    return torch.cat([apart[..., None], counts], -1)
+
+
+def noise_from(counts: list[int]) -> float | None:
+    """The standard deviation in px of the noise of a frame; None if there is none.
+
+    Scatter over much of a frame is taken for noise, whatever it is: relief as fine as noise would
+    look the same once it is blurred.
+    """
+    apart, alike, *noisy = counts
+    together = alike + sum(noisy)
+    if together <= _TOGETHER * (apart + together) or sum(noisy) <= _FRACTION * together:
+        return None
+    half = sum(1 for count in accumulate(noisy) if 2 * count < sum(noisy))  # where the median is
+    half = min(half, _INTERVALS - 1)  # a distance of just _STEP, and NaN, are beyond the intervals
+    limits = _interval_limits()
+    return math.sqrt(float(limits[half]) * float(limits[half + 1])) / _MEDIAN
+
+
+def _interval_limits() -> Tensor:
+    return torch.logspace(math.log10(_MINIMUM), math.log10(_STEP), _INTERVALS + 1)
+
+
+def without_noise(signed_radius: Tensor, noise: float) -> Tensor:
+    """Radii [H, W] px without noise of the given standard deviation in px."""
+    radii = signed_radius.to(torch.promote_types(signed_radius.dtype, torch.float32))
+    maximum = torch.full_like(radii, min(_SURE * noise, _MAXIMUM))
+    for _ in range(_TIMES):
+        radii, alone = _smoothed(radii, maximum)
+        maximum = torch.where(alone, min(_ALONE * noise, _MAXIMUM), maximum)
+    return radii
+
+
+def _smoothed(radii: Tensor, maximum: Tensor) -> tuple[Tensor, Tensor]:
+    """Means [H, W] of the near pixels around each pixel, and where no pixel is near.
+
+    `radii`: [H, W] px; `maximum`: [H, W] px, the greatest difference of a near pixel.
+    """
+    H, W = radii.shape
+    framed = pad(radii[None, None], (_NEAR,) * 4, value=_OUTSIDE)[0, 0]
+
+    def beside(y: int, x: int) -> Tensor:
+        return framed[_NEAR + y : _NEAR + y + H, _NEAR + x : _NEAR + x + W] - radii
+
+    total, count = torch.zeros_like(radii), torch.ones_like(radii)
+    for y, x in _HALF:
+        pair = beside(y, x), beside(-y, -x)
+        near = (torch.maximum(*(each.detach().abs() for each in pair)) <= maximum).to(radii)
+        total = total.addcmul(pair[0] + pair[1], near)
+        count.add_(near, alpha=2)
+    return radii + total / count, count == 1
+
+
+# Diagnosis of quantised depth: the least share of equal neighbours; among unequal neighbours, the
+# least share within one surface, and the least share of these with a step that matters; and the
+# bounds on the number of different radii.
+_ALIKE, _SMALL, _MATTERS = 0.5, 0.5, 0.03
+_FEW, _MANY = 32, 256
+# Least and greatest step in px between terraces, and the greatest slope of a terrace beside a step,
+# as a share of the step.
+_LEAST, _MOST, _FLAT = off_round(0.2), off_round(1.0), off_round(0.1)
+# Px over which a step is spread to each side.
+_WIDE = 4
+# Px around a pixel that decide what it becomes.
+AROUND_TERRACES = 2 * _WIDE + 2
+
+
+def steps_of(sizes: list[Tensor], steepest: float) -> Tensor:
+    """The numbers [..., 2, 4] of steps: all, zero, too small to matter, too small for an edge.
+
+    `sizes`: of steps in px from each pixel of a part of a frame, or of each of a batch, to the
+    next, down and across: [..., H, W].
+    """
+    none = torch.zeros(sizes[0].shape[:-2], dtype=torch.long, device=sizes[0].device)
+    larger = [
+        tally_of(exceeding(size, bound)) if steepest > bound else none
+        for size in sizes
+        for bound in (0.0, _LEAST, _MOST)
+    ]
+    counts = torch.tensor([math.prod(size.shape[-2:]) for size in sizes])[:, None].repeat(1, 4)
+    counts = counts.to(larger[0].device).repeat(*larger[0].shape, 1, 1)
+    counts[..., 1:] -= torch.stack(larger, -1).view(*counts.shape[:-1], 3)
+    return counts
+
+
+def are_few(steps: list[list[float]], signed_radius: Tensor) -> bool:
+    """Whether the depth of a frame has few levels.
+
+    `signed_radius`: [H, W] px of the frame.
+    """
+    for count, same, minimum, small in steps:
+        if same <= _ALIKE * count:
+            return False
+        if small - same <= _SMALL * (count - same) or small - minimum <= _MATTERS * (count - same):
+            return False
+    dtype = torch.promote_types(signed_radius.dtype, torch.float32)
+    parts = [
+        _levels(signed_radius[first : end + 1].detach().to(dtype))
+        for first, end in bands(signed_radius)
+    ]
+    different: Tensor = torch.unique(torch.cat(parts))
+    return _FEW < len(different) <= _MANY
+
+
+def _levels(rows: Tensor) -> Tensor:
+    """The different radii [n] of pixels in rows [n + 1, W] that equal the next ones.
+
+    They are the levels, but not averages of them on edges.
+    """
+    across, down = rows.diff(dim=1)[:-1].bool(), rows.diff(dim=0)[:, :-1].bool()
+    goes_on = ~(across | down)
+    begins = goes_on.clone()  # of equal ones in a row the first alone: to sort them takes long
+    begins[:, 1:] &= ~goes_on[:, :-1]
+    levels: Tensor = torch.unique(rows[:-1, :-1].flatten()[flat_nonzero(begins)])
+    return levels
+
+
+def without_terraces(signed_radius: Tensor) -> Tensor:
+    """Radii [H, W] px with slopes in the place of small steps."""
+    r = signed_radius.detach()
+    steps = _at_a_step(r, -1) | _at_a_step(r, -2)
+    if not bool(steps.any()):
+        return signed_radius
+    beside = extreme_around(steps, _WIDE - 1, torch.maximum)
+    down, across = _spread(signed_radius, beside, 0), _spread(signed_radius, beside, 1)
+    return (_spread(down, beside, 1) + _spread(across, beside, 0)) / 2  # no axis is the first
+
+
+def _spread(radii: Tensor, beside: Tensor, dim: int) -> Tensor:
+    """Radii [H, W] px whose pixels beside steps, [H, W] bool, become means along an axis.
+
+    A mean reaches as far to both sides as the surface goes on: a slope stays as it is.
+    """
+    # of one surface, each pixel and the next
+    within = radii.detach().diff(dim=dim).abs_() <= _MOST
+    goes_on, total = torch.ones_like(beside), radii.clone()
+    count = torch.ones_like(beside, dtype=torch.int8)
+    for distance in range(1, _WIDE + 1):
+        inner = radii.shape[dim] - 2 * distance
+        if inner < 1:
+            break
+        goes_on = goes_on.narrow(dim, 1, inner) & within.narrow(dim, 0, inner)
+        goes_on &= within.narrow(dim, 2 * distance - 1, inner)
+        pair = radii.narrow(dim, 0, inner) + radii.narrow(dim, 2 * distance, inner)
+        total.narrow(dim, distance, inner).add_(torch.where(goes_on, pair, 0.0))
+        count.narrow(dim, distance, inner).add_(goes_on, alpha=2)
+    return torch.where(beside, total / count, radii)
+
+
+def _at_a_step(r: Tensor, dim: int) -> Tensor:
+    """Whether pixels [H, W] are beside a small step between terraces along an axis."""
+    beside = torch.zeros_like(r, dtype=torch.bool)
+    before, step, after = steps_beside(r, dim)
+    small = (step > _LEAST) & (step <= _MOST) & (torch.maximum(before, after) < _FLAT * step)
+    if n := small.shape[dim]:
+        for first in (1, 2):
+            beside.narrow(dim, first, n).logical_or_(small)
+    return beside
