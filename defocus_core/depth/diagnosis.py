@@ -36,12 +36,10 @@ from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,
     flat_nonzero,
-    ranges_of,
-    sums_of_each,
+    range_of,
 )
 from defocus_core.tensors.threads import threaded
 from defocus_core.tensors.ties import off_round
-from defocus_core.tensors.validation import Scalar
 
 # Range of radius in px, within 3 px of each other, that matters.
 _MATTERS = off_round(1.0)
@@ -56,20 +54,19 @@ _MINIMUM, _EACH, _WIDER, _SOFTER = 64, 2, 0.25, 2
 
 
 def averages(
-    band: Tensor, sizes: list[Tensor], rows: tuple[int, int], infinity: Scalar | None
+    band: Tensor, sizes: list[Tensor], rows: tuple[int, int], infinity: float | None
 ) -> Tensor:
-    """Counts of averages on edges along rows and columns, for each picture: [..., 2, 4].
+    """Counts [2, 4] of averages on edges along rows and columns.
 
     The first row of the result counts averages of disparity, the second averages of distance: the
     averages on narrow edges, the sum of their places on these edges from 0 to 1, the pixels on wide
     edges, and the hard steps.
 
-    `band`: [..., h, W] px, the counted rows and the three rows of the frame above and below, of a
-    picture or of each of a batch; `sizes`: of steps in px from each pixel to the next, down and
-    across; `infinity`: signed radius in px of what is infinitely far, or [B] for each picture; None
-    if that is not known.
+    `band`: [h, W] px, the counted rows and the three rows of the frame above and below; `sizes`: of
+    steps in px from each pixel to the next, down and across; `infinity`: signed radius in px of
+    what is infinitely far; None if that is not known.
     """
-    counts = band.new_zeros((*band.shape[:-2], 2, 4), dtype=torch.float64)
+    counts = band.new_zeros((2, 4), dtype=torch.float64)
     long = [dim for dim in (-2, -1) if band.shape[dim] > 2 * _BESIDE]
     ranges, inner = [], []
     for dim in long:
@@ -82,17 +79,12 @@ def averages(
     steps = _around(band, dict(zip(long, inner, strict=True)), rows, 1, 4)
     for quantity, limit in enumerate((math.inf, infinity)):
         if limit is not None:
-            of_steps, of_radii = (
-                _as_averaged(values, limit[of, None] if isinstance(limit, Tensor) else limit)
-                for values, of in (steps, radii)
-            )
-            before, step, after = of_steps.diff(dim=1).abs().unbind(1)
+            before, step, after = _as_averaged(steps, limit).diff(dim=1).abs().unbind(1)
             hard = torch.maximum(before, after) < _LEVEL * step
-            position, average, wide = _on_edges(of_radii)
+            position, average, wide = _on_edges(_as_averaged(radii, limit))
             each = torch.stack([average.to(position), position * average, wide.to(position)], 1)
-            of_quantity = counts[..., quantity, :].view(-1, 4)
-            of_quantity[:, :3] = sums_of_each(each, radii[1], len(of_quantity))
-            of_quantity[:, 3:] = sums_of_each(hard[:, None], steps[1], len(of_quantity))
+            counts[quantity, :3] = each.sum(0, dtype=torch.float64)
+            counts[quantity, 3] = hard.sum()
     return counts
 
 
@@ -115,31 +107,26 @@ def averaged_from(counts: list[list[float]], infinity: float | None, soft: int) 
     return min(off_middle, key=lambda candidate: candidate[0])[1] if off_middle else None
 
 
-def _as_averaged(radii: Tensor, infinity: Scalar) -> Tensor:
+def _as_averaged(radii: Tensor, infinity: float) -> Tensor:
     """Radii as disparity, or as distance if the radius of infinity is finite, in any unit."""
-    if not isinstance(infinity, Tensor) and math.isinf(infinity):
-        return radii
-    return distance_of(radii, infinity)
+    return radii if math.isinf(infinity) else distance_of(radii, infinity)
 
 
 def _around(
     band: Tensor, ranges: dict[int, Tensor], rows: tuple[int, int], before: int, width: int
-) -> tuple[Tensor, Tensor]:
+) -> Tensor:
     """The radii [m, width] along both axes around the pixels of a band whose range matters.
 
-    `band`: [..., h, W] px; `ranges`: [..., h, W] px by axis, along it only of pixels that have so
-    many around. Returns the radii, and the number [m] of the picture that each pixel is of.
+    `band`: [h, W] px; `ranges`: [h, W] px by axis, along it only of pixels that have so many
+    around.
     """
-    (h, W), masks, begins = band.shape[-2:], [], []
+    W, masks, begins = band.shape[1], [], []
     for dim, values in ranges.items():
         shift = before if dim == -2 else 0
         begins.append(max(rows[0] - shift, 0))
-        own = values[..., begins[-1] : max(rows[1] - shift, begins[-1]), :]
+        own = values[begins[-1] : max(rows[1] - shift, begins[-1])]
         masks.append(exceeding(own, _MATTERS))
-    every = torch.cat([mask.flatten(-2) for mask in masks], -1)
-    number = flat_nonzero(every)
-    of = number.div(every.shape[-1], rounding_mode="floor")
-    number = number - of * every.shape[-1]
+    number = flat_nonzero(torch.cat([mask.flatten() for mask in masks]))
     start, stride, passed = torch.zeros_like(number), torch.ones_like(number), 0
     for dim, mask, begin in zip(ranges, masks, begins, strict=True):
         own = number - passed
@@ -148,9 +135,8 @@ def _around(
         start = torch.where(own >= 0, at, start)
         stride = torch.where(own >= 0, W if dim == -2 else 1, stride)
         passed += mask.shape[-2] * mask.shape[-1]
-    start = start + of * (h * W)
     along = torch.arange(width, device=band.device) * stride[:, None]
-    return band.contiguous().flatten()[start[:, None] + along], of
+    return band.contiguous().flatten()[start[:, None] + along]
 
 
 def _on_edges(values: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -191,10 +177,7 @@ _AROUND = 3
 
 
 class _BandEvidence(NamedTuple):
-    """The share of a band of rows in the evidence for the repair that a frame needs.
-
-    Of a batch of frames each has a first dimension more.
-    """
+    """The share of a band of rows in the evidence for the repair that a frame needs."""
 
     scatter: Tensor
     limits: Tensor  # [2] least and greatest radius in px
@@ -251,21 +234,18 @@ def diagnosed(
     that is not known; `noise`: standard deviation in px of the noise that was smoothed; None to
     look for noise.
     """
-    (found,) = _found(signed_radius, infinity, threads)
+    found = _found(signed_radius, infinity, threads)
     return _diagnosis(signed_radius, found, infinity, noise)
 
 
-def _found(
-    signed_radius: Tensor, infinity: Scalar | None, threads: int
-) -> list[dict[str, list[float]]]:
-    """The evidence of a picture [H, W], or of each of a batch [B, H, W], by name."""
+def _found(signed_radius: Tensor, infinity: float | None, threads: int) -> dict[str, list[float]]:
+    """The evidence of radii [H, W] px, by name."""
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
 
     def evidence(rows: tuple[int, int]) -> _BandEvidence:
         return _evidence(signed_radius, rows, dtype, infinity)
 
-    count = math.prod(signed_radius.shape[:-2])
-    return _fetched(list(threaded(evidence, bands(signed_radius), threads)), count)
+    return _fetched(list(threaded(evidence, bands(signed_radius), threads)))
 
 
 def _diagnosis(
@@ -299,7 +279,7 @@ def _with_wide_edges(
         return repair
     infinity = None if infinity is None else infinity / by
     small = reduced(signed_radius, by) / by
-    wide = _repair(small, _found(small, infinity, 1)[0], infinity)
+    wide = _repair(small, _found(small, infinity, 1), infinity)
     if wide.soft_edges is None or wide.antialiased is not None:
         return repair
     if repair.antialiased is not None:  # the ends of wide ramps look like averages
@@ -311,44 +291,41 @@ def _with_wide_edges(
     return repair._replace(edge_width=wide.edge_width * by, ramps_of=scale)
 
 
-def _fetched(of_bands: list[_BandEvidence], count: int) -> list[dict[str, list[float]]]:
-    """The evidence of all bands together for each picture, brought to the host at once."""
+def _fetched(of_bands: list[_BandEvidence]) -> dict[str, list[float]]:
+    """The evidence of all bands together, brought to the host at once."""
     together = {}
     for name, parts in zip(_BandEvidence._fields, zip(*of_bands, strict=True), strict=True):
-        every = torch.stack(parts).reshape(len(parts), count, -1).double()
+        every = torch.stack(parts).reshape(len(parts), -1).double()
         if name == "limits":
-            together[name] = torch.stack([every[..., 0].amin(0), every[..., 1].amax(0)], 1)
+            together[name] = torch.stack([every[:, 0].amin(), every[:, 1].amax()])
         else:
             together[name] = every.amax(0) if name == "softest" else every.sum(0)
-    pictures = map(iter, torch.cat(list(together.values()), 1).tolist())
-    return [
-        {name: list(islice(values, each.shape[1])) for name, each in together.items()}
-        for values in pictures
-    ]
+    values = iter(torch.cat(list(together.values())).tolist())
+    return {name: list(islice(values, len(each))) for name, each in together.items()}
 
 
 def _evidence(
-    signed_radius: Tensor, rows: tuple[int, int], dtype: torch.dtype, infinity: Scalar | None
+    signed_radius: Tensor, rows: tuple[int, int], dtype: torch.dtype, infinity: float | None
 ) -> _BandEvidence:
     """The evidence of the rows [first, end)."""
     above = min(rows[0], _AROUND)
-    around = signed_radius[..., rows[0] - above : rows[1] + _AROUND, :].detach().to(dtype)
+    around = signed_radius[rows[0] - above : rows[1] + _AROUND].detach().to(dtype)
     band = (above, above + rows[1] - rows[0])
-    within = (..., slice(*band), slice(None))
+    within = slice(*band)
     r, steps = around[within], [around.diff(dim=dim) for dim in (-2, -1)]
     sizes = [step.abs() for step in steps]
     greatest = [size.amax() for size in sizes if size.numel()]
     steepest = float(torch.stack(greatest).amax()) if greatest else 0.0
-    limits, each = ranges_of(r), r.shape[:-2]
-    softest, averaged = limits.new_zeros(each), limits.new_zeros((*each, 2, 4), dtype=torch.float64)
-    ramps = torch.zeros(each, dtype=torch.long, device=r.device)
+    limits = range_of(r)
+    softest, averaged = limits.new_zeros(()), limits.new_zeros((2, 4), dtype=torch.float64)
+    ramps = torch.zeros((), dtype=torch.long, device=r.device)
     if steepest > MINIMUM:
         if launches_cost(r.device) or any(
             are_steeper(step, dim, MINIMUM) for dim, step in enumerate(steps)
         ):
             slope = steepness(around)
-            softest = softness(slope)[within].amax((-2, -1))
-            ramps = (slope[within] > STEEP).sum((-2, -1))
+            softest = softness(slope)[within].amax()
+            ramps = (slope[within] > STEEP).sum()
         averaged = averages(around, sizes, band, infinity)
     scatter = scatter_counts(steps, band, steepest)
     counts = steps_of([size[within] for size in sizes], steepest)
@@ -388,12 +365,7 @@ def _has_ramps(signed_radius: Tensor, pixels: int) -> bool:
 
     A few ramps among many hard edges are surfaces that are seen between two others.
     """
-    hard, enough = 0, _RARE * pixels
-    for first, last in bands(signed_radius):
-        if hard <= enough and pixels:
-            around = signed_radius[max(0, first - 1) : last + 2]
-            hard += int(hard_steps(around, STEEP))
-    return pixels > 0 and hard <= enough
+    return pixels > 0 and int(hard_steps(signed_radius.detach(), STEEP)) <= _RARE * pixels
 
 
 class _EdgeCounts(NamedTuple):

@@ -25,17 +25,15 @@ from torch.nn.functional import embedding_bag
 
 from defocus_core.depth.matting import AROUND_BY_COLOR, radii_by_color
 from defocus_core.depth.ramps import HARD_STEP, LEVEL, DistanceScale, slope_of_soft_edges
-from defocus_core.tensors.device_plan import banded, bands, pieces, sent
+from defocus_core.tensors.device_plan import bands, pieces, sent
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,
     flat_nonzero,
     halfway,
     positions_of,
-    ranges_of,
+    range_of,
     squares_around,
-    sums_of_each,
-    tally,
 )
 from defocus_core.tensors.threads import threaded
 
@@ -106,14 +104,14 @@ class EdgeShifts(NamedTuple):
 
 
 def measured_shifts(
-    signed_radius: Tensor,  # [H, W] px, or [B, H, W], without ramps
-    pixels: Tensor,  # [C, H, W] linear, or [C, B, H, W]
+    signed_radius: Tensor,  # [H, W] px, without ramps
+    pixels: Tensor,  # [C, H, W] linear
     threads: int = 1,
     *,
     soft: float | None = None,
     scale: DistanceScale | None = None,
-) -> list[EdgeShifts | None]:
-    """The displacements of the edges of each picture; None where edges lie where they should.
+) -> EdgeShifts | None:
+    """The displacements of the edges of a picture; None where edges lie where they should.
 
     Of many pixels those are examined that a hash of what is around them chooses: the same ones
     wherever they lie in the frame.
@@ -121,121 +119,93 @@ def measured_shifts(
     `soft`: slope in px of soft edges, which no edge steps less than; None for hard ones, which are
     shifted only if most are displaced alike.
     """
-    every, steps = bands(signed_radius), least_steps(signed_radius, soft)
-    count, step = len(steps), torch.tensor(steps, dtype=signed_radius.dtype)[:, None, None]
-    bound = steps[0] if count == 1 else step.to(signed_radius.device)
-
-    on_edges = partial(_on_edges, signed_radius, step=bound, scale=scale)
+    every, step = bands(signed_radius), least_step(signed_radius, soft)
+    on_edges = partial(_on_edges, signed_radius, step=step, scale=scale)
     found = dict(zip(every, threaded(on_edges, every, threads), strict=True))
     found = {rows: at for rows, at in found.items() if len(at)}
     if not found:
-        return [None] * count
+        return None
 
-    def pictures_of(rows: tuple[int, int]) -> Tensor:
-        return found[rows][:, 0].div(rows[1] - rows[0], rounding_mode="floor")
-
-    edges = tally(torch.cat(list(map(pictures_of, found))), count).tolist()
-
-    def evidence_of(rows: tuple[int, int], chances: list[float]) -> tuple[Tensor, ...]:
-        """The picture [n] of each pixel that is examined, and the evidence there."""
-        at, of, above = found[rows], pictures_of(rows), max(rows[0] - REACH, 0)
+    def evidence_of(rows: tuple[int, int], chance: float) -> ShiftEvidence:
+        """The evidence at the pixels of a band that are examined."""
+        above = max(rows[0] - REACH, 0)
         radii, colors = (
             each[..., above : rows[1] + REACH, :].detach() for each in (signed_radius, pixels)
         )
-        around = radii.shape[-2] - (rows[1] - rows[0])
-        at = torch.stack([at[:, 0] + of * around + (rows[0] - above), at[:, 1]], 1)
-        if min(chances) < 1:
-            hashes = _hashes(at, radii, colors)
-            examined = hashes < hashes.new_tensor(chances)[of]
-            at, of = at[examined], of[examined]
+        at = torch.stack([found[rows][:, 0] + (rows[0] - above), found[rows][:, 1]], 1)
+        if chance < 1:
+            at = at[_hashes(at, radii, colors) < chance]
         # edges that ran within objects were soft; hard ones may only be biased
         rims, silhouette = soft is not None, _silhouette_at(at, radii)
-        return of, *edge_evidence(silhouette, radii, colors, along=False, rims=rims)
+        return edge_evidence(silhouette, radii, colors, along=False, rims=rims)
 
-    chances = [min(_EXAMINED / max(n, 1), 1.0) for n in edges]
-    while True:
-        parts = threaded(partial(evidence_of, chances=chances), list(found), threads)
-        of, *evidence = map(torch.cat, zip(*parts, strict=True))
-        examined = zip(tally(of, count).tolist(), edges, strict=True)
-        alike = [2 * few < min(_EXAMINED, n) for few, n in examined]
-        if not any(alike):
-            break
-        chances = [1.0 if few else chance for few, chance in zip(alike, chances, strict=True)]
-    measured = shifts_of(ShiftEvidence(*evidence), steps, of)
-    seen = sums_of_each(evidence[1], of, count)[:, 0].tolist()
-    fewest = [0.0 if soft is not None else _VOTES * chance for chance in chances]
-    return [
-        shifts
-        if n > enough
-        and (soft is not None or (abs(shifts.median) >= _BIASED and agreed >= _AGREED))
-        else None
-        for (shifts, agreed), n, enough in zip(measured, seen, fewest, strict=True)
-    ]
+    def examined(chance: float) -> ShiftEvidence:
+        parts = threaded(partial(evidence_of, chance=chance), list(found), threads)
+        return ShiftEvidence(*map(torch.cat, zip(*parts, strict=True)))
+
+    edges = sum(map(len, found.values()))
+    chance = min(_EXAMINED / edges, 1.0)
+    evidence = examined(chance)
+    if 2 * len(evidence.costs) < min(_EXAMINED, edges):  # most are alike
+        chance, evidence = 1.0, examined(1.0)
+    shifts, agreed = shifts_of(evidence, step)
+    seen = float(evidence.fraction.sum(dtype=torch.float64))
+    if soft is not None:
+        return shifts if seen > 0 else None
+    is_shifted = abs(shifts.median) >= _BIASED and agreed >= _AGREED
+    return shifts if is_shifted and seen > _VOTES * chance else None
 
 
 def _on_edges(
     signed_radius: Tensor,
     rows: tuple[int, int],
     *,
-    step: float | Tensor,
+    step: float,
     scale: DistanceScale | None,
 ) -> Tensor:
     """The pixels [n, 2] in a band of rows that are on edges."""
     above = max(rows[0] - 1, 0)
-    edges = edges_of(signed_radius[..., above : rows[1] + 1, :].detach(), step, scale)
-    return positions_of(edges[..., rows[0] - above : rows[1] - above, :])
+    edges = edges_of(signed_radius[above : rows[1] + 1].detach(), step, scale)
+    return positions_of(edges[rows[0] - above : rows[1] - above])
 
 
-def least_steps(signed_radius: Tensor, soft: float | None) -> list[float]:
-    """The least step in px of an edge of each picture [..., H, W] px.
-
-    `soft`: as for `measured_shifts`.
-    """
-    limits = torch.stack([ranges_of(band).view(-1, 2) for band in banded(signed_radius)])
-    minima, maxima = limits[..., 0].amin(0), limits[..., 1].amax(0)
-    size = signed_radius.shape[-2:]
-    return [
-        max(HARD_STEP * slope_of_soft_edges(minimum, maximum, size), soft or 0.0)
-        for minimum, maximum in torch.stack([minima, maxima], 1).tolist()
-    ]
+def least_step(signed_radius: Tensor, soft: float | None) -> float:
+    """The least step in px of an edge of radii [H, W] px; `soft`: as for `measured_shifts`."""
+    minimum, maximum = range_of(signed_radius.detach()).tolist()
+    slope = slope_of_soft_edges(minimum, maximum, signed_radius.shape)
+    return max(HARD_STEP * slope, soft or 0.0)
 
 
-def shifts_of(
-    found: ShiftEvidence, steps: list[float], of: Tensor | None = None
-) -> list[tuple[EdgeShifts, float]]:
-    """The displacements of each picture, and the share of them within a px of their median.
+def shifts_of(found: ShiftEvidence, step: float) -> tuple[EdgeShifts, float]:
+    """The displacements of a picture, and the share of them within a px of their median.
 
     By expectation and maximization: a pixel whose colours say little votes as the others do.
 
-    `steps`: least steps in px; `of`: [n] the picture that each pixel is of; None of one.
+    `step`: least step in px of an edge.
     """
-    of, count = torch.zeros_like(found.told[:1, 0].long()) if of is None else of, len(steps)
     by = torch.arange(-FARTHEST, FARTHEST + 1, device=found.costs.device)
-    before = torch.exp(by.abs().double() / -_BEFORE)
-    trust = _trust(sums_of_each(found.told, of, count), _OF_PICTURE)
-    weight = found.fraction * _trust(found.told, _OF_SILHOUETTE) * trust.index_select(0, of)
-    votes = before.expand(count, -1)
+    votes = before = torch.exp(by.abs().double() / -_BEFORE)
+    trust = _trust(found.told.sum(0, dtype=torch.float64), _OF_PICTURE)
+    weight = found.fraction * _trust(found.told, _OF_SILHOUETTE) * trust
     for _ in range(_MAXIMIZATIONS):
-        likely = ((found.costs + _rarity(votes).index_select(0, of)) / -_SPREAD).softmax(1)
-        votes = before + sums_of_each(likely * weight, of, count)
-    shifts = []
-    for (*each, trusted), step in zip(torch.cat([votes, trust], 1).tolist(), steps, strict=True):
-        below, half = list(accumulate(each)), sum(each) / 2
-        middle = sum(1 for share in below if share < half)
-        median = middle - FARTHEST - 0.5 + (half - below[middle] + each[middle]) / each[middle]
-        agreed = sum(each[max(middle - 1, 0) : middle + 2]) / (2 * half)
-        rarity = _rarity(torch.tensor(each, dtype=torch.float64)).tolist()
-        shifts.append((EdgeShifts(step, median, tuple(rarity), trusted), agreed))
-    return shifts
+        likely = ((found.costs + _rarity(votes)) / -_SPREAD).softmax(1)
+        votes = before + (likely * weight).sum(0, dtype=torch.float64)
+    *each, trusted = torch.cat([votes, trust]).tolist()
+    below, half = list(accumulate(each)), sum(each) / 2
+    middle = sum(1 for share in below if share < half)
+    median = middle - FARTHEST - 0.5 + (half - below[middle] + each[middle]) / each[middle]
+    agreed = sum(each[max(middle - 1, 0) : middle + 2]) / (2 * half)
+    rarity = _rarity(torch.tensor(each, dtype=torch.float64)).tolist()
+    return EdgeShifts(step, median, tuple(rarity), trusted), agreed
 
 
 def _rarity(votes: Tensor) -> Tensor:
-    """The cost in px [..., 2 * FARTHEST + 1] of each displacement, by its votes."""
-    fraction = votes / votes.sum(-1, keepdim=True)
-    limits = torch.cat([fraction[..., :1], fraction, fraction[..., -1:]], -1)
-    fraction = (1 - 2 * _BESIDE) * fraction + _BESIDE * (limits[..., :-2] + limits[..., 2:])
+    """The cost in px [2 * FARTHEST + 1] of each displacement, by its votes."""
+    fraction = votes / votes.sum()
+    limits = torch.cat([fraction[:1], fraction, fraction[-1:]])
+    fraction = (1 - 2 * _BESIDE) * fraction + _BESIDE * (limits[:-2] + limits[2:])
     rarity = -_RARITY * (fraction + 0.01).log()
-    return ((rarity - rarity.amin(-1, keepdim=True)) / _COARSE).round() * _COARSE
+    return ((rarity - rarity.amin()) / _COARSE).round() * _COARSE
 
 
 def _hashes(at: Tensor, radii: Tensor, pixels: Tensor) -> Tensor:
@@ -409,11 +379,10 @@ class Silhouette(NamedTuple):
     normal: Tensor  # [2, n] direction (y, x) to the farther surface
 
 
-def edges_of(radii: Tensor, step: float | Tensor, scale: DistanceScale | None) -> Tensor:
-    """The pixels [..., H, W] beside which the radius is greater by more than a step.
+def edges_of(radii: Tensor, step: float, scale: DistanceScale | None) -> Tensor:
+    """The pixels [H, W] beside which the radius is greater by more than a step.
 
     Given a scale of distance, so is the distance: few levels of distance are many px of radius.
-    Of a batch the step is a number for each picture, [B, 1, 1].
     """
     height = torch.zeros_like(radii)
     for dim in (-2, -1):
@@ -437,7 +406,7 @@ def _rise(radii: Tensor, dim: int, scale: DistanceScale | None) -> Tensor:
 
 
 def _silhouette_at(at: Tensor, radii: Tensor) -> Silhouette:
-    """The silhouette at pixels [n, 2] of radii [..., H, W]."""
+    """The silhouette at pixels [n, 2] of radii [H, W]."""
     size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
     beside = squares_around(at, size).flatten(1)[:, [1, 3, 5, 7]]  # along the axes
     maximum, which = flat[beside].max(1)
@@ -459,13 +428,10 @@ def _across(
     `normal`: [2, n]; `along`: [K] px from the silhouette to the farther surface; `size`: (height,
     width) of the frame, whose closest pixel stands for one that is beyond it.
     """
-    (H, W), row = size, at[:, :1].remainder(size[0])
-    y, x = (
-        start + (normal[d, :, None] * along).round().long()
-        for d, start in enumerate((row, at[:, 1:]))
-    )
+    H, W = size
+    y, x = (at[:, d, None] + (normal[d, :, None] * along).round().long() for d in (0, 1))
     inside = (y >= 0) & (y <= H - 1) & (x >= 0) & (x <= W - 1)
-    return (at[:, :1] - row + y.clamp(0, H - 1)) * W + x.clamp(0, W - 1), inside
+    return y.clamp(0, H - 1) * W + x.clamp(0, W - 1), inside
 
 
 class _Profiles(NamedTuple):
@@ -500,7 +466,7 @@ class _Profiles(NamedTuple):
 
 
 def _profiles_of(silhouette: Silhouette, radii: Tensor) -> _Profiles:
-    """The profiles across a silhouette of radii [..., H, W]."""
+    """The profiles across a silhouette of radii [H, W]."""
     at, far, normal = silhouette
     size, flat = (radii.shape[-2], radii.shape[-1]), radii.flatten()
     index, inside = _across(at, normal, _along(at), size)

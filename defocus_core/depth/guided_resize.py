@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.displacement import least_steps
+from defocus_core.depth.displacement import least_step
 from defocus_core.depth.repair import repair_depth
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import in_bands
@@ -53,7 +53,7 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
     scale = -_RANGE_PX / span if 0 < span < math.inf else -1.0
     coarse = (disparity * scale).to(depth.dtype)  # in focus at infinity
     soft = diagnosed(coarse, 0.0, 1).soft_edges is not None
-    (step,) = least_steps(coarse, None)
+    step = least_step(coarse, None)
 
     def enlarged(box: Box) -> Tensor:
         rows, columns = ((first, end) for first, end in box.sides)

@@ -25,7 +25,7 @@ from defocus_core.depth.displacement import (
 )
 from defocus_core.depth.ramps import LEAST_SIDE, DistanceScale
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import bands, in_bands, sent
+from defocus_core.tensors.device_plan import in_bands, sent
 
 # Displacement that is looked for, as a share of the longer side of a picture.
 _FRACTION = 0.01
@@ -63,7 +63,7 @@ def coarse_shifts(
         if silhouette is None:
             continue
         evidence = edge_evidence(silhouette, radii, colors)
-        ((shifts, _),) = shifts_of(evidence, [step])
+        shifts, _ = shifts_of(evidence, step)
         shift = likely_shifts(evidence, shifts)
         field = _field_of(silhouette, shift, radii)
         found.append(CoarseShifts(level, field, shifts.median * (1 << level)))
@@ -129,33 +129,24 @@ def _levels_of(
     """Radii [h, w] px and colours [C, h, w] of each level of reduced resolution from 1 on."""
     found, radii, colors = [], signed_radius, pixels
     for level in range(1, levels + 1):
-        both = [_halved_rows(radii, colors, rows) for rows in bands(radii)]
-        radii, colors = (torch.cat(part, -2) for part in zip(*both, strict=True))
+        radii, colors = _halved(radii, colors)
         found.append((level, (radii, colors)))
     return found
 
 
-def _halved_rows(
-    signed_radius: Tensor, pixels: Tensor, rows: tuple[int, int]
-) -> tuple[Tensor, Tensor]:
-    """Radii and mean colours of the coarse pixels whose first rows are among some rows.
+def _halved(signed_radius: Tensor, pixels: Tensor) -> tuple[Tensor, Tensor]:
+    """Radii and mean colours of the coarse pixels.
 
     Of an even length two pixels make one, of an odd one every second does with its neighbours:
     mirrored, it is the same. The radius is one of those there, neither the least nor the greatest.
     """
-    H, W = signed_radius.shape
-    first = max(rows[0] - 1, 0)
-    window = slice(first, rows[1] + 1)
-    radii, colors = signed_radius[window].detach(), pixels[..., window, :].detach()
-    own = []
-    for dim, length in ((-2, H), (-1, W)):
+    radii, colors, own = signed_radius.detach(), pixels.detach(), []
+    for dim in (-2, -1):
+        length = radii.shape[dim]
         start = length // 2 % 2 if length % 2 else 0
         index = torch.arange(start, length - 1 + length % 2, 2, device=radii.device)
-        if dim == -2:
-            index = index[(index >= rows[0]) & (index < rows[1])]
-        top, end = (first, radii.shape[-2] - 1) if dim == -2 else (0, length - 1)
         before, after = (index - 1, index + 1) if length % 2 else (index, index + 1)
-        places = [(i - top).clamp(0, end) for i in (before, index, after)]
+        places = [i.clamp(0, length - 1) for i in (before, index, after)]
         left, middle, right = (colors.index_select(dim, place) for place in places)
         colors = (left + 2 * middle + right) / 4 if length % 2 else (left + right) / 2
         own.append((places[1], places[1] if length % 2 else places[2]))

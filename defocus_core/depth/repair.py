@@ -15,7 +15,7 @@ from defocus_core.depth.diagnosis import DepthRepair, diagnosed
 from defocus_core.depth.displacement import AROUND as AROUND_SHIFTS
 from defocus_core.depth.displacement import (
     EdgeShifts,
-    least_steps,
+    least_step,
     measured_shifts,
     with_shifted_edges,
 )
@@ -35,7 +35,7 @@ from defocus_core.depth.smoothing import (
     without_noise,
     without_terraces,
 )
-from defocus_core.tensors.device_plan import banded, repaired
+from defocus_core.tensors.device_plan import repaired
 from defocus_core.tensors.neighbourhoods import range_of
 from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.ties import off_round
@@ -116,15 +116,15 @@ def _with_edges_of_colors(
     scale, soft, shifts = repair.ramps_of, repair.least_slope, repair.edge_shifts
     measure = partial(measured_shifts, pixels=image, threads=threads, soft=soft, scale=scale)
     if decided is None and soft is None:
-        (shifts,) = measure(radii)
+        shifts = measure(radii)
     if shifts is None and (decided is not None or soft is None):
         return radii, None
-    step = least_steps(radii, soft)[0] if shifts is None else shifts.step
+    step = least_step(radii, soft) if shifts is None else shifts.step
     found = coarse_shifts(radii, image, step=step, scale=scale, reach=reach)
     if found:
         radii = with_coarse_shifts(radii, found, step, scale, threads)
     if decided is None and soft is not None:
-        (shifts,) = measure(radii)
+        shifts = measure(radii)
     if shifts is None:
         return radii, None
     repair_window = partial(with_shifted_edges, shifts=shifts, scale=scale)
@@ -169,8 +169,7 @@ def _as_said(repair: DepthRepair, edge_width: float | None, radii: Tensor) -> De
         return repair
     if edge_width == 0:
         return repair._replace(soft_edges=None, wide_edges=None, ramps=False, edge_width=None)
-    limits = torch.stack([range_of(band) for band in banded(radii)])
-    minimum, maximum = float(limits[:, 0].amin()), float(limits[:, 1].amax())
+    minimum, maximum = range_of(radii.detach()).tolist()
     slope = slope_of_soft_edges(minimum, maximum, radii.shape)
     slope = min(slope, (maximum - minimum) / (_SMALL_STEPS * edge_width))
     repair = repair._replace(antialiased=None, wide_edges=None)

@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
-from defocus_core.tensors.device_plan import bands, launches_cost
+from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.neighbourhoods import (
     exceeding,
     extreme_around,
@@ -29,7 +29,6 @@ from defocus_core.tensors.neighbourhoods import (
     steps_beside,
     taken,
     tally,
-    tally_of,
 )
 from defocus_core.tensors.ties import off_round
 
@@ -61,38 +60,37 @@ _OUTSIDE = 1e18
 
 
 def scatter_counts(steps: list[Tensor], rows: tuple[int, int], steepest: float) -> Tensor:
-    """Histogram of scatter in rows of a frame, or of each of a batch: [..., _INTERVALS + 3].
+    """Histogram [_INTERVALS + 3] of scatter in rows of a frame.
 
     How many pixels have a far neighbour; how many are as near as the mean of both neighbours along
     an axis, or between both, as on slopes and on terraces; and the others by their distance from
     that mean.
 
-    `steps`: differences in px of each pixel and the next of a band [..., h, W], down and across;
-    the band has the counted rows and at least the rows of the frame beside them.
+    `steps`: differences in px of each pixel and the next of a band [h, W], down and across; the
+    band has the counted rows and at least the rows of the frame beside them.
     """
     down, across = steps
-    first, end = max(rows[0], 1), max(min(rows[1], across.shape[-2] - 1), 1)
-    inner = (down[..., first - 1 : end, 1:-1], across[..., first:end, :])
+    first, end = max(rows[0], 1), max(min(rows[1], across.shape[0] - 1), 1)
+    inner = (down[first - 1 : end, 1:-1], across[first:end])
     pairs = [
         [step.narrow(dim, at, max(step.shape[dim] - 1, 0)) for at in (0, min(1, step.shape[dim]))]
-        for dim, step in zip((-2, -1), inner, strict=True)
+        for dim, step in enumerate(inner)
     ]
-    before, after = (torch.cat(both, -2) for both in zip(*pairs, strict=True))
+    before, after = (torch.cat(both) for both in zip(*pairs, strict=True))
     limits = _interval_limits().to(before)
-    apart = torch.zeros(before.shape[:-2], dtype=torch.long, device=before.device)
+    apart = torch.zeros((), dtype=torch.long, device=before.device)
     if steepest < float(limits[0]):  # so is no pixel far from the mean of its neighbours
-        counts = torch.zeros(*apart.shape, len(limits) + 1, dtype=torch.long, device=before.device)
-        counts[..., 0] = before.shape[-2] * before.shape[-1]
-        return torch.cat([apart[..., None], counts], -1)
+        counts = torch.zeros(len(limits) + 1, dtype=torch.long, device=before.device)
+        counts[0] = before.numel()
+        return torch.cat([apart[None], counts])
     beyond = torch.mul(before, after).clamp_(max=0).bool()
     if launches_cost(before.device) or steepest > _STEP:
         far = exceeding(torch.maximum(before.abs(), after.abs()), _STEP)
-        apart, beyond = tally_of(far), beyond & ~far
-    off = (taken(after, beyond) - taken(before, beyond)).abs_() / 2
-    off = off.flatten(-2) if off.dim() > 1 else off
+        apart, beyond = torch.count_nonzero(far), beyond & ~far
+    off = ((taken(after, beyond) - taken(before, beyond)).abs_() / 2).flatten()
     counts = tally(torch.bucketize(off, limits, right=True), len(limits) + 1)
-    counts[..., 0] += before.shape[-2] * before.shape[-1] - off.shape[-1] - apart
-    return torch.cat([apart[..., None], counts], -1)
+    counts[0] += before.numel() - len(off) - apart
+    return torch.cat([apart[None], counts])
 
 
 def noise_from(counts: list[int]) -> float | None:
@@ -160,20 +158,19 @@ AROUND_TERRACES = 2 * _WIDE + 2
 
 
 def steps_of(sizes: list[Tensor], steepest: float) -> Tensor:
-    """The numbers [..., 2, 4] of steps: all, zero, too small to matter, too small for an edge.
+    """The numbers [2, 4] of steps: all, zero, too small to matter, too small for an edge.
 
-    `sizes`: of steps in px from each pixel of a part of a frame, or of each of a batch, to the
-    next, down and across: [..., H, W].
+    `sizes`: [H, W] of steps in px from each pixel of a part of a frame to the next, down and
+    across.
     """
-    none = torch.zeros(sizes[0].shape[:-2], dtype=torch.long, device=sizes[0].device)
+    none = torch.zeros((), dtype=torch.long, device=sizes[0].device)
     larger = [
-        tally_of(exceeding(size, bound)) if steepest > bound else none
+        torch.count_nonzero(exceeding(size, bound)) if steepest > bound else none
         for size in sizes
         for bound in (0.0, _LEAST, _MOST)
     ]
-    counts = torch.tensor([math.prod(size.shape[-2:]) for size in sizes])[:, None].repeat(1, 4)
-    counts = counts.to(larger[0].device).repeat(*larger[0].shape, 1, 1)
-    counts[..., 1:] -= torch.stack(larger, -1).view(*counts.shape[:-1], 3)
+    counts = torch.tensor([size.numel() for size in sizes])[:, None].repeat(1, 4).to(none.device)
+    counts[:, 1:] -= torch.stack(larger).view(2, 3)
     return counts
 
 
@@ -188,16 +185,11 @@ def are_few(steps: list[list[float]], signed_radius: Tensor) -> bool:
         if small - same <= _SMALL * (count - same) or small - minimum <= _MATTERS * (count - same):
             return False
     dtype = torch.promote_types(signed_radius.dtype, torch.float32)
-    parts = [
-        _levels(signed_radius[first : end + 1].detach().to(dtype))
-        for first, end in bands(signed_radius)
-    ]
-    different: Tensor = torch.unique(torch.cat(parts))
-    return _FEW < len(different) <= _MANY
+    return _FEW < len(_levels(signed_radius.detach().to(dtype))) <= _MANY
 
 
 def _levels(rows: Tensor) -> Tensor:
-    """The different radii [n] of pixels in rows [n + 1, W] that equal the next ones.
+    """The different radii [n] of pixels in rows [H, W] that equal the next ones.
 
     They are the levels, but not averages of them on edges.
     """

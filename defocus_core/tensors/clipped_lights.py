@@ -27,7 +27,7 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import banded, bands, in_bands
+from defocus_core.tensors.device_plan import bands, in_bands
 from defocus_core.tensors.neighbourhoods import positions_of
 from defocus_core.tensors.validation import Scalar, number, whole
 
@@ -116,7 +116,7 @@ class ClippedLights:
         if number("gain", gain, "it is a factor") < 1:
             raise ValueError(f"gain must be 1 or more, got {gain}; 1 changes nothing")
         count = image.shape[0] if colors is None else whole("colors", colors, "channels of colour")
-        self.measured = any(float(band[:count].amax()) > _MEASURED for band in banded(image))
+        self.measured = float(image[:count].detach().amax()) > _MEASURED
         self.added, self.count = image, 0
         if self.measured:
             return

@@ -7,7 +7,7 @@ as large as its whole memory allows, of which others may use a part meanwhile.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any
@@ -87,12 +87,6 @@ def bands_of(
 def bands(picture: Tensor) -> list[tuple[int, int]]:
     """First row and end of each band of a picture [..., H, W]."""
     return bands_of((picture.shape[-2], picture.shape[-1]), picture.device)
-
-
-def banded(picture: Tensor) -> Iterator[Tensor]:
-    """A picture [..., H, W] band by band, without its gradient."""
-    for first, last in bands(picture):
-        yield picture[..., first:last, :].detach()
 
 
 # Least height of a band, as a multiple of the margin.

@@ -54,13 +54,11 @@ def squares_around(at: Tensor, size: tuple[int, int], by: int = 1) -> Tensor:
 
     Beyond the borders of the frame the pixels at the border are repeated.
 
-    `at`: [n, 2] rows and columns; rows are counted on from one picture of a batch to the next;
-    `size`: (height, width) of the frame; `by`: distance in px from a pixel to the sides of its
-    square.
+    `at`: [n, 2] rows and columns; `size`: (height, width) of the frame; `by`: distance in px from a
+    pixel to the sides of its square.
     """
     offset = torch.arange(-by, by + 1, device=at.device)
-    row = at[:, :1].remainder(size[0])
-    y = ((row + offset).clamp_(0, size[0] - 1) + (at[:, :1] - row))[:, :, None]
+    y = (at[:, :1] + offset).clamp_(0, size[0] - 1)[:, :, None]
     x = (at[:, 1:] + offset).clamp(0, size[1] - 1)[:, None, :]
     return y * size[1] + x
 
@@ -85,13 +83,6 @@ def range_of(values: Tensor) -> Tensor:
     contiguous.
     """
     return torch.stack([values.amin(), values.amax()])
-
-
-def ranges_of(pictures: Tensor) -> Tensor:
-    """The least and the greatest value [..., 2] of each picture of a batch [..., H, W]."""
-    if pictures.dim() == 2:
-        return range_of(pictures)
-    return torch.stack([pictures.amin((-2, -1)), pictures.amax((-2, -1))], -1)
 
 
 # Where the border between a near and a far radius lies; below 1/2, so that a middle one is far.
@@ -131,40 +122,24 @@ def flat_nonzero(mask: Tensor) -> Tensor:
 def taken(values: Tensor, mask: Tensor) -> Tensor:
     """The values [n] of the pixels in a mask.
 
-    Of a batch, and elsewhere than on a CPU, where the host would wait for their number, those of
-    all pixels [..., n], 0 for the others.
+    Elsewhere than on a CPU, where the host would wait for their number, those of all pixels, 0 for
+    the others.
     """
-    if values.dim() > 2 or launches_cost(values.device):
+    if launches_cost(values.device):
         return torch.where(mask, values, 0)
     return values.flatten()[flat_nonzero(mask)]
 
 
 def tally(numbers: Tensor, kinds: int) -> Tensor:
-    """How often [..., kinds] each number from 0 occurs in [..., n]; waits for nothing."""
-    if not launches_cost(numbers.device) and numbers.dim() == 1:
+    """How often [kinds] each number from 0 occurs in [n]; waits for nothing."""
+    if not launches_cost(numbers.device):
         return torch.bincount(numbers, minlength=kinds)
-    counts = torch.zeros(*numbers.shape[:-1], kinds, dtype=torch.long, device=numbers.device)
-    return counts.scatter_add_(-1, numbers.long(), counts.new_ones(()).expand_as(numbers))
-
-
-def tally_of(mask: Tensor) -> Tensor:
-    """The number [...] of pixels in the mask of each picture of a batch [..., H, W]."""
-    return torch.count_nonzero(mask) if mask.dim() == 2 else mask.sum((-2, -1))
-
-
-def sums_of_each(values: Tensor, of: Tensor, count: int) -> Tensor:
-    """Sums [count, K] in double precision of values [n, K], by the picture [n] that they are of."""
-    if count == 1:
-        return values.sum(0, dtype=torch.float64)[None]
-    sums = torch.zeros(count, values.shape[1], dtype=torch.float64, device=values.device)
-    return sums.index_add_(0, of, values.double())
+    counts = torch.zeros(kinds, dtype=torch.long, device=numbers.device)
+    return counts.scatter_add_(0, numbers.long(), counts.new_ones(()).expand_as(numbers))
 
 
 def positions_of(mask: Tensor) -> Tensor:
-    """The rows and columns [n, 2] of the pixels in a mask [..., H, W] bool.
-
-    Rows are counted on from one picture of a batch to the next, as if it lay below.
-    """
+    """The rows and columns [n, 2] of the pixels in a mask [H, W] bool."""
     number = flat_nonzero(mask)
     row = number.div(mask.shape[-1], rounding_mode="floor")
     return torch.stack([row, number - row * mask.shape[-1]], 1)

@@ -21,7 +21,6 @@ from defocus_core.renderer.layers.alpha import color_of
 from defocus_core.renderer.layers.layer import CONTINUED, SampleLayer, layers_of, mixed_within
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import banded
 from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.validation import Scalar, backward_only, described
 
@@ -138,11 +137,8 @@ class Scene:
         if self.hidden is None:
             return self
         color, radius, mask = self.hidden
-        visible, complete = self.signed_radius, True
-        for values in zip(*map(banded, self.hidden), strict=True):
-            _check_known(*values)
-            complete &= bool(values[2].all())
-
+        visible, complete = self.signed_radius, bool(mask.all())
+        _check_known(color.detach(), radius.detach(), mask)
         behind = (mask.to(visible.device) != 0) & (radius.to(visible.device) > visible)
         layered = Layered.of(
             torch.stack([self.image, color.to(self.image)]),

@@ -25,7 +25,7 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
 )
 from defocus_core.renderer.layers.layer import layers_of, mixed_within
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import banded, launches_cost, pieces, sent
+from defocus_core.tensors.device_plan import launches_cost, pieces, sent
 from defocus_core.tensors.neighbourhoods import exceeding, positions_of, range_of
 from defocus_core.tensors.pyramid import Axis, AxisHalving, axes, halves
 from defocus_core.tensors.threads import threaded
@@ -132,8 +132,8 @@ def _put_together(
 
 def _limits_of(signed_radius: Tensor) -> tuple[float, float]:
     """The least and the greatest radius in px."""
-    ranges = torch.stack([range_of(band) for band in banded(signed_radius)])
-    return float(ranges.amin()), float(ranges.amax())
+    minimum, maximum = range_of(signed_radius.detach()).tolist()
+    return minimum, maximum
 
 
 class _Band(NamedTuple):

@@ -18,7 +18,8 @@ from torch import Tensor
 from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.layer import SampleLayer
 from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import banded, in_bands
+from defocus_core.tensors.device_plan import in_bands
+from defocus_core.tensors.neighbourhoods import range_of
 
 # Greatest radius in px: any picture is a point beside it.
 _MAX_PX = 1e8
@@ -51,31 +52,25 @@ class Layered(NamedTuple):
     @classmethod
     def of(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
         """Look through the layers."""
-        minimum, maximum, is_open, deepest = torch.inf, -torch.inf, False, 1
-        for radius, cover in zip(banded(signed_radius), banded(coverage), strict=True):
-            if not bool(((cover >= 0) & (cover <= 1)).all()):
-                raise ValueError(
-                    "coverage must be in [0, 1], got other numbers; it is the share of each pixel "
-                    "that a layer covers"
-                )
-            covered = cover > 0
-            deepest = max(deepest, int(covered.sum(0).amax()))
-            present = radius[covered]
-            if not bool((present.abs() <= _MAX_PX).all()):
-                raise ValueError(
-                    f"signed_radius must be finite and within {_MAX_PX:g} px where coverage is "
-                    "above 0; check the units of depth and lens"
-                )
-            if len(present):
-                minimum, maximum = (
-                    min(minimum, float(present.min())),
-                    max(maximum, float(present.max())),
-                )
-            is_open = is_open or bool((cover < 1).all(0).any())
-        limits = (minimum, maximum) if minimum <= maximum else (0.0, 0.0)
+        cover = coverage.detach()
+        if not bool(((cover >= 0) & (cover <= 1)).all()):
+            raise ValueError(
+                "coverage must be in [0, 1], got other numbers; it is the share of each pixel "
+                "that a layer covers"
+            )
+        covered = cover > 0
+        present = signed_radius.detach()[covered]
+        if not bool((present.abs() <= _MAX_PX).all()):
+            raise ValueError(
+                f"signed_radius must be finite and within {_MAX_PX:g} px where coverage is "
+                "above 0; check the units of depth and lens"
+            )
+        minimum, maximum = range_of(present).tolist() if len(present) else (0.0, 0.0)
+        is_open = bool((cover < 1).all(0).any())
         if is_open:  # what is not covered is as far as the farthest surface, or in focus
-            limits = limits[0], max(limits[1], 0.0)
-        return cls(colors, signed_radius, coverage, limits, is_open, deepest)
+            maximum = max(maximum, 0.0)
+        deepest = max(1, int(covered.sum(0).amax()))
+        return cls(colors, signed_radius, coverage, (minimum, maximum), is_open, deepest)
 
     @property
     def dtype(self) -> torch.dtype:

@@ -1,4 +1,4 @@
-"""A first look in bands of rows sees what a look at the whole sees."""
+"""What is found of a picture is found wherever in it it lies."""
 
 import pytest
 import torch
