@@ -21,8 +21,8 @@ PINS := torch==2.13.0 numpy==2.4.6 OpenEXR==3.5.3 OpenImageIO==3.2.2.0 click==8.
   hypothesis==6.170.15 mypy==2.4.1 playwright==1.65.2 greenlet==3.5.6 pytest==9.2.0 pytest-xdist==3.8.0 ruff==0.17.5 \
   setuptools==84.2.1 \
   ast_serialize==0.13.1 execnet==2.1.2 filelock==4.2.11 fileseq==3.4.0 fsspec==2026.9.0 iniconfig==2.3.1 \
-  Jinja2==3.1.6 librt==0.16.0 MarkupSafe==3.0.4 mpmath==1.3.0 msgspec==0.22.0 mypy_extensions==1.2.0 \
-  networkx==3.6.1 packaging==26.3 pathspec==1.1.1 pluggy==1.7.0 Pygments==2.21.0 \
+  Jinja2==3.1.6 librt==0.16.0 llvmlite==0.50.0 MarkupSafe==3.0.4 mpmath==1.3.0 msgspec==0.22.0 mypy_extensions==1.2.0 \
+  networkx==3.6.1 numba==0.68.1 packaging==26.3 pathspec==1.1.1 pluggy==1.7.0 Pygments==2.21.0 \
   sortedcontainers==2.4.0 sympy==1.14.0 typing_extensions==4.16.0
 
 # Of the libraries that only some users need, which the tests need all of.

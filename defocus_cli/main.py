@@ -36,7 +36,7 @@ from defocus_core.errors import (
     with_dashes,
 )
 from defocus_core.system.process import Terminated, delayed_signals, terminations
-from defocus_core.system.text import versions
+from defocus_core.system.text import back_words, versions
 
 # Each command, in the order help shows them, and what it does, so that help imports none of them.
 COMMANDS = {
@@ -105,7 +105,7 @@ class LazyGroup(click.Group):
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-@option("--version", "Print the versions of defocus and of its renderer.", into="wants_version")
+@option("--version", "Print the versions of defocus, its renderer and Numba.", into="wants_version")
 @click.pass_context
 def cli(ctx: click.Context, wants_version: bool) -> None:
     """Defocus pictures as a lens would, from colour and depth.
@@ -117,6 +117,7 @@ def cli(ctx: click.Context, wants_version: bool) -> None:
     """  # noqa: D301  click reads the backspace
     if wants_version:
         click.echo(f"defocus {versions()}")
+        click.echo(f"on a CPU {back_words()}")
         ctx.exit()
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help())

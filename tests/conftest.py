@@ -12,6 +12,7 @@ from skips import pytest_sessionfinish, pytest_terminal_summary  # noqa: F401 - 
 
 from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.batch.workers import pipeline
+from defocus_core.renderer.compiled import carried
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "sample_scenes"))
 
@@ -23,6 +24,14 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 if hasattr(signal, "SIGHUP"):
     signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+def pytest_sessionstart():
+    """Compile what is to be compiled before tests look at what is said, and how long it takes."""
+    if carried.available():
+        from defocus_core.renderer.compiled.once import compile_once
+
+        compile_once()
 
 
 @pytest.fixture
@@ -63,3 +72,9 @@ def machine():
 def in_processes(monkeypatch):
     """From this call on, local batches are done in processes of their own."""
     return lambda: monkeypatch.setattr(WorkerConfig, "execute", EXECUTE)
+
+
+@pytest.fixture
+def torch_back(monkeypatch):
+    """Render by torch, also what the compiled back carries."""
+    monkeypatch.setattr(carried, "available", lambda: False)

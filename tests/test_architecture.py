@@ -26,11 +26,14 @@ FILES_AND_WORDS = {
     *("subprocess", "sys", "tempfile", "urllib", "warnings"),
 }
 # What a module of torch may use all the same: a lens warns of kernels that are cropped, as Python
-# warns.
+# warns; compiled functions are kept in files, and that they are compiled is said.
 TORCH_EXCEPTIONS = {
     "defocus_core/optics/point_spread.py": {"warnings"},
     "defocus_core/renderer/defocus_lens.py": {"warnings"},
+    "defocus_core/renderer/compiled/once.py": {"logging"},
+    "defocus_core/renderer/compiled/kept.py": {"filelock", "os", "pathlib", "sys", "tempfile"},
 }
+COMPILED = {"numpy", "numba"}  # what functions in renderer/compiled are of
 LONGEST_FUNCTION = 60  # lines, without those of its docstring
 TOP_LEVEL = {
     *("pyproject.toml", "Makefile", "README.md"),
@@ -187,6 +190,7 @@ def test_each_module_says_what_is_in_it(path):
 def test_what_computes_is_pure_torch_without_files_or_prints(path):
     roots = {name.split(".")[0] for name in everywhere(path)}
     roots -= TORCH_EXCEPTIONS.get(name_of(path), set())
+    roots -= COMPILED if path.parent.name == "compiled" else set()
     assert roots <= TORCH_MAY_USE
     assert not roots & FILES_AND_WORDS
     calls = {

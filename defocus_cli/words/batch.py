@@ -67,7 +67,7 @@ def outcome_record(job: Job, record: Record, *, done_before: bool = False) -> di
     }
 
 
-_OF_PICTURES = ("size", "color_note", "depth_note", "depth_repair", "coc_px", "device")
+_OF_PICTURES = ("size", "color_note", "depth_note", "depth_repair", "coc_px", "device", "back")
 
 
 def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
@@ -89,8 +89,8 @@ def outcome_lines(job: Job, record: Record, *, verbose: bool) -> Iterator[str]:
         return
     yield f"  colour: {end.color_note}"
     yield f"  depth: {end.depth_note}"
-    threads = counted(job.machine.threads, "thread")
-    yield f"  {end.device}, {threads}, {record.quality}, {end.seconds['cpu']:.2f} CPU s"
+    machine = f"{end.device} ({end.back}), {counted(job.machine.threads, 'thread')}"
+    yield f"  {machine}, {record.quality}, {end.seconds['cpu']:.2f} CPU s"
     counts = dict(end.stats)
     if counts:
         yield "  " + ", ".join(f"{name} {count:.6g}" for name, count in counts.items())

@@ -23,7 +23,7 @@ from defocus_core.io.wildcards import matching
 _VIEW = re.compile(r"(?<![A-Za-z])(left|right|L|R|l|r)(?![A-Za-z])", re.I)
 _OTHER = {"left": "right", "right": "left", "l": "r", "r": "l"}
 _FRAME_NUMBER = re.compile(r"(\d+)(?=\D*$)")
-_VERSIONS = ("version", "renderer")
+_VERSIONS = ("version", "renderer", "back")
 RECIPE = ".recipe.json"  # of a sample, beside what was accepted
 
 
@@ -128,8 +128,8 @@ def other_view(name: str) -> str:
 class RecipeChange:
     """What differs in the recipes of samples that two batches share."""
 
-    # A setting like lens.fnum, ``renderer``, ``version``, or ``input color`` of another role,
-    # whose bytes differ
+    # A setting like lens.fnum, ``renderer``, ``version``, ``back``, or ``input color`` of another
+    # role, whose bytes differ
     what: str
     a: str  # what it is in A
     b: str  # what it is in B
@@ -170,6 +170,7 @@ class Recipe:
     renderer: int | None
     inputs: Mapping[str, str | None]  # the hash of the bytes by role
     files: Mapping[str, str]  # relative paths of its pictures by kind
+    back: str = "torch"  # what rendered it
 
     @property
     def json(self) -> bytes:
@@ -185,6 +186,7 @@ def read_recipes(folder: Path) -> dict[str, Recipe]:
                 *(record.settings, record.version, record.renderer),
                 {role: stamp.blake2b for role, stamp in record.inputs.items()},
                 {kind: stamp.path for kind, stamp in record.outputs.items()},
+                record.taken.back,
             )
             for record in Ledger(folder).records()
             if record.taken is not None

@@ -129,6 +129,7 @@ def _rendered(
         reach=images.reach,
         lamps=lamps,
         repair=renderer.repair,
+        back=renderer.back,
         seconds=time.perf_counter() - begun[0],
         cpu_seconds=time.process_time() - begun[1],
         stats=stats,

@@ -138,6 +138,7 @@ class Take:
     shown: Any = None
     limits: tuple[float, float] = (0.0, 0.0)  # the least and the greatest of those shown
     device: str = "cpu"  # where it is rendered
+    back: str = "torch"  # what rendered it: compiled loops, or torch
     # Each rendered kind's arrays [H, W]: C of each view of an image, in linear light; one of a
     # map
     images: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)

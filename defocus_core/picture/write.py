@@ -227,6 +227,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
         "coc_px": " ".join(f"{radius:.6g}" for radius in take.limits),
         "quality": job.machine.quality,
         "device": take.device,
+        "back": take.back,
     }
     return {f"defocus:{name}": value for name, value in values.items()}
 

@@ -27,6 +27,16 @@ def versions() -> str:
     return f"{version()}, renderer {RENDERER_VERSION}"
 
 
+def back_words() -> str:
+    """What renders on a CPU here, like ``compiled by Numba 0.68.1``."""
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
+        return "by torch, as NUMBA_DISABLE_JIT is set"
+    try:
+        return f"compiled by Numba {metadata.version('numba')}"
+    except metadata.PackageNotFoundError:
+        return "by torch, as Numba is not installed"
+
+
 def counted(count: int, one: str, several: str = "") -> str:
     """A number of things: ``1 job``, ``2 jobs``."""
     return f"{count} {one if count == 1 else several or f'{one}s'}"

@@ -68,6 +68,7 @@ def test_white_stays_white_and_the_pair_makes_the_centre(quality):
     assert torch.equal(views.render, render(image, radius, cat_eye=CAT, quality=quality).render)
 
 
+@pytest.mark.usefixtures("torch_back")
 def test_a_wide_rim_without_distance_clips_nothing():
     image, radius = scene()
     plain = render(image, radius).render

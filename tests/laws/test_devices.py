@@ -31,6 +31,9 @@ from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors import device_plan
 
+# The compiled back is of the CPU alone: what devices have in common is the other one.
+pytestmark = pytest.mark.usefixtures("torch_back")
+
 SIZE = (56, 80)
 
 # A disc that has lost a side.

@@ -60,6 +60,7 @@ def test_even_light_of_any_sign_stays_even(quality, light):
         assert worst(picture / light, 1.0) < WHITE
 
 
+@pytest.mark.usefixtures("torch_back")
 def test_float32_is_float64_rounded():
     wide = render(IMAGE.double(), RADIUS.double())
     assert wide.render.dtype == torch.float64

@@ -92,6 +92,7 @@ def test_threads_and_what_else_is_rendered_change_no_byte(kind):
     assert one.stats == two.stats
 
 
+@pytest.mark.usefixtures("torch_back")
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("kind", RADII)
 def test_tiles_leave_no_seam(kind, dtype, monkeypatch):

@@ -159,7 +159,6 @@ def test_what_is_in_focus_is_copied_wherever_it_is(edges):
         assert torch.equal(picture[..., 900:], image[..., 900:])
     assert (seen.trust[..., 900:] == 1).all()
     assert 0 < seen.stats["pixels_copied"] < image[0].numel()
-    assert worst(render(image, radius.requires_grad_()).render.detach(), seen.render) < 2e-6
 
 
 def test_pixels_count_as_blurred_where_slices_were_asked_for():

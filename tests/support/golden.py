@@ -2,6 +2,7 @@
 
 ``python tests/support/golden.py`` renders them and stores them anew, one file a scene. The scenes
 keep away from thresholds: float64, and depth that differs in its last bits, make the same pictures.
+Those that the compiled back carries are stored of it, too.
 """
 
 from pathlib import Path
@@ -13,12 +14,17 @@ from scenes import card_layers, pattern, slanted, steps
 from torch import Tensor
 from torch.nn.functional import avg_pool2d
 
-from defocus_core import Aperture, render
+from defocus_core import Aperture
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.settings import Settings
 
 FOLDER = Path(__file__).parents[1] / "laws" / "golden"
 COMMAND = "python tests/support/golden.py"
 SIZE = (36, 48)  # H, W
 SCENES = ("occlusion", "slopes", "highlights", "polygon", "repair")
+COMPILED = "compiled-"  # before the name of a scene, that of its pictures by the compiled back
+CARRIED = tuple(COMPILED + scene for scene in SCENES if scene != "polygon")
 INFINITY = 7.0  # signed radius in px of what is infinitely far
 Pictures = dict[str, Tensor]
 
@@ -27,19 +33,22 @@ def rendered(scene, dtype=torch.float32, nudge=0.0):
     """The pictures of a scene by name.
 
     Args:
-        scene: one of `SCENES`.
+        scene: one of `SCENES` or `CARRIED`.
         dtype: of the picture and of its depth.
         nudge: relative change of the depth, by random signs.
     """
+    back, scene = ("auto" if scene in CARRIED else "torch"), scene.removeprefix(COMPILED)
     image, radius = _scene(scene)
     image, radius = image.to(dtype), _nudged(radius, nudge).to(dtype)
-    views = render(
-        image,
-        radius,
-        aperture=Aperture(blades=6, rotation=10.0) if scene == "polygon" else None,
+    settings = Settings(
+        aperture=Aperture(blades=6, rotation=10.0) if scene == "polygon" else Aperture(),
         left_right=scene in ("occlusion", "highlights"),
         infinity=INFINITY if scene == "repair" else None,
+        back=back,
     )
+    renderer = Renderer(Scene(image, radius), settings)
+    assert (renderer.back == "compiled") == (back == "auto" and dtype == torch.float32)
+    views = renderer.picture()
     pictures = {"render": views.render}
     if views.left is not None and views.right is not None:
         pictures |= {"left": views.left, "right": views.right, "trust": views.trust}
@@ -85,7 +94,7 @@ def stored(scene):
 
 def store():
     """Render all scenes and store their pictures."""
-    for scene in SCENES:
+    for scene in SCENES + CARRIED:
         pictures = {name: picture.numpy() for name, picture in rendered(scene).items()}
         np.savez_compressed(FOLDER / f"{scene}.npz", **pictures)
 

@@ -203,7 +203,8 @@ class Ledger:
                     if record is None:
                         self.earlier.update(stamp.path for stamp in outputs.values())
                         continue
-                    found = Outcome(record.status, record.end.reason)
+                    back = record.taken.back if record.taken else ""
+                    found = Outcome(record.status, record.end.reason, back)
                     self.outcomes.append(outcomes.setdefault(found, found))
                     self._begins.append(begin)
                     self._of.append(place)
@@ -279,10 +280,11 @@ class Ledger:
 
 
 class Outcome(NamedTuple):
-    """Status and reason of a job, as `status` counts them."""
+    """Status and reason of a job, as `status` counts them, and what rendered it."""
 
     status: str
     reason: str | None
+    back: str = ""  # of pictures
 
 
 def input_path(path: Path, out: Path) -> str:

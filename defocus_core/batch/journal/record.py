@@ -96,6 +96,7 @@ class Taken(Struct, frozen=True, kw_only=True):
     depth_note: str
     depth_repair: Repair | None = None
     device: str
+    back: str = "torch"  # what rendered it, of records that name none, too
     measures: dict[str, Number] = {}
     warnings: tuple[str, ...]
     seconds: Seconds

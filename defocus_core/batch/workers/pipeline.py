@@ -104,6 +104,7 @@ def write(take: Take | Failed) -> Taken | Failed:
         depth_note=take.depth_words(),
         depth_repair=cast(Repair | None, repair_record(take.repair)),
         device=take.device,
+        back=take.back,
         measures={
             name: None if value is None else float(f"{value:.{_DIGITS}g}")
             for name, value in measures(take).items()

@@ -19,12 +19,13 @@ from msgspec.structs import replace as copy
 
 from defocus_core.batch.journal import resume, runs
 from defocus_core.batch.journal.journal import Journal, Ledger, Shard, input_path, journal_path
-from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Stamps, now
+from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Stamps, Taken, now
 from defocus_core.errors import InputError, NoteKinds
 from defocus_core.io.safe_files import missing, require_utf_8, unwritable
 from defocus_core.request.job import Job, Outputs
 from defocus_core.system.memory import without_collections
 from defocus_core.system.process import Interrupts
+from defocus_core.system.text import note
 
 if TYPE_CHECKING:
     from defocus_core.request.origin import JobsSource
@@ -380,6 +381,16 @@ def _index(asked: Collection[str], state: _State) -> None:
         is_other |= execution.shards_size is not None
         if is_other or sample_index.listed(out) != state.done_before():
             summary.written = update.index(out, execution.shards_size, names)
+    _tell_backs(state)
+
+
+def _tell_backs(state: _State) -> None:
+    """Say that pictures of another back stay beside those of this run."""
+    before, made = state.backs_before(), state.backs
+    if before and made and before != made:
+        earlier, later = (" and ".join(sorted(backs)) for backs in (before, made))
+        out = state.plan.ledger.out
+        note(f"{out}: earlier pictures are by {earlier}, those of this run by {later}")
 
 
 @contextmanager
@@ -413,6 +424,7 @@ class _State:
         )
         self.interrupts = Interrupts(patient=plan.due > 1)
         self.withdrawn: set[str] | None = None  # samples of an index that was removed
+        self.backs: set[str] = set()  # of the pictures that were made
         self.stopping = False
 
     @contextmanager
@@ -438,6 +450,12 @@ class _State:
             for job in self.plan.settled
             if any(ledger.is_ok(ledger.last.get(name)) for name in job.names.values())
         }
+
+    def backs_before(self) -> set[str]:
+        """The backs of pictures that were done before, and stay."""
+        ledger = self.plan.ledger
+        numbers = (ledger.last.get(n) for job in self.plan.settled for n in job.names.values())
+        return {ledger.outcomes[n].back for n in numbers if n is not None and ledger.is_ok(n)}
 
     def chunks(self) -> Iterator[Chunk]:
         """Jobs of one picture that follow one another, in chunks that keep all workers busy."""
@@ -483,6 +501,8 @@ class _State:
     def count(self, job: Job, record: Record) -> None:
         """Count a job whose record is kept, and tell of it."""
         summary, end = self.summary, record.end
+        if isinstance(end, Taken):
+            self.backs.add(end.back)
         summary.left -= 1
         summary.statuses[end.status] += 1
         summary.warned += bool(end.warnings)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.renderer.blur.layer_blur import CORNERS
+from defocus_core.renderer.compiled.carried import carries_pair
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.plan import copies_of_tile
 from defocus_core.renderer.engine.regions import blurred_part
@@ -20,9 +21,26 @@ _COPIES, _HIDDEN_COPIES, _VIEW_COPIES = 9, 3, 3
 # Copies of a region of each layer, of all windows that are sorted and sliced.
 _COPIES_OF_LAYER = 8
 
+# Bytes of a pixel for the compiled back, which renders a frame at once: in any case, and more if
+# there are edges, left and right, and highlights. Rows of all layers that a thread spreads in.
+_PIXEL, _OF_EDGES, _OF_PAIR, _OF_LIGHTS, _ROWS = 75, 70, 65, 115, 1500
+
 
 def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
     """Upper bound of the bytes that rendering takes beside its input and output."""
+    if renderer.back == "torch":
+        return _bound_of_torch(renderer, threads, at_once)
+    content, pair = renderer.frame.content, renderer.frame.settings.left_right
+    pixel = _PIXEL + _OF_EDGES * content.edges + _OF_PAIR * pair + _OF_LIGHTS * content.highlights
+    row = renderer.size[1] * 4 * renderer.frame.dtype.itemsize * (1 + pair)
+    bound = _FIXED + renderer.frame.box.area * pixel + threads * _ROWS * row
+    if pair and not carries_pair(renderer.frame.settings):
+        bound = max(bound, _bound_of_torch(renderer, threads, at_once))
+    return bound
+
+
+def _bound_of_torch(renderer: Renderer, threads: int, at_once: int) -> float:
+    """The bound of a rendering by regions."""
     frame, channels = renderer.frame, renderer.scene.image.shape[0]
     size = frame.dtype.itemsize
     sample = (channels + 1) * size

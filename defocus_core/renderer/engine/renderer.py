@@ -10,6 +10,7 @@ import torch
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth
+from defocus_core.renderer.compiled.carried import carries, carries_pair
 from defocus_core.renderer.engine.frame import darkened
 from defocus_core.renderer.engine.plan import computed_in, content_of, frame_of
 from defocus_core.renderer.engine.regions import assembled, rendered_regions, total
@@ -79,6 +80,11 @@ class Renderer:
         )
         self.scene = scene
 
+    @property
+    def back(self) -> str:
+        """What blurs and composites the centre view: ``compiled`` loops, or ``torch``."""
+        return "compiled" if carries(self.frame, self.scene) else "torch"
+
     def tiles(
         self,
         at_once: int | None = None,
@@ -109,9 +115,22 @@ class Renderer:
     def _parts(
         self, at_once: int | None, progress: Callable[[int, int], None] | None
     ) -> Iterator[Views]:
+        compiled = None
+        if self.back == "compiled":
+            from defocus_core.renderer.compiled.once import compile_once
+            from defocus_core.renderer.compiled.picture import rendered
+
+            compile_once()
+            compiled = rendered(self.frame, self.scene)
+            if not self._settings.left_right or carries_pair(self._settings):
+                if progress:
+                    progress(1, 1)
+                return iter([compiled])
         parts = rendered_regions(
             self.frame, self.scene, reaching=self.reaching, at_once=at_once, progress=progress
         )
+        if compiled is not None:
+            parts = (_about(part, compiled) for part in parts)
         if self._drops_alpha:
             parts = map(without_alpha, parts)
         cat_eye = self.frame.settings.cat_eye
@@ -135,6 +154,18 @@ class Renderer:
     def stats(self) -> dict[str, int]:
         """Counts of what was computed and what was skipped, of the regions that are done."""
         return total(self.frame, self._counts)
+
+
+def _about(part: Views, centre: Views) -> Views:
+    """Left and right of a part, about the centre view of a picture that was rendered alone.
+
+    Their ratio is kept, and so their mean is the centre: whatever else was asked for, it is that.
+    """
+    other = part.box.of(centre.images[0])
+    own = part.images[0]
+    ratio = other / torch.where(own == 0, 1.0, own)
+    images = [torch.where(own == 0, other, image * ratio) for image in part.images[1:]]
+    return part._replace(images=[other, *images], trust=part.box.of(centre.trust))
 
 
 def repaired_once(scene: Scene, settings: Settings) -> Scene:

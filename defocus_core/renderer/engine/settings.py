@@ -109,6 +109,8 @@ class Settings:
     decided: DepthRepair | None = None
     dual_pixel: DualPixel = field(default_factory=DualPixel)
     cat_eye: CatEye | None = None
+    # Which back blurs and composites: "auto" takes the compiled one where it carries the picture
+    back: str = "auto"
 
     def __post_init__(self) -> None:
         """Check each option; whole numbers of other types become int."""

@@ -61,6 +61,7 @@ def prepared(kind, radius=8.8, **options):
     return Renderer(Scene(image, signed_radius), Settings(**options))
 
 
+@pytest.mark.usefixtures("torch_back")
 def test_memory_grows_with_regions_at_once_threads_and_views():
     large = scenery("cards", 1100, 2000, 8.8)
     one = Renderer(Scene(large[0], large[1]))
@@ -70,6 +71,7 @@ def test_memory_grows_with_regions_at_once_threads_and_views():
     )
 
 
+@pytest.mark.usefixtures("torch_back")
 def test_double_precision_takes_twice_the_memory():
     image, radius = (part.double() for part in scenery("cards", *SIZE, 8.8)[:2])
     double = memory_bound(Renderer(Scene(image, radius)), 1, 1)

@@ -90,6 +90,7 @@ def test_of_a_frame_in_focus_nothing_must_be_computed():
     assert part.box.area < grid.box.area / 10
 
 
+@pytest.mark.usefixtures("torch_back")
 def test_what_is_copied_hands_gradients_on():
     image, radius = scene(SPOTS["middle"], hard=True)
     plain = render(image, radius, tile=96)

@@ -60,6 +60,7 @@ def test_a_known_layer_is_handed_out_in_regions_too():
     assert same(put_together(renderer), whole)
 
 
+@pytest.mark.usefixtures("torch_back")
 @pytest.mark.parametrize("kind", ["most", "lights", "floor", "hidden"])
 def test_another_side_of_tiles_changes_the_last_digits_alone(kind):
     image, radius = scenery("cards" if kind == "hidden" else kind, 200, 90, 8.0)
@@ -112,6 +113,7 @@ def test_the_caller_who_takes_a_region_keeps_gradients():
     assert torch.is_grad_enabled()
 
 
+@pytest.mark.usefixtures("torch_back")
 def test_pictures_of_one_size_and_quality_share_the_spectra_of_kernels():
     image, radius = scenery("cards", 60, 80, 5.3)
     seen = []

@@ -113,6 +113,7 @@ def test_enough_of_the_square_around_is_counted_to_the_pixel():
             assert bool(found[y, x]) == (float(square.double().mean()) > 0.345)
 
 
+@pytest.mark.usefixtures("torch_back")
 @pytest.mark.parametrize("top", [8.0, 60.0])
 def test_a_tilted_kernel_does_what_a_tilted_slice_does(top, monkeypatch):
     """At full resolution and at reduced; a wire before the floor is not as tilted."""

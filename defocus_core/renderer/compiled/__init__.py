@@ -1,0 +1,1 @@
+"""The same picture by compiled loops (Numba), for the CPU without gradients."""

@@ -1,0 +1,181 @@
+"""A band of rows of a picture: its layers are spread, summed and composited row by row."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.renderer.compiled.composite import composite_row
+from defocus_core.renderer.compiled.jit import compiled, entry
+from defocus_core.renderer.compiled.reduced import CoarseLayers, read_reduced
+from defocus_core.renderer.compiled.spread import add_points, clear_row, take_row
+from defocus_core.renderer.compiled.surfaces import SlotSurface, spread_row
+
+F32 = np.float32
+
+
+class Bounds(NamedTuple):
+    """Bounds of the views of a picture, see `compositing/saturating_sum.py`."""
+
+    # [C, 4] least and greatest value of each channel, with what rounding may exceed them by, and of
+    # left and right, which may exceed them
+    range: NDArray[np.float32]
+    minimum: float  # least light
+    left: float  # the share of left in the light of left and right
+    apart: float  # how far left and right are apart, as a share of what they are without crosstalk
+
+
+class BandInputs(NamedTuple):
+    """What the bands of a picture are made of."""
+
+    own: SlotSurface
+    nearer: SlotSurface  # what else pixels hold; of no rows if nothing
+    reduced: CoarseLayers
+    near: NDArray[np.bool_]  # [slots] those with pixels near focus
+    steps: NDArray[np.int64]  # the order of slots, see `composite`
+    sides: NDArray[np.int64]  # [slots] the side of focus, see `composite_row`
+    needed: NDArray[np.uint8]  # [slots] the least slot that must be seen for it to show
+    sight: NDArray[np.uint8]  # [H, W] the farthest slot seen, or [1, 0] if nothing limits it
+    lights: NDArray[np.float32]  # [views, C, H, W] to add, or [views, C, 1, 0]
+    bounds: Bounds
+
+
+@compiled
+def rows_of(own, nearer, near, shares, ring, reduced, y, rows, first, last, room):
+    """Row y of all slots: rows [views, slots, 4, W], of two views also the right half.
+
+    near: [slots] bool, those with pixels near focus; shares: of the disc there.
+    """
+    for s in range(reduced.at.shape[0]):
+        whole = reduced.at[s] < 0
+        for view in range(ring.views):
+            row = rows[view, s]
+            if whole:
+                begin, end = take_row(ring, s, y, view, row)
+            else:
+                begin, end = read_reduced(reduced, s, view, y, row, room)
+            if whole and near[s]:
+                begin, end = add_points(
+                    own.light[y], own.radius[y], own.slot[y], shares, s, row, begin, end
+                )
+                if view == 1 and own.moved.shape[0] > 0:
+                    add_points(own.moved[y], own.radius[y], own.slot[y], shares, s, row, begin, end)
+                if nearer.radius.shape[0] > 0:
+                    begin, end = add_points(
+                        nearer.light[y],
+                        nearer.radius[y],
+                        nearer.slot[y],
+                        shares,
+                        s,
+                        row,
+                        begin,
+                        end,
+                    )
+            if view == 0:
+                first[s], last[s] = begin, end
+            elif last[s] >= 0:
+                _widen(row, begin, end, first[s], last[s])
+        if ring.views == 2 and last[s] >= 0:
+            for i in range(4):
+                for x in range(first[s], last[s] + 1):
+                    rows[2, s, i, x] = F32(2) * rows[0, s, i, x] - rows[1, s, i, x]
+        if whole:
+            clear_row(ring, s, y)
+
+
+@compiled
+def _widen(row, first, last, begin, end):
+    """Zeros of a row [4, W] from `begin` to `end` but for what is from first to last."""
+    if last < 0:
+        row[:, begin : end + 1] = 0
+        return
+    row[:, begin:first] = 0
+    row[:, last + 1 : end + 1] = 0
+
+
+@compiled
+def _clamped(value, least, greatest):
+    return min(max(value, least), greatest)
+
+
+@compiled
+def finish_centre(front, lights, bounds, out):
+    """The colours [C, W] of a row and how much of it is seen: out [C + 1, W]."""
+    count = out.shape[0] - 1
+    for x in range(front.shape[1]):
+        full = max(front[3, x], F32(1e-6))
+        for i in range(count):
+            color = front[i, x] / full
+            if lights.shape[1] > 0:
+                color += lights[i, x]
+            out[i, x] = _clamped(color, bounds.range[i, 0], bounds.range[i, 1])
+        out[count, x] = _clamped(F32(1) - front[4, x] / full, F32(0), F32(1))
+
+
+@compiled
+def finish_pair(left, right, of_left, of_right, centre, bounds):
+    """Left and right of a row whose mean is the centre, from halves composited alone.
+
+    left, right: [C, W], overwritten; of_left, of_right: lights [C, W], or none; centre: [C, W].
+    """
+    zero, one, two = F32(0), F32(1), F32(2)
+    share, minimum, apart = F32(bounds.left), F32(bounds.minimum), F32(bounds.apart)
+    ratio = (one - share) / share
+    for i in range(left.shape[0]):
+        least, greatest = bounds.range[i, 2], bounds.range[i, 3]
+        for x in range(left.shape[1]):
+            a, b, c = left[i, x], right[i, x], centre[i, x]
+            if of_left.shape[1] > 0:
+                a += of_left[i, x]
+                b += of_right[i, x]
+            a, b = (
+                max(a - minimum, zero) * two * share,
+                max(b - minimum, zero) * two * (one - share),
+            )
+            total = a + b
+            part = a / total if total > 0 else F32(0.5)
+            lit = two * (c - minimum)
+            a = lit * part / (two * share) + minimum
+            b = lit * (one - part) / (two * (one - share)) + minimum
+            darkest = max(c - ratio * max(greatest - c, zero), least)
+            brightest = min(c + ratio * (c - least), greatest)
+            added = _clamped(a, darkest, brightest) - a
+            a, b = a + added, b - added / ratio
+            left[i, x], right[i, x] = c + (a - c) * apart, c + (b - c) * apart
+
+
+@entry
+def render_band(given, opening, room, band, out):
+    """Render the rows [band[0], band[1]) of a picture: out [views, C + 1, H, W], last trust."""
+    own, nearer, reduced, near, steps, sides, needed, sight, lights, bounds = given
+    width, reach = own.radius.shape[1], room.reach
+    slots, count, colors = reduced.at.shape[0], out.shape[0], out.shape[1] - 1
+    rows = np.zeros((count, slots, 4, width), np.float32)
+    first, last = np.zeros(slots, np.int64), np.zeros(slots, np.int64)
+    front, space = np.empty((5, width), np.float32), np.empty((3, 6, width), np.float32)
+    coarse = np.empty((4, width), np.float32)
+    for y in range(band[0] - reach, band[1] + reach):
+        spread_row(own, y, band, opening, room)
+        if nearer.radius.shape[0] > 0:
+            spread_row(nearer, y, band, opening, room)
+        row = y - reach
+        if row < band[0]:
+            continue
+        rows_of(
+            own, nearer, near, opening.share, room.ring, reduced, row, rows, first, last, coarse
+        )
+        seen, lit = sight[min(row, sight.shape[0] - 1)], min(row, lights.shape[2] - 1)
+        for view in range(count):
+            of_view = rows[view]
+            composite_row(steps, of_view, first, last, sides, seen, needed, front, space)
+            if view == 0:
+                finish_centre(front, lights[0, :, lit], bounds, out[0, :, row])
+                continue
+            for i in range(colors):
+                for x in range(width):
+                    out[view, i, row, x] = front[i, x] / max(front[3, x], F32(1e-6))
+        if count == 3:
+            left, right, centre = out[1, :colors, row], out[2, :colors, row], out[0, :colors, row]
+            finish_pair(left, right, lights[1, :, lit], lights[2, :, lit], centre, bounds)

@@ -1,0 +1,73 @@
+"""What the compiled back carries; it imports nothing of Numba."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from defocus_core.optics.aperture import Aperture
+from defocus_core.optics.outline import Disc
+from defocus_core.optics.parts import LEFT, RIGHT
+from defocus_core.renderer.engine.frame import SharedFrame
+from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.layers.slice_radii import plane_of
+
+
+@cache
+def available() -> bool:
+    """Whether Numba is installed, works with this Python, and compiles: ``NUMBA_DISABLE_JIT``."""
+    try:
+        import numba
+    except ImportError:
+        return False
+    config: Any = numba.config
+    return not config.DISABLE_JIT
+
+
+def carries(frame: SharedFrame, scene: Scene) -> bool:
+    """Whether the compiled back renders the centre view of a scene as it is asked for.
+
+    It does not: gradients, other devices, float64, qualities but the standard, an exact number of
+    slices, tiles of a given side, openings that are no disc, cat's eyes, layers, and blur much
+    wider than the frame. A plane is left to torch, for which it is one convolution.
+    """
+    settings = frame.settings
+    asked = settings.back == "auto" and settings.quality == "standard"
+    single = scene.image.dtype != torch.float64 and scene.signed_radius.dtype != torch.float64
+    return bool(
+        asked
+        and single
+        and settings.num_layers is None
+        and settings.tile is None
+        and plane_of(*frame.content.limits) is None
+        and _is_disc(settings.aperture)
+        and settings.cat_eye is None
+        and scene.layered is None
+        and not (frame.cut or frame.trace)
+        and not _needs_torch(scene.tensors)
+        and available()
+    )
+
+
+def carries_pair(settings: Settings) -> bool:
+    """Whether it renders left and right, too: of photodiodes that each see a half of the lens."""
+    apart = settings.dual_pixel.apart
+    return settings.dual_pixel.halves == (LEFT, RIGHT) and isinstance(apart, float)
+
+
+def _is_disc(aperture: Aperture) -> bool:
+    """Whether an opening is a disc of even light."""
+    spherical = aperture.spherical
+    even = not isinstance(spherical, Tensor) and spherical == 0 and aperture.psf_type == "pillbox"
+    return even and isinstance(aperture.outline, Disc)
+
+
+def _needs_torch(tensors: list[Tensor]) -> bool:
+    """Whether tensors are on another device, or want a gradient."""
+    return not all(x.is_cpu for x in tensors) or (
+        torch.is_grad_enabled() and any(x.requires_grad for x in tensors)
+    )

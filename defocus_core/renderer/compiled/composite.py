@@ -1,0 +1,178 @@
+"""Layers of a row composited front to back, in the order of `engine/layer_order.py`.
+
+The order is a list of steps. Rows are planes [5, W]: three colours times coverage, coverage, and
+the coverage that is invented.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core.renderer.compiled.jit import compiled
+from defocus_core.renderer.compiled.slots import ALONE
+
+F32 = np.float32
+# Steps, each with the number of a slot.
+SHOW, FILL, MARK, BEFORE, ASIDE, CLOSE, FILL_ALL, TOGETHER = range(8)
+# A hidden octave comes before layers whose radius is this many times its greatest one.
+_MORE = 1.263
+# As in `compositing/aperture_views.py`, and coverage that shows nothing.
+_MIN_ROOM, _ERROR, _LEAST_ERROR, _LEAST = 1e-4, 0.2, 1e-12, 1e-9
+
+
+def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int64]:
+    """The steps [n, 2] of layers, and of hidden octaves between them.
+
+    slots: for each visible slot its least radius in px, nearest first; octaves: the slot of each.
+    """
+    near = [k for k, r in enumerate(slots) if r <= -ALONE]
+    far = [k for k, r in enumerate(slots) if r >= ALONE]
+    later: dict[int, list[int]] = {}
+    for octave in sorted(octave for octave in octaves if octave):
+        limit = _MORE * ALONE * 2.0 ** abs(octave)
+        first = next((k for k in far if slots[k] >= limit), None)
+        if first is not None:
+            later.setdefault(first, []).append(octave)
+    steps = [(SHOW, k) for k in near]
+    apart = bool(near)
+    steps += [(MARK, 0)] * apart
+    steps += [(SHOW, k) for k in range(len(slots)) if k not in near and k not in far]
+    steps += [(FILL, octaves[0])] if 0 in octaves else []
+    if apart:
+        before = [octave for each in later.values() for octave in each if octave < 0]
+        steps += [(BEFORE, 0), *[(FILL, octaves[octave]) for octave in sorted(before)], (ASIDE, 0)]
+    for k in far:
+        for octave in later.get(k, []):
+            if not apart or octave > 0:
+                steps.append((FILL, octaves[octave]))
+                steps += [(CLOSE, 0)] * apart
+        steps.append((SHOW, k))
+    steps += [(FILL_ALL, 0)] * bool(octaves)
+    steps += [(TOGETHER, 0)] * apart
+    return np.array(steps, np.int64).reshape(-1, 2)
+
+
+@compiled
+def add_behind(front, layer, first, last, invented, sight, needed):
+    """Add a layer behind a row, as much of it as there is room, where the lens sees as far.
+
+    sight: [W] the farthest slot that is seen, or none if nothing limits it.
+    """
+    limited = sight.shape[0] > 0
+    for x in range(first, last + 1):
+        coverage = layer[3, x]
+        room = F32(1) - front[3, x]
+        share = F32(1) if coverage <= room else room / coverage
+        share = share if coverage > F32(_LEAST) and room > 0 else F32(0)
+        if limited and sight[x] < needed:
+            share = F32(0)
+        front[0, x] += share * layer[0, x]
+        front[1, x] += share * layer[1, x]
+        front[2, x] += share * layer[2, x]
+        front[3, x] += share * coverage
+        if invented:
+            front[4, x] += share * coverage
+
+
+@compiled
+def set_aside(front, covered, before, aside):
+    """Go on as if what covers a row nearer than focus were not there.
+
+    covered: [W] coverage nearer than focus, before: [W] coverage before what is hidden behind it;
+    aside: [6, W] the row, and the coverage with which it goes on.
+    """
+    for x in range(front.shape[1]):
+        near = covered[x] + front[3, x] - before[x]
+        going = F32(1) if near > F32(1 - _MIN_ROOM) else front[3, x] - near
+        for i in range(5):
+            aside[i, x] = front[i, x]
+            front[i, x] = 0
+        aside[5, x] = front[3, x] = going
+
+
+@compiled
+def close_gaps(front, aside):
+    """Close gaps that are small beside what was set aside covers: they are errors."""
+    for x in range(front.shape[1]):
+        gap = max(F32(1) - front[3, x], F32(0))
+        near = aside[3, x] - aside[5, x]
+        error = max(F32(_ERROR) * near, F32(_LEAST_ERROR))
+        added = gap * min(max(F32(2) - gap / error, F32(0)), F32(1))
+        room = max(F32(1) - aside[5, x], F32(_MIN_ROOM))
+        larger = F32(1) + added / max(room - gap, F32(_MIN_ROOM))
+        front[0, x] *= larger
+        front[1, x] *= larger
+        front[2, x] *= larger
+        front[4, x] *= larger
+        front[3, x] += added
+
+
+@compiled
+def put_together(front, aside):
+    """Put what was set aside before what was composited since."""
+    for x in range(front.shape[1]):
+        coverage = front[3, x] - aside[5, x]
+        room = F32(1) - aside[3, x]
+        share = F32(1) if coverage <= room else room / coverage
+        share = share if coverage > F32(_LEAST) and room > 0 else F32(0)
+        for i in range(3):
+            front[i, x] = aside[i, x] + share * front[i, x]
+        front[3, x] = aside[3, x] + share * coverage
+        front[4, x] = aside[4, x] + share * front[4, x]
+
+
+@compiled
+def composite_row(steps, rows, first, last, sides, sight, needed, front, room):
+    """Composite the rows [slots, 4, W] of a picture to `front` [5, W].
+
+    first, last: [slots] pixels of each row that are not 0; sides: [slots] of hidden octaves -1 to
+    1, of others 2; sight: [W] or none, see `add_behind`; needed: [slots]; room: [3, 6, W].
+    """
+    front[:] = 0
+    covered, before, aside, whole = room[0, 0], room[0, 1], room[1], room[2]
+    for n in range(steps.shape[0]):
+        step, slot = steps[n, 0], steps[n, 1]
+        if step == SHOW:
+            add_behind(front, rows[slot], first[slot], last[slot], False, sight, needed[slot])
+        elif step == FILL:
+            add_behind(front, rows[slot], first[slot], last[slot], True, sight, needed[slot])
+        elif step == MARK:
+            covered[:] = front[3]
+        elif step == BEFORE:
+            before[:] = front[3]
+        elif step == ASIDE:
+            set_aside(front, covered, before, aside)
+        elif step == CLOSE:
+            close_gaps(front, aside)
+        elif step == FILL_ALL:
+            if _whole_hidden(rows, first, last, sides, sight, needed, whole, room[0]):
+                add_behind(front, whole, 0, front.shape[1] - 1, True, sight[:0], 0)
+        elif step == TOGETHER:
+            put_together(front, aside)
+
+
+@compiled
+def _whole_hidden(rows, first, last, sides, sight, needed, whole, room):
+    """The hidden octaves together: those of a side of focus add, the sides occlude each other."""
+    found = False
+    whole[:] = 0
+    for side in range(-1, 2):
+        some = False
+        total = room[2:6]
+        for slot in range(rows.shape[0]):
+            if sides[slot] != side or last[slot] < 0:
+                continue
+            if not some:
+                total[:] = 0
+                some = True
+            for x in range(first[slot], last[slot] + 1):
+                if sight.shape[0] == 0 or sight[x] >= needed[slot]:
+                    for i in range(4):
+                        total[i, x] += rows[slot, i, x]
+        if some:
+            add_behind(whole, total, 0, whole.shape[1] - 1, False, sight[:0], 0)
+            found = True
+    return found

@@ -1,0 +1,30 @@
+"""How functions are compiled: to machine code, without the interpreter's lock."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+
+from defocus_core.renderer.compiled.kept import folder
+
+# Sums may be reordered; NaN and infinity keep their meaning.
+_FASTMATH = {"reassoc", "contract", "arcp", "nsz"}
+_OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": _FASTMATH, "error_model": "numpy"}
+
+
+def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function as machine code, for others that are compiled."""
+    return numba.njit(**_OPTIONS)(function)  # type: ignore[no-any-return]
+
+
+def entry(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The function as machine code, for Python; it is kept, with those that it calls."""
+    config: Any = numba.config
+    place, before = folder(), config.CACHE_DIR
+    config.CACHE_DIR = str(place or before)
+    try:
+        return numba.njit(cache=place is not None, **_OPTIONS)(function)  # type: ignore[no-any-return]
+    finally:
+        config.CACHE_DIR = before

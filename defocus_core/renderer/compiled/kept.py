@@ -1,0 +1,57 @@
+"""Where compiled functions are kept, and which process compiles them. It imports no Numba.
+
+They depend on each other, so they are kept for all sources of this folder together: in the folder
+``__pycache__`` beside them, else in the user's cache folder.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from hashlib import blake2b
+from importlib import metadata
+from pathlib import Path
+
+from filelock import FileLock
+
+_PREFIX, _ALL = "compiled-", "all"
+
+
+@cache
+def folder() -> Path | None:
+    """The folder of compiled functions; None where no place can be written."""
+    sources = sorted(Path(__file__).parent.glob("*.py"))
+    checks = os.environ.get("NUMBA_BOUNDSCHECK", "")
+    versions = f"{metadata.version('numba')} {sys.implementation.cache_tag} {checks}"
+    content = b"".join(source.read_bytes() for source in sources)
+    name = _PREFIX + blake2b(versions.encode() + content, digest_size=8).hexdigest()
+    users = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "defocus"
+    for parent in (Path(__file__).parent / "__pycache__", users):
+        with suppress(OSError):
+            (parent / name).mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=parent / name).close()
+            return parent / name
+    return None
+
+
+@contextmanager
+def one_process() -> Iterator[bool]:
+    """Whether functions are yet to be compiled: by one process, for which others wait here.
+
+    They count as kept when the block ends.
+    """
+    place = folder()
+    if place is None:
+        yield True
+        return
+    every = place / _ALL
+    if every.exists():
+        yield False
+        return
+    with FileLock(place / "lock"):
+        yield not every.exists()
+        every.touch()

@@ -1,0 +1,225 @@
+"""Mixed pixels taken apart: two surfaces of a pixel on a depth edge, see `depth/matting.py`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from defocus_core.depth.matting import AROUND, EDGE
+from defocus_core.renderer.compiled.jit import compiled, entry
+
+# As in `depth/matting.py`, whose names they have.
+STEP, NEARBY, PIXEL, UNCERTAIN, SHARP = 1.013, 2**0.5, 0.6, 0.25, 0.5
+WHOLE, WITHIN, FOREIGN, MIN_DEVIATION, ROUNDING, HALFWAY = 0.03, 2.0, 100.0, 0.01, 1e-4, 0.499
+_SIDE = 2 * AROUND + 1
+_SQUARED = [(y * y + x * x) for y in range(-AROUND, AROUND + 1) for x in range(-AROUND, AROUND + 1)]
+_BESIDE = np.exp(np.array(_SQUARED) / (-2 * NEARBY**2))
+_WITHIN_PIXEL = np.exp(np.array(_SQUARED) / (-2 * PIXEL**2))
+_WITHIN_PIXEL /= _WITHIN_PIXEL.sum()
+_MIDDLE, _LIGHT = len(_SQUARED) // 2, 1e-20
+_TINY, _SMALLEST = math.sqrt(float(np.finfo(np.float32).tiny)), float(np.finfo(np.float32).tiny)
+
+
+@entry
+def find_edges(radius, edge, border):
+    """The pixels on edges [H, W] uint8, and between them the radius that tells both sides apart."""
+    height, width = radius.shape
+    least, most = np.empty(width, np.float32), np.empty(width, np.float32)
+    found = 0
+    for y in range(height):
+        up, down = max(y - 1, 0), min(y + 1, height - 1)
+        for x in range(width):
+            a, b, c = radius[up, x], radius[y, x], radius[down, x]
+            least[x], most[x] = min(a, min(b, c)), max(a, max(b, c))
+        for x in range(width):
+            left, right = max(x - 1, 0), min(x + 1, width - 1)
+            near = min(least[left], min(least[x], least[right]))
+            far = max(most[left], max(most[x], most[right]))
+            edge[y, x] = far - near > EDGE
+            if edge[y, x]:
+                border[y, x] = near + (far - near) * HALFWAY
+                found += 1
+    return found
+
+
+@compiled
+def _side_of(colors, radii, weight, side):
+    """The mean, variance and radius of the pixels with a weight: side [7]; returns the weight."""
+    total = 0.0
+    for k in range(weight.shape[0]):
+        total += weight[k]
+    if total <= 0:
+        return total
+    brightest = 0.0
+    for c in range(3):
+        mean = 0.0
+        for k in range(weight.shape[0]):
+            mean += weight[k] * colors[k, c]
+        side[c] = mean / total
+        brightest = max(brightest, max(side[c], colors[_MIDDLE, c]))
+    for c in range(3):
+        spread, mean = 0.0, side[c]
+        for k in range(weight.shape[0]):
+            off = colors[k, c] - mean
+            spread += weight[k] * off * off
+        least = max(MIN_DEVIATION * mean, ROUNDING * brightest)
+        side[3 + c] = spread / total + least * least + _TINY
+    r = 0.0
+    for k in range(weight.shape[0]):
+        r += weight[k] * radii[k]
+    side[6] = r / total
+    return total
+
+
+@compiled
+def _thin_side(colors, radii, weight, mask, other, side, room):
+    """A side all of whose pixels are on the edge: those least like the other hold most of it."""
+    most = _SMALLEST
+    for k in range(weight.shape[0]):
+        room[k] = 0.0
+        if weight[k] > 0 and mask[k]:
+            for c in range(3):
+                off = colors[k, c] - other[c]
+                room[k] += off * off
+            most = max(most, room[k])
+    for k in range(weight.shape[0]):
+        pure = room[k] / most
+        room[k] = weight[k] * pure * pure * pure * pure if mask[k] else 0.0
+    total = _side_of(colors, radii, room, side)
+    side[3:6] = other[3:6]
+    return total
+
+
+@compiled
+def _coverage(color, own, other, expected):
+    """The most probable coverage of a colour by its own surface, and an expected one."""
+    evidence = observed = 0.0
+    for c in range(3):
+        apart, variance = own[c] - other[c], (own[3 + c] + other[3 + c]) / 2
+        evidence += apart * apart / variance
+        observed += apart * (color[c] - other[c]) / variance
+    best = min(max(observed / (evidence if evidence > 0 else 1.0), 0.0), 1.0)
+    misfit = 0.0
+    for c in range(3):
+        off = color[c] - other[c] - best * (own[c] - other[c])
+        misfit += off * off / (best * own[3 + c] + (1 - best) * other[3 + c])
+    doubt = (1 + misfit) / UNCERTAIN**2
+    expected = 1 - (1 - expected) / (1 + misfit / FOREIGN)
+    return min(max((observed + expected * doubt) / (evidence + doubt), 0.0), 1.0)
+
+
+@compiled
+def _as_whole(alpha, is_near, own, other):
+    """A coverage by a pixel's own surface; 1 where it is hardly mixed."""
+    evidence = 0.0
+    for c in range(3):
+        apart = own[c] - other[c]
+        evidence += apart * apart / own[3 + c]
+    limit = WITHIN / math.sqrt(max(evidence, (WITHIN / WHOLE) ** 2))
+    if is_near and abs(own[6]) <= SHARP:
+        limit = 1.0
+    short = 1 - alpha
+    return 1 - short + limit * limit / short if short > limit else 1.0
+
+
+@compiled
+def _within(mean, variance, other, color):
+    """A colour clipped to two deviations around a surface's mean; `other` is never clipped."""
+    reach = 2 * math.sqrt(variance)
+    color = max(color, min(mean - reach, other))
+    color = min(color, max(mean + reach, other))
+    return max(color, min(other, 0.0))
+
+
+@compiled
+def _colors(color, own, other, alpha, c):
+    """A channel of both surfaces of a mixed pixel."""
+    m, v, n, w = own[c], own[3 + c], other[c], other[3 + c]
+    first, second, rest = alpha * v, (1 - alpha) * w, 1 - alpha
+    residual = (color - alpha * m - rest * n) / (alpha * first + rest * second)
+    own_color, free = m + residual * first, n + residual * second
+    clipped = free - _within(n, w, n, free)
+    own_color += rest / (alpha if alpha > 0 else 1.0) * clipped
+    own_color = _within(m, v, color, own_color)
+    left = (color - alpha * own_color) / (rest if alpha < 1 else 1.0)
+    return own_color, _within(n, w, color, left)
+
+
+@compiled
+def _read_square(image, radius, edge, border, limit, y, x, colors, radii, near, weight, on_edge):
+    """The square around a pixel, and the weights of its pixels; returns whether it has a step."""
+    height, width = radius.shape
+    r0, middle = radius[y, x], border[y, x]
+    own = r0 < middle
+    for k in range(_SIDE * _SIDE):
+        row = min(max(y + k // _SIDE - AROUND, 0), height - 1)
+        column = min(max(x + k % _SIDE - AROUND, 0), width - 1)
+        r = radius[row, column]
+        radii[k], near[k], on_edge[k] = r, r < middle, edge[row, column]
+        brightest = 0.0
+        for c in range(3):
+            colors[k, c] = image[row, 4 * column + c]
+            brightest = max(brightest, colors[k, c])
+        weight[k] = _BESIDE[k] if abs(r - r0) <= EDGE or near[k] != own else 0.0
+        if brightest > limit:
+            weight[k] *= _LIGHT
+    steepest = 0.0
+    for i in range(AROUND - 1, AROUND + 2):
+        for j in range(AROUND - 1, AROUND + 1):
+            steepest = max(steepest, abs(radii[i * _SIDE + j + 1] - radii[i * _SIDE + j]))
+            steepest = max(steepest, abs(radii[(j + 1) * _SIDE + i] - radii[j * _SIDE + i]))
+    return steepest > STEP
+
+
+@entry
+def take_apart(image, radius, edge, border, limit, own_light, nearer_light, nearer_radius):
+    """Take mixed pixels apart: [H, 4 W] light and coverage of their own surface and nearer ones.
+
+    image: [H, 4 W] with a coverage of 1; own_light: a copy of it. Returns how many hold a nearer
+    surface besides their own.
+    """
+    height, width = radius.shape
+    count = _SIDE * _SIDE
+    colors, radii, weight = np.empty((count, 3)), np.empty(count), np.empty(count)
+    near, on_edge = np.empty(count, np.bool_), np.empty(count, np.bool_)
+    mask, room, part = np.empty(count, np.bool_), np.empty(count), np.empty(count)
+    sides, thin, known = np.empty((2, 7)), np.empty((2, 7)), np.empty(2)
+    found = 0
+    for y in range(height):
+        for x in range(width):
+            if not edge[y, x] or not _read_square(
+                *(image, radius, edge, border, limit, y, x),
+                *(colors, radii, near, weight, on_edge),
+            ):
+                continue
+            for s in range(2):  # the nearer one first
+                for k in range(count):
+                    part[k] = weight[k] if near[k] == (s == 0) and not on_edge[k] else 0.0
+                known[s] = _side_of(colors, radii, part, sides[s])
+            first, second = known[0] > 0, known[1] > 0
+            if not first and not second:
+                continue
+            if not first or not second:
+                s = 1 if first else 0
+                for k in range(count):
+                    mask[k] = near[k] == (s == 0)
+                if _thin_side(colors, radii, weight, mask, sides[1 - s], thin[s], room) <= 0:
+                    continue
+                sides[s] = thin[s]
+            is_near = near[_MIDDLE]
+            own, other = (sides[0], sides[1]) if is_near else (sides[1], sides[0])
+            expected = 0.0
+            for k in range(count):
+                expected += _WITHIN_PIXEL[k] if near[k] == is_near else 0.0
+            color = colors[_MIDDLE]
+            alpha = _as_whole(_coverage(color, own, other, expected), is_near, own, other)
+            covered, rest = (alpha, 0.0) if is_near else (1.0, 1 - alpha)
+            for c in range(3):
+                a, b = _colors(color[c], own, other, alpha, c)
+                own_light[y, 4 * x + c] = a * covered
+                nearer_light[y, 4 * x + c] = b * rest
+            own_light[y, 4 * x + 3], nearer_light[y, 4 * x + 3] = covered, rest
+            nearer_radius[y, x] = other[6]
+            found += rest > 0
+    return found

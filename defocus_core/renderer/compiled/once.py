@@ -1,0 +1,47 @@
+"""All functions compiled at once, the first time that they are used on a machine."""
+
+from __future__ import annotations
+
+from functools import cache
+from logging import getLogger
+
+import numpy as np
+
+from defocus_core.renderer.compiled import back
+from defocus_core.renderer.compiled.back import Samples
+from defocus_core.renderer.compiled.bands import Bounds
+from defocus_core.renderer.compiled.kept import folder, one_process
+from defocus_core.renderer.compiled.picture import surfaces_of
+
+_LOGGER = getLogger("defocus_core")
+_SECONDS = 20
+_SIZE = 32, 40  # (height, width) px of the picture of which each function renders something
+
+
+@cache
+def compile_once() -> None:
+    """Compile what is not kept yet, and say so: it takes a while."""
+    with one_process() as is_due:
+        if not is_due:
+            return
+        where = "" if folder() else ": no folder can be written to keep it"
+        _LOGGER.warning("compiling the renderer once, which takes some %d s%s", _SECONDS, where)
+        render_everything()
+
+
+def render_everything() -> None:
+    """Render a small picture that calls each function."""
+    x = np.linspace(-60, 60, _SIZE[1], dtype=np.float32)
+    radius = np.where(np.arange(_SIZE[0])[:, None] % 16 < 8, x, -3)
+    light = np.random.default_rng(0).random((*_SIZE, 4), np.float32)
+    light[..., 3] = 1
+    bounds = Bounds(np.array([[0, 1, 0, 1]] * 3, np.float32), 0.0, 0.5, 1.0)
+    own = Samples(light.reshape(_SIZE[0], -1), radius)
+    back.render(
+        surfaces_of(own, np.inf),
+        np.zeros((3, 3, 1, 0), np.float32),
+        bounds,
+        min_slope=0.01,
+        edges=True,
+        threads=1,
+    )

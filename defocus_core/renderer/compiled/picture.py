@@ -1,0 +1,143 @@
+"""The compiled back of the renderer: the views of a picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from defocus_core.renderer.compiled import back
+from defocus_core.renderer.compiled.back import Sampled, Samples
+from defocus_core.renderer.compiled.bands import Bounds
+from defocus_core.renderer.compiled.carried import carries_pair
+from defocus_core.renderer.compiled.hidden import hidden_of
+from defocus_core.renderer.compiled.mixed import find_edges, take_apart
+from defocus_core.renderer.compositing.saturating_sum import ColorRange
+from defocus_core.renderer.engine.frame import SharedFrame
+from defocus_core.renderer.engine.region_layers import RegionPlace, backdrop_in, discs, layers_at
+from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.layers.layer import CONTINUED, VISIBLE, SampleLayer
+from defocus_core.renderer.layers.slice_radii import SHARP
+from defocus_core.tensors.box import Grid
+from defocus_core.tensors.views import Views
+
+# Colours that are spread together.
+_CHANNELS = 3
+# As in `compositing/saturating_sum.py`: how far left and right may exceed the range, and rounding.
+_OVERSHOOT, _SLACK = 0.1, 9e-5
+
+
+def rendered(frame: SharedFrame, scene: Scene) -> Views:
+    """The views of a scene that is carried; the centre alone if left and right are not."""
+    whole, pair = frame.box, frame.settings.left_right and carries_pair(frame.settings)
+    place = RegionPlace.of(frame, Grid([whole], whole[2:], 1))
+    place = place._replace(outer=whole, held=whole, inside=whole, core=whole)
+    image, radius = (whole.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius))
+    # light has no unit: float32 is fine enough for that of about 1, also its squares
+    unit = _unit(frame.content.limit)
+    bounds = _bounds(frame, image, unit)
+    count, views = image.shape[0], 3 if pair else 1
+    images = torch.empty(views, count, *frame.size)
+    for channels, sampled, lights in _sampled(place, scene, image, radius, unit):
+        if lights is None:
+            lights = np.zeros((views, _CHANNELS, 1, 0), np.float32)
+        found = back.render(
+            sampled,
+            lights[:views],
+            bounds._replace(range=np.ascontiguousarray(bounds.range[channels])),
+            min_slope=frame.quality.min_slope,
+            edges=frame.content.edges,
+            threads=frame.settings.threads,
+        )
+        images[:, channels] = torch.from_numpy(found[:, :-1])
+    trust = torch.from_numpy(found[0, -1:])
+    inside = place.fractions(whole, radius, frame.division.parts[:1])
+    if inside is not None:
+        trust = (trust * inside[0]).float()
+    return Views(list(images * unit), trust, _counts(frame, scene), whole)
+
+
+def _sampled(
+    place: RegionPlace, scene: Scene, image: Tensor, radius: Tensor, unit: float
+) -> Iterator[tuple[slice, Sampled, NDArray[np.float32] | None]]:
+    """The channels that are rendered at once, their surfaces, and lights to add, if any.
+
+    Those of three colours without lights and without a matte are found by compiled loops.
+    """
+    content = place.frame.content
+    if len(image) == _CHANNELS and not content.highlights and scene.matte is None:
+        own = _samples(SampleLayer.whole(image, radius), slice(0, _CHANNELS), 1, unit)
+        surfaces = Sampled(own, None, None)
+        if content.edges:
+            surfaces = surfaces_of(own, content.limit / unit)
+        yield slice(0, _CHANNELS), surfaces, None
+        return
+    seen = layers_at(place, scene, backdrop_in(place.frame, scene))
+    drawn = sum(discs(place, seen, lights) for lights in seen.lights)
+    for first in range(0, len(image), _CHANNELS):
+        channels = slice(first, min(first + _CHANNELS, len(image)))
+        own, *nearer = (_samples(layer, channels, 1, unit) for layer in seen.of(VISIBLE))
+        hidden = [_samples(layer, channels, 2, unit) for layer in seen.of(CONTINUED)]
+        lights = None
+        if isinstance(drawn, Tensor):
+            lights = (drawn[:, channels] / unit).float().contiguous().numpy()
+        sampled = Sampled(own, nearer[0] if nearer else None, hidden[0] if hidden else None)
+        yield channels, sampled, lights
+
+
+def surfaces_of(own: Samples, limit: float) -> Sampled:
+    """The surfaces of a picture with edges; limit: brightness that a highlight exceeds."""
+    edge = np.empty(own.radius.shape, np.uint8)
+    border, nearer = np.empty(own.radius.shape, np.float32), None
+    if find_edges(own.radius, edge, border):
+        given, light = own.light, own.light.copy()
+        others, radii = np.zeros_like(light), own.radius.copy()
+        if take_apart(given, own.radius, edge, border, np.float32(limit), light, others, radii):
+            nearer = Samples(others, radii)
+        own = own._replace(light=light)
+    found = hidden_of(own.light, own.radius, nearer and nearer.light, limit)
+    if found is None:
+        return Sampled(own, nearer, None)
+    light, coarse_radius = found
+    coarse_radius *= np.float32(0.5)
+    return Sampled(own, nearer, Samples(light, coarse_radius))
+
+
+def _unit(brightest: float) -> float:
+    """A power of two near the brightest light: dividing by it is exact."""
+    return 2.0 ** math.floor(math.log2(brightest)) if brightest > 0 else 1.0
+
+
+def _counts(frame: SharedFrame, scene: Scene) -> dict[str, int]:
+    """Counts of the work done."""
+    radius = frame.box.of(scene.signed_radius)
+    in_focus = int((radius.abs() <= SHARP).sum())
+    return {"pixels": frame.box.area, "pixels_copied": in_focus, "tiles": 1}
+
+
+def _samples(layer: SampleLayer, channels: slice, step: int, unit: float) -> Samples:
+    """A layer as arrays of some of its colours in a unit, its radii in pixels of a step."""
+    color = layer.color[channels] / unit
+    light = torch.zeros(*color.shape[1:], _CHANNELS + 1)
+    light[..., : len(color)] = (color if layer.is_whole else color * layer.coverage).movedim(0, -1)
+    light[..., -1] = layer.covered
+    radius = (layer.signed_radius / step).float().contiguous()
+    return Samples(light.flatten(1).numpy(), radius.numpy())
+
+
+def _bounds(frame: SharedFrame, like: Tensor, unit: float) -> Bounds:
+    """The bounds of the views of a frame."""
+    content, division = frame.content, frame.division
+    least, greatest = (
+        x.flatten().numpy() / unit for x in ColorRange.of(content.channels, like, content.minimum)
+    )
+    slack = [_SLACK * np.minimum(np.abs(x), greatest - least) for x in (least, greatest)]
+    more = _OVERSHOOT * (greatest - least)
+    ends = least - slack[0], greatest + slack[1], least - more, greatest + more
+    left = float(division.left_fraction) if frame.settings.left_right else 0.5
+    apart = float(frame.settings.dual_pixel.apart)
+    return Bounds(np.stack(ends, 1).astype(np.float32), content.minimum / unit, left, apart)
