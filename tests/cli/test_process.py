@@ -84,7 +84,7 @@ def test_modules_are_not_taken_down():
     within += "def some(): atexit.register(later); return main()\nentry.main = some\nentry.run()\n"
     ran = ended(held + within, "--version")
     assert ran.returncode == 0
-    assert ran.stdout.splitlines()[1:] == ["asked for"]
+    assert ran.stdout.splitlines()[2:] == ["asked for"]
     assert "taken down" in ended(held, "--version").stdout
 
 
@@ -175,4 +175,4 @@ def test_a_command_looks_through_nothing_that_pytorch_made(tmp_path):
     ran = ended(counting, *words)
     assert ran.returncode == 0, ran.stderr
     looked, _, frozen = ran.stdout.rpartition(" ")
-    assert max(json.loads(looked), default=0) < 50_000 < int(frozen)
+    assert max(json.loads(looked), default=0) < 80_000 < int(frozen)  # Numba's are some 50 000

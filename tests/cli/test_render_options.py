@@ -97,7 +97,7 @@ def test_part_says_which_part_is_rendered_and_where_the_depth_is(tmp_path):
 def test_machine_options_are_recorded(tmp_path):
     machine = ("--quality", "high", "--device", "cpu", "--threads", "3", "--tile", "64")
     ran = render(*pair(tmp_path), "-o", tmp_path / "out", *machine, "-v", "--json")
-    assert "cpu, 3 threads, high" in ran.err
+    assert "cpu (torch), 3 threads, high" in ran.err
     picture = ran.json["pictures"][0]
     assert (picture["device"], picture["quality"]) == ("cpu", "high")
     assert header(tmp_path / "out" / "render" / "a.exr")["defocus:device"] == "cpu"

@@ -48,6 +48,7 @@ def test_a_bar_says_that_a_picture_is_prepared():
     assert "preparing" not in shown.getvalue().rpartition("0/4")[2]
 
 
+@pytest.mark.usefixtures("torch_back")
 def test_a_bar_counts_the_tiles_of_a_lone_picture_on_a_terminal(tmp_path):
     color = color_exr(tmp_path / "c.exr", texture(2 * TILE, TILE))
     depth = depth_exr(tmp_path / "z.exr", ramp(2 * TILE, TILE))

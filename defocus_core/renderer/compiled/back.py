@@ -61,8 +61,8 @@ def render(
     min_slope: float,
     edges: bool,
     threads: int,
-) -> NDArray[np.float32]:
-    """The views [1 or 3, C + 1, H, W] of a picture, colours and trust.
+) -> tuple[NDArray[np.float32], int]:
+    """The views [1 or 3, C + 1, H, W] of a picture, colours and trust; how many px were negative.
 
     lights: [1 or 3, C, H, W] to add, of as many views as are wanted, or [1 or 3, C, 1, 0];
     min_slope: of the radius, px per px, below which a surface counts as level; edges: whether
@@ -102,13 +102,12 @@ def render(
     count = max(1, min(threads, H // _ROWS))
     ends = [H * k // count for k in range(count + 1)]
 
-    def band(rows: tuple[int, int]) -> None:
+    def band(rows: tuple[int, int]) -> int:
         room = room_of(slots.rows(0, whole), views, W)
-        render_band(given, disc(max(room.reach, _LEAST)), room, rows, out)
+        return int(render_band(given, disc(max(room.reach, _LEAST)), room, rows, out))
 
-    for _ in threaded(band, list(pairwise(ends)), count):
-        pass
-    return out
+    negative = sum(threaded(band, list(pairwise(ends)), count))
+    return out, negative
 
 
 def _a_slice_beyond(radius: NDArray[np.float32]) -> NDArray[np.float32]:

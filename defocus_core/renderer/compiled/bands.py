@@ -23,6 +23,7 @@ class Bounds(NamedTuple):
     # left and right, which may exceed them
     range: NDArray[np.float32]
     minimum: float  # least light
+    negative: float  # below which a pixel of left or right is counted
     left: float  # the share of left in the light of left and right
     apart: float  # how far left and right are apart, as a share of what they are without crosstalk
 
@@ -115,11 +116,14 @@ def finish_centre(front, lights, bounds, out):
 
 
 @compiled
-def finish_pair(left, right, of_left, of_right, centre, bounds):
+def finish_pair(left, right, of_left, of_right, centre, bounds, counted):
     """Left and right of a row whose mean is the centre, from halves composited alone.
 
     left, right: [C, W], overwritten; of_left, of_right: lights [C, W], or none; centre: [C, W].
+    Returns how many pixels were negative, which `counted` [W] marks.
     """
+    found = 0
+    counted[:] = 0
     zero, one, two = F32(0), F32(1), F32(2)
     share, minimum, apart = F32(bounds.left), F32(bounds.minimum), F32(bounds.apart)
     ratio = (one - share) / share
@@ -130,6 +134,9 @@ def finish_pair(left, right, of_left, of_right, centre, bounds):
             if of_left.shape[1] > 0:
                 a += of_left[i, x]
                 b += of_right[i, x]
+            if counted[x] == 0 and min(a, b) < F32(bounds.negative):
+                counted[x] = 1
+                found += 1
             a, b = (
                 max(a - minimum, zero) * two * share,
                 max(b - minimum, zero) * two * (one - share),
@@ -144,18 +151,22 @@ def finish_pair(left, right, of_left, of_right, centre, bounds):
             added = _clamped(a, darkest, brightest) - a
             a, b = a + added, b - added / ratio
             left[i, x], right[i, x] = c + (a - c) * apart, c + (b - c) * apart
+    return found
 
 
 @entry
 def render_band(given, opening, room, band, out):
-    """Render the rows [band[0], band[1]) of a picture: out [views, C + 1, H, W], last trust."""
+    """Render the rows [band[0], band[1]) of a picture: out [views, C + 1, H, W], last trust.
+
+    Returns the number of pixels of left and right that were negative.
+    """
     own, nearer, reduced, near, steps, sides, needed, sight, lights, bounds = given
     width, reach = own.radius.shape[1], room.reach
     slots, count, colors = reduced.at.shape[0], out.shape[0], out.shape[1] - 1
     rows = np.zeros((count, slots, 4, width), np.float32)
     first, last = np.zeros(slots, np.int64), np.zeros(slots, np.int64)
     front, space = np.empty((5, width), np.float32), np.empty((3, 6, width), np.float32)
-    coarse = np.empty((4, width), np.float32)
+    coarse, counted, negative = np.empty((4, width), np.float32), np.empty(width, np.uint8), 0
     for y in range(band[0] - reach, band[1] + reach):
         spread_row(own, y, band, opening, room)
         if nearer.radius.shape[0] > 0:
@@ -178,4 +189,6 @@ def render_band(given, opening, room, band, out):
                     out[view, i, row, x] = front[i, x] / max(front[3, x], F32(1e-6))
         if count == 3:
             left, right, centre = out[1, :colors, row], out[2, :colors, row], out[0, :colors, row]
-            finish_pair(left, right, lights[1, :, lit], lights[2, :, lit], centre, bounds)
+            of_left, of_right = lights[1, :, lit], lights[2, :, lit]
+            negative += finish_pair(left, right, of_left, of_right, centre, bounds, counted)
+    return negative

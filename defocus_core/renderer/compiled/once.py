@@ -35,7 +35,7 @@ def render_everything() -> None:
     radius = np.where(np.arange(_SIZE[0])[:, None] % 16 < 8, x, -3)
     light = np.random.default_rng(0).random((*_SIZE, 4), np.float32)
     light[..., 3] = 1
-    bounds = Bounds(np.array([[0, 1, 0, 1]] * 3, np.float32), 0.0, 0.5, 1.0)
+    bounds = Bounds(np.array([[0, 1, 0, 1]] * 3, np.float32), 0.0, 0.0, 0.5, 1.0)
     own = Samples(light.reshape(_SIZE[0], -1), radius)
     back.render(
         surfaces_of(own, np.inf),

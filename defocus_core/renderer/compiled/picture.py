@@ -27,8 +27,9 @@ from defocus_core.tensors.views import Views
 
 # Colours that are spread together.
 _CHANNELS = 3
-# As in `compositing/saturating_sum.py`: how far left and right may exceed the range, and rounding.
-_OVERSHOOT, _SLACK = 0.1, 9e-5
+# As in `compositing/saturating_sum.py`: how far left and right may exceed the range, and rounding;
+# and as in `compositing/left_right.py` the share of light below which nothing is counted.
+_OVERSHOOT, _SLACK, _NEGLIGIBLE = 0.1, 9e-5, 1e-3
 
 
 def rendered(frame: SharedFrame, scene: Scene) -> Views:
@@ -41,11 +42,11 @@ def rendered(frame: SharedFrame, scene: Scene) -> Views:
     unit = _unit(frame.content.limit)
     bounds = _bounds(frame, image, unit)
     count, views = image.shape[0], 3 if pair else 1
-    images = torch.empty(views, count, *frame.size)
+    images, negative = torch.empty(views, count, *frame.size), 0
     for channels, sampled, lights in _sampled(place, scene, image, radius, unit):
         if lights is None:
             lights = np.zeros((views, _CHANNELS, 1, 0), np.float32)
-        found = back.render(
+        found, darker = back.render(
             sampled,
             lights[:views],
             bounds._replace(range=np.ascontiguousarray(bounds.range[channels])),
@@ -54,11 +55,13 @@ def rendered(frame: SharedFrame, scene: Scene) -> Views:
             threads=frame.settings.threads,
         )
         images[:, channels] = torch.from_numpy(found[:, :-1])
+        negative = max(negative, darker)
     trust = torch.from_numpy(found[0, -1:])
     inside = place.fractions(whole, radius, frame.division.parts[:1])
     if inside is not None:
         trust = (trust * inside[0]).float()
-    return Views(list(images * unit), trust, _counts(frame, scene), whole)
+    counts = _counts(frame, scene) | ({"pixels_clamped": negative} if pair else {})
+    return Views(list(images * unit), trust, counts, whole)
 
 
 def _sampled(
@@ -140,4 +143,6 @@ def _bounds(frame: SharedFrame, like: Tensor, unit: float) -> Bounds:
     ends = least - slack[0], greatest + slack[1], least - more, greatest + more
     left = float(division.left_fraction) if frame.settings.left_right else 0.5
     apart = float(frame.settings.dual_pixel.apart)
-    return Bounds(np.stack(ends, 1).astype(np.float32), content.minimum / unit, left, apart)
+    negative = (content.minimum - _NEGLIGIBLE * content.limit) / unit
+    range_ = np.stack(ends, 1).astype(np.float32)
+    return Bounds(range_, content.minimum / unit, negative, left, apart)

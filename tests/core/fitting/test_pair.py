@@ -8,6 +8,9 @@ import torch
 from defocus_core import DefocusLens, DualPixel, fit, fnum_of_strength, render
 from defocus_core.fitting.pictures import registered
 
+# A fit renders by torch: pairs that it makes, too, differ in nothing else than they should.
+pytestmark = pytest.mark.usefixtures("torch_back")
+
 STRENGTH, FOCUS = 14.0, 0.45  # px for a disparity of 1; disparity
 
 
