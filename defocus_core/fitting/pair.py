@@ -1,8 +1,7 @@
 """The lens of a real pair: focus and strength of the blur between a sharp and a blurred picture.
 
 A coarse search blurs small pictures as a whole, then Gauss-Newton steps follow the best points over
-larger ones. They take the slope of each unknown over a difference: that of a blur costs a
-rendering, that of registration and crosstalk none.
+larger ones.
 """
 
 from __future__ import annotations
@@ -24,31 +23,29 @@ from defocus_core.renderer.render import render
 from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.validation import described
 
-MAX_SHIFT = 16.0  # px
+MAX_SHIFT = 16  # px
 MAX_MAGNIFICATION = 1.02  # or its inverse: about twice a camera's between near and far focus
-# Of each unknown, in the order of `Point`: the difference that slopes are first taken over, the
-# greatest step, and the greatest value of either sign; px are those of the pictures at a width.
-_PROBES = torch.tensor([0.2, 0.2, 0.25, 0.25, 0.001, 0.1], dtype=torch.float64)
-_STEPS = torch.tensor([4.0, 4.0, 2.0, 2.0, 0.005, 1.0], dtype=torch.float64)
-_BOUNDS = torch.tensor(
-    [math.inf, math.inf, MAX_SHIFT, MAX_SHIFT, math.log(MAX_MAGNIFICATION), 1.2],
-    dtype=torch.float64,
-)
+_BOUNDS = torch.tensor([1e6, 1e6, MAX_SHIFT, MAX_SHIFT, math.log(MAX_MAGNIFICATION), 1.2]).double()
+# What slopes of each unknown are first taken over, in px of the pictures at a width
+_PROBES = torch.tensor([0.2, 0.2, 0.25, 0.25, 0.001, 0.1]).double()
+_LONGEST = torch.tensor([20.0, 20.0, 8.0, 8.0, 5.0, 10.0]).double()  # steps, in these
+_LEAST_STEP = 0.003  # in these; a smaller one is none
+_SHORTEST = 0.01  # of these, that slopes are taken over
+_MOST_STEPS = 6  # at a width
+_LEAST_GAIN = 1e-4  # of the error, by a step
+_DAMPINGS = (1e-6, 0.03, 1.0, 30.0)  # of steps that are tried, in turn
+_TOLD = 1e-3  # of the greatest curvature, that damps an unknown of which nothing is told
 _LEAST_RANGE = 1e-3  # px of radius between the farthest and the nearest surface
 _SEARCHED, _LEVELS = 128, 64  # px, of pictures that are blurred as a whole; levels of disparity
 _ROOTS = torch.linspace(-5.5, 5.5, 23, dtype=torch.float64)  # of the radii there, in px
-_TRIED, _STARTS = 12, 4  # points of it that are rendered, and that are followed
-_WIDTHS = {200: 3, 480: 2, 1024: 1}  # px of the pictures, and how many points are kept there
+_TRIED = 12  # points of it that are rendered
+# Px of pictures at a width, and how many points are followed there
+_WIDTHS = {200: 4, 480: 3, 1024: 2}
 _MIN_WEIGHT = 0.05  # of the pixels, of which enough count
-_MOST_STEPS = 6  # at a width
 _DROP_RATIO = 4.0  # times the error of the best: nothing changes that
 _SAME_PX = 0.25  # px of pictures at a width, by which radii of one point differ
-_LEAST_STEP = 0.003  # of the difference that slopes are first taken over; a smaller step is none
 _EXACT = 1e-10  # error of pictures that differ by nothing else
-_SHORTEST = 0.01  # of the difference that slopes are first taken over
-_DAMPINGS = (1e-6, 0.03, 1.0, 30.0)  # of steps that are tried, in turn
-_TOLD = 1e-3  # of the greatest curvature, that damps an unknown of which nothing is told
-_BLOCKS = 6  # along each side, for the uncertainty
+_BLOCKS = 3  # along each side, for the uncertainty: real lenses differ over a third of a frame
 _SEPARATION = 0.5  # of left and right, from which steps descend
 _UNTOLD = 1e-9  # curvature of the error by pixel, of an unknown that the pictures tell nothing of
 _MAX_CROSSTALK = 0.49  # of light, that is known from none
@@ -71,6 +68,7 @@ class Fit:
             one.
         psnr: In dB of compressed light, of the pixels that count.
         dual_pixel: The photodiodes of a pair; None of one picture.
+        crosstalk_error: Standard error of their crosstalk, 0 if it was not sought.
         exchanged: Whether what was given for left is what the right photodiodes saw.
         explained: The fraction of the difference between the pictures that the blur explains.
     """
@@ -84,6 +82,7 @@ class Fit:
     gains: tuple[float, ...]
     psnr: float
     dual_pixel: DualPixel | None
+    crosstalk_error: float
     exchanged: bool
     explained: float
 
@@ -129,8 +128,7 @@ def fit(
     if all(bool((each == each[:1]).all()) for each in (sharp, *given)):
         sharp, given = sharp[:1], tuple(each[:1] for each in given)  # grey is one channel
     low, high = (float(x) for x in disparity.aminmax())
-    names = ["far", "near", "growth"] + ["across", "down"] * shift
-    names += ["separation"] * (crosstalk and len(given) > 1)
+    sought = (True, True, shift, shift, True, crosstalk and len(given) > 1)
     sensor = dual_pixel or DualPixel()
     rendered = partial(
         render, aperture=aperture, dual_pixel=sensor, depth_repair=depth_repair, threads=threads
@@ -146,7 +144,7 @@ def fit(
             edge_width=edge_width,
             progress=progress,
         )
-        search = Search(residual, pictures, [Point._fields.index(name) for name in names])
+        search = Search(residual, pictures, [n for n, is_free in enumerate(sought) if is_free])
         found = search.fit_of(search.best(), sensor)
     return replace(
         found,
@@ -182,124 +180,111 @@ class Search:
 
     def __init__(self, residual: Residual, pictures: Scale, free: list[int]) -> None:
         """Keep which unknowns, by number, are to be found: the radii first."""
-        self._residual, self._free = residual, free
+        self._residual, self._free, self._all = residual, free, pictures
         self._widths = {width: pictures.reduced(width) for width in (_SEARCHED, *_WIDTHS)}
-        self._all = pictures
 
     def best(self) -> Point:
         """The point of least error."""
-        points = self._apart(self._starts(self._first()), _SEARCHED)[:_STARTS]
+        points = self._apart(self._starts(), _SEARCHED)
         if not points:
             raise ValueError(
                 "hardly a pixel tells anything: nearly all are clipped, or seen from beyond the "
                 "border; give a darker picture, or one that is blurred less"
             )
-        for width, kept in _WIDTHS.items():
+        for width, count in _WIDTHS.items():
             pictures, ended = self._widths[width], list[Point]()
-            for point in points:
-                if width == min(_WIDTHS):
-                    point = self._descend(point, pictures, self._free[2:])
-                ended.append(self._descend(point, pictures, self._free))
+            for point in points[:count]:
+                ended.append(self._descend(point, pictures))
                 if self._error(ended[-1], pictures) < _EXACT:
                     break
-            points = self._apart(ended, width)[:kept]
+            points = self._apart(ended, width)
             if pictures is self._all:
                 break
         return points[0]
 
-    def _first(self) -> Point:
-        """The registration from which steps descend: the shift in whole px, if it is free."""
-        names = {Point._fields[number] for number in self._free}
-        first = Point(0.0, 0.0, separation=_SEPARATION if "separation" in names else 1.0)
-        if "across" not in names:
-            return first
-        across, down = offset_of(self._all.sharp, self._all.observed.mean(0), int(MAX_SHIFT))
-        return first._replace(across=across, down=down)
-
-    def _starts(self, first: Point) -> list[Point]:
+    def _starts(self) -> list[Point]:
         """Points of little error where each disparity is blurred as the whole picture would be."""
-        small = self._widths[_SEARCHED]
+        first = Point(0.0, 0.0, separation=_SEPARATION if 5 in self._free else 1.0)
+        if 2 in self._free:
+            across, down = offset_of(self._all.sharp, self._all.observed.mean(0), MAX_SHIFT)
+            first = first._replace(across=across, down=down)
+        small, radii = self._widths[_SEARCHED], _ROOTS * _ROOTS.abs()
         mean, zero = small.observed.mean(0, keepdim=True), torch.zeros_like(small.disparity)
         flat = Scale(small.sharp, zero, mean, small.lost, small.factor)
         level = (small.disparity * (_LEVELS - 1)).round().long().flatten().cpu()
         tables = []
-        for radius in (_ROOTS * _ROOTS.abs()).tolist():
-            point = first._replace(far=radius / flat.factor, near=radius / flat.factor)
-            away, weight = (x.double().mean((0, 1)) for x in self._residual.of(point, flat))
-            tables.append([weight, weight * measure_of(away)])
-        count, error = (
-            torch.stack([level.bincount(x.flatten().cpu(), _LEVELS) for x in each])
-            for each in zip(*tables, strict=True)
-        )
-        far, near = (_ROOTS * _ROOTS.abs())[torch.triu_indices(len(_ROOTS), len(_ROOTS), 1)].flip(0)
-        radii = far[:, None] + (near - far)[:, None] * torch.linspace(0, 1, _LEVELS)
-        place = (radii.sign() * radii.abs().sqrt() - _ROOTS[0]) / (_ROOTS[1] - _ROOTS[0])
+        for radius in (radii / flat.factor).tolist():
+            away, weight = self._residual.of(first._replace(far=radius, near=radius), flat)
+            both = weight.mean((0, 1)), (weight * measure_of(away)).mean((0, 1))
+            tables.append([level.bincount(x.double().flatten().cpu(), _LEVELS) for x in both])
+        table = torch.stack([torch.stack(each) for each in tables], 1)  # [2, radii, levels]
+        far, near = radii[torch.triu_indices(len(radii), len(radii), 1)].flip(0)
+        blur = far[:, None] + (near - far)[:, None] * torch.linspace(0, 1, _LEVELS)
+        place = (blur.sign() * blur.abs().sqrt() - _ROOTS[0]) / (_ROOTS[1] - _ROOTS[0])
         index = place.long().clamp_max(len(_ROOTS) - 2)
-        count, error = (
-            torch.lerp(x.gather(0, index), x.gather(0, index + 1), place - index).sum(1)
-            for x in (count, error)
-        )
-        sure = (error / count).masked_fill(count < _MIN_WEIGHT * len(level), math.inf)
-        best = [i for i in sure.argsort().tolist()[:_TRIED] if sure[i] < math.inf]
-        pairs = zip((far / flat.factor).tolist(), (near / flat.factor).tolist(), strict=True)
-        points = [first._replace(far=one, near=other) for one, other in pairs]
-        return [points[index] for index in best]
+        one, other = (x[:, index, torch.arange(_LEVELS)] for x in (table[:, :-1], table[:, 1:]))
+        weight, error = torch.lerp(one, other, place - index).sum(2)
+        error = (error / weight).masked_fill(weight < _MIN_WEIGHT * len(level), math.inf)
+        ends = torch.stack([far, near], 1)[error.argsort()[:_TRIED]] / flat.factor
+        return [first._replace(far=one, near=other) for one, other in ends.tolist()]
 
     def _apart(self, points: list[Point], width: int) -> list[Point]:
         """Points, the best first, without those that a better one is like."""
-        errors = {point: self._error(point, self._widths[width]) for point in points}
-        points, kept, radii = sorted(points, key=errors.__getitem__), list[Point](), list[Tensor]()
-        for point in points:
-            if not errors[point] <= _DROP_RATIO * errors[points[0]] < math.inf:
-                break
-            ends = torch.tensor(point[:2]) * self._widths[width].factor
-            if all(float((ends - other).abs().max()) > _SAME_PX for other in radii):
+        pictures = self._widths[width]
+        errors = {point: self._error(point, pictures) for point in points}
+        kept: list[Point] = []
+        for point in sorted(points, key=errors.__getitem__):
+            away = (max(abs(point.far - x.far), abs(point.near - x.near)) for x in kept)
+            if errors[point] <= _DROP_RATIO * min(errors.values()) < math.inf and all(
+                px * pictures.factor > _SAME_PX for px in away
+            ):
                 kept.append(point)
-                radii.append(ends)
         return kept
 
     def _error(self, point: Point, pictures: Scale) -> float:
         return error_of(*self._residual.of(point, pictures))
 
-    def _descend(self, point: Point, pictures: Scale, free: list[int]) -> Point:
+    def _descend(self, point: Point, pictures: Scale) -> Point:
         """A point after Gauss-Newton steps.
 
         Where a surface is nearly sharp slopes change within what they are taken over: that is no
         longer than the last step.
         """
-        lengths = torch.ones(len(free), dtype=torch.float64)
+        lengths = torch.ones(len(self._free), dtype=torch.float64)
+        longest = (_LONGEST * _scaled_probes(pictures))[self._free]
         for _ in range(_MOST_STEPS):
-            probes = _probes(point, pictures, free)
-            normal = self._normal(point, pictures, free, lengths[:, None] * probes)
+            probes = _probes(point, pictures, self._free)
+            normal = self._normal(point, pictures, lengths[:, None] * probes)
             hessian, gradient = (x.sum(0) for x in normal)
             hessian, gradient = hessian / lengths.outer(lengths), gradient / lengths
             told = hessian.diagonal().clamp_min(_TOLD * hessian.diagonal().max() + 1e-30)
             here = self._residual.of(point, pictures)
             for damping in _DAMPINGS:
                 step = -torch.linalg.solve(hessian + torch.diag(damping * told), gradient)
-                step = step / ((step @ probes).abs() / _longest(pictures)[free]).max().clamp_min(1)
-                there = _moved(point, free, step @ probes)
+                step = step / ((step @ probes).abs() / longest).max().clamp_min(1)
+                there = _moved(point, self._free, step @ probes)
                 # Of the same pixels: else it counts which are seen from beyond the border
                 away, weight = self._residual.of(there, pictures)
                 common = torch.minimum(weight, here[1])
-                if (error := error_of(away, common)) < error_of(here[0], common):
+                before, after = error_of(here[0], common), error_of(away, common)
+                if after < before:
                     break
             else:
                 break
             point, lengths = there, lengths.minimum(step.abs().clamp_min(_SHORTEST))
-            if error < _EXACT or float(step.abs().max()) < _LEAST_STEP:
+            if after < _EXACT or float(step.abs().max()) < _LEAST_STEP:
+                break
+            if after > (1 - _LEAST_GAIN) * before:
                 break
         return point
 
-    def _normal(
-        self, point: Point, pictures: Scale, free: list[int], probes: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    def _normal(self, point: Point, pictures: Scale, probes: Tensor) -> tuple[Tensor, Tensor]:
         """Of each block of the picture the matrix [B, P, P] and the gradient [B, P] of a step.
 
         The step is in units of the probes [P, P], a row each.
         """
         away, weight = self._residual.of(point, pictures)
-        moved = [_moved(point, free, probe) for probe in probes]
+        moved = [_moved(point, self._free, probe) for probe in probes]
         tables = [away] + [self._residual.of(there, pictures)[0] - away for there in moved]
         table = (torch.stack(tables) * robust_of(away, weight).sqrt()).double().cpu()
         products = [
@@ -312,54 +297,54 @@ class Search:
 
     def fit_of(self, point: Point, sensor: DualPixel) -> Fit:
         """What was found, with its uncertainty."""
-        pictures = self._widths[max(_WIDTHS)]
-        (away, weight), free = self._residual.of(point, pictures), self._free
-        total = float(weight.sum()) * away.shape[1]
-        square = float((away.square() * weight).sum()) / total
-        still = point._replace(far=_MINIMUM, near=0.0)
-        before, its_weight = self._residual.of(still, pictures)
-        unlike = float((before.square() * its_weight).sum() / its_weight.sum()) / away.shape[1]
-        probes = _probes(point, pictures, free)
-        hessian, gradient = self._normal(point, pictures, free, probes)
-        strength, focus = point.far - point.near, point.far / (point.far - point.near)
-        slopes = torch.zeros(2, len(free), dtype=torch.float64)
-        slopes[:, :2] = torch.tensor([[1, -1], [1 - focus, focus]]) / strength
-        slopes = slopes @ probes.T
-        errors = (slopes @ _covariance(hessian, gradient) @ slopes.T).diagonal().sqrt()
-        if bool((hessian.sum(0).diagonal()[:2] <= _UNTOLD * total).any()):
-            errors = torch.full_like(errors, math.inf)
+        pictures, strength = self._widths[max(_WIDTHS)], point.far - point.near
+        still, focus = point._replace(far=_MINIMUM, near=0.0), point.far / strength
+        unlike, square = (
+            float((away.square() * weight).sum() / weight.sum()) / away.shape[1]
+            for away, weight in (self._residual.of(x, pictures) for x in (still, point))
+        )
+        slopes = torch.zeros(3, len(_PROBES), dtype=torch.float64)  # of strength, focus, crosstalk
+        slopes[:2, :2] = torch.tensor([[1, -1], [1 - focus, focus]]) / strength
+        slopes[2, 5] = 0.5
+        errors = self._errors(point, pictures, slopes[:, self._free])
         fraction = (1 - abs(point.separation) * (1 - 2 * float(sensor.crosstalk))) / 2
         crosstalk = min(max(fraction, 0.0), _MAX_CROSSTALK)
         return Fit(
             strength=strength * math.exp(point.growth),
             focus=focus,
-            strength_error=float(errors[0]),
-            focus_error=float(errors[1]),
+            strength_error=errors[0],
+            focus_error=errors[1],
             shift=(point.across, point.down),
             magnification=math.exp(point.growth),
             gains=tuple(self._residual.modelled(point, pictures)[2].tolist()),
             psnr=psnr(square),
-            dual_pixel=replace(sensor, crosstalk=crosstalk) if len(away) > 1 else None,
+            dual_pixel=replace(sensor, crosstalk=crosstalk)
+            if len(self._all.observed) > 1
+            else None,
+            crosstalk_error=errors[2],
             exchanged=point.separation < 0,
             explained=1 - square / unlike if unlike > _MINIMUM else 0.0,
         )
 
+    def _errors(self, point: Point, pictures: Scale, slopes: Tensor) -> list[float]:
+        """Standard errors of what has slopes [N, P] by the unknowns, or infinite.
 
-def _covariance(hessian: Tensor, gradient: Tensor) -> Tensor:
-    """The covariance [P, P], by the jackknife: of a step without each block [B], in turn."""
-    rest = hessian.sum(0) - hessian
-    away: Tensor = (torch.linalg.pinv(rest) @ gradient[..., None])[..., 0]
-    return away.T @ away * (1 - 1 / len(away))
+        A jackknife: of a step without each block, in turn.
+        """
+        probes = _probes(point, pictures, self._free)
+        hessian, gradient = self._normal(point, pictures, probes)
+        count = float(self._residual.of(point, pictures)[1].sum()) * pictures.sharp.shape[0]
+        if bool((hessian.sum(0).diagonal()[:2] <= _UNTOLD * count).any()):
+            return [math.inf] * len(slopes)
+        rest = torch.linalg.pinv(hessian.sum(0) - hessian)
+        away = slopes @ probes.T @ (rest @ gradient[..., None])  # [B, N, 1]
+        sizes: list[float] = (away.square().sum(0) * (1 - 1 / len(away))).sqrt()[:, 0].tolist()
+        return sizes
 
 
-def _longest(pictures: Scale) -> Tensor:
-    """The greatest step of each unknown."""
-    return _STEPS * _px(pictures)
-
-
-def _px(pictures: Scale) -> Tensor:
-    """The px of a pair for a px of smaller pictures; of what is no px, 1."""
-    return torch.tensor([1 / pictures.factor] * 4 + [1.0] * 2, dtype=torch.float64)
+def _scaled_probes(pictures: Scale) -> Tensor:
+    """What slopes of each unknown are first taken over, in px of the pair."""
+    return _PROBES / torch.tensor([pictures.factor] * 4 + [1.0] * 2, dtype=torch.float64)
 
 
 def _probes(point: Point, pictures: Scale, free: list[int]) -> Tensor:
@@ -368,7 +353,7 @@ def _probes(point: Point, pictures: Scale, free: list[int]) -> Tensor:
     All radii grow in proportion, then as is square to that, so that their range grows. Steps of
     both hardly depend on each other, be the focus within the range of depth or not.
     """
-    probes = torch.diag(_PROBES * _px(pictures))
+    probes = torch.diag(_scaled_probes(pictures))
     far, near = point.far, point.near
     ends = torch.tensor([[far, near], [-near, far]], dtype=torch.float64)
     ends = ends / ends.abs().max().clamp_min(1e-12)

@@ -93,9 +93,14 @@ def fit_files(
         problem = f"the focus that was found, {where}, is not beyond the focal length {far}"
         remedy = "give a shorter ‹focal-length›, or a ‹depth-range› that lies farther away"
         raise InputError("focus-too-near", problem, remedy, path=blurred[0])
-    largest = float((found.strength * (found.focus - disparity)).abs().max())
-    record = _record(found, options, color.shape[1]) | {"max_coc_px": largest}
-    return {"picture": str(picture.color)} | record
+    radius = (found.strength * (found.focus - disparity)).abs().numpy()
+    record = {"picture": str(picture.color)} | _record(found, options, color.shape[1])
+    return record | {
+        "coc_mean_px": float(radius.mean()),
+        "coc_p50_px": float(np.percentile(radius, 50)),
+        "coc_p99_px": float(np.percentile(radius, 99)),
+        "doubts": _doubts(found, float(radius.max())),
+    }
 
 
 def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
@@ -124,9 +129,17 @@ def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:
         record |= {
             "dp_model": sensor.model if kernels is None else str(kernels.absolute()),
             "dp_crosstalk": float(sensor.crosstalk),
+            "dp_crosstalk_error": _finite(found.crosstalk_error),
             "left_is_right": found.exchanged,
         }
     return record
+
+
+def _doubts(found: Fit, max_px: float) -> list[str]:
+    """What the pictures do not tell."""
+    exchanged = "left and right are exchanged" if found.exchanged else ""
+    hardly = "hardly anything is blurred" if max_px < _MIN_BLUR else ""
+    return [doubt for doubt in (exchanged, hardly) if doubt]
 
 
 def _photodiodes(options: FitOptions) -> DualPixel:
@@ -196,8 +209,4 @@ def words(found: dict[str, Any]) -> list[str]:
     ]
     if "dp_model" in found:
         lines.append(f"photodiodes {found['dp_model']}, crosstalk {found['dp_crosstalk']:.3f}")
-    if found.get("left_is_right"):
-        lines.append("not sure: left and right are exchanged")
-    if found["max_coc_px"] < _MIN_BLUR:
-        lines.append("not sure: hardly anything is blurred")
-    return lines
+    return lines + [f"not sure: {doubt}" for doubt in found["doubts"]]
