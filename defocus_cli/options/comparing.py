@@ -171,8 +171,8 @@ def _selection() -> list[Decorator]:
         ),
         _selecting_option(
             "--tolerate-edges",
-            "Pixels at lines and edges may differ as far as their neighbours do, as by "
-            "another anti-aliasing.",
+            "Pixels that are anti-aliased in A or B may differ: beside a flat colour, and between "
+            "a darker and a brighter neighbour.",
         ),
         _selecting_option("--flip", "Measure FLIP, what a person would see (needs defocus[flip])."),
     ]

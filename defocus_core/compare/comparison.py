@@ -37,7 +37,7 @@ from defocus_core.compare.record import (
     Comparison,
     Worst,
 )
-from defocus_core.compare.selection import CropRegion, read_mask, within_neighbours
+from defocus_core.compare.selection import CropRegion, anti_aliased, read_mask
 from defocus_core.compare.structure import compare_structure, of_another_size
 from defocus_core.compare.thresholds import (
     OVER,
@@ -106,7 +106,7 @@ def _pixels(
     selected = _selected(size, settings)
     selected = None if selected is None else selected[cut]
     if settings.tolerate_edges:
-        strict = ~within_neighbours(pixels.a, pixels.b)
+        strict = ~anti_aliased(pixels.a, pixels.b)
         selected = strict if selected is None else strict & selected
     if selected is not None and not selected.any():
         chosen = settings.mask or settings.ignore_mask

@@ -25,8 +25,7 @@ class CompareSettings:
     mask: Path | None = None  # a file that is not 0 where pixels are compared
     ignore_region: tuple[CropRegion, ...] = ()  # parts that are not compared
     ignore_mask: Path | None = None  # a file that is not 0 where pixels are not compared
-    # Whether pixels may differ as far as their neighbours along edges do
-    tolerate_edges: bool = False
+    tolerate_edges: bool = False  # whether anti-aliased pixels may differ
     flip: bool = False  # whether FLIP is measured
     metadata: bool = False  # whether metadata that differs makes a picture different
     ignore_metadata: tuple[str, ...] = ()  # patterns of names of attributes that may differ

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.request.quantities import QuantityError
 
 _EDGE = 1.0  # px
+_EQUAL = 0.5 / 255  # greatest difference of values that are equal beside anti-aliased ones
 _REGION = re.compile(r"\s*(-?\d+)\s*,\s*(-?\d+)\s*,\s*(\d+)\s*,\s*(\d+)\s*")
 
 
@@ -90,30 +91,49 @@ def _of_size(path: Path, size: tuple[int, int], remedy: str) -> DecodedPicture:
     return picture
 
 
-def within_neighbours(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
-    """Pixels [H, W] that differ as anti-aliasing may.
+def anti_aliased(a: Sequence[NDArray[Any]], b: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+    """Pixels [H, W] that are anti-aliased in A or in B, by the rule of Vyšniauskas (2009).
 
-    The value of one side lies between those of the pixel and its eight neighbours on the other, in
-    all channels, and at least three of these nine pixels are equal, as beside a line or an edge.
+    Of the eight neighbours of such a pixel one is darker and one brighter, at most two are equal to
+    it, and the darkest or the brightest lies in a place that is flat in both A and B.
     """
-    ok = np.ones(a[0].shape, bool)
-    equal = np.ones(a[0].shape, bool)
-    for one, other in zip(a, b, strict=True):
-        equal &= np.abs(np.subtract(one, other, dtype=np.float32)) <= 1 / 255
-        for near, value in ((one, other), (other, one)):
-            low, high = (_of_nine(near, choose) for choose in (np.minimum, np.maximum))
-            ok &= (value >= low) & (value <= high)
-    count = _of_nine(equal.astype(np.int8), np.add)
-    return np.asarray(ok & ~equal & (count >= 3))
+    flat = np.logical_and(*(_is_flat([np.asarray(v, np.float32) for v in side]) for side in (a, b)))
+    return np.asarray(_is_between(a, flat) | _is_between(b, flat))
 
 
-def _of_nine(values: NDArray[Any], combine: Any) -> NDArray[Any]:
-    """Each pixel combined with its neighbours; the border is repeated."""
-    for axis in (0, 1):
-        padded = np.pad(values, [(1, 1) if axis == k else (0, 0) for k in (0, 1)], mode="edge")
-        parts = [padded.take(range(k, k + values.shape[axis]), axis=axis) for k in range(3)]
-        values = combine(combine(parts[0], parts[1]), parts[2])
-    return values
+def _is_flat(planes: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
+    """Pixels with at least three neighbours of the same values."""
+    count = np.zeros(planes[0].shape, np.int8)
+    for beside in zip(*map(_neighbours, planes), strict=True):
+        near = zip(beside, planes, strict=True)
+        count += np.logical_and.reduce([np.abs(v - plane) <= _EQUAL for v, plane in near])
+    return np.asarray(count >= 3)
+
+
+def _is_between(planes: Sequence[NDArray[Any]], flat: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels between a darker and a brighter neighbour, of which one is flat."""
+    grey = sum(np.asarray(plane, np.float32) for plane in planes) / np.float32(len(planes))
+    low, high, equal = np.zeros_like(grey), np.zeros_like(grey), np.zeros(grey.shape, np.int8)
+    beside_low, beside_high = np.zeros((2, *grey.shape), bool)
+    for beside, is_flat in zip(_neighbours(grey), _neighbours(flat), strict=True):
+        change = beside - grey
+        equal += np.abs(change) <= _EQUAL
+        beside_low, beside_high = (
+            np.where(further, is_flat, known)
+            for further, known in ((change < low, beside_low), (change > high, beside_high))
+        )
+        low, high = np.minimum(low, change), np.maximum(high, change)
+    is_inside = (low < -_EQUAL) & (high > _EQUAL) & (equal <= 2)
+    return np.asarray(is_inside & (beside_low | beside_high))
+
+
+def _neighbours(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
+    """Values [H, W] of each of the eight neighbours; the border is repeated."""
+    height, width = values.shape
+    padded = np.pad(values, 1, mode="edge")
+    for row, column in np.ndindex(3, 3):
+        if (row, column) != (1, 1):
+            yield padded[row : row + height, column : column + width]
 
 
 def read_radius(path: Path, size: tuple[int, int]) -> NDArray[np.float32]:

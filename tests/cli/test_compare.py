@@ -170,11 +170,19 @@ def test_edges_that_are_anti_aliased_are_tolerated_and_no_more(tmp_path):
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     soft = np.clip(0.9 * x + 0.35 * y - 40.2, 0, 1).astype(np.float32)
     shaded = np.where(np.hypot(y - 20, x - 70) < 5, np.float32(0.8), soft)
+    waves = 0.9 * x + 0.5 * y
+    texture = (0.5 + 0.4 * np.sin(waves)).astype(np.float32)
+    is_steep = (x % 4 == 2) & (y % 4 == 2) & (np.abs(np.cos(waves)) > 0.8)
+    other = texture + np.float32(0.1) * is_steep
     images = {"hard": np.rint(soft), "soft": soft, "shaded": shaded}
-    hard, soft_, shaded_ = (write_exr(tmp_path / f"{n}.exr", Y=v) for n, v in images.items())
-    assert run("compare", hard, soft_).code == 1
-    assert run("compare", hard, soft_, "--tolerate-edges").code == 0
-    assert run("compare", hard, shaded_, "--tolerate-edges").code == 1
+    images |= {"texture": texture, "other texture": other}
+    files = {n: write_exr(tmp_path / f"{n}.exr", Y=v) for n, v in images.items()}
+    assert run("compare", files["hard"], files["soft"]).code == 1
+    for a, b, code in (
+        *(("hard", "soft", 0), ("soft", "hard", 0)),
+        *(("hard", "shaded", 1), ("texture", "other texture", 1)),
+    ):
+        assert run("compare", files[a], files[b], "--tolerate-edges").code == code, (a, b)
 
 
 def test_samples_of_deep_pictures_are_compared_though_others_hide_them(tmp_path):
