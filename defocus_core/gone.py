@@ -45,6 +45,7 @@ _FINDINGS = {
     "inverted": ("sign reversed",),
     "scaled": ("chromatic aberration", "sheared"),
     "fireflies or few pixels": ("fireflies", "dropped pixels"),
+    "in one region": ("overlay",),
     "*": (
         *("vignette", "missing layer", "fields exchanged", "tiles exchanged", "doubled", "eroded"),
         *("dilated", "damaged lines", "halo", "bloom", "apart", "in shadows"),

@@ -156,14 +156,17 @@ def _judged(
             findings += [cause for cause in causes if cause.name.split(" at ")[0] not in named]
         if suspect:
             metrics = {**measure(pixels, over=rules.over), **metrics}
-    strict |= nonfinite.apart is not None
+    overlooked = verdict.overlooked(rules, pixels)
+    of = ", ".join(overlooked)
+    told = [f"other values in {of}, which no rule looks at"] if overlooked else []
+    strict |= nonfinite.apart is not None or bool(overlooked)
     record = replace(
         record,
         encoding={1.0: "linear", None: "sRGB"}.get(pixels.gamma, "power"),
         findings=tuple(findings),
         metrics=metrics,
         nonfinite=nonfinite,
-        notes=(*record.notes, *nonfinite.notes()),
+        notes=(*record.notes, *nonfinite.notes(), *told),
     )
     record = verdict.judge(record, rules, differs=differing, strict=strict)
     unexplained = causes is not None and all(is_place(finding.name) for finding in findings)

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from defocus_core.compare.findings.tone import may_be_cut_below
+from defocus_core.compare.metrics import METRICS
 from defocus_core.compare.pixels import Pixels
 from defocus_core.compare.record import DIFFERENT, SAME, WARNING, Comparison
 from defocus_core.compare.thresholds import ROUNDING, Rule, Rules
@@ -49,6 +50,17 @@ def _met(
 def _decide(rules: Rules, metrics: Mapping[str, float]) -> bool:
     """Whether rules to fail decide about values: one is on what is known of the pair."""
     return any(each.found or each.metric in metrics for each in rules.fail)
+
+
+def overlooked(rules: Rules, pixels: Pixels) -> list[str]:
+    """Channels beside colour, like A, that differ where all rules look at colour alone."""
+    metrics = [METRICS[each.metric] for each in rules.fail if each.metric]
+    if not metrics or not all(metric.color for metric in metrics):
+        return []
+    seen = {name for layer in pixels.color for name in layer}
+    scales = {name: max(1.0, *map(abs, ends)) for name, ends in pixels.ranges[0].items()}
+    largest = pixels.differences.largest
+    return [n for n in pixels.names if n not in seen and largest[n] > ROUNDING.bound * scales[n]]
 
 
 def asks_for_cause(rules: Rules, found: Collection[str], pixels: Pixels) -> bool:

@@ -531,8 +531,8 @@ KINDS: dict[str, Kind] = {
     "radii doubled": Kind(_SOFT, of_render(lambda s: {"scale": 2.0})),
     "focus moved": Kind(_SOFT, of_render(lambda s: {"shift": _between(0.3, 2)(s)})),
     # Of places.
-    "text": _light(("overlay",), _lettered, _REGION),
-    "watermark": _light(("overlay",), _watermarked, _REGION),
+    "text": _light(_REGION, _lettered),
+    "watermark": _light(_REGION, _watermarked),
     "denoised tile": _light(
         ("in one region", "softer"),
         within(lambda m, s: _bilateral(m.light, _between(0.02, 0.2)(s))),
@@ -546,7 +546,7 @@ KINDS: dict[str, Kind] = {
     "brighter tile": _light(
         ("in one region",), within(lambda m, s: m.light * (1 + _between(0.01, 0.5)(s))), _REGION
     ),
-    "a block of another place": _light(("in one region",), _covered, ("overlay",)),
+    "a block of another place": _light(("in one region",), _covered),
     "grey object": _light(
         _REGION,
         lambda m, s: (

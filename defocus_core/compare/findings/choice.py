@@ -62,7 +62,8 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
         known = fits.get(kind_of(fit.name))
         if known is None or fit.left <= _HALF * known.left > _HALF * _ALL:
             fits[kind_of(fit.name)] = fit
-    good = sorted((f for f in fits.values() if _is_enough(f, evidence)), key=lambda f: f.left)
+    enough = [fit for fit in fits.values() if _is_enough(fit, evidence)]
+    good = sorted(enough, key=lambda fit: max(fit.left, _ALL))  # the simpler ones first
     for fit in good:
         others = [each for each in fits.values() if not _is_beyond(each, fit)]
         serves = any(

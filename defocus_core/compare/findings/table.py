@@ -87,13 +87,6 @@ CAUSES = (
     Cause("scaled", "by a factor", "geometry.moved", ("flipped", "rotated"), 0.2),
     # Patterns.
     Cause("fireflies or few pixels", "how many, brighter or darker", "traces.sparks"),
-    Cause(
-        "overlay",
-        "text or a watermark: one colour over a part",
-        "traces.overlay",
-        left=0.15,
-        light=True,
-    ),
     # Sharpness.
     Cause(
         "softer",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -29,8 +28,6 @@ _STANDS_OUT = 0.03  # of the power of the strongest line
 _ON_GRID = 0.82  # greatest share left of what blocks in other places leave
 _DCT = 8  # px of the blocks of JPEG and of DWAA
 _Y = (0.299, 0.587, 0.114)  # of JPEG
-_MOST_COVERED, _COVERED = 0.4, 0.5  # of a frame by an overlay; of its difference by one opacity
-_OPACITY = 0.25  # relative difference of one opacity
 _MOST_LOST = 12 / 255  # greatest RMS that a codec of the header may lose
 _WITHOUT_MEAN = 0.3  # greatest mean of noise, by its root mean square
 _MIN_CHANGED = 0.02  # share of pixels that differ, below which there is no noise
@@ -51,66 +48,6 @@ def sparks(evidence: Evidence) -> Iterator[Explanation]:
         bright = np.count_nonzero(evidence.difference[sparks] > 0) > number / 2
         how = f": {counted(number, 'pixel')}, {'brighter' if bright else 'darker'}"
         yield Explanation(left, "fireflies or few pixels", how, {"pixels": number})
-
-
-def overlay(evidence: Evidence) -> Iterator[Explanation]:
-    """One colour over parts of A, with one opacity but at their rims: text, or a watermark.
-
-    B = (1 - opacity) A + opacity color, the same opacity in all channels. It is sought among the
-    pixels that change most, and among those that come as near to the colour as they.
-    """
-    sides = [evidence.at(side, *evidence.frame) for side in ("a", "b")]
-    changed = evidence.pixels.greatest[evidence.frame] > 0
-    if not 24 <= np.count_nonzero(changed) < _MOST_COVERED * changed.size:
-        return
-    measures = ~blocks_in_turn(changed.shape, 4)[changed]
-    for scale, nears in product((evidence.light, evidence.scaled), (False, True)):
-        a, b = (scale(side).astype("f8")[:, changed] for side in sides)
-        change = b - a
-        power = np.square(change).sum(axis=0)
-        chosen = power > np.quantile(power, 0.6)
-        if nears and chosen.any():
-            each = _opacities(_nearest(*(v[:, chosen] for v in (a, change))) - a, change)
-            usual = float(np.quantile(each[chosen], 0.75))
-            chosen = np.abs(each - usual) < _OPACITY * usual
-        for _ in range(5):
-            if np.count_nonzero(chosen) < 12:
-                break
-            x, y = (v[:, chosen] - v[:, chosen].mean(axis=1, keepdims=True) for v in (a, change))
-            opacity = float(-(x * y).sum() / max(float(np.square(x).sum()), 1e-300))
-            if not opacity > 0.01:
-                break
-            color = (a + change / opacity)[:, chosen].mean(axis=1, keepdims=True)
-            toward = color - a
-            each = _opacities(toward, change)
-            chosen = np.abs(each - opacity) < _OPACITY * opacity
-        else:
-            low, high, held = float(color.min()), float(color.max()), power[chosen].sum()
-            # A gain would make it black, too; and what is 0 is lost, and written over by none.
-            as_gain = (high < 0.02 and opacity < 0.5) or (high < 0.002 and opacity > 0.98)
-            if as_gain or not -0.05 < low <= high < 1.05 or held < _COVERED * power.sum():
-                continue
-            own = np.where(chosen, opacity, each.clip(0, opacity))  # rims
-            rest = np.square((change - own * toward)[:, measures]).sum()
-            left = math.sqrt(float(rest / power[measures].sum()))
-            values = {"opacity": min(opacity, 1.0), "color": color[:, 0].tolist()}
-            said = " ".join(f"{v:.2g}" for v in color[:, 0])
-            how = f": {values['opacity']:.0%} of one colour ({said})"
-            yield Explanation(left, "overlay", how, values)
-
-
-def _opacities(toward: NDArray[Any], change: NDArray[Any]) -> NDArray[Any]:
-    """How far changes [C, N] go toward a colour."""
-    squares = np.maximum(np.square(toward).sum(axis=0), 1e-9)
-    return np.asarray((change * toward).sum(axis=0) / squares)
-
-
-def _nearest(points: NDArray[Any], lines: NDArray[Any]) -> NDArray[Any]:
-    """The point [C, 1] that is nearest to all lines through points [C, N]."""
-    weights = np.square(lines).sum(axis=0)
-    matrix = np.eye(len(points)) * weights.sum() * (1 + 1e-9) - lines @ lines.T
-    aim = (points * weights).sum(axis=1) - lines @ (lines * points).sum(axis=0)
-    return np.asarray(np.linalg.lstsq(matrix, aim, rcond=None)[0][:, None])
 
 
 def seams(evidence: Evidence) -> Iterator[Explanation]:

@@ -23,7 +23,7 @@ def test_the_help_has_the_rows_of_the_table():
 
 # Of kinds of which test_findings has no picture.
 _STRONG = (
-    *("depth normalised", "text", "watermark, PNG", "radial depth", "light missing", "grey object"),
+    *("depth normalised", "radial depth", "light missing", "grey object"),
     *("right half moved", "blurred tile", "object moved", "blue enlarged", "JPEG", "inverted, PNG"),
     *("focus moved", "gain of tiles", "smeared", "overscan cropped"),
 )

@@ -153,6 +153,15 @@ def test_colours_that_are_invisible_do_not_fail_and_a_lost_alpha_does(changed, l
         assert record.notes == ("other colours in 384 pixels where A is 0",)
 
 
+@pytest.mark.parametrize("text", ["psnr<45", "ssim<0.9"])
+def test_alpha_counts_where_rules_look_at_colour_alone(text):
+    record = compare_images(clear_left(), clear_left(alpha=0.7), fail=[text])
+    assert record.status == "different"
+    assert record.notes == ("other values in A, which no rule looks at",)
+    assert compare_images(clear_left(), clear_left(alpha=0.7), fail=[text, "max>0.5"]).passes
+    assert compare_images(clear_left(), clear_left(alpha=0.99995), fail=[text]).passes
+
+
 def test_a_lost_alpha_is_different_by_any_rule_but_within_a_mask():
     record = compare_images(clear_left(), clear_left(alpha=0.0), fail=["max>9"])
     assert (record.status, record.findings[0].name) == ("different", "empty")
