@@ -112,7 +112,7 @@ def _is_flat(planes: Sequence[NDArray[Any]]) -> NDArray[np.bool_]:
 
 def _is_between(planes: Sequence[NDArray[Any]], flat: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Pixels between a darker and a brighter neighbour, of which one is flat."""
-    grey = sum(np.asarray(plane, np.float32) for plane in planes) / np.float32(len(planes))
+    grey = np.mean([np.asarray(plane, np.float32) for plane in planes], axis=0)
     low, high, equal = np.zeros_like(grey), np.zeros_like(grey), np.zeros(grey.shape, np.int8)
     beside_low, beside_high = np.zeros((2, *grey.shape), bool)
     for beside, is_flat in zip(_neighbours(grey), _neighbours(flat), strict=True):
