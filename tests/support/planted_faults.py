@@ -474,6 +474,30 @@ def _dropped(m, s):
     return b
 
 
+def _equalised(m, s):
+    """Luma with as many pixels of each level; differences of colour are kept."""
+    luma = m.shown @ _LUMA
+    levels = np.searchsorted(np.sort(luma.ravel()), luma.ravel()).reshape(luma.shape) / luma.size
+    return _rounded(m.shown + (0.3 + 0.7 * s) * (levels - luma)[..., None])
+
+
+def _moved_by_sinc(m, s):
+    """Moved by parts of a pixel by the phases of its frequencies."""
+    phases = np.exp(-2j * np.pi * np.fft.fftfreq(m.light.shape[1]) * _between(0.2, 0.8)(s))
+    moved = np.fft.ifft(np.fft.fft(m.light, axis=1) * phases[:, None], axis=1)
+    return np.asarray(moved.real, np.float32)
+
+
+def _specks(m, s):
+    """A few white pixels."""
+    return np.where(m.rng.random((*m.depth.shape, 1)) < 1e-4 + 3e-4 * s, 1.0, m.shown)
+
+
+def _dark_border(m, s):
+    inner = np.abs(m.yx).max(axis=0) < 0.98 - 0.03 * s
+    return m.shown * np.where(inner, 1.0, 0.5)[..., None]
+
+
 def _bits(s):
     return 2 ** (7 - int(3.99 * s)) - 1
 
@@ -702,6 +726,17 @@ KINDS: dict[str, Kind] = {
         ("compressed with losses", "another exposure", *_TONES),
         lambda m, s: _jpeg(linear_to_srgb((0.9 * m.light).clip(0, 1)), round(97 - 30 * s), "4:4:4"),
     ),
+    # What photographs were misnamed for.
+    "equalised, PNG": _shown(("another tone curve",), _equalised),
+    "grain, PNG": _shown(
+        ("noise",),
+        lambda m, s: (
+            m.shown + _between(3, 12)(s) / 255 * m.rng.standard_normal((*m.depth.shape, 1))
+        ),
+    ),
+    "specks, PNG": _shown(("fireflies",), _specks),
+    "dark border, PNG": _shown(("at the border",), _dark_border, _REGION),
+    "moved by sinc": _light(("shifted",), _moved_by_sinc),
     # Of geometry.
     "red moved": _light(
         ("shifted",),

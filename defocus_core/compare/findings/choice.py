@@ -29,6 +29,7 @@ _HALF = 0.5**0.5  # greatest share that a cause leaves of what a rival leaves: h
 _SIMPLER = 0.5  # the same of what a simpler case of it leaves
 _ENOUGH = 0.95  # share explained by a cause, beyond which no more general one is named
 _LEFT_OF_FEW = 0.06  # the same of a picture of few pixels
+_WEAK = 0.4  # share left by a fit that gives way to one by looks, and to a rectangle
 _ALL = 2e-3  # share left by what explains all: of two such causes the first is named
 _SLIGHT = 2.5  # RMS of a difference in those of rounding, below which there is none to explain
 
@@ -64,18 +65,27 @@ def _decided(evidence: Evidence) -> tuple[Explanation | None, Sequence[Explanati
             fits[kind_of(fit.name)] = fit
     enough = [fit for fit in fits.values() if _is_enough(fit, evidence)]
     good = sorted(enough, key=lambda fit: max(fit.left, _ALL))  # the simpler ones first
-    for fit in good:
-        others = [each for each in fits.values() if not _is_beyond(each, fit)]
-        serves = any(
-            fit.left > _SIMPLER * each.left or evidence.explained(each.left) >= _ENOUGH
-            for each in others
-            if _is_beyond(fit, each)
-        )
-        if not serves and all(fit.left <= max(_HALF * each.left, _ALL) for each in others):
-            return fit, ()
+    chosen = next((fit for fit in good if _is_chosen(fit, [*fits.values()], evidence)), None)
+    if chosen is not None and chosen.left <= _WEAK:
+        return chosen, ()
     # What is known by its looks is measured by other means.
-    seen = (fit for fit in _fits(evidence, looks=True) if _is_enough(fit, evidence))
-    return next(seen, None), good[:2] if len(good) > 1 else ()
+    for fit in _fits(evidence, looks=True):
+        if _is_enough(fit, evidence) and (not chosen or fit.left <= _SIMPLER * chosen.left):
+            return fit, ()
+    if chosen is not None:
+        return None if evidence.is_rectangle else chosen, ()
+    return None, good[:2] if len(good) > 1 else ()
+
+
+def _is_chosen(fit: Explanation, others: Sequence[Explanation], evidence: Evidence) -> bool:
+    """Whether a fit leaves so much less than its rivals, and no simpler one serves."""
+    rivals = [each for each in others if not _is_beyond(each, fit)]
+    serves = any(
+        fit.left > _SIMPLER * each.left or evidence.explained(each.left) >= _ENOUGH
+        for each in rivals
+        if _is_beyond(fit, each) and _is_enough(each, evidence)
+    )
+    return not serves and all(fit.left <= max(_HALF * each.left, _ALL) for each in rivals)
 
 
 def _fits(evidence: Evidence, *, looks: bool) -> Iterator[Explanation]:

@@ -31,7 +31,7 @@ class Cause:
     words: str
     model: str
     beyond: tuple[str, ...] = ()
-    left: float = 0.4
+    left: float = 0.35
     light: bool = False
     looks: bool = False
 
@@ -83,8 +83,8 @@ CAUSES = (
     Cause("flipped", "how", "geometry.flipped"),
     Cause("rotated", "by right angles", "geometry.flipped"),
     Cause("crop", "which part of A it is", "geometry.cropped", ("empty",)),
-    Cause("shifted", "by px, fractions included", "geometry.moved", ("flipped", "rotated"), 0.2),
-    Cause("scaled", "by a factor", "geometry.moved", ("flipped", "rotated"), 0.2),
+    Cause("shifted", "by px, fractions included", "geometry.moved", ("flipped", "rotated"), 0.4),
+    Cause("scaled", "by a factor", "geometry.moved", ("flipped", "rotated"), 0.4),
     # Patterns.
     Cause("fireflies or few pixels", "how many, brighter or darker", "traces.sparks"),
     # Sharpness.
@@ -92,10 +92,10 @@ CAUSES = (
         "softer",
         "blurred or denoised, by how many px",
         "softness.softened",
-        left=0.68,
+        left=0.6,
     ),
-    Cause("sharper", "the reverse, or more detail", "softness.softened", left=0.68),
-    Cause("another CoC", _COC, "softness.softened", left=0.68),
+    Cause("sharper", "the reverse, or more detail", "softness.softened", left=0.6),
+    Cause("another CoC", _COC, "softness.softened", left=0.6),
     Cause("lower resolution", "of which size", "softness.softened", ("softer",), 0.5),
     # Known by how a difference looks.
     Cause(
