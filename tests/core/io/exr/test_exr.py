@@ -14,7 +14,14 @@ from refusals import refuses
 
 from defocus_core.io.exr import reading
 from defocus_core.io.exr.channel_choice import choose_color
-from defocus_core.io.exr.header import CODECS, codec_of, read_headers
+from defocus_core.io.exr.header import (
+    CODECS,
+    Raw,
+    codec_of,
+    header_bytes,
+    raw_headers,
+    read_headers,
+)
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.exr.windows import Layout
 from defocus_core.io.exr.writing import write_exr
@@ -68,6 +75,27 @@ def test_a_claimed_size_is_checked_before_allocation(tmp_path):
         path.write_bytes(honest.replace(window, struct.pack("<4i", 0, 0, *claim)))
         with refuses(code, path=path):
             read_parts(path)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        {"compression": b""},
+        {"pixelAspectRatio": struct.pack("<f", np.nan)},
+        {"pixelAspectRatio": struct.pack("<f", -1)},
+        {"dataWindow": bytes(12)},
+        {"channels": b"Y"},
+    ],
+)
+def test_an_attribute_without_meaning_is_damage(said, tmp_path):
+    path = tmp_path / "a.exr"
+    write_exr(path, random_planes("Y"), {})
+    with path.open("rb") as file:
+        (_, [attributes]) = raw_headers(file)
+    wrong = {name: Raw(attributes[name].kind, value) for name, value in said.items()}
+    path.write_bytes(header_bytes(attributes | wrong))
+    with refuses("damaged", path=path):
+        read_headers(path)
 
 
 def test_a_part_lost_to_damage_is_an_error(tmp_path):
