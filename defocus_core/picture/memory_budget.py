@@ -39,6 +39,8 @@ SHARE = 0.8
 _FOR_PICTURES, _PICTURES = 0.25, 3
 # Memory in which the smallest picture is computed; and that of others, in sizes of their arrays.
 _LEAST_MB, _USUAL = 40.0, 2.0
+# Memory of the libraries' functions, which come with their first call.
+_OF_CALLS_MB = 32.0
 # Greatest difference of base memory between two processes.
 _SPARE_MB = 4.0
 _FLOAT = 4  # bytes
@@ -106,8 +108,8 @@ def _usual_limit_mb() -> float:
 
 @cache
 def base_mb() -> float:
-    """Memory of the process at the first call, which comes before any picture."""
-    return memory.held_mb()
+    """Memory of the program with its libraries, at the first call: before any picture."""
+    return memory.held_mb() + _OF_CALLS_MB
 
 
 def _sizes(job: Job) -> tuple[float, float]:

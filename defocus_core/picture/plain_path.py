@@ -96,7 +96,11 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
         try:
             for number, (each, renderer) in enumerate(renderers(take, passes)):
                 images.reach = max(images.reach, renderer.frame.farthest)
-                fitting = maximum or regions_at_once(job, renderer, inputs.holding, take.device)[0]
+                fitting, bound = maximum, 0.0
+                if fitting is None:
+                    fitting, bound = regions_at_once(job, renderer, inputs.holding, take.device)
+                if memory.held_mb() + bound > limit:  # of what is read much is freed
+                    memory.trim()
                 shown = partial(_of_all, progress, limit, number, len(passes))
                 images.invented = 0  # of one rendering
                 for part in renderer.tiles(fitting, shown):
@@ -154,6 +158,7 @@ def load() -> None:
     memory.share_heap()
     memory.keep_freed()  # what is read leaves room for what is rendered
     with delayed_signals(), imports():
+        import OpenImageIO  # noqa: F401
         import torch  # noqa: F401
 
         import defocus_core.renderer.engine.renderer  # noqa: F401

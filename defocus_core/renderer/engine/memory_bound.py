@@ -18,6 +18,9 @@ _FIXED, _OF_THREAD = 10e6, 24e6
 # Copies of a region in memory while it is computed: of its pixels, of its hidden surfaces, and of
 # its left and right views.
 _COPIES, _HIDDEN_COPIES, _VIEW_COPIES = 9, 3, 3
+# Copies of the picture while it is surveyed, of one channel; and while its coarser resolutions for
+# hidden surfaces are made, and then held.
+_SURVEYED, _MADE, _HELD = 6, 3, 1.2
 # Copies of a region of each layer, of all windows that are sorted and sliced.
 _COPIES_OF_LAYER = 8
 
@@ -61,13 +64,14 @@ def _bound_of_torch(renderer: Renderer, threads: int, at_once: int) -> float:
     region = max((around(frame, grid).area for grid in grids), default=0) * sample * copies
     result = max((grid.box.area for grid in grids), default=0)
     result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
-    coarse = pixels * sample * frame.content.edges * 1.2
+    coarse = pixels * sample * frame.content.edges
     # each region has kernels of its own where the pupil changes over the frame
     versions = 1 if frame.settings.cat_eye is None else CORNERS * at_once
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
-    whole = _FIXED + coarse + spectra + repaired + _bytes_of_layers(renderer)
-    return whole + threads * of_thread + at_once * (region + result)
+    whole = _FIXED + spectra + repaired + _bytes_of_layers(renderer)
+    computed = _HELD * coarse + threads * of_thread + at_once * (region + result)
+    return whole + max(_SURVEYED * pixels * size, _MADE * coarse, computed)
 
 
 def _bytes_of_layers(renderer: Renderer) -> float:
