@@ -1,4 +1,4 @@
-"""Laws of the lens and their checks, error metrics, baseline renderers, synthetic scenes, cost.
+"""Laws of the lens and their checks, error metrics, baseline renderers, cost.
 
 A law is a statement about every picture. A check is one number that a law bounds. A probe is a
 small picture, or a measurement on one, that checks use. A baseline is a method to compare with.

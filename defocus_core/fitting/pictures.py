@@ -57,15 +57,11 @@ def registered(
         size = images.shape[-2]
         middle = (size - 1) / 2
         place = (torch.arange(size).double() - middle - shift) / magnification + middle
-        moved = torch.zeros_like(images)
-        for tap in range(1 - _LOBES, _LOBES + 1):
-            source = place.floor() + tap
-            away = place - source
-            lanczos = torch.sinc(away) * torch.sinc(away / _LOBES) * (away.abs() < _LOBES)
-            values = images.index_select(-2, source.long().clamp(0, size - 1).to(images.device))
-            moved += values * lanczos[:, None].to(images)
+        away = place[:, None] - torch.arange(size)
+        sinc = torch.sinc(away) * torch.sinc(away / _LOBES) * (away.abs() < _LOBES)
         within = (place > _LOBES - 1) & (place < size - _LOBES)
-        images, inside = moved.mT, (inside * within[:, None].to(images)).mT
+        images = (sinc.to(images) @ images).mT
+        inside = (inside * within[:, None].to(images)).mT
     return images, inside
 
 

@@ -15,7 +15,7 @@ from defocus_core.errors import InputError, NotExplained
 from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.pair import read
-from defocus_core.picture.take import InputPair
+from defocus_core.picture.take import InputPair, radius_measures
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.quantities import length_text
 from defocus_core.system.process import cores, set_to_render
@@ -93,14 +93,10 @@ def fit_files(
         problem = f"the focus that was found, {where}, is not beyond the focal length {far}"
         remedy = "give a shorter ‹focal-length›, or a ‹depth-range› that lies farther away"
         raise InputError("focus-too-near", problem, remedy, path=blurred[0])
-    radius = (found.strength * (found.focus - disparity)).abs().numpy()
+    radius = (found.strength * (found.focus - disparity)).numpy()
     record = {"picture": str(picture.color)} | _record(found, options, color.shape[1])
-    return record | {
-        "coc_mean_px": float(radius.mean()),
-        "coc_p50_px": float(np.percentile(radius, 50)),
-        "coc_p99_px": float(np.percentile(radius, 99)),
-        "doubts": _doubts(found, float(radius.max())),
-    }
+    doubts = _doubts(found, float(np.abs(radius).max()))
+    return record | radius_measures(radius, None) | {"doubts": doubts}
 
 
 def _record(found: Fit, options: FitOptions, width: int) -> dict[str, Any]:

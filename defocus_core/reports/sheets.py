@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from defocus_core.request.job import Job
 from defocus_core.request.lens_files import ShippedLens, read_lens_file
 from defocus_core.request.resolver import laid_over, lens_of, parsed
 from defocus_core.system.process import set_to_render
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 NAME = "contact.png"
 _WIDTH = 320  # px of a picture
@@ -82,15 +85,31 @@ def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
 
 def _lights(shipped: ShippedLens) -> NDArray[Any]:
     """Lights nearer and farther than the focus with a lens, sRGB [H, W, 3]."""
-    from defocus_core.evaluation.synthetic_scenes import scenery
     from defocus_core.renderer.render import render
 
     focus = {"focus": parsed("focus", _LENS_FOCUS, CALLER)}
     lens = lens_of(laid_over(read_lens_file(shipped.path), focus))
-    image, radius = scenery("lights", *_LENS_SIZE, _LENS_RADIUS)[:2]
+    image, radius = _night(*_LENS_SIZE)
     cat_eye = cat_eye_of(lens, _LENS_SIZE[::-1])
     shown = render(image, radius, aperture=aperture_of(lens), cat_eye=cat_eye).render
     return linear_to_srgb(shown.movedim(0, -1).contiguous().numpy().clip(0, 1))
+
+
+def _night(height: int, width: int) -> tuple[Tensor, Tensor]:
+    """Lights far behind wires in focus: light [3, H, W], and signed radii [H, W] in px."""
+    import torch
+
+    y, x = torch.arange(height)[:, None], torch.arange(width)
+    down, across = y / width, x / width
+    turns = [29 * across + 9 * down, 31 * down - 12 * across, 21 * (across + down)]
+    generator = torch.Generator().manual_seed(0)
+    grain = torch.rand((1, height, width), generator=generator)
+    waves = torch.sin(2 * math.pi * torch.stack(turns))
+    image = 0.2 * (0.5 + 0.3 * waves + 0.3 * (grain - 0.5))
+    lights = torch.randint(height * width, (15,), generator=generator.manual_seed(1))
+    image.flatten(1)[:, lights] = 200.0
+    wires = ((x + 0.5) / width * 8 % 1 < 24 / width) | ((y + 0.5) / height * 4 % 1 < 12 / height)
+    return image, torch.where(wires, 0.0, _LENS_RADIUS)
 
 
 def _small(path: Path) -> NDArray[Any]:

@@ -6,6 +6,7 @@ import pytest
 import torch
 from elsewhere import CPU, DEVICES, NAME, elsewhere, there, waits
 from launches import Launches
+from synthetic_scenes import scenery
 
 from defocus_core import (
     Aperture,
@@ -21,7 +22,6 @@ from defocus_core import (
     with_lights,
 )
 from defocus_core.evaluation.lens_laws import LAWS, LawSetting, strips, waves
-from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.fitting.pictures import Scale, clipped
 from defocus_core.fitting.residual import Point, Residual
 from defocus_core.renderer.engine import regions

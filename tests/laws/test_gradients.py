@@ -8,12 +8,12 @@ import torch
 from extremes import Extreme
 from measures import worst
 from scenes import RADII, pattern, slanted
+from synthetic_scenes import scenery
 from torch import Tensor
 from torch.autograd import gradcheck
 from torch.autograd.forward_ad import dual_level, make_dual
 
 from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
-from defocus_core.evaluation.synthetic_scenes import scenery
 
 SIZE = (9, 11)
 PIXEL = 36.0 / 480  # mm

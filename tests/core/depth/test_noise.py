@@ -3,12 +3,12 @@
 import pytest
 import torch
 from measures import worst
+from synthetic_scenes import scenery
 from windows import in_window
 
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
 from defocus_core.depth.smoothing import AROUND_NOISE, without_noise
-from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.tensors.box import Box
 
 SIZE = (128, 192)

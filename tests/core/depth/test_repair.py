@@ -6,9 +6,9 @@ Depth that a renderer wrote comes out as the same object; pictures of it do not 
 import pytest
 import torch
 from measures import worst
+from synthetic_scenes import scenery
 
 from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render, repair_depth
-from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings

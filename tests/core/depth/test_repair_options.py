@@ -2,10 +2,10 @@
 
 import pytest
 import torch
+from synthetic_scenes import scenery
 from torch.nn.functional import avg_pool2d, pad
 
 from defocus_core import DepthRepair, render, repair_depth
-from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings

@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import pytest
 import torch
+from synthetic_scenes import scenery
 
 from defocus_core import DefocusLens, RandomDefocus, render
-from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings

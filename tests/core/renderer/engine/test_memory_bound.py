@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
+from synthetic_scenes import scenery
 
-from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.engine.memory_bound import memory_bound
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
@@ -20,7 +20,7 @@ SIZE = (200, 300)
 _PEAK = """
 import sys, torch
 from defocus_core.renderer.engine.memory_bound import memory_bound
-from defocus_core.evaluation.synthetic_scenes import KINDS, scenery
+from synthetic_scenes import KINDS, scenery
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene

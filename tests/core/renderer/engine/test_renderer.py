@@ -5,10 +5,10 @@ from functools import partial
 import pytest
 import torch
 from counting import calls
+from synthetic_scenes import scenery
 from windows import KINDS, put_together, same
 
 from defocus_core import render
-from defocus_core.evaluation.synthetic_scenes import scenery
 from defocus_core.renderer.blur import kernel_bank
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
