@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.picture.radii import MM_PER_M
+from defocus_core.picture.radii import MM_PER_M, sharp_numbers
 from defocus_core.picture.take import Take
 from defocus_core.request.lens import Lens
 from defocus_core.request.quantities import Percentile, SideShare, length_text
@@ -43,10 +42,9 @@ def with_blur_reach(lens: Lens, depths: Sequence[Depth]) -> Lens:
     """The lens by which the most blurred pixel gets the blur, if that is given in pixels."""
     if lens.blur is None or lens.focus_value is None:
         return lens
-    low, high = lens.sharp_range or (math.inf, -math.inf)
-    ends = (end for depth in depths for end in depth.ends or ())
-    numbers = [end for end in ends if not low <= end <= high]
-    reach = max((abs(lens.focus_value - end) for end in numbers), default=0.0)
+    low, high = sharp_numbers(lens)
+    ends = [end for depth in depths for end in depth.ends or ()]
+    reach = max((max(low - end, end - high, 0.0) for end in ends), default=0.0)
     if not reach and any(depth.ends for depth in depths):
         problem = f"has the number {lens.focus_value:g} everywhere, which is in focus"
         remedy = "give the depth of the picture, or another ‹focus-value›"

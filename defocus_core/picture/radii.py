@@ -53,12 +53,11 @@ def radii_of(lens: Lens, depth: Depth) -> Radii:
 
 
 def _relative(blur: float, lens: Lens, depth: Depth) -> Any:
-    """The radii of relative disparity, linear in its numbers."""
+    """The radii of relative disparity, linear in its numbers, 0 at the ends of what is sharp."""
     import torch
 
     from defocus_core.depth.ramps import radius_from_relative_disparity
 
-    assert lens.focus_value is not None
     assert lens.blur_reach is not None, "with_blur_reach() is for this"
     if blur > _MAX_PX:
         problem = f"is blurred by {blur:.2g} px"
@@ -68,12 +67,16 @@ def _relative(blur: float, lens: Lens, depth: Depth) -> Any:
     whole = np.zeros(depth.metres.shape, "float32")
     for rows in bands(depth.metres.shape):
         disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
-        radius = radius_from_relative_disparity(disparity, lens.focus_value, largest, reach)
-        if lens.sharp_range is not None:
-            low, high = lens.sharp_range
-            radius[(disparity >= low) & (disparity <= high)] = 0.0
-        whole[rows] = radius.float().numpy()
+        beyond = disparity - disparity.clamp(*sharp_numbers(lens))
+        whole[rows] = radius_from_relative_disparity(beyond, 0.0, largest, reach).float().numpy()
     return whole
+
+
+def sharp_numbers(lens: Lens) -> tuple[float, float]:
+    """The least and the greatest number of a relative depth in focus through a lens with a blur."""
+    assert lens.focus_value is not None
+    numbers = (lens.focus_value, *(lens.sharp_range or ()))
+    return min(numbers), max(numbers)
 
 
 def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:

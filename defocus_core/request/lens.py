@@ -44,7 +44,7 @@ class Lens:
     # Radius of the most blurred pixel in px, or a share of a picture, instead of optics
     blur: float | SideShare | None = None
     focus_value: float | None = None  # number of the depth file in focus, with ``blur``
-    blur_reach: float | None = None  # by how much numbers differ from it that get ``blur``
+    blur_reach: float | None = None  # how far beyond what is sharp numbers get ``blur``
     clamp_blur: float | None = None  # px that no radius exceeds
     sharp_range: tuple[float, float] | None = None  # mm of what is in focus, too; numbers of `blur`
     cat_eye: tuple[float, float] | None = None  # radius and distance of the rim, in pupil radii
