@@ -727,7 +727,7 @@ KINDS: dict[str, Kind] = {
         lambda m, s: _jpeg(linear_to_srgb((0.9 * m.light).clip(0, 1)), round(97 - 30 * s), "4:4:4"),
     ),
     # What photographs were misnamed for.
-    "equalised, PNG": _shown(("another tone curve",), _equalised),
+    "equalised, PNG": _shown(_REGION, _equalised, _TONES),
     "grain, PNG": _shown(
         ("noise",),
         lambda m, s: (

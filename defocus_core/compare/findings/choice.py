@@ -29,7 +29,7 @@ _HALF = 0.5**0.5  # greatest share that a cause leaves of what a rival leaves: h
 _SIMPLER = 0.5  # the same of what a simpler case of it leaves
 _ENOUGH = 0.95  # share explained by a cause, beyond which no more general one is named
 _LEFT_OF_FEW = 0.06  # the same of a picture of few pixels
-_WEAK = 0.4  # share left by a fit that gives way to one by looks, and to a rectangle
+_WEAK = 0.35  # share left by a fit that gives way to one by looks, and to a rectangle
 _ALL = 2e-3  # share left by what explains all: of two such causes the first is named
 _SLIGHT = 2.5  # RMS of a difference in those of rounding, below which there is none to explain
 

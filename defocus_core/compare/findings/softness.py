@@ -28,7 +28,8 @@ from defocus_core.compare.findings.evidence import (
 _LEAST, _MARGIN = 28, 8  # px of a side that is looked at, and of its border that is left out
 _FEW = 24  # each how many-th frequency is looked at
 _RADII, _PIXELS = np.geomspace(0.35, 16, 80), np.geomspace(1.015, 6, 80)  # px
-_OFF, _PROBE, _KEPT = 0.08, 64, 6  # share by which a size is looked for; px that find it; kept
+_OFF, _PROBE, _KEPT = 0.08, 64, 4  # share by which a size is looked for; px that find it; kept
+_NEAR = 0.8  # share left of few frequencies, beyond which a size is not looked for
 _WIDTHS, _PARTS = (1.2, 2.4, 4.8, 9.6), (16, 32)  # px of gaussians of parts, and of their sides
 _BLOCKS = (2, 4, 8)  # px of a side of pixels that were repeated
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
@@ -75,7 +76,7 @@ def _blackman_harris(t: Any) -> Any:
 @cache
 def _transform(kernel: _Kernel) -> tuple[NDArray[Any], NDArray[Any]]:
     """Frequencies, and the response of a kernel to them."""
-    t, f = np.linspace(-4, 4, 1601), np.linspace(0, 10, 1500)
+    t, f = np.linspace(-4, 4, 801), np.linspace(0, 10, 600)
     values = np.cos(2 * np.pi * f[:, None] * t) @ kernel(t)
     return f, values / values[0]
 
@@ -178,12 +179,14 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
 def _fitted(frame: _Frame, row: _Filter, sizes: NDArray[Any], side: int = 0) -> tuple[float, float]:
     """The size of a filter by which the one side is most like the other, and what is left so."""
     few, (*powers, common) = frame.few
+    every = float((powers[0] + powers[1] - 2 * common).sum())
     for _ in range(2):
         through = np.stack([row.response(*few, size) for size in sizes])
         costs = np.square(through) @ powers[side] - 2 * through @ common
         size = float(sizes[costs.argmin()])
         sizes = size * (sizes[1] / sizes[0]) ** np.linspace(-1, 1, 9)
-    return size, float(costs.min())
+    left = max(float(costs.min() + powers[1 - side].sum()), 0.0) / max(every, 1e-300)
+    return size, math.sqrt(left)
 
 
 def _filtered(frame: _Frame) -> Iterator[Explanation]:
@@ -213,8 +216,9 @@ def _resized(frame: _Frame) -> Iterator[Explanation]:
     """B is A at another size, enlarged again, or blocks of it are one pixel or the mean of A."""
     (height, width), (a, b) = frame.evidence.size, frame.evidence.framed
     made: list[tuple[float, str, NDArray[Any]]] = []
-    found = [(_fitted(frame, row, _PIXELS), row) for row in _FILTERS if row.resizes]
-    for (factor, _), row in sorted(found, key=lambda each: each[0][1])[:3]:
+    found = [(*_fitted(frame, row, _PIXELS), row) for row in _FILTERS if row.resizes]
+    near = [each for each in found if each[1] < _NEAR]
+    for factor, _, row in sorted(near, key=lambda each: each[1])[:3]:
         probe = tuple(slice(max(n - _PROBE, 0) // 2, (n + _PROBE) // 2) for n in a.shape)
 
         def cost(size: tuple[int, int], row: _Filter = row, cut: Any = probe) -> float:
@@ -222,8 +226,8 @@ def _resized(frame: _Frame) -> Iterator[Explanation]:
 
         reach = max(4, round(_OFF * width / factor))
         wide = range(max(2, round(width / factor) - reach), round(width / factor) + reach)
-        near = sorted(((max(2, round(height * n / width)), n) for n in wide), key=cost)
-        size = min(((n + k, m) for n, m in near[:_KEPT] for k in (-1, 0, 1)), key=cost)
+        sizes = sorted(((max(2, round(height * n / width)), n) for n in wide), key=cost)
+        size = min(((n + k, m) for n, m in sizes[:_KEPT] for k in (-1, 0, 1)), key=cost)
         whole = tuple(slice(0, n) for n in a.shape)
         made.append((width / size[1], row.how, _through_size(frame, size, row, whole)))
     for side in _BLOCKS:
