@@ -15,7 +15,6 @@ from defocus_cli.options.shared import (
     json_option,
     machine_option,
     option,
-    output_option,
     verbose_option,
 )
 from defocus_cli.words import console
@@ -73,7 +72,7 @@ Examples:
 @click.argument("a", type=FilePath())
 @click.argument("b", type=FilePath())
 @comparing.comparison_options()
-@output_option(
+@option(
     "--accept",
     "After the report, make the files of B that differ the new A, which is made if it is missing. "
     "Files that B lacks stay.",

@@ -17,9 +17,7 @@ from defocus_cli.options.shared import (
     FilePath,
     ReportPath,
     bundle,
-    html_option,
     option,
-    output_option,
 )
 from defocus_cli.words.console import Failures
 from defocus_core.compare.record import CompareSettings, Comparison
@@ -43,6 +41,7 @@ from defocus_core.request.quantities import QuantityError, several
 _REPORTS = ("diff", "junit", "html", "causes")  # attributes of ComparisonOptions
 _rule_option = partial(option, heading="Rules")
 _selecting_option = partial(option, heading="What is compared")
+_report_option = partial(option, heading="Reports")
 _DIFF = "Write differences here: signed in NAME.diff.exr, amplified in NAME.diff.png."
 _HTML = "Write a report to look at in a browser: one file, with the pictures in it."
 
@@ -91,10 +90,11 @@ def comparison_options() -> Decorator:
         over: float | None,
         thresholds: Path | None,
         like: str | None,
+        ignore_channels: tuple[str, ...],
         **others: Any,
     ) -> ComparisonOptions:
         default = Rules() if like is None else PRESETS[like]
-        rules = read_thresholds(thresholds, fail, warn, over, default)
+        rules = read_thresholds(thresholds, fail, warn, over, default, ignore_channels)
         asked = {name: others.pop(name) for name in _REPORTS}
         return ComparisonOptions(rules, thresholds, CompareSettings(**others), **asked)
 
@@ -137,8 +137,8 @@ def _rules() -> list[Decorator]:
         ),
         _rule_option(
             "--thresholds FILE",
-            "TOML file with fail, warn and over, for all pictures and for patterns of names; "
-            "options above win.",
+            "TOML file with fail, warn, over and ignore-channels, for all pictures and patterns "
+            "of names; options win.",
             FilePath(),
         ),
         _rule_option("--metadata", "Metadata that differs fails, too."),
@@ -154,6 +154,12 @@ def _rules() -> list[Decorator]:
 
 def _selection() -> list[Decorator]:
     return [
+        _selecting_option(
+            "--ignore-channels NAME,…",
+            "All channels but these: 'rand.*', or '[!RGB]*' for all but R, G and B.",
+            several(str, "rand.*,id"),
+            default=(),
+        ),
         _selecting_option(
             "--region X,Y,W,H",
             "Only these pixels, counted from the top left of the picture.",
@@ -180,16 +186,16 @@ def _selection() -> list[Decorator]:
 
 def _reports() -> list[Decorator]:
     return [
-        output_option(
+        _report_option(
             "--causes",
             f"Of which failing pairs the cause is sought: the first {FIRST}, all or none; "
             "a rule like 'found:noise' seeks it in all.  [default: first]",
             list(CAUSES),
             default="first",
         ),
-        output_option("--diff DIR", _DIFF, FilePath()),
-        output_option(
+        _report_option("--diff DIR", _DIFF, FilePath()),
+        _report_option(
             "--junit FILE", "Write JUnit XML, a case for each pair.", ReportPath("junit")
         ),
-        html_option(_HTML),
+        _report_option("--html FILE.html", _HTML, ReportPath("html")),
     ]

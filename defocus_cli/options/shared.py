@@ -254,11 +254,6 @@ def contact_option(command: Command) -> Command:
     return output_option("--contact N", text, click.IntRange(min=1, max=400))(command)
 
 
-def html_option(text: str) -> Decorator:
-    """``--html``: where to write the report that people look at."""
-    return output_option("--html FILE.html", text, ReportPath("html"))
-
-
 def refuse_existing(path: Path, *, overwrite: bool) -> None:
     """Refuse to replace a file, unless ``--overwrite`` asks for it."""
     if path.exists() and not overwrite:

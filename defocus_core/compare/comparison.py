@@ -74,6 +74,7 @@ def compare_pictures(
     """Compare two pictures that have been read."""
     with np.errstate(all="ignore"):  # NaN and infinity are looked for, not stumbled upon
         record = Comparison(name, a.path, b.path, DIFFERENT, (a.width, a.height))
+        a, b = (_of_channels(each, rules) for each in (a, b))
         record, common, strict = compare_structure(record, a, b, settings, ruled=bool(rules.fail))
         if not common:
             return replace(record, findings=(*record.findings, *of_another_size(a, b))), None
@@ -89,6 +90,18 @@ def compare_pictures(
         rules = verdict.of_small_values(rules, pixels)
         judged = _judged(record, pixels, corner, (a, b), rules, settings, strict=strict)
         return judged, pixels
+
+
+def _of_channels(picture: DecodedPicture, rules: Rules) -> DecodedPicture:
+    """A picture with the channels that are compared."""
+    names = [name for name in picture.planes if rules.compares(name)]
+    if not names:
+        problem = f"has only {', '.join(picture.planes)}, of which none is compared"
+        raise InputError("no-such-channel", problem, "name some of these", path=picture.path)
+    samples = {n: v for n, v in picture.samples.items() if not n or n in names}
+    planes = {name: picture.planes[name] for name in names}
+    types = {name: picture.types[name] for name in names}
+    return replace(picture, planes=planes, types=types, samples=samples)
 
 
 def _pixels(

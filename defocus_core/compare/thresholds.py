@@ -24,7 +24,7 @@ from defocus_core.request.toml_file import Table, read_toml, refuse_unknown
 OVER = 0.01  # the difference that ``share`` counts pixels beyond, unless --over says another
 _RULE = re.compile(r"\s*([\w.-]+?)\s*(<=|>=|<|>)\s*([+-]?[\d.]+(?:e[+-]?\d+)?)\s*(%|dB)?\s*", re.I)
 _COMPARISONS = {"low": (">", ">="), "high": ("<", "<=")}
-_KEYS = ("fail", "warn", "over")
+_KEYS = ("fail", "warn", "over", "ignore-channels")
 
 
 @dataclass(frozen=True)
@@ -98,6 +98,11 @@ class Rules:
     over: float = OVER  # the difference that the metric ``share`` counts pixels beyond
     visible_only: bool = False  # whether colours where A is 0 on both sides may differ
     to_a_step: bool = False  # whether values may differ by a step of their number type
+    ignore_channels: tuple[str, ...] = ()  # patterns of channels that are not compared
+
+    def compares(self, channel: str) -> bool:
+        """Whether a channel is compared."""
+        return not any(fnmatchcase(channel, pattern) for pattern in self.ignore_channels)
 
     @property
     def asked(self) -> set[str]:
@@ -109,7 +114,7 @@ class Rules:
 ROUNDING = rule("max>1e-4")
 
 
-def _rules(fail: Sequence[str], warn: Sequence[str], **flags: bool) -> Rules:
+def _rules(fail: Sequence[str], warn: Sequence[str], **flags: Any) -> Rules:
     return Rules(tuple(map(rule, fail)), tuple(map(rule, warn)), **flags)
 
 
@@ -190,9 +195,11 @@ def read_thresholds(
     warn: Sequence[Rule] = (),
     over: float | None = None,
     default: Rules = Rules(),
+    ignore_channels: Sequence[str] = (),
 ) -> Thresholds:
     """The thresholds of a file and of the command line."""
-    given = {"fail": tuple(fail), "warn": tuple(warn), "over": over}
+    given: dict[str, Any] = {"fail": tuple(fail), "warn": tuple(warn), "over": over}
+    given["ignore_channels"] = tuple(ignore_channels)
     flags = {key: value for key, value in given.items() if value not in ((), None)}
     if file is None:
         return Thresholds(default, flags=flags)
@@ -230,6 +237,12 @@ def _changes(table: Table) -> dict[str, Any]:
                     "malformed", problem, f"write {key} = ['psnr<45']", path=table.place(key)
                 )
             changes[key] = tuple(read_at(table.place(key), rule, text) for text in texts)
+    if (key := "ignore-channels") in table.values:
+        names = table.values[key]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            problem, remedy = f"{names!r} is not a list of names", f"write {key} = ['rand.*']"
+            raise UsageProblem("malformed", problem, remedy, path=table.place(key))
+        changes["ignore_channels"] = tuple(names)
     if "over" in table.values:
         changes["over"] = difference(table.values["over"], table.place("over"))
     return changes

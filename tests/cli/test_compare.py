@@ -166,6 +166,21 @@ def test_region_and_mask_choose_the_pixels(a, b, tmp_path):
     assert the_pair(a, b, "--mask", other)["metrics"]["mean"] == pytest.approx(0.25, rel=1e-2)
 
 
+def test_channels_are_chosen_and_left_out(tmp_path):
+    planes = {n: np.full((20, 30), 0.5, np.float32) for n in ("R", "G", "B", "A", "rand.R")}
+    a = write_exr(tmp_path / "a.exr", **planes)
+    b = write_exr(tmp_path / "b.exr", **{**planes, "rand.R": planes["R"] / 3, "id": planes["R"]})
+    rules = tmp_path / "compare.toml"
+    rules.write_text('[[override]]\nfiles = "b.*"\nignore-channels = ["rand.*", "id"]')
+    for words, code in (
+        *(([], 1), (["--ignore-channels", "[!RGB]*"], 0), (["--ignore-channels", "rand.*"], 1)),
+        *((["--ignore-channels", "rand.*,id"], 0), (["--thresholds", rules], 0)),
+    ):
+        assert run("compare", a, b, *words).code == code, words
+    ran = run("compare", a, b, "--ignore-channels", "*")
+    assert (ran.code, "has only R, G, B, A, rand.R" in ran.out) == (3, True)
+
+
 def test_edges_that_are_anti_aliased_are_tolerated_and_no_more(tmp_path):
     y, x = np.mgrid[:HEIGHT, :WIDTH]
     soft = np.clip(0.9 * x + 0.35 * y - 40.2, 0, 1).astype(np.float32)
