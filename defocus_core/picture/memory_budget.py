@@ -38,7 +38,7 @@ SHARE = 0.8
 # Share of the capacity for the arrays of all pictures in the pipeline; how many these are.
 _FOR_PICTURES, _PICTURES = 0.25, 3
 # Memory in which the smallest picture is computed; and that of others, in sizes of their arrays.
-_LEAST_MB, _USUAL = 40.0, 2.0
+_LEAST_MB, _USUAL = 160.0, 2.0
 # Memory of the libraries' functions, which come with their first call.
 _OF_CALLS_MB = 32.0
 # Greatest difference of base memory between two processes.

@@ -24,6 +24,8 @@ _SURVEYED, _MADE, _HELD = 6, 3, 1.2
 # Copies of a region of each layer, of all windows that are sorted and sliced.
 _COPIES_OF_LAYER = 8
 
+# Bytes of Numba and of the functions that it has compiled.
+_CODE = 140e6
 # Bytes of a pixel for the compiled back, which renders a frame at once: in any case, and more if
 # there are edges, left and right, and highlights. Rows of all layers that a thread spreads in.
 _PIXEL, _OF_EDGES, _OF_PAIR, _OF_LIGHTS, _ROWS = 75, 70, 65, 115, 1500
@@ -36,7 +38,7 @@ def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
     content, pair = renderer.frame.content, renderer.frame.settings.left_right
     pixel = _PIXEL + _OF_EDGES * content.edges + _OF_PAIR * pair + _OF_LIGHTS * content.highlights
     row = renderer.size[1] * 4 * renderer.frame.dtype.itemsize * (1 + pair)
-    bound = _FIXED + renderer.frame.box.area * pixel + threads * _ROWS * row
+    bound = _CODE + renderer.frame.box.area * pixel + threads * _ROWS * row
     if pair and not carries_pair(renderer.frame.settings):
         bound = max(bound, _bound_of_torch(renderer, threads, at_once))
     return bound
