@@ -222,7 +222,45 @@ def raw_headers(file: BinaryIO) -> tuple[int, list[dict[str, Raw]]]:
     return version, parts
 
 
+# Bytes of attributes by their type, and the types of those that every reader looks at: openexr.com,
+# "OpenEXR File Layout".
+_SIZES = {
+    **dict.fromkeys(("compression", "envmap", "lineOrder"), 1),
+    **dict.fromkeys(("int", "float"), 4),
+    **dict.fromkeys(("double", "rational", "timecode", "v2i", "v2f"), 8),
+    **dict.fromkeys(("v3i", "v3f"), 12),
+    **dict.fromkeys(("box2i", "box2f", "v2d"), 16),
+    **{"tiledesc": 9, "v3d": 24, "keycode": 28, "chromaticities": 32, "m33f": 36, "m44f": 64},
+    **{"m33d": 72, "m44d": 128},
+}
+_KINDS = {
+    **{"channels": "chlist", "compression": "compression", "lineOrder": "lineOrder"},
+    **dict.fromkeys(("dataWindow", "displayWindow"), "box2i"),
+    **dict.fromkeys(("pixelAspectRatio", "screenWindowWidth"), "float"),
+    **{"screenWindowCenter": "v2f", "chromaticities": "chromaticities", "view": "string"},
+    **{"multiView": "stringvector", "tiles": "tiledesc", "type": "string", "name": "string"},
+}
+
+
+def _check(name: str, raw: Raw) -> None:
+    """Refuse an attribute that no reader takes, in this file or in one that carries it."""
+    if _KINDS.get(name, raw.kind) != raw.kind:
+        raise ValueError(f"{name} is of type {raw.kind}")
+    if len(raw.value) != _SIZES.get(raw.kind, len(raw.value)):
+        raise ValueError(f"{name} has {len(raw.value)} bytes")
+    if raw.kind == "chlist":
+        channels_of(raw.value)
+    elif raw.kind == "stringvector":
+        _texts(raw.value)
+    elif name in ("pixelAspectRatio", "screenWindowWidth"):
+        (value,) = struct.unpack("<f", raw.value)
+        if not 0 <= value < math.inf:
+            raise ValueError(f"{name} is {value:g}")
+
+
 def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
+    for name, raw in attributes.items():
+        _check(name, raw)
     values = {name: raw.value for name, raw in attributes.items()}
     missing = {"channels", "dataWindow", "displayWindow"} - values.keys()
     if missing:
@@ -231,8 +269,6 @@ def _header(index: int, attributes: dict[str, Raw], *, deep: bool) -> Header:
     if not channels:
         raise ValueError("no channels")
     (aspect,) = struct.unpack("<f", values.get("pixelAspectRatio", struct.pack("<f", 1.0)))
-    if not 0 <= aspect < math.inf:
-        raise ValueError(f"pixelAspectRatio is {aspect:g}")
     return Header(
         index=index,
         name=values.get("name", b"").partition(b"\0")[0].decode("utf-8", "replace"),
@@ -324,7 +360,7 @@ def codec_of(name: str) -> tuple[Codec, dict[str, float]]:
 
 def codec_name(header: Mapping[str, bytes]) -> str:
     """The name of the codec of a header, by the values of its attributes; zip if it is unknown."""
-    (number,) = struct.unpack("B", header.get("compression", b"\3"))
+    number = header.get("compression", b"\3")[0]
     name = next((name for name, codec in CODECS.items() if codec.number == number), "zip")
     level = header.get(_LEVEL, b"")
     if not name.startswith("dwa") or len(level) != 4:
