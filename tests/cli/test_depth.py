@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pytest
 from command_line import (
     color_exr,
     depth_exr,
@@ -97,6 +98,22 @@ def test_16_bits_without_a_unit_are_millimetres_and_that_is_said(tmp_path):
     assert words in render(color, path, "-o", tmp_path / "o").err
     assert words not in render(color, path, "-o", tmp_path / "p", "--depth-unit", "mm").err
     assert words in run("depth", path, "-o", tmp_path / "z.exr").err
+
+
+@pytest.mark.parametrize(
+    ("said", "factor", "words"),
+    [
+        (("--depth-scale", "1"), 1, "millimetres, × 1: 1 is 0.001 m"),
+        (("--depth-scale", "1/5"), 0.2, "millimetres, × 0.2: 1 is 0.0002 m"),
+        (("--depth-scale", "1/1000", "--depth-unit", "m"), 1, "metres, × 0.001: 1 is 0.001 m"),
+        (("--depth-scale", "2", "--depth-format", "kitti"), 2000 / 256, "× 2: 1 is 0.0078125 m"),
+    ],
+)
+def test_the_unit_that_holds_without_a_scale_holds_beside_it(said, factor, words, tmp_path):
+    path = png(tmp_path / "z.png", np.round(ramp() * 1000))
+    (record,) = run("info", "--json", path, *said).json["files"]
+    np.testing.assert_allclose(record["depth"]["range_m"], [factor, 4 * factor], rtol=1e-6)
+    assert words in run("info", path, *said).out
 
 
 def test_a_format_means_the_same_in_render_info_batch_and_lens_files(tmp_path):

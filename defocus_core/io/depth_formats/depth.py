@@ -171,11 +171,13 @@ def read_depth(
     row = resolved(reading, samples, lens_focal)
     values, division = divided(samples, alpha)
     told = []
-    if samples.type == "16-bit PNG" and not reading.says_scale:
-        from defocus_core.io.depth_formats.file_types import refuse_assumed
+    says_unit = reading.depth_format or reading.depth_unit or reading.depth_range
+    if samples.type == "16-bit PNG" and row.rule == "scale" and not says_unit:
+        if reading.depth_scale is None:
+            from defocus_core.io.depth_formats.file_types import refuse_assumed
 
-        refuse_assumed(path, values)
-        told.append("16 bits read as millimetres; say ‹depth-unit› or ‹depth-format›")
+            refuse_assumed(path, values)
+        told.append(f"16 bits read as {row.words}; say ‹depth-unit› or ‹depth-format›")
     if reading.sky is not None and not is_sky(values, row).any():
         told.append(f"‹sky› {reading.sky:g} marks no pixel")
     metres, half_sky = _decode(values, row, overscan)

@@ -168,9 +168,8 @@ def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> 
         _ask(reading, row, "depth-scale", "METRES")
     unit = reading.depth_unit
     if reading.depth_format is None and unit is None:
-        is_custom = reading.depth_scale is None
-        unit = "mm" if is_custom and samples.type == "16-bit PNG" else "m"
-        if is_custom and samples.is_integer and unit == "m":
+        unit = "mm" if samples.type == "16-bit PNG" else "m"
+        if reading.depth_scale is None and samples.is_integer and unit == "m":
             numbers = f"holds {samples.values.dtype} numbers"
             if samples.channel:
                 numbers = f"has {samples.channel} in whole numbers"
@@ -181,7 +180,7 @@ def _by_unit(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> 
     words = [UNIT_WORDS[unit] if unit else ""]
     if reading.depth_scale is not None:
         scale *= reading.depth_scale
-        words.append(f"× {reading.depth_scale:g}")
+        words.append(f"× {reading.depth_scale:g}: 1 is {scale:.6g} m")
     if reading.depth_format is not None:
         words = [row.name, row.words, *words]
     return replace(row, scale=scale, words=", ".join(filter(None, words)))
