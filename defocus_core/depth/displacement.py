@@ -54,14 +54,14 @@ _BRIGHTEST = 1e30
 _DEVIATION, _WIDER = 0.04, 4.8
 # Logarithm of the density of other colours on a surface, in least deviations; by how much it is
 # greater on the nearer one, whose rims differ, while the farther one goes on unchanged behind it.
-_OTHER, _RIM = -13.66, 2.0
+_OTHER, _RIM = -13.66, 2.5
 # Difference of logarithms that is sure.
 _SURE = 4.0
 # How well colours tell px apart that were not sampled, 1 for all, from where on they decide at all
 # and in full: those of a picture, and those of a silhouette.
 _OF_PICTURE, _OF_SILHOUETTE = (0.5, 0.65), (0.2, 0.5)
 # Rounds in which distributions of colours, and costs, are averaged over 5×5 px of a silhouette.
-_ROUNDS = 10
+_ROUNDS = 24
 # Cost in px beyond the least at which a displacement counts 1 / e: between two that are as likely
 # lies their mean, so that an edge does not jump from one to the other.
 _SPREAD = 0.15
