@@ -334,4 +334,4 @@ def radius_from_relative_disparity(
     """
     apart = focus - disparity
     maximum = float(apart.detach().abs().amax()) if reach is None else reach
-    return apart * (max_radius / maximum if maximum else 0.0)
+    return apart * (max_radius / maximum if maximum else 0.0) + 0.0  # and no -0.0

@@ -167,6 +167,10 @@ def test_a_range_of_the_numbers_of_the_file_stays_sharp(tmp_path):
     assert np.abs(found).max() == pytest.approx(8, rel=1e-3)
     beyond = np.maximum(float(f"{low:g}") - NUMBERS, NUMBERS - float(f"{high:g}"))[~within]
     np.testing.assert_allclose(np.abs(found[~within]), 8 * beyond / beyond.max(), rtol=1e-4)
+    args = ("--invert", "--blur", "8px", "--sharp-range", text)
+    inverted = radius(tmp_path / "inverted", NUMBERS, *args)
+    np.testing.assert_allclose(inverted, -found, rtol=1e-4)
+    assert not np.signbit(inverted[within]).any()
 
 
 def test_such_a_range_is_told_in_the_numbers_of_the_file_everywhere(tmp_path):
