@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from defocus_core.renderer.compiled.coarse import coarse_axes
 from defocus_core.renderer.compiled.jit import compiled, entry
-from defocus_core.renderer.compiled.pyramid import Level, first_level, most_levels, pyramid_of
+from defocus_core.renderer.compiled.pyramid import half_level, most_levels, pyramid_of
 from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP, grain_of
 from defocus_core.renderer.inpainting.frame_pyramid import EDGE
 
@@ -271,11 +271,8 @@ def hidden_of(
     edges = _EdgeCones(
         _dilated(cones, math.floor(DECAY / grain), span / grain), _dilated(close, 1, span), grain
     )
-    pixels: Level = np.empty((H, W, 2, 4), np.float32), np.empty((H, W, 2, 3), np.float32)
-    pixels[0][:, :, 1] = 0
-    blank = np.zeros((0, 0), np.float32)
-    first_level(light, radius, np.float32(limit), blank if nearer is None else nearer, *pixels)
-    pyramid = pyramid_of(pixels, span, down, across)
+    half = half_level(light, radius, limit, nearer, down[1], across[1])
+    pyramid = pyramid_of(half, span, down, across)
     steps = [(float(2 << n), down[n + 1].origin, across[n + 1].origin) for n in range(len(pyramid))]
     levels = [(*level, *step) for level, step in zip(pyramid, steps, strict=True)]
     levels += levels[-1:] * (_MOST_LEVELS - len(levels))  # one type of tuple is compiled once

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import mmap
 from collections.abc import Iterator
 
 import numpy as np
@@ -37,13 +38,12 @@ def rendered(frame: SharedFrame, scene: Scene) -> Views:
     whole, pair = frame.box, frame.settings.left_right and carries_pair(frame.settings)
     place = RegionPlace.of(frame, Grid([whole], whole[2:], 1))
     place = place._replace(outer=whole, held=whole, inside=whole, core=whole)
-    image, radius = (whole.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius))
+    radius = scene.signed_radius.to(frame.dtype)
     # light has no unit: float32 is fine enough for that of about 1, also its squares
     unit = _unit(frame.content.limit)
-    bounds = _bounds(frame, image, unit)
-    count, views = image.shape[0], 3 if pair else 1
-    images, negative = torch.empty(views, count, *frame.size), 0
-    for channels, sampled, lights in _sampled(place, scene, image, radius, unit):
+    bounds, views = _bounds(frame, len(scene.image), unit), 3 if pair else 1
+    groups, negative = list[Tensor](), 0
+    for channels, sampled, lights in _sampled(place, scene, unit):
         if lights is None:
             lights = np.zeros((views, _CHANNELS, 1, 0), np.float32)
         found, darker = back.render(
@@ -54,35 +54,36 @@ def rendered(frame: SharedFrame, scene: Scene) -> Views:
             edges=frame.content.edges,
             threads=frame.settings.threads,
         )
-        images[:, channels] = torch.from_numpy(found[:, :-1])
+        groups.append(torch.from_numpy(found[:, :-1]).mul_(unit))
         negative = max(negative, darker)
     trust = torch.from_numpy(found[0, -1:])
     inside = place.fractions(whole, radius, frame.division.parts[:1])
     if inside is not None:
         trust = (trust * inside[0]).float()
     counts = _counts(frame, scene) | ({"pixels_clamped": negative} if pair else {})
-    return Views(list(images * unit), trust, counts, whole)
+    images = groups[0] if len(groups) == 1 else torch.cat(groups, 1)
+    return Views(list(images), trust, counts, whole)
 
 
 def _sampled(
-    place: RegionPlace, scene: Scene, image: Tensor, radius: Tensor, unit: float
+    place: RegionPlace, scene: Scene, unit: float
 ) -> Iterator[tuple[slice, Sampled, NDArray[np.float32] | None]]:
     """The channels that are rendered at once, their surfaces, and lights to add, if any.
 
     Those of three colours without lights and without a matte are found by compiled loops.
     """
-    content = place.frame.content
-    if len(image) == _CHANNELS and not content.highlights and scene.matte is None:
-        own = _samples(SampleLayer.whole(image, radius), slice(0, _CHANNELS), 1, unit)
-        surfaces = Sampled(own, None, None)
-        if content.edges:
-            surfaces = surfaces_of(own, content.limit / unit)
-        yield slice(0, _CHANNELS), surfaces, None
+    content, count = place.frame.content, len(scene.image)
+    if count == _CHANNELS and not content.highlights and scene.matte is None:
+        channels = slice(0, _CHANNELS)
+        if content.edges:  # the samples are held by what takes them apart alone
+            yield channels, surfaces_of(_of_picture(scene, unit), content.limit / unit), None
+        else:
+            yield channels, Sampled(_of_picture(scene, unit), None, None), None
         return
     seen = layers_at(place, scene, backdrop_in(place.frame, scene))
     drawn = sum(discs(place, seen, lights) for lights in seen.lights)
-    for first in range(0, len(image), _CHANNELS):
-        channels = slice(first, min(first + _CHANNELS, len(image)))
+    for first in range(0, count, _CHANNELS):
+        channels = slice(first, min(first + _CHANNELS, count))
         own, *nearer = (_samples(layer, channels, 1, unit) for layer in seen.of(VISIBLE))
         hidden = [_samples(layer, channels, 2, unit) for layer in seen.of(CONTINUED)]
         lights = None
@@ -94,20 +95,37 @@ def _sampled(
 
 def surfaces_of(own: Samples, limit: float) -> Sampled:
     """The surfaces of a picture with edges; limit: brightness that a highlight exceeds."""
-    edge = np.empty(own.radius.shape, np.uint8)
-    border, nearer = np.empty(own.radius.shape, np.float32), None
-    if find_edges(own.radius, edge, border):
-        given, light = own.light, own.light.copy()
-        others, radii = np.zeros_like(light), own.radius.copy()
-        if take_apart(given, own.radius, edge, border, np.float32(limit), light, others, radii):
-            nearer = Samples(others, radii)
-        own = own._replace(light=light)
+    own, nearer = _taken_apart(own, limit)
     found = hidden_of(own.light, own.radius, nearer and nearer.light, limit)
     if found is None:
         return Sampled(own, nearer, None)
     light, coarse_radius = found
     coarse_radius *= np.float32(0.5)
     return Sampled(own, nearer, Samples(light, coarse_radius))
+
+
+def _taken_apart(own: Samples, limit: float) -> tuple[Samples, Samples | None]:
+    """The surfaces that the depth names, without parts of nearer ones; and these, if there are."""
+    edge, border = np.empty(own.radius.shape, np.uint8), np.empty(own.radius.shape, np.float32)
+    if not find_edges(own.radius, edge, border):
+        return own, None
+    light = own.light.copy()
+    others, radii = (_few(values.shape) for values in own)
+    found = take_apart(own.light, own.radius, edge, border, np.float32(limit), light, others, radii)
+    return own._replace(light=light), Samples(others, radii) if found else None
+
+
+def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
+    """Zeros that take memory only where something else is written: NumPy's come in huge pages."""
+    private = getattr(mmap, "MAP_PRIVATE", 0) | getattr(mmap, "MAP_ANONYMOUS", 0)
+    pages = mmap.mmap(-1, 4 * math.prod(shape), **({"flags": private} if private else {}))
+    return np.frombuffer(pages, np.float32).reshape(shape)
+
+
+def _of_picture(scene: Scene, unit: float) -> Samples:
+    """The colours and radii of a picture as arrays."""
+    layer = SampleLayer.whole(scene.image.float(), scene.signed_radius)
+    return _samples(layer, slice(0, _CHANNELS), 1, unit)
 
 
 def _unit(brightest: float) -> float:
@@ -132,8 +150,9 @@ def _samples(layer: SampleLayer, channels: slice, step: int, unit: float) -> Sam
     return Samples(light.flatten(1).numpy(), radius.numpy())
 
 
-def _bounds(frame: SharedFrame, like: Tensor, unit: float) -> Bounds:
+def _bounds(frame: SharedFrame, channels: int, unit: float) -> Bounds:
     """The bounds of the views of a frame."""
+    like = torch.empty(channels, dtype=frame.dtype)
     content, division = frame.content, frame.division
     least, greatest = (
         x.flatten().numpy() / unit for x in ColorRange.of(content.channels, like, content.minimum)

@@ -9,6 +9,7 @@ structure tensor.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,9 @@ from defocus_core.renderer.compiled.coarse import CoarseAxis
 from defocus_core.renderer.compiled.jit import compiled, entry
 
 F32 = np.float32
+# Rows of a level that are made at once; rows of the finer one beside theirs that they hang on,
+# those of the structure tensor included.
+_ROWS, _BESIDE = 32, 2
 # As in `inpainting/two_layer_pyramid.py`.
 _ALIKE, _GROWTH, _WIDER, _LEAST_WEIGHT = 1.013, 1.5, 1.99, 1e-30
 
@@ -88,14 +92,33 @@ Level = tuple[NDArray[np.float32], NDArray[np.float32]]
 
 def next_level(level: Level, number: int, down: CoarseAxis, across: CoarseAxis) -> Level:
     """The level of a number made of the one before, in places of its own."""
-    values, limits = level
+
+    def rows_of(rows: slice) -> Level:
+        return level[0][rows], level[1][rows]
+
+    return _made_of(rows_of, level[0].shape[0], level[0].shape[-1], number, down, across)
+
+
+def _made_of(
+    rows_of: Callable[[slice], Level],
+    height: int,
+    count: int,
+    number: int,
+    down: CoarseAxis,
+    across: CoarseAxis,
+) -> Level:
+    """The level of a number, of `count` values, made of bands of rows of the one before."""
     size = down.length, across.length, 2
-    out = np.zeros((*size, values.shape[-1]), np.float32)
-    out_limits = np.empty((*size, 3), np.float32)
+    out = np.zeros((*size, count), np.float32), np.empty((*size, 3), np.float32)
+    alike = F32(_ALIKE * _GROWTH ** max(number - 2, 0))
     taps = tuple(_taps(place, overlapping=number > 1) for place in (down, across))
-    alike = _ALIKE * _GROWTH ** max(number - 2, 0)
-    coarser(values, limits, down, across, taps, np.float32(alike), out, out_limits)
-    return out, out_limits
+    for first in range(0, down.length, _ROWS):
+        last = min(first + _ROWS, down.length)
+        top, end = 2 * first - down.before, 2 * last - down.before
+        rows = slice(max(top - _BESIDE, 0), min(end + _BESIDE, height))
+        place = down._replace(before=rows.start - top)
+        coarser(*rows_of(rows), place, across, taps, alike, *(x[first:last] for x in out))
+    return out
 
 
 @entry
@@ -169,14 +192,46 @@ def most_levels(span: float) -> int:
     return max(2, math.ceil(math.log2(max(_WIDER * span, 1))))
 
 
+def half_level(
+    light: NDArray[np.float32],
+    radius: NDArray[np.float32],
+    limit: float,
+    nearer: NDArray[np.float32] | None,
+    down: CoarseAxis,
+    across: CoarseAxis,
+) -> Level:
+    """The level of half resolution of a picture; arguments of `first_level`."""
+    (height, width), most = radius.shape, 2 * (_ROWS + _BESIDE)
+    values, limits = np.zeros((most, width, 2, 4), F32), np.empty((most, width, 2, 3), F32)
+    blank = np.zeros((0, 0), np.float32)
+
+    def rows_of(rows: slice) -> Level:
+        band = values[: rows.stop - rows.start], limits[: rows.stop - rows.start]
+        others = blank if nearer is None else nearer[rows]
+        first_level(light[rows], radius[rows], F32(limit), others, *band)
+        return band
+
+    return _made_of(rows_of, height, 4, 1, down, across)
+
+
+def _quarter_level(half: Level, down: CoarseAxis, across: CoarseAxis) -> Level:
+    """The level of a quarter of the resolution, with the structure tensor of half of it."""
+    height, width = half[0].shape[:2]
+    structured = np.empty((2 * (_ROWS + _BESIDE), width, 2, 7), np.float32)
+
+    def rows_of(rows: slice) -> Level:
+        values, limits = (x[rows] for x in half)
+        add_structure(values, limits, structured[: len(values)])
+        return structured[: len(values)], limits
+
+    return _made_of(rows_of, height, 7, 2, down, across)
+
+
 def pyramid_of(
-    level: Level, span: float, down: list[CoarseAxis], across: list[CoarseAxis]
+    half: Level, span: float, down: list[CoarseAxis], across: list[CoarseAxis]
 ) -> list[Level]:
-    """The levels of half resolution, of a quarter and so on, for radii that span so many px."""
-    half = next_level(level, 1, down[1], across[1])
-    structured = np.empty((*half[0].shape[:3], 7), np.float32)
-    add_structure(*half, structured)
-    levels = [half, next_level((structured, half[1]), 2, down[2], across[2])]
+    """The levels from half resolution on, for radii that span so many px."""
+    levels = [half, _quarter_level(half, down[2], across[2])]
     while max(levels[-1][0].shape[:2]) > 1 and 1 << len(levels) < _WIDER * span:
         n = len(levels) + 1
         levels.append(next_level(levels[-1], n, down[n], across[n]))
