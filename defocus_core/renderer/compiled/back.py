@@ -78,14 +78,15 @@ def render(
         moved = np.zeros_like(own.light)
         find_moved(own.light, own.radius, disc(4).lost, moved)
     surfaces[0] = surfaces[0]._replace(slope=slope, moved=moved)
-    reduced = _spread_reduced(surfaces, hidden, slots, views)
-    whole = [s for s, level in enumerate(slots.level) if level == 0]
-    first, *others = [_only(each, slots, whole) for each in surfaces]
-    (H, W), channels = own.radius.shape, len(bounds.range)
     sight = np.empty((1, 0), np.uint8)
     if edges:
         beyond = own._replace(radius=_a_slice_beyond(own.radius))
         sight = farthest_seen(_surface(beyond, slots.tables[0]).slot, own.radius)
+        del beyond  # a large array
+    reduced = _spread_reduced(surfaces, hidden, slots, views)
+    whole = [s for s, level in enumerate(slots.level) if level == 0]
+    first, *others = surfaces = [_only(each, slots, whole) for each in surfaces]
+    (H, W), channels = own.radius.shape, len(bounds.range)
     given = BandInputs(
         own=first,
         nearer=others[0] if others else _NOTHING,
@@ -112,7 +113,11 @@ def render(
 
 def _a_slice_beyond(radius: NDArray[np.float32]) -> NDArray[np.float32]:
     """Radii [H, W] px that are farther by about half the distance of slices of the torch back."""
-    return radius + np.maximum(0.06 * np.abs(radius), 0.37)
+    beyond = np.abs(radius)
+    beyond *= 0.06
+    np.maximum(beyond, 0.37, out=beyond)
+    beyond += radius
+    return beyond
 
 
 def _only(surface: SlotSurface, slots: Slots, wanted: list[int]) -> SlotSurface:

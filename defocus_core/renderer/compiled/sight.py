@@ -21,12 +21,14 @@ def farthest_seen(slot: NDArray[np.int16], radius: NDArray[np.float32]) -> NDArr
     size = np.abs(radius)
     size += _AROUND
     size *= _APOTHEM
-    px = np.rint(size, out=size).clip(1, None).astype(np.int32)
+    px = np.rint(size, out=size).clip(1, None, out=size).astype(np.int32)
+    del size  # a large array
     sizes, most = [1], int(px.max())
     while sizes[-1] < most:
         sizes.append(max(sizes[-1] + 1, round(_RATIO * sizes[-1])))
     nearest = np.abs(np.array(sizes)[:, None] - np.arange(sizes[-1] + 1)).argmin(0)
     which = nearest.astype(np.uint8)[px]
+    del px
     seen = slot.clip(0, None).astype(np.uint8)
     result = seen.copy()
     for number, (size_px, before) in enumerate(zip(sizes, [0, *sizes], strict=False)):
