@@ -46,11 +46,7 @@ def lost(r, light=(2**0.5, 0.0), aperture=Aperture()):  # noqa: B008
     """
     sigma, base = light
     image = torch.from_numpy(base + (1 - base) * lights((SIDE // 2, SIDE // 2), sigma))[None]
-    views = render(
-        *(image, torch.full(image.shape[1:], r)),
-        aperture=aperture,
-        left_right=True,
-    )
+    views = render(*(image, torch.full(image.shape[1:], r)), aperture=aperture, left_right=True)
     left, right = (centroid(view[0].double() - base)[0] for view in views.images[1:])
     return abs(r * DualPixel().disparity(aperture) - (right - left))
 

@@ -15,16 +15,7 @@ from make import second_layer
 from reference import forward_splat, lens_points, one_plane
 from surfaces import Light, Plane, Scene, Sphere, Surface
 from textures import plain
-from tracer import (
-    PINHOLE,
-    Camera,
-    Lens,
-    light_picture,
-    photograph,
-    rays,
-    thin_lens,
-    view,
-)
+from tracer import PINHOLE, Camera, Lens, light_picture, photograph, rays, thin_lens, view
 from worlds import WORLDS
 
 ROOT = Path(demo.__file__).parent
@@ -192,19 +183,6 @@ def test_committed_estimated_depth_is_that_of_the_scene():
     assert np.abs(committed.astype(int) - levels).max() <= 1
     details = json.loads((ROOT / "spheres" / "camera.json").read_text())
     assert details["estimated_depth_range_m"] == pytest.approx([near, far], abs=1e-3)
-
-
-def test_estimated_depth_is_soft_small_and_of_few_levels():
-    depth = np.full((40, 60), 8.0)
-    depth[:, :30] = 2.0
-    depth[:10] = math.inf
-    levels, near, far = estimated(depth)
-    assert (levels.shape, levels.dtype, far) == ((20, 30), np.uint8, math.inf)
-    assert near == pytest.approx(2)
-    assert (levels[12, 0], levels[0, 0], levels[12, -1]) == (255, 0, 64)
-    between = np.flatnonzero((levels[15] > 66) & (levels[15] < 253))
-    assert 4 <= len(between) <= 6
-    assert np.all(np.diff(levels[15].astype(int)) <= 0)
 
 
 def test_the_demo_renders_a_scene_with_both_depths():

@@ -22,11 +22,7 @@ def test_each_picture_is_taken_by_each_lens_and_indexed(tmp_path, out):
     ran = succeed("batch", jobs_file(tmp_path), "-o", out)
     assert ran.out == ""
     assert ran.err.startswith("4 jobs: 4 done; ")
-    wanted = {f"coc/{name}.exr" for name in NAMES} | {
-        "README.md",
-        "jobs.toml",
-        "metadata.jsonl",
-    }
+    wanted = {f"coc/{name}.exr" for name in NAMES} | {"README.md", "jobs.toml", "metadata.jsonl"}
     assert files_under(out) == wanted
     assert [sample.sample_id for sample in samples(out)] == NAMES
     assert not hidden_in(out), "no lock and no note is left"

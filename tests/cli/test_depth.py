@@ -231,5 +231,5 @@ def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path):
     succeed("batch", jobs, "-o", out, "--processes", "1")
     lenses = [sample.lens for sample in samples(out)]
     assert [(lens.is_shape, lens.foc_dist, lens.blades) for lens in lenses] == [
-        *((True, None, 0), (True, None, 5)),
+        *((True, None, 0), (True, None, 5))
     ]

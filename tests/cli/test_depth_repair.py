@@ -24,15 +24,6 @@ def rendered(out, *args):
     return read_exr(out / "render" / "rgb.exr")["G"], ran.json["pictures"][0]
 
 
-def test_wider_edges_than_are_looked_for_are_repaired_if_their_width_is_said(tmp_path):
-    files = two_surfaces(tmp_path, 30)
-    hard, _ = rendered(tmp_path / "hard", *two_surfaces(tmp_path, 1))
-    auto, _ = rendered(tmp_path / "auto", *files)
-    said, record = rendered(tmp_path / "said", *files, "--edge-width", "30px")
-    assert np.abs(said - hard).max() < 1e-3 < np.abs(auto - hard).max() / 10
-    assert record["depth_repair"]["edge_width_px"] == 30
-
-
 def test_the_record_stands_in_words_json_journal_and_header(tmp_path):
     files, out = two_surfaces(tmp_path, 8), tmp_path / "out"
     args = (*files, *LENS, "-o", out, "--outputs", "render,coc")
@@ -58,10 +49,7 @@ def test_the_record_stands_in_words_json_journal_and_header(tmp_path):
 def test_a_header_says_what_was_asked_and_nothing_of_clean_depth(tmp_path):
     files = two_surfaces(tmp_path, 1)
     said = ("--depth-repair", "auto", "--edge-width", "6px")
-    for name, args, asked in (
-        ("clean", (), None),
-        ("said", said, "--edge-width 6px"),
-    ):
+    for name, args, asked in (("clean", (), None), ("said", said, "--edge-width 6px")):
         rendered(tmp_path / name, *files, *args)
         attributes = header(tmp_path / name / "render" / "rgb.exr")
         assert attributes.get("defocus:depth_repair_asked") == asked

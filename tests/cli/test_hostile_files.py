@@ -78,10 +78,7 @@ def unwritten(file, _):
 
 @pytest.mark.parametrize(
     ("make", "code"),
-    [
-        *((external, "unsupported"), (virtual, "unsupported")),
-        (unwritten, "damaged"),
-    ],
+    [*((external, "unsupported"), (virtual, "unsupported")), (unwritten, "damaged")],
 )
 def test_hdf5_gives_the_numbers_that_are_in_it_alone(make, code, tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
@@ -126,7 +123,4 @@ def test_an_error_that_stderr_cannot_take_is_said_whole_on_stdout(tmp_path):
         ran = subprocess.run(
             [*command, "info", "none.exr"], stdout=subprocess.PIPE, stderr=err, text=True
         )
-    assert (ran.returncode, ran.stdout) == (
-        3,
-        "defocus: none.exr: no such file; check the name\n",
-    )
+    assert (ran.returncode, ran.stdout) == (3, "defocus: none.exr: no such file; check the name\n")

@@ -17,11 +17,7 @@ from command_line import (
 )
 from elements import write
 
-OTHER = {
-    "focus": ("--focus", "3m"),
-    "fnumber": ("--fnumber", "8"),
-    "blades": ("--blades", "5"),
-}
+OTHER = {"focus": ("--focus", "3m"), "fnumber": ("--fnumber", "8"), "blades": ("--blades", "5")}
 MAPS = ("--outputs", "coc")
 
 

@@ -10,6 +10,8 @@ from image_files import save
 SIZE = 48
 # Each option of the look after what it needs, and how it stands in headers.
 LOOK = {
+    "blades": ((), "3"),
+    "blade-rotation": (("--blades", "3"), "90deg"),
     "blade-curvature": (("--blades", "5"), "0.6"),
     "obstruction": ((), "0.5"),
     "spherical": ((), "0.7"),
@@ -59,7 +61,7 @@ def test_an_option_of_the_look_shows_and_is_written_down(lens, name, before, val
     assert changed > 0.05 * plain["G"].max()
     field = f"defocus:{name.replace('-', '_')}"
     assert header(tmp_path / "shown/render/rgb.exr")[field] == {"on": "True"}.get(value, value)
-    assert field not in header(tmp_path / "plain/render/rgb.exr")
+    assert header(tmp_path / "plain/render/rgb.exr").get(field) in (None, "0", "0deg")
     record = json.loads((tmp_path / "shown/journal.jsonl").read_text().splitlines()[-1])
     assert name.replace("-", "_") in "".join(record["lens"])
 

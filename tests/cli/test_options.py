@@ -33,14 +33,8 @@ def flags_of(command):
     ("command", "without"),
     [
         (render_command, ()),
-        (
-            info,
-            {*LENS_OPTIONS} - {*BLURRING} | {"blur-channels", "resize-depth", "animate"},
-        ),
-        (
-            choose,
-            ("dp-model", "dp-crosstalk", "animate", "quality", "blur-channels"),
-        ),
+        (info, {*LENS_OPTIONS} - {*BLURRING} | {"blur-channels", "resize-depth", "animate"}),
+        (choose, ("dp-model", "dp-crosstalk", "animate", "quality", "blur-channels")),
     ],
 )
 def test_a_command_has_the_options_of_what_it_shows(command, without):

@@ -1,6 +1,5 @@
 """How the process of a command begins and ends."""
 
-import gc
 import io
 import json
 import os
@@ -13,7 +12,6 @@ from batches import jobs_file
 from command_line import LENS, depth_exr, pair, succeed
 
 from defocus_cli import main
-from defocus_core.system.process import imports
 
 
 def ended(code, *words):
@@ -71,23 +69,6 @@ def test_what_is_heavy_is_loaded_by_what_needs_it_alone(tmp_path):
     assert ran.returncode == 0, ran.stderr
 
 
-def test_modules_are_not_taken_down():
-    """It takes longer than many a picture; what others want done at the end is done."""
-    held = (
-        "import atexit, sys\n"
-        "class Held:\n"
-        "    def __del__(self): print('taken down', flush=True)\n"
-        "held = Held()\n"
-        "def later(): print('asked for')\n"
-    )
-    within = "import defocus_cli.__main__ as entry\nmain = entry.main\n"
-    within += "def some(): atexit.register(later); return main()\nentry.main = some\nentry.run()\n"
-    ran = ended(held + within, "--version")
-    assert ran.returncode == 0
-    assert ran.stdout.splitlines()[2:] == ["asked for"]
-    assert "taken down" in ended(held, "--version").stdout
-
-
 def test_nothing_is_said_to_who_has_gone(tmp_path):
     color, depth = pair(tmp_path)
     rendering = ["render", color, depth, *LENS, "-o", tmp_path / "out", "--outputs", "coc"]
@@ -138,24 +119,6 @@ def test_ctrl_c_within_an_import_of_a_command_ends_it_alike(module, tmp_path):
     ran = ended(pressing(module) + RUN, "info", depth_exr(tmp_path / "a.exr"))
     assert ran.returncode == 130, ran.stderr
     assert ran.stderr.startswith("defocus: interrupted")
-
-
-def test_garbage_is_not_looked_for_while_modules_are_imported():
-    assert gc.isenabled()
-    with imports():
-        assert not gc.isenabled()
-    assert gc.isenabled()
-    assert gc.get_freeze_count() > 0
-    with pytest.raises(ImportError), imports():
-        raise ImportError
-    assert gc.isenabled()
-    gc.disable()
-    try:
-        with imports():
-            pass
-        assert not gc.isenabled()
-    finally:
-        gc.enable()
 
 
 def test_a_command_looks_through_nothing_that_pytorch_made(tmp_path):

@@ -106,10 +106,7 @@ def depths():
         ],
         "px of radius, smoothed within surfaces": [1 / (0.4 + noise), 1 / (0.4 + 0 * noise)],
         "edges soft": [1 / (0.5 - 0.4 * share) for share in edge],
-        "edges averaged in distance": [
-            fine.reshape(96, 8, 144, 8).mean((1, 3)),
-            fine[4::8, 4::8],
-        ],
+        "edges averaged in distance": [fine.reshape(96, 8, 144, 8).mean((1, 3)), fine[4::8, 4::8]],
     }
 
 

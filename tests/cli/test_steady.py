@@ -5,15 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from batches import records
-from command_line import (
-    color_exr,
-    depth_exr,
-    photograph,
-    refused,
-    render,
-    run,
-    succeed,
-)
+from command_line import color_exr, depth_exr, photograph, refused, render, run, succeed
 from shots import HEIGHT, WIDTH, smooth, still
 
 FOCAL = ("--focal-length", "50mm", "--fnumber", "2")

@@ -61,8 +61,7 @@ def has_no_step(views, radius):
 
 
 @pytest.mark.parametrize(
-    ("near", "far", "quality"),
-    [(*pair, quality) for pair in PAIRS for quality in QUALITIES],
+    ("near", "far", "quality"), [(*pair, quality) for pair in PAIRS for quality in QUALITIES]
 )
 def test_a_silhouette_that_leaves_the_frame_has_no_step(near, far, quality):
     image, radius = half_planes(near, far)

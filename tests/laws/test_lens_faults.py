@@ -7,7 +7,6 @@ import math
 
 import pytest
 import torch
-from tolerances import ROUNDING
 
 from defocus_core import DefocusLens
 
@@ -87,20 +86,6 @@ def test_depth_is_never_clamped_and_no_depth_is_invalid_in_silence():
 def test_focus_within_the_focal_length_is_refused_whatever_its_sign(foc_dist):
     with pytest.raises(ValueError, match="foc_dist must be farther than foclen=50 mm"):
         camera().refocus(foc_dist)
-
-
-@pytest.mark.parametrize("ks", [31, 32])
-@pytest.mark.parametrize("psf_type", ["pillbox", "gaussian"])
-def test_dual_pixel_halves_are_mirror_images_whose_mean_is_the_psf(ks, psf_type):
-    lens, points = camera(), axis_points(-1200.0, -2000.0, -3500.0)
-    left, right = lens.psf_dp(points, ks, psf_type)
-    exact = {"atol": ROUNDING[DTYPE], "rtol": 0}
-    torch.testing.assert_close(left, right.flip(-1), **exact)
-    torch.testing.assert_close(
-        (left + right) / 2, lens.psf(points, ks=ks, psf_type=psf_type), **exact
-    )
-    torch.testing.assert_close(left.sum((1, 2)), torch.ones(3, dtype=DTYPE), **exact)
-    assert (left - right)[0].abs().max() > 0.9 * left[0].max()  # not two copies of the whole
 
 
 def at_radius(lens, radius):

@@ -28,11 +28,7 @@ def of_levels(noise):
     return (curved() / 0.3 + noise * grain).round() * 0.3
 
 
-SMOOTH = {
-    "slope": 0.02 * X + 0.01 * Y,
-    "curve": curved(),
-    "fold": 0.06 * X.abs(),
-}
+SMOOTH = {"slope": 0.02 * X + 0.01 * Y, "curve": curved(), "fold": 0.06 * X.abs()}
 ROUGH = {
     "levels": of_levels(0.0),
     "noise": of_levels(0.5),

@@ -1,7 +1,5 @@
 """What must not matter: which way is up, batches, tiles, threads, and what is far away."""
 
-from functools import partial
-
 import pytest
 import torch
 from measures import inner, worst
@@ -95,13 +93,12 @@ def test_threads_and_what_else_is_rendered_change_no_byte(kind):
 @pytest.mark.usefixtures("torch_back")
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 @pytest.mark.parametrize("kind", RADII)
-def test_tiles_leave_no_seam(kind, dtype, monkeypatch):
+def test_tiles_leave_no_seam(kind, dtype):
     size = (90, 140)
     image, radius = noise(size, dtype), RADII[kind](size).to(dtype)
     whole = render(image, radius)
     for side in (32, 64):
-        monkeypatch.setattr(plan, "grid_over", partial(tiling.grid_over, side=side))
-        tiled = render(image, radius)
+        tiled = render(image, radius, tile=side)
         assert tiled.stats["tiles"] > whole.stats["tiles"]
         seam = tiled.render - whole.render
         assert worst(inner(seam, 10), 0.0) < 2 * ROUNDING[dtype]
@@ -116,8 +113,7 @@ def test_regions_leave_no_seam(kind, size, monkeypatch):
     image, radius = noise(size), RADII["steps" if kind == "lights" else kind](size)
     if kind == "lights":
         image[:, 50:55, ::40] = 50.0
-    monkeypatch.setattr(plan, "grid_over", partial(tiling.grid_over, side=32))
-    whole = render(image, radius, left_right=True)
+    whole = render(image, radius, left_right=True, tile=32)
     small = tiling.grid_over(*size, side=32)._replace(region=64)
     monkeypatch.setattr(plan, "grid_over", lambda *size: small)
     monkeypatch.setattr(tiling, "MARGIN", 1e9)

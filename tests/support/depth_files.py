@@ -4,7 +4,7 @@ import base64
 import struct
 
 import numpy as np
-from image_files import png_chunk, save
+from image_files import save
 
 
 def png(path, values, dtype=np.uint16):
@@ -62,13 +62,4 @@ def gdepth(path, depth_png, *, turn=1, picture=None, sharp=b"", **properties):
         bodies.append(b"http://ns.adobe.com/xmp/extension/\0" + head + part)
     segments = b"".join(b"\xff\xe1" + struct.pack(">H", len(b) + 2) + b for b in bodies)
     path.write_bytes(jpeg[:2] + segments + jpeg[2:])
-    return path
-
-
-def with_text(path, **texts):
-    """Text chunks before the pixels of a PNG."""
-    data = path.read_bytes()
-    start = data.index(b"IDAT") - 4
-    chunks = [png_chunk(b"tEXt", f"{key}\0{text}".encode()) for key, text in texts.items()]
-    path.write_bytes(data[:start] + b"".join(chunks) + data[start:])
     return path

@@ -2,9 +2,6 @@
 
 import json
 import re
-import shlex
-
-from command_line import run
 
 _DATA = re.compile(r'<script type="application/json" id="data">(.*?)</script>', re.DOTALL)
 
@@ -17,18 +14,6 @@ def items(file):
 
 def item(file, name):
     return next(each for each in items(file) if each["name"] == name)
-
-
-def command(file, name, title):
-    """The words of a command line of an item."""
-    return shlex.split(dict(item(file, name)["commands"])[title])
-
-
-def run_command(file, name, title, *more):
-    """Run a command line of ours that a report shows."""
-    program, *words = command(file, name, title)
-    assert program == "defocus"
-    return run(*words, *more)
 
 
 def keys(each, *, valued=False):

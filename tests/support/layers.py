@@ -47,8 +47,3 @@ def _over(samples, alpha, spot):
     left = torch.log1p(-alpha.clamp(max=1 - 1e-12))
     before = torch.cat([left.new_zeros(1), left.cumsum(0)[:-1]])
     return samples * torch.exp(before - before[begin])[:, None]
-
-
-def flattened(colors, radius, coverage):
-    """The picture in focus: layers over each other, the nearest first in each pixel."""
-    return brute_force(colors, radius * 1e-6, coverage, 1)

@@ -36,12 +36,7 @@ def random_radius(size=SIZE, seed=0):
     return torch.rand(size, generator=generator, dtype=torch.float64) * 14.0 - 7.0
 
 
-RADII = {
-    "slanted": slanted,
-    "steps": steps,
-    "checkerboard": checkerboard,
-    "random": random_radius,
-}
+RADII = {"slanted": slanted, "steps": steps, "checkerboard": checkerboard, "random": random_radius}
 
 
 def white(kind="slanted", size=SIZE):

@@ -2,15 +2,7 @@
 
 import torch
 
-from defocus_core.tensors.box import Box
-
 KINDS = ("render", "left", "right")
-
-
-def in_window(box, function, around, *pictures):
-    """What a function makes of a box of pictures, given no more than so many px around it."""
-    window = box.grown(around, Box(0, 0, *pictures[0].shape[-2:]))
-    return box.seen_from(window).of(function(*map(window.of, pictures)))
 
 
 def put_together(renderer, at_once=None):

@@ -24,7 +24,6 @@ from planted_faults import (
     pulled,
     resized,
     scene,
-    summed,
     through_disc,
     warped,
     write_planes,
@@ -62,10 +61,6 @@ def _encoded(image):
 
 def _noise(image, amount):
     return amount * np.random.default_rng(1).standard_normal(image.shape)
-
-
-def _along(image):
-    return summed(image, 1.0 * (np.indices((9, 9))[0] == 4))
 
 
 def median(image):
@@ -119,10 +114,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
     "noise": (lambda a: a + _noise(a, 0.01), "noise of about 0.0"),
     # Of one channel.
     "red moved": (lambda a: of_channel(a, 0, warped(a, dx=0.8)), "R shifted by (0."),
-    "green offset": (
-        lambda a: a + np.float32([0, 0.02, 0]),
-        "G: offset or contrast: +0.02",
-    ),
+    "green offset": (lambda a: a + np.float32([0, 0.02, 0]), "G: offset or contrast: +0.02"),
     "blue noisy": (lambda a: of_channel(a, 2, a + _noise(a, 0.02)), "B: noise of about 0.0"),
     # Of colour spaces.
     **{
@@ -145,10 +137,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
     # Small ones.
     "a tenth of a pixel": (lambda a: warped(a, dx=0.1), "shifted by (0.1"),
     "a twentieth of a pixel": (lambda a: warped(a, dx=0.05), "shifted by (0.05"),
-    "blue enlarged": (
-        lambda a: of_channel(a, 2, warped(a, scale=1.006)),
-        "B scaled by 1.006,",
-    ),
+    "blue enlarged": (lambda a: of_channel(a, 2, warped(a, scale=1.006)), "B scaled by 1.006,"),
     "a little of light": (lambda a: a + 0.003, "offset or contrast: +0.00"),
 }
 
@@ -393,14 +382,7 @@ def test_the_same_numbers_in_other_primaries_are_a_warning(tmp_path):
     assert "primaries" not in run("compare", a, b, "--ignore-metadata", "chromaticities").out
 
 
-@pytest.mark.parametrize(
-    ("samples", "other"),
-    [
-        ("png", "tif"),
-        ("png", "png16"),
-        ("tif", "tiles"),
-    ],
-)
+@pytest.mark.parametrize(("samples", "other"), [("png", "tif"), ("png", "png16"), ("tif", "tiles")])
 def test_integers_written_in_another_way_are_the_same(samples, other, tmp_path):
     values = (linear_to_srgb(scene().clip(0, 1)) * 255).astype(np.uint8)
     a = save(tmp_path / f"a.{samples}", values)

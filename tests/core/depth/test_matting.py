@@ -60,37 +60,6 @@ def test_a_third_surface_beside_takes_no_part(alpha):
     assert worst(o.color[:, 16:, EDGE], dark[:, None]) < 0.05
 
 
-@pytest.mark.parametrize("alpha", [0.0, 1.0])
-def test_a_clean_edge_is_left_alone(alpha):
-    image, radius = card(alpha)
-    o = unmixed(image, radius)
-    assert worst(o.color, image) < 1e-12
-    assert worst(o.coverage, 1.0) == 0
-    assert not len(o.fringe.at)
-
-
-@pytest.mark.parametrize("alpha", [0.2, 0.35, 0.5, 0.65, 0.8])
-def test_the_parts_make_the_pixel(alpha):
-    """α near + (1 - α) far is the colour that was there, over a picture with texture."""
-    image, radius = card(alpha)
-    image = image * (0.9 + 0.2 * pattern(SIZE))
-    o = unmixed(image, radius)
-    remade = o.color.clone()
-    for (y, x), layer in zip(o.fringe.at.tolist(), o.fringe.layer, strict=True):
-        remade[:, y, x] = layer[:3] + (1 - layer[3]) * remade[:, y, x]
-    untouched = (o.coverage[0] == 1).expand_as(image)
-    assert worst(remade[untouched], image[untouched]) < 0.04  # colours stay in the range around
-
-
-def test_a_wire_of_a_pixel_keeps_its_light():
-    """Nowhere is it seen without what is behind it: what is not of one is of the other."""
-    image, radius = pattern(SIZE), torch.full(SIZE, 4.0, dtype=torch.float64)
-    image[:, :, 10], radius[:, 10] = 0.9, -5.0
-    o = unmixed(image, radius)
-    light, share = o.color[:, :, 10], o.coverage[:, :, 10]
-    assert worst(share * light + (1 - share) * image[:, :, 12], image[:, :, 10]) < 0.2
-
-
 @pytest.mark.parametrize("share", [0.2, 0.4])
 def test_what_is_beside_a_thin_wire_is_cleaned_of_it(share):
     """No pixel of the wire is off an edge, and none need be whole."""

@@ -4,11 +4,10 @@ import pytest
 import torch
 from measures import worst
 from synthetic_scenes import scenery
-from windows import in_window
 
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.smoothing import AROUND_NOISE, without_noise
+from defocus_core.depth.smoothing import without_noise
 from defocus_core.tensors.box import Box
 
 SIZE = (128, 192)
@@ -120,14 +119,6 @@ def test_no_axis_is_the_first():
     for dim in (0, 1):
         assert worst(without_noise(radius.flip(dim), 0.4).flip(dim), found) < 1e-12
     assert worst(without_noise(radius.T, 0.4).T, found) < 1e-12
-
-
-def test_windows_make_what_the_whole_makes():
-    radius = card() + scatter(0.4)
-    whole = without_noise(radius, 0.4)
-    for box in (Box(0, 0, 40, 50), Box(60, 70, 68, 122), Box(30, 20, 1, 1)):
-        found = in_window(box, lambda r: without_noise(r, 0.4), AROUND_NOISE, radius)
-        assert torch.equal(found, box.of(whole))
 
 
 def test_means_have_gradients():

@@ -1,14 +1,11 @@
 """Depth in few levels looks like the slope that it was; flat cards and smooth depth stay."""
 
-import pytest
 import torch
 from measures import worst
-from windows import in_window
 
 from defocus_core import render
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.smoothing import AROUND_TERRACES, without_terraces
-from defocus_core.tensors.box import Box
+from defocus_core.depth.smoothing import without_terraces
 
 SIZE = (96, 144)
 LEVELS = 48
@@ -49,13 +46,6 @@ def test_depth_in_few_levels_is_told_from_surfaces():
     assert not seen(slope()[:, :1].repeat(1, SIZE[1]))  # what is level across is a smooth slope
 
 
-@pytest.mark.parametrize("height", [255, 256, 257, 258, 520])
-def test_a_band_of_a_few_rows_decides_nothing(height):
-    """Rows are looked at 256 at a time."""
-    tall = torch.nn.functional.interpolate(slope()[None, None], (height, SIZE[1]), mode="bilinear")
-    assert seen(in_levels(tall[0, 0]))
-
-
 def test_small_steps_become_slopes():
     given = in_levels(slope())
     found = without_terraces(given)
@@ -82,14 +72,6 @@ def test_an_edge_beside_small_steps_is_no_softer():
     found = without_terraces(radius)
     assert torch.equal(found == -9, radius == -9)
     assert found[radius != -9].amin() >= 0
-
-
-def test_windows_hold_what_the_whole_does():
-    radius = in_levels(slope())
-    whole = without_terraces(radius)
-    for box in (Box(0, 0, *SIZE), Box(10, 33, 40, 50), Box(90, 140, 6, 4)):
-        found = in_window(box, without_terraces, AROUND_TERRACES, radius)
-        assert torch.equal(found, box.of(whole))
 
 
 def test_mirrored_and_turned_levels_are_mirrored_and_turned():

@@ -12,6 +12,7 @@ from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render, rep
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
+from defocus_core.tensors import device_plan
 
 SIZE, LARGE = (140, 190), (200, 260)
 
@@ -65,6 +66,18 @@ def test_repair_is_rendering_of_repaired_depth(damage):
     auto = render(image, radius).render
     assert torch.equal(auto, render(image, whole, depth_repair="off").render)
     assert not torch.equal(auto, render(image, radius, depth_repair="off").render)
+
+
+@pytest.mark.parametrize("rows", [7, 64])
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_bands_of_rows_decide_nothing(damage, rows, monkeypatch):
+    image, radius = DAMAGED[damage]()
+    whole, repair = repair_depth(radius, image)
+    monkeypatch.setattr(device_plan, "_ROWS", rows)
+    monkeypatch.setattr(device_plan, "_BAND_OF_MARGIN", 0)
+    found, told = repair_depth(radius, image, threads=2)
+    assert told == repair
+    assert torch.equal(found, whole)
 
 
 def test_a_channel_without_light_changes_nothing():

@@ -1,16 +1,11 @@
 """Where depth is soft at an edge, the colours say where the edge is."""
 
-from functools import partial
-
 import pytest
 import torch
 from measures import worst
 from scenes import RADII, pattern
-from torch.nn.functional import max_pool2d
-from windows import in_window
 
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.displacement import AROUND as AROUND_SHIFTS
 from defocus_core.depth.displacement import (
     FARTHEST,
     EdgeShifts,
@@ -18,16 +13,8 @@ from defocus_core.depth.displacement import (
     measured_shifts,
     with_shifted_edges,
 )
-from defocus_core.depth.ramps import (
-    hard_steps,
-    slope_of_soft_edges,
-    softness,
-    steepness,
-    without_ramps,
-)
+from defocus_core.depth.ramps import slope_of_soft_edges, softness, steepness, without_ramps
 from defocus_core.depth.repair import repair_depth
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.neighbourhoods import extreme_around
 
 SIZE = (60, 96)
 MIDDLE = SIZE[1] // 2
@@ -73,18 +60,6 @@ def bumpy(seed, size):
     blobs = waves(24)
     picture = torch.stack([(blobs + 0.2 * waves(6) > 0).double(), *(waves(8) for _ in range(2))])
     return picture.abs() + 0.01, 25 * torch.sigmoid(4 * (blobs + 0.1 * waves(12)))
-
-
-@pytest.mark.parametrize("by", [1, 2, 5, 8])
-@pytest.mark.parametrize("size", [(20, 30), (1, 9), (9, 1), (3, 4), (1, 1)])
-def test_extremes_are_those_of_squares(by, size):
-    values = torch.randn(2, *size)
-    maximum = max_pool2d(values, 2 * by + 1, stride=1, padding=by)
-    assert torch.equal(extreme_around(values, by, torch.maximum), maximum)
-    assert torch.equal(extreme_around(-values, by, torch.minimum), -maximum)
-    some = values[0] > 0.5
-    expected = max_pool2d(some[None].float(), 2 * by + 1, stride=1, padding=by)[0] > 0
-    assert torch.equal(extreme_around(some, by, torch.maximum), expected)
 
 
 @pytest.mark.parametrize("width", [2, 3, 5, 8, 10])
@@ -226,17 +201,6 @@ def test_a_rim_is_of_the_nearer_surface(wide):
     assert worst(with_hard_edges(radius, image), hard_depth()) == 0
 
 
-def test_a_window_holds_what_the_whole_holds():
-    image, radius = bumpy(0, (300, 340))
-    radius = without_ramps(radius, 0.4)
-    shifts = measured_shifts(radius, image, 1, soft=0.0)
-    repair = partial(with_shifted_edges, shifts=shifts)
-    whole = repair(radius, image)
-    for box in (Box(130, 140, 30, 40), Box(0, 150, 64, 64)):
-        found = in_window(box, repair, AROUND_SHIFTS, radius, image)
-        assert torch.equal(found, box.of(whole))
-
-
 def told(radius):
     found = diagnosed(radius, None, threads=1)
     slope = found.soft_edges if found.antialiased is None else None
@@ -273,18 +237,6 @@ def test_a_steep_surface_among_hard_edges_is_none():
     radius[:, 70:] -= 12
     assert bool((softness(steepness(radius)) > slope_of_soft_edges(0, 20, SIZE)).any())
     assert not told(radius)
-
-
-@pytest.mark.parametrize("height", [120, 255, 256, 257, 258, 259, 520])
-def test_bands_of_rows_decide_nothing(height):
-    """Rows are looked at 256 at a time."""
-    image, radius = bumpy(1, (height, 90))
-    steep = slope_of_soft_edges(
-        float(radius.detach().min()), float(radius.detach().max()), radius.shape
-    )
-    assert int((softness(steepness(radius)) > steep).sum()) > int(hard_steps(radius, steep))
-    assert told(radius)
-    assert not told(with_hard_edges(radius, image, steep))
 
 
 def test_each_radius_has_one_source():

@@ -2,11 +2,10 @@
 
 import math
 
-import demo
 import numpy as np
 import pytest
 import torch
-from measures import inner, psnr
+from measures import inner
 
 from defocus_core.evaluation import metrics
 
@@ -100,12 +99,3 @@ def test_an_error_at_an_edge_is_found_there():
 def test_what_cannot_be_measured_is_refused(picture, border, words):
     with pytest.raises(ValueError, match=words):
         metrics.measure(picture, torch.ones_like(picture), flat(), border=border)
-
-
-def test_psnr_is_that_of_the_demo():
-    a, b = 1.3 * noise(3, 30, 40), 1.3 * noise(3, 30, 40, seed=1)
-    found = metrics.measure(a, b, flat(), border=4)
-    moved = (np.moveaxis(x.numpy(), 0, -1) for x in (a, b))
-    assert found.psnr == pytest.approx(demo.psnr(*moved, 4), abs=1e-9)
-    shown = (inner(metrics.encoded(x), 4) for x in (a, b))
-    assert found.psnr == pytest.approx(psnr(*shown))

@@ -118,10 +118,7 @@ def pair_of_waves(magnification, shift, side=96):
     return light(x, y), disparity, there
 
 
-@pytest.mark.parametrize(
-    ("magnification", "shift"),
-    [(1.005, (1.4, -0.6)), (0.995, (-2.3, 0.4))],
-)
+@pytest.mark.parametrize(("magnification", "shift"), [(1.005, (1.4, -0.6)), (0.995, (-2.3, 0.4))])
 def test_magnification_and_shift_of_a_pair_are_found(magnification, shift):
     sharp, disparity, observed = pair_of_waves(magnification, shift)
     found = fit(sharp, disparity, observed, shift=True)

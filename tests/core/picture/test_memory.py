@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import math
-import os
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,7 +19,6 @@ from defocus_core.renderer.engine import renderer
 from defocus_core.request import output_kinds as kinds
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens
-from defocus_core.request.quantities import byte_count
 from defocus_core.system import memory
 
 KINDS = ",".join(kinds.KINDS)
@@ -52,15 +48,6 @@ def job(tmp_path, limit, size=SIZE, kinds="render"):
     outputs = Outputs(tmp_path / "out", tuple(kinds.split(",")))
     machine = Machine(memory=limit)
     return Job(Picture("c", color, depth), Lens(50.0, 2.0, 2000.0), Reading(), outputs, machine)
-
-
-def test_the_arrays_of_a_picture_are_counted(tmp_path):
-    size = (512, 1024)
-    one, pair_ = (
-        memory_budget.holding(job(tmp_path, 2**33, size, kinds)).arrays_mb
-        for kinds in ("render", "render,left,right")
-    )
-    assert pair_ == pytest.approx(one + 2 * 6 * math.prod(size) / memory.MB)
 
 
 def beyond_base(mb):
@@ -175,14 +162,6 @@ def test_where_no_region_fits_a_gpu_the_picture_is_refused(tmp_path, monkeypatch
     out_of_memory(monkeypatch, fits=0)
     ran = render(*pair(tmp_path), "-o", tmp_path / "out")
     refused(ran, 3, "out-of-memory", "a.exr")
-
-
-def test_a_megabyte_is_that_of_the_option():
-    assert memory_budget.limit_mb(Machine(memory=byte_count("500MB"))) == 500
-    if not memory.held_mb():
-        pytest.skip("not on this system: it does not tell")
-    pages = int(Path("/proc/self/statm").read_text().split()[1])
-    assert memory.held_mb() == pytest.approx(pages * os.sysconf("SC_PAGE_SIZE") / 1e6, rel=0.02)
 
 
 def test_processes_share_the_memory_unless_told(monkeypatch):

@@ -10,8 +10,6 @@ import torch
 from elsewhere import NAME, elsewhere, here, there
 from torch import Tensor
 
-from defocus_core.io import arrays
-from defocus_core.io.arrays import block_of, computed
 from defocus_core.picture.scene import map_on, picture_on, to_array
 
 VALUES = np.arange(12, dtype=np.float32).reshape(3, 4)
@@ -29,19 +27,6 @@ def test_a_picture_is_taken_onto_the_device():
     with elsewhere():
         seen = picture_on([VALUES, 2 * VALUES], NAME)
     assert np.array_equal(here(seen), np.stack([VALUES, 2 * VALUES]))
-
-
-def test_planes_of_one_block_are_not_copied():
-    block = np.stack([VALUES, VALUES**2, -VALUES])
-    assert block_of(tuple(block)) is block
-    for some in (block[1:], block[::-1], (VALUES, block[1])):
-        assert np.array_equal(block_of(tuple(some)), np.stack(tuple(some)))
-    assert picture_on(tuple(block), "cpu").data_ptr() == block.ctypes.data
-
-
-def test_what_is_computed_in_bands_is_what_is_computed_at_once(monkeypatch):
-    monkeypatch.setattr(arrays, "BAND", 8)
-    assert np.array_equal(computed(np.maximum, VALUES, -VALUES), np.maximum(VALUES, -VALUES))
 
 
 @contextmanager

@@ -226,12 +226,6 @@ def test_results_follow_the_dtype_of_the_depth(dtype):
     assert float(lens.psf(points).sum()) == pytest.approx(1, abs=SUM[dtype])
 
 
-def test_half_precision_depth_is_widened_before_the_law():
-    radius = camera(dtype=torch.float32).signed_radius(DEPTHS[:-2].half())
-    assert radius.dtype == torch.float32
-    torch.testing.assert_close(radius, camera().signed_radius(DEPTHS[:-2].half().double()).float())
-
-
 def test_psf_is_the_same_alone_in_a_batch_in_rgb_and_in_a_map():
     lens = camera()
     points = torch.tensor([[0, 0, -1500.0], [0.5, -1, -2500.0]], dtype=torch.float64)
@@ -258,13 +252,6 @@ def test_dual_pixel_psf_is_the_same_alone_in_a_batch_in_rgb_and_in_a_map():
 def test_psf_map_without_a_depth_shows_the_object_depth():
     lens = camera()
     torch.testing.assert_close(lens.psf_map(), lens.psf_map(depth=-20000.0))
-
-
-def test_psf_fills_a_disc_of_the_signed_radius():
-    lens = camera()
-    radius = float(lens.signed_radius(4000.0))
-    psf = lens.psf(torch.tensor([0, 0, -4000.0], dtype=torch.float64), ks=31, psf_type="pillbox")
-    assert float(psf[15, 15]) == pytest.approx(1 / (math.pi * radius**2))
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_values_go_evenly_in_the_variable_in_which_blur_is_smooth(tmp_path):
 def test_a_key_is_taken_as_it_is_written_and_the_ends_hold(tmp_path):
     shot = animation(tmp_path, "frame,focus\n10,1.3m\n20,2.3m\n")
     assert [key(shot, frame, "focus") for frame in (5, 10, 20, 99)] == [
-        *("1.3m", "1.3m", "2.3m", "2.3m"),
+        *("1.3m", "1.3m", "2.3m", "2.3m")
     ]
 
 

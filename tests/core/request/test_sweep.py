@@ -78,8 +78,7 @@ def steps(values):
 
 
 @pytest.mark.parametrize(
-    ("scale", "law"),
-    [("disparity", lambda z: 1 / z), ("depth", lambda z: z), ("log", math.log)],
+    ("scale", "law"), [("disparity", lambda z: 1 / z), ("depth", lambda z: z), ("log", math.log)]
 )
 def test_a_focal_stack_has_equal_steps_in_what_it_says(tmp_path, scale, law):
     found = swept(tmp_path, f'focus = "0.5m..8m @ 12 in {scale}"', "fnumber = 2")

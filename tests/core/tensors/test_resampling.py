@@ -52,15 +52,3 @@ def test_cells_that_are_not_there_are_dark(kind):
         for of, more in ((coarse, 0), (framed, 5))
     )
     torch.testing.assert_close(read_of, read_within, rtol=0, atol=1e-14)
-
-
-def test_products_are_not_rounded_to_fewer_bits():
-    coarse = torch.rand(1, 64, 64, generator=torch.Generator().manual_seed(1))
-    shares = cubic_weights(2.25, 100, 0.5, coarse)
-    exact = resampled(coarse, shares, shares)
-    torch.set_float32_matmul_precision("medium")
-    try:
-        found = resampled(coarse, shares, shares)
-    finally:
-        torch.set_float32_matmul_precision("highest")
-    torch.testing.assert_close(found, exact, rtol=0, atol=1e-6)

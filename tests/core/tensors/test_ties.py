@@ -75,11 +75,7 @@ def off(image, radius, **options):
     """By how much pictures differ at most whose radii have other last bits, or more digits."""
     one, *others = (
         render(*given, left_right=True, **options)
-        for given in (
-            (image, radius),
-            (image, rounded(radius)),
-            (image.double(), radius.double()),
-        )
+        for given in ((image, radius), (image, rounded(radius)), (image.double(), radius.double()))
     )
     return max(
         float((a - b).abs().max())
@@ -121,14 +117,6 @@ def test_what_stops_lights_does_not_hang_on_last_bits(seed, quality):
 def test_parts_of_the_aperture_move_only_what_they_see():
     """A part of sixteen may miss a wire near focus altogether: what it sees of it is rounding."""
     assert off(*cards(2), quality="reference") < ROUNDED
-
-
-def test_each_level_is_rounded_as_one():
-    _, radius = cards(3)
-    other = rounded(radius)
-    assert 0 < float((other - radius).abs().max()) < 1e-5
-    for level in radius.unique():
-        assert len(other[radius == level].unique()) == 1
 
 
 def test_what_lies_in_the_middle_belongs_to_the_farther():

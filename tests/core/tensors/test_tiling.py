@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from defocus_core.renderer.layers.sliced_surface import blocks_at, blocks_of, visible_slices
+from defocus_core.renderer.layers.sliced_surface import blocks_of, visible_slices
 from defocus_core.tensors.box import TILE, Box, grid_over
 
 
@@ -31,20 +31,6 @@ def test_a_tile_knows_a_slice_exactly_as_far_as_it_reaches(place):
             assert 1 in plan
         if max(down, across) > 36:
             assert 1 not in plan
-
-
-def test_what_does_not_exist_reaches_nothing():
-    grid = grid_over(40, 40).tiles
-    nothing = torch.zeros(40, 40, dtype=torch.bool)
-    blocks = blocks_of(torch.zeros(40, 40), 2, nothing)
-    assert visible_slices(blocks, [0, 1], grid) == [[]]
-
-
-def test_points_are_found_where_pixels_would_be():
-    places, at = torch.tensor([0.0, 0.5, 1.0]), torch.tensor([[0, 0], [39, 57], [17, 30]])
-    dense, present = torch.zeros(40, 60), torch.zeros(40, 60, dtype=torch.bool)
-    dense[at[:, 0], at[:, 1]], present[at[:, 0], at[:, 1]] = places, True
-    assert torch.equal(blocks_at(places, at, 2, (40, 60)), blocks_of(dense, 2, present))
 
 
 def test_a_grid_is_cut_to_a_rectangle():

@@ -12,7 +12,6 @@ import torch
 from defocus_core import DefocusLens, Distribution, HiddenLayer, RandomDefocus, render
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.settings import Settings
 
 IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)
 DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
@@ -24,10 +23,6 @@ def lens(foclen=50.0, fnum=1.4, **options):
 
 def drawn(image=IMAGE[None], depth=DEPTH, seeds=(1,), **ranges):
     return RandomDefocus(**ranges)(image, depth, seeds)
-
-
-def tiled(image=IMAGE, radius=RADIUS, hidden=None, **options):
-    return list(Renderer(Scene(image, radius, hidden), Settings(**options)).tiles())
 
 
 def test_a_hidden_layer_is_of_floats():

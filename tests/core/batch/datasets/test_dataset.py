@@ -1,11 +1,7 @@
 """From a jobs file to a data set: what is swept and drawn is rendered, journalled and indexed."""
 
 import io
-import itertools
 import json
-import random
-import subprocess
-import sys
 from contextlib import suppress
 
 import numpy as np
@@ -20,10 +16,8 @@ from refusals import refuses
 from defocus_cli.words import batch as batch_report
 from defocus_core import BatchDataset, run_batch
 from defocus_core.batch.datasets.finished import samples
-from defocus_core.batch.journal import resume
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.workers import pipeline, run
-from defocus_core.errors import InputError
 from defocus_core.io.images.color_space import linear_to_srgb
 
 HIGH = '[machine]\nquality = "high"\n'
@@ -175,31 +169,3 @@ def test_each_way_to_read_a_batch_gives_its_samples(read, batch):
         line = wanted[name]
         assert (split, fnum) == (line["split"], line["lens"]["fnumber"])
         assert np.array_equal(picture, shown(batch / line["file_name"]))
-
-
-@pytest.mark.bench
-def test_each_sample_that_is_read_is_true_after_kills(tmp_path):
-    pictures(tmp_path)
-    moments, killed = random.Random(9), 0
-    seeds = itertools.count(1)
-    while killed < 20:
-        text = LENS + SAMPLE.replace("seed = 7", f"seed = {next(seeds)}") + HIGH
-        words = ["batch", str(jobs_file(tmp_path, text, inputs=INPUTS)), "-o"]
-        command = [sys.executable, "-m", "defocus_cli", *words, str(tmp_path / "out")]
-        process = subprocess.Popen([*command, "--processes", "1"], stderr=subprocess.DEVNULL)
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(moments.uniform(1, 8))
-        killed += process.poll() is None
-        process.kill()
-        process.wait()
-        require_true(tmp_path / "out")
-
-
-def require_true(out):
-    """Each sample of the index, if there is one, has the files and the lens that it tells of."""
-    with suppress(InputError):
-        for sample in samples(out):
-            for kind, hashed in sample.record["outputs_blake2b"].items():
-                assert resume.stamp(sample.files[kind]).blake2b == hashed
-            told = header(sample.files["coc"])
-            assert told["defocus:fnumber"] == f"{sample.lens.fnum:.9g}"

@@ -25,11 +25,7 @@ def test_a_sample_is_a_line_whose_file_name_comes_first(tmp_path):
     line = written(tmp_path, record(tmp_path, "a", ("coc", "left", "render")))[0]
     assert next(iter(line)) == "file_name"
     assert (line["file_name"], line["left_file_name"]) == ("render/a.png", "left/a.png")
-    assert line["outputs"] == {
-        "render": "render/a.png",
-        "left": "left/a.png",
-        "coc": "coc/a.exr",
-    }
+    assert line["outputs"] == {"render": "render/a.png", "left": "left/a.png", "coc": "coc/a.exr"}
     assert (line["coc_min_px"], line["coc_max_px"]) == (-1, 2.5)
     assert line["inputs"] == {"color": "color.exr", "depth": "depth.exr"}
 

@@ -25,11 +25,7 @@ def full():
     [
         (InputError("", "is damaged", path=HERE), "read", "input-unusable"),
         (FileNotFoundError(errno.ENOENT, "gone", "a.exr"), "read", "input-unusable"),
-        (
-            UsageProblem("", "lies outside", field="focus-at"),
-            "render",
-            "settings-unusable",
-        ),
+        (UsageProblem("", "lies outside", field="focus-at"), "render", "settings-unusable"),
         (TooLarge("", "does not fit", path=HERE), "render", "out-of-memory"),
         (MemoryError(), "write", "out-of-memory"),
         (RuntimeError("[enforce fail] can't allocate memory"), "render", "out-of-memory"),

@@ -1,14 +1,12 @@
 """A job writes nothing that it should not."""
 
-import os
 from pathlib import Path
 
 from jobs_files import touch
 from refusals import refuses
 
-from defocus_core.batch.workers import pipeline
-from defocus_core.batch.workers.run import Execution, make_plan, refuse_misplaced
-from defocus_core.io.safe_files import written_together, written_whole
+from defocus_core.batch.workers.run import refuse_misplaced
+from defocus_core.io.safe_files import written_whole
 from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
 from defocus_core.request.lens import Lens
 
@@ -62,29 +60,3 @@ def test_names_that_no_file_can_have_are_refused(tmp_path):
         assert (tmp_path / name).read_bytes() == b"whole"
     with refuses("too-large"):
         refuse_misplaced(jobs_for([Picture(fits + "é", tmp_path / "a", tmp_path / "z")], outputs))
-
-
-def test_a_file_costs_one_sync_of_its_folder_and_a_new_folder_one_more(tmp_path, monkeypatch):
-    synced, sync = [], os.fsync
-
-    def counted(number):
-        synced.append(Path(f"/proc/self/fd/{number}").readlink())
-        sync(number)
-
-    monkeypatch.setattr(os, "fsync", counted)
-    folder = tmp_path / "render"
-    for name, folders in (("a", [tmp_path, folder]), ("b", [folder])):
-        synced.clear()
-        with written_together(tmp_path), written_whole(folder / name) as file:
-            file.write(b"whole")
-        assert [path for path in synced if path.is_dir()] == folders
-        assert len(synced) == len(folders) + 1
-
-
-def test_a_plan_has_a_mark_for_each_job_and_makes_what_is_to_do_of_them(tmp_path):
-    pictures = [Picture(f"{n}", tmp_path / f"{n}.exr", tmp_path / "z.exr") for n in range(100)]
-    jobs = jobs_for(pictures, Outputs(tmp_path / "out"))
-    plan = make_plan(jobs, tmp_path / "out", Execution(pipeline.execute, limit=3))
-    assert (plan.due, plan.later, [*plan.settled]) == (3, 97, [])
-    assert len(plan.marks) == len(jobs)
-    assert all(job is jobs[number] for number, job in plan.todo)

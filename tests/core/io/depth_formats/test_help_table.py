@@ -16,12 +16,9 @@ def facts(row):
     kinds = [kind for kind in row.files if kind not in FLOATS or not set(FLOATS) <= set(row.files)]
     floats = ["floats"] * (len(kinds) < len(row.files))
     yield "any" if set(row.files) == set(ANY) else ", ".join([*floats, *kinds])
-    yield {
-        "scale": "",
-        "inverse": "/",
-        "per-metre": "/",
-        "radius": "px of radius",
-    }.get(row.rule, "depth or")
+    yield {"scale": "", "inverse": "/", "per-metre": "/", "radius": "px of radius"}.get(
+        row.rule, "depth or"
+    )
     yield row.bits
     yield from (
         f"{number(weight)} {c}"

@@ -1,7 +1,6 @@
 """Headers of many parts, channels, views and attributes: work is linear in them, and they end."""
 
 import struct
-import time
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
@@ -10,7 +9,6 @@ from counting import calls
 from image_files import multi_part, random_planes
 from refusals import refuses
 
-from defocus_core.compare.picture import color_layers, layers
 from defocus_core.io.depth_formats.exr_depth_channel import choose_depth_channel
 from defocus_core.io.depth_formats.reading import AS_IT_IS, DepthReading
 from defocus_core.io.exr.channel_choice import choose_color
@@ -88,20 +86,6 @@ def test_a_look_at_the_colour_decodes_no_other_channel(tmp_path):
     assert set(whole.extras) == {"Z", "other.N"}
     assert not alone.extras
     assert all(map(np.array_equal, whole.planes, alone.planes))
-
-
-@pytest.mark.bench
-def test_layers_are_found_in_time_linear_in_the_channels():
-    def seconds(count):
-        names, times = [f"l{n}.R" for n in range(count)], []
-        for _ in range(3):
-            start = time.process_time()
-            assert not [*color_layers(names)]
-            assert len([*layers(names)]) == count
-            times.append(time.process_time() - start)
-        return min(times)
-
-    assert seconds(4000) < 8 * seconds(1000)
 
 
 def test_a_file_of_many_parts_is_opened_once_however_many(tmp_path):

@@ -6,14 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from image_files import (
-    multi_part,
-    png_chunk,
-    random_planes,
-    raw_png,
-    save,
-    write_deep,
-)
+from image_files import multi_part, png_chunk, random_planes, raw_png, save, write_deep
 from refusals import refuses
 
 from defocus_core.errors import UsageProblem

@@ -9,12 +9,7 @@ from tolerances import RENDERED
 
 from defocus_core import render
 from defocus_core.renderer.engine import settings
-from defocus_core.renderer.layers.layer import SampleLayer
-from defocus_core.renderer.layers.slice_radii import slice_position
-from defocus_core.renderer.layers.sliced_surface import Surface, SurfaceSamples
 from defocus_core.tensors import box as tiling
-from defocus_core.tensors.box import Box, grid_over
-from defocus_core.tensors.pyramid import axes, extended, halved, halves
 
 EXACT = RENDERED[torch.float64]
 SIZES = [(40, 56), (41, 57), (7, 150), (130, 200)]
@@ -34,38 +29,6 @@ def scene(size, r):
     radius = torch.full(size, r, dtype=torch.float64)
     radius[H // 4 : H // 2, W // 3 : W // 2] = -r
     return image, radius
-
-
-@pytest.mark.parametrize("level", [1, 2, 3])
-@pytest.mark.parametrize("size", [(24, 40), (25, 41), (24, 41)])
-def test_a_slice_is_averaged_as_its_pixels_are(size, level):
-    """Wherever it lies in the frame, and with what nearer surfaces have in the same pixels."""
-    H, W = size
-    generator = torch.Generator().manual_seed(level)
-    color, coverage = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
-    r = torch.full(size, 4.0, dtype=torch.float64)
-    r[5:17, 9:30] = 0.5
-    extra, share = torch.rand(4, H, W, generator=generator, dtype=torch.float64).split([3, 1])
-    share = share * (torch.rand(size, generator=generator) < 0.02)
-    radius, radii = torch.full(size, 1.0, dtype=torch.float64), (0.0, 2.0, 4.0)
-    places = slice_position(r, radii)
-    nearer = SampleLayer(extra, share, radius, sparse=True)
-    samples = SurfaceSamples([SampleLayer(color, coverage, r), nearer])
-    surface = Surface(samples, radii, [4, 4, 4], [0, 1, 1], grid_over(H, W), 4, 200)
-    whole = torch.cat([color * coverage, coverage]) * (1 - places).clamp(min=0)
-    whole += torch.cat([extra * share, share]) * (1 - slice_position(radius, radii)).clamp(min=0)
-    middle = axes(size)
-    down, across = middle
-    for _ in range(level):
-        y, x = halves(whole.shape[1], down), halves(whole.shape[2], across)
-        whole = halved(extended(whole, y, x, 0.0), (down.odd, across.odd)) / 4
-        down, across = y.axis, x.axis
-    coarse = Box(-down.middle, -across.middle, *whole.shape[1:])
-    found = surface.averaged(0, level, coarse, middle, tilted=False)
-    assert worst(found[0], whole) < 1e-12
-    part = Box(coarse.top + 1, coarse.left - 1, 3, 4)
-    found = surface.averaged(0, level, part, middle, tilted=False)
-    assert worst(found[0, :, :2, 1:], whole[:, 1:3, :3]) < 1e-12
 
 
 @pytest.mark.parametrize(("r", "bound"), [(24.0, 2.0), (-36.0, 2.0), (60.0, 1.5), (100.0, 1.0)])

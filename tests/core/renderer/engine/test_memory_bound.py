@@ -6,15 +6,8 @@ import sys
 from pathlib import Path
 
 import pytest
-from synthetic_scenes import scenery
-
-from defocus_core.renderer.engine.memory_bound import memory_bound
-from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
-from defocus_core.renderer.engine.settings import Settings
 
 SUPPORT = Path(__file__).parents[3] / "support"
-SIZE = (200, 300)
 # Renders scenes in a process of its own, and prints the most that each held beyond what it began
 # with, in bytes, and the bound.
 _PEAK = """
@@ -54,28 +47,6 @@ _CASES = (
     *("thin 256 384 16 high centre 2", "cards 384 576 30 standard centre 1"),
     *("lights 480 800 12 standard pair 1", "floor 720 1280 24 standard centre 2"),
 )
-
-
-def prepared(kind, radius=8.8, **options):
-    image, signed_radius = scenery(kind, *SIZE, radius)[:2]
-    return Renderer(Scene(image, signed_radius), Settings(**options))
-
-
-@pytest.mark.usefixtures("torch_back")
-def test_memory_grows_with_regions_at_once_threads_and_views():
-    large = scenery("cards", 1100, 2000, 8.8)
-    one = Renderer(Scene(large[0], large[1]))
-    assert memory_bound(one, 2, 2) > memory_bound(one, 2, 1) > memory_bound(one, 1, 1)
-    assert memory_bound(prepared("cards", left_right=True), 1, 1) > memory_bound(
-        prepared("cards"), 1, 1
-    )
-
-
-@pytest.mark.usefixtures("torch_back")
-def test_double_precision_takes_twice_the_memory():
-    image, radius = (part.double() for part in scenery("cards", *SIZE, 8.8)[:2])
-    double = memory_bound(Renderer(Scene(image, radius)), 1, 1)
-    assert 1.4 < double / memory_bound(prepared("cards"), 1, 1) <= 2.0
 
 
 @pytest.mark.skipif(

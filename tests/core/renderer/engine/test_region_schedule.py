@@ -7,11 +7,7 @@ import torch
 
 from defocus_core import render
 from defocus_core.renderer.engine import regions
-from defocus_core.renderer.engine.plan import content_of, frame_of
-from defocus_core.renderer.engine.regions import blurred_part
-from defocus_core.renderer.engine.settings import Settings, quality_of
-from defocus_core.renderer.engine.survey import surveyed
-from defocus_core.tensors.box import BLOCK, Box, Grid
+from defocus_core.tensors.box import Box
 
 H, W = 400, 480
 # Rows and columns that are out of focus.
@@ -36,12 +32,6 @@ def scene(spot, *, hard):
     return image, -9.0 * (inside > 0).float() if hard else (0.3 * inside).clamp(max=7)
 
 
-def frame_for(image, radius):
-    quality = quality_of("standard")
-    content = content_of(surveyed(image, radius, torch.float32), quality)
-    return frame_of(image, radius, Settings(), quality, content)
-
-
 @pytest.mark.parametrize("hard", [False, True])
 @pytest.mark.parametrize("spot", SPOTS)
 def test_what_is_copied_is_what_would_be_computed(spot, hard, monkeypatch):
@@ -56,38 +46,6 @@ def test_what_is_copied_is_what_would_be_computed(spot, hard, monkeypatch):
     assert views.stats["tiles"] == whole.stats["tiles"]
     for name in ("render", "left", "right", "trust"):
         assert torch.allclose(getattr(views, name), getattr(whole, name), atol=2e-6), name
-
-
-@pytest.mark.parametrize("hard", [False, True])
-@pytest.mark.parametrize("spot", SPOTS)
-def test_tiles_are_cut_to_the_blocks_that_light_reaches(spot, hard):
-    image, radius = scene(SPOTS[spot], hard=hard)
-    frame = frame_for(image, radius)
-    part = blurred_part(frame, frame.grid, radius)
-    assert SPOTS[spot].grown(0, part.box) == SPOTS[spot]
-    near = frame.margin + BLOCK
-    assert part.box == part.box.grown(0, SPOTS[spot].grown(near, frame.box))
-    assert part.box != frame.box
-    assert all(side % BLOCK == 0 for side in part.box[:2])
-
-
-def test_a_little_blur_reaches_less_far_than_much_of_it():
-    """Light of a pixel spreads by its own radius, not by the greatest of the frame."""
-    y = torch.arange(H)[:, None].expand(H, W)
-    radius = 40 * (1 - y / 120).clamp(min=0)
-    frame = frame_for(torch.rand(3, H, W), radius)
-    part = blurred_part(frame, frame.grid, radius)
-    assert 120 < part.box.height <= 120 + 24 + 2 * BLOCK < 120 + frame.margin
-
-
-def test_of_a_frame_in_focus_nothing_must_be_computed():
-    image, radius = scene(Box(0, 0, 0, 0), hard=False)
-    frame = frame_for(image, radius)
-    assert blurred_part(frame, frame.grid, radius) is None
-    grid: Grid = frame.grid
-    radius[H // 2, W // 2 + 3] = 0.3  # between the pixels that are looked at first
-    part = blurred_part(frame, grid, radius)
-    assert part.box.area < grid.box.area / 10
 
 
 @pytest.mark.usefixtures("torch_back")

@@ -1,7 +1,5 @@
 """A picture that is handed out in regions is the picture."""
 
-from functools import partial
-
 import pytest
 import torch
 from counting import calls
@@ -60,24 +58,6 @@ def test_a_known_layer_is_handed_out_in_regions_too():
     assert same(put_together(renderer), whole)
 
 
-@pytest.mark.usefixtures("torch_back")
-@pytest.mark.parametrize("kind", ["most", "lights", "floor", "hidden"])
-def test_another_side_of_tiles_changes_the_last_digits_alone(kind):
-    image, radius = scenery("cards" if kind == "hidden" else kind, 200, 90, 8.0)
-    known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
-    rendered = partial(render, left_right=True, hidden=known if kind == "hidden" else None)
-    usual = rendered(image, radius)
-    for tile in (32, 80):
-        other = rendered(image, radius, tile=tile)
-        assert other.stats["tiles"] != usual.stats["tiles"]
-        for name in KINDS:
-            a, b = getattr(usual, name), getattr(other, name)
-            maximum = torch.nn.functional.max_pool2d(a.abs()[None], 33, stride=1, padding=16)[0]
-            limit = 2e-6 if name == "render" else 4e-6  # each half rests on half of the light
-            assert float(((a - b).abs() / maximum.clamp(min=1e-3)).max()) < limit, name
-    assert torch.equal(rendered(image, radius, tile=200).render, usual.render)
-
-
 @pytest.mark.parametrize("kind", ["cards", "thin"])
 @pytest.mark.parametrize("quality", ["standard", "high"])
 def test_a_tile_sees_all_that_spreads_to_it(kind, quality):
@@ -90,17 +70,6 @@ def test_a_tile_sees_all_that_spreads_to_it(kind, quality):
     for name in KINDS:
         for other in others:
             assert float((getattr(usual, name) - getattr(other, name)).abs().max()) < 1e-7, name
-
-
-def test_a_tile_has_a_least_side():
-    image, radius = scenery("floor", 32, 32, 2.0)
-    with pytest.raises(ValueError, match="tile must be at least 16, got 15"):
-        render(image, radius, tile=15)
-
-
-def test_shapes_of_a_renderer_must_match():
-    with pytest.raises(ValueError, match=r"image must be \[C, H, W\]"):
-        Renderer(Scene(torch.zeros(3, 8, 8), torch.zeros(8, 9)))
 
 
 def test_the_caller_who_takes_a_region_keeps_gradients():

@@ -2,27 +2,15 @@
 
 import pytest
 import torch
-from windows import in_window
 
 from defocus_core.depth.diagnosis import diagnosed
-from defocus_core.depth.ramps import around_ramps, without_ramps
 from defocus_core.renderer.engine.survey import needs_double, surveyed
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.device_plan import bands
 
 SIZE = (600, 24)
 
 
 def noise(*size):
     return torch.randn(size, generator=torch.Generator().manual_seed(3))
-
-
-def test_bands_are_all_rows_once():
-    for width in (24, 30_000, 10**7):
-        picture = torch.zeros(()).expand(SIZE[0], width)
-        rows = [y for first, last in bands(picture) for y in range(first, last)]
-        assert rows == list(range(SIZE[0]))
-    assert len(bands(torch.zeros(SIZE))) > 2
 
 
 @pytest.mark.parametrize("row", [0, 255, 256, 598])
@@ -88,13 +76,3 @@ def test_what_is_not_finite_is_found(value, row):
     radius[row, 3] = value
     with pytest.raises(ValueError, match="signed_radius must be finite"):
         surveyed(image, radius, torch.float32)
-
-
-def test_soft_edges_in_a_window_become_the_steps_they_are_in_the_whole():
-    y = torch.arange(SIZE[0]).double()
-    radius = (-9 + 2 * (y - 250)).clamp(-9, 9)[:, None].repeat(1, SIZE[1])
-    whole = without_ramps(radius)
-    assert not torch.equal(whole, radius)
-    for box in (Box(0, 0, *SIZE), Box(245, 3, 7, 9), Box(256, 0, 100, 24)):
-        found = in_window(box, without_ramps, around_ramps(None), radius)
-        assert torch.equal(found, box.of(whole))

@@ -57,22 +57,6 @@ def test_stripes_go_on_behind_a_bar(degrees):
     assert float(off.max()) < 0.2
 
 
-def test_without_a_direction_nothing_is_transported():
-    """Waves in all directions, and none at all."""
-    y, x = torch.arange(H, dtype=torch.float64)[:, None], torch.arange(W, dtype=torch.float64)
-    bumps = (0.5 + 0.2 * torch.sin(x / 1.3) * torch.sin(y / 1.3))[None]
-    for image in (bumps, torch.full((1, H, W), 0.3, dtype=torch.float64)):
-        at = torch.tensor([[40, 55], [48, 52]])
-        smooth = torch.tensor([[0.7, FAR], [0.1, FAR]], dtype=torch.float64)
-        _, radius = behind_a_bar(image)
-        picture = torch.cat([image, radius[None]])
-        coarse = tensor_of(image, torch.zeros_like(radius))
-        tensor = coarse[:, at[:, 0] // 4, at[:, 1] // 4].T
-        border = torch.zeros(2, dtype=torch.float64)
-        found = transported(picture, at, border, smooth, tensor)
-        assert worst(found, smooth[:, :1]) < 0.05
-
-
 def test_what_lies_at_another_distance_lends_no_colour():
     background = stripes(90.0)
     image, radius = behind_a_bar(background)

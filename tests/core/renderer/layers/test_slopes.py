@@ -6,8 +6,7 @@ from measures import inner, psnr, worst
 
 from defocus_core import render
 from defocus_core.renderer.layers.sliced_surface import Planes
-from defocus_core.renderer.layers.slopes import _many_around, slopes
-from defocus_core.tensors.box import Box
+from defocus_core.renderer.layers.slopes import slopes
 
 SIZE = (40, 60)
 
@@ -85,32 +84,6 @@ def test_a_steep_plane_is_seen_as_densely_as_the_lens_sees_it(steepness, at_leas
     radius = (steepness * (x - SIZE[1] / 2)).expand(SIZE).clone()
     truth = inner(lens_view(steepness, 40), 15)
     assert psnr(inner(render(image, radius).render, 15), truth) > at_least
-
-
-def test_a_plane_has_one_slope_where_it_is_alone():
-    lean = torch.zeros(2, 64, 96, dtype=torch.float64)
-    lean[0], lean[1] = 0.2, -0.3
-    lean[:, 40:, 64:] = 0.4
-    blocks = torch.zeros(2, 4, 6, dtype=torch.bool)
-    blocks[0, :2], blocks[1, 2:, 4:], blocks[1, 0, 0] = True, True, True
-    planes = Planes(lean, blocks)
-    first, second = planes.slopes([0, 1], Box(-8, -8, 80, 120))
-    assert first == pytest.approx((0.2, -0.3))
-    assert second is None
-    (alone,) = planes.slopes([1], Box(48, 64, 16, 32))
-    assert alone == pytest.approx((0.4, 0.4))
-    assert planes.slopes([1], Box(200, 0, 16, 16)) == [None]
-    assert planes.slopes([], Box(0, 0, 16, 16)) == []
-
-
-def test_enough_of_the_square_around_is_counted_to_the_pixel():
-    """Squares that the frame cuts have fewer pixels, of which as large a share is enough."""
-    mask = torch.rand(23, 31, generator=torch.Generator().manual_seed(6)) < 0.35
-    found = _many_around(mask)
-    for y in range(23):
-        for x in range(31):
-            square = mask[max(y - 5, 0) : y + 6, max(x - 5, 0) : x + 6]
-            assert bool(found[y, x]) == (float(square.double().mean()) > 0.345)
 
 
 @pytest.mark.usefixtures("torch_back")

@@ -1,4 +1,4 @@
-"""The saturating sum: complementary coverage adds up, full coverage hides what is behind."""
+"""Left and right of whatever halves: their mean is the centre."""
 
 import pytest
 import torch
@@ -6,37 +6,9 @@ from measures import worst
 from tolerances import ROUNDING
 
 from defocus_core.renderer.compositing.left_right import left_and_right
-from defocus_core.renderer.compositing.saturating_sum import ColorRange, add_behind, picture
+from defocus_core.renderer.compositing.saturating_sum import ColorRange
 
 EXACT = ROUNDING[torch.float64]
-
-
-def layer(coverage, color):
-    """[M, C + 1, h, w] of one colour, premultiplied."""
-    values = torch.tensor([coverage * color, coverage], dtype=torch.float64)
-    return values[None, :, None, None].expand(2, -1, 3, 4).clone()
-
-
-def composite(*layers):
-    """Layers (coverage, colour), front to back."""
-    seen = torch.zeros(2, 2, 3, 4, dtype=torch.float64)
-    for coverage, color in layers:
-        seen = add_behind(seen, layer(coverage, color))
-    return seen
-
-
-def test_full_coverage_hides_everything_behind():
-    assert torch.equal(composite((1.0, 0.2), (1.0, 1e6)), composite((1.0, 0.2)))
-
-
-def test_coverage_saturates_at_one():
-    seen = composite((0.6, 1.0), (0.8, 0.5), (0.5, 9.0))
-    assert worst(seen[:, 1], 1.0) < EXACT
-    assert worst(seen[:, 0], 0.6 + 0.4 * 0.5) < EXACT
-
-
-def test_a_picture_is_divided_by_what_was_seen():
-    assert worst(picture(composite((0.4, 0.8))), 0.8) < EXACT
 
 
 @pytest.mark.parametrize("minimum", [0.0, -0.3])
@@ -51,13 +23,6 @@ def test_the_mean_of_a_pair_is_the_centre(fraction, minimum):
     assert worst(fraction * one + (1 - fraction) * other, centre) < EXACT
     exact = left_and_right(halves, fraction * left + (1 - fraction) * right, limits, **given)
     assert worst(exact, halves) < EXACT
-
-
-def test_a_gradient_leaves_its_inputs_alone():
-    front = layer(0.5, 1.0)
-    with torch.enable_grad():
-        add_behind(front, layer(0.5, 0.2))
-    assert torch.equal(front, layer(0.5, 1.0))
 
 
 @pytest.mark.filterwarnings("error")
