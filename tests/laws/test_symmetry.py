@@ -75,10 +75,11 @@ def test_channels_do_not_know_of_each_other(channels):
     assert worst(render(image, radius).render, alone) < EXACT
 
 
+@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])  # of either back
 @pytest.mark.parametrize("kind", RADII)
-def test_threads_and_what_else_is_rendered_change_no_byte(kind):
+def test_threads_and_what_else_is_rendered_change_no_byte(kind, dtype):
     size = (80, 200)
-    image, radius = noise(size, torch.float32), RADII[kind](size).float()
+    image, radius = noise(size, dtype), RADII[kind](size).to(dtype)
 
     def with_threads(count):
         return render(image, radius, threads=count, left_right=True)
