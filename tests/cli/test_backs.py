@@ -23,7 +23,7 @@ def test_the_record_the_header_and_words_name_the_back(tmp_path, monkeypatch):
         without_numba(monkeypatch)
 
 
-@pytest.mark.parametrize("words", [("--quality", "high"), ("--blades", "6"), ("--tile", "64")])
+@pytest.mark.parametrize("words", [("--quality", "high"), ("--spherical", "0.3"), ("--tile", "64")])
 def test_what_the_compiled_loops_do_not_carry_is_rendered_by_torch(words, tmp_path):
     photograph(*pair(tmp_path), "-o", tmp_path / "out", *words)
     assert records(tmp_path / "out")[0]["back"] == "torch"

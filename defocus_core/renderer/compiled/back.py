@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from defocus_core.optics.outline import Outline
 from defocus_core.renderer.compiled.bands import BandInputs, Bounds, render_band
 from defocus_core.renderer.compiled.coarse import CoarseAxis, coarse_axes
 from defocus_core.renderer.compiled.composite import order_of
-from defocus_core.renderer.compiled.openings import LOST, disc
+from defocus_core.renderer.compiled.openings import LOST, lost_shifts, opening
 from defocus_core.renderer.compiled.reduced import EIGHTHS, CoarseLayers, spread_reduced
 from defocus_core.renderer.compiled.sight import farthest_seen, needed
 from defocus_core.renderer.compiled.slots import Slots, slots_between
@@ -58,6 +59,7 @@ def render(
     lights: NDArray[np.float32],
     bounds: Bounds,
     *,
+    outline: Outline,
     min_slope: float,
     edges: bool,
     threads: int,
@@ -65,8 +67,8 @@ def render(
     """The views [1 or 3, C + 1, H, W] of a picture, colours and trust; how many px were negative.
 
     lights: [1 or 3, C, H, W] to add, of as many views as are wanted, or [1 or 3, C, 1, 0];
-    min_slope: of the radius, px per px, below which a surface counts as level; edges: whether
-    surfaces hide others.
+    outline: of the opening; min_slope: of the radius, px per px, below which a surface counts as
+    level; edges: whether surfaces hide others.
     """
     own, nearer, hidden = sampled
     visible = [own] if nearer is None else [own, nearer]
@@ -76,14 +78,14 @@ def render(
     slope, moved = slopes(own.radius, min_slope), surfaces[0].moved
     if views == 2 and slots.least[0] < LOST and slots.least[-1] > -LOST:
         moved = np.zeros_like(own.light)
-        find_moved(own.light, own.radius, disc(4).lost, moved)
+        find_moved(own.light, own.radius, lost_shifts(outline), moved)
     surfaces[0] = surfaces[0]._replace(slope=slope, moved=moved)
     sight = np.empty((1, 0), np.uint8)
     if edges:
         beyond = own._replace(radius=_a_slice_beyond(own.radius))
         sight = farthest_seen(_surface(beyond, slots.tables[0]).slot, own.radius)
         del beyond  # a large array
-    reduced = _spread_reduced(surfaces, hidden, slots, views)
+    reduced = _spread_reduced(surfaces, hidden, slots, views, outline)
     whole = [s for s, level in enumerate(slots.level) if level == 0]
     first, *others = surfaces = [_only(each, slots, whole) for each in surfaces]
     (H, W), channels = own.radius.shape, len(bounds.range)
@@ -105,7 +107,7 @@ def render(
 
     def band(rows: tuple[int, int]) -> int:
         room = room_of(slots.rows(0, whole), views, W)
-        return int(render_band(given, disc(max(room.reach, _LEAST)), room, rows, out))
+        return int(render_band(given, opening(outline, max(room.reach, _LEAST)), room, rows, out))
 
     negative = sum(threaded(band, list(pairwise(ends)), count))
     return out, negative
@@ -143,7 +145,11 @@ def _surface(samples: Samples, table: NDArray[np.int16]) -> SlotSurface:
 
 
 def _spread_reduced(
-    surfaces: list[SlotSurface], hidden: Samples | None, slots: Slots, views: int
+    surfaces: list[SlotSurface],
+    hidden: Samples | None,
+    slots: Slots,
+    views: int,
+    outline: Outline,
 ) -> CoarseLayers:
     """Spread the layers whose discs are wide, and what is hidden."""
     H, W = surfaces[0].radius.shape
@@ -168,10 +174,10 @@ def _spread_reduced(
             coarse = _halved(parts, slots, level, side, down[level], across[level])
             if coarse is None:
                 break
-            _spread_at(coarse, slots, level, views, reduced)
+            _spread_at(coarse, slots, level, views, reduced, outline)
             parts = [coarse]
     if hidden is not None:
-        _spread_at(_surface(hidden, slots.hidden), slots, 1, views, reduced)
+        _spread_at(_surface(hidden, slots.hidden), slots, 1, views, reduced, outline)
     return reduced
 
 
@@ -205,7 +211,12 @@ def _halved(
 
 
 def _spread_at(
-    surface: SlotSurface, slots: Slots, level: int, views: int, reduced: CoarseLayers
+    surface: SlotSurface,
+    slots: Slots,
+    level: int,
+    views: int,
+    reduced: CoarseLayers,
+    outline: Outline,
 ) -> None:
     """Spread the slots of a surface that are of a level."""
     held = set(np.unique(surface.slot).tolist())
@@ -214,4 +225,4 @@ def _spread_at(
         room = room_of(slots.rows(level, mine), views, surface.radius.shape[1])
         surface = _only(surface, slots, mine)
         near = slots.has_points(level)
-        spread_reduced(surface, disc(room.reach), room, np.array(mine), near, reduced)
+        spread_reduced(surface, opening(outline, room.reach), room, np.array(mine), near, reduced)

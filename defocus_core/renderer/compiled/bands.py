@@ -44,11 +44,13 @@ class BandInputs(NamedTuple):
 
 
 @compiled
-def rows_of(own, nearer, near, shares, ring, reduced, y, rows, first, last, room):
+def rows_of(own, nearer, near, shares, left, ring, reduced, y, rows, first, last, room):
     """Row y of all slots: rows [views, slots, 4, W], of two views also the right half.
 
-    near: [slots] bool, those with pixels near focus; shares: of the disc there.
+    near: [slots] bool, those with pixels near focus; shares: of the disc there; left: the share of
+    the left half.
     """
+    right = F32(1 - left)
     for s in range(reduced.at.shape[0]):
         whole = reduced.at[s] < 0
         for view in range(ring.views):
@@ -81,7 +83,7 @@ def rows_of(own, nearer, near, shares, ring, reduced, y, rows, first, last, room
         if ring.views == 2 and last[s] >= 0:
             for i in range(4):
                 for x in range(first[s], last[s] + 1):
-                    rows[2, s, i, x] = F32(2) * rows[0, s, i, x] - rows[1, s, i, x]
+                    rows[2, s, i, x] = (rows[0, s, i, x] - F32(left) * rows[1, s, i, x]) / right
         if whole:
             clear_row(ring, s, y)
 
@@ -175,7 +177,8 @@ def render_band(given, opening, room, band, out):
         if row < band[0]:
             continue
         rows_of(
-            own, nearer, near, opening.share, room.ring, reduced, row, rows, first, last, coarse
+            *(own, nearer, near, opening.share, bounds.left, room.ring, reduced),
+            *(row, rows, first, last, coarse),
         )
         seen, lit = sight[min(row, sight.shape[0] - 1)], min(row, lights.shape[2] - 1)
         for view in range(count):

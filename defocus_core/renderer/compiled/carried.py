@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.aperture import Aperture
-from defocus_core.optics.outline import Disc
 from defocus_core.optics.parts import LEFT, RIGHT
+from defocus_core.renderer.compiled.openings import has_spans
 from defocus_core.renderer.engine.frame import SharedFrame
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
@@ -32,8 +32,8 @@ def carries(frame: SharedFrame, scene: Scene) -> bool:
     """Whether the compiled back renders the centre view of a scene as it is asked for.
 
     It does not: gradients, other devices, float64, qualities but the standard, an exact number of
-    slices, tiles of a given side, openings that are no disc, cat's eyes, layers, and blur much
-    wider than the frame. A plane is left to torch, for which it is one convolution.
+    slices, tiles of a given side, openings with a hole or uneven light, cat's eyes, layers, and
+    blur much wider than the frame. A plane is left to torch, for which it is one convolution.
     """
     settings = frame.settings
     asked = settings.back == "auto" and settings.quality == "standard"
@@ -44,7 +44,7 @@ def carries(frame: SharedFrame, scene: Scene) -> bool:
         and settings.num_layers is None
         and settings.tile is None
         and plane_of(*frame.content.limits) is None
-        and _is_disc(settings.aperture)
+        and _is_even(settings.aperture)
         and settings.cat_eye is None
         and scene.layered is None
         and not (frame.cut or frame.trace)
@@ -59,11 +59,11 @@ def carries_pair(settings: Settings) -> bool:
     return settings.dual_pixel.halves == (LEFT, RIGHT) and isinstance(apart, float)
 
 
-def _is_disc(aperture: Aperture) -> bool:
-    """Whether an opening is a disc of even light."""
+def _is_even(aperture: Aperture) -> bool:
+    """Whether the light of an opening is even, and each row of it one span."""
     spherical = aperture.spherical
     even = not isinstance(spherical, Tensor) and spherical == 0 and aperture.psf_type == "pillbox"
-    return even and isinstance(aperture.outline, Disc)
+    return even and has_spans(aperture.outline)
 
 
 def _needs_torch(tensors: list[Tensor]) -> bool:

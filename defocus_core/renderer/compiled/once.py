@@ -7,6 +7,7 @@ from logging import getLogger
 
 import numpy as np
 
+from defocus_core.optics.outline import Disc
 from defocus_core.renderer.compiled import back
 from defocus_core.renderer.compiled.back import Samples
 from defocus_core.renderer.compiled.bands import Bounds
@@ -41,6 +42,7 @@ def render_everything() -> None:
         surfaces_of(own, np.inf),
         np.zeros((3, 3, 1, 0), np.float32),
         bounds,
+        outline=Disc(),
         min_slope=0.01,
         edges=True,
         threads=1,

@@ -1,13 +1,15 @@
-"""Openings of the lens as spans of rows: where the disc of each radius begins and ends in a row."""
+"""Openings of the lens as spans of rows: where the blur of each radius begins and ends in a row."""
 
 from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from defocus_core.optics.outline import CurvedPolygon, Disc, Outline, Polygon, Squeezed
 
 # Radii are rounded to this share of a px.
 STEPS = 16
@@ -15,8 +17,8 @@ STEPS = 16
 # moment of the blur, as the slices of the torch back. Up to SHARP it is a point.
 NEAR, SHARP, SOFT = (0.75, 1.5), 0.15, 0.25
 FIRST, SECOND = (round(r * STEPS) for r in NEAR)
-# Heights at which the chords of a row are averaged.
-_CHORDS = 8
+# Heights at which the chords of a row are averaged, and corners of the arc between two vertices.
+_CHORDS, _CORNERS = 8, 16
 
 
 class Opening(NamedTuple):
@@ -25,71 +27,109 @@ class Opening(NamedTuple):
     spans: NDArray[np.float32]  # [2, n, 2 reach + 1, 2] px, nearer than focus and beyond it
     area: NDArray[np.float32]  # [n] one divided by the area in px
     left_area: NDArray[np.float32]  # [2, n] the same of the half whose lens points are u.x < 0
-    # [n] of the disc, near focus of the next one of NEAR; the rest is of the one before, or a point
+    # [n] of the blur, near focus of the next one of NEAR; the rest is of the one before, or a point
     share: NDArray[np.float32]
-    # [2, n] px by which pixels move the light of the left half too little: near focus alone, where
-    # a shift within a pixel is lost
-    lost: NDArray[np.float32]
     reach: int
+
+
+def has_spans(outline: Outline) -> bool:
+    """Whether each row of an opening is one span: discs and blades, squeezed or not."""
+    shape = outline.outline if isinstance(outline, Squeezed) else outline
+    return isinstance(shape, Disc | Polygon | CurvedPolygon)
+
+
+@lru_cache(maxsize=8)
+def opening(outline: Outline, reach: int) -> Opening:
+    """An opening that `has_spans`, up to a radius of `reach` px."""
+    n, reach = reach * STEPS + 2, reach + 1
+    radii = np.maximum(np.arange(n) / STEPS, NEAR[0])[:, None, None]
+    y = np.arange(-reach, reach + 1)[:, None] + (np.arange(_CHORDS) + 0.5) / _CHORDS - 0.5
+    begin, end = (radii * x for x in _chords(outline, y / radii))
+    width = (end - begin).mean(2)
+    middle = ((end * end - begin * begin) / 2).mean(2) / np.maximum(width, 1e-9)
+    ahead, behind = middle - width / 2, middle + width / 2
+    beyond = np.stack([ahead, behind], -1)
+    spans = np.stack([-beyond[:, ::-1, ::-1], beyond]).astype(np.float32)
+    left = np.stack([_left(spans, side)[1] - _left(spans, side)[0] for side in (0, 1)])
+    share = np.ones(n)
+    share[:SECOND] = _near_focus(np.arange(SECOND) / STEPS)[:n]
+    return Opening(
+        spans,
+        (1 / width.sum(1)).astype(np.float32),
+        (1 / left.sum(2, dtype=np.float64)).astype(np.float32),
+        share.astype(np.float32),
+        reach,
+    )
+
+
+def _left(spans: NDArray[Any], side: int) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Where the left half of the spans [n, rows, 2] of a side of focus begins and ends."""
+    begin, end = spans[side, :, :, 0], spans[side, :, :, 1]
+    begin, end = (begin, end.clip(max=0)) if side else (begin.clip(min=0), end)
+    return begin, np.maximum(begin, end)
+
+
+def _chords(outline: Outline, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Where an opening begins and ends at heights in radii of the lens, down; equal outside."""
+    if isinstance(outline, Squeezed):
+        inner = _chords(outline.outline, y * float(outline.down))
+        return tuple(x / float(outline.across) for x in inner)
+    if isinstance(outline, Disc):
+        half = np.sqrt(np.maximum(1 - y * y, 0))
+        return -half, half
+    assert isinstance(outline, Polygon | CurvedPolygon)
+    x, height = _corners(outline)
+    top, bottom = int(height.argmin()), int(height.argmax())
+    chains = []
+    for first, last in ((top, bottom), (bottom, top)):
+        place = np.arange(first, last + 1 + len(x) * (last < first)) % len(x)
+        place = place if first == top else place[::-1]
+        chains.append(np.interp(y, height[place], x[place]))
+    inside = (y > height[top]) & (y < height[bottom])
+    begin, end = np.minimum(*chains), np.maximum(*chains)
+    return begin, np.where(inside, end, begin)
+
+
+def _corners(outline: Polygon | CurvedPolygon) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Places x and y, down, along the rim of blades in radii of the lens."""
+    half, curvature = math.pi / outline.sides, float(getattr(outline, "curvature", 0.0))
+    middle = np.radians(outline.rotation) + half * (2 * np.arange(outline.sides)[:, None] + 1)
+    if not curvature:
+        return np.cos(middle - half)[:, 0], -np.sin(middle - half)[:, 0]
+    radius = 1 / curvature
+    distance = math.cos(half) - math.sqrt(radius**2 - math.sin(half) ** 2)
+    angle = math.asin(math.sin(half) / radius) * np.linspace(-1, 1, _CORNERS, endpoint=False)
+    x = distance * np.cos(middle) + radius * np.cos(middle + angle)
+    y = distance * np.sin(middle) + radius * np.sin(middle + angle)
+    return x.ravel(), -y.ravel()
 
 
 # Radius in px from which on no lost shifts are made up for: less than 0.03 px is lost there.
 LOST = 2.25
 
 
-def _lost(spans: NDArray[np.float32], share: NDArray[np.float64]) -> NDArray[np.float32]:
-    """The `lost` shifts of an opening."""
-    count = min(math.ceil(LOST * STEPS), len(share))
-    moved = np.zeros((2, count))  # mean place of the light of left halves, as pixels have it
-    middle = np.zeros(2)  # the same of a lens, for a radius of 1 px
-    pixel = np.arange(-4, 5)
-    for side in (0, 1):
-        begin, end = spans[side, :, :, 0], spans[side, :, :, 1]
-        begin, end = (begin, end.clip(max=0)) if side else (begin.clip(min=0), end)
-        end = np.maximum(begin, end).astype(np.float64)
-        most = spans.shape[1] - 2
-        middle[side] = ((end**2 - begin**2) / 2)[most].sum() / (end - begin)[most].sum()
-        middle[side] /= most / STEPS
-        for k in range(count):
-            edges = np.stack([begin[k], end[k]])[..., None]
-            within = edges.clip(pixel - 0.5, pixel + 0.5)
-            moved[side, k] = ((within[1] - within[0]) * pixel).sum() / (end - begin)[k].sum()
-    r = np.arange(count) / STEPS
-    begun = ((r - SHARP) / (SOFT - SHARP)).clip(0, 1)
-    first, second = moved[:, min(FIRST, count - 1), None], moved[:, min(SECOND, count - 1), None]
-    part = share[:count]
-    apparent = np.where(
-        r < NEAR[0],
-        part * first,
-        np.where(r < NEAR[1], (1 - part) * first + part * second, moved),
-    )
-    lost = np.zeros((2, len(share)), np.float32)
-    lost[:, :count] = begun * r * middle[:, None] - apparent
-    return lost
-
-
 @lru_cache(maxsize=8)
-def disc(reach: int) -> Opening:
-    """A round opening up to a radius of `reach` px."""
-    n, reach = reach * STEPS + 2, reach + 1
-    radii = np.maximum(np.arange(n) / STEPS, NEAR[0])
-    y = np.arange(-reach, reach + 1)[:, None] + (np.arange(_CHORDS) + 0.5) / _CHORDS - 0.5
-    spans = np.zeros((2, n, 2 * reach + 1, 2), np.float32)
-    for k, r in enumerate(radii):
-        half = np.sqrt(np.maximum(r * r - y * y, 0)).mean(1)
-        spans[:, k, :, 0], spans[:, k, :, 1] = -half, half
-    width = spans[0, :, :, 1].sum(1, dtype=np.float64)
-    share = np.ones(n)
-    share[:SECOND] = _near_focus(np.arange(SECOND) / STEPS)[:n]
-    left = np.stack([1 / width, 1 / width])
-    return Opening(
-        spans,
-        (0.5 / width).astype(np.float32),
-        left.astype(np.float32),
-        share.astype(np.float32),
-        _lost(spans, share),
-        reach,
-    )
+def lost_shifts(outline: Outline) -> NDArray[np.float32]:
+    """Px by which pixels move the light of the left half too little: [2, n], nearer and beyond.
+
+    Near focus alone, where a shift within a pixel is lost.
+    """
+    most, pixel = math.ceil(LOST * STEPS), np.arange(-4, 5)
+    spans, share = (np.asarray(x, np.float64) for x in opening(outline, 4)[::3])
+    r, part = np.arange(most) / STEPS, share[:most]
+    begun = ((r - SHARP) / (SOFT - SHARP)).clip(0, 1)
+    lost = np.zeros((2, len(share)), np.float32)
+    for side in (0, 1):
+        begin, end = _left(spans, side)
+        # of a lens, for a radius of 1 px, and as pixels have it
+        middle = ((end**2 - begin**2) / 2)[-2].sum() / (end - begin)[-2].sum()
+        middle /= (len(share) - 2) / STEPS
+        edges = np.stack([begin, end])[:, :most, :, None].clip(pixel - 0.5, pixel + 0.5)
+        moved = ((edges[1] - edges[0]) * pixel).sum((1, 2)) / (end - begin)[:most].sum(1)
+        first, second = moved[FIRST], moved[SECOND]
+        mixed = np.where(r < NEAR[1], (1 - part) * first + part * second, moved)
+        lost[side, :most] = begun * r * middle - np.where(r < NEAR[0], part * first, mixed)
+    return lost
 
 
 def _near_focus(r: NDArray[np.float64]) -> NDArray[np.float64]:

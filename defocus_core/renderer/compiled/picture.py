@@ -50,6 +50,7 @@ def rendered(frame: SharedFrame, scene: Scene) -> Views:
             sampled,
             lights[:views],
             bounds._replace(range=np.ascontiguousarray(bounds.range[channels])),
+            outline=frame.settings.aperture.fixed.outline,
             min_slope=frame.quality.min_slope,
             edges=frame.content.edges,
             threads=frame.settings.threads,

@@ -5,8 +5,11 @@ import pytest
 import torch
 from measures import worst
 
+from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.parts import LEFT
 from defocus_core.renderer.compiled import carried
+from defocus_core.renderer.compiled.openings import STEPS, opening
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
@@ -102,6 +105,40 @@ def test_each_feature_is_that_of_the_torch_back(feature):
         assert float((a - b).abs().mean()) < 1e-3
         assert worst(a, b) < 0.025
     assert float((ours.trust - theirs.trust).abs().mean()) < 2e-3
+
+
+OPENINGS = {
+    "blades": Aperture(blades=5, rotation=13.0),
+    "curved blades": Aperture(blades=7, rotation=20.0, curvature=0.5),
+    "a square": Aperture(blades=4, rotation=45.0),
+    "squeezed blades": Aperture(blades=5, rotation=33.0, squeeze=0.6),
+}
+
+
+@pytest.mark.parametrize("opening", OPENINGS)
+@pytest.mark.parametrize("feature", ["both sides of focus", "lights behind a card"])
+def test_each_opening_is_that_of_the_torch_back(feature, opening):
+    options = {"aperture": OPENINGS[opening]}
+    ours, theirs = (views(*FEATURES[feature], back, **options) for back in ("auto", "torch"))
+    for a, b in zip(ours.images, theirs.images, strict=True):
+        assert float((a - b).abs().mean()) < 1e-3
+        assert worst(a, b) < 0.025
+    assert float((ours.trust - theirs.trust).abs().mean()) < 2e-3
+
+
+def test_spans_of_an_opening_are_its_kernel_and_halves():
+    """But for how ends differ within a row."""
+    for aperture in OPENINGS.values():
+        rows = opening(aperture.outline, 12)
+        px, at = np.arange(-rows.reach, rows.reach + 1), 12 * STEPS
+        for side, radius in enumerate((-12.0, 12.0)):
+            begin, end = rows.spans[side, at, :, :1], rows.spans[side, at, :, 1:]
+            drawn = end.clip(px - 0.5, px + 0.5) - begin.clip(px - 0.5, px + 0.5)
+            kernel = aperture.kernel(torch.tensor(radius), len(px)).numpy()
+            assert np.abs(drawn * rows.area[at] - kernel).sum() < 0.05
+            assert rows.area[at] / rows.left_area[side, at] == pytest.approx(
+                aperture.fraction(LEFT), abs=0.005
+            )
 
 
 def test_bands_in_threads_change_no_byte():
