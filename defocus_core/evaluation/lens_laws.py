@@ -245,7 +245,7 @@ LAWS = (
     Law("focus", "change of a picture in focus", "-", 1e-6, focus),
     Law("nearer covers", "change of a card in focus and the ground around", "-", 1e-5, occlusion),
     Law("left + right", "off twice the centre, of the local maximum", "-", 1e-4, left_and_right),
-    Law("tiles", "difference from a part of a larger picture", "-", 2e-6, tiles),
+    Law("tiles", "difference from a part of a larger picture", "-", 3e-5, tiles),
     Law("gradient", "slope off a finite difference", "-", 1e-5, gradient),
     Law("CPU and GPU", "difference, of the local maximum", "-", 1e-4, devices),
 )

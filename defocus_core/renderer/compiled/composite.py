@@ -21,6 +21,7 @@ SHOW, FILL, MARK, BEFORE, ASIDE, CLOSE, FILL_ALL, TOGETHER = range(8)
 _MORE = 1.263
 # As in `compositing/aperture_views.py`, and coverage that shows nothing.
 _MIN_ROOM, _ERROR, _LEAST_ERROR, _LEAST = 1e-4, 0.2, 1e-12, 1e-9
+_BRIGHT = 0.497  # coverage of the brightest light there is, which is less than 2 units
 
 
 def order_of(slots: Sequence[float], octaves: dict[int, int]) -> NDArray[np.int64]:
@@ -64,9 +65,11 @@ def add_behind(front, layer, first, last, invented, sight, needed):
     limited = sight.shape[0] > 0
     for x in range(first, last + 1):
         coverage = layer[3, x]
-        room = F32(1) - front[3, x]
-        share = F32(1) if coverage <= room else room / coverage
-        share = share if coverage > F32(_LEAST) and room > 0 else F32(0)
+        room = max(F32(1) - front[3, x], F32(0))
+        # a half may have light without coverage, see `find_moved`: it takes room as if it had some
+        brightest = max(abs(layer[0, x]), abs(layer[1, x]), abs(layer[2, x]))
+        taken = max(coverage, F32(_BRIGHT) * brightest, F32(_LEAST))
+        share = min(room / taken, F32(1))
         if limited and sight[x] < needed:
             share = F32(0)
         front[0, x] += share * layer[0, x]

@@ -188,9 +188,9 @@ def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
         add_span(pixels, a, right, m, x + hi, q0 * v1, q1 * v1, q2 * v1, q3 * v1)
         if views == 2:
             b, e = (x + lo, m) if side else (m, x + hi)
-            w = half * (v0 if side else v1)
-            h0, h1, h2 = (q0 + m0) * w, (q1 + m1) * w, (q2 + m2) * w
-            add_span(pixels, a + width + 2, right, b, e, h0, h1, h2, q3 * w)
+            w = v0 if side else v1
+            h0, h1, h2 = (q0 * w + m0) * half, (q1 * w + m1) * half, (q2 * w + m2) * half
+            add_span(pixels, a + width + 2, right, b, e, h0, h1, h2, q3 * w * half)
 
 
 @compiled
