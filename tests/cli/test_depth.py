@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from command_line import (
@@ -98,6 +99,15 @@ def test_16_bits_without_a_unit_are_millimetres_and_that_is_said(tmp_path):
     assert words in render(color, path, "-o", tmp_path / "o").err
     assert words not in render(color, path, "-o", tmp_path / "p", "--depth-unit", "mm").err
     assert words in run("depth", path, "-o", tmp_path / "z.exr").err
+
+
+def test_the_array_of_hypersim_without_its_format_is_told(tmp_path):
+    color, depth = color_exr(tmp_path / "a.exr"), tmp_path / "a.depth_meters.hdf5"
+    with h5py.File(depth, "w") as file:
+        file["dataset"] = np.float32(ramp())
+    words, said = "say --depth-format hypersim, or metres", ("--fov", "60", "--depth-format")
+    assert words in photograph(color, depth, "-o", tmp_path / "o").err
+    assert words not in photograph(color, depth, "-o", tmp_path / "p", *said, "hypersim").err
 
 
 @pytest.mark.parametrize(

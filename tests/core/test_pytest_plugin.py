@@ -2,7 +2,6 @@
 
 import contextlib
 import io
-import re
 import shutil
 import sys
 from pathlib import Path
@@ -58,21 +57,6 @@ def project(accepted, tmp_path):
     return Path(shutil.copytree(accepted, tmp_path, dirs_exist_ok=True))
 
 
-@pytest.mark.parametrize(
-    "expression",
-    [
-        "image",
-        "image + np.float32(9e-5)",
-        "image.astype(np.float64)",
-        "__import__('torch').from_numpy(image).permute(2, 0, 1)",
-        "__import__('torch').from_numpy(image).permute(2, 0, 1)[None].requires_grad_()",
-        "'goldens/test_it/noise/a.exr'",
-    ],
-)
-def test_what_is_like_the_golden_passes(expression, project):
-    assert passes(project, expression=expression) is None
-
-
 def test_what_is_not_fails_with_its_cause(project):
     said = str(passes(project, expression=SHIFTED))
     assert "noise/a: DIFFERENT: shifted by (1, 0)" in said
@@ -81,22 +65,6 @@ def test_what_is_not_fails_with_its_cause(project):
     assert "--golden-update makes it the golden" in said
     assert passes(project, "--golden-update", expression=SHIFTED) is None
     assert passes(project, expression=SHIFTED) is None
-
-
-def test_a_bound_is_proposed_where_no_cause_is_found(project):
-    patch = "image + np.float32(0.2) * (np.indices((32, 48)).sum(0) < 9)[..., None]"
-    found = re.search(r"^max=(\S+) lets it pass$", str(passes(project, expression=patch)), re.M)
-    assert passes(project, expression=patch, bounds=f", max={found[1]}") is None
-    given = str(passes(project, expression=patch, bounds=", max=0.01"))
-    assert "lets it pass" not in given
-
-
-def test_bounds_decide(project):
-    dimmed = "image * np.float32(0.99)"
-    assert "another exposure: x 0.99" in str(passes(project, expression=dimmed))
-    assert passes(project, expression=dimmed, bounds=", psnr=40, rel_rmse=0.02") is None
-    assert "fails p99.9>0.001" in str(passes(project, expression=dimmed, bounds=", p999=1e-3"))
-    assert "takes no brightness" in str(passes(project, bounds=", brightness=1"))
 
 
 @pytest.mark.parametrize("processes", [(), XDIST])
@@ -120,17 +88,6 @@ def test_a_picture_without_a_golden_is_in_the_report(project):
     assert (shown["status"], keys(shown)) == ("extra", ["b"])
 
 
-def test_several_pictures_may_be_accepted(project):
-    golden = project / "goldens" / "test_it" / "noise" / "a.exr"
-    golden.rename(golden.with_name("a.1.exr"))
-    assert passes(project) is None
-    assert passes(project, "--golden-update", expression=SHIFTED) is None
-    assert golden.is_file()
-    for expression in ("image", SHIFTED):
-        assert passes(project, expression=expression) is None
-    assert "DIFFERENT" in str(passes(project, expression="image * 2"))
-
-
 def test_a_golden_that_is_a_pointer_of_git_lfs_is_named_as_that(project):
     golden = project / "goldens" / "test_it" / "noise" / "a.exr"
     golden.write_text("version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n")
@@ -140,13 +97,6 @@ def test_a_golden_that_is_a_pointer_of_git_lfs_is_named_as_that(project):
     assert "InputError" not in said
     before = golden.read_bytes()
     assert "git lfs pull" in str(passes(project, "--golden-update"))
-    assert golden.read_bytes() == before
-
-
-def test_an_update_rewrites_only_what_fails(project):
-    golden = project / "goldens" / "test_it" / "noise" / "a.exr"
-    before = golden.read_bytes()
-    assert passes(project, "--golden-update", expression="image + np.float32(9e-5)") is None
     assert golden.read_bytes() == before
 
 
@@ -189,10 +139,3 @@ def test_two_tests_of_one_golden_are_refused(options, project):
     said = str(passes(project, *options, expression=twin))
     assert said.count("too; give one of both another name") >= 1
     assert "is the golden of test_it.py::test_a" in said
-
-
-def test_small_values_are_judged_by_their_own_scale(project):
-    assert passes(project, "--golden-update", expression="image * np.float32(8e-5)") is None
-    assert passes(project, expression="image * np.float32(8e-5)") is None
-    assert "empty" in str(passes(project, expression="image * 0"))
-    assert "fails max>8e-09" in str(passes(project, expression="image * np.float32(4e-5)"))
