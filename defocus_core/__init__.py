@@ -62,7 +62,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.optics.sensor_noise import with_noise as with_noise
     from defocus_core.optics.thin_lens import fnum_of_strength as fnum_of_strength
     from defocus_core.renderer.defocus_lens import DefocusLens as DefocusLens
-    from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer as HiddenLayer
+    from defocus_core.renderer.layers.layer import HiddenLayer as HiddenLayer
     from defocus_core.renderer.random_defocus import Lenses as Lenses
     from defocus_core.renderer.random_defocus import RandomDefocus as RandomDefocus
     from defocus_core.renderer.render import render as render
@@ -76,7 +76,7 @@ _GROUPS = {
     "lens and rendering": {
         "renderer.defocus_lens": "DefocusLens",
         "renderer.render": "render render_layers",
-        "renderer.inpainting.hidden_layers": "HiddenLayer",
+        "renderer.layers.layer": "HiddenLayer",
         "allowed_values": "QUALITIES AUTO_LIGHTS",
         "tensors.views": "Views",
         "optics.aperture": "Aperture",

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from defocus_core.picture.layers import Layers
     from defocus_core.renderer.engine.scene import Scene
     from defocus_core.renderer.engine.settings import Settings
-    from defocus_core.renderer.inpainting.hidden_layers import KnownLayer
+    from defocus_core.renderer.layers.layer import KnownLayer
 
 
 class Radii(NamedTuple):

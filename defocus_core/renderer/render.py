@@ -20,8 +20,8 @@ from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.engine.renderer import Renderer, repaired_once
 from defocus_core.renderer.engine.scene import Scene, check_hidden
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
 from defocus_core.renderer.layers.alpha import with_opaque_alpha
+from defocus_core.renderer.layers.layer import HiddenLayer
 from defocus_core.tensors.threads import graph_break, own_modes
 from defocus_core.tensors.validation import Scalar, check_image, maps_of, numbers
 from defocus_core.tensors.views import Views, batch, no_pictures, of_channels

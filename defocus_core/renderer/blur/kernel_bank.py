@@ -434,3 +434,18 @@ def spreads_of(
         px = min(step * (coarse + 3) - 1, limit) if level else coarse
         spreads.append(Spread(level, coarse, px))
     return spreads
+
+
+class Slicing(NamedTuple):
+    """The blur of the slices of visible or of invented surfaces."""
+
+    stride: int  # whether every slice (1) or every other (2) is used
+    level: int  # how many times resolution is halved before the blur
+    # The window of each slice of the frame, in coarse pixels of this resolution
+    windows: list[TransformWindow]
+    # For each slice the number of its layer; slices of a layer share a window, and are of one
+    # octave of blur if they are hidden
+    layers: list[int]
+    # For each slice the greatest reach of its light in coarse pixels of this resolution
+    coarse: list[int]
+    reaches: list[int]  # for each slice the greatest reach of its light in px of the frame

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.blur.kernel_bank import TransformWindow, blurred, by_group
+from defocus_core.renderer.blur.kernel_bank import Slicing, TransformWindow, blurred, by_group
 from defocus_core.renderer.layers.sliced_surface import Patch, Surface, SurfaceSamples, patch_of
 from defocus_core.renderer.layers.slopes import NEAR
 from defocus_core.tensors.box import Box, Grid, Span
@@ -178,21 +178,6 @@ class ShownLayer(NamedTuple):
     layer: Tensor  # [M, C + 1, h, w]
     # [m, C, h, w], sub-pixel shifts to add to the colours of left and right; None for no shifts
     moved: Tensor | None = None
-
-
-class Slicing(NamedTuple):
-    """The blur of the slices of visible or of invented surfaces."""
-
-    stride: int  # whether every slice (1) or every other (2) is used
-    level: int  # how many times resolution is halved before the blur
-    # The window of each slice of the frame, in coarse pixels of this resolution
-    windows: list[TransformWindow]
-    # For each slice the number of its layer; slices of a layer share a window, and are of one
-    # octave of blur if they are hidden
-    layers: list[int]
-    # For each slice the greatest reach of its light in coarse pixels of this resolution
-    coarse: list[int]
-    reaches: list[int]  # for each slice the greatest reach of its light in px of the frame
 
 
 class Blur:

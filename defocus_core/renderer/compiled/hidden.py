@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from defocus_core.renderer.compiled.coarse import coarse_axes
 from defocus_core.renderer.compiled.jit import compiled, entry
 from defocus_core.renderer.compiled.pyramid import half_level, most_levels, pyramid_of
-from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP, grain_of
-from defocus_core.renderer.inpainting.frame_pyramid import EDGE
+from defocus_core.renderer.inpainting.disocclusion import DECAY, EDGE, STEP, grain_of
 
 F32 = np.float32
 # Cones are integers: the radius, or px, in the upper bits, the radius of its edge in the lower.

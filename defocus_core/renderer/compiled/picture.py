@@ -18,8 +18,7 @@ from defocus_core.renderer.compiled.carried import carries_pair
 from defocus_core.renderer.compiled.hidden import hidden_of
 from defocus_core.renderer.compiled.mixed import find_edges, take_apart
 from defocus_core.renderer.compositing.saturating_sum import ColorRange
-from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.region_layers import RegionPlace, backdrop_in, discs, layers_at
+from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.layers.layer import CONTINUED, VISIBLE, SampleLayer
 from defocus_core.renderer.layers.slice_radii import SHARP
@@ -81,6 +80,8 @@ def _sampled(
         else:
             yield channels, Sampled(_of_picture(scene, unit), None, None), None
         return
+    from defocus_core.renderer.engine.region_layers import backdrop_in, discs, layers_at
+
     seen = layers_at(place, scene, backdrop_in(place.frame, scene))
     drawn = sum(discs(place, seen, lights) for lights in seen.lights)
     for first in range(0, count, _CHANNELS):

@@ -15,9 +15,8 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.cat_eye import CatEye, Rim, falloff
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.parts import LEFT, RIGHT, Part
-from defocus_core.renderer.blur.kernel_bank import TransformWindow
-from defocus_core.renderer.blur.layer_blur import Slicing
-from defocus_core.renderer.compositing.sight import ASIDE, OPAQUE
+from defocus_core.renderer.blur.kernel_bank import Slicing, TransformWindow
+from defocus_core.renderer.compositing.sight import ASIDE, OPAQUE, fraction_in_frame
 from defocus_core.renderer.engine.settings import Quality, Settings
 from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.slice_radii import CompositeOrder
@@ -195,6 +194,41 @@ def corner_views(frame: SharedFrame, box: Box) -> list[Rim]:
         for y in (box.top, box.top + box.height)
         for x in (box.left, box.left + box.width)
     ]
+
+
+class RegionPlace(NamedTuple):
+    """Where a region lies; the rectangles are those of the frame unless it is said."""
+
+    frame: SharedFrame
+    grid: Grid
+    outer: Box  # all that its pixels depend on
+    held: Box  # what light reaches it from
+    inner: Box  # the same with what lies beyond the frame
+    inside: Box  # `held` within `outer`
+    core: Box  # its tiles within `outer`
+
+    @classmethod
+    def of(cls, frame: SharedFrame, grid: Grid) -> RegionPlace:
+        """The place of the tiles of a region."""
+        box = grid.box
+        outer = box.grown(frame.margin, frame.box)
+        reach = max(frame.farthest + frame.farthest % 2, *frame.beyond)  # even: it may be halved
+        held, inner = box.grown(reach, frame.box), box.grown(reach, frame.scene)
+        return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
+
+    def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor | None:
+        """The shares [m, 1, ..., h, w] of parts that look into a box; None if all are 1."""
+        frame, core = self.frame, self.grid.box
+        if frame.is_inside(core, bounds):
+            return None
+        aperture = frame.division.aperture
+        seen, position, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]
+        fractions = fraction_in_frame(signed_radius, position, size, aperture, parts, seen)
+        if not seen:
+            return fractions
+        from defocus_core.renderer.blur.layer_blur import blended
+
+        return blended(fractions, core, core)
 
 
 def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> Rim | None:

@@ -27,7 +27,7 @@ from defocus_core.renderer.blur.layer_blur import Blur, ShownLayer
 from defocus_core.renderer.compositing.aperture_views import TileCompositor
 from defocus_core.renderer.compositing.saturating_sum import add_behind, summed
 from defocus_core.renderer.compositing.sight import Sight
-from defocus_core.renderer.engine.region_layers import RegionPlace
+from defocus_core.renderer.engine.frame import RegionPlace
 from defocus_core.renderer.layers.layer import HIDDEN, VISIBLE, SampleLayer
 from defocus_core.renderer.layers.slice_radii import CompositeOrder
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.renderer.blur.layer_blur import CORNERS
 from defocus_core.renderer.compiled.carried import carries_pair
-from defocus_core.renderer.engine.frame import SharedFrame
+from defocus_core.renderer.engine.frame import SharedFrame, corner_views
 from defocus_core.renderer.engine.plan import copies_of_tile
-from defocus_core.renderer.engine.regions import blurred_part
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.tensors.box import Box, Grid, regions
 from defocus_core.tensors.device_plan import launches_cost
@@ -68,7 +66,7 @@ def _bound_of_torch(renderer: Renderer, threads: int, at_once: int) -> float:
     result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
     coarse = pixels * sample * frame.content.edges
     # each region has kernels of its own where the pupil changes over the frame
-    versions = 1 if frame.settings.cat_eye is None else CORNERS * at_once
+    versions = max(1, len(corner_views(frame, frame.box)) * at_once)
     spectra = 2 * _bytes_of_spectra(frame) * versions
     repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
     whole = _FIXED + spectra + repaired + _bytes_of_layers(renderer)
@@ -89,6 +87,8 @@ def _bytes_of_layers(renderer: Renderer) -> float:
 
 def computed_regions(renderer: Renderer) -> list[Grid]:
     """The regions that are computed, cut to their blurred parts; the others are copied."""
+    from defocus_core.renderer.engine.regions import blurred_part
+
     frame, radius = renderer.frame, renderer.reaching
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     parts = (blurred_part(frame, grid, radius) for grid in every)

@@ -15,13 +15,13 @@ from torch import Tensor
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.blur.kernel_bank import (
+    Slicing,
     Spread,
     merged_layers,
     reach,
     spreads_of,
     transform_windows,
 )
-from defocus_core.renderer.blur.layer_blur import Slicing
 from defocus_core.renderer.compositing.highlights import reached_by
 from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
@@ -37,8 +37,7 @@ from defocus_core.renderer.engine.survey import (
     highlight_limit,
     needs_double,
 )
-from defocus_core.renderer.inpainting.frame_pyramid import EDGE
-from defocus_core.renderer.inpainting.hidden_layers import PX_AROUND
+from defocus_core.renderer.inpainting.disocclusion import EDGE, PX_AROUND
 from defocus_core.renderer.layers.alpha import Alpha
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import (

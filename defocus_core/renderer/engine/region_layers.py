@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 
 from defocus_core.optics.parts import Part
-from defocus_core.renderer.blur.layer_blur import blended
 from defocus_core.renderer.compositing.highlights import (
     Highlights,
     draw,
@@ -22,68 +21,33 @@ from defocus_core.renderer.compositing.sight import (
     Openings,
     Sight,
     SightLimits,
-    fraction_in_frame,
 )
-from defocus_core.renderer.engine.frame import (
-    SharedFrame,
-    corner_views,
-    views_of,
-)
-from defocus_core.renderer.engine.scene import (
-    Scene,
-    continued,
-    layers_within,
-)
+from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame, views_of
+from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
+from defocus_core.renderer.inpainting.hidden_layers import hidden_layer, without_known
 from defocus_core.renderer.layers.alpha import Alpha, color_of
 from defocus_core.renderer.layers.layer import (
+    CONTINUED,
     HIDDEN,
     SOLID,
     TRACE,
     UNCOVERED,
     VISIBLE,
     SampleLayer,
+    layers_of,
+    mixed_within,
     of_slices,
 )
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.renderer.layers.slice_radii import slice_position
 from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.renderer.layers.slopes import AROUND, Shifts, slopes
-from defocus_core.tensors.box import Box, Grid
+from defocus_core.tensors.box import Box
+from defocus_core.tensors.pyramid import axes
 
 # Samples at the border of the frame that are looked up at once; bounds memory.
 _SAMPLES_AT_ONCE = 1 << 17
-
-
-class RegionPlace(NamedTuple):
-    """Where a region lies; the rectangles are those of the frame unless it is said."""
-
-    frame: SharedFrame
-    grid: Grid
-    outer: Box  # all that its pixels depend on
-    held: Box  # what light reaches it from
-    inner: Box  # the same with what lies beyond the frame
-    inside: Box  # `held` within `outer`
-    core: Box  # its tiles within `outer`
-
-    @classmethod
-    def of(cls, frame: SharedFrame, grid: Grid) -> RegionPlace:
-        """The place of the tiles of a region."""
-        box = grid.box
-        outer = box.grown(frame.margin, frame.box)
-        reach = max(frame.farthest + frame.farthest % 2, *frame.beyond)  # even: it may be halved
-        held, inner = box.grown(reach, frame.box), box.grown(reach, frame.scene)
-        return cls(frame, grid, outer, held, inner, held.seen_from(outer), box.seen_from(outer))
-
-    def fractions(self, bounds: Box, signed_radius: Tensor, parts: list[Part]) -> Tensor | None:
-        """The shares [m, 1, ..., h, w] of parts that look into a box; None if all are 1."""
-        frame, core = self.frame, self.grid.box
-        if frame.is_inside(core, bounds):
-            return None
-        aperture = frame.division.aperture
-        seen, position, size = corner_views(frame, core), core.seen_from(bounds), bounds[2:]
-        fractions = fraction_in_frame(signed_radius, position, size, aperture, parts, seen)
-        return blended(fractions, core, core) if seen else fractions
 
 
 class RegionLayers(NamedTuple):
@@ -250,3 +214,34 @@ def backdrop_in(frame: SharedFrame, scene: Scene) -> Backdrop | None:
         unmixes=layered is None or layered.mixed,
         matte=scene.matte,
     )
+
+
+def layers_within(
+    pixels: Tensor, signed_radius: Tensor, backdrop: Backdrop, outer: Box
+) -> tuple[SampleLayer, ...]:
+    """The layers of a part of a picture: [C, h, w] and [h, w] px in the rectangle `outer`."""
+    mixed = backdrop.mixed
+    if outer[2:] != backdrop.size:
+        mixed = mixed_within(mixed, outer)
+    return layers_of(pixels, signed_radius, mixed)
+
+
+def continued(
+    layer: SampleLayer,  # the visible surface in the rectangle `outer`
+    backdrop: Backdrop,
+    outer: Box,
+    inside: Box,
+    frame: SharedFrame,
+    known: tuple[Tensor, Tensor] | None = None,  # as in `without_known`, within `inside`
+) -> tuple[SampleLayer, ...]:
+    """The layer that is continued behind the edges of a visible one, if there is any."""
+    level = frame.slices.invented.level
+    hidden = hidden_layer(layer.color, layer.signed_radius, backdrop, outer, inside, level=level)
+    if hidden is not None and known is not None:
+        held = inside.top + outer.top, inside.left + outer.left
+        hidden = without_known(hidden, *known, axes(frame.size, *held))
+    if hidden is None or not bool(hidden.mask.any()):
+        return ()
+    color, radius, mask = hidden
+    coverage = mask[None].to(color)
+    return (SampleLayer(color, coverage, radius, sparse=True, kind=CONTINUED),)

@@ -25,13 +25,13 @@ from defocus_core.renderer.compositing.saturating_sum import (
 )
 from defocus_core.renderer.engine.frame import (
     NEIGHBOURHOOD,
+    RegionPlace,
     SharedFrame,
     frame_at,
 )
 from defocus_core.renderer.engine.layer_order import Filling, composite
 from defocus_core.renderer.engine.region_layers import (
     RegionLayers,
-    RegionPlace,
     backdrop_in,
     discs,
     fractions_seen,
@@ -226,11 +226,6 @@ class Region:
 
 # Greater than all rows and columns.
 _NOWHERE = 1 << 40
-# Counts that are 0 for copied tiles.
-_COMPUTED = (
-    *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced", "slice_tiles_culled"),
-    *("layer_pixels", "layer_pixels_done", "tiles_culled", "tiles_with_hidden"),
-)
 
 
 def rendered_regions(
@@ -294,43 +289,6 @@ def _copied(frame: SharedFrame, grid: Grid, pixels: Tensor, part: Views | None =
     slice_tiles = 2 * len(frame.slices.radii) * tiles
     copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
     return Views(images, trust, added([counts, copies]), grid.box)
-
-
-def assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Views:
-    """The views of the whole picture.
-
-    Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
-    `pixels`: [C, H, W], whose precision the views get.
-    """
-    if torch.is_grad_enabled():
-        views = joined(list(in_rows(part.to(pixels.dtype) for part in parts)))
-        return views._replace(stats=total(frame, [views.stats]))
-    images = [pixels.new_empty(pixels.shape) for _ in range(frame.views)]
-    trust = pixels.new_empty(1, *pixels.shape[1:])
-    counts: list[dict[str, int]] = []
-    for part in (part.to(pixels.dtype) for part in parts):
-        for image, part_image in zip(images, part.images, strict=True):
-            part.box.of(image).copy_(part_image)
-        part.box.of(trust).copy_(part.trust)
-        counts.append(part.stats)
-    whole = Box(0, 0, *pixels.shape[-2:])
-    return Views(images, trust, total(frame, counts), whole)
-
-
-def total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
-    """The counts of all regions together."""
-    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
-
-
-def in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
-    """The regions of a picture, row by row."""
-    row: list[Views] = []
-    for part in parts:
-        if row and part.box.left == 0:
-            yield row
-            row = []
-        row.append(part)
-    yield row
 
 
 def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Tensor) -> Grid | None:

@@ -7,21 +7,28 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 
 import torch
+from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.repair import repair_depth
 from defocus_core.renderer.compiled.carried import carries, carries_pair
-from defocus_core.renderer.engine.frame import darkened
+from defocus_core.renderer.engine.frame import SharedFrame, darkened
 from defocus_core.renderer.engine.plan import computed_in, content_of, frame_of
-from defocus_core.renderer.engine.regions import assembled, rendered_regions, total
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import STANDARD, Settings, quality_of
 from defocus_core.renderer.engine.survey import border_range, surveyed
 from defocus_core.renderer.layers.alpha import color_of, without_alpha
+from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.threads import own_modes, recorded_for
 from defocus_core.tensors.validation import whole
-from defocus_core.tensors.views import Views
+from defocus_core.tensors.views import Views, added, joined
+
+# Counts that are 0 for copied tiles.
+_COMPUTED = (
+    *("slice_tiles_done", "slice_tiles_blurred", "slice_tiles_reduced", "slice_tiles_culled"),
+    *("layer_pixels", "layer_pixels_done", "tiles_culled", "tiles_with_hidden"),
+)
 
 
 class Renderer:
@@ -126,6 +133,8 @@ class Renderer:
                 if progress:
                     progress(1, 1)
                 return iter([compiled])
+        from defocus_core.renderer.engine.regions import rendered_regions
+
         parts = rendered_regions(
             self.frame, self.scene, reaching=self.reaching, at_once=at_once, progress=progress
         )
@@ -142,7 +151,7 @@ class Renderer:
         """The views of the whole picture, in the precision of the scene."""
         image = self._given.image
         with self._modes():
-            return assembled(self.frame, image, self.tiles(progress=progress))
+            return _assembled(self.frame, image, self.tiles(progress=progress))
 
     def with_tile(self, tile: int | None) -> Renderer:
         """The renderer of the same scene with tiles of another side in px; itself for None."""
@@ -153,7 +162,7 @@ class Renderer:
     @property
     def stats(self) -> dict[str, int]:
         """Counts of what was computed and what was skipped, of the regions that are done."""
-        return total(self.frame, self._counts)
+        return _total(self.frame, self._counts)
 
 
 def _about(part: Views, centre: Views) -> Views:
@@ -166,6 +175,43 @@ def _about(part: Views, centre: Views) -> Views:
     ratio = other / torch.where(own == 0, 1.0, own)
     images = [torch.where(own == 0, other, image * ratio) for image in part.images[1:]]
     return part._replace(images=[other, *images], trust=part.box.of(centre.trust))
+
+
+def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Views:
+    """The views of the whole picture.
+
+    Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
+    `pixels`: [C, H, W], whose precision the views get.
+    """
+    if torch.is_grad_enabled():
+        views = joined(list(_in_rows(part.to(pixels.dtype) for part in parts)))
+        return views._replace(stats=_total(frame, [views.stats]))
+    images = [pixels.new_empty(pixels.shape) for _ in range(frame.views)]
+    trust = pixels.new_empty(1, *pixels.shape[1:])
+    counts: list[dict[str, int]] = []
+    for part in (part.to(pixels.dtype) for part in parts):
+        for image, part_image in zip(images, part.images, strict=True):
+            part.box.of(image).copy_(part_image)
+        part.box.of(trust).copy_(part.trust)
+        counts.append(part.stats)
+    whole = Box(0, 0, *pixels.shape[-2:])
+    return Views(images, trust, _total(frame, counts), whole)
+
+
+def _total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
+    """The counts of all regions together."""
+    return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
+
+
+def _in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
+    """The regions of a picture, row by row."""
+    row: list[Views] = []
+    for part in parts:
+        if row and part.box.left == 0:
+            yield row
+            row = []
+        row.append(part)
+    yield row
 
 
 def repaired_once(scene: Scene, settings: Settings) -> Scene:

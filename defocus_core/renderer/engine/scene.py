@@ -9,52 +9,10 @@ import torch
 from torch import Tensor
 
 from defocus_core.depth.diagnosis import DepthRepair
-from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
-from defocus_core.renderer.inpainting.hidden_layers import (
-    HiddenLayer,
-    KnownLayer,
-    hidden_layer,
-    without_known,
-)
 from defocus_core.renderer.layers.alpha import color_of
-from defocus_core.renderer.layers.layer import CONTINUED, SampleLayer, layers_of, mixed_within
+from defocus_core.renderer.layers.layer import HiddenLayer, KnownLayer
 from defocus_core.renderer.layers.samples import Layered
-from defocus_core.tensors.box import Box
-from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.validation import Scalar, backward_only, described
-
-
-def layers_within(
-    pixels: Tensor, signed_radius: Tensor, backdrop: Backdrop, outer: Box
-) -> tuple[SampleLayer, ...]:
-    """The layers of a part of a picture: [C, h, w] and [h, w] px in the rectangle `outer`."""
-    mixed = backdrop.mixed
-    if outer[2:] != backdrop.size:
-        mixed = mixed_within(mixed, outer)
-    return layers_of(pixels, signed_radius, mixed)
-
-
-def continued(
-    layer: SampleLayer,  # the visible surface in the rectangle `outer`
-    backdrop: Backdrop,
-    outer: Box,
-    inside: Box,
-    frame: SharedFrame,
-    known: tuple[Tensor, Tensor] | None = None,  # as in `without_known`, within `inside`
-) -> tuple[SampleLayer, ...]:
-    """The layer that is continued behind the edges of a visible one, if there is any."""
-    level = frame.slices.invented.level
-    hidden = hidden_layer(layer.color, layer.signed_radius, backdrop, outer, inside, level=level)
-    if hidden is not None and known is not None:
-        held = inside.top + outer.top, inside.left + outer.left
-        hidden = without_known(hidden, *known, axes(frame.size, *held))
-    if hidden is None or not bool(hidden.mask.any()):
-        return ()
-    color, radius, mask = hidden
-    coverage = mask[None].to(color)
-    return (SampleLayer(color, coverage, radius, sparse=True, kind=CONTINUED),)
-
 
 # Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
 BRIGHTEST = 1e30

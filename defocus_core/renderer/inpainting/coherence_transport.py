@@ -11,6 +11,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor
 
+from defocus_core.renderer.inpainting.disocclusion import FARTHEST
 from defocus_core.renderer.inpainting.two_layer_pyramid import PyramidLevel
 from defocus_core.tensors.device_plan import sent
 
@@ -18,8 +19,6 @@ from defocus_core.tensors.device_plan import sent
 _SAME = 1.013
 # Distances in px from a hidden pixel, along its direction, at which a farther surface is sought.
 _STEPS = (2.1, 4.1, 7.1, 11.1, 16.1, 22.1)
-# Distance in px from which a colour from one side alone has no weight.
-FARTHEST = 24
 # Greatest difference in px between the radius of a transported colour and the continued radius.
 _ALIKE = 2.013
 # Slope per px, as a share of the colour, below which a pixel has no direction; and the coherence

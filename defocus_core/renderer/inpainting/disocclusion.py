@@ -19,6 +19,12 @@ from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import pieces
 from defocus_core.tensors.pyramid import Axis, AxisHalving, halves, spread_out
 
+# Edges of radius, in px per pixel, above which one surface hides another.
+EDGE = 1.013
+# Distance in px from which a colour from one side alone has no weight; and the one around a region
+# from which hidden content is continued.
+FARTHEST = 24
+PX_AROUND = FARTHEST + 2
 # How much farther, in px of radius, than the surface in front of it hidden content must be; no
 # round number, so that rounding decides nothing.
 STEP = 0.513

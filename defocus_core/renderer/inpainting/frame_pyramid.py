@@ -15,7 +15,13 @@ from torch import Tensor
 
 from defocus_core.depth.matting import MixedPixels, mixed_pixels, no_pixels
 from defocus_core.renderer.inpainting.coherence_transport import structure
-from defocus_core.renderer.inpainting.disocclusion import Reach, coarse_edges, grain_of, reach_of
+from defocus_core.renderer.inpainting.disocclusion import (
+    EDGE,
+    Reach,
+    coarse_edges,
+    grain_of,
+    reach_of,
+)
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
     PyramidLevel,
     SurfaceTable,
@@ -30,8 +36,6 @@ from defocus_core.tensors.neighbourhoods import exceeding, positions_of, range_o
 from defocus_core.tensors.pyramid import Axis, AxisHalving, axes, halves
 from defocus_core.tensors.threads import threaded
 
-# Edges of radius, in px per pixel, above which one surface hides another.
-EDGE = 1.013
 # Share of a pixel below which what is left of its far surface is rounding.
 _ROUNDED = 1.013e-3
 # Bytes that a pixel takes while it is made coarser; rows of quarter resolution around a band that

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
-from defocus_core.renderer.inpainting.coherence_transport import FARTHEST, transported
+from defocus_core.renderer.inpainting.coherence_transport import transported
 from defocus_core.renderer.inpainting.disocclusion import DECAY, STEP
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.two_layer_pyramid import (
@@ -25,6 +25,7 @@ from defocus_core.renderer.inpainting.two_layer_pyramid import (
     least_of,
     nearby,
 )
+from defocus_core.renderer.layers.layer import HiddenLayer
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.neighbourhoods import flat_nonzero
@@ -91,22 +92,6 @@ _BETWEEN = 0.377
 _LINES = 20.1 * DECAY
 # Weight of a surface next to a hidden pixel, compared with the same surface in a wider surrounding.
 _NEXT = 4.0
-# Distance in px around a region from which hidden content is continued.
-PX_AROUND = FARTHEST + 2
-
-
-class HiddenLayer(NamedTuple):
-    """The surface behind the visible one, where the aperture may see it or where it is known.
-
-    Attributes:
-        color: [C, H, W].
-        signed_radius: [H, W] px.
-        mask: [H, W] bool.
-    """
-
-    color: Tensor
-    signed_radius: Tensor
-    mask: Tensor
 
 
 def hidden_layer(
@@ -215,11 +200,6 @@ def _with_adjacent_surface(
     next_values = found[0] * (maximum / fraction.clamp(min=LEAST_WEIGHT))[:, None]
     weight = torch.addcmul(maximum, weight, left)
     return torch.addcmul(next_values, values, left[:, None]), weight
-
-
-# Colour, radius and mask as of a `HiddenLayer`, in memory or in files: undefined outside the mask,
-# which is not 0 where the layer is known.
-KnownLayer = tuple[Tensor, Tensor, Tensor]
 
 
 def without_known(

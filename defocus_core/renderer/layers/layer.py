@@ -68,6 +68,25 @@ class SampleLayer(NamedTuple):
         return self._replace(color=box.of(self.color), coverage=coverage, signed_radius=radius)
 
 
+class HiddenLayer(NamedTuple):
+    """The surface behind the visible one, where the aperture may see it or where it is known.
+
+    Attributes:
+        color: [C, H, W].
+        signed_radius: [H, W] px.
+        mask: [H, W] bool.
+    """
+
+    color: Tensor
+    signed_radius: Tensor
+    mask: Tensor
+
+
+# Colour, radius and mask as of a `HiddenLayer`, in memory or in files: undefined outside the mask,
+# which is not 0 where the layer is known.
+KnownLayer = tuple[Tensor, Tensor, Tensor]
+
+
 def layers_of(image: Tensor, signed_radius: Tensor, mixed: MixedPixels) -> tuple[SampleLayer, ...]:
     """The layers of a picture: the surface that its depth names, then parts of nearer ones.
 

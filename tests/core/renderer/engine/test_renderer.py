@@ -11,7 +11,7 @@ from defocus_core.renderer.blur import kernel_bank
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Scene
 from defocus_core.renderer.engine.settings import Settings
-from defocus_core.renderer.inpainting.hidden_layers import HiddenLayer
+from defocus_core.renderer.layers.layer import HiddenLayer
 
 
 @pytest.mark.parametrize("kind", ["most", "lights", "focus"])
