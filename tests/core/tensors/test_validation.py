@@ -135,11 +135,11 @@ def test_a_half_precision_lens_computes_in_float32():
 @pytest.mark.parametrize("quality", ["standard", "high"])
 def test_what_is_finite_stays_finite(quality):
     radius = torch.where(RADIUS > 1, 8.0, -8.0)
-    exact = render(IMAGE.double(), radius, quality=quality, left_right=True)
+    usual = render(IMAGE, radius, quality=quality, left_right=True)
     seen = render(IMAGE * 2.0**99, radius, quality=quality, left_right=True)
     for kind in ("render", "left", "right"):
         torch.testing.assert_close(
-            getattr(seen, kind) / 2.0**99, getattr(exact, kind).float(), rtol=0, atol=1e-6
+            getattr(seen, kind) / 2.0**99, getattr(usual, kind), rtol=0, atol=1e-6
         )
 
 
