@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import torch
 from torch import Tensor
@@ -19,9 +18,12 @@ from defocus_core.fitting.pictures import Scale, clipped, offset_of
 from defocus_core.fitting.residual import Point, Residual, error_of, measure_of, robust_of
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.render import render
+from defocus_core.renderer.engine.renderer import Renderer
+from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.validation import described
+from defocus_core.tensors.views import Views
 
 MAX_SHIFT = 16  # px
 MAX_MAGNIFICATION = 1.02  # or its inverse: about twice a camera's between near and far focus
@@ -130,9 +132,21 @@ def fit(
     low, high = (float(x) for x in disparity.aminmax())
     sought = (True, True, shift, shift, True, crosstalk and len(given) > 1)
     sensor = dual_pixel or DualPixel()
-    rendered = partial(
-        render, aperture=aperture, dual_pixel=sensor, depth_repair=depth_repair, threads=threads
+    settings = Settings(
+        aperture=aperture or Aperture(),
+        dual_pixel=sensor,
+        left_right=len(given) > 1,
+        depth_repair=depth_repair,
+        threads=threads,
+        back="torch",  # the other one rounds radii: steps of a search need slopes
     )
+
+    def rendered(
+        image: Tensor, radius: Tensor, *, edge_width: float | None, infinity: float
+    ) -> Views:
+        own = replace(settings, edge_width=edge_width, infinity=infinity)
+        return Renderer(Scene(image, radius), own).picture()
+
     with torch.no_grad(), own_modes(sharp.device):
         depth = ((disparity.double() - low) / (high - low)).to(sharp)
         pictures = Scale(sharp, depth, torch.stack(given), clipped(sharp))

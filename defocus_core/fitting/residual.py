@@ -113,7 +113,6 @@ class Residual:
         views = self._render(
             torch.cat([pictures.sharp, *lost]),
             far + (near - far) * pictures.disparity,
-            left_right=len(pictures.observed) > 1,
             edge_width=None if width is None else width * pictures.factor,
             infinity=far + (near - far) * self._infinity,
         )

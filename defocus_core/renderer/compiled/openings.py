@@ -10,9 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.optics.outline import CurvedPolygon, Disc, Outline, Polygon, Squeezed
+from defocus_core.tensors.ties import off_round
 
-# Radii are rounded to this share of a px.
-STEPS = 16
+# Radii are rounded to this share of a px, up from so much of one on: a little more than half, which
+# no round number meets, so that the last bit of a radius makes no other picture.
+STEPS, HALF = 16, off_round(0.5)
 # Radii in px of the discs near focus: a pixel between two is a mean of both that keeps the second
 # moment of the blur, as the slices of the torch back. Up to SHARP it is a point.
 NEAR, SHARP, SOFT = (0.75, 1.5), 0.15, 0.25

@@ -145,7 +145,7 @@ def _counts(frame: SharedFrame, scene: Scene) -> dict[str, int]:
 def _samples(layer: SampleLayer, channels: slice, step: int, unit: float) -> Samples:
     """A layer as arrays of some of its colours in a unit, its radii in pixels of a step."""
     color = layer.color[channels] / unit
-    light = torch.zeros(*color.shape[1:], _CHANNELS + 1)
+    light = torch.zeros(*color.shape[1:], _CHANNELS + 1, dtype=torch.float32)
     light[..., : len(color)] = (color if layer.is_whole else color * layer.coverage).movedim(0, -1)
     light[..., -1] = layer.covered
     radius = (layer.signed_radius / step).float().contiguous()

@@ -12,10 +12,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from defocus_core.renderer.compiled.openings import NEAR, STEPS
+from defocus_core.renderer.compiled.openings import HALF, NEAR, STEPS
+from defocus_core.tensors.ties import off_round
 
 # Distance in px of the radii of layers near focus, and where wider ones begin.
 _DISTANCE, ALONE = 0.75, 2.0
+# Radius in px at which the first octave of what is hidden begins.
+_OCTAVE = off_round(ALONE)
 # Greatest ratio of radii within a wider one: radii have one layer here, and no shares in two.
 _RATIO = 1.4
 _FIRST_WIDE = round(ALONE / _DISTANCE)
@@ -57,8 +60,8 @@ class Slots(NamedTuple):
 
     def first_of(self, octave: int) -> int:
         """The number of the first visible layer that holds radii of an octave or beyond."""
-        size = ALONE * 2.0 ** (abs(octave) - (octave > 0))
-        radius = math.copysign(size, octave) if octave else -ALONE
+        size = _OCTAVE * 2.0 ** (abs(octave) - (octave > 0))
+        radius = math.copysign(size, octave) if octave else -_OCTAVE
         return max(sum(least <= radius for least in self._begins) - 1, 0)
 
     @property
@@ -84,15 +87,22 @@ def _begin_of(layer: int) -> float:
 
 
 def octave_of(radius: ArrayLike) -> NDArray[np.int64]:
-    """The octave of a hidden surface: 0 if |r| < 2 px, 1 up to 4 px, ...; negative if nearer."""
+    """The octave of a hidden surface: 0 below 2 px, 1 up to 4 px, ...; negative if nearer."""
     r = np.asarray(radius, np.float64)
-    size = np.floor(np.log2(np.maximum(np.abs(r), ALONE / 2) / ALONE)) + 1
+    size = np.floor(np.log2(np.maximum(np.abs(r), _OCTAVE / 2) / _OCTAVE)) + 1
     octave: NDArray[np.int64] = (np.sign(r) * size).astype(np.int64)
     return octave
 
 
+def _rounded(ends: tuple[float, float]) -> tuple[float, float]:
+    """The ends of a range of radii in px, rounded as radii are."""
+    least, greatest = (math.copysign(int(abs(r) * STEPS + 1 - HALF) / STEPS, r) for r in ends)
+    return least, greatest
+
+
 def slots_between(visible: tuple[float, float], hidden: tuple[float, float] | None) -> Slots:
     """The slots of visible radii from least to greatest in px, and of hidden ones, if any."""
+    visible = _rounded(visible)
     first, last = _layer_of(visible).tolist()
     layers = range(first, last + 1)
     ends = [_begin_of(abs(layer) + 1) for layer in layers]
@@ -107,6 +117,7 @@ def slots_between(visible: tuple[float, float], hidden: tuple[float, float] | No
     octaves: dict[int, int] = {}
     of_hidden = np.full((2, 1), -1, np.int16)
     if hidden is not None:
+        hidden = _rounded(hidden)
         lowest, highest = octave_of(hidden).tolist()
         octaves = {octave: len(layers) + k for k, octave in enumerate(range(lowest, highest + 1))}
         most = max(-hidden[0], hidden[1])
@@ -114,6 +125,6 @@ def slots_between(visible: tuple[float, float], hidden: tuple[float, float] | No
         numbers = np.stack([octave_of(-r), octave_of(r)]).clip(lowest, highest)
         of_hidden = (numbers - lowest + len(layers)).astype(np.int16)
         level += [1] * len(octaves)
-        widest += [min(ALONE * 2.0 ** abs(octave), most) for octave in octaves]
+        widest += [min(_OCTAVE * 2.0 ** abs(octave), most) for octave in octaves]
     begins = [math.copysign(_begin_of(layer), layer) for layer in layers]
     return Slots(begins, octaves, level, widest, ends, tables, of_hidden)

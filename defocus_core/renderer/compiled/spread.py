@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.renderer.compiled.jit import compiled
-from defocus_core.renderer.compiled.openings import FIRST, SECOND, STEPS
+from defocus_core.renderer.compiled.openings import FIRST, HALF, SECOND, STEPS
 
 F32 = np.float32
 _NOTHING = 1 << 30
@@ -305,13 +305,13 @@ def spread_line(line, y, band, opening, ring, work):
             x += 1
             continue
         r = radius[x]
-        q, side = min(np.int64(abs(r) * F32(STEPS) + F32(0.5)), most), np.int64(r > 0)
+        q, side = min(np.int64(abs(r) * F32(STEPS) + F32(1 - HALF)), most), np.int64(r > 0)
         n = 1
         while x + n < count and slots[x + n] == slot:
             other = radius[x + n]
             if np.int64(other > 0) != side:
                 break
-            if min(np.int64(abs(other) * F32(STEPS) + F32(0.5)), most) != q:
+            if min(np.int64(abs(other) * F32(STEPS) + F32(1 - HALF)), most) != q:
                 break
             n += 1
         share = shares[q]
@@ -393,7 +393,7 @@ def add_points(light, radius, slots, shares, slot, row, first, last):
     for x in range(radius.shape[0]):
         if slots[x] != slot:
             continue
-        q = np.int64(abs(radius[x]) * F32(STEPS) + F32(0.5))
+        q = np.int64(abs(radius[x]) * F32(STEPS) + F32(1 - HALF))
         if q >= FIRST:
             continue
         if last < 0:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.renderer.compiled.jit import compiled, entry
-from defocus_core.renderer.compiled.openings import STEPS
+from defocus_core.renderer.compiled.openings import HALF, STEPS
 from defocus_core.renderer.compiled.spread import spread_line
 
 F32 = np.float32
@@ -40,7 +40,7 @@ def slots_of(radius, light, table, out):
     for y in range(height):
         for x in range(width):
             r = radius[y, x]
-            q = min(np.int64(abs(r) * F32(STEPS) + F32(0.5)), most)
+            q = min(np.int64(abs(r) * F32(STEPS) + F32(1 - HALF)), most)
             out[y, x] = table[np.int64(r > 0), q] if light[y, 4 * x + 3] > 0 else -1
 
 
@@ -138,7 +138,7 @@ def find_moved(light, radius, lost, moved):
     for y in range(height):
         for x in range(width):
             r = radius[y, x]
-            q = np.int64(abs(r) * F32(STEPS) + F32(0.5))
+            q = np.int64(abs(r) * F32(STEPS) + F32(1 - HALF))
             shift = lost[np.int64(r > 0), q] if q < lost.shape[1] else F32(0)
             before = x > 0 and abs(radius[y, x - 1] - r) < F32(_SAME)
             after = x + 1 < width and abs(radius[y, x + 1] - r) < F32(_SAME)

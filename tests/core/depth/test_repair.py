@@ -115,6 +115,7 @@ def test_a_lens_takes_the_switch():
 
 
 @pytest.mark.parametrize("seed", range(0, 20, 4))
+@pytest.mark.usefixtures("torch_back")
 def test_rounding_decides_nothing_beside_a_matte_on_a_slope(seed):
     """A subject on a slope is as near as what is around it."""
     H, W = 33, 47

@@ -87,17 +87,29 @@ def off(image, radius, **options):
 @pytest.mark.parametrize(
     ("seed", "quality"), [*((seed, "standard") for seed in range(6)), (3, "high")]
 )
+@pytest.mark.usefixtures("torch_back")
 def test_the_last_bits_of_levels_make_no_other_picture(seed, quality):
     assert off(*cards(seed), quality=quality) < ROUNDED
 
 
 @pytest.mark.parametrize("kind", [averaged, in_half_precision, terraces])
 @pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.usefixtures("torch_back")
 def test_nor_do_those_of_depth_that_is_repaired(seed, kind):
     assert off(*kind(seed)) < ROUNDED
 
 
+@pytest.mark.parametrize("kind", [cards, averaged, in_half_precision, terraces])
+def test_nor_do_they_by_compiled_loops(kind):
+    for seed in range(6):
+        image, radius = kind(seed)
+        one, other = (render(image, r, left_right=True) for r in (radius, rounded(radius)))
+        for a, b in zip((*one.images, one.trust), (*other.images, other.trust), strict=True):
+            assert float((a - b).abs().max()) < ROUNDED
+
+
 @pytest.mark.parametrize(("seed", "quality"), [(3, "standard"), (4, "standard"), (0, "high")])
+@pytest.mark.usefixtures("torch_back")
 def test_what_stops_lights_does_not_hang_on_last_bits(seed, quality):
     """In front of a light, places in slices of equal steps lie in the middle between pixels."""
     image, radius = cards(seed)

@@ -133,6 +133,7 @@ def test_a_half_precision_lens_computes_in_float32():
 
 
 @pytest.mark.parametrize("quality", ["standard", "high"])
+@pytest.mark.usefixtures("torch_back")
 def test_what_is_finite_stays_finite(quality):
     radius = torch.where(RADIUS > 1, 8.0, -8.0)
     usual = render(IMAGE, radius, quality=quality, left_right=True)
