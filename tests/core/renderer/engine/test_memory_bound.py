@@ -59,4 +59,5 @@ def test_no_rendering_takes_more_memory_than_its_bound():
     for case, line in zip(_CASES, ran.stdout.splitlines(), strict=True):
         peak, bound = map(float, line.split())
         assert peak <= bound, case
-        assert bound < 6 * peak, f"a bound that says nothing helps nobody: {case}"
+        # less the code of compiled loops, which this process holds already
+        assert bound - 150e6 < 6 * peak, f"a bound that says nothing helps nobody: {case}"
