@@ -87,7 +87,7 @@ def test_libraries_say_nothing_when_the_process_ends(tmp_path):
 def test_counts_of_what_was_computed_are_told_to_who_wants_more(tmp_path):
     for more, said in (("-v", True), ("-q", False)):
         told = render(*pair(tmp_path), "-o", tmp_path / "out", more, "--overwrite").err
-        assert ("slice_tiles_done " in told) is said
+        assert ("pixels_copied " in told) is said
 
 
 def depths():

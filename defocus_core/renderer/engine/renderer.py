@@ -199,7 +199,9 @@ def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Vi
 
 
 def _total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
-    """The counts of all regions together."""
+    """The counts of all regions together: none of slices where compiled loops made all of them."""
+    if counts and not any("slice_tiles" in each for each in counts):
+        return added(counts)
     return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
 
 
