@@ -38,7 +38,7 @@ from defocus_core.errors import (
 from defocus_core.optics.distributions import ATTEMPTS
 from defocus_core.optics.parts import Part
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface, with_hidden
 from defocus_core.renderer.engine.settings import Settings
 
 ROOT = Path(__file__).parents[1]
@@ -144,7 +144,8 @@ def drawn(image=IMAGE[None], depth=DEPTHS, seeds=(1,), **ranges):
 
 
 def tiled(image=IMAGE, radius=RADIUS, hidden=None, **options):
-    return list(Renderer(Scene(image, radius, hidden), Settings(**options)).tiles())
+    scene = with_hidden(Surface(image, radius), hidden)
+    return list(Renderer(scene, Settings(**options)).tiles())
 
 
 def of(given, door, *rows):
@@ -347,7 +348,7 @@ ROWS = [
         ("depth must be farther in focus .* last of 100 .* foclen=", {"depth": DEPTHS / 1000}),
         (f"max_radius must allow some lens.* {ATTEMPTS} lenses", {"max_radius": 1e-9}),
     ),
-    ("at_once must be at least 1", lambda: list(Renderer(Scene(IMAGE, RADIUS)).tiles(0))),
+    ("at_once must be at least 1", lambda: list(Renderer(Surface(IMAGE, RADIUS)).tiles(0))),
 ]
 
 

@@ -19,7 +19,7 @@ from defocus_core.fitting.residual import Point, Residual, error_of, measure_of,
 from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.validation import described
@@ -145,7 +145,7 @@ def fit(
         image: Tensor, radius: Tensor, *, edge_width: float | None, infinity: float
     ) -> Views:
         own = replace(settings, edge_width=edge_width, infinity=infinity)
-        return Renderer(Scene(image, radius), own).picture()
+        return Renderer(Surface(image, radius), own).picture()
 
     with torch.no_grad(), own_modes(sharp.device):
         depth = ((disparity.double() - low) / (high - low)).to(sharp)

@@ -66,8 +66,9 @@ def forecast(job: Job) -> Forecast:
     take, held = plain_path.prepare(job, inputs), inputs.holding
     in_regions = [0.0]
     if job.outputs.need_rendering:
-        for _, renderer in plain_path.renderers(take, passes_of(surfaces_of(take))):
+        surfaces = surfaces_of(take)
+        take = replace(take, repair=surfaces.repair)
+        for _, renderer in plain_path.renderers(take, passes_of(surfaces)):
             in_regions.append(regions_at_once(job, renderer, held, take.device)[1])
-            take = replace(take, repair=renderer.repair)
     files = base_mb() + held.files_mb if take.device == "cpu" else 0.0
     return Forecast(take, files + max(in_regions))

@@ -27,7 +27,7 @@ from defocus_core.picture.pair import read as read_pair
 from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import passes_of, surfaces_of, to_array
 from defocus_core.picture.steps.table import LENS, RADII, READ, through
-from defocus_core.picture.take import InputPair, Inputs, Pass, Take
+from defocus_core.picture.take import InputPair, Inputs, Pass, Surfaces, Take
 from defocus_core.picture.write import write
 from defocus_core.request.job import Job
 from defocus_core.request.output_kinds import KINDS
@@ -105,7 +105,7 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
                 images.invented = 0  # of one rendering
                 for part in renderer.tiles(fitting, shown):
                     images.place(part, each, first=number == 0)
-            return _rendered(take, images, surfaces.lamps, renderer, begun)
+            return _rendered(take, images, surfaces, renderer, begun)
         except torch.OutOfMemoryError:  # other programs use the GPU, too
             torch.cuda.empty_cache()
             if maximum == 1:
@@ -116,7 +116,7 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
 
 
 def _rendered(
-    take: Take, images: _Images, lamps: int | None, renderer: Renderer, begun: tuple[float, float]
+    take: Take, images: _Images, surfaces: Surfaces, renderer: Renderer, begun: tuple[float, float]
 ) -> Take:
     """The picture with its images; ``begun``: seconds, and those of processors, at the start."""
     import torch
@@ -124,20 +124,20 @@ def _rendered(
     if take.device == "cuda":
         torch.cuda.synchronize()
     stats: dict[str, float] = {**renderer.stats, "pixels_invented": images.invented}
-    if lamps is not None:
-        stats["lights"] = lamps
+    if surfaces.lamps is not None:
+        stats["lights"] = surfaces.lamps
     return replace(
         take,
         images=images.planes,
         clamped=images.clamped,
         reach=images.reach,
-        lamps=lamps,
-        repair=renderer.repair,
+        lamps=surfaces.lamps,
+        repair=surfaces.repair,
         back=renderer.back,
         seconds=time.perf_counter() - begun[0],
         cpu_seconds=time.process_time() - begun[1],
         stats=stats,
-        warnings=(*take.warnings, *_idle(take, renderer), *_clamp_warning(renderer.stats)),
+        warnings=(*take.warnings, *_idle(take, surfaces), *_clamp_warning(renderer.stats)),
     )
 
 
@@ -175,16 +175,17 @@ _FULL = 0.9  # share of the limit of memory from which on freed memory is given 
 def renderers(take: Take, passes: tuple[Pass, ...]) -> Iterator[tuple[Pass, Renderer]]:
     """Each pass with its renderer, which works region by region."""
     from defocus_core.renderer.engine.renderer import Renderer
+    from defocus_core.renderer.engine.scene import in_colors
 
     for each in passes:
-        scene = each.scene.of_colors(each.light, each.px)
+        scene = in_colors(each.scene, each.light, each.px)
         yield each, Renderer(scene, each.settings)
 
 
-def _idle(take: Take, renderer: Renderer) -> list[str]:
+def _idle(take: Take, surfaces: Surfaces) -> list[str]:
     """A warning if the width of edges that was given made no difference."""
     width = take.job.reading.edge_width
-    if width is None or renderer.repair.fraction or take.inputs.plate:
+    if width is None or surfaces.repair.fraction or take.inputs.plate:
         return []
     return [f"{take.inputs.depth.path.name}: ‹edge-width› {width:g}px changes no pixel"]
 

@@ -23,10 +23,13 @@ if TYPE_CHECKING:
 
 def surfaces_of(take: Take) -> Surfaces:
     """The surfaces of a take, with all that happens to them."""
+    from defocus_core.depth.diagnosis import DepthRepair
+
     color, device = take.inputs.color, take.device
     px = map_on(times(take.radii.px, take.longer_axis), device)
     light = picture_on(color.planes, device)
-    return through(SCENE, Surfaces(take, (color,), (take.radii,), (light,), (px,)))
+    first = Surfaces(take, (color,), (take.radii,), (light,), (px,), DepthRepair())
+    return through(SCENE, first)
 
 
 def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
@@ -37,24 +40,21 @@ def passes_of(surfaces: Surfaces) -> tuple[Pass, ...]:
 
 
 def _scene(surfaces: Surfaces) -> Scene:
-    """The scene of surfaces; what a step has not repaired stays."""
-    from defocus_core.depth.diagnosis import DepthRepair
-    from defocus_core.renderer.engine.scene import Scene
+    """The scene of surfaces."""
+    from defocus_core.renderer.engine.scene import Surface, with_hidden
     from defocus_core.renderer.layers.samples import Layered
 
-    repair, coverage = surfaces.repair or DepthRepair(), surfaces.coverage
-    if coverage is None:
-        light, px = surfaces.light[0], surfaces.px[0]
-        return Scene(light, px, surfaces.hidden, repair=repair, matte=surfaces.matte)
-    stacked = layers_on(surfaces.light), layers_on(surfaces.px), coverage
-    return Scene.of_layered(Layered.of(*stacked), repair)
+    if surfaces.coverage is None:
+        surface = Surface(surfaces.light[0], surfaces.px[0], surfaces.matte)
+        return with_hidden(surface, surfaces.hidden)
+    return Layered.of(layers_on(surfaces.light), layers_on(surfaces.px), surfaces.coverage)
 
 
 def settings_of(take: Take) -> Settings:
-    """The options of the renderer."""
+    """The options of the renderer; what a step has not repaired stays."""
     from defocus_core.renderer.engine.settings import Settings
 
-    job, infinity = take.job, take.radii.infinity
+    job = take.job
     return Settings(
         aperture=aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)[0],
         dual_pixel=dual_pixel_of(take.lens),
@@ -63,7 +63,7 @@ def settings_of(take: Take) -> Settings:
         left_right=any(kind.halves for kind in job.outputs.rows),
         threads=job.machine.threads,
         tile=job.machine.tile,
-        infinity=None if infinity is None else take.longer_axis * infinity,
+        depth_repair="off",
     )
 
 
@@ -153,17 +153,9 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
 def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
     """Each group of colours, as a scene of its own."""
     (whole,) = every
-    take, infinity = whole.take, whole.settings.infinity
-    longer = take.longer_axis
+    take = whole.take
     return tuple(
-        whole._replace(
-            settings=replace(
-                whole.settings, infinity=None if infinity is None else infinity + longer * px
-            ),
-            channels=channels,
-            light=channels,
-            px=longer * px,
-        )
+        whole._replace(channels=channels, light=channels, px=take.longer_axis * px)
         for channels, px in _groups(take)
     )
 

@@ -202,8 +202,8 @@ class Surfaces:
     # Of each surface [C, H, W], linear, premultiplied: of a picture with its alpha
     light: tuple[Tensor, ...]
     px: tuple[Tensor, ...]  # of each surface the radii [H, W] that it is rendered by
+    repair: DepthRepair  # of the depth
     coverage: Tensor | None = None  # [L, H, W] of layers; None of a picture
-    repair: DepthRepair | None = None  # of the depth; None where nothing was looked for
     hidden: KnownLayer | None = None  # the known hidden layer
     matte: Tensor | None = None  # [H, W], the coverage of the subject; None if it is not known
     # Number of clipped lights that were made brighter; None if this is not asked for

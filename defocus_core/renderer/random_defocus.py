@@ -27,7 +27,7 @@ from defocus_core.optics.dual_pixel import DualPixel
 from defocus_core.optics.thin_lens import radii_of_each
 from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors.threads import graph_break, own_modes
 from defocus_core.tensors.validation import (
@@ -281,7 +281,7 @@ class RandomDefocus(torch.nn.Module):
         if drawings:
             radii = radii_of_each([drawing.lens for drawing in drawings], maps)
             every = zip(image, radii, map(self._settings, drawings), strict=True)
-            views = batch([Renderer(Scene(*one), own).picture() for *one, own in every])
+            views = batch([Renderer(Surface(*one), own).picture() for *one, own in every])
         columns = {
             name: torch.tensor(
                 [options[name] for options, _ in drawings], dtype=torch.float64, device="cpu"

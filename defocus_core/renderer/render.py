@@ -17,8 +17,14 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.axial_color import apart
 from defocus_core.optics.cat_eye import CatEye
 from defocus_core.optics.dual_pixel import DualPixel
-from defocus_core.renderer.engine.renderer import Renderer, repaired_once
-from defocus_core.renderer.engine.scene import Scene, check_hidden
+from defocus_core.renderer.engine.renderer import Renderer, repaired
+from defocus_core.renderer.engine.scene import (
+    Surface,
+    check_hidden,
+    in_colors,
+    layers_of,
+    with_hidden,
+)
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.alpha import with_opaque_alpha
 from defocus_core.renderer.layers.layer import HiddenLayer
@@ -120,7 +126,7 @@ def render(
     every = _settings_of_each(settings, infinity, len(pictures))
     mattes = [None] * len(pictures) if matte is None else _mattes(matte, radii)
     views = [
-        _rendered(Scene(one, radius, known, matte=matte), own, colors, progress)
+        _rendered(Surface(one, radius, matte), known, own, colors, progress)
         for one, radius, known, matte, own in zip(
             pictures, radii, behind, mattes, every, strict=True
         )
@@ -129,15 +135,19 @@ def render(
 
 
 def _rendered(
-    scene: Scene,
+    surface: Surface,
+    hidden: HiddenLayer | None,
     settings: Settings,
     colors: list[tuple[list[int], Scalar]],
     progress: Callable[[int, int], None] | None,
 ) -> Views:
     """One picture, its colours apart if the px that are added to their radii differ."""
-    if len(colors) > 1 and scene.hidden is None:
-        scene = repaired_once(scene, settings)
-    views = [Renderer(scene.of_colors(*color), settings).picture(progress) for color in colors]
+    if len(colors) > 1 or hidden is not None:
+        surface, _ = repaired(surface, settings)
+        settings = replace(settings, depth_repair="off", edge_width=None)
+    with own_modes(surface.image.device):
+        scene = with_hidden(surface, hidden)
+    views = [Renderer(in_colors(scene, *c), settings).picture(progress) for c in colors]
     return views[0] if len(views) == 1 else of_channels(views, colors)
 
 
@@ -200,9 +210,9 @@ def render_layers(
         depth_repair=depth_repair,
     )
     with own_modes(colors.device if isinstance(colors, Tensor) else None):
-        scene = Scene.of_layers(colors, signed_radius, coverage)
+        scene = layers_of(colors, signed_radius, coverage)
     views = Renderer(scene, settings).picture(progress).to(colors.dtype)
-    return views if scene.layered is not None else with_opaque_alpha(views)
+    return with_opaque_alpha(views) if isinstance(scene, Surface) else views
 
 
 def _batched(image: Tensor, signed_radius: Tensor) -> tuple[Tensor, Tensor]:

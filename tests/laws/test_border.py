@@ -12,7 +12,7 @@ from torch.nn.functional import pad
 
 from defocus_core import QUALITIES, Aperture, CatEye, DualPixel, HiddenLayer, render, render_layers
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface, with_hidden
 
 NEAR, FAR = torch.tensor([0.8, 0.5, 0.2]), torch.tensor([0.2, 0.3, 0.6])
 PAIRS = [(-60.0, -30.0), (-60.0, -10.0), (-30.0, 30.0), (-12.0, 0.0), (8.0, 25.0)]
@@ -113,7 +113,7 @@ def test_a_known_surface_behind_a_silhouette_goes_on_too():
     hidden = HiddenLayer(*behind, radius < 0)
     views = render(image, radius, hidden=hidden, left_right=True)
     assert has_no_step(views, 20.0)
-    tiled = Renderer(Scene(image, radius, hidden=HiddenLayer(*hidden))).tiles()
+    tiled = Renderer(with_hidden(Surface(image, radius), hidden)).tiles()
     assert [part.box[2:] for part in tiled] == [radius.shape]
 
 

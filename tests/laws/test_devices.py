@@ -27,7 +27,7 @@ from defocus_core.fitting.residual import Point, Residual
 from defocus_core.renderer.engine import regions
 from defocus_core.renderer.engine.regions import Region
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors import device_plan
 
@@ -95,7 +95,7 @@ def layers(count):
 
 def tiles(to):
     image, radius = map(to, scene())
-    parts = Renderer(Scene(image, radius), Settings(left_right=True)).tiles()
+    parts = Renderer(Surface(image, radius), Settings(left_right=True)).tiles()
     return [x for p in parts for x in (p.render, p.left, p.right, p.trust)]
 
 

@@ -8,7 +8,7 @@ from tolerances import RENDERED, WHITE
 
 from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 
 IMAGE, RADIUS = pattern().float(), slanted().float()
@@ -137,7 +137,7 @@ def test_progress_counts_tiles():
 
 def test_a_finer_quality_has_more_slices():
     image, radius = IMAGE.repeat(1, 4, 4), 3 * RADIUS.repeat(4, 4)
-    scene = Scene(image, radius)
+    scene = Surface(image, radius)
     slices = [Renderer(scene, Settings(quality=q)).stats["slices"] for q in QUALITIES]
     assert slices == sorted(set(slices))
 

@@ -16,7 +16,7 @@ from torch.nn.functional import avg_pool2d
 
 from defocus_core import Aperture
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 
 FOLDER = Path(__file__).parents[1] / "laws" / "golden"
@@ -46,7 +46,7 @@ def rendered(scene, dtype=torch.float32, nudge=0.0):
         infinity=INFINITY if scene == "repair" else None,
         back=back,
     )
-    renderer = Renderer(Scene(image, radius), settings)
+    renderer = Renderer(Surface(image, radius), settings)
     assert (renderer.back == "compiled") == (back == "auto" and dtype == torch.float32)
     views = renderer.picture()
     pictures = {"render": views.render}

@@ -15,7 +15,12 @@ import torch
 from torch import Tensor
 
 from defocus_core.renderer.blur.kernel_bank import Slicing, TransformWindow, blurred, by_group
-from defocus_core.renderer.layers.sliced_surface import Patch, Surface, SurfaceSamples, patch_of
+from defocus_core.renderer.layers.sliced_surface import (
+    Patch,
+    SlicedSurface,
+    SurfaceSamples,
+    patch_of,
+)
 from defocus_core.renderer.layers.slopes import NEAR
 from defocus_core.tensors.box import Box, Grid, Span
 from defocus_core.tensors.pyramid import (
@@ -49,7 +54,7 @@ class Reduced:
 
     def __init__(
         self,
-        surface: Surface,
+        surface: SlicedSurface,
         window: TransformWindow,
         slices: dict[int, int],
         tilted: set[int],
@@ -210,7 +215,7 @@ class Blur:
         every = slice(None, None, slicing.stride)
         layers, self.windows = slicing.layers[every], slicing.windows[every]
         self._layer_of = layers
-        self.surface = surface = Surface(
+        self.surface = surface = SlicedSurface(
             samples, radii[every], slicing.coarse[every], layers, grid, before, beyond
         )
         tilted = {slice_index for tile_list in surface.tilted_plan for slice_index in tile_list}

@@ -12,7 +12,7 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, RIGHT
 from defocus_core.renderer.compiled.openings import has_spans
 from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import InFocus
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.slice_radii import plane_of
 
@@ -28,7 +28,7 @@ def available() -> bool:
     return not config.DISABLE_JIT
 
 
-def carries(frame: SharedFrame, scene: Scene) -> bool:
+def carries(frame: SharedFrame, scene: InFocus) -> bool:
     """Whether the compiled back renders the centre view of a scene as it is asked for.
 
     It does not: gradients, other devices, float64, qualities but the standard, an exact number of
@@ -37,7 +37,8 @@ def carries(frame: SharedFrame, scene: Scene) -> bool:
     """
     settings = frame.settings
     asked = settings.back == "auto" and settings.quality == "standard"
-    single = scene.image.dtype != torch.float64 and scene.signed_radius.dtype != torch.float64
+    surface = scene.surface
+    single = surface.image.dtype != torch.float64 and surface.signed_radius.dtype != torch.float64
     return bool(
         asked
         and single
@@ -46,9 +47,9 @@ def carries(frame: SharedFrame, scene: Scene) -> bool:
         and plane_of(*frame.content.limits) is None
         and _is_even(settings.aperture)
         and settings.cat_eye is None
-        and scene.layered is None
+        and scene.layers is None
         and not (frame.cut or frame.trace)
-        and not _needs_torch(scene.tensors)
+        and not _needs_torch(surface.tensors)
         and available()
     )
 

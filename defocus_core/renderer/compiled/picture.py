@@ -19,7 +19,7 @@ from defocus_core.renderer.compiled.hidden import hidden_of
 from defocus_core.renderer.compiled.mixed import find_edges, take_apart
 from defocus_core.renderer.compositing.saturating_sum import ColorRange
 from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import InFocus, Surface
 from defocus_core.renderer.layers.layer import CONTINUED, VISIBLE, SampleLayer
 from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.tensors.box import Grid
@@ -32,8 +32,8 @@ _CHANNELS = 3
 _OVERSHOOT, _SLACK, _NEGLIGIBLE = 0.1, 9e-5, 1e-3
 
 
-def rendered(frame: SharedFrame, scene: Scene) -> Views:
-    """The views of a scene that is carried; the centre alone if left and right are not."""
+def rendered(frame: SharedFrame, scene: Surface) -> Views:
+    """The views of a surface that is carried; the centre alone if left and right are not."""
     whole, pair = frame.box, frame.settings.left_right and carries_pair(frame.settings)
     place = RegionPlace.of(frame, Grid([whole], whole[2:], 1))
     place = place._replace(outer=whole, held=whole, inside=whole, core=whole)
@@ -66,7 +66,7 @@ def rendered(frame: SharedFrame, scene: Scene) -> Views:
 
 
 def _sampled(
-    place: RegionPlace, scene: Scene, unit: float
+    place: RegionPlace, scene: Surface, unit: float
 ) -> Iterator[tuple[slice, Sampled, NDArray[np.float32] | None]]:
     """The channels that are rendered at once, their surfaces, and lights to add, if any.
 
@@ -82,7 +82,8 @@ def _sampled(
         return
     from defocus_core.renderer.engine.region_layers import backdrop_in, discs, layers_at
 
-    seen = layers_at(place, scene, backdrop_in(place.frame, scene))
+    in_focus = InFocus.of(scene)
+    seen = layers_at(place, in_focus, backdrop_in(place.frame, in_focus))
     drawn = sum(discs(place, seen, lights) for lights in seen.lights)
     for first in range(0, count, _CHANNELS):
         channels = slice(first, min(first + _CHANNELS, count))
@@ -124,7 +125,7 @@ def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
     return np.frombuffer(pages, np.float32).reshape(shape)
 
 
-def _of_picture(scene: Scene, unit: float) -> Samples:
+def _of_picture(scene: Surface, unit: float) -> Samples:
     """The colours and radii of a picture as arrays."""
     layer = SampleLayer.whole(scene.image.float(), scene.signed_radius)
     return _samples(layer, slice(0, _CHANNELS), 1, unit)
@@ -135,7 +136,7 @@ def _unit(brightest: float) -> float:
     return 2.0 ** math.floor(math.log2(brightest)) if brightest > 0 else 1.0
 
 
-def _counts(frame: SharedFrame, scene: Scene) -> dict[str, int]:
+def _counts(frame: SharedFrame, scene: Surface) -> dict[str, int]:
     """Counts of the work done."""
     radius = frame.box.of(scene.signed_radius)
     in_focus = int((radius.abs() <= SHARP).sum())

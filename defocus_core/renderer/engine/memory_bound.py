@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.renderer.compiled.carried import carries_pair
 from defocus_core.renderer.engine.frame import SharedFrame, corner_views
 from defocus_core.renderer.engine.plan import copies_of_tile
@@ -44,11 +43,11 @@ def memory_bound(renderer: Renderer, threads: int, at_once: int) -> float:
 
 def _bound_of_torch(renderer: Renderer, threads: int, at_once: int) -> float:
     """The bound of a rendering by regions."""
-    frame, channels = renderer.frame, renderer.scene.image.shape[0]
+    frame, channels = renderer.frame, renderer.in_focus.surface.image.shape[0]
     size = frame.dtype.itemsize
     sample = (channels + 1) * size
     of_thread = _OF_THREAD
-    if launches_cost(renderer.scene.image.device):
+    if launches_cost(renderer.in_focus.reaching.device):
         threads = at_once = 1
         area = max(tile.area for tile in frame.grid.tiles)
         copies = copies_of_tile(frame.slices.visible.layers)
@@ -59,8 +58,8 @@ def _bound_of_torch(renderer: Renderer, threads: int, at_once: int) -> float:
     copies = (
         _COPIES + _HIDDEN_COPIES * frame.content.edges + _VIEW_COPIES * frame.settings.left_right
     )
-    if renderer.scene.layered is not None:
-        copies += _COPIES_OF_LAYER * renderer.scene.layered.number
+    if renderer.in_focus.layers is not None:
+        copies += _COPIES_OF_LAYER * renderer.in_focus.layers.number
     region = max((around(frame, grid).area for grid in grids), default=0) * sample * copies
     result = max((grid.box.area for grid in grids), default=0)
     result *= (channels * frame.views + 1) * size * (1 + AHEAD * (threads > 1))
@@ -68,7 +67,7 @@ def _bound_of_torch(renderer: Renderer, threads: int, at_once: int) -> float:
     # each region has kernels of its own where the pupil changes over the frame
     versions = max(1, len(corner_views(frame, frame.box)) * at_once)
     spectra = 2 * _bytes_of_spectra(frame) * versions
-    repaired = renderer.size[0] * renderer.size[1] * size * (renderer.repair != DepthRepair())
+    repaired = pixels * size
     whole = _FIXED + spectra + repaired + _bytes_of_layers(renderer)
     computed = _HELD * coarse + threads * of_thread + at_once * (region + result)
     return whole + max(_SURVEYED * pixels * size, _MADE * coarse, computed)
@@ -76,7 +75,7 @@ def _bound_of_torch(renderer: Renderer, threads: int, at_once: int) -> float:
 
 def _bytes_of_layers(renderer: Renderer) -> float:
     """Bytes of layers, put together and flattened for the renderer."""
-    layered = renderer.scene.layered
+    layered = renderer.in_focus.layers
     if layered is None:
         return 0.0
     count, channels, height, width = layered.colors.shape
@@ -89,7 +88,7 @@ def computed_regions(renderer: Renderer) -> list[Grid]:
     """The regions that are computed, cut to their blurred parts; the others are copied."""
     from defocus_core.renderer.engine.regions import blurred_part
 
-    frame, radius = renderer.frame, renderer.reaching
+    frame, radius = renderer.frame, renderer.in_focus.reaching
     every = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     parts = (blurred_part(frame, grid, radius) for grid in every)
     return [part for part in parts if part]

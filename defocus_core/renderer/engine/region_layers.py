@@ -23,7 +23,7 @@ from defocus_core.renderer.compositing.sight import (
     SightLimits,
 )
 from defocus_core.renderer.engine.frame import RegionPlace, SharedFrame, views_of
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import InFocus
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop, backdrop_of
 from defocus_core.renderer.inpainting.hidden_layers import hidden_layer, without_known
 from defocus_core.renderer.layers.alpha import Alpha, color_of
@@ -65,17 +65,19 @@ class RegionLayers(NamedTuple):
         return [layer for layer in self.layers if layer.kind == kind]
 
 
-def layers_at(place: RegionPlace, scene: Scene, backdrop: Backdrop | None) -> RegionLayers:
+def layers_at(place: RegionPlace, scene: InFocus, backdrop: Backdrop | None) -> RegionLayers:
     """The layers of a region of a scene.
 
     `backdrop`: the frame at low resolution; None if nothing is continued.
     """
     frame = place.frame
-    image, radius = (place.outer.of(x).to(frame.dtype) for x in (scene.image, scene.signed_radius))
+    surface = scene.surface
+    both = surface.image, surface.signed_radius
+    image, radius = (place.outer.of(x).to(frame.dtype) for x in both)
     if frame.content.edges:  # pixels beside them are looked up by their numbers
         image, radius = image.contiguous(), radius.contiguous()
-    if scene.layered is not None:
-        seen = _of_layers(place, scene.layered, backdrop)
+    if scene.layers is not None:
+        seen = _of_layers(place, scene.layers, backdrop)
         plain = image.clamp(max=frame.content.limit)  # with alpha, without the light of highlights
     else:
         seen = _of_picture(place, image, radius, backdrop)
@@ -195,24 +197,24 @@ def discs(place: RegionPlace, seen: RegionLayers, highlights: Highlights) -> Ten
     return draw(highlights, before, radii, aperture, parts, place.core, barrel)
 
 
-def backdrop_in(frame: SharedFrame, scene: Scene) -> Backdrop | None:
+def backdrop_in(frame: SharedFrame, scene: InFocus) -> Backdrop | None:
     """What hidden surfaces are continued from; None if none is."""
-    content, layered = frame.content, scene.layered
+    content, (surface, layered, _) = frame.content, scene
     if not content.edges or (layered is not None and not layered.is_continued):
         return None
-    pixels, limit = scene.image, content.limit
+    pixels, limit = surface.image, content.limit
     if layered is not None:
         pixels = pixels if layered.alpha is Alpha.BLURRED else color_of(pixels)
         limit = max(limit, 1.0)  # alpha is no light
     return backdrop_of(
         pixels,
-        scene.signed_radius,
+        surface.signed_radius,
         limit,
         frame.dtype,
         frame.settings.threads,
         content.limits,
         unmixes=layered is None or layered.mixed,
-        matte=scene.matte,
+        matte=surface.matte,
     )
 
 

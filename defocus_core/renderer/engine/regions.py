@@ -39,9 +39,7 @@ from defocus_core.renderer.engine.region_layers import (
     samples_within,
     visible_samples,
 )
-from defocus_core.renderer.engine.scene import (
-    Scene,
-)
+from defocus_core.renderer.engine.scene import InFocus
 from defocus_core.renderer.inpainting.frame_pyramid import Backdrop
 from defocus_core.renderer.layers.alpha import Alpha, with_coverage
 from defocus_core.renderer.layers.layer import CONTINUED, HIDDEN, TRACE, UNCOVERED, VISIBLE
@@ -53,7 +51,7 @@ from defocus_core.tensors.threads import recomputed, threaded, unrecorded
 from defocus_core.tensors.views import Views, added, joined
 
 
-def region_of(frame: SharedFrame, grid: Grid, scene: Scene, backdrop: Backdrop | None) -> Region:
+def region_of(frame: SharedFrame, grid: Grid, scene: InFocus, backdrop: Backdrop | None) -> Region:
     """A rectangle of tiles of a scene; `backdrop`: as in `layers_at`."""
     place = RegionPlace.of(frame_at(frame, grid.box), grid)
     return Region(place, layers_at(place, scene, backdrop))
@@ -230,15 +228,14 @@ _NOWHERE = 1 << 40
 
 def rendered_regions(
     frame: SharedFrame,
-    scene: Scene,
+    scene: InFocus,
     *,
-    reaching: Tensor,  # [H, W] px, the radii whose light reaches farthest
     at_once: int | None,  # greatest number of regions computed at once; None for as many as threads
     progress: Callable[[int, int], None] | None,
 ) -> Iterator[Views]:
     """The views of each region of a picture, row by row, each from left to right."""
     threads = frame.settings.threads
-    pixels, signed_radius = scene.image, scene.signed_radius
+    pixels, signed_radius = scene.surface.image, scene.surface.signed_radius
     grids = [grid for row in regions(frame.grid, frame.margin) for grid in row]
     with unrecorded(signed_radius.device):
         backdrop = backdrop_in(frame, scene)
@@ -255,7 +252,7 @@ def rendered_regions(
                 progress(number, len(frame.grid.tiles))
 
     def computed(grid: Grid) -> Views:
-        part = blurred_part(frame, grid, reaching) if may_copy else grid
+        part = blurred_part(frame, grid, scene.reaching) if may_copy else grid
         if part is None:
             return _copied(frame, grid, pixels)
         tiles: list[Views] = []

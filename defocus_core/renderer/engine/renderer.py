@@ -14,7 +14,7 @@ from defocus_core.depth.repair import repair_depth
 from defocus_core.renderer.compiled.carried import carries, carries_pair
 from defocus_core.renderer.engine.frame import SharedFrame, darkened
 from defocus_core.renderer.engine.plan import computed_in, content_of, frame_of
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import InFocus, Scene, Surface
 from defocus_core.renderer.engine.settings import STANDARD, Settings, quality_of
 from defocus_core.renderer.engine.survey import border_range, surveyed
 from defocus_core.renderer.layers.alpha import color_of, without_alpha
@@ -39,13 +39,13 @@ class Renderer:
         repair: Repair of its depth.
         frame: The frame.
         scene: What is rendered, repaired.
-        reaching: [H, W] px, the radii whose light reaches farthest.
+        in_focus: The same as its regions read it.
     """
 
     def __init__(self, scene: Scene, settings: Settings = STANDARD) -> None:
         """Repair the depth, and prepare the frame."""
         self._given, self._counts = scene, list[dict[str, int]]()
-        if launches_cost(scene.signed_radius.device):  # its memory is planned for one tile at once
+        if launches_cost(scene.tensors[0].device):  # its memory is planned for one tile at once
             settings = replace(settings, threads=1)
         self._settings = settings
         with self._modes():
@@ -54,27 +54,22 @@ class Renderer:
     def _modes(self) -> AbstractContextManager[object]:
         """The modes of torch to compute in: gradients are recorded if any is wanted."""
         modes = ExitStack()
-        modes.enter_context(own_modes(self._given.image.device))
+        modes.enter_context(own_modes(self._given.tensors[0].device))
         modes.enter_context(recorded_for(*self._given.tensors, self._settings))
         return modes
 
     def _prepare(self, scene: Scene, settings: Settings) -> None:
         quality = quality_of(settings.quality)
-        if scene.layered is None and scene.repair is None:
-            scene = repaired_once(scene, settings)
-        scene = scene.as_layers()
-        layered = scene.layered
-        self._drops_alpha = layered is not None and self._given.layered is None  # not asked for
-        self.size = scene.signed_radius.shape[-2], scene.signed_radius.shape[-1]
-        self.repair = scene.repair or DepthRepair()
+        self.repair = DepthRepair()
+        if isinstance(scene, Surface):
+            scene, self.repair = repaired(scene, settings)
+        self.in_focus = InFocus.of(scene)
+        (counted, signed_radius), layered = self.in_focus.surface.tensors[:2], self.in_focus.layers
+        self.size, border = (signed_radius.shape[0], signed_radius.shape[1]), None
         if layered is not None:
             quality = quality.of_layers(layered.deepest)
-        image, signed_radius = scene.image, scene.signed_radius
-        counted, self.reaching, border = image, signed_radius, None
-        if layered is not None:
-            counted = color_of(image)
-            self.reaching = layered.most_blurred()
-            border = border_range(self.reaching)
+            counted = color_of(counted)
+            border = border_range(self.in_focus.reaching)
         survey = surveyed(counted, signed_radius, computed_in(counted, signed_radius))
         self.frame = frame_of(
             counted,
@@ -90,7 +85,7 @@ class Renderer:
     @property
     def back(self) -> str:
         """What blurs and composites the centre view: ``compiled`` loops, or ``torch``."""
-        return "compiled" if carries(self.frame, self.scene) else "torch"
+        return "compiled" if carries(self.frame, self.in_focus) else "torch"
 
     def tiles(
         self,
@@ -106,7 +101,7 @@ class Renderer:
         """
         at_once = None if at_once is None else whole("at_once", at_once, "None is as threads")
         self._counts.clear()
-        dtype = torch.promote_types(self._given.image.dtype, torch.float32)
+        dtype = torch.promote_types(self._given.tensors[0].dtype, torch.float32)
         # not around the loop: the caller, who takes the tiles, would get the modes, too
         with self._modes():
             parts = self._parts(at_once, progress)
@@ -128,19 +123,17 @@ class Renderer:
             from defocus_core.renderer.compiled.picture import rendered
 
             compile_once()
-            compiled = rendered(self.frame, self.scene)
+            compiled = rendered(self.frame, self.in_focus.surface)
             if not self._settings.left_right or carries_pair(self._settings):
                 if progress:
                     progress(1, 1)
                 return iter([compiled])
         from defocus_core.renderer.engine.regions import rendered_regions
 
-        parts = rendered_regions(
-            self.frame, self.scene, reaching=self.reaching, at_once=at_once, progress=progress
-        )
+        parts = rendered_regions(self.frame, self.in_focus, at_once=at_once, progress=progress)
         if compiled is not None:
             parts = (_about(part, compiled) for part in parts)
-        if self._drops_alpha:
+        if self.in_focus.layers is not None and not self.in_focus.layers.with_alpha:
             parts = map(without_alpha, parts)
         cat_eye = self.frame.settings.cat_eye
         if cat_eye is None or not cat_eye.vignetting:
@@ -149,15 +142,18 @@ class Renderer:
 
     def picture(self, progress: Callable[[int, int], None] | None = None) -> Views:
         """The views of the whole picture, in the precision of the scene."""
-        image = self._given.image
         with self._modes():
-            return _assembled(self.frame, image, self.tiles(progress=progress))
+            pixels, layers = self.in_focus.surface.image, self.in_focus.layers
+            if layers is not None and not layers.with_alpha:
+                pixels = color_of(pixels)
+            pixels = pixels.to(self._given.tensors[0].dtype)
+            return _assembled(self.frame, pixels, self.tiles(progress=progress))
 
     def with_tile(self, tile: int | None) -> Renderer:
         """The renderer of the same scene with tiles of another side in px; itself for None."""
         if tile is None:
             return self
-        return Renderer(self.scene, replace(self._settings, tile=tile))
+        return Renderer(self.scene, replace(self._settings, tile=tile, depth_repair="off"))
 
     @property
     def stats(self) -> dict[str, int]:
@@ -216,16 +212,16 @@ def _in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
     yield row
 
 
-def repaired_once(scene: Scene, settings: Settings) -> Scene:
-    """The scene with the radii by which all its colours are rendered."""
+def repaired(surface: Surface, settings: Settings) -> tuple[Surface, DepthRepair]:
+    """A surface with the radii by which all its colours are rendered, and their repair."""
     radius, repair = repair_depth(
-        scene.signed_radius,
-        scene.image,
+        surface.signed_radius,
+        surface.image,
         settings.infinity,
         settings.threads,
         depth_repair=settings.depth_repair,
         edge_width=settings.edge_width,
         decided=settings.decided,
-        matte=scene.matte,
+        matte=surface.matte,
     )
-    return replace(scene, signed_radius=radius, repair=repair)
+    return replace(surface, signed_radius=radius), repair

@@ -1,14 +1,14 @@
-"""A scene: what is seen at each pixel, what is known to lie behind it, and what is continued."""
+"""A scene: a surface at each pixel, or layers that are looked through."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.renderer.layers.alpha import color_of
 from defocus_core.renderer.layers.layer import HiddenLayer, KnownLayer
 from defocus_core.renderer.layers.samples import Layered
@@ -20,18 +20,12 @@ _DECODE = "decode integers to linear light first"
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
-    """Surfaces in front of the lens: one at each pixel, or layers of them."""
+class Surface:
+    """A picture: one surface at each pixel."""
 
     image: Tensor  # [C, H, W], linear light, premultiplied if it has alpha
     signed_radius: Tensor  # [H, W] px, negative nearer than focus
-    hidden: KnownLayer | None = None  # the known layer behind the visible surface
-    # The layers of which `image`, with alpha, is the `picture` in focus and `signed_radius` the
-    # `nearest` radius; their views have alpha, too
-    layered: Layered | None = None
     matte: Tensor | None = None  # [H, W], the coverage of a subject; None if it is not known
-    # The repair by which the radii were made; None if they are to be repaired
-    repair: DepthRepair | None = None
 
     def __post_init__(self) -> None:
         """Check shapes and types."""
@@ -50,92 +44,91 @@ class Scene:
                 f"matte must be of the size of the picture {size}, got {tuple(self.matte.shape)}; "
                 "resample it"
             )
-        if self.hidden is not None:
-            check_hidden(self.hidden, shape, size)
-
-    @classmethod
-    def of_layers(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
-        """The scene of layers with coverage; of one that covers all, a picture of its own.
-
-        `colors`: [L, C, H, W], linear light, premultiplied by coverage; `signed_radius`: [L, H, W]
-        px; unused where coverage is 0; `coverage`: [L, H, W] in [0, 1], the share of each pixel
-        that the layer covers.
-        """
-        tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
-        for name, tensor in tensors.items():
-            backward_only(name, tensor)
-            if not (isinstance(tensor, Tensor) and tensor.is_floating_point()):
-                problem = f"{name} must be a tensor of floats, got {described(tensor)}"
-                raise ValueError(f"{problem}; {_DECODE}")
-        shape = tuple(colors.shape)
-        each = (shape[0], *shape[2:]) if len(shape) == 4 else ()
-        if not each or 0 in shape or {tuple(signed_radius.shape), tuple(coverage.shape)} != {each}:
-            raise ValueError(
-                f"layers must be colors [L, C, H, W] with signed_radius and coverage [L, H, W], "
-                f"got {list(shape)}, {list(signed_radius.shape)} and {list(coverage.shape)}; "
-                "one layer is colors[None]"
-            )
-        layered = Layered.of(*tensors.values())
-        if layered.deepest == 1 and not layered.open:
-            return cls(color_of(layered.picture()), layered.nearest())
-        return cls.of_layered(layered)
-
-    @classmethod
-    def of_layered(cls, layered: Layered, repair: DepthRepair | None = None) -> Scene:
-        """The scene of layers that are looked through."""
-        pixels, radius = layered.picture(), layered.nearest()
-        return cls(pixels, radius, layered=layered, repair=repair)
-
-    def as_layers(self) -> Scene:
-        """The same as layers: the picture, and the known layer where it lies behind.
-
-        Without these, if it lies nowhere behind. Where it is known all over, no pixel is taken
-        apart: there is nothing to guess.
-        """
-        if self.hidden is None:
-            return self
-        color, radius, mask = self.hidden
-        visible, complete = self.signed_radius, bool(mask.all())
-        _check_known(color.detach(), radius.detach(), mask)
-        behind = (mask.to(visible.device) != 0) & (radius.to(visible.device) > visible)
-        layered = Layered.of(
-            torch.stack([self.image, color.to(self.image)]),
-            torch.stack([visible, radius.to(visible)]),
-            torch.stack([torch.ones_like(visible), behind.to(visible)]).detach(),
-        )
-        if layered.deepest == 1:
-            return replace(self, hidden=None)
-        scene = Scene.of_layered(layered._replace(mixed=not complete), self.repair)
-        return replace(scene, matte=self.matte)
 
     @property
     def tensors(self) -> list[Tensor]:
         """All that is in memory."""
-        every = (
-            *(self.image, self.signed_radius, self.matte),
-            *(self.hidden or ()),
-            *(self.layered or ()),
-        )
-        return [x for x in every if isinstance(x, Tensor)]
+        return [x for x in (self.image, self.signed_radius, self.matte) if x is not None]
 
-    def of_colors(self, channels: Sequence[int], px: Scalar) -> Scene:
-        """The scene in some channels, with px added to its radii; of layers, of their colours."""
-        if self.layered is not None:
-            layers = self.layered._replace(colors=_chosen(self.layered.colors, channels))
-            radii = _plus(layers.signed_radius, px)
-            if radii is not layers.signed_radius:
-                layers = Layered.of(layers.colors, radii, layers.coverage)
-            return Scene.of_layered(layers, self.repair)
-        hidden = self.hidden
-        if hidden is not None:
-            color, radius, mask = hidden
-            hidden = _chosen(color, channels), _plus(radius, px), mask
-        return replace(
-            self,
-            image=_chosen(self.image, channels),
-            signed_radius=_plus(self.signed_radius, px),
-            hidden=hidden,
+
+# What a lens sees: a surface, or layers of them.
+Scene = Surface | Layered
+
+
+def layers_of(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
+    """The scene of layers with coverage; of one that covers all, a surface.
+
+    `colors`: [L, C, H, W], linear light, premultiplied by coverage; `signed_radius`: [L, H, W] px;
+    unused where coverage is 0; `coverage`: [L, H, W] in [0, 1], the share of each pixel that the
+    layer covers.
+    """
+    tensors = {"colors": colors, "signed_radius": signed_radius, "coverage": coverage}
+    for name, tensor in tensors.items():
+        backward_only(name, tensor)
+        if not (isinstance(tensor, Tensor) and tensor.is_floating_point()):
+            problem = f"{name} must be a tensor of floats, got {described(tensor)}"
+            raise ValueError(f"{problem}; {_DECODE}")
+    shape = tuple(colors.shape)
+    each = (shape[0], *shape[2:]) if len(shape) == 4 else ()
+    if not each or 0 in shape or {tuple(signed_radius.shape), tuple(coverage.shape)} != {each}:
+        raise ValueError(
+            f"layers must be colors [L, C, H, W] with signed_radius and coverage [L, H, W], "
+            f"got {list(shape)}, {list(signed_radius.shape)} and {list(coverage.shape)}; "
+            "one layer is colors[None]"
         )
+    layered = Layered.of(*tensors.values())
+    if layered.deepest == 1 and not layered.open:
+        return Surface(color_of(layered.picture()), layered.nearest())
+    return layered
+
+
+def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
+    """A surface whose radii are final, before the layer that is known to lie behind it.
+
+    The surface itself, if it lies nowhere behind. Where it is known all over, no pixel is taken
+    apart: there is nothing to guess.
+    """
+    if hidden is None:
+        return surface
+    check_hidden(hidden, tuple(surface.image.shape), tuple(surface.signed_radius.shape))
+    color, radius, mask = hidden
+    visible, complete = surface.signed_radius, bool(mask.all())
+    _check_known(color.detach(), radius.detach(), mask)
+    behind = (mask.to(visible.device) != 0) & (radius.to(visible.device) > visible)
+    layered = Layered.of(
+        torch.stack([surface.image, color.to(surface.image)]),
+        torch.stack([visible, radius.to(visible)]),
+        torch.stack([torch.ones_like(visible), behind.to(visible)]).detach(),
+    )
+    if layered.deepest == 1:
+        return surface
+    return layered._replace(mixed=not complete, with_alpha=False, matte=surface.matte)
+
+
+def in_colors(scene: Scene, channels: Sequence[int], px: Scalar) -> Scene:
+    """A scene in some channels of its colours, with px added to its radii."""
+    if isinstance(scene, Surface):
+        image = _chosen(scene.image, channels)
+        return replace(scene, image=image, signed_radius=_plus(scene.signed_radius, px))
+    layers = scene._replace(colors=_chosen(scene.colors, channels))
+    radii = _plus(scene.signed_radius, px)
+    return layers if radii is scene.signed_radius else layers.with_radii(radii)
+
+
+class InFocus(NamedTuple):
+    """A scene as regions read it: the picture in focus, and the layers that it is made of."""
+
+    surface: Surface  # of layers with alpha, and the nearest radii
+    layers: Layered | None  # None of one surface
+    reaching: Tensor  # [H, W] px, the radii whose light reaches farthest
+
+    @classmethod
+    def of(cls, scene: Scene) -> InFocus:
+        """Look at a scene in focus."""
+        if isinstance(scene, Surface):
+            return cls(scene, None, scene.signed_radius)
+        surface = Surface(scene.picture(), scene.nearest(), scene.matte)
+        return cls(surface, scene, scene.most_blurred())
 
 
 def _chosen(picture: Tensor, channels: Sequence[int]) -> Tensor:

@@ -48,6 +48,8 @@ class Layered(NamedTuple):
     deepest: int  # the greatest number of samples in one pixel
     # Whether the first layer is a picture, of which a pixel may hold parts of two surfaces
     mixed: bool = False
+    with_alpha: bool = True  # whether its views have alpha, which is 1 where a picture covers all
+    matte: Tensor | None = None  # [H, W], the coverage of the subject of a mixed picture
 
     @classmethod
     def of(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
@@ -71,6 +73,17 @@ class Layered(NamedTuple):
             maximum = max(maximum, 0.0)
         deepest = max(1, int(covered.sum(0).amax()))
         return cls(colors, signed_radius, coverage, (minimum, maximum), is_open, deepest)
+
+    def with_radii(self, signed_radius: Tensor) -> Layered:
+        """The same layers with other radii."""
+        layers = Layered.of(self.colors, signed_radius, self.coverage)
+        return layers._replace(mixed=self.mixed, with_alpha=self.with_alpha, matte=self.matte)
+
+    @property
+    def tensors(self) -> list[Tensor]:
+        """All that is in memory."""
+        every = (self.colors, self.signed_radius, self.coverage, self.matte)
+        return [x for x in every if x is not None]
 
     @property
     def dtype(self) -> torch.dtype:

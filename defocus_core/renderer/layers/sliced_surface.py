@@ -351,7 +351,7 @@ class _FramedLayer(NamedTuple):
     blocks: Tensor
 
 
-class Surface:
+class SlicedSurface:
     """A layer of the scene, and its slices that each tile of a grid sees.
 
     Attributes:

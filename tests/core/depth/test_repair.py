@@ -10,7 +10,7 @@ from synthetic_scenes import scenery
 
 from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render, repair_depth
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors import device_plan
 
@@ -89,7 +89,7 @@ def test_a_channel_without_light_changes_nothing():
 
 def test_repair_off_diagnoses_nothing():
     for make in DAMAGED.values():
-        assert not any(Renderer(Scene(*make()), Settings(depth_repair="off")).repair)
+        assert not any(Renderer(Surface(*make()), Settings(depth_repair="off")).repair)
 
 
 def test_a_lens_takes_the_switch():

@@ -6,7 +6,7 @@ from defocus_core import DepthRepair
 from defocus_core.depth.displacement import EdgeShifts
 from defocus_core.depth.shot_repair import agreed_repair, repair_through
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 
 SIZE = (24, 32)
@@ -48,7 +48,8 @@ def test_a_decided_repair_is_the_one_that_is_made():
     image, radius = texture(), noisy(1)
 
     def rendered(settings):
-        return torch.cat([part.render for part in Renderer(Scene(image, radius), settings).tiles()])
+        tiles = Renderer(Surface(image, radius), settings).tiles()
+        return torch.cat([part.render for part in tiles])
 
     decided = rendered(Settings(decided=DepthRepair(noise=0.3)))
     found, none = rendered(Settings()), rendered(Settings(decided=DepthRepair()))

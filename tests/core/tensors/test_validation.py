@@ -11,7 +11,7 @@ import torch
 
 from defocus_core import DefocusLens, Distribution, HiddenLayer, RandomDefocus, render
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 
 IMAGE, RADIUS = torch.rand(3, 12, 16), torch.linspace(-2, 3, 16).expand(12, 16)
 DEPTH = torch.linspace(1e3, 4e3, 16).expand(1, 12, 16)
@@ -163,7 +163,7 @@ def test_each_picture_has_memory_of_its_own(count, recorded):
 
 
 def test_a_renderer_counts_the_same_each_time():
-    renderer = Renderer(Scene(IMAGE, RADIUS))
+    renderer = Renderer(Surface(IMAGE, RADIUS))
     for _ in range(2):
         assert len(list(renderer.tiles())) == 1
         assert renderer.stats["pixels"] == RADIUS.numel()

@@ -11,7 +11,7 @@ from defocus_core.optics.parts import LEFT
 from defocus_core.renderer.compiled import carried
 from defocus_core.renderer.compiled.openings import STEPS, opening
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 
 pytestmark = pytest.mark.skipif(
@@ -36,7 +36,7 @@ def random_scene(seed):
 
 
 def views(image, radius, back, **options):
-    renderer = Renderer(Scene(image, radius), Settings(left_right=True, back=back, **options))
+    renderer = Renderer(Surface(image, radius), Settings(left_right=True, back=back, **options))
     assert renderer.back == ("compiled" if back == "auto" else "torch")
     return renderer.picture()
 
@@ -153,7 +153,7 @@ def test_pairs_that_the_compiled_back_does_not_carry_lie_about_its_centre():
     image, radius = card(-4.0, 4.0, 72)
     models = DualPixel(), DualPixel(model="smooth")
     alone, about = (
-        Renderer(Scene(image, radius), Settings(left_right=True, dual_pixel=model)).picture()
+        Renderer(Surface(image, radius), Settings(left_right=True, dual_pixel=model)).picture()
         for model in models
     )
     assert torch.equal(alone.render, about.render)

@@ -16,7 +16,7 @@ from defocus_core.renderer.engine.memory_bound import memory_bound
 from synthetic_scenes import KINDS, scenery
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface
 from defocus_core.system import memory
 from peak_memory import peak_mb, reset_peak
 
@@ -27,13 +27,13 @@ def measured(case):
     threads, views = int(threads), pair == "pair"
     settings = Settings(quality=quality, left_right=views, threads=threads)
     small = scenery(kind, 64, 96, 4.0)
-    for _ in Renderer(Scene(small[0], small[1]), settings).tiles():
+    for _ in Renderer(Surface(small[0], small[1]), settings).tiles():
         pass
     image, radii = scenery(kind, int(height), int(width), float(radius))[:2]
     memory.trim()
     reset_peak()
     before = memory.held_mb()
-    renderer = Renderer(Scene(image, radii), settings)
+    renderer = Renderer(Surface(image, radii), settings)
     bound = memory_bound(renderer, threads, threads)
     for _ in renderer.tiles():
         pass

@@ -9,7 +9,7 @@ from windows import KINDS, put_together, same
 from defocus_core import render
 from defocus_core.renderer.blur import kernel_bank
 from defocus_core.renderer.engine.renderer import Renderer
-from defocus_core.renderer.engine.scene import Scene
+from defocus_core.renderer.engine.scene import Surface, with_hidden
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.layer import HiddenLayer
 
@@ -19,7 +19,7 @@ def test_a_renderer_is_the_rendering(kind):
     image, radius = scenery(kind, 450, 100, 6.0)
     whole = render(image, radius, left_right=True)
     for threads, at_once in ((1, None), (3, 1)):
-        renderer = Renderer(Scene(image, radius), Settings(left_right=True, threads=threads))
+        renderer = Renderer(Surface(image, radius), Settings(left_right=True, threads=threads))
         pictures = put_together(renderer, at_once)
         assert pictures.keys() == {*KINDS, "trust"}
         assert same(pictures, whole)
@@ -36,7 +36,7 @@ def soft_picture(height, width):
 def test_a_renderer_of_soft_depth_is_its_rendering():
     image, radius = soft_picture(450, 100)
     whole = render(image, radius)
-    renderer = Renderer(Scene(image, radius), Settings(threads=2))
+    renderer = Renderer(Surface(image, radius), Settings(threads=2))
     assert renderer.repair.soft_edges
     assert same(put_together(renderer), whole)
     assert torch.equal(render(image, radius, threads=3).render, whole.render)
@@ -44,7 +44,7 @@ def test_a_renderer_of_soft_depth_is_its_rendering():
 
 def test_half_colour_is_rendered_as_the_same_colour_in_float():
     image, radius = scenery("most", 200, 300, 5.0)
-    pictures = put_together(Renderer(Scene(image.half(), radius)))
+    pictures = put_together(Renderer(Surface(image.half(), radius)))
     assert pictures["render"].dtype == torch.float32
     assert same(pictures, render(image.half().float(), radius))
 
@@ -54,7 +54,7 @@ def test_a_known_layer_is_handed_out_in_regions_too():
     known = HiddenLayer(image.flip(-1), radius + 9, radius < radius.mean())
     whole = render(image, radius, hidden=known)
     assert not torch.equal(whole.render, render(image, radius).render)
-    renderer = Renderer(Scene(image, radius, hidden=known))
+    renderer = Renderer(with_hidden(Surface(image, radius), known))
     assert same(put_together(renderer), whole)
 
 
@@ -75,7 +75,7 @@ def test_a_tile_sees_all_that_spreads_to_it(kind, quality):
 def test_the_caller_who_takes_a_region_keeps_gradients():
     """Also a caller who takes only the first region."""
     image, radius = torch.rand(3, 40, 50), torch.full((40, 50), 3.0)
-    regions = Renderer(Scene(image, radius)).tiles()
+    regions = Renderer(Surface(image, radius)).tiles()
     next(regions)
     assert torch.is_grad_enabled()
     regions.close()
