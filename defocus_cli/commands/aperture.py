@@ -7,8 +7,9 @@ from pathlib import Path
 import click
 
 from defocus_cli.options.job import opening_options
-from defocus_cli.options.shared import FilePath, GroupedCommand, output_option, refuse_existing
+from defocus_cli.options.shared import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
+from defocus_core.io.replacing import identities, require_replaceable
 from defocus_core.picture.opening import write_aperture
 from defocus_core.request.lens import Lens
 from defocus_core.request.quantities import pixel_count
@@ -34,6 +35,6 @@ def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: Lens)
       defocus aperture -o hexagon.png --blades 6 --blade-curvature 0.4
       defocus aperture -o mirror.exr --obstruction 0.4 --radius 40px
     """  # noqa: D301  click reads the backspace
-    refuse_existing(out, overwrite=overwrite)
+    require_replaceable(out, overwrite=overwrite, inputs=identities(lens.files.values()))
     write_aperture(out, lens, -radius if nearer else radius)
     console.stdout(f"wrote {out}")

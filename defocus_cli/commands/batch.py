@@ -160,9 +160,9 @@ def command(
         dry_runs.report(plan, crew.count, each=verbose, as_json=as_json)
         return
     if contact is not None:
-        from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
+        from defocus_core.reports.sheets import require_room, write_contact_sheet
 
-        kind_of_sheet(jobs)
+        require_room(jobs)
     report = batch_report.BatchReport(each=verbose, keep=as_json, verbose=verbose)
     with report.bar("job"):
         summary = run.run(jobs, out, execution, report)

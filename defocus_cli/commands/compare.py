@@ -26,8 +26,7 @@ from defocus_core.compare.pairing import (
     find_pairs,
     is_batch,
     pair_batches,
-    read_recipes,
-    written_by,
+    samples_of,
 )
 from defocus_core.compare.record import DIFFERENT, EXTRA
 from defocus_core.compare.run import compare_all
@@ -110,6 +109,7 @@ def command(
         console.stdout(recipe)
     for pattern in asked.rules.idle([pair.name for pair in pairs]):
         console.stderr(f"{asked.file}: no picture matches files = '{pattern}'")
+    asked.task.require_room(pairs)
     lone, records = not a.is_dir(), []
     try:
         compared = compare_all(pairs, asked.task, processes)
@@ -124,8 +124,8 @@ def command(
         header = comparisons.ReportHeader(f"{b} compared with {a}", words)
         failures = asked.write_reports(records, header, time.perf_counter() - start, processes)
         whole = accept and not failures and len(records) == len(pairs)
-        samples = read_recipes(b) if whole and b.is_dir() and not is_batch(a) else {}
-        accepted = accept_files(a, b, records, written_by(samples, pairs)) if whole else []
+        samples = samples_of(b, pairs) if whole and b.is_dir() and not is_batch(a) else {}
+        accepted = accept_files(a, b, records, samples) if whole else []
         if as_json:
             document = compare_report.document(records, len(pairs))
             if batches is not None:

@@ -16,11 +16,11 @@ from defocus_cli.options.shared import (
     json_option,
     lens_option,
     output_option,
-    refuse_existing,
 )
 from defocus_cli.words import console
 from defocus_cli.words.batch import tile_bar
 from defocus_core.errors import UsageProblem
+from defocus_core.io.replacing import require_replaceable
 from defocus_core.picture.lens_fit import FitOptions, fit_files, words, write_lens
 from defocus_core.request.job import Picture, Reading
 from defocus_core.request.parameters import LENS_OPTIONS
@@ -103,7 +103,7 @@ def command(
         if out.suffix != ".toml":
             problem = f"{out} is not a lens file"
             raise UsageProblem("malformed", problem, "let it end in .toml", path="-o")
-        refuse_existing(out, overwrite=overwrite)
+        require_replaceable(out, overwrite=overwrite)
     views = (blurred,) if right is None else (blurred, right)
     with tile_bar() as progress:
         found = fit_files(Picture(sharp.stem, sharp, depth), views, reading, options, progress)

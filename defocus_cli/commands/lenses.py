@@ -11,11 +11,11 @@ from defocus_cli.options.shared import (
     GroupedCommand,
     json_option,
     output_option,
-    refuse_existing,
 )
 from defocus_cli.words import console
 from defocus_core.allowed_values import DUAL_PIXEL_SENSORS
 from defocus_core.errors import InputError
+from defocus_core.io.replacing import require_replaceable
 from defocus_core.request.lens_files import shipped_lenses
 
 
@@ -41,7 +41,7 @@ def command(out: Path | None, overwrite: bool, as_json: bool) -> None:
     if out is not None:
         if out.suffix.lower() != ".png":
             raise InputError("malformed", "is not a PNG", "end its name in .png", path=out)
-        refuse_existing(out, overwrite=overwrite)
+        require_replaceable(out, overwrite=overwrite)
         from defocus_core.reports.sheets import write_lens_sheet
 
         write_lens_sheet(out, lenses)

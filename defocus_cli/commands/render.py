@@ -117,9 +117,9 @@ def command(
         dry_runs.report(plan, 1, each=True, as_json=as_json)
         return
     if shot.contact is not None:
-        from defocus_core.reports.sheets import kind_of_sheet, write_contact_sheet
+        from defocus_core.reports.sheets import require_room, write_contact_sheet
 
-        kind_of_sheet(jobs)
+        require_room(jobs)
     lone = len(jobs) == 1
     report = batch_report.BatchReport(each=True, keep=as_json, verbose=verbose, raises=lone)
     with report.bar("picture") if not lone else batch_report.tile_bar() as count:

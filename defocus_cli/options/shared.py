@@ -13,7 +13,7 @@ import click
 
 from defocus_cli.words.console import Due
 from defocus_core import gone
-from defocus_core.errors import InputError, Place, UsageProblem
+from defocus_core.errors import Place, UsageProblem
 from defocus_core.request.quantities import byte_count, read_at
 
 Command = Callable[..., Any]
@@ -53,10 +53,15 @@ class ReportPath(FilePath):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """A path where nothing is, or an earlier report."""
-        from defocus_core.reports.replaceable import refuse_other
+        from defocus_core.io.replacing import require_replaceable
+        from defocus_core.request.output_kinds import PICTURES
 
         path = super().convert(value, param, ctx)
-        refuse_other(path, self.kind)
+        require_replaceable(path, self.kind)
+        if path.suffix.lower() in PICTURES:
+            problem = "is the name of a picture, not of a report"
+            remedy = f"end its name in .{'xml' if self.kind == 'junit' else self.kind}"
+            raise UsageProblem("malformed", problem, remedy, path=path)
         return path
 
 
@@ -252,13 +257,6 @@ def contact_option(command: Command) -> Command:
     """Hand a command ``contact``: the number of pictures on a contact sheet, None for no sheet."""
     text = "Also write N of the pictures, small, to OUT/contact.png."
     return output_option("--contact N", text, click.IntRange(min=1, max=400))(command)
-
-
-def refuse_existing(path: Path, *, overwrite: bool) -> None:
-    """Refuse to replace a file, unless ``--overwrite`` asks for it."""
-    if path.exists() and not overwrite:
-        remedy = "give another name, or --overwrite"
-        raise InputError("exists", "is there already", remedy, path=path)
 
 
 def dataset_options(command: Command) -> Command:

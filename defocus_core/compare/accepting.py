@@ -13,6 +13,7 @@ from defocus_core.compare.record import DIFFERENT, EXTRA, Comparison
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
 from defocus_core.io.exr.writing import write_exr
+from defocus_core.io.replacing import GOLDEN, require_replaceable
 from defocus_core.io.safe_files import left_in, unwritable, written_together, written_whole
 
 
@@ -44,7 +45,10 @@ def accept_files(
                 read_picture(record.b)
             target = record.a or a / record.b.relative_to(b)
             # A batch may have it in another format: A gets the file of B, under the name of B.
-            pairs.append((record.b, target.with_suffix(record.b.suffix)))
+            target = target.with_suffix(record.b.suffix)
+            if target != record.a:
+                require_replaceable(target, GOLDEN)
+            pairs.append((record.b, target))
     try:
         for path in (*(target for _, target in pairs), *(a / f"{n}{RECIPE}" for n in samples)):
             if path.is_relative_to(a):

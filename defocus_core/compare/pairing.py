@@ -209,9 +209,10 @@ def _read_recipe(folder: Path, name: str) -> Recipe:
     raise InputError("damaged", "is no recipe of a sample", remedy, path=folder / name)
 
 
-def written_by(samples: Mapping[str, Recipe], pairs: Sequence[FilePair]) -> dict[str, Recipe]:
-    """The samples that wrote one of the files of B."""
-    names = {pair.name for pair in pairs if pair.b is not None}
+def samples_of(b: Path, pairs: Sequence[FilePair]) -> dict[str, Recipe]:
+    """The samples of a folder B that wrote one of the files of B."""
+    samples = read_recipes(b)
+    names = {pair.b.relative_to(b).as_posix() for pair in pairs if pair.b is not None}
     return {name: s for name, s in samples.items() if not names.isdisjoint(s.files.values())}
 
 

@@ -22,6 +22,7 @@ from defocus_core.compare.record import DIFFERENT, SAME, CompareSettings, Compar
 from defocus_core.compare.thresholds import Thresholds
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.encode import write_samples
+from defocus_core.io.replacing import DIFFERENCE, KIND, identities, require_replaceable
 from defocus_core.system.process import spread
 
 FIRST = 20  # failing pairs whose causes are sought, where not all are asked for
@@ -29,23 +30,29 @@ FIRST = 20  # failing pairs whose causes are sought, where not all are asked for
 CAUSES = {"first": FIRST, "all": math.inf, "none": 0}
 _GREY, _HALF = 128, 127  # levels of no difference, and of the greatest on either side
 _MAGENTA = (255, 0, 255)
-_NAME = "defocus:amplification"
+_AMPLIFICATION = "defocus:amplification"
 
 
 def write_differences(folder: Path, record: Comparison, pixels: Pixels) -> tuple[Path, ...]:
     """Write both images of a pair; its name with its suffix begins theirs."""
-    exr, png = (folder / f"{record.name}.diff{suffix}" for suffix in (".exr", ".png"))
+    exr, png = _difference_files(folder, record.name)
     with np.errstate(over="ignore"):
         signed = {name: pixels.difference(name).astype(np.float32) for name in pixels.names}
     apart = None if record.nonfinite is None else record.nonfinite.apart
     if apart is not None:
         for plane in signed.values():
             plane[apart] = np.float32(np.nan)
-    write_exr(exr, signed, {})
+    write_exr(exr, signed, {KIND: DIFFERENCE})
     with np.errstate(all="ignore"):  # differences may overflow
         factor, shown = amplified(pixels, apart)
-    write_samples(png, pixels.shape, [shown], "png", {_NAME: f"{factor:g}"})
+    told = {KIND: DIFFERENCE, _AMPLIFICATION: f"{factor:g}"}
+    write_samples(png, pixels.shape, [shown], "png", told)
     return exr, png
+
+
+def _difference_files(folder: Path, name: str) -> tuple[Path, Path]:
+    """The signed and the amplified difference image of a pair."""
+    return folder / f"{name}.diff.exr", folder / f"{name}.diff.png"
 
 
 def amplified(pixels: Pixels, apart: NDArray[np.bool_] | None) -> tuple[float, NDArray[np.uint8]]:
@@ -76,6 +83,14 @@ class Task:
     settings: CompareSettings
     images: Path | None = None
     causes: str = "first"
+
+    def require_room(self, pairs: Sequence[FilePair]) -> None:
+        """Refuse to write difference images over other files, or over one that is compared."""
+        if self.images is not None:
+            inputs = identities(path for pair in pairs for path in (pair.a, pair.b) if path)
+            for pair in pairs:
+                for path in _difference_files(self.images, pair.name):
+                    require_replaceable(path, DIFFERENCE, inputs=inputs)
 
     def carry_out(self, piece: tuple[FilePair, bool]) -> Comparison:
         """Compare a pair, and write its difference images if it differs and they are wanted."""

@@ -12,6 +12,7 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.exr.writing import write_exr
 from defocus_core.io.images.describe import describe
+from defocus_core.io.replacing import identities, require_replaceable
 from defocus_core.io.safe_files import written_together
 from defocus_core.picture.preview import write_depth_preview
 from defocus_core.picture.radii import of_file
@@ -73,14 +74,9 @@ def places(files: Sequence[Path], out: Path, *, preview: bool) -> list[DepthTarg
 
 def refuse_existing(wanted: Sequence[DepthTarget], *, overwrite: bool) -> None:
     """Refuse to replace files, unless that is asked for; an input is never replaced."""
-    inputs = {place.file.resolve() for place in wanted}
-    for path in (path for place in wanted for path in place.written if path.exists()):
-        if path.resolve() in inputs:
-            problem, remedy = "is a file to convert", "name another output"
-            raise InputError("replaces-input", problem, remedy, path=path)
-        if not overwrite:
-            remedy = "say ‹overwrite›, or name another output"
-            raise InputError("exists", "is there already", remedy, path=path)
+    inputs = identities(place.file for place in wanted)
+    for path in (path for place in wanted for path in place.written):
+        require_replaceable(path, overwrite=overwrite, inputs=inputs)
 
 
 def convert(place: DepthTarget, reading: Reading) -> Converted:

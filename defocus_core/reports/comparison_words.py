@@ -22,8 +22,8 @@ from defocus_core.compare.record import (
     Worst,
 )
 from defocus_core.errors import printable
+from defocus_core.io.replacing import require_replaceable
 from defocus_core.io.safe_files import written_whole
-from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import counted
 
 _DIGITS = {"psnr": 4, "ssim": 5}
@@ -206,6 +206,6 @@ def write_junit(path: Path, records: Sequence[Comparison], seconds: float) -> No
         elif record.status == WARNING:
             ElementTree.SubElement(case, "system-out").text = text
     ElementTree.indent(root)
-    refuse_other(path, "junit")
+    require_replaceable(path, "junit")
     with written_whole(path) as file:
         ElementTree.ElementTree(root).write(file, "utf-8", xml_declaration=True)

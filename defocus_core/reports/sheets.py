@@ -14,6 +14,7 @@ from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.color_space import linear_to_srgb, quantised
 from defocus_core.io.images.encode import write_samples
+from defocus_core.io.replacing import CONTACT, KIND, identities, require_replaceable
 from defocus_core.picture.opening import aperture_of, cat_eye_of
 from defocus_core.reports.html.thumbnails import resized
 from defocus_core.request.job import Job
@@ -35,7 +36,7 @@ _LABEL, _LENS_LABEL = (22, 14, 4, 6), (26, 16, 8, 8)
 _GREY = 0.8  # of words, in sRGB
 
 
-def kind_of_sheet(jobs: Sequence[Job]) -> str:
+def _kind_of_sheet(jobs: Sequence[Job]) -> str:
     """The kind of output that a sheet shows: the first that is an image."""
     for kind in jobs[0].outputs.rows:
         if kind.image:
@@ -46,12 +47,20 @@ def kind_of_sheet(jobs: Sequence[Job]) -> str:
     )
 
 
+def require_room(jobs: Sequence[Job]) -> None:
+    """Refuse jobs of which no sheet can be written: no image, or another file of its name."""
+    _kind_of_sheet(jobs)
+    pictures = {id(job.picture): job.picture for job in jobs}.values()
+    inputs = identities(path for picture in pictures for path in picture.files.values())
+    require_replaceable(jobs[0].outputs.root / NAME, CONTACT, inputs=inputs)
+
+
 def write_contact_sheet(jobs: Sequence[Job], count: int) -> Path | None:
     """Write ``count`` of the pictures of jobs, evenly spread over those that are there.
 
     Returns the file; None if no picture is there.
     """
-    kind = kind_of_sheet(jobs)
+    kind = _kind_of_sheet(jobs)
     there = [job for job in jobs if job.paths[kind].exists()]
     if not there:
         return None
@@ -80,7 +89,7 @@ def _write(path: Path, pictures: Sequence[NDArray[Any]], columns: int) -> None:
     cells += [np.zeros_like(cells[0])] * (-len(cells) % columns)
     rows = [np.concatenate(cells[i : i + columns], 1) for i in range(0, len(cells), columns)]
     sheet = quantised(np.concatenate(rows), 8)
-    write_samples(path, sheet.shape[:2], iter([sheet]), "png", {})
+    write_samples(path, sheet.shape[:2], iter([sheet]), "png", {KIND: CONTACT})
 
 
 def _lights(shipped: ShippedLens) -> NDArray[Any]:

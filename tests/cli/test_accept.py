@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from command_line import files_under, read_exr, refused, run, succeed, write_exr
+from command_line import failed, files_under, read_exr, refused, run, succeed, write_exr
 from jobs_files import FIXED, INPUTS, jobs_file, pictures
 
 PICTURES = {"render/a.exr", "render/b.exr"}
@@ -93,6 +93,17 @@ def test_what_passes_stays_and_what_is_missing_is_told(jobs, goldens):
     ran = compare(goldens, new, "--accept")
     assert (ran.code, "render/b.exr: MISSING" in ran.out) == (1, True)
     assert (goldens / "render" / "b.exr").exists()
+
+
+def test_a_golden_of_another_format_replaces_no_file_of_its_name(jobs, goldens):
+    jobs.write_text(jobs.read_text() + '[outputs]\nformat = "tiff"\n')
+    theirs, new = goldens / "render" / "a.tif", rendered(jobs, "other", fnumber=1.4)
+    theirs.write_text("mine")
+    failed(compare(goldens, new, "--accept"), 3, "exists", theirs)
+    assert theirs.read_text() == "mine"
+    theirs.unlink()
+    for _ in range(2):
+        assert compare(goldens, new, "--accept").code == 0
 
 
 def test_a_conflict_of_a_merge_is_told_and_a_pointer_is_never_accepted(jobs, goldens):

@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 
 import pytest
 from batches import again, folders
-from command_line import color_exr, failed, files_under, refused, run, succeed, texture
+from command_line import LENS, color_exr, failed, files_under, refused, run, succeed, texture
 from records import pack, record, taken
 from refusals import refuses
 
@@ -163,6 +163,43 @@ def test_a_report_replaces_nothing_but_a_report(tmp_path):
         succeed("compare", picture, picture, "--html", page, "--junit", cases)
     refused(run("compare", picture, picture, "--junit", page), 3, "exists", page)
     assert (picture.read_bytes(), jobs.read_text()) == (before, "[inputs]")
+
+
+def test_a_sheet_and_difference_images_replace_nothing_but_their_like(folders, tmp_path):
+    rgb, depth = folders
+    other = color_exr(tmp_path / "new" / "a.exr", texture(seed=9))
+    out, diff = tmp_path / "out", tmp_path / "diff"
+    sheet, signed = out / "contact.png", diff / "a.exr.diff.exr"
+    commands = {
+        sheet: ("render", *LENS, rgb, depth, "-o", out, "--contact", "1"),
+        signed: ("compare", rgb, other.parent, "--diff", diff, "--only", "a.exr"),
+        diff / "a.exr.diff.png": ("compare", rgb / "a.exr", other, "--diff", diff),
+    }
+    for theirs, words in commands.items():
+        theirs.parent.mkdir(exist_ok=True)
+        color_exr(theirs)
+        before = theirs.read_bytes()
+        refused(run(*words), 3, "exists", theirs)
+        assert files_under(theirs.parent) == {theirs.name}
+        assert theirs.read_bytes() == before
+        theirs.unlink()
+    for words in (*commands.values(), *commands.values()):
+        assert run(*words).code in (0, 1)
+    (rgb / signed.name).write_bytes(signed.read_bytes())  # ours, and compared
+    refused(run("compare", rgb, other.parent, "--diff", rgb), 3, "replaces-input", signed.name)
+
+
+def test_no_picture_of_an_opening_is_replaced_whoever_asks(folders, tmp_path):
+    opening, out = tmp_path / "out" / "render" / "a.exr", tmp_path / "out"
+    before = color_exr(opening, texture(8, 8)).read_bytes()
+    (tmp_path / "link.exr").symlink_to(opening)
+    for named in (opening, tmp_path / "link.exr"):
+        words = ("--aperture-image", named, "--overwrite", "-o")
+        refused(
+            again(folders, out, "--outputs", "render", *words[:-1]), 3, "replaces-input", "a.exr"
+        )
+        refused(run("aperture", *words, opening), 3, "replaces-input", opening)
+    assert opening.read_bytes() == before
 
 
 def test_a_key_of_endless_parts_is_refused_before_it_is_parsed(tmp_path):

@@ -210,12 +210,12 @@ depth z.exr -o depth.png → \
 compare rgb.exr rgb.exr --html page.png → \
 2 malformed page.png: is the name of a picture, not of a report; end its name in .html
 depth z.exr -o small.exr → \
-3 exists small.exr: is there already; say --overwrite, or name another output
+3 exists small.exr: is there already; name another output, or add --overwrite
 render rgb.exr z.exr -o done LENS --outputs coc → \
 3 exists done/coc/rgb.exr: exists already, and the journal does not know it; move it away, choose \
 another -o, or add --overwrite to render all again
 render rgb.exr z.exr -o rgb.exr LENS --overwrite → \
-3 replaces-input rgb.exr: is an input and would be overwritten; choose another -o
+3 replaces-input rgb.exr: is an input and would be overwritten; name another output
 render rgb.####.exr z.####.exr -o out LENS → \
 3 missing-frames z.####.exr: lacks 1 frame, 3; say --missing skip to leave them out, or name \
 others with --frames

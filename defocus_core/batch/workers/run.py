@@ -21,6 +21,7 @@ from defocus_core.batch.journal import resume, runs
 from defocus_core.batch.journal.journal import Journal, Ledger, Shard, input_path, journal_path
 from defocus_core.batch.journal.record import End, Failed, Record, Stamp, Stamps, Taken, now
 from defocus_core.errors import InputError, NoteKinds
+from defocus_core.io.replacing import replaces_input
 from defocus_core.io.safe_files import missing, require_utf_8, unwritable
 from defocus_core.request.job import Job, Outputs
 from defocus_core.system.memory import without_collections
@@ -190,8 +191,9 @@ def refuse_misplaced(jobs: Sequence[Job]) -> None:
     for outputs in {*every}:
         list(_places_of(outputs))
     folders = {folder.resolve() for outputs in every for folder in outputs.folders}
-    pictures = {id(job.picture): job.picture for job in jobs}.values()
-    named = [str(path) for picture in pictures for path in picture.files.values()]
+    # what many jobs share is asked once
+    parts = {id(part): part for job in jobs for part in (job.picture, job.lens, job.shot) if part}
+    named = [str(path) for part in parts.values() for path in part.files.values()]
     for text in named:
         require_utf_8(text)
     # Path.resolve raises where a link leads in a circle; its reader names that.
@@ -203,8 +205,7 @@ def refuse_misplaced(jobs: Sequence[Job]) -> None:
     inputs = {places[folder] / name for folder, name in split}
     for path in (path for job in jobs for path in job.written):
         if path.parent.resolve() / path.name in inputs:
-            problem = "is an input and would be overwritten"
-            raise InputError("replaces-input", problem, "choose another -o", path=path)
+            raise replaces_input(path)
 
 
 def _refuse_clashes(jobs: Sequence[Job]) -> None:

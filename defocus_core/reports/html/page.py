@@ -24,11 +24,11 @@ from pathlib import Path
 from typing import Any
 
 from defocus_core.errors import printable, with_dashes
+from defocus_core.io.replacing import require_replaceable
 from defocus_core.io.safe_files import written_whole
 from defocus_core.reports.html import thumbnails
 from defocus_core.reports.html.item import Item, Layer, Report
 from defocus_core.reports.html.layers import DIFFERENCE, WHOLE, B
-from defocus_core.reports.replaceable import refuse_other
 from defocus_core.system.text import counted
 
 # Keys of every page, and those of a report, with what they do.
@@ -230,7 +230,7 @@ def write_page(
         payloads=payloads.items(),
         **values,
     )
-    refuse_other(path, "html")
+    require_replaceable(path, "html")
     with written_whole(path) as file:
         for part in parts:
             file.write(with_dashes(part).encode("utf-8", "replace"))
