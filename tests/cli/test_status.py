@@ -1,7 +1,9 @@
 """``defocus status``: how far a batch is, and what failed."""
 
 import os
+import time
 
+import pytest
 from batches import JOBS, jobs_file
 from command_line import depth_exr, ramp, run
 
@@ -10,13 +12,21 @@ from defocus_core import run_batch
 from defocus_core.batch.journal.progress import progress
 
 
-def test_status_counts_no_job_twice_that_is_to_be_done_again(tmp_path, out):
-    path = jobs_file(tmp_path)
-    run("batch", path, "-o", out)
+@pytest.mark.parametrize("is_merged", [False, True])
+@pytest.mark.parametrize("hours", [-1, 0, 1])
+def test_status_counts_what_is_left_whatever_the_clock_says(
+    hours, is_merged, tmp_path, out, monkeypatch
+):
+    path, part = jobs_file(tmp_path, "a", "b"), ("--shard", "1/1") if is_merged else ()
+    run("batch", path, "-o", out, *part)
     path.write_text(JOBS.replace("fnumber = 2", "fnumber = 4"))
-    run("batch", path, "-o", out, "--limit", "1")
-    told = run("status", out, "--json").json
-    assert (told["ok"], told["left"], told["again"], told["jobs"]) == (4, 3, 3, 4)
+    then = time.time() + 3600 * hours
+    monkeypatch.setattr(time, "time", lambda: then)
+    run("batch", path, "-o", out, "--limit", "1", *part)
+    for _ in range(1 + is_merged):
+        told = run("status", out, "--json").json
+        assert (told["ok"], told["left"], told["again"], told["jobs"]) == (4, 3, 3, 4)
+        run("merge", out)
     assert "4 done, 3 left, 3 of them to be done again, 4 jobs" in run("status", out).out
 
 

@@ -16,7 +16,6 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import suppress
-from datetime import datetime
 from functools import lru_cache
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -176,13 +175,11 @@ class Ledger:
     def __init__(
         self,
         out: Path,
-        seen: Callable[[str, datetime], None] | None = None,
         *,
         is_empty: bool = False,
     ) -> None:
         """Read the journals; those of shards follow, as a run on all of OUT joins them first.
 
-        `seen`: called with the sample and the time of each record, oldest first;
         `is_empty`: no journal counts, as beside a picture that has none.
         """
         self.out = out
@@ -209,8 +206,6 @@ class Ledger:
                     self._begins.append(begin)
                     self._of.append(place)
                     self._add(record)
-                    if seen is not None:
-                        seen(record.sample_id, record.finished)
         self.earlier -= self.last.keys()
         if self.earlier:
             files = counted(len(self.earlier), "file")
@@ -232,6 +227,10 @@ class Ledger:
             stem = record.settings.get("stem", "")
             if record.split not in self.splits.setdefault(stem, ()):
                 self.splits[stem] += (record.split,)
+
+    def counts(self) -> Counter[str]:
+        """How many records there are of each sample."""
+        return Counter(self._samples)
 
     def is_ok(self, number: int | None) -> bool:
         """Whether a record is of pictures; not if there is none."""

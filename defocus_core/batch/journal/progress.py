@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
@@ -56,14 +55,7 @@ def progress(out: Path, failures: int) -> Progress:
     parts = (None, *divided)
     runs = [run for part in parts if (run := open_run(out, part)) is not None]
 
-    def seen(sample: str, finished: datetime) -> None:
-        for run in runs:
-            if finished >= run.begun:
-                run.left.discard(sample)
-            elif sample in run.left:
-                run.again.add(sample)
-
-    ledger = Ledger(out, seen if runs else None)
+    ledger = Ledger(out)
     state = Progress(Counter(), Counter())
     without = list[int]()
     for number in ledger.live():
@@ -77,8 +69,8 @@ def progress(out: Path, failures: int) -> Progress:
         division = max(part.of for part in divided)
         state.shards = sorted(part.number for part in divided if part.of == division), division
     state.running = [who for part in parts if (who := holder(lock_path(out, part)))]
-    state.left = sum(len(run.left) for run in runs)
-    state.again = sum(len(run.again & run.left) for run in runs)
+    left = [count for run in runs for count in run.left(ledger.counts()).values()]
+    state.left, state.again = len(left), sum(map(bool, left))
     return state
 
 

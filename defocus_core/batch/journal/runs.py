@@ -14,10 +14,8 @@ import os
 import re
 import socket
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
-from datetime import datetime
 from hashlib import blake2b
 from pathlib import Path
 
@@ -25,7 +23,6 @@ from msgspec import Struct
 from msgspec.json import decode, encode
 
 from defocus_core.batch.journal.journal import NO_JSON, JournalFile, Shard, journal_path, shards
-from defocus_core.batch.journal.record import Moment, now
 from defocus_core.errors import InputError, cannot_read
 from defocus_core.io.below import Folder, sync_folder
 from defocus_core.io.safe_files import (
@@ -128,20 +125,14 @@ def _taken(path: Path) -> int | None:
     return None
 
 
-class _Note(Struct):
-    """The note of a run: when it began, and the samples of its jobs."""
+class OpenRun(Struct):
+    """The note of a run: by the samples of its jobs, how many records of each there were before."""
 
-    begun: Moment
-    jobs: set[str]
+    jobs: dict[str, int]
 
-
-@dataclass
-class OpenRun:
-    """A run that did not come to its end."""
-
-    begun: datetime
-    left: set[str]  # samples of its jobs that did not end since
-    again: set[str] = field(default_factory=set)  # those of them that ended before
+    def left(self, records: Mapping[str, int]) -> dict[str, int]:
+        """Those of its jobs that did not end since, of so many records as there are of each now."""
+        return {name: count for name, count in self.jobs.items() if records[name] <= count}
 
 
 def run_path(out: Path, shard: Shard | None = None) -> Path:
@@ -149,11 +140,11 @@ def run_path(out: Path, shard: Shard | None = None) -> Path:
     return out / (f".journal-{shard.number}of{shard.of}.run" if shard else ".journal.run")
 
 
-def note_run(out: Path, shard: Shard | None, samples: Iterable[str]) -> Path:
-    """Note a run by its samples; one on all of OUT has those that runs on shards left."""
+def note_run(out: Path, shard: Shard | None, jobs: dict[str, int]) -> Path:
+    """Note a run, of the `OpenRun.jobs`; one on all of OUT has those that runs on shards left."""
     path = run_path(out, shard)
     with written_whole(path) as file:
-        file.write(encode(_Note(now(), {*samples})) + b"\n")
+        file.write(encode(OpenRun(jobs)) + b"\n")
     for other in out.glob(".journal-*.run") if shard is None else ():
         other.unlink(missing_ok=True)
     return path
@@ -169,8 +160,7 @@ def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
     except OSError as error:
         raise cannot_read(path, error, "remove it") from None
     with suppress(*NO_JSON):
-        stored = decode(text, type=_Note)
-        return OpenRun(stored.begun, stored.jobs)
+        return decode(text, type=OpenRun)
     remedy = "remove the file, and what the run left half-written; the next run begins anew"
     raise InputError("malformed", "is not the note of a run", remedy, path=path)
 
@@ -178,7 +168,7 @@ def open_run(out: Path, shard: Shard | None = None) -> OpenRun | None:
 def begun_samples(out: Path, shard: Shard | None) -> set[str]:
     """The samples of runs that did not come to their end: they may have files, and no records."""
     parts = [None, *shards(out)] if shard is None else [None, shard]
-    return set().union(*(run.left for part in parts if (run := open_run(out, part)) is not None))
+    return set().union(*(run.jobs for part in parts if (run := open_run(out, part)) is not None))
 
 
 def sweep_up(out: Path) -> None:

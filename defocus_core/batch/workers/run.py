@@ -351,7 +351,8 @@ def _recording(state: _State) -> Iterator[Callable[[Record], None]]:
     """Append records; the run is noted in OUT in the block, and after it if jobs are left."""
     plan, shard = state.plan, state.execution.shard
     out = plan.ledger.out
-    path = runs.note_run(out, shard, (job.sample_id for job in plan.unfinished))
+    records = plan.ledger.counts()
+    path = runs.note_run(out, shard, {j.sample_id: records[j.sample_id] for j in plan.unfinished})
     if (out / runs.INDEX).exists():
         from defocus_core.batch.datasets import update
 
