@@ -3,14 +3,17 @@
 import os
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 from defocus_core.batch.journal.record import Failed
 from defocus_core.batch.journal.resume import versions
-from defocus_core.batch.workers import pipeline, pool
+from defocus_core.batch.workers import dask_pool, pipeline, pool
 from defocus_core.batch.workers.pool import READY
 from defocus_core.picture import plain_path
+
+REAL_DO = dask_pool.do
 
 
 def result_of(job):
@@ -65,17 +68,37 @@ def serve_nobody(connection):
     os._exit(7)
 
 
-def do(jobs, threads):
+def do(jobs, threads, leader):
     """What a Dask worker does."""
     results = [result_of(job) for job in jobs]
-    return {"versions": versions(), "results": results}
+    return {"versions": versions(), "results": results, "worker": "one"}
 
 
-def do_in_another_version(jobs, threads):
+def do_in_another_version(jobs, threads, leader):
     """What a Dask worker does that has not been updated."""
-    return {**do(jobs, threads), "versions": {"version": "0.0.1", "renderer": 1}}
+    return {**do(jobs, threads, leader), "versions": {"version": "0.0.1", "renderer": 1}}
 
 
-def cannot_do(jobs, threads):
+def cannot_do(jobs, threads, leader):
     """What a Dask worker does that lacks something."""
     raise ModuleNotFoundError("No module named 'torch'")
+
+
+def do_elsewhere(jobs, threads, leader):
+    """What a Dask worker does that has another folder under the name of OUT."""
+    return REAL_DO([_elsewhere(job) for job in jobs], threads, leader)
+
+
+def do_elsewhere_beside_a_copy(jobs, threads, leader):
+    """The same where OUT is a copy of that of the leader, its lock included."""
+    moved = [_elsewhere(job) for job in jobs]
+    there, root = jobs[0].outputs.root, moved[0].outputs.root
+    root.mkdir(exist_ok=True)
+    for lock in there.glob(".journal*.lock"):
+        (root / lock.name).write_bytes(lock.read_bytes())
+    return REAL_DO(moved, threads, leader)
+
+
+def _elsewhere(job):
+    root = job.outputs.root
+    return replace(job, outputs=replace(job.outputs, root=root.with_name(f"{root.name}-there")))

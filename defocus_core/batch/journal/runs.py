@@ -80,6 +80,21 @@ def holder(path: Path) -> str | None:
     return None
 
 
+def own_words() -> str:
+    """This process, as the locks that it holds name it."""
+    return f"process {os.getpid()} on {socket.gethostname()}"
+
+
+def is_held_by(out: Path, words: str) -> bool:
+    """Whether a lock of OUT names a process, as seen from another machine."""
+    with suppress(OSError):
+        for path in out.glob(".journal*.lock"):
+            with suppress(FileNotFoundError):  # of another shard, which ended
+                if path.read_text(errors="replace") == words:
+                    return True
+    return False
+
+
 @contextmanager
 def _held(path: Path) -> Iterator[int]:
     """Hold a lock, whose file is gone after the block; an error names who else holds it."""
@@ -96,7 +111,8 @@ def _held(path: Path) -> Iterator[int]:
     try:
         try:
             os.ftruncate(number, 0)
-            os.write(number, f"process {os.getpid()} on {socket.gethostname()}".encode())
+            os.write(number, own_words().encode())
+            os.fsync(number)  # workers on other machines look for it
         except OSError as error:
             raise unwritable(path, error) from error
         yield number

@@ -1,13 +1,16 @@
 """Jobs of a batch on the workers of a Dask scheduler.
 
 Jobs and what came of them are small; pictures are read and written where they are computed, so
-every worker has to see the same files under the same names. Dask may do a job twice, which
-changes nothing: outputs are written whole, and only this process writes the journal.
+every worker has to see the same files under the same names: it looks for the lock of this run in
+OUT, and this process for the first file of each. Dask may do a job twice, which changes nothing:
+outputs are written whole, and only this process writes the journal.
 """
 
 from __future__ import annotations
 
 import logging
+import os
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
 from importlib.util import find_spec
@@ -15,8 +18,8 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from defocus_core.batch.journal import resume
-from defocus_core.batch.journal.record import End
+from defocus_core.batch.journal import resume, runs
+from defocus_core.batch.journal.record import End, Taken
 from defocus_core.batch.workers import pipeline
 from defocus_core.batch.workers.pool import Lost, dispatch
 from defocus_core.batch.workers.run import Chunk, Done, Execute
@@ -26,6 +29,7 @@ from defocus_core.system.text import note
 
 AT_ONCE = 2  # chunks for each worker: one is computed, one waits where it is
 CONNECT = "30s"
+SEEN = 60.0  # seconds in which a file that a worker wrote is seen: NFS looks at folders that often
 
 
 def execute_at(address: str, *, threads: int | None) -> Execute:
@@ -74,6 +78,7 @@ class _Cluster:
         self.address = client.scheduler.address
         self.flight: dict[Any, Chunk] = {}
         self.serial = count()  # what failed under a name keeps it
+        self.trusted = set[str]()  # workers of which a file was seen
 
     def has_room(self) -> bool:
         """Whether another chunk can be submitted."""
@@ -87,7 +92,9 @@ class _Cluster:
         job = chunk[0][1]
         key = f"{job.sample_id}-{resume.recipe(job)}-{next(self.serial)}"
         jobs = [_absolute(job) for _, job in chunk]
-        future = self.client.submit(do, jobs, self.threads or 1, key=key, pure=False)
+        future = self.client.submit(
+            do, jobs, self.threads or 1, runs.own_words(), key=key, pure=False
+        )
         self.flight[future] = chunk
         self.futures.add(future)
 
@@ -107,6 +114,7 @@ class _Cluster:
                 both = (answer["versions"], own)
                 remote, local = ("{version}, renderer {renderer}".format(**it) for it in both)
                 raise self._unlike(f"its workers have defocus {remote}, but here is {local}")
+            self._require_shared(chunk[0][1].outputs.root, answer)
             yield from zip((number for number, _ in chunk), answer["results"], strict=True)
         elif type(error).__name__ == "KilledWorker":
             yield Lost(chunk, "several Dask workers that worked on it died")
@@ -114,6 +122,20 @@ class _Cluster:
             raise self._unlike(
                 f"its workers cannot do jobs: {type(error).__name__}: {reason(error)}"
             )
+
+    def _require_shared(self, root: Path, answer: dict[str, Any]) -> None:
+        """Refuse a worker that has another OUT than this process."""
+        worker, results = answer["worker"], answer["results"]
+        if worker in self.trusted and results:
+            return
+        taken = (end.outputs for end in results if isinstance(end, Taken))
+        path = next((stamp.path for outputs in taken for stamp in outputs.values()), None)
+        if not results or (path and not _is_seen(root / path)):
+            problem = f"is another folder on the Dask worker {worker}"
+            remedy = "name one that all workers share, under the same path"
+            raise InputError("not-found", problem, remedy, path=root)
+        if path:
+            self.trusted.add(worker)
 
     def stop(self) -> None:
         """What has been submitted is done."""
@@ -127,12 +149,30 @@ class _Cluster:
         return InputError("other-version", problem, remedy, path=self.address)
 
 
-def do(jobs: list[Job], threads: int) -> dict[str, Any]:
-    """Do jobs of one picture on a worker; gives their results, and the versions there."""
+def do(jobs: list[Job], threads: int, leader: str) -> dict[str, Any]:
+    """Do jobs of one picture on a worker, if its OUT has the lock of the leader.
+
+    Returns:
+        Their results, none if OUT is another; the versions there, and who did them.
+    """
+    from distributed import get_worker
+
     here = (replace(each, machine=replace(each.machine, threads=threads)) for each in jobs)
     results = list[End]()
-    pipeline.run(enumerate(here), lambda _, end: results.append(end))
-    return {"versions": resume.versions(), "results": results}
+    if runs.is_held_by(jobs[0].outputs.root, leader):
+        pipeline.run(enumerate(here), lambda _, end: results.append(end))
+    worker: str = get_worker().address
+    return {"versions": resume.versions(), "results": results, "worker": worker}
+
+
+def _is_seen(path: Path) -> bool:
+    """Whether a file that was just written elsewhere is there, or comes soon."""
+    end = time.monotonic() + SEEN
+    while path.name not in (os.listdir(path.parent) if path.parent.is_dir() else ()):  # noqa: PTH208
+        if time.monotonic() > end:
+            return False
+        time.sleep(min(1.0, SEEN / 10))
+    return True
 
 
 def _absolute(value: Any) -> Any:

@@ -124,3 +124,13 @@ def test_dask_makes_the_same_bytes_and_the_same_journal(made, tmp_path, out):
     run("batch", path, "-o", tmp_path / "here")
     assert contents(out) == contents(tmp_path / "here")
     assert without_times(out) == without_times(tmp_path / "here")
+
+
+@pytest.mark.parametrize("work", [fake_worker.do_elsewhere, fake_worker.do_elsewhere_beside_a_copy])
+def test_workers_that_have_another_out_are_refused(work, cluster, tmp_path, out, monkeypatch):
+    monkeypatch.setattr(dask_pool, "do", work)
+    monkeypatch.setattr(dask_pool, "SEEN", 0.3)
+    ran = run("batch", jobs_file(tmp_path), "-o", out, "--scheduler", cluster)
+    refused(ran, 3, "not-found", out)
+    assert "is another folder on the Dask worker tcp://127.0.0.1" in ran.err
+    assert not (out / "metadata.jsonl").exists()
