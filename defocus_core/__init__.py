@@ -19,6 +19,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.batch.datasets.finished import Sample as Sample
     from defocus_core.batch.datasets.finished import samples as samples
     from defocus_core.batch.datasets.torch_dataset import BatchDataset as BatchDataset
+    from defocus_core.batch.datasets.torch_dataset import decode_sample as decode_sample
     from defocus_core.batch.run_batch import batch_jobs as batch_jobs
     from defocus_core.batch.run_batch import run_batch as run_batch
     from defocus_core.batch.workers.run import Summary as Summary
@@ -101,7 +102,7 @@ _GROUPS = {
     "training": {
         "optics.distributions": "Distribution",
         "renderer.random_defocus": "Lenses RandomDefocus",
-        "batch.datasets.torch_dataset": "BatchDataset",
+        "batch.datasets.torch_dataset": "BatchDataset decode_sample",
     },
     "files": {
         "io.picture_files": "read_color read_depth write_image write_map",

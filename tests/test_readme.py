@@ -4,6 +4,7 @@ import re
 import runpy
 import shlex
 import shutil
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -137,8 +138,10 @@ def test_the_python_of_a_document_runs(name, desk, capsys):
     names: dict[str, object] = {}
     for kind, content in blocks(text):
         if "BatchDataset" in content:
-            assert run("batch", "pairs.toml", "-o", "out/pairs", "--processes", "1").code == 0
-        if kind == "python":
+            words = ("--processes", "1", "--shards-size", "1GB")
+            assert run("batch", "pairs.toml", "-o", "out/pairs", *words).code == 0
+        libraries = re.findall(r"^(?:import|from) (\w+)", content, re.M)
+        if kind == "python" and all(map(find_spec, libraries)):
             exec(content, names)
     if name == "fit":
         found = names["found"]

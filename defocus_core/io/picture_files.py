@@ -8,7 +8,10 @@ Errors name the options of the command line: ‹depth-format› is ``format`` he
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from defocus_core import gone
-from defocus_core.errors import UsageProblem, did_you_mean
+from defocus_core.errors import DefocusError, UsageProblem, did_you_mean
 from defocus_core.io.depth_formats import depth as depth_files
 from defocus_core.io.depth_formats.depth import Depth, require_valid
 from defocus_core.io.depth_formats.reading import KINDS, DepthReading
@@ -30,11 +33,29 @@ from defocus_core.io.images.raster import PLAIN_CHANNELS
 if TYPE_CHECKING:
     from os import PathLike
 
+BYTES = "bytes"  # what errors name where there is no file
 HOLES = ("keep", "error", "far", "fill")
 
 
+@contextmanager
+def as_file(source: str | PathLike[str] | bytes) -> Iterator[Path]:
+    """The path of a file; of its bytes that of a copy, which is there in the block."""
+    if not isinstance(source, bytes):
+        yield Path(source)
+        return
+    with tempfile.NamedTemporaryFile(prefix="defocus-") as file:
+        file.write(source)
+        file.flush()
+        try:
+            yield Path(file.name)
+        except DefocusError as error:
+            if error.path == file.name:
+                error.place = replace(error.place, path=BYTES)
+            raise
+
+
 def read_color(
-    path: str | PathLike[str],
+    path: str | PathLike[str] | bytes,
     *,
     layer: str | None = None,
     part: int | None = None,
@@ -43,7 +64,7 @@ def read_color(
     """Read the colour of an EXR, HDR, PNG, JPEG, TIFF or WEBP file.
 
     Args:
-        path: The file.
+        path: The file, or its bytes.
         layer: Which colour layer of an EXR file of several; PART/LAYER works.
         part: Which part of an EXR file, or page of a TIFF, from 0.
         view: Which view of an EXR file of several; None for its default one.
@@ -57,11 +78,12 @@ def read_color(
         InputError: The file cannot be read, or has no colour or several to choose from.
         UsageProblem: A layer or view is asked of a file that has none.
     """
-    return color_files.read_color(Path(path), layer=layer, part=part, view=view)
+    with as_file(path) as file:
+        return color_files.read_color(file, layer=layer, part=part, view=view)
 
 
 def read_depth(
-    path: str | PathLike[str],
+    path: str | PathLike[str] | bytes,
     *,
     format: str | None = None,
     unit: str | None = None,
@@ -82,7 +104,7 @@ def read_depth(
     """Read depth of any format as planar metres.
 
     Args:
-        path: The file: EXR, PNG, TIFF, NPY, NPZ, PFM, HDF5, ….
+        path: The file: EXR, PNG, TIFF, NPY, NPZ, PFM, HDF5, …; or its bytes.
         format: The name of its format, like ``kitti``; ``defocus help depth`` lists all.
         unit: Of the numbers: mm, cm, m or ft.
         scale: Multiplies the numbers; negative for depth that is negative in front of the camera.
@@ -132,9 +154,10 @@ def read_depth(
         sky=sky,
         invalid=invalid if _one_of("invalid", invalid, HOLES) in ("far", "fill") else "error",
     )
-    depth = depth_files.read_depth(Path(path), reading)
-    if invalid == "error":
-        require_valid(depth)
+    with as_file(path) as file:
+        depth = depth_files.read_depth(file, reading)
+        if invalid == "error":
+            require_valid(depth)
     return depth
 
 

@@ -21,7 +21,8 @@ from image_files import SCANLINE, multi_part, random_planes, save
 from jobs_files import FIXED, jobs
 from refusals import refuses
 
-from defocus_core.io.picture_files import read_color, read_depth
+from defocus_core.errors import InputError
+from defocus_core.io.picture_files import BYTES, read_color, read_depth, write_image
 from defocus_core.request.job_options import READING_OPTIONS
 
 RAMP = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
@@ -45,6 +46,22 @@ def test_sky_is_the_far_end_wherever_that_is(numbers, sky, said, expected, tmp_p
     assert not depth.warnings
     none = read_depth(tmp_path / "a.npy", sky=sky * 0 + (-9 if expected[0, 0] else 9), **said)
     assert np.isinf(none.metres).sum() in (0, none.metres.size)
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.png", "a.tif", "a.npy"])
+def test_the_bytes_of_a_file_are_read_as_the_file_is(name, tmp_path):
+    path = tmp_path / name
+    if name == "a.npy":
+        np.save(path, RAMP + 1)
+        read, values = read_depth, lambda found: found.metres
+    else:
+        write_image(path, np.stack([RAMP] * 3, axis=2))
+        read, values = read_color, lambda found: found.pixels
+    whole = path.read_bytes()
+    np.testing.assert_array_equal(values(read(whole)), values(read(path)))
+    with pytest.raises(InputError) as caught:
+        read(whole[: len(whole) // 2])
+    assert caught.value.path == BYTES
 
 
 # A value of each option of reading; those that only ask for what is there anyway are left out.

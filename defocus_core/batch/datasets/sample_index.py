@@ -8,7 +8,7 @@ time and no place of OUT.
 
 Beside it is the list of each split, ``OUT/<split>set.jsonl``, by which `datasets` loads it: the
 head of README.md names them. What is null in one split alone would be of two types there, so these
-lists have the columns alone that all samples have.
+lists, and tars, have rows: the columns alone that all samples have.
 """
 
 from __future__ import annotations
@@ -160,16 +160,33 @@ def _lens(lens: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-# Columns of the list of a split, and the numbers of the lens there.
-_LISTED = ("sample_id", "width", "height", "coc_min_px", "coc_max_px", "quality")
+# Of a row, those of the sample and of its lens, which none lacks.
+_COLUMNS = ("sample_id", "width", "height", "coc_min_px", "coc_max_px", "quality")
 _OF_LENS = ("focal_length_mm", "fnumber", "sensor_width_mm", "focus_dioptres", "blades")
+
+
+def row_of(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """An entry as a row of a table: columns that all samples have, each of one type, no lists.
+
+    An effect of the lens that may be off is text, empty where it is.
+    """
+    lens = {key: entry["lens"][key] for key in _OF_LENS}
+    for name, default in EFFECTS.items():
+        value = entry["lens"][name]
+        lens[name] = value if default is not None else "" if value is None else str(value)
+    columns = {key: entry[key] for key in _COLUMNS}
+    return {**columns, "split": entry["split"] or "", "lens": lens}
 
 
 def list_line(entry: Mapping[str, Any]) -> bytes:
     """A line of the list of a split, of a sample of the index."""
     names = {k: v for k, v in entry.items() if k.endswith("file_name") and decoded(v)}
-    lens = {key: entry["lens"][key] for key in _OF_LENS}
-    return line({**names, **{key: entry[key] for key in _LISTED}, "lens": lens})
+    return line({**names, **row_of(entry)})
+
+
+def tar_line(entry: Mapping[str, Any]) -> bytes:
+    """What a tar says of a sample: its row, and the hashes of its files."""
+    return line({**row_of(entry), "blake2b": entry["outputs_blake2b"]})
 
 
 def list_name(split: str) -> str:

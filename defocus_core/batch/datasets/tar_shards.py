@@ -1,10 +1,10 @@
 """WebDataset shards of a finished batch: ``OUT/shards/samples-000000.tar``, ….
 
 Of a dataset with splits each has shards of its own, ``trainset-000000.tar``, …. Each sample is
-``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its line of the index. The key
-is the sample_id with _ for each dot, as readers of such tars cut at the first one. The same samples
-make the same bytes, and a shard that holds the lines of its samples is not packed again. Samples
-are sorted by name, or shuffled by the seed ``shuffle`` of ``[dataset]``.
+``<key>.<kind>.<ext>`` for each of its outputs, and ``<key>.json``, its row and the hashes of these.
+The key is the sample_id with _ for each dot, as readers of such tars cut at the first one. The same
+samples make the same bytes, and a shard that holds the lines of its samples is not packed again.
+Samples are sorted by name, or shuffled by the seed ``shuffle`` of ``[dataset]``.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _NAME = re.compile(r"(?:samples|\w+set)-\d{6,}\.tar", re.ASCII)
 
 @dataclass(frozen=True)
 class ShardSample:
-    """A sample in a tar: its line of the index, and path and size of each file by its ending."""
+    """A sample in a tar: what it says of it, and path and size of each file by its ending."""
 
     key: str
     split: str  # empty for none
@@ -85,7 +85,7 @@ def write(out: Path, limit: int) -> list[Path]:
 
 
 def _lines(below: Folder, name: str, maximum: int | None = None) -> list[bytes] | None:
-    """The first lines of the index in a tar; None if it is missing, cut, or no tar."""
+    """What a tar says of its first samples; None if it is missing, cut, or no tar."""
     with (
         suppress(OSError, tarfile.TarError),
         below.open(name) as file,
@@ -126,11 +126,11 @@ def _samples(out: Path) -> Iterator[ShardSample]:
             places.sort(key=lambda each: blake2b(f"{shuffle} {each[1]}".encode()).digest())
         for split, key, begin in sorted(places, key=itemgetter(0)):
             index.seek(begin)
-            line = index.readline()
-            outputs = json.loads(line)["outputs"]
-            paths = {f"{kind}{Path(path).suffix}": path for kind, path in outputs.items()}
+            entry = json.loads(index.readline())
+            outputs = entry["outputs"].items()
+            paths = {f"{kind}{Path(path).suffix}": path for kind, path in outputs}
             files = {end: (path, _size(out, path)) for end, path in paths.items()}
-            yield ShardSample(key, split, line, files)
+            yield ShardSample(key, split, sample_index.tar_line(entry), files)
 
 
 def keys_of(names: Sequence[str], out: Path) -> list[str]:

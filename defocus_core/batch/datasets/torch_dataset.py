@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -13,15 +14,16 @@ import torch
 from torch import Tensor
 from torch.utils.data import Dataset
 
-from defocus_core.batch.datasets.finished import Sample, SampleList
+from defocus_core.batch.datasets.finished import SampleList
 from defocus_core.errors import InputError, UsageProblem, did_you_mean
-from defocus_core.io.exr.header import read_headers
+from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.reading import read_parts
 from defocus_core.io.images.color import read_color
 from defocus_core.io.images.raster import read_samples
+from defocus_core.io.picture_files import as_file
+from defocus_core.io.safe_files import read_head
 from defocus_core.request.output_kinds import KINDS
 
-MM_PER_M = 1000.0
 Item = dict[str, Any]
 
 
@@ -36,8 +38,7 @@ class BatchDataset(Dataset[Item]):
     lens are NaN.
 
     Shuffling is the loader's, ``DataLoader(…, shuffle=True, generator=…)``. Crops are drawn by
-    seed, index, and how often the sample was taken before: others in each epoch, whatever worker
-    draws them.
+    seed, epoch and index, whatever process draws them.
     """
 
     def __init__(
@@ -90,16 +91,25 @@ class BatchDataset(Dataset[Item]):
                 f"it has {', '.join(sorted(kinds_there))}, in splits {', '.join(sorted(splits))}"
             )
             raise InputError("empty", problem, remedy, path=Path(out))
-        # How often each was taken: processes of a loader share it, also those that stay.
-        self._times_read = torch.zeros(len(self.samples), dtype=torch.int64)
+        # How often each was taken in this epoch: processes of a loader share it, also those that
+        # stay. Then the epoch, -1 where none was said.
+        self._times_read = torch.zeros(len(self.samples) + 1, dtype=torch.int64)
+        self._times_read[-1] = -1
         self._times_read.share_memory_()  # type: ignore[no-untyped-call]
+        self._rank = 0
 
     def set_epoch(self, epoch: int) -> None:
-        """Go on with the crops of an epoch, counted from 0, as when a training is taken up again.
+        """Draw the crops of an epoch, counted from 0: the same in every process.
 
-        Without it each pass over the samples has crops of its own.
+        Without it, samples that were taken before have other crops, and so has each process of a
+        distributed training, which does not know what others took.
         """
-        self._times_read.fill_(epoch)
+        self._times_read[:-1] = 0
+        self._times_read[-1] = epoch
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What processes of a loader get, which do not know their rank themselves."""
+        return self.__dict__ | {"_rank": self._rank or _rank()}
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -128,21 +138,31 @@ class BatchDataset(Dataset[Item]):
                 raise InputError("wrong-size", problem, remedy, path=path)
             item[kind] = torch.from_numpy(np.ascontiguousarray(planes[:, rows, columns]))
         place = rows.start, columns.start, rows.stop - rows.start, columns.stop - columns.start
-        item |= {"lens": _lens(sample, place[3] / width), "place": torch.tensor(place)}
-        item["sample_id"] = sample.sample_id
+        item |= {"lens": _lens(sample.record["lens"], place[3] / width)}
+        item |= {"place": torch.tensor(place), "sample_id": sample.sample_id}
         return item if self.transform is None else self.transform(item)
 
     def _drawn(
         self, index: int, size: tuple[int, int], crop: tuple[int, int]
     ) -> tuple[slice, slice]:
         """Rows and columns of a crop."""
-        draw = np.random.default_rng((self.seed, int(self._times_read[index]), index))
+        index = range(len(self))[index]
+        epoch, times = int(self._times_read[-1]), int(self._times_read[index])
         self._times_read[index] += 1
+        rank = 0 if epoch >= 0 and not times else self._rank or _rank()
+        draw = np.random.default_rng((self.seed, max(epoch, 0) + times, index, rank))
         starts = [
             int(draw.integers(0, room - side + 1)) for room, side in zip(size, crop, strict=True)
         ]
         rows, columns = (slice(s, s + side) for s, side in zip(starts, crop, strict=True))
         return rows, columns
+
+
+def _rank() -> int:
+    """The number of this process in a distributed training; 0 of none."""
+    if torch.distributed.is_available() and torch.distributed.is_initialized():
+        return torch.distributed.get_rank()
+    return int(os.environ.get("RANK", 0))
 
 
 def _require_room(out: Path, entry: Mapping[str, Any], crop: tuple[int, int]) -> None:
@@ -161,20 +181,45 @@ def _planes(path: Path, kind: str) -> Any:
         return np.concatenate(views, axis=2).transpose(2, 0, 1)
     if row.image:
         return read_color(path).pixels.transpose(2, 0, 1)
-    if path.suffix == ".exr":
+    if is_exr(read_head(path)):
         channels = read_parts(path, read_headers(path))[0].channels
         return np.asarray(channels[row.channel or kind], np.float32)[None]
     return read_samples(path).transpose(2, 0, 1)[:1].astype(np.float32)
 
 
-def _lens(sample: Sample, fraction: float) -> dict[str, Tensor]:
+# Of the lens of an item, and in the index; null beside a file of radii.
+_NUMBERS = {
+    "fnum": "fnumber",
+    "foclen": "focal_length_mm",
+    "sensor_width": "sensor_width_mm",
+    "focus_dioptres": "focus_dioptres",
+}
+
+
+def _lens(told: Mapping[str, float | None], fraction: float = 1.0) -> dict[str, Tensor]:
     """The numbers of the lens in front of a fraction of the width of its sensor."""
-    lens = sample.lens
-    focus = math.nan if lens.foc_dist is None else MM_PER_M / lens.foc_dist
-    numbers = {
-        "fnum": lens.fnum,
-        "foclen": lens.foclen,
-        "sensor_width": math.nan if lens.is_shape else lens.sensor_width * fraction,
-        "focus_dioptres": focus,
-    }
-    return {name: torch.tensor(float(value)) for name, value in numbers.items()}
+    values = {name: math.nan if (v := told[key]) is None else v for name, key in _NUMBERS.items()}
+    values["sensor_width"] *= fraction
+    return {name: torch.tensor(float(value)) for name, value in values.items()}
+
+
+def decode_sample(sample: Mapping[str, Any]) -> Item:
+    """The item of a sample of a tar, as `BatchDataset` gives it, of its files as they are.
+
+    Args:
+        sample: The bytes of each file by its ending, as ``render.png`` and ``json``, of
+            `webdataset` and of `datasets`, whose images are not to be decoded; other keys are left
+            out.
+
+    Raises:
+        InputError: A file cannot be read.
+    """
+    entry = sample["json"]
+    entry = json.loads(entry) if isinstance(entry, bytes) else entry
+    item: Item = {"lens": _lens(entry["lens"]), "sample_id": entry["sample_id"]}
+    for name, data in sample.items():
+        kind = name.partition(".")[0]
+        if kind in KINDS:
+            with as_file(data["bytes"] if isinstance(data, Mapping) else data) as path:
+                item[kind] = torch.from_numpy(np.ascontiguousarray(_planes(path, kind)))
+    return item

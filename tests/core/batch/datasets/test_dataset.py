@@ -1,12 +1,12 @@
 """From a jobs file to a data set: what is swept and drawn is rendered, journalled and indexed."""
 
-import io
 import json
 from contextlib import suppress
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - its documentation's own name for it
 import pytest
+import torch
 from command_line import header, read_exr
 from command_line import run as run_command
 from jobs_files import INPUTS, LENS, SAMPLE, jobs, jobs_file, pictures
@@ -14,8 +14,9 @@ from records import pack, write_index
 from refusals import refuses
 
 from defocus_cli.words import batch as batch_report
-from defocus_core import BatchDataset, run_batch
+from defocus_core import BatchDataset, decode_sample, run_batch
 from defocus_core.batch.datasets.finished import samples
+from defocus_core.batch.datasets.sample_index import row_of
 from defocus_core.batch.journal.journal import Ledger
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.io.images.color_space import linear_to_srgb
@@ -104,6 +105,9 @@ def test_effects_are_absent_where_the_draw_says_so(tmp_path):
     assert {lens["dp_model"] for lens in lenses} == {"split"}
     assert {lens["noise_seed"] for lens in lenses} == {0}
     assert len({(lens["noise"], lens["obstruction"]) for lens in lenses}) > 2
+    rows = [row_of(entry) for entry in drawn]
+    types = {str({k: type(v) for k, v in (row | row["lens"]).items()}) for row in rows}
+    assert len(types) == 1, "as tars and lists need it"
     read = [sample.lens.noise for sample in samples(tmp_path / "out")]
     assert read == [lens["noise"] and (4000.0, 3.0) for lens in lenses]
 
@@ -129,14 +133,32 @@ def read_by_hugging_face(out):
             yield row["sample_id"], split, row["lens"]["fnumber"], np.asarray(row["image"])
 
 
+def tars_of(out):
+    return {s: sorted(map(str, (out / "shards").glob(f"{s}set-*.tar"))) for s in ("train", "test")}
+
+
+def read_tars(rows):
+    for row in rows:
+        told = json.loads(row["json"]) if isinstance(row["json"], bytes) else row["json"]
+        item = decode_sample(row)
+        light = item["render"].permute(1, 2, 0).numpy()
+        picture = np.rint(255 * linear_to_srgb(light)).astype(np.uint8)
+        assert torch.isfinite(item["coc"]).all()
+        yield item["sample_id"], told["split"], float(item["lens"]["fnum"]), picture
+
+
 def read_by_webdataset(out):
-    image = pytest.importorskip("PIL.Image")
     webdataset = pytest.importorskip("webdataset", reason="needs webdataset; pip install it")
-    tars = sorted(map(str, (out / "shards").glob("*.tar")))
-    for each in webdataset.WebDataset(tars, shardshuffle=False):
-        told = json.loads(each["json"])
-        picture = np.asarray(image.open(io.BytesIO(each["render.png"])))
-        yield told["sample_id"], told["split"], told["lens"]["fnumber"], picture
+    for tars in tars_of(out).values():
+        yield from read_tars(webdataset.WebDataset(tars, shardshuffle=False))
+
+
+def read_tars_by_hugging_face(out):
+    datasets = pytest.importorskip("datasets")
+    cache = str(out.parent / "cache")
+    splits = datasets.load_dataset("webdataset", data_files=tars_of(out), cache_dir=cache)
+    for split in splits.values():
+        yield from read_tars(split.cast_column("render.png", datasets.Image(decode=False)))
 
 
 def shown(path):
@@ -157,7 +179,11 @@ def batch(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    "read", [read_by_samples, read_by_torch, read_by_hugging_face, read_by_webdataset]
+    "read",
+    [
+        *(read_by_samples, read_by_torch, read_by_hugging_face),
+        *(read_by_webdataset, read_tars_by_hugging_face),
+    ],
 )
 def test_each_way_to_read_a_batch_gives_its_samples(read, batch):
     found = {name: told for name, *told in read(batch)}

@@ -5,6 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
+import ranks
 import torch
 from command_line import pair, read_exr
 from refusals import refuses
@@ -103,6 +104,19 @@ def test_each_epoch_has_crops_of_its_own_that_a_seed_repeats(options, out):
     assert all(map(torch.equal, seen, epochs(5)))
     assert torch.equal(seen[2], epochs(5, first=2)[0])
     assert not torch.equal(seen[0], epochs(6)[0])
+
+
+def test_two_processes_of_a_training_take_no_crop_twice(out, tmp_path):
+    torch.multiprocessing.spawn(ranks.train, (out, tmp_path), nprocs=2)
+    told = [torch.load(tmp_path / f"{rank}.pt") for rank in (0, 1)]
+    for found in ([*map(tuple, told[0][n] + told[1][n])] for n in (0, 1)):
+        assert len({place[1:] for place in found}) == 4 * len(ranks.EPOCHS)
+    alone = BatchDataset(out, ["coc"], crop=1, seed=3)
+    for epoch in ranks.EPOCHS:
+        alone.set_epoch(epoch)
+        items = [alone[n] for n in range(4)]
+        places = {(epoch, item["sample_id"], *item["place"].tolist()) for item in items}
+        assert places == {place for place in told[0][0] + told[1][0] if place[0] == epoch}
 
 
 def test_a_split_and_a_transform(out):
