@@ -33,7 +33,7 @@ from defocus_core.compare.run import compare_all
 from defocus_core.reports import comparison_words as compare_report
 from defocus_core.reports.html import comparisons
 from defocus_core.system.process import cores
-from defocus_core.system.text import counted
+from defocus_core.system.text import command_line, counted
 
 _METRICS = "\n".join(f"  {m.name:<15} {m.help}" for m in METRICS.values())
 _HELP = f"""Say whether B is the same as A, and if not, what happened to it.
@@ -121,8 +121,15 @@ def command(
         if not (as_json or lone):
             console.stdout(compare_report.summary(records, len(pairs)))
         words = [f"A: {a}", f"B: {b}", *recipes, *comparisons.setting_lines(asked.settings)]
-        header = comparisons.ReportHeader(f"{b} compared with {a}", words)
-        failures = asked.write_reports(records, header, time.perf_counter() - start, processes)
+        again = ["defocus", "compare", a, b, "--causes", "none", "--accept"]
+        again += ["--metadata"] * asked.settings.metadata
+        header = comparisons.ReportHeader(
+            f"{b} compared with {a}", words, accept=command_line(again)
+        )
+        seconds = time.perf_counter() - start
+        failures = asked.write_reports(
+            records, header, pairs=len(pairs), seconds=seconds, processes=processes
+        )
         whole = accept and not failures and len(records) == len(pairs)
         samples = samples_of(b, pairs) if whole and b.is_dir() and not is_batch(a) else {}
         accepted = accept_files(a, b, records, samples) if whole else []

@@ -36,9 +36,10 @@ from defocus_core.compare.thresholds import (
 from defocus_core.errors import CALLER, UsageProblem
 from defocus_core.reports.comparison_words import write_junit
 from defocus_core.reports.html import comparisons
+from defocus_core.reports.markdown import write_markdown
 from defocus_core.request.quantities import QuantityError, several
 
-_REPORTS = ("diff", "junit", "html", "causes")  # attributes of ComparisonOptions
+_REPORTS = ("diff", "junit", "html", "markdown", "causes")  # attributes of ComparisonOptions
 _rule_option = partial(option, heading="Rules")
 _selecting_option = partial(option, heading="What is compared")
 _report_option = partial(option, heading="Reports")
@@ -56,6 +57,7 @@ class ComparisonOptions:
     diff: Path | None = None  # the folder of difference images
     junit: Path | None = None
     html: Path | None = None
+    markdown: Path | None = None
     causes: str = "first"  # of which failing pairs the cause is sought, a key of `CAUSES`
 
     @property
@@ -67,6 +69,8 @@ class ComparisonOptions:
         self,
         records: Sequence[Comparison],
         header: comparisons.ReportHeader,
+        *,
+        pairs: int,
         seconds: float,
         processes: int,
     ) -> Failures:
@@ -78,6 +82,9 @@ class ComparisonOptions:
         with failures.kept():
             if self.html is not None:
                 comparisons.write(self.html, header, records, self.settings, processes)
+        with failures.kept():
+            if self.markdown is not None:
+                write_markdown(self.markdown, header.title, records, pairs)
         return failures
 
 
@@ -198,4 +205,9 @@ def _reports() -> list[Decorator]:
             "--junit FILE", "Write JUnit XML, a case for each pair.", ReportPath("junit")
         ),
         _report_option("--html FILE.html", _HTML, ReportPath("html")),
+        _report_option(
+            "--markdown FILE.md",
+            "Write a summary for a pull request: a table of what fails, the worst, causes.",
+            ReportPath("markdown"),
+        ),
     ]

@@ -60,7 +60,9 @@ class ReportPath(FilePath):
         require_replaceable(path, self.kind)
         if path.suffix.lower() in PICTURES:
             problem = "is the name of a picture, not of a report"
-            remedy = f"end its name in .{'xml' if self.kind == 'junit' else self.kind}"
+            remedy = (
+                f"end its name in .{({'junit': 'xml', 'markdown': 'md'}).get(self.kind, self.kind)}"
+            )
             raise UsageProblem("malformed", problem, remedy, path=path)
         return path
 

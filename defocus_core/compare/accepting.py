@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from defocus_core.compare.pairing import RECIPE, Recipe
+from defocus_core.compare.pairing import RECIPE, Recipe, read_recipes
 from defocus_core.compare.picture import planes_of, read_picture
-from defocus_core.compare.record import DIFFERENT, EXTRA, Comparison
+from defocus_core.compare.record import EXTRA, Comparison
 from defocus_core.errors import InputError, reason
 from defocus_core.io.below import Folder
 from defocus_core.io.exr.writing import write_exr
@@ -36,14 +36,17 @@ def accept_files(
     """Copy the files of B that differ from A, or that A has not, to A; their new paths.
 
     All appear together, or none, and beside them the recipes of the samples that wrote them. What B
-    lacks stays, and what cannot be read is not accepted.
+    lacks stays, but for what it has under another name, and what cannot be read is not accepted.
     """
-    pairs = []
+    pairs, renamed = [], []
     for record in records:
-        if record.status in (DIFFERENT, EXTRA) and record.b is not None:
+        if record.acceptable and record.b is not None:
             if record.status == EXTRA:  # a link may lead to anything
                 read_picture(record.b)
             target = record.a or a / record.b.relative_to(b)
+            if record.a is not None and record.renamed:
+                target = a / record.b.relative_to(b)
+                renamed.append(record.a.relative_to(a).as_posix())
             # A batch may have it in another format: A gets the file of B, under the name of B.
             target = target.with_suffix(record.b.suffix)
             if target != record.a:
@@ -68,6 +71,11 @@ def accept_files(
         for name, sample in samples.items():
             with written_whole(a / f"{name}{RECIPE}") as file:
                 file.write(sample.json)
+    for name in renamed:
+        Folder(a).remove(name)
+    for name, sample in read_recipes(a).items() if renamed else ():
+        if not any((a / file).exists() for file in sample.files.values()):
+            Folder(a).remove(f"{name}{RECIPE}")
     for folder in {target.parent for _, target in pairs}:
         for name in left_in(folder):
             Folder(folder).remove(name)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from defocus_core.compare import verdict
 from defocus_core.compare.findings.choice import diagnose
-from defocus_core.compare.findings.table import is_place
+from defocus_core.compare.findings.table import Finding, is_place
 from defocus_core.compare.findings.tone import clipped_light, lost_channels
 from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure
@@ -63,7 +63,11 @@ def compare_pair(
         a = read_picture(pair.a)
         same = cmp(pair.a, pair.b, shallow=False)
         b = replace(a, path=pair.b) if same else read_picture(pair.b)
-        return compare_pictures(pair.name, a, b, rules, settings)
+        record, pixels = compare_pictures(pair.name, a, b, rules, settings)
+        if pair.was:
+            renamed = Finding("renamed", f"renamed from {pair.was}", {"was": pair.was})
+            record = replace(record, status=DIFFERENT, findings=(renamed, *record.findings))
+        return record, pixels
     except InputError as error:
         return replace(blank, status=UNREADABLE, error=str(error)), None
 

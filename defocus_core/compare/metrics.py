@@ -54,6 +54,10 @@ _ROWS = (
     ),
     Metric("p99.9", "99.9th percentile of the greatest differences of the pixels"),
     Metric("share", "share of pixels with a difference of more than ‹over›"),
+    Metric("pixels", "number of these pixels"),
+    Metric(
+        "block", "of hdr, what parts of 32 px differ by as no codec does: in their means, or few"
+    ),
     *(
         Metric(f"hdr-{name}", f"{words}, sRGB to 1 and logarithmic beyond", unit, better)
         for name, words, unit, better in (
@@ -70,6 +74,7 @@ METRICS = {metric.name: metric for metric in _ROWS}
 _LUMA = {**dict(zip("RGB", LUMINANCE, strict=True)), "Y": 1.0}
 COSTLY = 2**21  # pixels beyond which metrics of a screen and of hdr are measured if rules ask
 _STRIP = 64  # rows of SSIM that are computed at once, so that they stay in the cache
+_BLOCK, _DETAIL = 32, 0.01  # px of a side; standard deviation of what has detail
 _APART = 101  # pixels from one to the next of a sample
 
 
@@ -133,8 +138,35 @@ def measure(
     if small if asked is None else "ssim" in asked:
         metrics |= _similarity(pixels)
     metrics["p99.9"] = _percentile(differences.greatest, pixels.finite, total)
-    metrics["share"] = int(np.count_nonzero(differences.greatest > over)) / total
+    metrics["pixels"] = int(np.count_nonzero(differences.greatest > over))
+    metrics["share"] = metrics["pixels"] / total
+    if "block" in (asked or ()):
+        metrics["block"] = max((_of_blocks(pixels, layer) for layer in pixels.color), default=0.0)
     return metrics
+
+
+def _of_blocks(pixels: Pixels, layer: Sequence[str]) -> float:
+    """What no codec does to blocks of luma that have detail: 0 where codecs may have done it all.
+
+    Codecs keep means: those of blocks, if they are most of the difference. And they change all of
+    the detail: the RMS of the worst block, if most are equal.
+    """
+    height, width = (length // _BLOCK for length in pixels.shape)
+    cut = tuple(slice(number * _BLOCK) for number in (height, width))
+    a, b = np.zeros((2, height, _BLOCK, width, _BLOCK), np.float32)
+    for name in layer:
+        for side, total in (("a", a), ("b", b)):
+            plane = pixels.plane(side, name)[cut]
+            plane = unclipped(plane) if pixels.gamma == 1.0 else np.asarray(plane, "f4")
+            total += np.nan_to_num(plane).reshape(a.shape) * np.float32(_LUMA[name[-1]])
+    b -= a
+    if pixels.finite is not None:
+        b *= pixels.finite[cut].reshape(b.shape)
+    detailed = a.std(axis=(1, 3)) > _DETAIL
+    means, squares = (v.mean(axis=(1, 3))[detailed] for v in (b, np.square(b)))
+    if not squares.size or np.square(means).sum() > squares.sum() / 4:
+        return math.sqrt(float(np.square(means).mean())) if means.size else 0.0
+    return 0.0 if np.median(squares) else math.sqrt(float(squares.max()))
 
 
 def _similarity(pixels: Pixels) -> dict[str, float]:
@@ -223,7 +255,18 @@ def _percentile(greatest: NDArray[Any], finite: NDArray[np.bool_] | None, total:
 
 def equal_metrics(pixels: Pixels) -> Mapping[str, float]:
     """The metrics of a pair whose values are all equal."""
-    zero = ("max", "mean", "rmse", "rel-rmse", "p99.9", "share", "hdr-max", "hdr-p99.9")
+    zero = (
+        "max",
+        "mean",
+        "rmse",
+        "rel-rmse",
+        "p99.9",
+        "share",
+        "pixels",
+        "block",
+        "hdr-max",
+        "hdr-p99.9",
+    )
     metrics = dict.fromkeys(zero, 0.0) | {"hdr-psnr": EQUAL}
     if pixels.color:
         metrics |= {"psnr": EQUAL, "ssim": 1.0}

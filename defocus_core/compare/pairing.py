@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,7 @@ class FilePair:
     name: str  # the path relative to both folders, or the name of the lone file of B
     a: Path | None  # the reference; None if A has no such file
     b: Path | None  # what is judged; None if B has no such file
+    was: str = ""  # its name in A, if it has another one there
 
 
 def find_pairs(a: Path, b: Path, *, anew: bool = False) -> list[FilePair]:
@@ -55,7 +57,25 @@ def find_pairs(a: Path, b: Path, *, anew: bool = False) -> list[FilePair]:
         known = ", ".join(sorted(suffix[1:] for suffix in SUFFIXES))
         problem = f"holds no picture, nor does {b}"
         raise InputError("empty", problem, f"name directories with files of type {known}", path=a)
-    return [FilePair(name, of_a.get(name), of_b.get(name)) for name in sorted(of_a | of_b)]
+    pairs = {n: FilePair(n, of_a.get(n), of_b.get(n)) for n in sorted(of_a | of_b)}
+    lone = [
+        {n: p for n in pairs.keys() - others if (p := files.get(n))}
+        for files, others in ((of_a, of_b.keys()), (of_b, of_a.keys()))
+    ]
+    if all(lone):  # equal bytes are the same picture
+        lone = [{n: blake2b(p.read_bytes()).digest() for n, p in side.items()} for side in lone]
+        for old, new in _renamed(*lone):
+            pairs[new] = FilePair(new, pairs.pop(old).a, pairs[new].b, old)
+    return list(pairs.values())
+
+
+def _renamed(a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[tuple[Any, Any]]:
+    """Keys of A and of B with the same value, where there is one of each."""
+    counts = [Counter(side.values()) for side in (a, b)]
+    of_a = {value: key for key, value in a.items()}
+    for key, value in sorted(b.items()):
+        if all(count[value] == 1 for count in counts):
+            yield of_a[value], key
 
 
 def _pictures(folder: Path) -> dict[str, Path]:
@@ -173,6 +193,11 @@ class Recipe:
     back: str = "torch"  # what rendered it
 
     @property
+    def made_by(self) -> str:
+        """What made its pictures, under any name."""
+        return json.dumps([self.inputs, {**self.settings, "stem": ""}], sort_keys=True)
+
+    @property
     def json(self) -> bytes:
         """The sample as a file has it, the same bytes for the same recipe."""
         return json.dumps(asdict(self), indent=1, sort_keys=True).encode() + b"\n"
@@ -234,7 +259,17 @@ def pair_batches(a: Path, b: Path, only: Sequence[str] = ()) -> BatchPairs:
         problem = f"has a journal without pictures, and so has {b}"
         raise InputError("empty", problem, "name batches that made some", path=a)
     pairs = {}
-    for key in files_a | files_b:
+    made_by = [
+        {key: (key[1], of[key[0]].made_by) for key in keys}
+        for of, keys in ((of_a, files_a.keys() - files_b), (of_b, files_b.keys() - files_a))
+    ]
+    was = {new: old for old, new in _renamed(*made_by)}
+    for key in sorted({*files_a, *files_b} - {*was.values()}):
+        if key in was:
+            one, other = files_a[was[key]], files_b[key]
+            name, old = other.relative_to(b).as_posix(), one.relative_to(a).as_posix()
+            pairs[key] = FilePair(name, one, other, old)
+            continue
         one, other = files_a.get(key), files_b.get(key)
         root, path = (a, one) if one is not None else (b, other)
         assert path is not None

@@ -94,6 +94,16 @@ class Comparison:
     images: tuple[Path, ...] = ()
 
     @property
+    def acceptable(self) -> bool:
+        """Whether its file of B may become that of A."""
+        return self.status in (DIFFERENT, EXTRA) and self.b is not None
+
+    @property
+    def renamed(self) -> bool:
+        """Whether B has the file of A under another name."""
+        return any(finding.name == "renamed" for finding in self.findings)
+
+    @property
     def passes(self) -> bool:
         """Whether B may stand for A."""
         return self.status in PASSING

@@ -126,7 +126,9 @@ PRESETS = {
         visible_only=True,
     ),
     "encoder": _rules(
-        ["hdr-psnr<34", "hdr-p99.9>0.15", "found:clipped"], ["hdr-psnr<45"], visible_only=True
+        ["hdr-psnr<34", "hdr-p99.9>0.15", "block>0.002", "found:clipped"],
+        ["hdr-psnr<45"],
+        visible_only=True,
     ),
     "golden": _rules(["hdr-max>0.003", "found:clipped"], ["max>1e-3"], to_a_step=True),
 }
@@ -182,9 +184,9 @@ class Thresholds:
 def matches(name: str, pattern: str) -> bool:
     """Whether a pattern means a picture: its relative path, or its name if it has no slash.
 
-    ``*`` stands for any characters, those of folders included.
+    ``*`` stands for any characters, those of folders included, and ``./`` for the folder compared.
     """
-    return fnmatchcase(name, pattern) or (
+    return fnmatchcase(name, pattern.removeprefix("./")) or (
         "/" not in pattern and fnmatchcase(Path(name).name, pattern)
     )
 

@@ -25,6 +25,7 @@ _BEGINNINGS = {
     "html": re.compile(
         rb"<!doctype html>.*default-src 'none'; img-src data:; style-src 'sha256-", re.S
     ),
+    "markdown": re.compile(b"<!-- defocus compare -->\n"),
     "junit": re.compile(
         rb"<\?xml version='1.0' encoding='utf-8'\?>.*<testsuite name=\"defocus compare\"", re.S
     ),
@@ -45,8 +46,8 @@ def require_replaceable(
 
     Args:
         path: The file to write.
-        kind: html, junit, `CONTACT`, `DIFFERENCE` or `GOLDEN`: an empty file, or one of ours of
-            that kind, may go.
+        kind: html, junit, markdown, `CONTACT`, `DIFFERENCE` or `GOLDEN`: an empty file, or one of
+            ours of that kind, may go.
         overwrite: Whether the user says that the file may go, whatever it is.
         inputs: The `identities` of the files that are read, none of which may go.
     """
@@ -66,7 +67,7 @@ def require_replaceable(
         problem = f"cannot be replaced: {reason(error)}"
         raise InputError("unwritable", problem, "name another file", path=path) from None
     if head and not _BEGINNINGS[kind].match(head):
-        what = "report" if kind in ("html", "junit") else kind
+        what = "report" if kind in ("html", "junit", "markdown") else kind
         problem = f"exists already, and is not a {what} that could be replaced"
         raise InputError("exists", problem, "name another file, or move it away", path=path)
 

@@ -26,7 +26,7 @@ from defocus_core.io.replacing import require_replaceable
 from defocus_core.io.safe_files import written_whole
 from defocus_core.system.text import counted
 
-_DIGITS = {"psnr": 4, "ssim": 5}
+_DIGITS = {"psnr": 4, "ssim": 5, "pixels": 9}
 _SHOWN = ("max", "rmse", "psnr", "hdr-psnr", "ssim", "flip")
 _COUNTED = (*STATUSES, "not compared")
 _LISTS = ("failed", "warned", "unmeasured", "notes", "metadata")  # attributes of a record

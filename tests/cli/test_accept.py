@@ -129,3 +129,29 @@ def test_a_full_disk_while_accepting_leaves_the_old_goldens(jobs, goldens, monke
     monkeypatch.setattr("shutil.copyfileobj", full)
     assert compare(goldens, new, "--accept").code == 3
     assert {name: (goldens / name).read_bytes() for name in files_under(goldens)} == before
+
+
+def test_an_input_that_was_renamed_is_one_picture_which_moves(jobs, goldens):
+    for role in ("rgb", "z"):
+        (jobs.parent / f"b_{role}.exr").rename(jobs.parent / f"c_{role}.exr")
+    new = rendered(jobs, "other")
+    ran = compare(goldens, new)
+    assert "render/c.exr: DIFFERENT: renamed from render/b.exr" in ran.out
+    assert ran.out.splitlines()[-1] == "2 pairs: 1 same, 1 different"
+    assert compare(goldens, new, "--accept").code == 0
+    assert files_under(goldens) == {
+        "render/a.exr",
+        "render/c.exr",
+        *("a.recipe.json", "c.recipe.json"),
+    }
+    assert compare(goldens, new).code == 0
+
+
+def test_a_picture_that_was_renamed_moves(tmp_path):
+    a, b = tmp_path / "a", tmp_path / "b"
+    for folder, name in ((a, "old"), (b, "sub/new")):
+        (folder / name).parent.mkdir(parents=True)
+        write_exr(folder / f"{name}.exr", R=np.ones((4, 4), np.float16))
+    ran = run("compare", a, b, "--accept")
+    assert "sub/new.exr: DIFFERENT: renamed from old.exr" in ran.out
+    assert files_under(a) == {"sub/new.exr"}

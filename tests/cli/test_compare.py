@@ -46,8 +46,9 @@ def the_pair(*args):
 
 def folders(root):
     """Two folders: one picture the same, one that differs, one missing, one further."""
-    for name in ("A/same", "A/sub/other", "A/lone", "B/same", "B/new"):
+    for name in ("A/same", "A/sub/other", "A/lone", "B/same"):
         write_planes(root / f"{name}.exr", planes(scene()))
+    write_planes(root / "B" / "new.exr", planes(patched()))
     write_planes(root / "B" / "sub" / "other.exr", planes(patched()))
     (root / "A" / "journal.jsonl").write_text("{}")
     return root / "A", root / "B"
@@ -321,7 +322,27 @@ def test_flip_of_greys_is_that_of_the_paper(tmp_path):
         assert the_pair(*pair, "--flip")["metrics"]["flip"] == pytest.approx(0.1767, abs=1e-3)
 
 
-@pytest.mark.parametrize("option", ["--junit", "--html"])
+def test_a_summary_for_a_pull_request_has_a_table_the_worst_and_what_happened(tmp_path):
+    pair = folders(tmp_path)
+    hostile = "@you|[a](b)<i>.exr"
+    write_planes(pair[0] / hostile, planes(scene()))
+    write_planes(pair[1] / hostile, planes(np.roll(scene(), 2, 1)))
+    file = tmp_path / "reports" / "summary.md"
+    assert run("compare", *pair, "--markdown", file, "--diff", tmp_path / "diff").code == 1
+    text = file.read_text()
+    rows = [line for line in text.splitlines() if line.startswith("| ")]
+    assert [row.split(" | ")[1] for row in rows[1:]] == ["different"] * 2 + ["extra", "missing"]
+    assert not {"@", "<i", "[a"} & {text[k : k + n] for k in range(60, len(text)) for n in (1, 2)}
+    assert "shifted (1)" in text
+    assert "](../diff/sub/other.exr.diff.png)" in text
+    again = run("compare", *pair, "--markdown", file, "--fail", "max>99")
+    assert "2 same" not in file.read_text()
+    assert again.code == 1
+    file.write_text("mine")
+    refused(run("compare", *pair, "--markdown", file), 3, "exists", file)
+
+
+@pytest.mark.parametrize("option", ["--junit", "--html", "--markdown"])
 def test_a_report_that_cannot_be_written_leaves_the_json(option, a, tmp_path):
     b = write_planes(tmp_path / "b.exr", planes(2 * scene()))
     ran = run("compare", a, b, "--json", option, b / "report", "--accept")

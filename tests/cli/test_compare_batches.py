@@ -100,6 +100,7 @@ def test_samples_and_files_that_one_batch_lacks_are_a_difference(made, tmp_path)
     inputs(tmp_path)
     for name in ("rgb", "z"):
         (tmp_path / name / "b.exr").rename(tmp_path / name / "c.exr")
+    color_exr(tmp_path / "rgb" / "c.exr", texture(seed=7))
     two = batch(tmp_path, "two")
     (two / "coc" / "a.exr").unlink()
     ran = run("compare", made[1], two)

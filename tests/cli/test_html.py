@@ -16,6 +16,7 @@ def folders(tmp_path):
     for folder, names in ((a, ("same", "shifted", "gone")), (b, ("same", "new"))):
         for name in names:
             write_planes(folder / f"{name}.exr", planes(scene()))
+    write_planes(b / "new.exr", planes(2 * scene()))
     write_planes(b / "shifted.exr", planes(np.roll(scene(), 2, 1)))
     for folder in (a, b):
         (folder / "bad.exr").write_bytes(b"no picture")

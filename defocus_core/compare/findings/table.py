@@ -118,6 +118,7 @@ STRUCTURE = {
     "further channel": "which",
     "another size": "which",
     "deep samples": "their number, or their values",
+    "renamed": "bytes of A, or inputs and settings, under another name",
     "other primaries declared": "which the headers name",
     "too small to name": "rounding to the steps of the file makes about as much of a difference",
 }

@@ -10,6 +10,7 @@ import os
 import pickle
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from glob import escape
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,7 @@ from defocus_core.system.process import spread
 from defocus_core.system.text import command_line, counted
 
 Commands = Callable[[Comparison], Sequence[tuple[str, str]]]
+Ticked = Callable[[Comparison], str]
 _COLUMNS = ("psnr", "ssim", "max", "flip")
 _HALF_LAYERS = 6  # halves of a pixel: three channels of A and of B
 _numbers = count()
@@ -52,6 +54,8 @@ class ReportHeader:
     words: Sequence[str]  # what was compared, a line each
     commands: Commands = lambda _: ()  # the command lines of a pair, each with a title
     b: str = ""  # what B is, where its files do not last; empty where they do
+    accept: str = ""  # how the command begins that accepts the pairs that are ticked
+    ticked: Ticked = lambda record: command_line(["--only", f"./{escape(record.name)}"])
 
 
 def write(
@@ -67,7 +71,8 @@ def write(
     items = [
         _item(record, *drawing, header) for record, drawing in zip(ranked, drawings, strict=True)
     ]
-    write_report(path, Report(header.title, header.words, items, columns_of(items)))
+    report = Report(header.title, header.words, items, columns_of(items), header.accept)
+    write_report(path, report)
 
 
 def rank(record: Comparison) -> tuple[int, int, float]:
@@ -101,6 +106,7 @@ def _item(record: Comparison, layers: Sequence[Layer], full: float, header: Repo
         facts=list(_facts(record, header.b)),
         metrics=record.metrics,
         commands=header.commands(record),
+        ticked=header.ticked(record) if header.accept and record.acceptable else "",
         layers=layers,
         full=full,
         place=None if record.worst is None else (record.worst.x, record.worst.y),
@@ -167,11 +173,15 @@ def write_checks(folder: Path, path: Path) -> None:
     kept = [pickle.loads(file.read_bytes()) for file in sorted(folder.glob("*.pickle"))]
     tests: dict[str, str] = {record.name: test for record, test in kept}
 
+    def ticked(record: Comparison) -> str:
+        return command_line([tests[record.name]])
+
     def commands(record: Comparison) -> list[tuple[str, str]]:
         again = ["pytest", tests[record.name]]
         accept = ("Accept as the golden", command_line([*again, "--golden-update"]))
         return [("Test again", command_line(again)), accept]
 
     title, b = "Goldens of a run of pytest", "the picture of the test"
-    header = ReportHeader(title, [f"{counted(len(kept), 'golden')} failed"], commands, b)
+    words = [f"{counted(len(kept), 'golden')} failed"]
+    header = ReportHeader(title, words, commands, b, "pytest --golden-update", ticked)
     write(path, header, [record for record, _ in kept], CompareSettings(), processes=1)

@@ -58,6 +58,7 @@ class Item:
     facts: Sequence[tuple[str, str]] = ()  # a term and what is to be said of it
     metrics: Mapping[str, float] = field(default_factory=dict)
     commands: Sequence[tuple[str, str]] = ()  # a title and a command line
+    ticked: str = ""  # what it adds to the command that accepts; empty if it cannot be accepted
     layers: Sequence[Layer] = ()  # the first two are shown at first, if there are two
     full: float = 1.0  # the difference of the hottest colour
     place: tuple[int, int] | None = None  # column and row of the worst pixel
@@ -81,3 +82,4 @@ class Report:
     words: Sequence[str]  # what it is of, a line each
     items: Sequence[Item]  # the most important first
     columns: Sequence[Column]  # the numbers that the table shows
+    accept: str = ""  # how the command begins that accepts the items that are ticked

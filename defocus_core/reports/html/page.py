@@ -63,7 +63,7 @@ def write_report(path: Path, report: Report) -> None:
     write_page(
         path,
         "report",
-        data={"items": drawn},
+        data={"items": drawn, "accept": printable(report.accept)},
         payloads=payloads,
         title=printable(report.title),
         report={

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from command_line import write_exr
+from planted_faults import _bilateral, _jpeg, shot
 
 from defocus_core.compare import comparison
 from defocus_core.compare.comparison import compare_images
@@ -11,6 +12,7 @@ from defocus_core.compare.pairing import FilePair
 from defocus_core.compare.record import CompareSettings
 from defocus_core.compare.thresholds import Rules, matches, read_thresholds, rule
 from defocus_core.errors import UsageProblem
+from defocus_core.io.images.color_space import srgb_to_linear
 from defocus_core.request.quantities import QuantityError
 
 
@@ -151,6 +153,31 @@ def test_colours_that_are_invisible_do_not_fail_and_a_lost_alpha_does(changed, l
     assert record.passes == passes
     if passes and changed[0, 0, 0] != 0.5:
         assert record.notes == ("other colours in 384 pixels where A is 0",)
+
+
+@pytest.mark.parametrize(
+    ("change", "passes"),
+    [
+        (lambda m: _jpeg(m.shown, 85), True),
+        (lambda m: _jpeg(m.shown, 95, "4:4:4"), True),
+        (lambda m: srgb_to_linear(m.shown) ** (1 / 2.2), False),
+        (lambda m: np.where(np.add(*m.yx)[..., None] > 1.2, _bilateral(m.shown), m.shown), False),
+        (lambda m: np.clip(m.shown * 1.02, 0, 1), False),
+    ],
+)
+@pytest.mark.parametrize("name", ["spheres", "floor"])
+def test_an_encoder_keeps_means_and_loses_detail_everywhere(name, change, passes):
+    m = shot(name, 1)
+    a, b = ((255 * v + 0.5).astype(np.uint8) for v in (m.shown, change(m)))
+    assert compare_images(a, b, like="encoder", diagnose=False).passes == passes
+
+
+def test_pixels_are_counted():
+    a, b = np.zeros((2, 30, 40), np.float32)
+    b[:3, :7] = 0.02
+    for text, passes in (("pixels>21", True), ("pixels>20", False)):
+        assert compare_images(a, b, fail=[text]).passes == passes
+    assert compare_images(a, b, fail=["pixels>0"], over=0.02).passes
 
 
 @pytest.mark.parametrize("text", ["psnr<45", "ssim<0.9"])

@@ -106,7 +106,13 @@ Object.assign(KEYS, {
   ArrowLeft: () => step(-1), ArrowUp: () => step(-1), ArrowRight: () => step(1), ArrowDown: () => step(1),
   " ": play, "/": () => $("filter").focus(),
 });
+const ticked = () => items.filter((_, n) => rows[n].querySelector(".tick")?.checked).map(each => each.ticked);
+body.addEventListener("change", () => {
+  const number = ticked().length, title = `Accept ${number} ticked`;
+  $("accept").replaceChildren(...(number ? [commandLine(title, [own.accept, ...ticked()].join(" "))] : []));
+});
 body.addEventListener("click", event => {
+  if (event.target.matches(".tick")) return;
   const row = event.target.closest("tr");
   if (row) show(Number(row.dataset.item), true);
 });

@@ -1,5 +1,7 @@
 """The report in a real browser: what is shown, filtered, drawn, read and pressed."""
 
+import shlex
+
 import numpy as np
 import pytest
 from browser import Page, chromium
@@ -85,6 +87,22 @@ def test_a_hostile_name_is_text_and_all_that_can_be_used_has_a_name(page):
         .map(each => each.outerHTML)"""
     )
     assert unnamed == []
+
+
+def test_pictures_that_are_ticked_are_accepted_by_one_command(page, report):
+    assert page.page.locator(".tick").count() == 4
+    for name in ("render/patch.exr", HOSTILE):
+        page.page.get_by_label(f"Accept {name}", exact=True).check()
+    words = shlex.split(page.text("#accept code"))
+    assert words[:4] == ["defocus", "compare", *(str(report.with_name(n)) for n in "AB")]
+    ran = run(*words[1:4], "--html", report.with_name("second.html"), *words[4:])
+    assert "2 files accepted" in ran.out
+    left = run("compare", *words[2:4], "--json").json["pairs"]
+    differ = {pair["name"] for pair in left if pair["status"] != "same"}
+    assert differ == {"render/brighter.exr", "render/nan.exr"}
+    page.page.get_by_label("Accept render/patch.exr").uncheck()
+    page.page.get_by_label(f"Accept {HOSTILE}", exact=True).uncheck()
+    assert page.text("#accept") == ""
 
 
 def test_a_picture_is_split_by_the_slider(page):

@@ -1,0 +1,67 @@
+"""A summary of comparisons in Markdown, as a comment on a pull request shows it."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from urllib.parse import quote
+
+from defocus_core.compare.record import Comparison
+from defocus_core.errors import printable
+from defocus_core.io.replacing import require_replaceable
+from defocus_core.io.safe_files import written_whole
+from defocus_core.reports.comparison_words import number_words, place_words, summary, worst_words
+from defocus_core.reports.html.comparisons import rank
+
+BEGINNING = "<!-- defocus compare -->"
+_ROWS, _PICTURES = 50, 5  # pairs that are listed, and shown
+_SHOWN = ("max", "psnr", "hdr-psnr", "ssim")
+_LONGEST = 240  # characters of what happened
+
+
+def write_markdown(
+    path: Path, title: str, records: Sequence[Comparison], pairs: int | None = None
+) -> None:
+    """Write a table of the pairs that do not pass, the worst of them, and the counts of causes.
+
+    Difference images are shown where they were written, by their path from the file.
+    """
+    failing = sorted((each for each in records if not each.passes), key=rank)
+    lines = [BEGINNING, f"### {_plain(title)}", "", _plain(summary(records, pairs)) + "."]
+    causes = Counter(finding.name for record in failing for finding in record.findings)
+    if causes:
+        said = ", ".join(f"{_plain(name)} ({number})" for name, number in causes.most_common())
+        lines += ["", f"**What happened:** {said}"]
+    if failing:
+        lines += ["", "| picture | status | what happened | numbers |", "|---|---|---|---|"]
+        lines += map(_row, failing[:_ROWS])
+    if len(failing) > _ROWS:
+        lines += ["", f"… and {len(failing) - _ROWS} more."]
+    for record in [each for each in failing if each.worst is not None][:_PICTURES]:
+        assert record.worst is not None
+        worst = f"{place_words(record)}, worst at {worst_words(record.worst)}"
+        lines += ["", f"**{_plain(record.name)}**: {_plain(worst)}"]
+        for image in record.images:
+            if image.suffix == ".png":
+                place = quote(Path(os.path.relpath(image, path.parent)).as_posix())
+                lines += ["", f"![difference of {_plain(record.name)}]({place})"]
+    require_replaceable(path, "markdown")
+    with written_whole(path) as file:
+        file.write(("\n".join(lines) + "\n").encode("utf-8", "replace"))
+
+
+def _row(record: Comparison) -> str:
+    """A row of the table."""
+    words = ", ".join(finding.text for finding in record.findings) or record.error
+    words = words or ", ".join(record.failed)
+    words = words if len(words) <= _LONGEST else f"{words[: _LONGEST - 1]}…"
+    numbers = ", ".join(number_words(n, v) for n, v in record.metrics.items() if n in _SHOWN)
+    return f"| {' | '.join(map(_plain, (record.name, record.status, words, numbers)))} |"
+
+
+def _plain(text: str) -> str:
+    """Text that Markdown, tables, links and mentions read as it is."""
+    return re.sub(r"[&<>|`*_\[\]\\#@~]", lambda each: f"&#{ord(each[0])};", printable(text))
