@@ -63,8 +63,8 @@ def find_pairs(a: Path, b: Path, *, anew: bool = False) -> list[FilePair]:
         for files, others in ((of_a, of_b.keys()), (of_b, of_a.keys()))
     ]
     if all(lone):  # equal bytes are the same picture
-        lone = [{n: blake2b(p.read_bytes()).digest() for n, p in side.items()} for side in lone]
-        for old, new in _renamed(*lone):
+        digests = [{n: blake2b(p.read_bytes()).digest() for n, p in each.items()} for each in lone]
+        for old, new in _renamed(*digests):
             pairs[new] = FilePair(new, pairs.pop(old).a, pairs[new].b, old)
     return list(pairs.values())
 
@@ -266,9 +266,9 @@ def pair_batches(a: Path, b: Path, only: Sequence[str] = ()) -> BatchPairs:
     was = {new: old for old, new in _renamed(*made_by)}
     for key in sorted({*files_a, *files_b} - {*was.values()}):
         if key in was:
-            one, other = files_a[was[key]], files_b[key]
-            name, old = other.relative_to(b).as_posix(), one.relative_to(a).as_posix()
-            pairs[key] = FilePair(name, one, other, old)
+            before, now = files_a[was[key]], files_b[key]
+            name, old = now.relative_to(b).as_posix(), before.relative_to(a).as_posix()
+            pairs[key] = FilePair(name, before, now, old)
             continue
         one, other = files_a.get(key), files_b.get(key)
         root, path = (a, one) if one is not None else (b, other)
