@@ -62,24 +62,27 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.optics.parts import sensitivities as sensitivities
     from defocus_core.optics.sensor_noise import with_noise as with_noise
     from defocus_core.optics.thin_lens import fnum_of_strength as fnum_of_strength
+    from defocus_core.picture.door import Lens as Lens
+    from defocus_core.picture.door import Picture as Picture
+    from defocus_core.picture.door import Views as Views
+    from defocus_core.picture.door import read as read
+    from defocus_core.picture.door import render as render
     from defocus_core.renderer.defocus_lens import DefocusLens as DefocusLens
     from defocus_core.renderer.layers.layer import HiddenLayer as HiddenLayer
     from defocus_core.renderer.random_defocus import Lenses as Lenses
     from defocus_core.renderer.random_defocus import RandomDefocus as RandomDefocus
-    from defocus_core.renderer.render import render as render
     from defocus_core.renderer.render import render_layers as render_layers
     from defocus_core.request.job import Job as Job
     from defocus_core.tensors.clipped_lights import with_lights as with_lights
-    from defocus_core.tensors.views import Views as Views
 
 # What users need, in groups: the names of each module.
 _GROUPS = {
+    "pictures": {"picture.door": "read Picture Lens render Views"},
     "lens and rendering": {
         "renderer.defocus_lens": "DefocusLens",
-        "renderer.render": "render render_layers",
+        "renderer.render": "render_layers",
         "renderer.layers.layer": "HiddenLayer",
         "allowed_values": "QUALITIES AUTO_LIGHTS",
-        "tensors.views": "Views",
         "optics.aperture": "Aperture",
         "optics.axial_color": "color_offset",
         "optics.cat_eye": "CatEye",

@@ -11,7 +11,7 @@ from defocus_cli.options.shared import FilePath, GroupedCommand, output_option
 from defocus_cli.words import console
 from defocus_core.io.replacing import identities, require_replaceable
 from defocus_core.picture.opening import write_aperture
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.request.quantities import pixel_count
 
 
@@ -23,7 +23,7 @@ from defocus_core.request.quantities import pixel_count
 @output_option("--nearer", "Of a point nearer than the focus.")
 @output_option("--overwrite", "Replace a file that is there.")
 @opening_options()
-def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: Lens) -> None:
+def command(out: Path, radius: float, nearer: bool, overwrite: bool, lens: LensValues) -> None:
     """Draw the opening of a lens, and the blur of a point beyond the focus.
 
     A PNG shows four squares: the opening, the blur of a point at --radius with every pixel of it

@@ -22,7 +22,7 @@ from defocus_cli.words.batch import tile_bar
 from defocus_core.errors import UsageProblem
 from defocus_core.io.replacing import require_replaceable
 from defocus_core.picture.lens_fit import FitOptions, fit_files, words, write_lens
-from defocus_core.request.job import Picture, Reading
+from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.request.parameters import LENS_OPTIONS
 
 _fit_option = partial(lens_option, is_common=True)
@@ -106,7 +106,7 @@ def command(
         require_replaceable(out, overwrite=overwrite)
     views = (blurred,) if right is None else (blurred, right)
     with tile_bar() as progress:
-        found = fit_files(Picture(sharp.stem, sharp, depth), views, reading, options, progress)
+        found = fit_files(PictureFiles(sharp.stem, sharp, depth), views, reading, options, progress)
     if out is not None:
         write_lens(out, found)
     if as_json:

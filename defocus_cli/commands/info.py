@@ -20,7 +20,7 @@ from defocus_core.reports.inspection.inspection import (
     shot_line,
     summarised,
 )
-from defocus_core.request.job import Picture, Reading, reading_through
+from defocus_core.request.job import PictureFiles, Reading, reading_through
 from defocus_core.request.lens import lens_record_words
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.parameters import BLURRING
@@ -59,7 +59,7 @@ def command(
     console.stdout(*(() if as_json else map(shot_line, shots)))
     lens = None
     if lenses is not None and files:
-        lens = lenses.of(Picture(files[0].stem, files[0], files[0]))[0]
+        lens = lenses.of(PictureFiles(files[0].stem, files[0], files[0]))[0]
     reading = reading_through(reading, lens)
     failures = console.Failures()
     records: list[dict[str, Any]] = []

@@ -22,9 +22,9 @@ from defocus_cli.words import console
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.run import Execution, make_plan
 from defocus_core.errors import UsageProblem
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading, of_views
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading, of_views
 from defocus_core.request.job_options import MACHINE_OPTIONS
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.pairing import find
 from defocus_core.request.picture_lenses import PictureLenses
@@ -134,8 +134,8 @@ def command(
 
 
 def _with_lenses(
-    pictures: Sequence[Picture], lenses: PictureLenses, *, verbose: bool
-) -> Iterator[tuple[Picture, Lens]]:
+    pictures: Sequence[PictureFiles], lenses: PictureLenses, *, verbose: bool
+) -> Iterator[tuple[PictureFiles, LensValues]]:
     """Each picture and its lens; what metadata decided is said where it changes."""
     said: object = None
     for picture in pictures:

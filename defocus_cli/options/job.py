@@ -36,7 +36,7 @@ from defocus_core.request.job_options import (
     SHOT_OPTIONS,
     ReadingParam,
 )
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.request.pairing import Others, choice_of, others_of
 from defocus_core.request.parameters import LENS_OPTIONS, OPENING, SHAPES, Param
 from defocus_core.request.picture_lenses import PictureLenses
@@ -108,7 +108,7 @@ def _lens_options(names: Iterable[str]) -> list[Decorator]:
 def opening_options() -> Decorator:
     """Hand a command ``lens``: its opening and its photodiodes, and no more of a lens."""
 
-    def make(lens_file: Path | None, **values: Any) -> Lens:
+    def make(lens_file: Path | None, **values: Any) -> LensValues:
         from defocus_core.request.lens_files import read_lens_file
 
         stored = read_lens_file(lens_file) if lens_file else {}

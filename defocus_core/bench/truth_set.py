@@ -18,7 +18,7 @@ from defocus_core.io.depth_formats.depth import read_depth, require_valid
 from defocus_core.io.images.color import read_color, require_finite
 from defocus_core.io.safe_files import MALFORMED
 from defocus_core.picture.radii import radii_of
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -33,7 +33,7 @@ class TruthShot:
 
     folder: Path  # folder of the scene
     name: str  # name of the shot
-    lens: Lens  # lens of the shot
+    lens: LensValues  # lens of the shot
     border: int  # px at each side that may show content from outside the frame
 
     @property
@@ -114,7 +114,7 @@ def _shots(file: Path) -> list[TruthShot]:
 
 
 def _shot(folder: Path, camera: dict[str, Any], shot: dict[str, Any]) -> TruthShot:
-    lens = Lens(
+    lens = LensValues(
         foclen=float(camera["focal_length_mm"]),
         fnum=float(shot.get("thin_lens_fnumber", shot["fnumber"])),
         foc_dist=1000 * float(shot["focus_distance_m"]),

@@ -19,7 +19,7 @@ from torch.nn.functional import max_pool2d
 
 from defocus_core.optics.aperture import Aperture
 from defocus_core.renderer.render import render
-from defocus_core.tensors.views import Views
+from defocus_core.tensors.views import ViewTensors
 
 Scene = tuple[Tensor, Tensor]  # image [C, H, W] and signed radius [H, W] px
 SIZE = (72, 210)  # H, W: not square, more than one tile
@@ -33,7 +33,7 @@ class LawSetting:
     device: str = "cpu"  # where to compute, as torch calls it
     quality: str = "standard"  # as for `render`
     threads: int = 1  # as for `render`
-    render: Callable[..., Views] = render  # the renderer
+    render: Callable[..., ViewTensors] = render  # the renderer
 
     def views(
         self, scene: Scene, dtype: torch.dtype = torch.float32, **options: Any

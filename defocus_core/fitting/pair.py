@@ -23,7 +23,7 @@ from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.tensors.threads import own_modes
 from defocus_core.tensors.validation import described
-from defocus_core.tensors.views import Views
+from defocus_core.tensors.views import ViewTensors
 
 MAX_SHIFT = 16  # px
 MAX_MAGNIFICATION = 1.02  # or its inverse: about twice a camera's between near and far focus
@@ -143,7 +143,7 @@ def fit(
 
     def rendered(
         image: Tensor, radius: Tensor, *, edge_width: float | None, infinity: float
-    ) -> Views:
+    ) -> ViewTensors:
         own = replace(settings, edge_width=edge_width, infinity=infinity)
         return Renderer(Surface(image, radius), own).picture()
 

@@ -18,7 +18,7 @@ from torch import Tensor
 from torch.nn.functional import interpolate
 
 from defocus_core.fitting.pictures import Scale, registered
-from defocus_core.tensors.views import Views
+from defocus_core.tensors.views import ViewTensors
 
 _BEND = 0.02  # of compressed light, from which on a difference counts less
 _CLIPPED = 0.98  # of the greatest value, in pictures that end at 1
@@ -51,7 +51,7 @@ class Residual:
     def __init__(
         self,
         pictures: Scale,
-        rendered: Callable[..., Views],  # of a sharp picture and its radii
+        rendered: Callable[..., ViewTensors],  # of a sharp picture and its radii
         *,
         exposure: bool,
         infinity: float,  # the disparity of what is infinitely far

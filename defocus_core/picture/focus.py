@@ -11,12 +11,12 @@ from defocus_core.errors import InputError, UsageProblem
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.radii import MM_PER_M, sharp_numbers
 from defocus_core.picture.take import Take
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.request.quantities import Percentile, SideShare, length_text
 from defocus_core.request.resolver import refuse_near_focus
 
 
-def with_focus(lens: Lens, depth: Depth) -> Lens:
+def with_focus(lens: LensValues, depth: Depth) -> LensValues:
     """The lens with the focus distance that its picture decides."""
     lens = in_pixels(lens, depth)
     if lens.blur is not None:
@@ -31,14 +31,14 @@ def with_focus(lens: Lens, depth: Depth) -> Lens:
     return lens
 
 
-def in_pixels(lens: Lens, depth: Depth) -> Lens:
+def in_pixels(lens: LensValues, depth: Depth) -> LensValues:
     """The lens with its blur in px, if that is a share of the longer side of the picture."""
     if not isinstance(lens.blur, SideShare):
         return lens
     return replace(lens, blur=lens.blur.percent / 100 * max(depth.size))
 
 
-def with_blur_reach(lens: Lens, depths: Sequence[Depth]) -> Lens:
+def with_blur_reach(lens: LensValues, depths: Sequence[Depth]) -> LensValues:
     """The lens by which the most blurred pixel gets the blur, if that is given in pixels."""
     if lens.blur is None or lens.focus_value is None:
         return lens
@@ -52,7 +52,7 @@ def with_blur_reach(lens: Lens, depths: Sequence[Depth]) -> Lens:
     return replace(lens, blur_reach=reach or 1.0)
 
 
-def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
+def _at_pixel(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> float:
     """The depth in mm of a pixel."""
     foc_dist = float(depth.metres[_place_of(lens, pixel, depth)][0, 0]) * MM_PER_M
     at = f"{depth.path} at {pixel[0]},{pixel[1]}: "
@@ -60,7 +60,7 @@ def _at_pixel(lens: Lens, pixel: tuple[int, int], depth: Depth) -> float:
     return foc_dist
 
 
-def _place_of(lens: Lens, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:
+def _place_of(lens: LensValues, pixel: tuple[int, int], depth: Depth) -> tuple[slice, slice]:
     """Row and column of a pixel of the picture, which must show something."""
     (x, y), (width, height) = pixel, depth.size
     option = lens.focus_source.at("focus-at")
@@ -79,7 +79,7 @@ def _place_of(lens: Lens, pixel: tuple[int, int], depth: Depth) -> tuple[slice, 
     return place
 
 
-def _at_percentile(lens: Lens, depth: Depth) -> float:
+def _at_percentile(lens: LensValues, depth: Depth) -> float:
     """The depth in mm that a share of the pixels does not exceed, without sky and holes.
 
     It is that of a pixel: between two surfaces there is nothing to focus on.

@@ -16,7 +16,7 @@ from defocus_core.io.images.color import Color, read_color, require_finite
 from defocus_core.io.safe_files import written_whole
 from defocus_core.picture.pair import read
 from defocus_core.picture.take import InputPair, radius_measures
-from defocus_core.request.job import Picture, Reading
+from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.request.quantities import length_text
 from defocus_core.system.process import cores, set_to_render
 
@@ -46,7 +46,7 @@ class FitOptions:
 
 
 def fit_files(
-    picture: Picture,
+    picture: PictureFiles,
     blurred: tuple[Path, ...],
     reading: Reading,
     options: FitOptions,

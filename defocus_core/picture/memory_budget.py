@@ -27,7 +27,7 @@ from defocus_core.errors import InputError, TooLarge
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.images.describe import SAMPLE_BYTES, describe
 from defocus_core.io.safe_files import read_head
-from defocus_core.request.job import Job, Machine, Picture
+from defocus_core.request.job import Job, Machine, PictureFiles
 from defocus_core.system import memory
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def _sizes(job: Job) -> tuple[float, float]:
     return pixels * (per_pixel + _FLOAT) / memory.MB, pixels * whole / memory.MB
 
 
-def _inputs(picture: Picture, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
+def _inputs(picture: PictureFiles, passes: Sequence[str] = ()) -> tuple[int, float, float, int]:
     """Pixels; bytes of each as arrays, and of those decoded at once; channels of the colour."""
 
     def pixel_bytes(path: Path) -> tuple[int, float, float, int]:

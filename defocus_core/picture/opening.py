@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.safe_files import once, read_head
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.system.text import times
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ _TANGENT = math.hypot(36, 24) / 2 / 50  # of the field angle in the corner, besi
 _SHOWN = 256  # px of a side of a square of the picture to look at
 
 
-def aperture_of(lens: Lens) -> Aperture:
+def aperture_of(lens: LensValues) -> Aperture:
     """The pupil of a lens."""
     from defocus_core.optics.aperture import Aperture
 
@@ -49,7 +49,7 @@ def aperture_of(lens: Lens) -> Aperture:
         raise UsageProblem("contradiction", problem, remedy, field="obstruction") from None
 
 
-def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
+def cat_eye_of(lens: LensValues, size: tuple[int, int]) -> CatEye | None:
     """The barrel that clips the opening in pictures of (width, height) px, if one does."""
     from defocus_core.optics.cat_eye import CatEye
 
@@ -73,7 +73,7 @@ def cat_eye_of(lens: Lens, size: tuple[int, int]) -> CatEye | None:
         raise UsageProblem("malformed", problem, remedy, field="cat-eye") from None
 
 
-def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float]:
+def aperture_in_pixels(lens: LensValues, pixel_aspect: float) -> tuple[Aperture, float]:
     """The pupil of a lens before pixels that need not be square.
 
     A radius of the CoC is so many px wide; pixels that are wider than high show it higher in px.
@@ -88,7 +88,7 @@ def aperture_in_pixels(lens: Lens, pixel_aspect: float) -> tuple[Aperture, float
     return replace(pupil, squeeze=squeeze), longer
 
 
-def dual_pixel_of(lens: Lens) -> DualPixel:
+def dual_pixel_of(lens: LensValues) -> DualPixel:
     """The photodiodes of the sensor behind a lens."""
     from defocus_core.optics.dual_pixel import DualPixel
 
@@ -163,7 +163,7 @@ def _refuse_wide(path: Path, shape: tuple[int, ...]) -> None:
         raise InputError("malformed", problem, remedy, path=path)
 
 
-def write_aperture(path: Path, lens: Lens, radius: float) -> None:
+def write_aperture(path: Path, lens: LensValues, radius: float) -> None:
     """Write the opening and the blur of a point to look at, PNG, or the blur to measure, EXR.
 
     `radius`: of the blur, in px, signed.

@@ -36,7 +36,7 @@ from defocus_core.system.process import delayed_signals, imports, set_to_render
 
 if TYPE_CHECKING:
     from defocus_core.renderer.engine.renderer import Renderer
-    from defocus_core.tensors.views import Views
+    from defocus_core.tensors.views import ViewTensors
 
 
 __all__ = ["choose_device", "compute", "load", "prepare", "read", "renderers", "write"]
@@ -231,7 +231,7 @@ class _Images:
             count = len(kind.rendered) * (channels if kind.whole else 1)
             self.planes[kind.name] = tuple(np.zeros((height, width), dtype) for _ in range(count))
 
-    def place(self, part: Views, of: Pass, *, first: bool = True) -> None:
+    def place(self, part: ViewTensors, of: Pass, *, first: bool = True) -> None:
         """Copy a rendered region to its place: the channels and kinds that were rendered.
 
         Of trust, after the first colours, the least of all.

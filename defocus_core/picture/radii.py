@@ -15,7 +15,7 @@ from defocus_core.errors import InputError, UsageProblem, reason
 from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.take import Radii, Take
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.request.quantities import length_text
 from defocus_core.system.text import counted
 
@@ -29,7 +29,7 @@ _MAX_PX = 1e6  # wider than any frame
 _FARTHEST_PX = 1e8  # what the renderer takes
 
 
-def radii_of(lens: Lens, depth: Depth) -> Radii:
+def radii_of(lens: LensValues, depth: Depth) -> Radii:
     """The radii of a whole frame; those of a file of radii as they are."""
     import torch
 
@@ -52,7 +52,7 @@ def radii_of(lens: Lens, depth: Depth) -> Radii:
     return radii if lens.clamp_blur is None else _clamp(radii, lens.clamp_blur, depth)
 
 
-def _relative(blur: float, lens: Lens, depth: Depth) -> Any:
+def _relative(blur: float, lens: LensValues, depth: Depth) -> Any:
     """The radii of relative disparity, linear in its numbers, 0 at the ends of what is sharp."""
     import torch
 
@@ -72,7 +72,7 @@ def _relative(blur: float, lens: Lens, depth: Depth) -> Any:
     return whole
 
 
-def sharp_numbers(lens: Lens) -> tuple[float, float]:
+def sharp_numbers(lens: LensValues) -> tuple[float, float]:
     """The least and the greatest number of a relative depth in focus through a lens with a blur."""
     assert lens.focus_value is not None
     numbers = (lens.focus_value, *(lens.sharp_range or ()))
@@ -98,7 +98,7 @@ def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:
 
 
 def signed_radius(
-    lens: Lens, metres: NDArray[np.float32], size: tuple[int, int]
+    lens: LensValues, metres: NDArray[np.float32], size: tuple[int, int]
 ) -> NDArray[np.float32]:
     """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
     import torch
@@ -109,7 +109,7 @@ def signed_radius(
     return radius
 
 
-def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
+def color_offsets(lens: LensValues, size: tuple[int, int]) -> tuple[float, float]:
     """Px by which the signed radii of red and of blue differ from those of green.
 
     Of a blur in px the shifts are shares of it.
@@ -125,7 +125,7 @@ def color_offsets(lens: Lens, size: tuple[int, int]) -> tuple[float, float]:
     return red, blue
 
 
-def thin_lens_of(lens: Lens, size: tuple[int, int]) -> ThinLens:
+def thin_lens_of(lens: LensValues, size: tuple[int, int]) -> ThinLens:
     """The lens in front of a sensor of ``size`` (width, height) px."""
     import torch
 
@@ -200,7 +200,7 @@ def doubt_depth(take: Take) -> Take:
 
 
 def of_radii(
-    depth: Depth, radius: Any, limits: tuple[float, float], lens: Lens, *, declared: bool
+    depth: Depth, radius: Any, limits: tuple[float, float], lens: LensValues, *, declared: bool
 ) -> Iterator[str]:
     """The strongest evidence of the signed radii [H, W] px, if there is any."""
     greatest = max(abs(end) for end in limits)

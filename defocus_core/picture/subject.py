@@ -28,8 +28,8 @@ from defocus_core.io.depth_formats.reading import (
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.images.describe import describe
 from defocus_core.io.safe_files import is_heic, read_head
-from defocus_core.request.job import Picture, Reading, reading_through
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import PictureFiles, Reading, reading_through
+from defocus_core.request.lens import LensValues
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.quantities import Unitless
@@ -53,7 +53,7 @@ _NEAR_BY, _STEP = 0.01, 0.04
 _THICKEST = 0.15  # share of all numbers that the surface in focus takes at most
 _PLACES = 33  # of such a range about the number in focus that are tried
 _UNFOCUSED = ("focus-at", "focus-value", "sharp-range")
-_LENS = Lens(85.0, 1.4, None)  # @portrait-85
+_LENS = LensValues(85.0, 1.4, None)  # @portrait-85
 
 
 class FoundPixel(NamedTuple):
@@ -181,7 +181,7 @@ def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bo
 
 def with_blur_and_focus(
     lenses: PictureLenses,
-    pictures: Sequence[Picture],
+    pictures: Sequence[PictureFiles],
     reading: Reading,
     typed: Sequence[str],
     *,
@@ -212,7 +212,7 @@ def with_blur_and_focus(
 
 
 def _of_relative(
-    picture: Picture, reading: Reading, given: Layer, *, whole_subject: bool
+    picture: PictureFiles, reading: Reading, given: Layer, *, whole_subject: bool
 ) -> dict[str, Given]:
     """Blur and focus, as far as they are not given."""
     size = size_of(picture)
@@ -231,7 +231,12 @@ def _of_relative(
 
 
 def _incomplete(
-    picture: Picture, reading: Reading, lacking: list[str], typed: Sequence[str], *, has_file: bool
+    picture: PictureFiles,
+    reading: Reading,
+    lacking: list[str],
+    typed: Sequence[str],
+    *,
+    has_file: bool,
 ) -> UsageProblem:
     """The error for a lens of which options are missing, with a command that has them."""
     words = list(typed)
@@ -247,12 +252,12 @@ def _incomplete(
     return UsageProblem("missing-option", problem, remedy, field=lacking[0])
 
 
-def _depth_alone(picture: Picture, reading: Reading) -> Depth:
+def _depth_alone(picture: PictureFiles, reading: Reading) -> Depth:
     """The depth of a picture at its own size."""
     return read_depth(picture.depth, reading, lens_focal=_LENS.foclen / _LENS.sensor_width)
 
 
-def size_of(picture: Picture) -> tuple[int, int]:
+def size_of(picture: PictureFiles) -> tuple[int, int]:
     """Width and height of the picture that is rendered, by its header."""
     if picture.color != picture.depth:
         info = describe(picture.color)

@@ -20,8 +20,8 @@ from defocus_core.io.images.color import Color
 from defocus_core.io.images.describe import describe
 from defocus_core.picture.memory_budget import Holding
 from defocus_core.picture.opening import aperture_in_pixels
-from defocus_core.request.job import Job, Picture, Reading
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import Job, PictureFiles, Reading
+from defocus_core.request.lens import LensValues
 from defocus_core.request.output_kinds import Kind
 from defocus_core.system.text import counted, percent
 
@@ -55,7 +55,7 @@ _UNKNOWN = Radii(None, (0.0, 0.0), None, 1.0)
 class InputPair:
     """Colour and depth of a picture, and how they are read."""
 
-    picture: Picture
+    picture: PictureFiles
     reading: Reading
     # Focal length in widths of the sensor, where the depth needs it
     lens_focal: float | None = None
@@ -102,7 +102,7 @@ class InputPair:
 class Plate:
     """A decoded plate."""
 
-    picture: Picture
+    picture: PictureFiles
     reading: Reading  # how it was read
     color: Color
     depth: Depth  # infinitely far if its file has none
@@ -132,7 +132,7 @@ class Take:
 
     job: Job  # what was asked for
     inputs: Inputs
-    lens: Lens  # with its focus distance, once that is known
+    lens: LensValues  # with its focus distance, once that is known
     radii: Radii = _UNKNOWN  # of the picture, or of the element over a plate
     # [H, W] px, the radii of what is in front: of the plate where the element is empty
     shown: Any = None

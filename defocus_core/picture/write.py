@@ -23,7 +23,7 @@ from defocus_core.io.safe_files import written_together
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.steps.table import WRITE, through
 from defocus_core.picture.take import Contents, Take, repair_attribute
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.request.output_kinds import KINDS, Kind
 from defocus_core.request.parameters import RECORDED
 from defocus_core.system.text import counted, versions
@@ -247,7 +247,7 @@ def _repair(take: Take, kind: Kind) -> dict[str, str]:
     return {name: value for name, value in values.items() if value}
 
 
-def _of_any_lens(lens: Lens) -> dict[str, str]:
+def _of_any_lens(lens: LensValues) -> dict[str, str]:
     """What every lens has; nothing of what decides the radii where a file holds them."""
     values = {row: getattr(lens, row.field) for row in RECORDED.values()}
     return {

@@ -38,7 +38,7 @@ from defocus_core.tensors.validation import (
     one_of,
     positive,
 )
-from defocus_core.tensors.views import Views, batch, no_pictures
+from defocus_core.tensors.views import ViewTensors, batch, no_pictures
 
 Option = float | Distribution
 
@@ -252,7 +252,7 @@ class RandomDefocus(torch.nn.Module):
     @graph_break
     def forward(
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
-    ) -> tuple[Views, Lenses]:
+    ) -> tuple[ViewTensors, Lenses]:
         """Defocus a batch.
 
         Args:
@@ -273,7 +273,7 @@ class RandomDefocus(torch.nn.Module):
 
     def _defocused(
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
-    ) -> tuple[Views, Lenses]:
+    ) -> tuple[ViewTensors, Lenses]:
         """`forward` with options that are checked."""
         maps = depth_maps(image, depth, torch.float32, image.device) * DEPTH_UNITS[self.depth_unit]
         drawings = self._draw(maps, _seeds(seeds, len(image)))

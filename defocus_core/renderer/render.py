@@ -30,7 +30,7 @@ from defocus_core.renderer.layers.alpha import with_opaque_alpha
 from defocus_core.renderer.layers.layer import HiddenLayer
 from defocus_core.tensors.threads import graph_break, own_modes
 from defocus_core.tensors.validation import Scalar, check_image, maps_of, numbers
-from defocus_core.tensors.views import Views, batch, no_pictures, of_channels
+from defocus_core.tensors.views import ViewTensors, batch, no_pictures, of_channels
 
 
 @graph_break
@@ -54,7 +54,7 @@ def render(
     cat_eye: CatEye | None = None,
     color_offsets: Sequence[Scalar] | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Views:
+) -> ViewTensors:
     """Defocus images whose pixels have known CoC radii.
 
     I(x) is the mean over the aperture of what each lens point sees first (Haeberli & Akeley 1990);
@@ -140,7 +140,7 @@ def _rendered(
     settings: Settings,
     colors: list[tuple[list[int], Scalar]],
     progress: Callable[[int, int], None] | None,
-) -> Views:
+) -> ViewTensors:
     """One picture, its colours apart if the px that are added to their radii differ."""
     if len(colors) > 1 or hidden is not None:
         surface, _ = repaired(surface, settings)
@@ -167,7 +167,7 @@ def render_layers(
     infinity: float | None = None,
     depth_repair: str = "auto",
     progress: Callable[[int, int], None] | None = None,
-) -> Views:
+) -> ViewTensors:
     """Defocus a scene whose surfaces are known behind each other, with their coverage.
 
     In each pixel layers occlude each other by their radii, the smaller signed radius being the

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from defocus_core.errors import UsageProblem
 from defocus_core.io.depth_formats.reading import DepthReading
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.request.output_kinds import KINDS, PREVIEW, Kind
 
 DEVICES = ("auto", "cpu", "cuda")
@@ -23,21 +23,23 @@ OTHERS = ("hidden", "over", "holdout", "matte")  # pictures that belong to anoth
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class PictureFiles:
     """Where colour and depth of one picture are; the same file twice when one EXR holds both."""
 
     stem: str
     color: Path
     depth: Path  # its depth file; of a plate that has none its colour file
     # A picture of what lies behind the visible surface, where that is known
-    hidden: Picture | None = None
-    over: Picture | None = None  # the plate that it lies over, if it is an element
-    holdout: Picture | None = None  # a deep picture that hides what is behind it and shows nothing
-    matte: Picture | None = None  # a file of the coverage of its subject, twice
+    hidden: PictureFiles | None = None
+    over: PictureFiles | None = None  # the plate that it lies over, if it is an element
+    holdout: PictureFiles | None = (
+        None  # a deep picture that hides what is behind it and shows nothing
+    )
+    matte: PictureFiles | None = None  # a file of the coverage of its subject, twice
     frame: int | None = None  # its number in a shot
 
     @property
-    def others(self) -> dict[str, Picture]:
+    def others(self) -> dict[str, PictureFiles]:
         """The pictures of the same scene that belong to it, by role of `OTHERS`."""
         with_role = {role: getattr(self, role) for role in OTHERS}
         return {role: picture for role, picture in with_role.items() if picture is not None}
@@ -130,8 +132,8 @@ class Machine:
 class FrameLens:
     """A frame of a shot, and the lens that takes it."""
 
-    picture: Picture
-    lens: Lens
+    picture: PictureFiles
+    lens: LensValues
 
 
 @dataclass(frozen=True)
@@ -144,7 +146,7 @@ class Shot:
     shares_focus: bool = True  # whether these decide where the focus lies, too
 
     @property
-    def pictures(self) -> dict[int, Picture]:
+    def pictures(self) -> dict[int, PictureFiles]:
         """All of these frames by number."""
         taken = (each.picture for each in self.sample)
         return {int(p.frame): p for p in taken if p.frame is not None}
@@ -159,7 +161,7 @@ class Shot:
         }
 
 
-def reading_through(reading: Reading, lens: Lens | None) -> Reading:
+def reading_through(reading: Reading, lens: LensValues | None) -> Reading:
     """The reading of depth that a lens needs: as relative disparity if its blur is in pixels."""
     if lens is not None and lens.blur is not None:
         return reading if reading.relative else reading.as_relative()
@@ -188,8 +190,8 @@ NO_SPLIT = Split()
 class Job:
     """One picture to render."""
 
-    picture: Picture
-    lens: Lens
+    picture: PictureFiles
+    lens: LensValues
     reading: Reading
     outputs: Outputs
     machine: Machine

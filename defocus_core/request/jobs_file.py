@@ -46,7 +46,7 @@ from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.row_files import Row, read_rows
 from defocus_core.request.animation import Animation, read_animation
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.job_options import (
     INPUT_OPTIONS,
     MACHINE_OPTIONS,
@@ -54,7 +54,7 @@ from defocus_core.request.job_options import (
     READING_OPTIONS,
     SHOT_OPTIONS,
 )
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.request.lens_files import lens_path, reading_in
 from defocus_core.request.origin import JobsSource, read_origin
 from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find, others_of
@@ -133,7 +133,7 @@ def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machi
     ]
 
     @cache
-    def lens_of(picture: Picture, suffix: str) -> Lens:
+    def lens_of(picture: PictureFiles, suffix: str) -> LensValues:
         return next(lenses.lenses(picture, [lenses.suffixes.index(suffix)]))[1]
 
     decisions = layer_in(tables["shot"], SHOT_OPTIONS)
@@ -197,7 +197,7 @@ _EXAMPLE = '{"color": "a.exr", "depth": "b.exr"}'
 class Entry:
     """A picture, its place in a file for errors, and its own lens options."""
 
-    picture: Picture
+    picture: PictureFiles
     where: Place
     options: Layer = field(default_factory=dict)
 
@@ -294,11 +294,11 @@ def _entry(row: Mapping[str, Any], where: Place, file: Path) -> Entry:
             path=where,
         )
     others: dict[str, Any] = {
-        role: Picture(other.stem, other, depth or other)
+        role: PictureFiles(other.stem, other, depth or other)
         for role, (other, depth) in others_of(paths, where).items()
     }
     stem = _stem(row["stem"], where) if "stem" in row else color.stem
-    return Entry(Picture(stem, color, paths.get("depth", color), **others), where, options)
+    return Entry(PictureFiles(stem, color, paths.get("depth", color), **others), where, options)
 
 
 def _path(value: object, where: Place, key: str) -> str:

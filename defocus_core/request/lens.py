@@ -23,7 +23,7 @@ class Draw:
 
 
 @dataclass(frozen=True, slots=True)  # a batch has a million
-class Lens:
+class LensValues:
     """A thin lens, lengths in mm.
 
     Its focus is at ``foc_dist``, at the depth of pixel ``focus_at``, or at ``focus_percentile`` of
@@ -93,12 +93,12 @@ class Lens:
 
 
 # Values of its fields where nothing is said.
-DEFAULTS: Mapping[str, Any] = {field.name: field.default for field in fields(Lens)}
+DEFAULTS: Mapping[str, Any] = {field.name: field.default for field in fields(LensValues)}
 # Fields of effects that most lenses have not got, and their values if they are off.
 EFFECTS = {name: value for name, value in DEFAULTS.items() if name in EFFECT_OPTIONS}
 
 
-def lens_record(lens: Lens) -> dict[str, Any]:
+def lens_record(lens: LensValues) -> dict[str, Any]:
     """A lens in plain numbers and words, units in the names; infinity is the word ``inf``.
 
     Of a lens of which only the shape is known, the other numbers are None.
@@ -117,7 +117,7 @@ def lens_record(lens: Lens) -> dict[str, Any]:
     return values
 
 
-def lens_words(lens: Lens) -> str:
+def lens_words(lens: LensValues) -> str:
     """A lens in words, like ``50mm f/1.4, focus 2m, sensor 36mm``."""
     return lens_record_words(lens_record(lens))
 

@@ -26,7 +26,7 @@ from defocus_core.io.shots.frame_patterns import (
     is_pattern,
 )
 from defocus_core.io.wildcards import has_wildcard, matching, texts_before
-from defocus_core.request.job import OTHERS, Picture
+from defocus_core.request.job import OTHERS, PictureFiles
 from defocus_core.request.job_options import INPUT_OPTIONS
 from defocus_core.request.output_kinds import PREVIEW
 from defocus_core.request.resolver import Layer
@@ -64,7 +64,7 @@ class _Files:
     photos: Mapping[str, Path] = field(default_factory=dict)
 
 
-def find_pictures(color: Path, depth: Path | None) -> list[Picture]:
+def find_pictures(color: Path, depth: Path | None) -> list[PictureFiles]:
     """The pictures of the paths of colour and depth, sorted by name; those of a shot by frame."""
     return find(color, depth, {})[0]
 
@@ -76,7 +76,7 @@ def find(
     *,
     patterns_in: Path | None = None,
     frames: FrameChoice = ALL,
-) -> tuple[list[Picture], list[Picture]]:
+) -> tuple[list[PictureFiles], list[PictureFiles]]:
     """The pictures of paths, and all frames of the shot that they are of, that are complete."""
     every = (color, depth, *(path for pair in others.values() for path in pair))
     paths = [path for path in every if path is not None]
@@ -145,7 +145,7 @@ def _shot(
     others: Others,
     root: Path,
     frames: FrameChoice,
-) -> tuple[list[Picture], list[Picture]]:
+) -> tuple[list[PictureFiles], list[PictureFiles]]:
     """The wanted frames of patterns, of which a note names those left out, and all frames."""
     files = _number(color, depth, others, root)
     paths = [color, depth or color]
@@ -184,11 +184,11 @@ def _number(
     return {role: numbered(path) for role, path in paths.items()}
 
 
-def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "") -> Picture:
+def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "") -> PictureFiles:
     roles = [role for role in OTHERS if not prefix and f"{role}_color" in files]
     others = {role: _frame(files, number, f"{role}_") for role in roles}
     color, depth = (files[prefix + role][number] for role in ("color", "depth"))
-    return Picture(files["color"][number].stem, color, depth, **others, frame=number)
+    return PictureFiles(files["color"][number].stem, color, depth, **others, frame=number)
 
 
 def holds_both(path: Path) -> bool:
@@ -199,7 +199,7 @@ def holds_both(path: Path) -> bool:
 
 def _pair(
     color: Path, depth: Path | None, root: Path | None, with_text: bool
-) -> tuple[_Files, dict[str, Picture]]:
+) -> tuple[_Files, dict[str, PictureFiles]]:
     """The files of a colour path, and the picture of each name."""
     if depth is None:
         colors = depths = _files(color, SCENE_SUFFIXES, root, with_text)
@@ -216,7 +216,7 @@ def _pair(
         _refuse_unpaired(colors, depths)
         _refuse_unpaired(depths, colors)
     return colors, {
-        name: Picture(name or path.stem, path, depths.by_name[name])
+        name: PictureFiles(name or path.stem, path, depths.by_name[name])
         for name, path in colors.by_name.items()
     }
 

@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from defocus_core.errors import CALLER, Place, UsageProblem
-from defocus_core.request.job import Picture
-from defocus_core.request.lens import Draw, Lens
+from defocus_core.request.job import PictureFiles
+from defocus_core.request.lens import Draw, LensValues
 from defocus_core.request.parameters import METADATA
 from defocus_core.request.resolver import (
     Given,
@@ -64,7 +64,7 @@ class PictureLenses:
     sampling: Sampling = field(default_factory=Sampling)  # what is drawn, for each point
     # What was made: options and lenses of points for all pictures; options of the lens file, beside
     # a blur in pixels or without
-    _made: dict[int, tuple[Layer, Lens | None]] = field(default_factory=dict, init=False)
+    _made: dict[int, tuple[Layer, LensValues | None]] = field(default_factory=dict, init=False)
     _stored: dict[bool, Layer] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
@@ -118,14 +118,14 @@ class PictureLenses:
         return laid_over(self._of_file(self.own), self.own, self.sampling.options)
 
     @cached_property
-    def fixed(self) -> Lens | None:
+    def fixed(self) -> LensValues | None:
         """The lens of all pictures, if that is one."""
         if self.varies:
             return None
         self._check(self.options, {}, None)
         return lens_of(self.options)
 
-    def of(self, picture: Picture) -> tuple[Lens, Layer]:
+    def of(self, picture: PictureFiles) -> tuple[LensValues, Layer]:
         """The lens of a picture where there is one, and the options that its metadata decided."""
         if self.fixed is not None:
             return self.fixed, {}
@@ -135,8 +135,8 @@ class PictureLenses:
         return lens_of(options), used
 
     def lenses(
-        self, picture: Picture, numbers: Iterable[int], row: Layer = _NONE
-    ) -> Iterator[tuple[str, Lens]]:
+        self, picture: PictureFiles, numbers: Iterable[int], row: Layer = _NONE
+    ) -> Iterator[tuple[str, LensValues]]:
         """The suffix of each lens for the name of the sample, and the lens.
 
         `numbers`: which of the lenses, ascending from 0; `row`: options of this picture alone.
@@ -162,7 +162,7 @@ class PictureLenses:
                 draw = Draw(self.sampling.seed, picture.stem + suffix, index)
                 yield f"{suffix}_s{index:03}", lens_of(set_to, draw)
 
-    def _check(self, options: Layer, metadata: Layer, picture: Picture | None) -> None:
+    def _check(self, options: Layer, metadata: Layer, picture: PictureFiles | None) -> None:
         focal = metadata.get("focal-length")
         if focal and focal is options.get("focal-length") and "sensor-width" not in options:
             problem = f"is missing, and not in {focal.place.path} either"
@@ -171,7 +171,7 @@ class PictureLenses:
         lacking = picture.color if self.metadata and picture is not None else None
         check_lens(options, self.where, radii=self.radii, lacking=lacking)
 
-    def _options(self, picture: Picture, row: Layer) -> tuple[Layer, Layer]:
+    def _options(self, picture: PictureFiles, row: Layer) -> tuple[Layer, Layer]:
         """The options of a picture but those that are swept, and those of its metadata."""
         metadata = self._of_metadata(picture)
         own = laid_over(self.own, self.sampling.options, row)
@@ -191,7 +191,7 @@ class PictureLenses:
             self._stored[in_pixels] = stored
         return self._stored[in_pixels]
 
-    def _of_metadata(self, picture: Picture) -> Layer:
+    def _of_metadata(self, picture: PictureFiles) -> Layer:
         if not self.metadata:
             return {}
         from defocus_core.io.shots.lens_metadata import lens_of as of_metadata
@@ -201,7 +201,7 @@ class PictureLenses:
             for name, each in of_metadata(picture.color, self.metres).items()
         }
 
-    def _keyed(self, picture: Picture) -> Layer:
+    def _keyed(self, picture: PictureFiles) -> Layer:
         """The options of the frame of a picture."""
         if self.animation is None:
             return {}

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from defocus_core.errors import CALLER, Place, UsageProblem, reason
 from defocus_core.request.job import Outputs, Reading
 from defocus_core.request.job_options import OUTPUT_OPTIONS, READING_OPTIONS, TABLES, in_one_file
-from defocus_core.request.lens import EFFECTS, Draw, Lens
+from defocus_core.request.lens import EFFECTS, Draw, LensValues
 from defocus_core.request.output_kinds import INPUTS
 from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, METADATA, OPENING, Param
 from defocus_core.request.quantities import (
@@ -262,7 +262,7 @@ def refuse_near_focus(foc_dist: float, foclen: float, where: Place, at: str = ""
         raise UsageProblem("out-of-range", problem, remedy, path=where)
 
 
-def lens_of(options: Layer, draw: Draw | None = None) -> Lens:
+def lens_of(options: Layer, draw: Draw | None = None) -> LensValues:
     """The lens of options that `check_lens` lets pass; `draw`: what is drawn of them."""
     values = {name: each.value for name, each in options.items()}
     if draw is not None:
@@ -282,7 +282,7 @@ def lens_of(options: Layer, draw: Draw | None = None) -> Lens:
         fields |= {"foc_dist": None, "focus_percentile": fields["foc_dist"].percent}
     ways = ("focus", "focus-at", "focus-value")
     source = next((options[name].place for name in ways if name in options), CALLER)
-    return Lens(**fields, draw=draw, focus_source=source)
+    return LensValues(**fields, draw=draw, focus_source=source)
 
 
 _CALL = re.compile(r"\s*([a-z]\w*)\s*\((.*)\)\s*", re.I | re.S)

@@ -12,15 +12,15 @@ from dataclasses import replace
 from functools import cache
 
 from defocus_core.errors import UsageProblem
-from defocus_core.request.job import FrameLens, Job, Picture, Shot
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import FrameLens, Job, PictureFiles, Shot
+from defocus_core.request.lens import LensValues
 from defocus_core.request.resolver import Layer, fields_of
 
 
 def with_shot(
     jobs: Sequence[Job],
-    every: Sequence[Picture],
-    lens_of: Callable[[Picture, str], Lens],
+    every: Sequence[PictureFiles],
+    lens_of: Callable[[PictureFiles, str], LensValues],
     options: Layer,
     *,
     moving: bool,

@@ -22,7 +22,7 @@ from itertools import accumulate
 
 from defocus_core.errors import Place, UsageProblem
 from defocus_core.io.wildcards import has_wildcard, wild_text
-from defocus_core.request.job import NO_SPLIT, SPLIT_NAME, Job, Picture, Split
+from defocus_core.request.job import NO_SPLIT, SPLIT_NAME, Job, PictureFiles, Split
 from defocus_core.request.toml_file import Table
 from defocus_core.system.text import counted, note
 
@@ -31,7 +31,7 @@ _ROUNDING = 1e-6
 _OF_EXPRESSIONS = re.compile(r"[\^$()|+{}\\]")  # what tells one from a pattern
 
 
-def read_splits(section: Table, pictures: Sequence[Picture]) -> list[Split]:
+def read_splits(section: Table, pictures: Sequence[PictureFiles]) -> list[Split]:
     """The split of each picture by ``[split]``; none without it."""
     fractions, counts = _shares(section)
     pattern, place = section.text(_SCENE), section.place(_SCENE)
@@ -58,7 +58,7 @@ def read_splits(section: Table, pictures: Sequence[Picture]) -> list[Split]:
     return [Split(exact[scene], scene, (*counts, *fractions)) for scene in scenes]
 
 
-def _scene_of(picture: Picture, pattern: str | None, where: Place) -> str:
+def _scene_of(picture: PictureFiles, pattern: str | None, where: Place) -> str:
     """The scene that a picture is of, by its name."""
     name = picture.stem
     if pattern is None:

@@ -14,7 +14,7 @@ from torch import Tensor
 from defocus_core.tensors.box import Box, Span
 
 
-class Views(NamedTuple):
+class ViewTensors(NamedTuple):
     """The views of a picture, of a part of a picture, or of a batch of pictures.
 
     Attributes:
@@ -45,7 +45,7 @@ class Views(NamedTuple):
         """The image through the lens half u.x >= 0; None without a pair."""
         return self.images[2] if len(self.images) > 1 else None
 
-    def to(self, dtype: torch.dtype) -> Views:
+    def to(self, dtype: torch.dtype) -> ViewTensors:
         """The views in another precision; what half precision cannot hold is its greatest value."""
         images = self.images
         if dtype == torch.float16:
@@ -55,18 +55,20 @@ class Views(NamedTuple):
             images=[image.to(dtype) for image in images], trust=self.trust.to(dtype)
         )
 
-    def within(self, box: Box) -> Views:
+    def within(self, box: Box) -> ViewTensors:
         """The part of the views that lies in a box of the frame, without counts."""
         window = box.seen_from(self.box)
-        return Views([window.of(image) for image in self.images], window.of(self.trust), {}, box)
+        return ViewTensors(
+            [window.of(image) for image in self.images], window.of(self.trust), {}, box
+        )
 
 
-def joined(rows: Sequence[Sequence[Views]]) -> Views:
+def joined(rows: Sequence[Sequence[ViewTensors]]) -> ViewTensors:
     """Rows of views that lie side by side, joined to one."""
     parts = [part for row in rows for part in row]
     first, last = parts[0].box, parts[-1].box
     kinds = range(len(parts[0].images))
-    return Views(
+    return ViewTensors(
         [_joined([[part.images[kind] for part in row] for row in rows]) for kind in kinds],
         _joined([[part.trust for part in row] for row in rows]),
         added(part.stats for part in parts),
@@ -77,7 +79,7 @@ def joined(rows: Sequence[Sequence[Views]]) -> Views:
     )
 
 
-def batch(pictures: Sequence[Views]) -> Views:
+def batch(pictures: Sequence[ViewTensors]) -> ViewTensors:
     """The views of pictures of one size, stacked along a new first dimension."""
 
     def together(tensors: Sequence[Tensor]) -> Tensor:
@@ -85,13 +87,13 @@ def batch(pictures: Sequence[Views]) -> Views:
 
     images = [together(kind) for kind in zip(*(one.images for one in pictures), strict=True)]
     trust = together([one.trust for one in pictures])
-    return Views(images, trust, added(one.stats for one in pictures), pictures[0].box)
+    return ViewTensors(images, trust, added(one.stats for one in pictures), pictures[0].box)
 
 
-def no_pictures(pixels: Tensor, kinds: int) -> Views:
+def no_pictures(pixels: Tensor, kinds: int) -> ViewTensors:
     """The views of an empty batch [0, C, H, W], of so many images each."""
     box = Box(0, 0, *pixels.shape[-2:])
-    return Views([pixels.clone() for _ in range(kinds)], pixels[:, :1].clone(), {}, box)
+    return ViewTensors([pixels.clone() for _ in range(kinds)], pixels[:, :1].clone(), {}, box)
 
 
 def added(counts: Iterable[dict[str, int]]) -> dict[str, int]:
@@ -122,7 +124,9 @@ def _joined(rows: list[list[Tensor]]) -> Tensor:
     return whole
 
 
-def of_channels(colors: list[Views], offsets: list[tuple[list[int], float | Tensor]]) -> Views:
+def of_channels(
+    colors: list[ViewTensors], offsets: list[tuple[list[int], float | Tensor]]
+) -> ViewTensors:
     """Views of all channels in their order; trust is the least of all of them.
 
     `offsets`: for each the numbers of its channels, and the px that were added to its radii.

@@ -3,9 +3,9 @@
 import numpy as np
 from command_line import color_exr, depth_exr, ramp
 
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.jobs_file import read_jobs
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 
 LENS = '[lens]\nfocal-length = "50mm"\n'
 FIXED = LENS + 'fnumber = 2\nfocus = "2m"\n'
@@ -58,8 +58,8 @@ def pictures(folder):
 def chunks_of(folder, *names, size=1):
     jobs = [
         Job(
-            Picture(n, folder / n, folder / n),
-            Lens(50.0, 2.0, 2000.0),
+            PictureFiles(n, folder / n, folder / n),
+            LensValues(50.0, 2.0, 2000.0),
             Reading(),
             Outputs(folder),
             Machine(),

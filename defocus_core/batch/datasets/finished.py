@@ -24,7 +24,7 @@ from defocus_core.batch.datasets.sample_index import NAME
 from defocus_core.errors import InputError, Place, cannot_read, reason
 from defocus_core.io.below import Folder, path_fault
 from defocus_core.io.safe_files import MALFORMED
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_FILES
 
 
@@ -47,7 +47,7 @@ class Sample:
     sample_id: str
     files: Mapping[str, Path]
     inputs: Mapping[str, Path]
-    lens: Lens
+    lens: LensValues
     size: tuple[int, int]
     coc_px: tuple[float, float]
     quality: str
@@ -163,7 +163,7 @@ def _sample(root: Path, line: bytes, where: str) -> Sample:
         raise _no_sample(root, error, where) from None
 
 
-def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> Lens:
+def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> LensValues:
     shape = {"blades": entry["blades"], "blade_rotation": entry["blade_rotation_deg"]}
     shape |= {
         name: row.parse(entry[name]) if row.separator else entry[name]
@@ -172,8 +172,8 @@ def _lens(entry: Mapping[str, Any], inputs: Mapping[str, str]) -> Lens:
     }
     shape |= {name: Path(inputs[name]) for name in LENS_FILES if name in inputs}
     if entry["focal_length_mm"] is None:  # the radii came from a file
-        return Lens(math.nan, math.nan, None, **shape)
-    return Lens(
+        return LensValues(math.nan, math.nan, None, **shape)
+    return LensValues(
         foclen=entry["focal_length_mm"],
         fnum=entry["fnumber"],
         foc_dist=math.inf if entry["focus_mm"] is None else entry["focus_mm"],

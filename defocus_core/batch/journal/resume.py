@@ -34,7 +34,7 @@ from defocus_core.errors import InputError
 from defocus_core.io.below import Folder, open_plain
 from defocus_core.renderer_version import RENDERER_VERSION
 from defocus_core.request.job import Job, Outputs, Reading, Shot
-from defocus_core.request.lens import Lens, lens_record_words
+from defocus_core.request.lens import LensValues, lens_record_words
 from defocus_core.request.parameters import LENS_FILES
 from defocus_core.system.text import version
 
@@ -47,7 +47,7 @@ _PLAIN = frozenset({str, int, bool, type(None)})
 
 
 @lru_cache(maxsize=4096)  # jobs share their lenses, readings and outputs
-def _plain(value: Lens | Reading | Outputs) -> dict[str, Any]:
+def _plain(value: LensValues | Reading | Outputs) -> dict[str, Any]:
     """A part of a job as plain values, but where it stands."""
     return {k: v for k, v in plain(value).items() if k not in _PLACES}
 

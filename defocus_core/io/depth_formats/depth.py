@@ -168,7 +168,19 @@ def read_depth(
     if own and (not reading.says_scale or "depth-unit" in NAMES[own].takes):
         reading = replace(reading, depth_format=own)
     samples = read_numbers(path, reading, size, overscan)
-    row = resolved(reading, samples, lens_focal)
+    return depth_of(samples, reading, lens_focal=lens_focal, overscan=overscan, alpha=alpha)
+
+
+def depth_of(
+    samples: DepthNumbers,
+    reading: DepthReading = AS_IT_IS,
+    *,
+    lens_focal: float | None = None,
+    overscan: Overscan = NO_OVERSCAN,
+    alpha: Any = None,
+) -> Depth:
+    """The depth that numbers are; arguments as of `read_depth`."""
+    path, row = samples.path, resolved(reading, samples, lens_focal)
     values, division = divided(samples, alpha)
     told = []
     says_unit = reading.depth_format or reading.depth_unit or reading.depth_range

@@ -235,7 +235,7 @@ def linear_light(
     alpha: NDArray[np.float32] | None,  # [H, W, 1], 0…1
     *,
     gamma: float | None,  # exponent of the power law that decodes them, 1 for linear, None for sRGB
-    associated: bool,
+    associated: bool = False,
 ) -> NDArray[np.float32]:
     """Linear light of the samples of a file, premultiplied by alpha if there is one."""
     if alpha is not None and associated and gamma != 1.0:

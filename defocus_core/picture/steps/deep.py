@@ -24,7 +24,7 @@ from defocus_core.io.safe_files import read_head
 from defocus_core.picture.layers import Layers, flat_layer
 from defocus_core.picture.pair import parts_of
 from defocus_core.picture.take import InputPair, Take
-from defocus_core.request.job import Picture, Reading
+from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.system.text import counted
 
 
@@ -76,7 +76,7 @@ def _holdout(pair: InputPair) -> Layers:
     )
 
 
-def deep_header(picture: Picture, reading: Reading, part: int | None) -> Header | None:
+def deep_header(picture: PictureFiles, reading: Reading, part: int | None) -> Header | None:
     """The part of a picture's colour if it is deep."""
     if not is_exr(read_head(picture.color)):
         return None

@@ -22,7 +22,7 @@ from defocus_core.picture.radii import radii_of
 from defocus_core.picture.scene import map_on, picture_on
 from defocus_core.picture.take import InputPair, Take
 from defocus_core.request.job import FrameLens, Job, Reading
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 
 if TYPE_CHECKING:
     from defocus_core.depth.diagnosis import DepthRepair
@@ -109,6 +109,6 @@ def _repair_of(
     return repair, own.scale
 
 
-def _focused(lens: Lens, depth: Depth) -> Lens:
+def _focused(lens: LensValues, depth: Depth) -> LensValues:
     """The lens of a frame with the focus that its depth decides."""
     return with_focus(lens, depth)

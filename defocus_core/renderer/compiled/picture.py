@@ -23,7 +23,7 @@ from defocus_core.renderer.engine.scene import InFocus, Surface
 from defocus_core.renderer.layers.layer import CONTINUED, VISIBLE, SampleLayer
 from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.tensors.box import Grid
-from defocus_core.tensors.views import Views
+from defocus_core.tensors.views import ViewTensors
 
 # Colours that are spread together.
 _CHANNELS = 3
@@ -32,7 +32,7 @@ _CHANNELS = 3
 _OVERSHOOT, _SLACK, _NEGLIGIBLE = 0.1, 9e-5, 1e-3
 
 
-def rendered(frame: SharedFrame, scene: Surface) -> Views:
+def rendered(frame: SharedFrame, scene: Surface) -> ViewTensors:
     """The views of a surface that is carried; the centre alone if left and right are not."""
     whole, pair = frame.box, frame.settings.left_right and carries_pair(frame.settings)
     place = RegionPlace.of(frame, Grid([whole], whole[2:], 1))
@@ -62,7 +62,7 @@ def rendered(frame: SharedFrame, scene: Surface) -> Views:
         trust = (trust * inside[0]).float()
     counts = _counts(frame, scene) | ({"pixels_clamped": negative} if pair else {})
     images = groups[0] if len(groups) == 1 else torch.cat(groups, 1)
-    return Views(list(images), trust, counts, whole)
+    return ViewTensors(list(images), trust, counts, whole)
 
 
 def _sampled(

@@ -24,7 +24,7 @@ from defocus_core.renderer.layers.slopes import along_first
 from defocus_core.tensors.box import Box, Grid
 from defocus_core.tensors.device_plan import sent
 from defocus_core.tensors.validation import Scalar
-from defocus_core.tensors.views import Views
+from defocus_core.tensors.views import ViewTensors
 
 # Px around a pixel that decide what its own surface is: soft edges, mixed pixels, slopes.
 NEIGHBOURHOOD = 24
@@ -244,7 +244,7 @@ def views_of(frame: SharedFrame, at: Tensor, core: Box, region: Box) -> Rim | No
     return cat_eye.view(x, y, frame.size)
 
 
-def darkened(part: Views, cat_eye: CatEye, frame: tuple[int, int]) -> Views:
+def darkened(part: ViewTensors, cat_eye: CatEye, frame: tuple[int, int]) -> ViewTensors:
     """A part of a picture with the light that the rim takes away from its pixels.
 
     `frame`: (height, width) of the picture in px.

@@ -48,7 +48,7 @@ from defocus_core.renderer.layers.sliced_surface import SurfaceSamples
 from defocus_core.tensors.box import BLOCK, Box, Grid, Span, regions
 from defocus_core.tensors.pyramid import axes
 from defocus_core.tensors.threads import recomputed, threaded, unrecorded
-from defocus_core.tensors.views import Views, added, joined
+from defocus_core.tensors.views import ViewTensors, added, joined
 
 
 def region_of(frame: SharedFrame, grid: Grid, scene: InFocus, backdrop: Backdrop | None) -> Region:
@@ -99,7 +99,7 @@ class Region:
         ]
         self._discs = [discs(place, seen, lights) for lights in seen.lights]
 
-    def tile(self, index: int) -> Views:
+    def tile(self, index: int) -> ViewTensors:
         """The views of one tile of the region."""
         frame, box = self._frame, self._tiles[index]
         compositor, needed = self._composited(index)
@@ -109,7 +109,7 @@ class Region:
         weights = division.weights
         centre = self._range.bounded(picture(lit[division.centre], weights[division.centre]))
         if not frame.settings.left_right:
-            return Views([centre], trust, counts, box)
+            return ViewTensors([centre], trust, counts, box)
         both, weights = lit[division.pair], weights[division.pair]
         if compositor.moved is not None:
             both = add_light(both, compositor.moved)
@@ -126,7 +126,7 @@ class Region:
             has_alpha=content.alpha is not Alpha.NONE,
             dual_pixel=frame.settings.dual_pixel,
         )
-        return Views([centre, *images], trust, counts, box)
+        return ViewTensors([centre, *images], trust, counts, box)
 
     def _trust(self, covered: Tensor, invented: Tensor | None, box: Box) -> Tensor:
         """The share of the aperture that saw the scene, [1, h, w].
@@ -232,7 +232,7 @@ def rendered_regions(
     *,
     at_once: int | None,  # greatest number of regions computed at once; None for as many as threads
     progress: Callable[[int, int], None] | None,
-) -> Iterator[Views]:
+) -> Iterator[ViewTensors]:
     """The views of each region of a picture, row by row, each from left to right."""
     threads = frame.settings.threads
     pixels, signed_radius = scene.surface.image, scene.surface.signed_radius
@@ -251,11 +251,11 @@ def rendered_regions(
             if progress and number <= len(frame.grid.tiles):
                 progress(number, len(frame.grid.tiles))
 
-    def computed(grid: Grid) -> Views:
+    def computed(grid: Grid) -> ViewTensors:
         part = blurred_part(frame, grid, scene.reaching) if may_copy else grid
         if part is None:
             return _copied(frame, grid, pixels)
-        tiles: list[Views] = []
+        tiles: list[ViewTensors] = []
         with unrecorded(signed_radius.device):
             region = region_of(frame, part, scene, backdrop)
             work = recomputed(region.tile), range(len(part.tiles)), threads // at_once
@@ -265,14 +265,16 @@ def rendered_regions(
         views = joined([tiles[i : i + part.columns] for i in range(0, len(tiles), part.columns)])
         return views if part.box == grid.box else _copied(frame, grid, pixels, views)
 
-    def reported_whole(grid: Grid, part: Views) -> Views:
+    def reported_whole(grid: Grid, part: ViewTensors) -> ViewTensors:
         report(grid.box, len(grid.tiles) - reported[grid.box])  # copies
         return part
 
     return map(reported_whole, grids, threaded(recomputed(computed), grids, at_once))
 
 
-def _copied(frame: SharedFrame, grid: Grid, pixels: Tensor, part: Views | None = None) -> Views:
+def _copied(
+    frame: SharedFrame, grid: Grid, pixels: Tensor, part: ViewTensors | None = None
+) -> ViewTensors:
     """Views of a region in focus: its pixels themselves, but for a part that was computed."""
     image = grid.box.of(pixels).to(frame.dtype)
     trust, images = image.new_ones(1, *image.shape[1:]), [image] * frame.views
@@ -285,7 +287,7 @@ def _copied(frame: SharedFrame, grid: Grid, pixels: Tensor, part: Views | None =
         area, tiles = area - part.box.area, tiles - counts["tiles"]
     slice_tiles = 2 * len(frame.slices.radii) * tiles
     copies = {"pixels": area, "pixels_copied": area, "tiles": tiles, "slice_tiles": slice_tiles}
-    return Views(images, trust, added([counts, copies]), grid.box)
+    return ViewTensors(images, trust, added([counts, copies]), grid.box)
 
 
 def blurred_part(frame: SharedFrame, grid: Grid, signed_radius: Tensor) -> Grid | None:

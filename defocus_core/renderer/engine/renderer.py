@@ -22,7 +22,7 @@ from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost
 from defocus_core.tensors.threads import own_modes, recorded_for
 from defocus_core.tensors.validation import whole
-from defocus_core.tensors.views import Views, added, joined
+from defocus_core.tensors.views import ViewTensors, added, joined
 
 # Counts that are 0 for copied tiles.
 _COMPUTED = (
@@ -91,7 +91,7 @@ class Renderer:
         self,
         at_once: int | None = None,
         progress: Callable[[int, int], None] | None = None,
-    ) -> Iterator[Views]:
+    ) -> Iterator[ViewTensors]:
         """Compute the tiles, and give them by region: in rows from the top, from left to right.
 
         Their images are [C, h, w], in the precision of the scene, float32 at least.
@@ -116,7 +116,7 @@ class Renderer:
 
     def _parts(
         self, at_once: int | None, progress: Callable[[int, int], None] | None
-    ) -> Iterator[Views]:
+    ) -> Iterator[ViewTensors]:
         compiled = None
         if self.back == "compiled":
             from defocus_core.renderer.compiled.once import compile_once
@@ -140,7 +140,7 @@ class Renderer:
             return parts
         return (darkened(part, cat_eye, self.size) for part in parts)
 
-    def picture(self, progress: Callable[[int, int], None] | None = None) -> Views:
+    def picture(self, progress: Callable[[int, int], None] | None = None) -> ViewTensors:
         """The views of the whole picture, in the precision of the scene."""
         with self._modes():
             pixels, layers = self.in_focus.surface.image, self.in_focus.layers
@@ -161,7 +161,7 @@ class Renderer:
         return _total(self.frame, self._counts)
 
 
-def _about(part: Views, centre: Views) -> Views:
+def _about(part: ViewTensors, centre: ViewTensors) -> ViewTensors:
     """Left and right of a part, about the centre view of a picture that was rendered alone.
 
     Their ratio is kept, and so their mean is the centre: whatever else was asked for, it is that.
@@ -173,7 +173,7 @@ def _about(part: Views, centre: Views) -> Views:
     return part._replace(images=[other, *images], trust=part.box.of(centre.trust))
 
 
-def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Views:
+def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors]) -> ViewTensors:
     """The views of the whole picture.
 
     Each image [C, H, W] has memory of its own: a caller who keeps one does not keep the others.
@@ -191,7 +191,7 @@ def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[Views]) -> Vi
         part.box.of(trust).copy_(part.trust)
         counts.append(part.stats)
     whole = Box(0, 0, *pixels.shape[-2:])
-    return Views(images, trust, _total(frame, counts), whole)
+    return ViewTensors(images, trust, _total(frame, counts), whole)
 
 
 def _total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
@@ -201,9 +201,9 @@ def _total(frame: SharedFrame, counts: list[dict[str, int]]) -> dict[str, int]:
     return {"slices": len(frame.slices.radii), **added([dict.fromkeys(_COMPUTED, 0), *counts])}
 
 
-def _in_rows(parts: Iterator[Views]) -> Iterator[list[Views]]:
+def _in_rows(parts: Iterator[ViewTensors]) -> Iterator[list[ViewTensors]]:
     """The regions of a picture, row by row."""
-    row: list[Views] = []
+    row: list[ViewTensors] = []
     for part in parts:
         if row and part.box.left == 0:
             yield row

@@ -11,7 +11,7 @@ from enum import Enum
 import torch
 from torch import Tensor
 
-from defocus_core.tensors.views import Views
+from defocus_core.tensors.views import ViewTensors
 
 
 class Alpha(Enum):
@@ -33,12 +33,12 @@ def with_coverage(front: Tensor) -> Tensor:
     return torch.cat([front, front[:, -1:]], 1)
 
 
-def without_alpha(views: Views) -> Views:
+def without_alpha(views: ViewTensors) -> ViewTensors:
     """The colours of views with alpha."""
     return views._replace(images=[image[:-1] for image in views.images])
 
 
-def with_opaque_alpha(views: Views) -> Views:
+def with_opaque_alpha(views: ViewTensors) -> ViewTensors:
     """Views with an alpha of 1."""
     alpha = torch.ones_like(views.render[:1])
     return views._replace(images=[torch.cat([image, alpha]) for image in views.images])

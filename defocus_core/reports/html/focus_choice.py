@@ -33,8 +33,8 @@ from defocus_core.reports.html.layers import pack
 from defocus_core.reports.html.page import KEYS, plain, write_page
 from defocus_core.reports.html.render_command import render_words
 from defocus_core.reports.html.thumbnails import encoded, resized
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.lens import Lens, lens_record
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.lens import LensValues, lens_record
 from defocus_core.request.parameters import LENS_OPTIONS
 from defocus_core.system.text import command_line
 
@@ -64,8 +64,8 @@ class _Small(NamedTuple):
 
 
 def write_choice(
-    picture: Picture,
-    lens: Lens,
+    picture: PictureFiles,
+    lens: LensValues,
     reading: Reading,
     path: Path,
     machine: Machine,
@@ -133,7 +133,7 @@ def focuses_of(disparity: NDArray[np.float64]) -> list[float]:
     return sorted({float(values[(a + b) // 2]) for a, b in pairs if b > a})
 
 
-def _strengths(lens: Lens) -> list[Lens]:
+def _strengths(lens: LensValues) -> list[LensValues]:
     """The lens with each strength, of a number that a command says."""
     if isinstance(lens.blur, float):
         blurs = (float(f"{lens.blur * factor:.3g}") for factor in _STRENGTHS)
@@ -142,7 +142,7 @@ def _strengths(lens: Lens) -> list[Lens]:
     return [replace(lens, fnum=number) for number in numbers]
 
 
-def _at(lens: Lens, disparity: float, scale: float) -> Lens:
+def _at(lens: LensValues, disparity: float, scale: float) -> LensValues:
     """The lens with a disparity in focus, in front of a picture of another size."""
     lens = replace(lens, focus_at=None, focus_percentile=None)
     clamp = None if lens.clamp_blur is None else lens.clamp_blur * scale
@@ -212,7 +212,7 @@ def _place_of(small: _Small, value: float, shows_surface: NDArray[np.bool_]) -> 
     return [int((each[best] + 0.5) / small.scale) for each in (columns, rows)]
 
 
-def _strength_words(lens: Lens) -> dict[str, str]:
+def _strength_words(lens: LensValues) -> dict[str, str]:
     """A strength in words, and as an option."""
     if lens.blur is not None:
         text = LENS_OPTIONS["blur"].text(lens.blur)

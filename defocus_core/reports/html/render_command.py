@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from defocus_core.request.job import Machine, Picture
+from defocus_core.request.job import Machine, PictureFiles
 from defocus_core.request.job_options import READING_OPTIONS
 from defocus_core.request.lens import DEFAULTS
 from defocus_core.request.parameters import EFFECT_OPTIONS, RECORDED
@@ -18,7 +18,7 @@ _MACHINE = ("quality", "depth_repair", "tile")
 
 
 def render_words(
-    picture: Picture, out: object, lens: Mapping[str, Any], settings: Mapping[str, Any]
+    picture: PictureFiles, out: object, lens: Mapping[str, Any], settings: Mapping[str, Any]
 ) -> list[object]:
     """The words of a command that renders a picture."""
     words: list[object] = ["defocus", "render", picture.color]

@@ -34,8 +34,8 @@ from defocus_core.picture.radii import of_radii, radii_of, signed_radius
 from defocus_core.picture.scene import map_on
 from defocus_core.picture.take import InputPair, repair_record, repair_words
 from defocus_core.reports.inspection.evidence import evidence_of
-from defocus_core.request.job import Picture, Reading
-from defocus_core.request.lens import Lens, lens_record
+from defocus_core.request.job import PictureFiles, Reading
+from defocus_core.request.lens import LensValues, lens_record
 from defocus_core.request.output_kinds import KINDS
 from defocus_core.system.process import delayed_signals
 
@@ -52,7 +52,7 @@ class _Asked:
 
     path: Path
     reading: Reading
-    lens: Lens | None  # what to say the blur of; None for none
+    lens: LensValues | None  # what to say the blur of; None for none
 
     @property
     def lens_focal(self) -> float | None:
@@ -139,7 +139,7 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
 
 
 def _repair(
-    depth: Depth, lens: Lens, reading: Reading
+    depth: Depth, lens: LensValues, reading: Reading
 ) -> tuple[DepthRepair | None, tuple[str, ...]]:
     """How the depth would be repaired, and warnings of a depth that hardly suits the lens."""
     import torch
@@ -165,7 +165,7 @@ def ends_of(values: NDArray[Any]) -> list[float]:
     return [float(values.min()), float(values.max())] if values.size else []
 
 
-def inspect(path: Path, reading: Reading, lens: Lens | None, *, lone: bool) -> dict[str, Any]:
+def inspect(path: Path, reading: Reading, lens: LensValues | None, *, lone: bool) -> dict[str, Any]:
     """Read a file as ``defocus render`` would, and say what is in it.
 
     `lens`: what to say the blur of; None for none.
@@ -207,7 +207,7 @@ def _color_of(info: FileInfo, reading: Reading) -> tuple[Color | None, str]:
     if not (is_exr(read_head(path)) or {"R", "G", "B"} <= set(info.names) or "Y" in info.names):
         return None, "has no colour channels"
     with suppress(InputError):  # only where depth lies beside the colour
-        overscan = overscan_of(InputPair(Picture("", path, path), reading))
+        overscan = overscan_of(InputPair(PictureFiles("", path, path), reading))
     try:
         picture = read_color(
             path,

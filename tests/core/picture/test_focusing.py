@@ -15,9 +15,9 @@ from refusals import refuses
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.focus import with_focus
 from defocus_core.picture.radii import radii_of
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 
-LENS = Lens(50.0, 2.0, 2000.0)
+LENS = LensValues(50.0, 2.0, 2000.0)
 
 
 def depth_of(metres):

@@ -17,8 +17,8 @@ from defocus_core.batch.run_batch import WorkerConfig
 from defocus_core.picture import memory_budget, plain_path
 from defocus_core.renderer.engine import renderer
 from defocus_core.request import output_kinds as kinds
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.lens import LensValues
 from defocus_core.system import memory
 
 KINDS = ",".join(kinds.KINDS)
@@ -47,7 +47,9 @@ def job(tmp_path, limit, size=SIZE, kinds="render"):
     depth = depth_exr(tmp_path / "z.exr", ramp(*size))
     outputs = Outputs(tmp_path / "out", tuple(kinds.split(",")))
     machine = Machine(memory=limit)
-    return Job(Picture("c", color, depth), Lens(50.0, 2.0, 2000.0), Reading(), outputs, machine)
+    return Job(
+        PictureFiles("c", color, depth), LensValues(50.0, 2.0, 2000.0), Reading(), outputs, machine
+    )
 
 
 def beyond_base(mb):

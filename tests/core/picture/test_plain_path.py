@@ -14,8 +14,8 @@ from counting import calls
 
 from defocus_core.picture import plain_path, steps
 from defocus_core.picture.steps.table import STAGES
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.lens import LensValues
 
 # What reads and writes files of other types than a plain EXR.
 OTHER_FILES = {
@@ -26,9 +26,9 @@ STEPS = [step for stage in STAGES for step in stage]
 
 
 def job(folder, **lens):
-    picture = Picture("a", color_exr(folder / "c.exr"), depth_exr(folder / "z.exr"))
+    picture = PictureFiles("a", color_exr(folder / "c.exr"), depth_exr(folder / "z.exr"))
     outputs = Outputs(folder / "out")
-    return Job(picture, Lens(50.0, 2.0, 2000.0, **lens), Reading(), outputs, Machine())
+    return Job(picture, LensValues(50.0, 2.0, 2000.0, **lens), Reading(), outputs, Machine())
 
 
 @pytest.mark.parametrize("step", STEPS, ids=lambda step: step.name)

@@ -11,8 +11,8 @@ from defocus_core.errors import TooLarge
 from defocus_core.picture import memory_budget
 from defocus_core.picture.memory_budget import Holding
 from defocus_core.renderer.engine import memory_bound
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.lens import LensValues
 from defocus_core.system import memory
 
 
@@ -27,9 +27,9 @@ def short(tmp_path, monkeypatch):
             memory_bound, "memory_bound", lambda _, threads, at_once: 1e6 * bound(threads, at_once)
         )
         color, depth = pair(tmp_path)
-        lens, outputs = Lens(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")
+        lens, outputs = LensValues(50.0, 2.0, 2000.0), Outputs(tmp_path / "out")
         machine = Machine(threads=4, memory=limit)
-        return Job(Picture("a", color, depth), lens, Reading(), outputs, machine)
+        return Job(PictureFiles("a", color, depth), lens, Reading(), outputs, machine)
 
     return made
 

@@ -6,7 +6,7 @@ from refusals import refuses
 
 from defocus_core.errors import CALLER
 from defocus_core.request.animation import read_animation
-from defocus_core.request.job import Picture
+from defocus_core.request.job import PictureFiles
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import parsed
 
@@ -97,7 +97,7 @@ def test_one_option_is_animated_once(tmp_path):
 
 def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
     shot = animation(tmp_path, "frame,focus,fnumber\n1,1m,2\n2,2m,2\n")
-    picture = Picture("a", Path("a.exr"), Path("b.exr"), frame=2)
+    picture = PictureFiles("a", Path("a.exr"), Path("b.exr"), frame=2)
     own = {"focal-length": parsed("focal-length", "50mm", CALLER.at("focal-length"))}
     lens, _ = PictureLenses(own, animation=shot).of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist) == (50, 2, 2000)
@@ -108,4 +108,4 @@ def test_flags_complete_keys_and_may_not_contradict_them(tmp_path):
                 animation=shot,
             )
     with refuses("idle-option", field="animate"):
-        PictureLenses(own, animation=shot).of(Picture("a", *[Path("a.exr")] * 2))
+        PictureLenses(own, animation=shot).of(PictureFiles("a", *[Path("a.exr")] * 2))

@@ -9,7 +9,7 @@ from jobs_files import FIXED, jobs, names, touch
 from refusals import refuses
 
 from defocus_core.io.wildcards import matching
-from defocus_core.request.job import Picture
+from defocus_core.request.job import PictureFiles
 
 
 @pytest.mark.parametrize(
@@ -46,8 +46,8 @@ def test_a_folder_that_cannot_be_looked_into_is_not_passed_over(closed, tmp_path
 def test_patterns_pair_by_what_their_wildcards_stand_for(tmp_path):
     touch(tmp_path, "c/2_rgb.png", "c/1_rgb.png", "d/1.npy", "d/2.npy", "h/1.exr", "h/2.exr")
     inputs = 'color = "c/*_rgb.png"\ndepth = "d/*.npy"\nhidden-color = "h/*.exr"'
-    hidden = Picture("1", tmp_path / "h/1.exr", tmp_path / "h/1.exr")
-    picture = Picture("1", tmp_path / "c/1_rgb.png", tmp_path / "d/1.npy", hidden)
+    hidden = PictureFiles("1", tmp_path / "h/1.exr", tmp_path / "h/1.exr")
+    picture = PictureFiles("1", tmp_path / "c/1_rgb.png", tmp_path / "d/1.npy", hidden)
     found = jobs(tmp_path, FIXED, inputs=inputs)
     assert found[0].picture == picture
     assert names(found) == ["1", "2"]
@@ -86,10 +86,10 @@ def test_links_that_lead_in_a_circle_are_refused(tmp_path):
 def test_folders_and_single_files_pair_as_on_the_command_line(tmp_path):
     touch(tmp_path, "c/1.png", "d/1.npy", "b.exr", "bz.exr")
     found = jobs(tmp_path, FIXED, inputs='color = "c"\ndepth = "d"')
-    assert found[0].picture == Picture("1", tmp_path / "c/1.png", tmp_path / "d/1.npy")
+    assert found[0].picture == PictureFiles("1", tmp_path / "c/1.png", tmp_path / "d/1.npy")
     inputs = 'color = "c/1.png"\ndepth = "b.exr"\nhidden-color = "b.exr"\nhidden-depth = "bz.exr"'
     picture = jobs(tmp_path, FIXED, inputs=inputs)[0].picture
-    assert picture.hidden == Picture("b", tmp_path / "b.exr", tmp_path / "bz.exr")
+    assert picture.hidden == PictureFiles("b", tmp_path / "b.exr", tmp_path / "bz.exr")
 
 
 def write_list(folder, kind, *rows):
@@ -112,9 +112,9 @@ def test_a_list_has_a_row_for_each_picture_with_a_lens_of_its_own(tmp_path, kind
     write_list(tmp_path, kind, *rows)
     first, second = jobs(tmp_path, FIXED, inputs=f'list = "lists/l.{kind}"')
     folder = tmp_path / "lists"
-    assert first.picture == Picture("7", folder / "../a.png", folder / "../z.exr")
+    assert first.picture == PictureFiles("7", folder / "../a.png", folder / "../z.exr")
     assert (first.lens.foc_dist, first.lens.blades) == (3000, 6)
-    assert second.picture.hidden == Picture("h", folder / "../h.exr", folder / "../h.exr")
+    assert second.picture.hidden == PictureFiles("h", folder / "../h.exr", folder / "../h.exr")
     assert (second.sample_id, second.lens.foc_dist, second.lens.blades) == ("s", 2000, 0)
 
 

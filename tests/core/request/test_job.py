@@ -3,23 +3,23 @@
 from jobs_files import touch
 from refusals import refuses
 
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.lens import LensValues
 from defocus_core.request.pairing import find_pictures
 
 
 def test_two_files_are_one_picture_named_by_its_colour(tmp_path):
     folder = touch(tmp_path, "photo.v2.jpg", "anything.png")
     color, depth = folder / "photo.v2.jpg", folder / "anything.png"
-    assert find_pictures(color, depth) == [Picture("photo.v2", color, depth)]
+    assert find_pictures(color, depth) == [PictureFiles("photo.v2", color, depth)]
 
 
 def test_directories_pair_by_stem_in_order(tmp_path):
     color = touch(tmp_path / "c", "2.png", "1.JPG", ".1.png", "notes.txt")
     depth = touch(tmp_path / "d", "1.exr", "2.npy", ".hidden.exr", "readme.md")
     assert find_pictures(color, depth) == [
-        Picture("1", color / "1.JPG", depth / "1.exr"),
-        Picture("2", color / "2.png", depth / "2.npy"),
+        PictureFiles("1", color / "1.JPG", depth / "1.exr"),
+        PictureFiles("2", color / "2.png", depth / "2.npy"),
     ]
 
 
@@ -27,8 +27,8 @@ def test_a_photograph_is_depth_of_what_has_no_other(tmp_path):
     color = touch(tmp_path / "c", "1.png", "2.png")
     depth = touch(tmp_path / "d", "1.png", "1.jpg", "2.jpg", "sheet.jpg")
     assert find_pictures(color, depth) == [
-        Picture("1", color / "1.png", depth / "1.png"),
-        Picture("2", color / "2.png", depth / "2.jpg"),
+        PictureFiles("1", color / "1.png", depth / "1.png"),
+        PictureFiles("2", color / "2.png", depth / "2.jpg"),
     ]
     both = touch(tmp_path / "both", "1.jpg", "2.jpg", "1.npy")
     with refuses("empty"):
@@ -38,7 +38,7 @@ def test_a_photograph_is_depth_of_what_has_no_other(tmp_path):
 def test_one_exr_is_colour_and_depth(tmp_path):
     folder = touch(tmp_path, "b.exr", "a.exr", "c.png")
     file = folder / "a.exr"
-    assert find_pictures(file, None) == [Picture("a", file, file)]
+    assert find_pictures(file, None) == [PictureFiles("a", file, file)]
     assert [picture.stem for picture in find_pictures(folder, None)] == ["a", "b"]
 
 
@@ -56,8 +56,8 @@ def test_a_lone_file_that_holds_no_depth_is_refused(tmp_path):
 
 def test_outputs_have_one_file_for_each_kind(tmp_path):
     outputs = Outputs(tmp_path, kinds=("render", "coc"), format="jpg", preview=True)
-    picture = Picture("a.b", tmp_path / "a.b.png", tmp_path / "z.exr")
-    job = Job(picture, Lens(50.0, 2.0, 2000.0), Reading(), outputs, Machine())
+    picture = PictureFiles("a.b", tmp_path / "a.b.png", tmp_path / "z.exr")
+    job = Job(picture, LensValues(50.0, 2.0, 2000.0), Reading(), outputs, Machine())
     assert job.paths == {
         "render": tmp_path / "render" / "a.b.jpg",
         "coc": tmp_path / "coc" / "a.b.exr",

@@ -6,7 +6,7 @@ from jobs_files import FIXED, jobs, jobs_file, names, touch
 
 from defocus_core.request.job import Machine, Outputs, Reading
 from defocus_core.request.jobs_file import read_jobs
-from defocus_core.request.lens import Lens
+from defocus_core.request.lens import LensValues
 
 
 def test_every_table_reaches_the_job(tmp_path):
@@ -26,7 +26,7 @@ depth-repair = "off"
 """
     outputs = Outputs(tmp_path / "o", overwrite=True)
     job = read_jobs(jobs_file(tmp_path, FIXED + text), outputs, Machine(device="cpu", threads=3))[0]
-    assert job.lens == Lens(50.0, 2.0, 2000.0)
+    assert job.lens == LensValues(50.0, 2.0, 2000.0)
     taken = {"depth_unit": "cm", "depth_channel": "Z", "color_layer": "beauty", "part": 1}
     assert job.reading == Reading(**taken, depth_repair="off")
     kinds = ("render", "coc")
@@ -49,9 +49,9 @@ def test_what_a_file_does_not_say_is_as_told(tmp_path):
 def test_a_lens_file_lies_below_the_options_of_the_jobs_file(tmp_path):
     (tmp_path / "l.toml").write_text('focal-length = "85mm"\nfnumber = 2\nfocus = inf\n')
     text = '[lens]\nfile = "l.toml"\nfnumber = 4\n'
-    assert jobs(tmp_path, text)[0].lens == Lens(85.0, 4.0, math.inf)
+    assert jobs(tmp_path, text)[0].lens == LensValues(85.0, 4.0, math.inf)
     text = '[lens]\nfile = "l.toml"\n[sweep]\nfocus = ["2m"]\n'
-    assert jobs(tmp_path, text)[0].lens == Lens(85.0, 2.0, 2000.0)
+    assert jobs(tmp_path, text)[0].lens == LensValues(85.0, 2.0, 2000.0)
 
 
 def test_all_lenses_of_a_picture_follow_one_another(tmp_path):

@@ -8,8 +8,8 @@ from elements import disc, element, write
 from refusals import refuses
 
 from defocus_core.errors import CALLER, Place
-from defocus_core.request.job import Picture
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import PictureFiles
+from defocus_core.request.lens import LensValues
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
     ROWS,
@@ -47,18 +47,26 @@ def lens_file(folder, text):
         (
             'focal-length = "5cm"\nfnumber = 2\nfocus = "2m"\nblades = 6\nblade-rotation = 15\n',
             {},
-            Lens(50.0, 2.0, 2000.0, blades=6, blade_rotation=15.0),
+            LensValues(50.0, 2.0, 2000.0, blades=6, blade_rotation=15.0),
         ),
-        ('\ufefffocal-length = "50mm"\n', {"fnumber": "2", "focus": "2m"}, Lens(50.0, 2.0, 2e3)),
+        (
+            '\ufefffocal-length = "50mm"\n',
+            {"fnumber": "2", "focus": "2m"},
+            LensValues(50.0, 2.0, 2e3),
+        ),
         (
             'focal-length = "85mm"\nfnumber = 4\nfocus = inf\n',
             {"fnumber": "2"},
-            Lens(85.0, 2.0, math.inf),
+            LensValues(85.0, 2.0, math.inf),
         ),
-        (OTHER_WAYS, {}, Lens(50.0, 2.0, None, focus_at=(3, 4))),
-        (OTHER_WAYS, {"fnumber": "8", "focus": "1m"}, Lens(50.0, 8.0, 1e3)),
-        (TURNED, {**FLAGS, "blades": "5"}, Lens(50.0, 2.0, 2e3, blades=5, blade_rotation=30.0)),
-        (f"blades = 6\n{TURNED}", {**FLAGS, "blades": "0"}, Lens(50.0, 2.0, 2e3)),
+        (OTHER_WAYS, {}, LensValues(50.0, 2.0, None, focus_at=(3, 4))),
+        (OTHER_WAYS, {"fnumber": "8", "focus": "1m"}, LensValues(50.0, 8.0, 1e3)),
+        (
+            TURNED,
+            {**FLAGS, "blades": "5"},
+            LensValues(50.0, 2.0, 2e3, blades=5, blade_rotation=30.0),
+        ),
+        (f"blades = 6\n{TURNED}", {**FLAGS, "blades": "0"}, LensValues(50.0, 2.0, 2e3)),
     ],
 )
 def test_flags_win_over_a_file_and_over_the_other_way_to_say_it(text, flags, lens, tmp_path):
@@ -86,7 +94,7 @@ def test_paths_are_relative_to_the_file_they_stand_in():
 def test_metadata_win_over_a_lens_file_and_all_else_over_metadata(tmp_path):
     path = write(tmp_path / "a.exr", element(disc()), focus=3.0, aperture=4.0)
     file = lens_file(tmp_path, 'focal-length = "50mm"\nfnumber = 2\nfocus = "9m"\n')
-    picture = Picture("a", path, path)
+    picture = PictureFiles("a", path, path)
     lenses = PictureLenses(layer(fnumber=8), file=file, metadata=True)
     lens, taken = lenses.of(picture)
     assert (lens.foclen, lens.fnum, lens.foc_dist, [*taken]) == (50, 8, 3000, ["focus"])

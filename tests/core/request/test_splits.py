@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refuses, refuses_as
 
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.lens import LensValues
 from defocus_core.request.splits import read_splits, with_recorded
 from defocus_core.request.toml_file import Table
 
@@ -19,7 +19,7 @@ def splits(*pictures, **values):
 
 
 def picture(stem, frame=None):
-    return Picture(stem, Path("a.exr"), Path("z.exr"), frame=frame)
+    return PictureFiles(stem, Path("a.exr"), Path("z.exr"), frame=frame)
 
 
 def assigned(names, **values):
@@ -29,7 +29,7 @@ def assigned(names, **values):
 
 def job(name, **values):
     asked = Outputs(Path("out"))
-    lens, (split,) = Lens(50.0, 2.0, 2000.0), splits(picture(name), **values)
+    lens, (split,) = LensValues(50.0, 2.0, 2000.0), splits(picture(name), **values)
     return Job(picture(name), lens, Reading(), asked, Machine(), split=split)
 
 

@@ -11,13 +11,13 @@ import pytest
 from defocus_core.batch.journal import resume
 from defocus_core.errors import Place
 from defocus_core.renderer_version import RENDERER_VERSION
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.lens import Draw, Lens
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.lens import Draw, LensValues
 
-PICTURE = Picture("a", Path("in/a.exr"), Path("in/z.exr"))
-JOB = Job(PICTURE, Lens(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())
+PICTURE = PictureFiles("a", Path("in/a.exr"), Path("in/z.exr"))
+JOB = Job(PICTURE, LensValues(50.0, 2.0, 2000.0), Reading(), Outputs(Path("out")), Machine())
 DRAW = Draw(7, "a", 3)
-HIDDEN = replace(PICTURE, hidden=Picture("b", Path("b.exr"), Path("c.exr")))
+HIDDEN = replace(PICTURE, hidden=PictureFiles("b", Path("b.exr"), Path("c.exr")))
 
 
 def test_where_and_by_whom_it_is_done_is_no_part_of_a_job():

@@ -7,10 +7,10 @@ from refusals import refuses
 
 from defocus_core.batch.workers.run import refuse_misplaced
 from defocus_core.io.safe_files import written_whole
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.lens import LensValues
 
-LENS = Lens(50.0, 2.0, 2000.0)
+LENS = LensValues(50.0, 2.0, 2000.0)
 
 
 def jobs_for(pictures, outputs):
@@ -24,12 +24,12 @@ def test_an_input_is_never_overwritten_by_any_name_of_it(tmp_path):
     for root, color in (("out", file), ("linked", file), ("out", tmp_path / "a.exr")):
         outputs = Outputs(tmp_path / root, overwrite=True)
         with refuses("replaces-input"):
-            refuse_misplaced(jobs_for([Picture("a", color, color)], outputs))
+            refuse_misplaced(jobs_for([PictureFiles("a", color, color)], outputs))
 
 
 def test_a_folder_of_outputs_that_leads_elsewhere_is_refused(tmp_path):
     """The next run would find records of files that do not lie in OUT."""
-    pictures, out = [Picture("a", tmp_path / "a", tmp_path / "z")], tmp_path / "out"
+    pictures, out = [PictureFiles("a", tmp_path / "a", tmp_path / "z")], tmp_path / "out"
     for folder in ("elsewhere", "out/here"):
         (tmp_path / folder).mkdir(parents=True)
     (out / "render").symlink_to(tmp_path / "elsewhere")
@@ -43,7 +43,7 @@ def test_a_folder_of_outputs_that_leads_elsewhere_is_refused(tmp_path):
 
 
 def test_a_file_in_place_of_a_directory_is_refused(tmp_path):
-    pictures = [Picture("a", tmp_path / "a", tmp_path / "z")]
+    pictures = [PictureFiles("a", tmp_path / "a", tmp_path / "z")]
     file = touch(tmp_path, "out") / "out"
     for root in (file, file / "deeper"):
         with refuses("wrong-type", path=file):
@@ -53,10 +53,12 @@ def test_a_file_in_place_of_a_directory_is_refused(tmp_path):
 def test_names_that_no_file_can_have_are_refused(tmp_path):
     outputs = Outputs(tmp_path, preview=True)
     fits = "é" * 121  # 242 bytes, and .preview.png
-    refuse_misplaced(jobs_for([Picture(fits, tmp_path / "a", tmp_path / "z")], outputs))
+    refuse_misplaced(jobs_for([PictureFiles(fits, tmp_path / "a", tmp_path / "z")], outputs))
     for name in (f"{fits}.preview.png", f"{'𝄞' * 62}.exr"):
         with written_whole(tmp_path / name) as file:
             file.write(b"whole")
         assert (tmp_path / name).read_bytes() == b"whole"
     with refuses("too-large"):
-        refuse_misplaced(jobs_for([Picture(fits + "é", tmp_path / "a", tmp_path / "z")], outputs))
+        refuse_misplaced(
+            jobs_for([PictureFiles(fits + "é", tmp_path / "a", tmp_path / "z")], outputs)
+        )

@@ -11,11 +11,11 @@ import pytest
 from defocus_core.batch.journal.record import Failed
 from defocus_core.batch.workers import pipeline
 from defocus_core.picture import plain_path
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
-from defocus_core.request.lens import Lens
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.lens import LensValues
 
 STEP = 0.03  # seconds
-LENS = Lens(50.0, 2.0, 2000.0)
+LENS = LensValues(50.0, 2.0, 2000.0)
 
 
 class Steps:
@@ -70,7 +70,7 @@ def steps(monkeypatch):
 
 def jobs(names):
     for number, name in enumerate(names):
-        picture = Picture(name, Path(name), Path(name))
+        picture = PictureFiles(name, Path(name), Path(name))
         yield number, Job(picture, LENS, Reading(), Outputs(Path("out")), Machine())
 
 
@@ -171,6 +171,6 @@ def test_jobs_of_one_picture_are_decoded_once(tmp_path, monkeypatch):
     monkeypatch.setattr(plain_path, "read", load)
     reader = pipeline.Reader()
     for name in "aaabba":
-        picture = Picture(name, tmp_path / name, tmp_path / name)
+        picture = PictureFiles(name, tmp_path / name, tmp_path / name)
         reader.read(Job(picture, LENS, Reading(), Outputs(tmp_path), Machine()))
     assert decoded == ["a", "b", "a"]

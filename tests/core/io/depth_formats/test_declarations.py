@@ -15,7 +15,7 @@ from defocus_core.io.depth_formats.reading import DepthReading
 from defocus_core.io.depth_formats.table import FORMATS, NAMES
 from defocus_core.picture.pair import read as read_both
 from defocus_core.picture.take import InputPair
-from defocus_core.request.job import Picture, Reading
+from defocus_core.request.job import PictureFiles, Reading
 
 RAMP = np.array([[0, 51, 102], [153, 204, 255]])
 
@@ -136,7 +136,7 @@ def test_depth_in_a_photograph_is_turned_with_it(turn, tmp_path):
 @pytest.mark.parametrize("turn", [6, 8])
 def test_depth_beside_a_photograph_that_is_turned_is_refused(turn, tmp_path):
     photo = save(tmp_path / "a.jpg", np.zeros((*RAMP.shape, 3), np.uint8), Orientation=turn)
-    picture = Picture("a", photo, png(tmp_path / "a.png", RAMP + 1, np.uint16))
+    picture = PictureFiles("a", photo, png(tmp_path / "a.png", RAMP + 1, np.uint16))
     with refuses("wrong-size", "Exif", path=picture.depth):
         read_both(InputPair(picture, Reading()))
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from defocus_core.batch.journal.resume import settings
 from defocus_core.errors import CALLER
 from defocus_core.reports.html.render_command import render_words
-from defocus_core.request.job import Job, Machine, Outputs, Picture, Reading
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.lens import lens_record
 from defocus_core.request.parameters import EFFECT_OPTIONS, LENS_OPTIONS
 from defocus_core.request.resolver import lens_of, parsed
@@ -30,7 +30,7 @@ LENS = {
 
 def command(texts, reading):
     """The words of the command of a picture taken by a lens of options."""
-    picture = Picture("a", Path("a.exr"), Path("a.exr"))
+    picture = PictureFiles("a", Path("a.exr"), Path("a.exr"))
     lens = lens_of({name: parsed(name, text, CALLER) for name, text in texts.items()})
     job = Job(picture, lens, reading, Outputs(Path()), Machine())
     asked = settings(job)

@@ -1,0 +1,562 @@
+"""The door of the library: picture, lens, render, views, write, with the words of the command line.
+
+Options are those of `defocus render`, with underscores for dashes; values are numbers, or texts
+with a unit, as on the command line. Paths, arrays and tensors are taken alike.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from os import PathLike
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from defocus_core import gone
+from defocus_core.errors import CALLER, DefocusError, UsageProblem, did_you_mean
+from defocus_core.io.depth_formats.table import UNITS
+from defocus_core.picture.take import Inputs, Take
+from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, READING_OPTIONS
+from defocus_core.request.lens import LensValues
+from defocus_core.request.lens_files import lens_path, reading_in
+from defocus_core.request.parameters import LENS_OPTIONS, METADATA, Param
+from defocus_core.request.picture_lenses import PictureLenses
+from defocus_core.request.resolver import (
+    Layer,
+    fields_of,
+    laid_over,
+    outputs_of,
+    reading_of,
+    refuse_contradiction,
+)
+from defocus_core.request.resolver import given as given_to
+
+Progress = Callable[[int, int], None]
+_ARRAY = Path("picture")  # the name of a picture of arrays
+_UNKNOWN = LensValues(math.nan, math.nan, None)
+_SHOWN = 480  # px of the longer side of what a notebook shows
+
+
+class Pixel(NamedTuple):
+    """A pixel of a picture."""
+
+    color: NDArray[np.float32]  # [C], linear light, premultiplied
+    depth: float  # metres along the axis; of relative depth its number
+
+
+class Picture:
+    """Colour with the depth of each pixel, of files or of arrays.
+
+    Attributes:
+        files: Its files; of arrays their names alone.
+        device: Where it is rendered: auto, cpu or cuda.
+    """
+
+    def __init__(self, color: Any, depth: Any, **reading: Any) -> None:
+        """Take arrays or tensors in memory.
+
+        Args:
+            color: [H, W, C] or [H, W], of 1 to 4 channels: Y, YA, RGB or RGBA. Floats are linear
+                light, premultiplied by alpha; integers of 8 or 16 bits are sRGB, as in a PNG.
+            depth: [H, W]. Floats are metres along the axis unless options say otherwise, inf is
+                sky; integers need a unit, like ``depth_unit="mm"``.
+            **reading: Options of reading, like ``depth_kind`` and ``invalid``.
+
+        Raises:
+            ValueError: The arrays are not of one size, or not numbers.
+            UsageProblem: An option is unknown or makes no sense.
+        """
+        self.files, self.device = PictureFiles(_ARRAY.name, _ARRAY, _ARRAY), "auto"
+        self._reading = _layer(reading, READING_OPTIONS)
+        self._arrays: tuple[Any, Any] | None = (_array(color), _array(depth))
+        self._inputs: tuple[object, Inputs] | None = None
+        planes, shape = self._arrays[0], self._arrays[1].shape
+        if planes.ndim not in (2, 3) or planes.shape[:2] != shape or not planes.size:
+            got = f"{list(planes.shape)} and {list(shape)}"
+            raise ValueError(f"color must be [H, W, C] and depth [H, W] of one size, got {got}")
+        self._decode()
+
+    @classmethod
+    def _of_files(cls, files: PictureFiles, reading: Layer) -> Picture:
+        picture = cls.__new__(cls)
+        picture.files, picture.device, picture._reading = files, "auto", reading
+        picture._arrays = picture._inputs = None
+        picture._decode()
+        return picture
+
+    def _decode(self) -> None:
+        """Decode the inputs, as relative depth where their numbers name no distance."""
+        reading = reading_of(self._reading)
+        if reading.needs_lens:
+            return
+        try:
+            self._read(Job(self.files, _UNKNOWN, reading, Outputs(Path()), Machine()))
+        except DefocusError as error:
+            relative = replace(_UNKNOWN, blur=1.0)
+            try:
+                self._read(Job(self.files, relative, reading, Outputs(Path()), Machine()))
+            except DefocusError:
+                raise error from None
+
+    def _read(self, job: Job) -> Inputs:
+        """The decoded inputs of a job of this picture."""
+        from defocus_core.picture import plain_path
+        from defocus_core.picture.pair import of_arrays
+
+        key = job.reading, job.lens_focal
+        if self._inputs is None or self._inputs[0] != key:
+            arrays = self._arrays
+            inputs = plain_path.read(job) if arrays is None else of_arrays(job, *arrays)
+            self._inputs = key, inputs
+        return self._inputs[1]
+
+    @property
+    def _decoded(self) -> Inputs:
+        if self._inputs is None:
+            problem = "holds distances to the point, which need the focal length of a lens"
+            remedy = "render it, or give ‹focal-px› or ‹fov›"
+            raise UsageProblem("missing-option", problem, remedy, field="depth-format")
+        return self._inputs[1]
+
+    @property
+    def color(self) -> NDArray[np.float32]:
+        """The colours, float32 [H, W, C], linear light, premultiplied by alpha."""
+        return self._decoded.color.pixels
+
+    @property
+    def depth(self) -> NDArray[np.float32]:
+        """The depth, float32 [H, W]: metres along the axis, inf is sky; or relative numbers."""
+        depth: NDArray[np.float32] = self._decoded.depth.metres
+        return depth
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The names of the channels of colour: R, G, B or Y, then A if there is one."""
+        return self._decoded.color.channels
+
+    @property
+    def is_relative(self) -> bool:
+        """Whether the depth names no distances, so that a lens needs a ``blur`` in px."""
+        return self._decoded.depth.is_relative
+
+    @property
+    def metadata(self) -> Mapping[str, object]:
+        """What the colour file says of itself."""
+        return self._decoded.color.attributes
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in px."""
+        return self._decoded.color.size
+
+    def at(self, x: int, y: int) -> Pixel:
+        """The pixel in column x and row y, from 0 at the upper left."""
+        width, height = self.size
+        if not (0 <= x < width and 0 <= y < height):
+            raise IndexError(f"pixel {x},{y} lies outside a picture of {width}x{height} px")
+        return Pixel(self.color[y, x], float(self.depth[y, x]))
+
+    def to(self, device: str) -> Picture:
+        """The same picture, to be rendered on another device: auto, cpu or cuda."""
+        picture = self.__class__.__new__(self.__class__)
+        picture.__dict__.update(self.__dict__, device=str(device))
+        return picture
+
+    def __repr__(self) -> str:
+        if self._inputs is None:
+            return f"<Picture {self.files.color.name}>"
+        (width, height), depth = self.size, self._decoded.depth
+        known = depth.ends
+        span = "" if known is None else f" {known[0]:.3g}–{known[1]:.3g}"
+        if known is not None and math.isinf(known[1]):
+            solid = self.depth[np.isfinite(self.depth)]
+            span = f" {known[0]:.3g}–{solid.max():.3g}" if solid.size else ""
+        unit = "" if depth.is_relative else " px" if depth.is_radius else " m"
+        what = "relative depth" if depth.is_relative else "radii" if depth.is_radius else "depth"
+        name = "in memory" if self._arrays is not None else self.files.color.name
+        words = f"{width}×{height} {''.join(self.channels)}, {what}{span}{unit * bool(span)}"
+        return f"<Picture {words}, {name}>"
+
+    def _repr_png_(self) -> bytes:
+        return _png(self.color, self.metadata)
+
+
+class Lens:
+    """A thin lens: its focal length, f-number and focus, or a blur in px for relative depth.
+
+    `options` are its options as they were given.
+    """
+
+    def __init__(
+        self,
+        focal_length: str | float | None = None,
+        fnumber: float | str | None = None,
+        focus: str | float | None = None,
+        **options: Any,
+    ) -> None:
+        """Take options of the command line.
+
+        Args:
+            focal_length: Like ``"50mm"``.
+            fnumber: Like 1.4.
+            focus: A distance like ``"2m"`` or ``"inf"``, or a percentile of the depth, ``"p30"``.
+            **options: Like ``sensor_width="36mm"`` (the default), ``blades=7``,
+                ``focus_at=(640, 360)``, ``cat_eye="1.1:0.6"``; of relative depth
+                ``blur="40px"`` instead of optics. `defocus help look` explains them.
+
+        Raises:
+            UsageProblem: An option is unknown, or its value makes no sense.
+        """
+        self._file: Path | None = None
+        self._metadata = bool(options.pop(METADATA.replace("-", "_"), False))
+        given = {"focal_length": focal_length, "fnumber": fnumber, "focus": focus, **options}
+        self._layer = _layer(given, LENS_OPTIONS)
+
+    @classmethod
+    def load(cls, file: str | PathLike[str], **options: Any) -> Lens:
+        """A lens of a lens file, or of one that ships, like ``@portrait-85``; options lie above.
+
+        Raises:
+            InputError: The file cannot be read.
+            UsageProblem: An option is unknown, or its value makes no sense.
+        """
+        lens = cls(**options)
+        lens._file = lens_path(Path(file), CALLER.at("lens"))
+        return lens
+
+    @property
+    def options(self) -> dict[str, str]:
+        """The options that were given, as texts."""
+        return {name.replace("-", "_"): each.text for name, each in self._layer.items()}
+
+    def refocus(self, focus: str | float) -> None:
+        """Focus this lens on another distance, like ``"3m"``."""
+        self._layer = laid_over(self._layer, _layer({"focus": focus}, LENS_OPTIONS))
+
+    def coc(self, picture: Any) -> NDArray[np.float32]:
+        """The signed radius of the circle of confusion, float32 [H, W] px, negative before focus.
+
+        Args:
+            picture: A `Picture`; or depth [H, W] in metres.
+        """
+        if not isinstance(picture, Picture):
+            depth = _array(picture)
+            picture = Picture(np.zeros(depth.shape, np.float32), depth)
+        radius: NDArray[np.float32] = _prepared(picture, self, ("coc",), Machine()).shown
+        return radius
+
+    def _values(self, picture: Picture, reading: Reading) -> LensValues:
+        """The lens that takes a picture."""
+        lenses = PictureLenses(
+            own=self._layer,
+            file=self._file,
+            radii=reading.holds_radii,
+            metadata=self._metadata,
+            metres=UNITS[reading.depth_unit or "m"],
+        )
+        if not lenses.is_complete and picture._arrays is None:
+            from defocus_core.picture.subject import with_blur_and_focus
+
+            lenses = with_blur_and_focus(lenses, [picture.files], reading, ())
+        return lenses.of(picture.files)[0]
+
+    def __repr__(self) -> str:
+        words = [f"{name}={text}" for name, text in self.options.items()]
+        return f"<Lens {', '.join(([self._file.stem] if self._file else []) + words)}>"
+
+
+class Views:
+    """What a lens saw of a picture; images and maps are made when they are asked for.
+
+    Attributes:
+        device: None for arrays of NumPy: images float32 [H, W, C], maps [H, W]. Else the device
+            of tensors: images [C, H, W], maps [H, W].
+        warnings: What was taken for granted, and what could not be done.
+    """
+
+    def __init__(self, take: Take, device: str | None = None) -> None:
+        self._take, self.device, self.warnings = take, device, take.warnings
+
+    @property
+    def render(self) -> Any:
+        """The defocused picture, linear light."""
+        return self._image("render")
+
+    @property
+    def left(self) -> Any:
+        """What the left half of the lens sees; None without ``left_right``."""
+        return self._image("left")
+
+    @property
+    def right(self) -> Any:
+        """What the right half of the lens sees; None without ``left_right``."""
+        return self._image("right")
+
+    @property
+    def coc(self) -> Any:
+        """The signed radius of the circle of confusion in px, negative before focus."""
+        return self._map(self._take.shown)
+
+    @property
+    def disparity(self) -> Any:
+        """The signed distance in px between left and right."""
+        from defocus_core.picture.write import disparity_map
+
+        return self._map(disparity_map(self._take))
+
+    @property
+    def trust(self) -> Any:
+        """The share of the lens that saw what the picture holds: 1 where nothing was invented."""
+        return self._map(self._take.images["trust"][0])
+
+    def write(
+        self,
+        out: str | PathLike[str],
+        kinds: str | None = None,
+        *,
+        overwrite: bool = False,
+        **options: Any,
+    ) -> dict[str, Path]:
+        """Write ``OUT/<kind>/<stem>.<ext>``, with headers and maps as `defocus render` does.
+
+        Args:
+            out: A directory; or one file, of one kind.
+            kinds: Like ``"render,trust"``; None for the images and the CoC map.
+            overwrite: Whether files that are there are replaced.
+            **options: Of outputs, like ``format="png16"`` and ``exr_type="float"``.
+
+        Returns:
+            The file of each kind.
+
+        Raises:
+            InputError: A file is there already, or cannot be written.
+            UsageProblem: An option is unknown, or its value makes no sense.
+        """
+        from defocus_core.io.replacing import identities, require_replaceable
+        from defocus_core.picture import plain_path
+
+        job = self._take.job
+        if kinds is None:
+            kinds = ",".join(kind for kind in job.outputs.kinds if kind != "trust")
+        layer = _layer({"outputs": kinds, **options}, OUTPUT_OPTIONS)
+        asked = Outputs(Path(out), overwrite=overwrite)
+        outputs = outputs_of(layer, asked, one_file=True)
+        missing = [kind.name for kind in outputs.rows if not self._has(kind.rendered)]
+        if missing:
+            problem, remedy = f"{missing[0]} was not rendered", "render with left_right=True"
+            raise UsageProblem("missing-option", problem, remedy, field="outputs")
+        take = replace(self._take, job=replace(job, outputs=outputs), images=self._of(outputs))
+        inputs = identities(job.files.values())
+        for path in take.job.written:
+            require_replaceable(path, overwrite=overwrite, inputs=inputs)
+        outputs.root.mkdir(parents=True, exist_ok=True)
+        _warn(plain_path.write(take).warnings[len(self._take.warnings) :])
+        return take.job.paths
+
+    def _has(self, views: tuple[str, ...]) -> bool:
+        return all(view in self._take.images for view in views)
+
+    def _of(self, outputs: Outputs) -> dict[str, tuple[Any, ...]]:
+        """The arrays of each kind of some outputs."""
+        images = self._take.images
+        return {
+            kind.name: tuple(plane for view in kind.rendered for plane in images[view])
+            for kind in outputs.rows
+            if kind.rendered
+        }
+
+    def to(self, device: str) -> Views:
+        """The same views, as tensors on a device."""
+        return Views(self._take, str(device))
+
+    def _image(self, kind: str) -> Any:
+        planes = self._take.images.get(kind)
+        if planes is None:
+            return None
+        shown = [_shown(self._take, plane) for plane in planes]
+        if self.device is None:
+            return np.stack(shown, axis=-1)
+        import torch
+
+        return torch.from_numpy(np.stack(shown)).to(self.device)
+
+    def _map(self, plane: Any) -> Any:
+        shown = np.ascontiguousarray(_shown(self._take, plane))
+        if self.device is None:
+            return shown
+        import torch
+
+        return torch.from_numpy(shown).to(self.device)
+
+    def __iter__(self) -> Iterator[NoReturn]:
+        raise TypeError("views have names: views.render, views.left, views.right, views.coc")
+
+    def __repr__(self) -> str:
+        (width, height), (low, high) = self._take.size, self._take.limits
+        kinds = ", ".join(self._take.images)
+        name = self._take.job.picture.color.name
+        return f"<Views {width}×{height} {kinds}, CoC {low:.3g}…{high:.3g} px, {name}>"
+
+    def _repr_png_(self) -> bytes:
+        arrays = Views(self._take)
+        return _png(arrays.render, self._take.inputs.color.attributes)
+
+
+def read(
+    color: str | PathLike[str],
+    depth: str | PathLike[str] | None = None,
+    *,
+    hidden: tuple[str | PathLike[str], str | PathLike[str]] | None = None,
+    over: str | PathLike[str] | None = None,
+    over_depth: str | PathLike[str] | None = None,
+    holdout: str | PathLike[str] | None = None,
+    matte: str | PathLike[str] | None = None,
+    **reading: Any,
+) -> Picture:
+    """Read a picture: its colour and its depth.
+
+    Args:
+        color: EXR, HDR, PNG, JPEG, TIFF, WEBP or HEIC.
+        depth: Its depth, of any format; None if the colour file holds both.
+        hidden: Colour and depth of the surfaces behind the visible ones.
+        over: The plate below an element.
+        over_depth: The depth of the plate; None if its file has it, or for infinitely far.
+        holdout: A deep EXR that cuts its shape out of the picture.
+        matte: The coverage of the subject.
+        **reading: Options of reading, like ``depth_format="kitti"``, ``view="left"``.
+
+    Raises:
+        InputError: A file cannot be read.
+        UsageProblem: An option is unknown, or makes no sense for these files.
+    """
+    from defocus_core.request.pairing import find, others_of
+
+    others = {"over": over, "over-depth": over_depth, "holdout": holdout, "matte": matte}
+    others |= dict(zip(("hidden", "hidden-depth"), hidden or (), strict=False))
+    paths = {name: Path(path) for name, path in others.items() if path is not None}
+    layer = _layer(reading, READING_OPTIONS)
+    found, _ = find(Path(color), None if depth is None else Path(depth), others_of(paths, CALLER))
+    if len(found) != 1:
+        problem, remedy = f"names {len(found)} pictures", "give one file, or use run_batch"
+        raise UsageProblem("wrong-type", problem, remedy, path=Path(color))
+    return Picture._of_files(found[0], layer)
+
+
+def render(picture: Any = None, lens: Any = None, **options: Any) -> Any:
+    """Defocus a picture as a lens would.
+
+    Args:
+        picture: A `Picture`; or an image tensor [C, H, W] or [B, C, H, W], linear light.
+        lens: A `Lens`; None for a blur and a focus that suit relative depth. Of a tensor the
+            signed radii in px, [H, W] or [B, 1, H, W].
+        **options: left_right: whether left and right are wanted; progress: called with (tiles
+            done, tiles in all); quality, threads, tile, memory and device, as on the command line.
+            Of a tensor those of `defocus_core.renderer.render.render`.
+
+    Returns:
+        `Views` of a picture; of tensors their views, tensors in the shape of the image.
+
+    Raises:
+        DefocusError: The picture and the lens do not make a job, or memory is short.
+        ValueError: Tensors or their options make no sense.
+    """
+    if not isinstance(picture, Picture):
+        from defocus_core.renderer.render import render as render_tensors
+
+        return render_tensors(*(x for x in (picture, lens) if x is not None), **options)
+    return _render(picture, Lens() if lens is None else lens, **options)
+
+
+def _render(
+    picture: Picture,
+    lens: Lens,
+    *,
+    left_right: bool = False,
+    progress: Progress | None = None,
+    **machine: Any,
+) -> Views:
+    """The views of a picture."""
+    from defocus_core.picture import plain_path
+    from defocus_core.system.process import cores, settings_kept
+
+    if not isinstance(lens, Lens):
+        raise ValueError(f"lens must be a Lens, got {type(lens).__name__}; Lens('50mm', …) is one")
+    kinds = ("render", *(("left", "right") if left_right else ()), "coc", "trust")
+    asked = fields_of(_layer({"device": picture.device, **machine}, MACHINE_OPTIONS))
+    plain_path.load()
+    with settings_kept():
+        take = _prepared(picture, lens, kinds, Machine(**{"threads": cores(), **asked}))
+        take = plain_path.compute(take, progress)
+    _warn(take.warnings)
+    return Views(take)
+
+
+def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Machine) -> Take:
+    """A picture with its lens and its radii."""
+    from defocus_core.picture import plain_path
+
+    of_file = {} if lens._file is None else reading_in(lens._file)
+    reading = reading_of(of_file, picture._reading)
+    outputs = Outputs(Path(), kinds=kinds, exr_type="float")
+    job = Job(picture.files, lens._values(picture, reading), reading, outputs, machine)
+    return plain_path.prepare(job, picture._read(job))
+
+
+def _layer(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
+    """The options of keywords that are not None."""
+    given = {
+        name.replace("_", "-"): list(value) if isinstance(value, tuple) else value
+        for name, value in values.items()
+        if value is not None
+    }
+    for name in given:
+        if name not in rows or rows[name].only == "files":
+            known = f"there are {', '.join(row.replace('-', '_') for row in rows)}"
+            remedy = gone.remedy("option", name, otherwise=did_you_mean(name, tuple(rows), known))
+            word = name.replace("-", "_")
+            raise UsageProblem("unknown-name", "is not an option", remedy, field=word)
+    layer = {
+        name: given_to(name, value, CALLER.at(name))
+        for name, value in given.items()
+        if not (rows[name].flag and value is False)
+    }
+    refuse_contradiction(layer)
+    return layer
+
+
+def _array(values: Any) -> NDArray[Any]:
+    """An array or a tensor as an array in memory."""
+    values = values.detach().cpu().numpy() if hasattr(values, "detach") else np.asarray(values)
+    if values.dtype.kind not in "uif":
+        raise ValueError(f"pictures are arrays of numbers, got {values.dtype}")
+    return np.array(values)
+
+
+def _shown(take: Take, plane: Any) -> Any:
+    """A plane of a picture without what lies beyond its display window, float32."""
+    rows, columns = take.inputs.color.overscan.shown(*plane.shape)
+    return np.asarray(plane[rows, columns], np.float32)
+
+
+def _png(pixels: NDArray[np.float32], attributes: Mapping[str, object]) -> bytes:
+    """A small PNG of linear light [H, W, C]."""
+    from defocus_core.picture.preview import write_preview
+
+    step = max(1, -(-max(pixels.shape[:2]) // _SHOWN))
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "shown.png"
+        write_preview(path, np.ascontiguousarray(pixels[::step, ::step]), attributes)
+        return path.read_bytes()
+
+
+def _warn(words: tuple[str, ...]) -> None:
+    """Say what was taken for granted, at the line that called the door."""
+    for each in words:
+        warnings.warn(each, stacklevel=4)
