@@ -99,8 +99,8 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
                 fitting, bound = maximum, 0.0
                 if fitting is None:
                     fitting, bound = regions_at_once(job, renderer, inputs.holding, take.device)
-                if memory.held_mb() + bound > limit:  # of what is read much is freed
-                    memory.trim()
+                if bound > _LARGE_MB or memory.held_mb() + bound > limit:
+                    memory.trim()  # of what is read much is freed
                 shown = partial(_of_all, progress, limit, number, len(passes))
                 images.invented = 0  # of one rendering
                 for part in renderer.tiles(fitting, shown):
@@ -169,6 +169,7 @@ Progress = Callable[[int, int], None]
 # Share of the pixels of left or right from which on a warning says that they were negative.
 _MANY_CLAMPED = 0.01
 _TRUSTED = 0.99  # share of the lens
+_LARGE_MB = 500.0  # a picture that takes so long that freed memory given back costs no time
 _FULL = 0.9  # share of the limit of memory from which on freed memory is given back
 
 

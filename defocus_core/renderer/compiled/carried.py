@@ -12,9 +12,12 @@ from defocus_core.optics.aperture import Aperture
 from defocus_core.optics.parts import LEFT, RIGHT
 from defocus_core.renderer.compiled.openings import has_spans
 from defocus_core.renderer.engine.frame import SharedFrame
-from defocus_core.renderer.engine.scene import InFocus
+from defocus_core.renderer.engine.scene import InFocus, Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.layers.slice_radii import plane_of
+
+# Colours that are spread together.
+CHANNELS = 3
 
 
 @cache
@@ -58,6 +61,14 @@ def carries_pair(settings: Settings) -> bool:
     """Whether it renders left and right, too: of photodiodes that each see a half of the lens."""
     apart = settings.dual_pixel.apart
     return settings.dual_pixel.halves == (LEFT, RIGHT) and isinstance(apart, float)
+
+
+def by_loops(surface: Surface) -> bool:
+    """Whether compiled loops find the surfaces of a picture, if it has no highlights; else torch.
+
+    They do of three colours without a matte.
+    """
+    return len(surface.image) == CHANNELS and surface.matte is None
 
 
 def _is_even(aperture: Aperture) -> bool:

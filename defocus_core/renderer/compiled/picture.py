@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import mmap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import torch
@@ -14,7 +14,7 @@ from torch import Tensor
 from defocus_core.renderer.compiled import back
 from defocus_core.renderer.compiled.back import Sampled, Samples
 from defocus_core.renderer.compiled.bands import Bounds
-from defocus_core.renderer.compiled.carried import carries_pair
+from defocus_core.renderer.compiled.carried import CHANNELS, by_loops, carries_pair
 from defocus_core.renderer.compiled.hidden import hidden_of
 from defocus_core.renderer.compiled.mixed import find_edges, take_apart
 from defocus_core.renderer.compositing.saturating_sum import ColorRange
@@ -25,8 +25,6 @@ from defocus_core.renderer.layers.slice_radii import SHARP
 from defocus_core.tensors.box import Grid
 from defocus_core.tensors.views import ViewTensors
 
-# Colours that are spread together.
-_CHANNELS = 3
 # As in `compositing/saturating_sum.py`: how far left and right may exceed the range, and rounding;
 # and as in `compositing/left_right.py` the share of light below which nothing is counted.
 _OVERSHOOT, _SLACK, _NEGLIGIBLE = 0.1, 9e-5, 1e-3
@@ -44,7 +42,7 @@ def rendered(frame: SharedFrame, scene: Surface) -> ViewTensors:
     groups, negative = list[Tensor](), 0
     for channels, sampled, lights in _sampled(place, scene, unit):
         if lights is None:
-            lights = np.zeros((views, _CHANNELS, 1, 0), np.float32)
+            lights = np.zeros((views, CHANNELS, 1, 0), np.float32)
         found, darker = back.render(
             sampled,
             lights[:views],
@@ -54,6 +52,7 @@ def rendered(frame: SharedFrame, scene: Surface) -> ViewTensors:
             edges=frame.content.edges,
             threads=frame.settings.threads,
         )
+        del sampled, lights  # large arrays
         groups.append(torch.from_numpy(found[:, :-1]).mul_(unit))
         negative = max(negative, darker)
     trust = torch.from_numpy(found[0, -1:])
@@ -73,8 +72,8 @@ def _sampled(
     Those of three colours without lights and without a matte are found by compiled loops.
     """
     content, count = place.frame.content, len(scene.image)
-    if count == _CHANNELS and not content.highlights and scene.matte is None:
-        channels = slice(0, _CHANNELS)
+    if by_loops(scene) and not content.highlights:
+        channels = slice(0, CHANNELS)
         if content.edges:  # the samples are held by what takes them apart alone
             yield channels, surfaces_of(_of_picture(scene, unit), content.limit / unit), None
         else:
@@ -84,16 +83,22 @@ def _sampled(
 
     in_focus = InFocus.of(scene)
     seen = layers_at(place, in_focus, backdrop_in(place.frame, in_focus))
-    drawn = sum(discs(place, seen, lights) for lights in seen.lights)
-    for first in range(0, count, _CHANNELS):
-        channels = slice(first, min(first + _CHANNELS, count))
-        own, *nearer = (_samples(layer, channels, 1, unit) for layer in seen.of(VISIBLE))
-        hidden = [_samples(layer, channels, 2, unit) for layer in seen.of(CONTINUED)]
+    layers, drawn = seen.layers, sum(discs(place, seen, lights) for lights in seen.lights)
+    del seen  # also how far is seen, which compiled loops find themselves
+    for first in range(0, count, CHANNELS):
+        channels = slice(first, min(first + CHANNELS, count))
         lights = None
         if isinstance(drawn, Tensor):
             lights = (drawn[:, channels] / unit).float().contiguous().numpy()
-        sampled = Sampled(own, nearer[0] if nearer else None, hidden[0] if hidden else None)
-        yield channels, sampled, lights
+        # held by the caller alone, who lets go of them before the next are made
+        yield channels, _of_layers(layers, channels, unit), lights
+
+
+def _of_layers(layers: Sequence[SampleLayer], channels: slice, unit: float) -> Sampled:
+    """The surfaces that layers are, in some of their colours."""
+    own, *nearer = (_samples(x, channels, 1, unit) for x in layers if x.kind == VISIBLE)
+    hidden = [_samples(x, channels, 2, unit) for x in layers if x.kind == CONTINUED]
+    return Sampled(own, nearer[0] if nearer else None, hidden[0] if hidden else None)
 
 
 def surfaces_of(own: Samples, limit: float) -> Sampled:
@@ -128,7 +133,7 @@ def _few(shape: tuple[int, ...]) -> NDArray[np.float32]:
 def _of_picture(scene: Surface, unit: float) -> Samples:
     """The colours and radii of a picture as arrays."""
     layer = SampleLayer.whole(scene.image.float(), scene.signed_radius)
-    return _samples(layer, slice(0, _CHANNELS), 1, unit)
+    return _samples(layer, slice(0, CHANNELS), 1, unit)
 
 
 def _unit(brightest: float) -> float:
@@ -146,7 +151,7 @@ def _counts(frame: SharedFrame, scene: Surface) -> dict[str, int]:
 def _samples(layer: SampleLayer, channels: slice, step: int, unit: float) -> Samples:
     """A layer as arrays of some of its colours in a unit, its radii in pixels of a step."""
     color = layer.color[channels] / unit
-    light = torch.zeros(*color.shape[1:], _CHANNELS + 1, dtype=torch.float32)
+    light = torch.zeros(*color.shape[1:], CHANNELS + 1, dtype=torch.float32)
     light[..., : len(color)] = (color if layer.is_whole else color * layer.coverage).movedim(0, -1)
     light[..., -1] = layer.covered
     radius = (layer.signed_radius / step).float().contiguous()

@@ -23,13 +23,14 @@ from peak_memory import peak_mb, reset_peak
 torch.set_num_threads(1)
 memory.share_heap()
 def measured(case):
-    kind, height, width, radius, quality, pair, threads = case.split()
+    kind, height, width, radius, quality, pair, threads, channels = case.split()
     threads, views = int(threads), pair == "pair"
     settings = Settings(quality=quality, left_right=views, threads=threads)
     small = scenery(kind, 64, 96, 4.0)
     for _ in Renderer(Surface(small[0], small[1]), settings).tiles():
         pass
     image, radii = scenery(kind, int(height), int(width), float(radius))[:2]
+    image = torch.cat([image, image])[: int(channels)]
     memory.trim()
     reset_peak()
     before = memory.held_mb()
@@ -42,10 +43,11 @@ def measured(case):
 for case in sys.argv[1:]:
     measured(case)
 """
-# Kind, height, width, radius, quality, views and threads.
+# Kind, height, width, radius, quality, views, threads and channels.
 _CASES = (
-    *("thin 256 384 16 high centre 2", "cards 384 576 30 standard centre 1"),
-    *("lights 480 800 12 standard pair 1", "floor 720 1280 24 standard centre 2"),
+    *("thin 256 384 16 high centre 2 3", "cards 384 576 30 standard centre 1 3"),
+    *("lights 480 800 12 standard pair 1 3", "floor 720 1280 24 standard centre 2 3"),
+    "cards 1200 1800 30 standard pair 1 4",
 )
 
 
