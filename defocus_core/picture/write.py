@@ -26,7 +26,7 @@ from defocus_core.picture.take import Contents, Take, repair_attribute
 from defocus_core.request.lens import LensValues
 from defocus_core.request.output_kinds import KINDS, Kind
 from defocus_core.request.parameters import RECORDED
-from defocus_core.system.text import counted, versions
+from defocus_core.system.text import counted, software, versions
 
 _SEED_BYTES = 5  # of a seed of noise, of which rows of pictures make others
 
@@ -228,6 +228,7 @@ def _attributes(take: Take, kind: Kind) -> dict[str, str]:
         "quality": job.machine.quality,
         "device": take.device,
         "back": take.back,
+        "software": software(),
     }
     return {f"defocus:{name}": value for name, value in values.items()}
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 from collections.abc import Iterable
+from contextlib import suppress
 from functools import cache
 from importlib import metadata
 from logging import getLogger
@@ -25,6 +26,19 @@ def version() -> str:
 def versions() -> str:
     """The versions that a picture depends on, like ``0.2.0, renderer 14``."""
     return f"{version()}, renderer {RENDERER_VERSION}"
+
+
+@cache
+def software() -> str:
+    """The libraries that compute, and what of this CPU they use: of them last digits depend."""
+    import torch
+
+    found = []
+    for name in ("torch", "numpy", "numba"):
+        with suppress(metadata.PackageNotFoundError):
+            found.append(f"{name} {metadata.version(name)}")
+    capability: str = torch.backends.cpu.get_cpu_capability()
+    return ", ".join([*found, f"CPU {capability}"])
 
 
 def back_words() -> str:

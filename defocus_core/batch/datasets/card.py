@@ -24,18 +24,26 @@ _MARKUP = re.compile(r"[\\`*{}\[\]<>#|!~&$]")  # what Markdown takes for its own
 
 
 def write(
-    out: Path, origin: Origin, count: int, lists: Mapping[str, str], pictures: Collection[str]
+    out: Path,
+    origin: Origin,
+    count: int,
+    lists: Mapping[str, str],
+    pictures: Collection[str],
+    made_by: Collection[str],
 ) -> list[Path]:
     """Write the README.md of ``count`` samples, unless it is another's.
 
-    `lists`: name of the list of each split; `pictures`: patterns of the files to decode.
+    `lists`: name of the list of each split; `pictures`: patterns of the files to decode;
+    `made_by`: what made them, with its versions.
     """
     if not is_free(out, README, lambda file: file.read(len(_OWN)) == _OWN.encode()):
         note(f"{out / README}: is not of this batch, and stays; no card is written for people")
         return []
     title = one_line(origin.title or "Defocused pictures")
     size = next((words for maximum, words in _SIZES if count < maximum), "n>1M")
-    said = {key: _MARKUP.sub(r"\\\g<0>", one_line(text)) for key, text in origin.said.items()}
+    said = {key: _plain(text) for key, text in origin.said.items()}
+    if origin.citation.lstrip().startswith("@"):  # BibTeX
+        said["citation"] = f"\n\n{_fenced(origin.citation.strip(), 'bibtex')}"
     text = [
         f"pretty_name: {_quoted(title)}",
         *([f"license: {_quoted(one_line(origin.licence))}"] if origin.licence else []),
@@ -55,11 +63,23 @@ def write(
         f"\n# {said.pop('title', title)}\n",
         f"{count} samples, made by defocus from sharp pictures and their depth. `{NAME}` has a "
         "line for each, with its files and its lens.\n",
+        *(f"Made by {_plain(words)}.\n" for words in sorted(made_by)),
         *(f"{key.capitalize()}: {told}\n" for key, told in said.items()),
     ]
     with written_whole(out / README, out) as file:
         file.write((_OWN + "\n".join(text)).encode("utf-8", "replace"))
     return [out / README]
+
+
+def _plain(text: str) -> str:
+    """A text in one line that Markdown shows as it is."""
+    return _MARKUP.sub(r"\\\g<0>", one_line(text))
+
+
+def _fenced(text: str, language: str) -> str:
+    """A text as a block of code, under a fence that it does not hold."""
+    fence = "`" * (1 + max(2, *map(len, re.findall("`+", text)), 0))
+    return f"{fence}{language}\n{text}\n{fence}"
 
 
 def _quoted(value: object) -> str:

@@ -131,6 +131,12 @@ def entry_of(record: Record, origin: Origin) -> dict[str, Any]:
     }
 
 
+def made_by(record: Record) -> str:
+    """What made a sample, in words."""
+    taken, renderer = _pictures(record), f"renderer {record.renderer} ({_pictures(record).back})"
+    return ", ".join(filter(None, [f"defocus {record.version}", renderer, taken.software]))
+
+
 def decoded(path: str) -> bool:
     """Whether image libraries without EXR decode a file of this name."""
     return path.endswith(_DECODED)

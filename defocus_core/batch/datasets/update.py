@@ -75,12 +75,13 @@ def index(
 def _written(out: Path, records: Iterable[Record]) -> list[Path]:
     """Write the index, the list of each split, and the card."""
     count, origin = 0, origin_of(out)
-    lists, pictures = dict[str, BinaryIO](), set[str]()
+    lists, pictures, made_by = dict[str, BinaryIO](), set[str](), set[str]()
     with ExitStack() as stack:
         file = stack.enter_context(written_whole(out / sample_index.NAME, out))
         for record in sample_index.newest(records):
             entry = sample_index.entry_of(record, origin)
             count += 1
+            made_by.add(sample_index.made_by(record))
             file.write(sample_index.line(entry))
             for path in filter(sample_index.decoded, entry["outputs"].values()):
                 pictures.add(f"{path.partition('/')[0]}/*.{path.rpartition('.')[2]}")
@@ -93,7 +94,8 @@ def _written(out: Path, records: Iterable[Record]) -> list[Path]:
     for name in {*sample_index.split_lists(out)} - {*names.values()}:
         Folder(out).remove(name)
     paths = [out / name for name in (sample_index.NAME, *names.values())]
-    return paths + card.write(out, origin, count, names or {"train": sample_index.NAME}, pictures)
+    lists_of = names or {"train": sample_index.NAME}
+    return paths + card.write(out, origin, count, lists_of, pictures, made_by)
 
 
 def _there(out: Path, records: Iterable[Record]) -> Iterator[Record]:

@@ -97,6 +97,7 @@ class Taken(Struct, frozen=True, kw_only=True):
     depth_repair: Repair | None = None
     device: str
     back: str = "torch"  # what rendered it, of records that name none, too
+    software: str = ""  # the libraries that computed; of early records empty
     measures: dict[str, Number] = {}
     warnings: tuple[str, ...]
     seconds: Seconds

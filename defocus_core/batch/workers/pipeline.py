@@ -34,6 +34,7 @@ from defocus_core.request.job import Job
 from defocus_core.request.lens import lens_record
 from defocus_core.request.parameters import LENS_FILES
 from defocus_core.system.process import delayed_signals, settings_kept
+from defocus_core.system.text import software
 
 TileCount = Callable[[int, int], None]
 _DIGITS = 6  # of radii and measures
@@ -105,6 +106,7 @@ def write(take: Take | Failed) -> Taken | Failed:
         depth_repair=cast(Repair | None, repair_record(take.repair)),
         device=take.device,
         back=take.back,
+        software=software(),
         measures={
             name: None if value is None else float(f"{value:.{_DIGITS}g}")
             for name, value in measures(take).items()

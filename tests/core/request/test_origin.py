@@ -54,6 +54,13 @@ def test_card_and_index_have_what_the_jobs_file_says(by, tmp_path):
         assert told in card
 
 
+def test_bibtex_stands_in_the_card_as_it_is(tmp_path):
+    bibtex = "@misc{cups,\n  title = {Cups *and* ```saucers```},\n}"
+    run_batch(tables(tmp_path, citation=bibtex), tmp_path / "out")
+    card = (tmp_path / "out" / "README.md").read_text()
+    assert f"\n````bibtex\n{bibtex}\n````\n" in card
+
+
 def test_without_a_word_there_is_none(tmp_path):
     run_batch(tables(tmp_path), tmp_path / "out")
     (sample,) = samples(tmp_path / "out")
