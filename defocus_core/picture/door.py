@@ -108,7 +108,7 @@ class Picture:
     def _read(self, job: Job) -> Inputs:
         """The decoded inputs of a job of this picture."""
         from defocus_core.picture import plain_path
-        from defocus_core.picture.pair import of_arrays
+        from defocus_core.picture.in_memory import of_arrays
 
         key = job.reading, job.lens_focal
         if self._inputs is None or self._inputs[0] != key:

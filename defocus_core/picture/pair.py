@@ -3,29 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.depth_formats.depth import Depth, depth_of, read_depth, require_valid
+from defocus_core.io.depth_formats.depth import Depth, read_depth, require_valid
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel, choose_depth_channel
-from defocus_core.io.depth_formats.reading import DepthNumbers, stretched, wrong_size
+from defocus_core.io.depth_formats.reading import stretched, wrong_size
 from defocus_core.io.exr.channel_choice import choose_color, in_view, require_part, require_view
 from defocus_core.io.exr.header import is_exr, read_headers
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.images.color import SHARP_INSIDE, Color, read_color, require_finite
-from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.describe import describe
-from defocus_core.io.images.raster import PLAIN_CHANNELS
 from defocus_core.io.safe_files import read_head
-from defocus_core.picture.memory_budget import capacity_mb, divide
 from defocus_core.picture.scene import map_on, picture_on
 from defocus_core.picture.steps.table import PAIR, WINDOW, through
-from defocus_core.picture.take import InputPair, Inputs
-from defocus_core.request.job import Job, PictureFiles, Reading
-from defocus_core.system import memory
+from defocus_core.picture.take import InputPair
+from defocus_core.request.job import PictureFiles, Reading
 from defocus_core.system.text import note
 
 
@@ -48,39 +43,6 @@ def read(wanted: InputPair) -> tuple[Color, Depth]:
     if pair.color.note.endswith(SHARP_INSIDE):
         note(f"defocus: {picture.color}: {SHARP_INSIDE} is rendered")
     return pair.color, pair.depth
-
-
-def of_arrays(job: Job, color: NDArray[Any], depth: NDArray[Any]) -> Inputs:
-    """The inputs of colours [H, W] or [H, W, C] and of depth [H, W] in memory.
-
-    Integers of colour are sRGB, floats linear light; depth is what the reading says.
-    """
-    pixels = color if color.ndim == 3 else color[:, :, None]
-    channels = PLAIN_CHANNELS.get(pixels.shape[2])
-    if channels is None or pixels.dtype.kind == "i" or pixels.dtype.itemsize > 8:
-        problem = f"is of {pixels.shape[2]} channels of {pixels.dtype}"
-        remedy = "give 1 to 4 channels of floats, uint8 or uint16"
-        raise InputError("wrong-type", problem, remedy, path=job.picture.color)
-    alpha = unit(pixels[:, :, -1:]) if channels[-1] == "A" else None
-    whole = pixels.dtype.kind == "u"
-    if whole:
-        light = linear_light(pixels[:, :, : len(channels) - (alpha is not None)], alpha, gamma=None)
-        pixels = light if alpha is None else np.concatenate([light, alpha], axis=2)
-    planes = tuple(np.ascontiguousarray(np.moveaxis(pixels, 2, 0), np.float32))
-    note = f"{color.dtype} in memory, {'sRGB' if whole else 'linear'}"
-    kind = "NPY" if depth.dtype.kind == "f" else "integer NPY"
-    numbers = DepthNumbers(job.picture.depth, depth, kind, f"{depth.dtype} in memory")
-    decoded = (
-        Color(planes, tuple(channels), job.picture.color, note=note, within_white=whole),
-        depth_of(numbers, job.reading, lens_focal=job.lens_focal),
-    )
-    pair = through(PAIR, replace(InputPair.of(job), planes=decoded))
-    require_valid(pair.depth)
-    require_finite(pair.color)
-    arrays = sum(plane.nbytes for plane in (*pair.color.planes, pair.depth.metres)) / memory.MB
-    held = divide(arrays * (1 + len(job.outputs.kinds)), capacity_mb(job.machine))
-    said = (*pair.color.warnings, *pair.depth.warnings)
-    return Inputs(held, pair.color, pair.depth, empty=pair.depth.empty, warnings=said)
 
 
 def parts_of(picture: PictureFiles, reading: Reading) -> tuple[int | None, int | None]:
