@@ -12,7 +12,7 @@ import os
 import shutil
 import tempfile
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -26,10 +26,10 @@ _WORD = "defocus_goldens"
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add ``--golden-update`` and ``--golden-report``."""
     group = parser.getgroup("defocus")
-    text = "make pictures that fail golden.check() the new goldens"
-    group.addoption("--golden-update", action="store_true", help=text)
-    text = "write a page of the pictures that fail golden.check()"
-    group.addoption("--golden-report", metavar="FILE", type=Path, help=text)
+    of = "pictures that fail golden.check()"
+    group.addoption("--golden-update", action="store_true", help=f"make {of} the new goldens")
+    page = f"write a page of the {of}"
+    group.addoption("--golden-report", metavar="FILE", type=Path, help=page)
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -105,15 +105,10 @@ class Golden:
                 accept_picture(self.folder, golden, picture)
                 return
             comparisons.keep_check(self.shared, records, golden, self.test, picture)
+            told = comparison_words.of_golden(golden, name, records, proposes=not bounds)
         except InputError as error:
-            pytest.fail(str(error), pytrace=False)
-        if not records:
-            lacks = "there is no such golden; make it with pytest --golden-update"
-            pytest.fail(f"{golden}: {lacks}", pytrace=False)
-        told = comparison_words.line(replace(records[0], name=name, proposal=""))
-        if records[0].proposal and not bounds:
-            told += f"\n{records[0].proposal.replace('>', '=')} lets it pass"
-        pytest.fail(f"{told}\n--golden-update makes it the golden {golden}", pytrace=False)
+            told = str(error)
+        pytest.fail(told, pytrace=False)
 
     def _place(self, name: str, suffix: str) -> Path:
         """The path of a golden below the folder, no link followed; of this test alone."""

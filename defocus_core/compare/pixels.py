@@ -25,6 +25,8 @@ _LARGEST = 1e18  # value whose square float32 holds
 _HALF = (2.0**-10, 2.0**-24)
 _STEPS = {
     **{"half": _HALF, "float16": _HALF, "bfloat16": (2.0**-7, 0.0)},
+    # A sum is rounded more than once.
+    **dict.fromkeys(("float", "float32"), (2.0**-20, 0.0)),
     **{"uint8": (0.0, 1 / 255), "uint16": (0.0, 1 / 65535)},
 }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -61,6 +62,16 @@ def line(record: Comparison) -> str:
     if record.proposal:
         parts.append(f"‹fail› '{record.proposal}' lets it pass")
     return f"{record.name}: {': '.join([word, ', '.join(parts)] if parts else [word])}"
+
+
+def of_golden(golden: Path, name: str, records: Sequence[Comparison], *, proposes: bool) -> str:
+    """Why a picture is not like its golden, and what helps."""
+    if not records:
+        return f"{golden}: there is no such golden; make it with pytest --golden-update"
+    told = line(replace(records[0], name=name, proposal=""))
+    if records[0].proposal and proposes:
+        told += f"\n{records[0].proposal.replace('>', '=')} lets it pass"
+    return f"{told}\n--golden-update makes it the golden {golden}"
 
 
 def summary(records: Sequence[Comparison], pairs: int | None = None) -> str:
