@@ -112,13 +112,12 @@ class Golden:
 
     def _place(self, name: str, suffix: str) -> Path:
         """The path of a golden below the folder, no link followed; of this test alone."""
-        from defocus_core.compare.comparison import is_further
         from defocus_core.errors import reason
         from defocus_core.io.below import Folder
 
         __tracebackhide__ = True
         below = f"name must be that of a file below {self.folder}, and end in no number"
-        if not all(part.strip(".") for part in name.split("/")) or is_further(name):
+        if not all(part.strip(".") for part in name.split("/")) or Path(name).suffix[1:].isdigit():
             raise ValueError(f"{below}; got '{name}'")
         try:
             place = Folder(self.folder).path(f"{name}{suffix}")

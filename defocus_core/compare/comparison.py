@@ -18,7 +18,7 @@ from defocus_core.compare.findings.table import Finding, is_place
 from defocus_core.compare.findings.tone import clipped_light, lost_channels
 from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure
-from defocus_core.compare.pairing import FilePair
+from defocus_core.compare.pairing import FilePair, further
 from defocus_core.compare.picture import (
     DecodedPicture,
     as_shown,
@@ -64,6 +64,12 @@ def compare_pair(
         same = cmp(pair.a, pair.b, shallow=False)
         b = replace(a, path=pair.b) if same else read_picture(pair.b)
         record, pixels = compare_pictures(pair.name, a, b, rules, settings)
+        for other in further(pair.a) if record.status == DIFFERENT and not pair.was else ():
+            if (pair.b.parent / other.name).exists():
+                continue  # of a sequence
+            again = compare_pictures(pair.name, read_picture(other), b, rules, settings)
+            if again[0].passes:
+                return replace(again[0], notes=(*again[0].notes, f"as {other.name}")), again[1]
         if pair.was:
             renamed = Finding("renamed", f"renamed from {pair.was}", {"was": pair.was})
             record = replace(record, status=DIFFERENT, findings=(renamed, *record.findings))
@@ -286,30 +292,22 @@ def compare_images(
     return compare_pictures(other.path.name, one, other, rules, settings)[0]
 
 
-def is_further(name: str) -> bool:
-    """Whether a name is that of a further picture that is accepted beside another, as NAME.1 is."""
-    return Path(name).suffix[1:].isdigit()
-
-
 def compare_with_goldens(picture: Any, golden: Path, rules: Rules) -> list[Comparison]:
     """The records of a picture, as of `compare_images`, and those that are accepted for it.
 
     These are the golden itself, if it is there, and further ones: NAME.1.exr, NAME.2.exr, …
     """
-    there = sorted(golden.parent.iterdir()) if golden.parent.is_dir() else []
-    further = {f for f in there if is_further(f.stem) and f.with_stem(Path(f.stem).stem) == golden}
     new, kind = _picture(picture, golden.stem), f"{getattr(picture, 'dtype', '')}".split(".")[-1]
     records = []
-    for file in there:
-        if file == golden or file in further:
-            mine, aim = new, read_picture(file)
-            if kind:  # an array has neither metadata nor a codec
-                aim = replace(aim, metadata={}, layout={}, types=dict.fromkeys(aim.types, kind))
-                mine = replace(new, types=dict.fromkeys(new.types, kind))
-            if kind.startswith("uint"):
-                mine, aim = as_shown(mine), as_shown(aim)
-            settings = CompareSettings(flip=any("flip" in each.metric for each in rules.fail))
-            records.append(compare_pictures(golden.name, aim, mine, rules, settings)[0])
+    for file in (*[golden] * golden.exists(), *further(golden)):
+        mine, aim = new, read_picture(file)
+        if kind:  # an array has neither metadata nor a codec
+            aim = replace(aim, metadata={}, layout={}, types=dict.fromkeys(aim.types, kind))
+            mine = replace(new, types=dict.fromkeys(new.types, kind))
+        if kind.startswith("uint"):
+            mine, aim = as_shown(mine), as_shown(aim)
+        settings = CompareSettings(flip=any("flip" in each.metric for each in rules.fail))
+        records.append(compare_pictures(golden.name, aim, mine, rules, settings)[0])
     return records
 
 

@@ -57,6 +57,9 @@ def find_pairs(a: Path, b: Path, *, anew: bool = False) -> list[FilePair]:
         known = ", ".join(sorted(suffix[1:] for suffix in SUFFIXES))
         problem = f"holds no picture, nor does {b}"
         raise InputError("empty", problem, f"name directories with files of type {known}", path=a)
+    for name in of_a.keys() - of_b:
+        if (main := _main_of(Path(name))) and of_a.keys() & of_b.keys() & {main.as_posix()}:
+            del of_a[name]  # accepted beside another
     pairs = {n: FilePair(n, of_a.get(n), of_b.get(n)) for n in sorted(of_a | of_b)}
     lone = [
         {n: p for n in pairs.keys() - others if (p := files.get(n))}
@@ -67,6 +70,18 @@ def find_pairs(a: Path, b: Path, *, anew: bool = False) -> list[FilePair]:
         for old, new in _renamed(*digests):
             pairs[new] = FilePair(new, pairs.pop(old).a, pairs[new].b, old)
     return list(pairs.values())
+
+
+def further(golden: Path) -> list[Path]:
+    """The further pictures, NAME.1.exr, NAME.2.exr, …, that are accepted beside one."""
+    there = golden.parent.iterdir() if golden.parent.is_dir() else ()
+    return sorted(file for file in there if _main_of(file) == golden)
+
+
+def _main_of(path: Path) -> Path | None:
+    """NAME.exr of NAME.1.exr, beside which it may be accepted; None of other names."""
+    name = Path(path.stem)
+    return path.with_stem(name.stem) if name.suffix[1:].isdigit() else None
 
 
 def _renamed(a: Mapping[Any, Any], b: Mapping[Any, Any]) -> Iterator[tuple[Any, Any]]:

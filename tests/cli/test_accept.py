@@ -155,3 +155,14 @@ def test_a_picture_that_was_renamed_moves(tmp_path):
     ran = run("compare", a, b, "--accept")
     assert "sub/new.exr: DIFFERENT: renamed from old.exr" in ran.out
     assert files_under(a) == {"sub/new.exr"}
+
+
+def test_further_pictures_are_accepted_beside_a_golden(tmp_path):
+    a, b = tmp_path / "a", tmp_path / "b"
+    for folder, name, value in ((a, "x", 1), (a, "x.1", 2), (b, "x", 2)):
+        folder.mkdir(exist_ok=True)
+        write_exr(folder / f"{name}.exr", R=np.full((4, 4), value, np.float16))
+    ran = run("compare", a, b, "-v")
+    assert (ran.code, ran.out.splitlines()[0]) == (0, "x.exr: same: noted: as x.1.exr")
+    write_exr(b / "x.1.exr", R=np.full((4, 4), 2, np.float16))  # frames
+    assert run("compare", a, b).code == 1
