@@ -14,54 +14,34 @@ from typing import TYPE_CHECKING, Any
 from defocus_core import gone
 
 if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table below
-    from defocus_core.allowed_values import AUTO_LIGHTS as AUTO_LIGHTS
     from defocus_core.allowed_values import QUALITIES as QUALITIES
-    from defocus_core.batch.datasets.finished import Sample as Sample
     from defocus_core.batch.datasets.finished import samples as samples
     from defocus_core.batch.datasets.torch_dataset import BatchDataset as BatchDataset
     from defocus_core.batch.datasets.torch_dataset import decode_sample as decode_sample
     from defocus_core.batch.run_batch import batch_jobs as batch_jobs
     from defocus_core.batch.run_batch import run_batch as run_batch
-    from defocus_core.batch.workers.run import Summary as Summary
     from defocus_core.compare.comparison import compare_images as compare_images
-    from defocus_core.compare.findings.table import Finding as Finding
-    from defocus_core.compare.record import Comparison as Comparison
-    from defocus_core.depth.diagnosis import DepthRepair as DepthRepair
-    from defocus_core.depth.guided_resize import GuidedDepth as GuidedDepth
     from defocus_core.depth.guided_resize import guided_depth as guided_depth
     from defocus_core.depth.ramps import (
         radius_from_relative_disparity as radius_from_relative_disparity,
     )
-    from defocus_core.depth.repair import diagnose_depth as diagnose_depth
     from defocus_core.depth.repair import repair_depth as repair_depth
     from defocus_core.errors import DefocusError as DefocusError
     from defocus_core.errors import InputError as InputError
     from defocus_core.errors import UsageProblem as UsageProblem
-    from defocus_core.evaluation import baselines as baselines
-    from defocus_core.evaluation import metrics as metrics
-    from defocus_core.evaluation.lens_laws import LAWS as LAWS
-    from defocus_core.evaluation.lens_laws import Check as Check
-    from defocus_core.evaluation.lens_laws import LawSetting as LawSetting
     from defocus_core.evaluation.lens_laws import verify as verify
-    from defocus_core.evaluation.metrics import Errors as Errors
-    from defocus_core.fitting.pair import Fit as Fit
     from defocus_core.fitting.pair import fit as fit
-    from defocus_core.io.depth_formats.depth import Depth as Depth
-    from defocus_core.io.images.color import Color as Color
     from defocus_core.io.picture_files import read_color as read_color
     from defocus_core.io.picture_files import read_depth as read_depth
     from defocus_core.io.picture_files import write_image as write_image
     from defocus_core.io.picture_files import write_map as write_map
     from defocus_core.optics.aperture import Aperture as Aperture
-    from defocus_core.optics.axial_color import color_offset as color_offset
     from defocus_core.optics.cat_eye import CatEye as CatEye
     from defocus_core.optics.distributions import Distribution as Distribution
     from defocus_core.optics.dual_pixel import DualPixel as DualPixel
     from defocus_core.optics.outline import PupilImage as PupilImage
-    from defocus_core.optics.parts import Sensitivity as Sensitivity
     from defocus_core.optics.parts import sensitivities as sensitivities
     from defocus_core.optics.sensor_noise import with_noise as with_noise
-    from defocus_core.optics.thin_lens import fnum_of_strength as fnum_of_strength
     from defocus_core.picture.door import Lens as Lens
     from defocus_core.picture.door import Picture as Picture
     from defocus_core.picture.door import Views as Views
@@ -69,65 +49,45 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.picture.door import render as render
     from defocus_core.renderer.defocus_lens import DefocusLens as DefocusLens
     from defocus_core.renderer.layers.layer import HiddenLayer as HiddenLayer
-    from defocus_core.renderer.random_defocus import Lenses as Lenses
     from defocus_core.renderer.random_defocus import RandomDefocus as RandomDefocus
     from defocus_core.renderer.render import render_layers as render_layers
-    from defocus_core.request.job import Job as Job
     from defocus_core.tensors.clipped_lights import with_lights as with_lights
 
 # What users need, in groups: the names of each module.
 _GROUPS = {
     "pictures": {"picture.door": "read Picture Lens render Views"},
-    "lens and rendering": {
+    "lens and rendering of tensors": {
         "renderer.defocus_lens": "DefocusLens",
         "renderer.render": "render_layers",
         "renderer.layers.layer": "HiddenLayer",
-        "allowed_values": "QUALITIES AUTO_LIGHTS",
+        "allowed_values": "QUALITIES",
         "optics.aperture": "Aperture",
-        "optics.axial_color": "color_offset",
         "optics.cat_eye": "CatEye",
         "optics.dual_pixel": "DualPixel",
         "optics.outline": "PupilImage",
-        "optics.parts": "Sensitivity sensitivities",
+        "optics.parts": "sensitivities",
         "optics.sensor_noise": "with_noise",
         "tensors.clipped_lights": "with_lights",
     },
     "depth": {
         "depth.ramps": "radius_from_relative_disparity",
-        "depth.diagnosis": "DepthRepair",
-        "depth.guided_resize": "GuidedDepth guided_depth",
-        "depth.repair": "diagnose_depth repair_depth",
-    },
-    "fitting": {
-        "optics.thin_lens": "fnum_of_strength",
-        "fitting.pair": "Fit fit",
+        "depth.guided_resize": "guided_depth",
+        "depth.repair": "repair_depth",
     },
     "training": {
         "optics.distributions": "Distribution",
-        "renderer.random_defocus": "Lenses RandomDefocus",
+        "renderer.random_defocus": "RandomDefocus",
         "batch.datasets.torch_dataset": "BatchDataset decode_sample",
     },
     "files": {
         "io.picture_files": "read_color read_depth write_image write_map",
-        "io.images.color": "Color",
-        "io.depth_formats.depth": "Depth",
         "errors": "DefocusError InputError UsageProblem",
     },
-    "batches": {
-        "batch.run_batch": "batch_jobs run_batch",
-        "request.job": "Job",
-        "batch.workers.run": "Summary",
-        "batch.datasets.finished": "Sample samples",
-    },
-    "comparison": {
+    "batches": {"batch.run_batch": "batch_jobs run_batch", "batch.datasets.finished": "samples"},
+    "comparison and fits and laws": {
         "compare.comparison": "compare_images",
-        "compare.record": "Comparison",
-        "compare.findings.table": "Finding",
-    },
-    "metrics and laws": {
-        "evaluation": "baselines metrics",
-        "evaluation.metrics": "Errors",
-        "evaluation.lens_laws": "Check LawSetting LAWS verify",
+        "fitting.pair": "fit",
+        "evaluation.lens_laws": "verify",
     },
 }
 _MODULE_OF = {

@@ -52,6 +52,27 @@ _FINDINGS = {
         *("in focus only", "out of focus only"),
     ),
 }
+# Names that are no longer exported, by the module that has them.
+_UNEXPORTED = {
+    "allowed_values": "AUTO_LIGHTS",
+    "batch.datasets.finished": "Sample",
+    "batch.workers.run": "Summary",
+    "compare.findings.table": "Finding",
+    "compare.record": "Comparison",
+    "depth.diagnosis": "DepthRepair",
+    "depth.guided_resize": "GuidedDepth",
+    "evaluation": "baselines metrics",
+    "evaluation.lens_laws": "Check LawSetting LAWS",
+    "evaluation.metrics": "Errors",
+    "fitting.pair": "Fit",
+    "io.depth_formats.depth": "Depth",
+    "io.images.color": "Color",
+    "optics.axial_color": "color_offset",
+    "optics.parts": "Sensitivity",
+    "optics.thin_lens": "fnum_of_strength",
+    "renderer.random_defocus": "Lenses",
+    "request.job": "Job",
+}
 GONE: dict[str, tuple[Gone, ...]] = {
     "0.2.0": (
         Gone("command", "report", "give the batch's command again with ‹contact› 12"),
@@ -122,6 +143,12 @@ GONE: dict[str, tuple[Gone, ...]] = {
         Gone("value", "ros", "write png-mm for 16 bits, metres for floats", "depth-format"),
         Gone("value", "urbansyn", "write metres, with ‹depth-scale› 1e5 and ‹sky›", "depth-format"),
         Gone("value", "synscapes", "write metres, with ‹sky›", "depth-format"),
+        Gone("python", "diagnose_depth", "write repair_depth(radius, image)[1]"),
+        *(
+            Gone("python", name, f"import it from defocus_core.{module}")
+            for module, names in _UNEXPORTED.items()
+            for name in names.split()
+        ),
         Gone("python", "rim_size", "write cat_eye_size", "RandomDefocus"),
         Gone("python", "rim_shift", "write cat_eye_shift", "RandomDefocus"),
     ),

@@ -26,6 +26,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import pad
 
+from defocus_core.allowed_values import AUTO_LIGHTS
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import bands, in_bands
 from defocus_core.tensors.neighbourhoods import positions_of
@@ -65,8 +66,8 @@ _KNEE, _BRIGHTEST = 0.6, 0.9
 
 def with_lights(
     image: Tensor,
-    threshold: Scalar,
-    gain: Scalar,
+    threshold: Scalar = AUTO_LIGHTS[0],
+    gain: Scalar = AUTO_LIGHTS[1],
     *,
     colors: int | None = None,
     signed_radius: Tensor | None = None,

@@ -10,7 +10,8 @@ import torch
 from tracer import PINHOLE, thin_lens, view
 from worlds import WORLDS
 
-from defocus_core import fit, metrics, render
+from defocus_core import fit, render
+from defocus_core.evaluation import metrics
 
 # Views of a camera array: a square grid, as far as the round opening reaches.
 GRID = [(x / 4.5, y / 4.5) for x, y in product(range(-4, 5), repeat=2) if math.hypot(x, y) <= 4.5]

@@ -4,8 +4,9 @@ import pytest
 import torch
 from torch.nn.functional import conv1d, pad
 
-from defocus_core import diagnose_depth, repair_depth
+from defocus_core import repair_depth
 from defocus_core.depth.ramps import distance_scale
+from defocus_core.depth.repair import diagnose_depth
 from defocus_core.depth.shot_repair import agreed_repair, repair_through
 
 SIZE = (96, 128)

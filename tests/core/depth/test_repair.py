@@ -8,7 +8,8 @@ import torch
 from measures import worst
 from synthetic_scenes import scenery
 
-from defocus_core import DefocusLens, RandomDefocus, diagnose_depth, render, repair_depth
+from defocus_core import DefocusLens, RandomDefocus, render, repair_depth
+from defocus_core.depth.repair import diagnose_depth
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings

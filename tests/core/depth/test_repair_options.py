@@ -5,7 +5,8 @@ import torch
 from synthetic_scenes import scenery
 from torch.nn.functional import avg_pool2d, pad
 
-from defocus_core import DepthRepair, render, repair_depth
+from defocus_core import render, repair_depth
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings

@@ -2,7 +2,7 @@ import math
 
 import torch
 
-from defocus_core import DepthRepair
+from defocus_core.depth.diagnosis import DepthRepair
 from defocus_core.depth.displacement import EdgeShifts
 from defocus_core.depth.shot_repair import agreed_repair, repair_through
 from defocus_core.renderer.engine.renderer import Renderer

@@ -5,8 +5,9 @@ from functools import cache
 import pytest
 import torch
 
-from defocus_core import DefocusLens, DualPixel, fit, fnum_of_strength, render
+from defocus_core import DefocusLens, DualPixel, fit, render
 from defocus_core.fitting.pictures import registered
+from defocus_core.optics.thin_lens import fnum_of_strength
 
 # A fit renders by torch: pairs that it makes, too, differ in nothing else than they should.
 pytestmark = pytest.mark.usefixtures("torch_back")

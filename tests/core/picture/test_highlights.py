@@ -73,7 +73,7 @@ def _reached(photograph, radius):
     import OpenImageIO as oiio  # noqa: N813
     import torch
 
-    from defocus_core import AUTO_LIGHTS
+    from defocus_core.allowed_values import AUTO_LIGHTS
     from defocus_core.tensors.clipped_lights import ClippedLights
 
     pixels = oiio.ImageBuf(str(photograph)).get_pixels(oiio.FLOAT)[..., :3] ** 2.2

@@ -7,7 +7,8 @@ import colorsys
 import pytest
 import torch
 
-from defocus_core import AUTO_LIGHTS, render, with_lights
+from defocus_core import render, with_lights
+from defocus_core.allowed_values import AUTO_LIGHTS
 from defocus_core.tensors.clipped_lights import ClippedLights
 
 
@@ -22,7 +23,7 @@ def street():
 
 def test_lamps_get_the_gain_in_their_hue_and_walls_and_the_dim_stay():
     image = street()
-    lit = with_lights(image, *AUTO_LIGHTS)
+    lit = with_lights(image)
     assert float(lit[0, 21, 51]) > 0.7 * AUTO_LIGHTS[1]
     orange = lit[:, 60, 90]
     assert float(orange[0]) > 0.8 * AUTO_LIGHTS[1]
@@ -47,22 +48,22 @@ def test_all_of_a_blob_gets_one_gain_and_blobs_are_counted():
 def test_small_spots_of_a_bright_wall_just_beyond_white_stay(ground):
     image = torch.full((3, 120, 400), ground)
     image[:, 20:23, 50:53] = 1.0
-    share = (float(with_lights(image, *AUTO_LIGHTS)[0, 21, 51]) - 1) / (AUTO_LIGHTS[1] - 1)
+    share = (float(with_lights(image)[0, 21, 51]) - 1) / (AUTO_LIGHTS[1] - 1)
     assert share < {0.88: 0.01, 0.8: 0.3}[ground]
     image[:, 10:33, 40:63] *= 0.3  # of a lamp the surroundings are dark
     image[:, 20:23, 50:53] = 1.0
-    assert float(with_lights(image, *AUTO_LIGHTS)[0, 21, 51]) > 0.8 * AUTO_LIGHTS[1]
+    assert float(with_lights(image)[0, 21, 51]) > 0.8 * AUTO_LIGHTS[1]
 
 
 def test_a_surface_of_a_colour_stays_where_a_white_one_of_its_size_is_a_lamp():
     image = torch.full((3, 300, 400), 0.1)
     image[:, 100:107, 100:107] = torch.tensor([0.1, 0.4, 1.0])[:, None, None]
     image[:, 200:207, 100:107] = 1.0
-    lit = with_lights(image, *AUTO_LIGHTS)
+    lit = with_lights(image)
     assert float(lit[2, 103, 103]) < 0.3 * AUTO_LIGHTS[1]
     assert float(lit[2, 203, 103]) == AUTO_LIGHTS[1]
     image[:, 20:140, 60:160] = torch.tensor([0.1, 0.4, 1.0])[:, None, None]
-    assert torch.equal(with_lights(image, *AUTO_LIGHTS)[:, 20:140], image[:, 20:140])
+    assert torch.equal(with_lights(image)[:, 20:140], image[:, 20:140])
 
 
 def test_the_light_is_continuous_in_the_threshold_where_blobs_grow_together():
@@ -140,7 +141,7 @@ def hue(light):
 def test_the_disc_of_a_lamp_has_the_hue_of_its_unclipped_rim(light, blur):
     image, radius = lamp(light, 2.0), torch.full((240, 320), blur)
     rim = (image.amax(0) < 0.93) & (image.amax(0) > 0.3)
-    lit = with_lights(image, *AUTO_LIGHTS, signed_radius=radius)
+    lit = with_lights(image, signed_radius=radius)
     shown = render(lit, radius, depth_repair="off").render[:, 118:123, 158:163].flatten(1)
     apart = abs(hue(shown) - hue(image[:, rim] - 0.05))
     assert min(apart, 360 - apart) < 10
@@ -167,5 +168,5 @@ def test_the_disc_of_a_lamp_stays_below_white_and_a_lamp_is_never_dimmed():
 def test_a_white_lamp_stays_white_before_coloured_surroundings():
     image = lamp((30.0, 30.0, 30.0), 0.7) * torch.tensor([1.0, 0.6, 0.3]).view(3, 1, 1)
     image[:, 115:126, 155:166] = lamp((30.0, 30.0, 30.0), 0.7)[:, 115:126, 155:166]
-    lit = with_lights(image, *AUTO_LIGHTS)[:, 120, 160]
+    lit = with_lights(image)[:, 120, 160]
     torch.testing.assert_close(lit / lit[0], torch.ones(3), atol=0.02, rtol=0)
