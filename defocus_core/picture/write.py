@@ -19,6 +19,7 @@ from defocus_core.io.exr.windows import Layout, Overscan, Window
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_exr_image
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
+from defocus_core.io.images.raster import Tag
 from defocus_core.io.safe_files import written_together
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.steps.table import WRITE, through
@@ -157,6 +158,8 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
         left_out = {*left_out, PROFILE}
     every = take.inputs.color.attributes
     carried = {name: value for name, value in every.items() if name not in left_out}
+    if kind.rendered:
+        carried = _with_lens(carried, take.lens)
     attributes = carried | _attributes(take, kind)
     if path.suffix.lower() == ".exr":
         warnings = []
@@ -184,6 +187,24 @@ def _write_image(path: Path, contents: Contents, compression: str) -> list[str]:
         attributes=attributes,
         has_clipped=not take.inputs.color.within_white,
     )
+
+
+# Tags of the lens that took a photograph, of which the picture is by another: of a field, or none.
+_LENS_TAGS = {
+    **dict.fromkeys(("FNumber", "Exif:FNumber"), "fnum"),
+    "Exif:FocalLength": "foclen",
+    **dict.fromkeys(("Exif:FocalLengthIn35mmFilm", "Exif:SubjectDistance"), ""),
+    **dict.fromkeys(("Exif:ApertureValue", "Exif:MaxApertureValue"), ""),
+}
+
+
+def _with_lens(attributes: Mapping[str, object], lens: LensValues) -> dict[str, object]:
+    """The attributes of a photograph, with the f-number and focal length of another lens."""
+    made = {k: v for k, v in attributes.items() if k not in _LENS_TAGS}
+    for name in attributes.keys() & _LENS_TAGS.keys():
+        if (field := _LENS_TAGS[name]) and not lens.is_shape:
+            made[name] = Tag(float(getattr(lens, field)))
+    return made
 
 
 def _write_preview(path: Path, contents: Contents) -> None:

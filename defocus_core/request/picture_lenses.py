@@ -30,11 +30,13 @@ from defocus_core.request.resolver import (
     refuse_optics,
     refuse_taken,
 )
+from defocus_core.system.text import note
 
 if TYPE_CHECKING:
     from defocus_core.request.animation import Animation
 
 _NONE: Layer = {}
+LISTED = "lenses: "  # begins the keys of a lens that [sweep] lists
 
 
 @dataclass(frozen=True)
@@ -69,11 +71,21 @@ class PictureLenses:
 
     def __post_init__(self) -> None:
         """Refuse options that are set twice, and metadata that change nothing."""
-        refuse_taken(self.own, self.taken)
+        listed = self._listed
+        for name in sorted(listed):
+            note(f"{self.own[name].place}: gives way to the lenses of [sweep] that set it")
+        refuse_taken({k: v for k, v in self.own.items() if k not in listed}, self.taken)
         if self.metadata:
             asked = {METADATA: Given(True, "", self.where.at(METADATA))}
             in_pixels = "blur" in {*self.own, *self.taken}
             refuse_optics(asked, in_pixels=in_pixels, radii=self.radii)
+
+    @property
+    def _listed(self) -> set[str]:
+        """The options of all pictures that a lens of the list of ``[sweep]`` has, too."""
+        points = self.points.values()
+        own = ((name, layer[name]) for layer in points for name in layer.keys() & self.own.keys())
+        return {name for name, value in own if value.place.field.startswith(LISTED)}
 
     @cached_property
     def taken(self) -> dict[str, str]:

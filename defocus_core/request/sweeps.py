@@ -21,7 +21,7 @@ from typing import Any
 
 from defocus_core.errors import Place, UsageProblem
 from defocus_core.request.parameters import LENS_OPTIONS, SCALES
-from defocus_core.request.picture_lenses import Sampling
+from defocus_core.request.picture_lenses import LISTED, Sampling
 from defocus_core.request.quantities import Percentile, read_at, short, text_of, whole, whole_within
 from defocus_core.request.resolver import (
     Given,
@@ -98,7 +98,7 @@ def _sets(table: Table) -> list[dict[str, Given]]:
     _refuse_many(len(sets), where)
     refuse_unknown((name for one in sets for name in one), tuple(LENS_OPTIONS), where, "a lens")
     return [
-        {name: given(name, value, where.at(f"lenses: {name}")) for name, value in one.items()}
+        {name: given(name, value, where.at(f"{LISTED}{name}")) for name, value in one.items()}
         for one in sets
     ]
 

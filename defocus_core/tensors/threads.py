@@ -152,6 +152,13 @@ def recomputed(work: Callable[[T], R]) -> Callable[[T], R]:
     return again
 
 
+def refuse_second_derivatives(gradient: Tensor) -> None:
+    """Refuse a backward pass that is recorded, as a hook of what was rendered."""
+    if torch.is_grad_enabled():
+        problem = "what is rendered has no second derivatives"
+        raise ValueError(f"create_graph must be False, got True; {problem}")
+
+
 def recorded_for(*given: object) -> AbstractContextManager[None]:
     """Gradients, if the caller has enabled them and any of some tensors or options needs one."""
     return torch.set_grad_enabled(torch.is_grad_enabled() and any(map(requires_grad, given)))

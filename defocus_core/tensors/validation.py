@@ -86,9 +86,13 @@ def numbers(
 
 
 def backward_only(name: str, value: Any) -> None:
-    """Refuse a tensor whose derivative, or place in a batch, the renderer would lose."""
+    """Refuse a tensor without values, or whose derivative or place in a batch would be lost."""
     if not isinstance(value, Tensor):
         return
+    if type(value) is Tensor and value.is_meta:
+        raise ValueError(
+            f"{name} must hold values, got one on meta; what is rendered hangs on them"
+        )
     what = "one within torch.func or vmap"
     if not torch._C._functorch.is_functorch_wrapped_tensor(value):
         what = "one with a forward derivative"

@@ -198,3 +198,21 @@ def test_a_matte_is_grey_and_of_the_shape_of_the_picture(samples, code, tmp_path
         refused(ran, 3, code, matte)
     else:
         assert ran.code == 0, ran.err
+
+
+def test_the_tags_of_a_render_are_of_the_lens_that_it_is_by(tmp_path):
+    spec = oiio.ImageSpec(*SIZE[::-1], 3, oiio.UINT8)
+    for name, value in {"FNumber": 8.0, "Exif:FocalLength": 35.0, "Make": "camera"}.items():
+        spec.attribute(name, value)
+    picture = oiio.ImageBuf(spec)
+    picture.set_pixels(oiio.ROI(), texture(*SIZE[::-1]))
+    assert picture.write(str(tmp_path / "a.jpg"))
+    depth = depth_exr(
+        tmp_path / "z.exr", np.tile(np.linspace(1, 4, SIZE[1], dtype="f4"), (SIZE[0], 1))
+    )
+    lens = ("--focal-length", "50mm", "--fnumber", "2", "--focus", "2m")
+    succeed("render", tmp_path / "a.jpg", depth, "-o", tmp_path / "b.jpg", *lens)
+    told = oiio.ImageBuf(str(tmp_path / "b.jpg")).spec()
+    assert told.getattribute("FNumber") == 2
+    assert told.getattribute("Exif:FocalLength") == 50
+    assert told.getattribute("Make") == "camera"

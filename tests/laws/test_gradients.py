@@ -92,6 +92,15 @@ def test_what_would_lose_a_derivative_is_refused(transform, door):
         transforms[transform]()
 
 
+def test_second_derivatives_and_tensors_without_values_are_refused():
+    image, radius = picture().float().requires_grad_(), torch.full(SIZE, 3.0)
+    energy = render(image, radius).render.square().sum()
+    with pytest.raises(ValueError, match="create_graph must be False"):
+        torch.autograd.grad(energy, image, create_graph=True)
+    with pytest.raises(ValueError, match="image must hold values, got one on meta"):
+        render(image.to("meta"), radius.to("meta"))
+
+
 @pytest.mark.parametrize("door", ["render", "lens", "random"])
 def test_a_compiled_caller_gets_the_same(door):
     """It leaves the renderer as it is; the backend eager traces as every other does."""

@@ -20,7 +20,7 @@ from defocus_core.renderer.engine.survey import border_range, surveyed
 from defocus_core.renderer.layers.alpha import color_of, without_alpha
 from defocus_core.tensors.box import Box
 from defocus_core.tensors.device_plan import launches_cost
-from defocus_core.tensors.threads import own_modes, recorded_for
+from defocus_core.tensors.threads import own_modes, recorded_for, refuse_second_derivatives
 from defocus_core.tensors.validation import whole
 from defocus_core.tensors.views import ViewTensors, added, joined
 
@@ -181,6 +181,9 @@ def _assembled(frame: SharedFrame, pixels: Tensor, parts: Iterator[ViewTensors])
     """
     if torch.is_grad_enabled():
         views = joined(list(_in_rows(part.to(pixels.dtype) for part in parts)))
+        for image in views.images:
+            if image.requires_grad:
+                image.register_hook(refuse_second_derivatives)  # type: ignore[no-untyped-call]
         return views._replace(stats=_total(frame, [views.stats]))
     images = [pixels.new_empty(pixels.shape) for _ in range(frame.views)]
     trust = pixels.new_empty(1, *pixels.shape[1:])

@@ -157,3 +157,11 @@ def test_draws_are_taken_for_each_lens_of_a_sweep_and_follow_no_other(tmp_path):
     stops = [math.log(job.lens.fnum / 1.4) / math.log(16 / 1.4) for job in found]
     assert len(set(stops)) == 400
     assert not follows(stops[:200], stops[200:])
+
+
+def test_a_lens_that_is_listed_wins_over_those_of_all_and_it_is_said(tmp_path, caplog):
+    lens = 'fnumber = 2\nfocus = "2m"'
+    found = swept(tmp_path, 'lenses = [{focus = "3m"}, {blades = 6}]', lens)
+    assert [(job.lens.foc_dist, job.lens.blades) for job in found] == [(3000, 0), (2000, 6)]
+    (told,) = caplog.messages
+    assert told.endswith("jobs.toml: [lens] focus: gives way to the lenses of [sweep] that set it")
