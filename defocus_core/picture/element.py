@@ -41,22 +41,17 @@ def element_depth(depth: Depth, color: Color) -> Depth:
     Light without alpha, like a flame, stays where it has a depth.
     """
     alpha = color.alpha
-    if alpha is None or not any((alpha[rows] < 1).any() for rows in bands(alpha.shape)):
+    if alpha is None or not (alpha < 1).any():
         return depth
     filled, lost = _fill_edges(depth, alpha)
-    nothing, count, glowing = np.zeros(alpha.shape, np.bool_), 0, 0
-    for rows in bands(alpha.shape):
-        clear = np.asarray(alpha[rows]) == 0
-        lit = np.logical_or.reduce([plane[rows] != 0 for plane in color.light])
-        glow = clear & lit & depth.valid(rows)
-        nothing[rows] = clear & ~glow
-        count, glowing = count + int(np.count_nonzero(clear)), glowing + int(glow.sum())
-        far = np.float32(0 if depth.is_radius else np.inf)
-        depth.metres[rows] = np.where(clear & ~glow, far, depth.metres[rows])
+    clear = alpha == 0
+    glow = clear & depth.valid & np.logical_or.reduce([plane != 0 for plane in color.light])
+    nothing = clear & ~glow
+    depth.metres[nothing] = 0 if depth.is_radius else np.inf
     words = []
-    if count > glowing:
-        words.append(f"nothing where alpha is 0 in {counted(count - glowing, 'pixel')}")
-    if glowing:
+    if count := int(np.count_nonzero(nothing)):
+        words.append(f"nothing where alpha is 0 in {counted(count, 'pixel')}")
+    if glowing := int(np.count_nonzero(glow)):
         words.append(f"light without alpha in {counted(glowing, 'pixel')}")
     if filled:
         words.append(f"{counted(filled, 'edge pixel')} given the depth beside them")
@@ -65,7 +60,7 @@ def element_depth(depth: Depth, color: Color) -> Depth:
         held = f"{counted(lost, 'edge pixel')} hold averages of depth with what is far away"
         warnings += (f"{depth.path.name}: {held}, and no depth of their own; render it unfiltered",)
     note = ", ".join(filter(None, (depth.note, *words)))
-    return replace(depth, note=note, warnings=warnings, empty=nothing if count > glowing else None)
+    return replace(depth, note=note, warnings=warnings, empty=nothing if count else None)
 
 
 class _Edges(NamedTuple):
@@ -123,37 +118,27 @@ def _evidence(depth: Depth, alpha: Any) -> _Edges:
 
 def _fill_edges(depth: Depth, alpha: Any) -> tuple[int, int]:
     """Give pixels of an edge the depth of the object; how many got one, and how many should."""
-    count, lost, above = 0, 0, None
-    height = alpha.shape[0]
-    solid = min(1.0, max(float(np.max(alpha[rows])) for rows in bands(alpha.shape)))
+    metres, fraction, lost = depth.metres, np.asarray(alpha, np.float32), 0
+    solid = min(1.0, float(np.max(alpha)))
     edges = _Edges() if depth.is_radius else _evidence(depth, alpha)
-    reach = _REACH if edges == _Edges() else _ALONG
-    for rows in bands(alpha.shape):
-        top, below = max(rows.start - reach, 0), min(rows.stop + reach, height)
-        metres = np.array(depth.metres[top:below], np.float32)
-        if above is not None:
-            metres[: rows.start - top] = above
-        fraction = np.asarray(alpha[top:below], np.float32)
-        inner = slice(rows.start - top, rows.stop - top)
-        above = metres[max(inner.stop - reach, 0) : inner.stop].copy()
-        known, is_edge = _has_depth(depth, metres), (fraction > 0) & (fraction < 1)
-        filled, missing, doubted = metres, is_edge & ~known, np.zeros(known.shape, bool)
-        if edges.power:
-            filled = np.where(is_edge & known, edges.solved(metres, fraction), metres)
-            doubted = is_edge & known & ~_has_depth(depth, filled)
-        elif edges.covered < 1:
-            doubted = is_edge & known & (fraction < edges.covered)
-        elif solid >= _WHOLE and not depth.is_radius and is_edge.any():
-            doubted = known & _is_mixed(metres, fraction, known, solid)
-        if (missing | doubted).any():
-            filled = _from_beside(filled, fraction, missing | doubted, depth, reach)
-            nearer = _has_depth(depth, filled) & (filled < metres)
-            filled = np.where(doubted & ~nearer, metres, filled)
-            lost += int(np.count_nonzero((doubted & ~nearer)[inner])) if edges.power else 0
-        given = (filled != metres) & is_edge
-        if given.any():
-            count += int(np.count_nonzero(given[inner]))
-            depth.metres[rows] = filled[inner]
+    known, is_edge = _has_depth(depth, metres), (fraction > 0) & (fraction < 1)
+    filled, missing, doubted = metres, is_edge & ~known, np.zeros(known.shape, bool)
+    if edges.power:
+        filled = np.where(is_edge & known, edges.solved(metres, fraction), metres)
+        doubted = is_edge & known & ~_has_depth(depth, filled)
+    elif edges.covered < 1:
+        doubted = is_edge & known & (fraction < edges.covered)
+    elif solid >= _WHOLE and not depth.is_radius and is_edge.any():
+        doubted = known & _is_mixed(metres, fraction, known, solid)
+    if (missing | doubted).any():
+        reach = _REACH if edges == _Edges() else _ALONG
+        filled = _from_beside(filled, fraction, missing | doubted, depth, reach)
+        nearer = _has_depth(depth, filled) & (filled < metres)
+        filled = np.where(doubted & ~nearer, metres, filled)
+        lost = int(np.count_nonzero(doubted & ~nearer)) if edges.power else 0
+    given = (filled != metres) & is_edge
+    if count := int(np.count_nonzero(given)):
+        depth.metres[:] = filled
     return count, lost
 
 

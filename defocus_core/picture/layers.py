@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from defocus_core.io.arrays import bands, computed
+from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.deep_layers import merge_samples, mix_samples
 from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip
@@ -120,4 +120,4 @@ def coverage(shape: tuple[int, int], alpha: Any) -> Any:
     """The share of each pixel that a picture covers: its alpha within 0 … 1, or 1 without one."""
     if alpha is None:
         return np.broadcast_to(np.float32(1), shape)
-    return computed(lambda a: np.clip(np.asarray(a, np.float32), 0, 1), alpha)
+    return np.clip(np.asarray(alpha, np.float32), 0, 1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem, reason
-from defocus_core.io.arrays import bands
+from defocus_core.io.arrays import computed
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.picture.take import Radii, Take
 from defocus_core.request.lens import LensValues
@@ -37,11 +38,9 @@ def radii_of(lens: LensValues, depth: Depth) -> Radii:
     if isinstance(lens.blur, float):
         px = _relative(lens.blur, lens, depth)
     elif not depth.is_radius:
-        thin_lens, px = thin_lens_of(lens, depth.size), np.zeros(depth.metres.shape, "float32")
-        for rows in bands(px.shape):
-            depth_mm = torch.from_numpy(depth.metres[rows].astype("float64")) * MM_PER_M
-            px[rows] = thin_lens.signed_radius(depth_mm).float().numpy()
-            _refuse_infinite(px[rows], lens.fnum, depth.metres[rows], depth.path)
+        thin_lens = thin_lens_of(lens, depth.size)
+        px = computed(partial(_radii_at, thin_lens), depth.metres)
+        _refuse_infinite(px, lens.fnum, depth.metres, depth.path)
         infinity = thin_lens.radius_at_infinity()
         near = float(thin_lens.signed_radius(torch.tensor([MM_PER_M], dtype=torch.float64)))
         scale = (infinity - near) * MM_PER_M
@@ -64,12 +63,14 @@ def _relative(blur: float, lens: LensValues, depth: Depth) -> Any:
         raise InputError("too-blurred", problem, "give a smaller ‹blur›", path=depth.path)
     reach = lens.blur_reach
     largest = -blur if depth.inverted else blur
-    whole = np.zeros(depth.metres.shape, "float32")
-    for rows in bands(depth.metres.shape):
-        disparity = torch.from_numpy(depth.metres[rows].astype("float64"))
-        beyond = disparity - disparity.clamp(*sharp_numbers(lens))
-        whole[rows] = radius_from_relative_disparity(beyond, 0.0, largest, reach).float().numpy()
-    return whole
+    ends = sharp_numbers(lens)
+
+    def radius(numbers: NDArray[np.float32]) -> Any:
+        disparity = torch.from_numpy(numbers.astype("float64"))
+        beyond = disparity - disparity.clamp(*ends)
+        return radius_from_relative_disparity(beyond, 0.0, largest, reach).float().numpy()
+
+    return computed(radius, depth.metres)
 
 
 def sharp_numbers(lens: LensValues) -> tuple[float, float]:
@@ -101,11 +102,17 @@ def signed_radius(
     lens: LensValues, metres: NDArray[np.float32], size: tuple[int, int]
 ) -> NDArray[np.float32]:
     """Signed CoC radius in px at depths in metres, for pictures of ``size`` (width, height)."""
+    radius = _radii_at(thin_lens_of(lens, size), metres)
+    _refuse_infinite(radius, lens.fnum, metres)
+    return radius
+
+
+def _radii_at(thin_lens: ThinLens, metres: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Signed radii in px at depths in metres."""
     import torch
 
     depth_mm = torch.from_numpy(metres.astype("float64")) * MM_PER_M
-    radius: NDArray[np.float32] = thin_lens_of(lens, size).signed_radius(depth_mm).float().numpy()
-    _refuse_infinite(radius, lens.fnum, metres)
+    radius: NDArray[np.float32] = thin_lens.signed_radius(depth_mm).float().numpy()
     return radius
 
 

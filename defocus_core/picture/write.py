@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, with_dashes
-from defocus_core.io.arrays import bands, computed
 from defocus_core.io.exr.channel_choice import in_words, is_depth, name_in_view
 from defocus_core.io.exr.header import codec_of
 from defocus_core.io.exr.windows import Layout, Overscan, Window
@@ -39,7 +38,7 @@ def _of_radius(take: Take, kind: Kind) -> _Channels:
     """A map of the signed radii [H, W], 0 where it is empty."""
     values = disparity_map(take) if kind.source == "disparity" else take.shown
     if (empty := take.inputs.empty) is not None:
-        values = computed(lambda v, n: v * ~n, values, empty)
+        values = values * ~empty
     return (kind.name,), (values,), {}
 
 
@@ -300,13 +299,9 @@ def _noisy(plane: Any, electrons: float, read: float, words: str) -> NDArray[Any
     from defocus_core.optics.sensor_noise import with_noise
 
     seed = int.from_bytes(blake2b(words.encode(), digest_size=_SEED_BYTES).digest())
-    noisy: NDArray[Any] = np.empty_like(plane)
-    for rows in bands(plane.shape):
-        light = torch.from_numpy(plane[rows].astype("float32"))[None]
-        noise = with_noise(light, electrons=electrons, read=read, seed=seed, first_row=rows.start)
-        values = noise[0].numpy()
-        noisy[rows] = clamped_half(values)[0] if noisy.dtype == np.float16 else values
-    return noisy
+    light = torch.from_numpy(plane.astype("float32"))[None]
+    noisy: NDArray[Any] = with_noise(light, electrons=electrons, read=read, seed=seed)[0].numpy()
+    return clamped_half(noisy)[0] if plane.dtype == np.float16 else noisy
 
 
 def cut_overscan(contents: Contents) -> Contents:
@@ -352,12 +347,9 @@ def disparity_map(take: Take) -> NDArray[Any]:
     if take.lens.spherical:
         nearer = _per_radius(take, nearer=True)
     radii = take.shown
-
-    disparity: NDArray[Any] = np.empty_like(radii)
-    for rows in bands(radii.shape):
-        far, near = (_between(corners, rows, radii.shape) for corners in (beyond, nearer))
-        disparity[rows] = radii[rows] * np.where(radii[rows] < 0, near, far)
-    return disparity
+    far, near = (_between(corners, radii.shape) for corners in (beyond, nearer))
+    disparity: NDArray[Any] = radii * np.where(radii < 0, near, far)
+    return disparity.astype(radii.dtype, copy=False)
 
 
 def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
@@ -381,19 +373,16 @@ def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
     return corners
 
 
-def _between(corners: NDArray[Any], rows: slice, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Values at the corners of cells of a frame, interpolated at the pixels of some of its rows."""
+def _between(corners: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Values at the corners of cells of a frame, interpolated at its pixels."""
     if corners.size == 1:
         return corners
-    first, last, _ = rows.indices(shape[0])
-    down = np.arange(first, last) + 0.5
-    across = np.arange(shape[1]) + 0.5
-    values: NDArray[Any] = _tents(down, shape[0]) @ corners @ _tents(across, shape[1]).T
+    values: NDArray[Any] = _tents(shape[0]) @ corners @ _tents(shape[1]).T
     return values
 
 
-def _tents(at: NDArray[Any], length: int) -> NDArray[Any]:
-    """Weights [n, cells + 1] of the corners along an axis at n places in px."""
-    cell = at * (_CELLS / length)
+def _tents(length: int) -> NDArray[Any]:
+    """Weights [length, cells + 1] of the corners along an axis at its pixels."""
+    cell = (np.arange(length) + 0.5) * (_CELLS / length)
     weights: NDArray[Any] = np.clip(1 - np.abs(cell[:, None] - np.arange(_CELLS + 1)), 0, None)
     return weights

@@ -5,8 +5,9 @@ What the numbers of a file mean is a row of `table`, or said by the user.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import bands, count_of
+from defocus_core.io.arrays import count_of
 from defocus_core.io.depth_formats.exr_depth_channel import exr_depth_numbers
 from defocus_core.io.depth_formats.reading import (
     AS_IT_IS,
@@ -29,24 +30,20 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 from defocus_core.io.safe_files import read_head
 from defocus_core.system.text import counted
 
-Valid = Callable[[slice], NDArray[np.bool_]]  # where some rows have a depth
 
-
-def fill_from_farther(metres: Any, valid: Valid, farther: np.ufunc = np.maximum) -> None:
+def fill_from_farther(
+    metres: Any, valid: NDArray[np.bool_], farther: np.ufunc = np.maximum
+) -> None:
     """Give invalid pixels, which are not all, the farther of those next to them in their row.
 
     A hole is nearly always behind the edge that made it (shadows of stereo, laser and structured
     light). Rows without any depth take the farther of the nearest rows above and below.
 
-    `metres`: [H, W].
+    `metres`: [H, W]; `valid`: the same, where there is a depth.
     """
-    height, _ = metres.shape
-    empty = np.ones(height, bool)
-    for rows in bands(metres.shape):
-        known = valid(rows)
-        empty[rows] = ~known.any(axis=1)
-        if not known.all():
-            metres[rows] = _filled_along_rows(metres[rows], known, farther)
+    empty = ~valid.any(axis=1)
+    some = np.flatnonzero(~valid.all(axis=1))
+    metres[some] = _filled_along_rows(metres[some], valid[some], farther)
     full = np.flatnonzero(~empty)
     for y in np.flatnonzero(empty):
         place = int(np.searchsorted(full, y))
@@ -55,18 +52,18 @@ def fill_from_farther(metres: Any, valid: Valid, farther: np.ufunc = np.maximum)
 
 
 def _filled_along_rows(
-    band: NDArray[np.float32], valid: NDArray[np.bool_], farther: np.ufunc
+    rows: NDArray[np.float32], valid: NDArray[np.bool_], farther: np.ufunc
 ) -> NDArray[np.float32]:
     """Rows whose invalid pixels have the farther of the nearest valid ones left and right."""
-    columns = np.arange(band.shape[1])
+    columns = np.arange(rows.shape[1])
     left = np.maximum.accumulate(np.where(valid, columns, -1), axis=1)
-    right = np.where(valid, columns, band.shape[1])[:, ::-1]
+    right = np.where(valid, columns, rows.shape[1])[:, ::-1]
     right = np.minimum.accumulate(right, axis=1)[:, ::-1]
     none = np.float32(-np.inf if farther is np.maximum else np.inf)  # nearer than all
-    known = np.where(valid, band, none)
+    known = np.where(valid, rows, none)
     padded = np.pad(known, ((0, 0), (0, 1)), constant_values=none)  # the columns −1 and W
     sides = [np.take_along_axis(padded, side, axis=1) for side in (left, right)]
-    filled: NDArray[np.float32] = np.where(valid, band, farther(*sides))
+    filled: NDArray[np.float32] = np.where(valid, rows, farther(*sides))
     return filled
 
 
@@ -131,23 +128,22 @@ class Depth:
     @property
     def ends(self) -> tuple[float, float] | None:
         """The least and the greatest of the valid depths of what is there; None of nothing."""
-        valid = self.valid(slice(None))
-        known = self.metres[valid if self.empty is None else valid & ~self.empty]
+        known = self.metres[self.valid if self.empty is None else self.valid & ~self.empty]
         return (float(known.min()), float(known.max())) if known.size else None
 
-    def valid(self, rows: slice) -> NDArray[np.bool_]:
-        """Where some rows have a depth: the file may have NaN, 0 and negative numbers."""
-        band = self.metres[rows]
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where there is a depth, [H, W]: the file may have NaN, 0 and negative numbers."""
         if self.is_radius:
-            finite: NDArray[np.bool_] = np.isfinite(band)
+            finite: NDArray[np.bool_] = np.isfinite(self.metres)
             return finite
-        positive: NDArray[np.bool_] = band > 0  # asked this way round, NaN is invalid too
+        positive: NDArray[np.bool_] = self.metres > 0  # asked this way round, NaN is invalid too
         return positive
 
     @property
     def invalid(self) -> NDArray[np.bool_]:
         """Where there is no depth: [H, W]."""
-        return ~self.valid(slice(None))
+        return ~self.valid
 
 
 def read_depth(
@@ -277,16 +273,11 @@ def _is_behind(depth: Depth) -> bool:
 
 def _decode(values: Any, row: DepthFormat, overscan: Overscan) -> tuple[Any, bool]:
     """Metres [H, W] of the numbers, and whether 65504 of a half was taken as sky."""
-    own = values.flags.owndata and values.flags.writeable
-    # Numbers that were read are not needed any more: metres take their place.
-    metres = values if own and values.dtype == "=f4" else np.zeros(values.shape, np.float32)
     half = values.dtype.newbyteorder("=") == np.float16 and row.sky <= HALF_MAX
-    half_sky, frame = False, (values.shape[0], values.shape[1])
-    for rows in bands(values.shape):
-        numbers = values[rows]
-        half_sky |= half and bool((numbers == HALF_MAX).any())
-        metres[rows] = decoded(numbers, row, first_row=rows.start, frame=frame, overscan=overscan)
-    return metres, half_sky
+    metres = decoded(values, row, overscan)
+    if not (metres.flags.owndata and metres.flags.writeable):  # others may hold the numbers
+        metres = metres.copy()
+    return metres, half and bool((values == HALF_MAX).any())
 
 
 def _apply_marks(samples: DepthNumbers, row: DepthFormat, metres: Any) -> Iterator[str]:
@@ -349,31 +340,23 @@ def divided(samples: DepthNumbers, alpha: Any) -> tuple[Any, str]:
     usable = alpha is not None and tuple(alpha.shape) == tuple(values.shape[:2])
     if not usable or not _is_multiplied(values, alpha):
         return values, ""
-    result = np.zeros(tuple(values.shape), np.float32)
-    for rows in bands(values.shape):
-        fraction = np.asarray(alpha[rows], np.float32)
-        numbers = np.asarray(values[rows], np.float32)
-        result[rows] = np.divide(numbers, fraction, out=numbers.copy(), where=fraction > 0)
-    return result, "divided by alpha"
+    fraction, result = np.asarray(alpha, np.float32), np.array(values, np.float32)
+    return np.divide(result, fraction, out=result, where=fraction > 0), "divided by alpha"
 
 
 def _is_multiplied(values: Any, alpha: Any) -> bool:
     """Whether edges have the depth beside them times alpha, and not the depth itself."""
     multiplied = plain = 0
-    for rows in bands(values.shape):
-        wide = slice(rows.start, rows.stop + 2)  # with two rows of the next band
-        fraction, numbers = (np.asarray(each[wide], np.float32) for each in (alpha, values))
-        edge = (fraction > _EDGE[0]) & (fraction < _EDGE[1])
-        if not edge.any():
-            continue
-        whole = (fraction >= _WHOLE) & np.isfinite(numbers) & (numbers > 0)
-        for step in (1, 2):
-            for axis in (0, 1):
-                for away in (-step, step):
-                    at = edge & np.roll(whole, away, axis)
-                    beside, own = np.roll(numbers, away, axis)[at], numbers[at]
-                    times = fraction[at] * beside
-                    nearer = np.abs(own - times) < np.abs(own - beside)
-                    multiplied += int(np.count_nonzero(nearer & (own > 0)))
-                    plain += int(np.count_nonzero(~nearer & (own > 0)))
+    fraction, numbers = (np.asarray(each, np.float32) for each in (alpha, values))
+    edge = (fraction > _EDGE[0]) & (fraction < _EDGE[1])
+    if not edge.any():
+        return False
+    whole = (fraction >= _WHOLE) & np.isfinite(numbers) & (numbers > 0)
+    for away, axis in product((-1, 1, -2, 2), (0, 1)):
+        at = edge & np.roll(whole, away, axis)
+        beside, own = np.roll(numbers, away, axis)[at], numbers[at]
+        times = fraction[at] * beside
+        nearer = np.abs(own - times) < np.abs(own - beside)
+        multiplied += int(np.count_nonzero(nearer & (own > 0)))
+        plain += int(np.count_nonzero(~nearer & (own > 0)))
     return multiplied >= _ENOUGH and multiplied > _MAXIMUM * (multiplied + plain)

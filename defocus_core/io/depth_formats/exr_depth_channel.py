@@ -5,13 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
-from itertools import starmap
 from pathlib import Path
 
 import numpy as np
 
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading, Mark, require_size
 from defocus_core.io.exr.channel_choice import (
     ChannelGroup,
@@ -58,8 +56,7 @@ def exr_depth_numbers(
     parts = read_parts(path, headers, wanted, overscan)
     pixels = parts[header.index].channels[chosen.source]
     others = [parts[header.index].channels[name] for name in grey]
-    pairs = ((pixels[rows], one[rows]) for one in others for rows in bands(pixels.shape))
-    if lacks and not all(starmap(np.array_equal, pairs)):
+    if lacks and not all(np.array_equal(pixels, one) for one in others):
         raise lacks
     kind = {"float16": "half", "float32": "float"}.get(pixels.dtype.name, pixels.dtype.name)
     place = f" of part {header.label}" if len(headers) > 1 else ""

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.reading import DepthNumbers, DepthReading
 from defocus_core.io.depth_formats.table import FORMATS, UNIT_WORDS, UNITS, DepthFormat
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
@@ -144,12 +143,8 @@ def _top_of_floats(row: DepthFormat, samples: DepthNumbers) -> tuple[float, str]
     1; disparity of a network has no other end than its greatest. Else floats beyond 0 and 1, of
     which nothing is known, are refused.
     """
-    minimum, maximum = math.inf, -math.inf
-    for rows in bands(samples.values.shape):
-        band = samples.values[rows]
-        finite = band[np.isfinite(band)]
-        minimum = min(minimum, float(finite.min(initial=np.inf)))
-        maximum = max(maximum, float(finite.max(initial=-np.inf)))
+    finite = samples.values[np.isfinite(samples.values)]
+    minimum, maximum = float(finite.min(initial=np.inf)), float(finite.max(initial=-np.inf))
     is_of_network = "depth-range" in row.needs and row.rule == "inverse"
     if is_of_network and minimum >= 0 and maximum > 1 + 1e-3:
         return maximum, ", the greatest of the file,"
@@ -289,28 +284,17 @@ RULES = {
 
 
 def decoded(
-    numbers: NDArray[Any],
-    row: DepthFormat,
-    *,
-    first_row: int = 0,
-    frame: tuple[int, int] | None = None,
-    overscan: Overscan = NO_OVERSCAN,
+    numbers: NDArray[Any], row: DepthFormat, overscan: Overscan = NO_OVERSCAN
 ) -> NDArray[np.float32]:
-    """Planar metres of numbers [h, W] of a file: +inf is sky; NaN, 0 and less are invalid.
+    """Planar metres of the numbers [H, W] of a file: +inf is sky; NaN, 0 and less are invalid.
 
-    `row`: completed; `frame`: rows and columns of the frame; None if `numbers` has all of them.
+    The numbers themselves, if they are that. `row`: completed.
     """
     with np.errstate(over="ignore"):  # a double beyond float32 is sky
         metres = _metres(numbers, row)
     if row.geometry == "radial":
         assert row.focal_px is not None
-        rows, columns = overscan.shown(*(frame or numbers.shape[:2]))
-        cosine = _cosine(
-            metres.shape,
-            row.focal_px,
-            first=(first_row - rows.start, -columns.start),
-            size=(rows.stop - rows.start, columns.stop - columns.start),
-        )
+        cosine = _cosine(metres.shape, row.focal_px, overscan.shown(*metres.shape[:2]))
         metres = (metres.astype(np.float64) * cosine).astype(np.float32)
     invalid = np.isin(numbers, row.invalid) if row.invalid else np.False_
     if row.invalid_infinity:
@@ -344,18 +328,18 @@ def _metres(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.float32]:
 
 
 def _cosine(
-    shape: tuple[int, ...], focal_px: float, *, first: tuple[int, int], size: tuple[int, int]
+    shape: tuple[int, ...], focal_px: float, shown: tuple[slice, slice]
 ) -> NDArray[np.float64]:
-    """Depth along the axis by distance to the point, f / √(x² + y² + f²), at pixels [h, w].
+    """Depth along the axis by distance to the point, f / √(x² + y² + f²), at pixels [H, W].
 
     x and y are those of pixel centres from the middle of the frame: M. Roberts et al.: Hypersim,
     2021 (issue 9 of its code).
 
-    `focal_px`: focal length in px.
+    `focal_px`: focal length in px; `shown`: rows and columns of the frame.
     """
     y, x = (
-        np.arange(start, start + count) - (length - 1) / 2
-        for start, count, length in zip(first, shape, size, strict=True)
+        np.arange(count) - side.start - (side.stop - side.start - 1) / 2
+        for count, side in zip(shape, shown, strict=True)
     )
     cosine: NDArray[np.float64] = focal_px / np.sqrt(x**2 + y[:, None] ** 2 + focal_px**2)
     return cosine

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.io.arrays import bands, computed
 from defocus_core.io.exr.header import (
     LARGEST_CHUNK,
     STRUCTURAL,
@@ -96,10 +95,8 @@ def write_exr_image(
     `clamped`: pixels of colours that are half already of which that is known.
     """
     if exr_type == "half" and any(plane.dtype == "f4" for plane in colors.values()):
-        clamped = 0
-        for rows in bands(next(iter(colors.values())).shape):
-            beyond = [clamped_half(plane[rows])[1] for plane in colors.values()]
-            clamped += int(np.count_nonzero(np.logical_or.reduce(beyond)))
+        beyond = [clamped_half(plane)[1] for plane in colors.values()]
+        clamped = int(np.count_nonzero(np.logical_or.reduce(beyond)))
         colors = {name: as_half(plane) for name, plane in colors.items()}
     write_exr(path, {**extras, **colors}, attributes, layout, compression)
     warning = f"{counted(clamped, 'pixel')} beyond ±65504 clamped to half; float keeps them"
@@ -152,6 +149,4 @@ def clamped_half(values: NDArray[np.float32]) -> tuple[NDArray[np.float16], NDAr
 
 def as_half(plane: Any) -> Any:
     """An array [H, W] as half, clamped; itself if it is."""
-    if plane.dtype == np.float16:
-        return plane
-    return computed(lambda values: clamped_half(values)[0], plane)
+    return plane if plane.dtype == np.float16 else clamped_half(plane)[0]

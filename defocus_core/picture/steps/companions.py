@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError, UsageProblem
-from defocus_core.io.arrays import computed, times
+from defocus_core.io.arrays import times
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.depth_formats.exr_depth_channel import NoDepthChannel
 from defocus_core.io.depth_formats.reading import stretched
@@ -60,7 +60,7 @@ def read_plate(take: Take) -> Take:
     return take.reading(
         plate=plate,
         layers=Layers(light, alpha, depths, colors, pictures=pictures),
-        empty=None if nowhere else computed(lambda a, b: a & b, *empty),
+        empty=None if nowhere else np.logical_and(*empty),
         warnings=(*inputs.warnings, *plate.warnings),
     )
 
@@ -71,7 +71,7 @@ def radii_of_both(take: Take) -> Take:
     assert plate is not None
     below, shown = radii_of(take.lens, plate.depth), own.px
     if element.empty is not None:
-        shown = computed(lambda a, n, b: np.where(n, b, a), own.px, element.empty, below.px)
+        shown = np.where(element.empty, below.px, own.px)
     limits = min(own.limits[0], below.limits[0]), max(own.limits[1], below.limits[1])
     return replace(take, shown=shown, limits=limits)
 

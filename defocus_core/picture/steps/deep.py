@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from defocus_core.errors import InputError
-from defocus_core.io.arrays import bands, count_of
+from defocus_core.io.arrays import count_of
 from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.depth_formats.reading import DepthNumbers
 from defocus_core.io.depth_formats.rules import decoded, resolved
@@ -116,14 +116,7 @@ def _metres(numbers: Any, pair: InputPair) -> Any:
     """Metres [H, W] of the numbers of a layer, read as those of the first surface."""
     like = pair.depth
     samples = DepthNumbers(like.path, numbers, "EXR", "", channel=like.channel)
-    decoding = resolved(pair.reading, samples, pair.lens_focal)
-    metres = np.zeros(numbers.shape, "float32")
-    frame = (numbers.shape[0], numbers.shape[1])
-    for rows in bands(numbers.shape):
-        metres[rows] = decoded(
-            numbers[rows], decoding, first_row=rows.start, frame=frame, overscan=like.overscan
-        )
-    return metres
+    return decoded(numbers, resolved(pair.reading, samples, pair.lens_focal), like.overscan)
 
 
 def _depth(like: Depth, metres: Any, alpha: Any) -> Depth:

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
 from defocus_core.io.array_files import container_type
-from defocus_core.io.arrays import bands
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.channel_choice import require_part
@@ -81,10 +80,8 @@ def _color_figures(color: Color) -> dict[str, Any]:
     nonfinite, _ = count_beyond(color, LARGEST_FLOAT)
     told = {"channels": list(color.channels), "nonfinite_pixels": nonfinite}
     if color.alpha is not None:
-        strips = [np.asarray(color.alpha[rows]) for rows in bands(color.shape)]
-        told["nothing_pixels"] = sum(int(np.count_nonzero(strip == 0)) for strip in strips)
-        within = ((strip > 0) & (strip < 1) for strip in strips)
-        told["partial_pixels"] = sum(int(np.count_nonzero(strip)) for strip in within)
+        told["nothing_pixels"] = int(np.count_nonzero(color.alpha == 0))
+        told["partial_pixels"] = int(np.count_nonzero((color.alpha > 0) & (color.alpha < 1)))
     return told
 
 
@@ -94,27 +91,18 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
     `color`: the colour of the same file; None if it has none.
     """
     depth, lens = asked.depth(color), asked.lens
-    height, width = depth.metres.shape
-    sky = valid = nothing = 0
-    limits: list[float] = []  # of valid depth, sky included
-    finite_ends: list[float] = []
-    for rows in bands((height, width)):
-        usable = depth.valid(rows)
-        if depth.empty is not None:
-            usable = usable & ~depth.empty[rows]
-            nothing += int(np.count_nonzero(depth.empty[rows]))
-        metres = depth.metres[rows][usable]
-        finite = metres[np.isfinite(metres)]
-        sky, valid = sky + metres.size - finite.size, valid + metres.size
-        limits += ends_of(metres)
-        finite_ends += ends_of(finite)
-    invalid = height * width - valid - nothing
+    usable = depth.valid if depth.empty is None else depth.valid & ~depth.empty
+    nothing = 0 if depth.empty is None else int(np.count_nonzero(depth.empty))
+    metres = depth.metres[usable]
+    finite = metres[np.isfinite(metres)]
+    limits, reach = ends_of(metres), ends_of(finite) or None
+    invalid = usable.size - metres.size - nothing
     coc_px, repair = None, None
     warnings: tuple[str, ...] = ()
     if lens is not None and limits:
         lens = with_blur_reach(with_focus(lens, depth), (depth,))
         # The radius grows with depth all the way: the extreme depths have the extreme radii.
-        extremes = np.array([min(limits), max(limits)], np.float32)
+        extremes = np.array(limits, np.float32)
         most = math.inf if lens.clamp_blur is None else lens.clamp_blur
         coc_px = (
             list(radii_of(lens, depth).limits)
@@ -123,11 +111,10 @@ def _depth_figures(asked: _Asked, color: Color | None) -> tuple[str, dict[str, A
         )
         if not invalid:
             repair, warnings = _repair(depth, lens, asked.reading)
-    reach = [min(finite_ends), max(finite_ends)] if finite_ends else None
     return depth.note, {
         "range_m": None if depth.is_radius else reach,
         "range": reach if depth.is_radius else None,
-        "sky_pixels": sky,
+        "sky_pixels": metres.size - finite.size,
         "invalid_pixels": invalid,
         "nothing_pixels": nothing,
         "lens": lens_record(lens) if lens else None,

@@ -24,7 +24,7 @@ INF, NAN = np.inf, np.nan
 )
 def test_a_hole_takes_the_farther_of_its_neighbours(rows, filled):
     metres = np.array(rows, np.float32)
-    fill_from_farther(metres, lambda rows: metres[rows] > 0)
+    fill_from_farther(metres, metres > 0)
     assert metres.tolist() == filled
 
 
