@@ -123,6 +123,7 @@ class CatEye:
             pupil: the distance of the rim before the pupil, in these radii, times the tangent of
             the field angle.
         vignetting: Whether corners are darker by the share of light that they lose.
+        pixel_aspect: The width of a pixel by its height.
 
     Size and shift may be tensors of one number, and gradients flow to them.
 
@@ -133,6 +134,7 @@ class CatEye:
     size: Scalar = 1.0
     shift: Scalar = 0.0
     vignetting: bool = False
+    pixel_aspect: float = 1.0
 
     def __post_init__(self) -> None:
         size, shift = number("size", self.size, _LENGTHS), number("shift", self.shift, _LENGTHS)
@@ -151,13 +153,18 @@ class CatEye:
 
         The pupil is clipped on the side of the point: at the right border, where u.x > 0.
         """
-        height, width = frame
-        corner = math.hypot(height, width) / 2
+        across, down = self._from_middle(x, y, frame)
         size, shift = (
             value.to(x) if isinstance(value, Tensor) and isinstance(x, Tensor) else value
             for value in (self.size, self.shift)
         )
-        return Rim(size, shift * ((width / 2 - x) / corner), shift * ((height / 2 - y) / corner))
+        return Rim(size, shift * -across, shift * -down)
+
+    def _from_middle(self, x: Scalar, y: Scalar, frame: tuple[int, int]) -> tuple[Scalar, Scalar]:
+        """How far points lie right of and below the middle, by the distance of the corners."""
+        height, width = frame
+        corner = math.hypot(height, width * self.pixel_aspect) / 2
+        return (x - width / 2) * self.pixel_aspect / corner, (y - height / 2) / corner
 
     def apart(self, x: Tensor, y: Tensor, frame: tuple[int, int]) -> Tensor:
         """How far the rim and the pupil are apart before points, as `view`, in radii of the pupil.
@@ -168,7 +175,8 @@ class CatEye:
         distance = torch.hypot(torch.as_tensor(rim.x).detach(), torch.as_tensor(rim.y).detach())
         if not (isinstance(self.shift, Tensor) and self.shift.requires_grad):
             return distance
-        unit = torch.hypot(x - frame[1] / 2, y - frame[0] / 2) / (math.hypot(*frame) / 2)
+        across, down = self._from_middle(x, y, frame)
+        unit = torch.hypot(torch.as_tensor(across), torch.as_tensor(down))
         shift = self.shift.to(unit)
         return distance + unit * (shift - shift.detach())
 

@@ -49,7 +49,7 @@ def aperture_of(lens: LensValues) -> Aperture:
         raise UsageProblem("contradiction", problem, remedy, field="obstruction") from None
 
 
-def cat_eye_of(lens: LensValues, size: tuple[int, int]) -> CatEye | None:
+def cat_eye_of(lens: LensValues, size: tuple[int, int], pixel_aspect: float = 1.0) -> CatEye | None:
     """The barrel that clips the opening in pictures of (width, height) px, if one does."""
     from defocus_core.optics.cat_eye import CatEye
 
@@ -63,9 +63,9 @@ def cat_eye_of(lens: LensValues, size: tuple[int, int]) -> CatEye | None:
     width, height = size
     tangent = _TANGENT
     if not lens.is_shape:
-        tangent = lens.sensor_width / 2 * math.hypot(1, height / width) / lens.foclen
+        tangent = lens.sensor_width / 2 * math.hypot(1, height / width / pixel_aspect) / lens.foclen
     try:
-        return CatEye(rim, distance * tangent, lens.vignetting)
+        return CatEye(rim, distance * tangent, lens.vignetting, pixel_aspect)
     except ValueError as error:
         maximum = 0.9 * rim / tangent
         problem = f"hides the middle of the opening in the corners: {reason(error)}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +58,7 @@ def settings_of(take: Take) -> Settings:
     return Settings(
         aperture=aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)[0],
         dual_pixel=dual_pixel_of(take.lens),
-        cat_eye=cat_eye_of(take.lens, take.size),
+        cat_eye=cat_eye_of(take.lens, take.size, take.inputs.color.pixel_aspect),
         quality=job.machine.quality,
         left_right=any(kind.halves for kind in job.outputs.rows),
         threads=job.machine.threads,
@@ -146,8 +146,31 @@ def light_lamps(surfaces: Surfaces) -> Surfaces:
     ]
     if any(each.measured for each in lamps):
         return replace(surfaces, lamps=0)
-    light, count = tuple(each.added for each in lamps), sum(each.count for each in lamps)
-    return replace(surfaces, light=light, lamps=count)
+    color = surfaces.take.inputs.color
+    first = len(color.channels) if surfaces.coverage is None else colors  # of passes; alpha is gone
+    shares = {
+        first + number: color.channels.index(own)
+        for number, name in enumerate(color.passes)
+        if (own := name.rpartition(".")[2]) in color.channels[:colors]
+    }
+    light = tuple(
+        _with_passes(old, each.added, shares)
+        for old, each in zip(surfaces.light, lamps, strict=True)
+    )
+    return replace(surfaces, light=light, lamps=sum(each.count for each in lamps))
+
+
+def _with_passes(old: Tensor, lit: Tensor, shares: Mapping[int, int]) -> Tensor:
+    """Light [C, H, W] whose passes are the same shares of its colours as before.
+
+    `shares`: by the index of each pass that of its colour.
+    """
+    lit = lit.clone() if shares else lit  # it may be the light as it was
+    for pass_, color in shares.items():
+        is_lit = old[color] > 0
+        gain = (lit[color] / old[color].where(is_lit, 1)).where(is_lit, 1)
+        lit[pass_] *= gain
+    return lit
 
 
 def pass_colors(every: tuple[Pass, ...]) -> tuple[Pass, ...]:
@@ -165,16 +188,16 @@ def _groups(take: Take) -> list[tuple[tuple[int, ...], float]]:
 
     Of each the px that its radii are apart from those of the lens.
     """
-    lens, names = take.lens, take.inputs.color.channels
-    channels = tuple(range(len(take.inputs.color.planes)))
-    if "R" not in names:
-        return [(channels, 0.0)]
-    offsets = color_offsets(lens, take.size)
-    red, blue = names.index("R"), names.index("B")
-    others = tuple(c for c in channels if c not in (red, blue))
+    color = take.inputs.color
+    ends = [name.rpartition(".")[2] for name in (*color.channels, *color.passes)]
+    if "R" not in color.channels:
+        return [(tuple(range(len(ends))), 0.0)]
+    offsets = color_offsets(take.lens, take.size)
+    red, blue = (tuple(c for c, end in enumerate(ends) if end == name) for name in "RB")
+    others = tuple(c for c, end in enumerate(ends) if end not in ("R", "B"))
     if offsets[0] == offsets[1]:
-        return [((red, blue), offsets[0]), (others, 0.0)]
-    return [((red,), offsets[0]), ((blue,), offsets[1]), (others, 0.0)]
+        return [((*red, *blue), offsets[0]), (others, 0.0)]
+    return [(red, offsets[0]), (blue, offsets[1]), (others, 0.0)]
 
 
 def picture_on(planes: Sequence[Any], device: str) -> Tensor:

@@ -361,7 +361,7 @@ def _per_radius(take: Take, *, nearer: bool = False) -> NDArray[Any]:
 
     pupil, longer = aperture_in_pixels(take.lens, take.inputs.color.pixel_aspect)
     pixel, (height, width) = dual_pixel_of(take.lens), take.shown.shape
-    cat_eye = cat_eye_of(take.lens, take.size)
+    cat_eye = cat_eye_of(take.lens, take.size, take.inputs.color.pixel_aspect)
     if cat_eye is None:
         return np.full((1, 1), longer * float(pixel.disparity(pupil, nearer=nearer)))
     x = torch.linspace(0, width, _CELLS + 1, dtype=torch.float64)

@@ -41,7 +41,7 @@ _COLORED, _WHITE, _MIN_PX = (0.004, 0.012), (0.025, 0.075), (3.0, 8.0)
 _HUE, _BLEACHED = (0.6, 0.9), (0.05, 0.25)
 # Brightness of the surroundings, as a share of the blob's, up to which a blob is a light, and from
 # which on a part of a surface; of blobs of a colour, and of white ones. The surroundings reach this
-# share of the width to each side, so many px at least.
+# share of the longer side to each side, so many px at least.
 _COLORED_BESIDE, _WHITE_BESIDE = (0.3, 0.6), (0.6, 0.9)
 _AROUND, _MIN_AROUND = 0.012, 4
 # Radius in px up to which a blob is in focus, and from which on it gets all of its light.
@@ -54,9 +54,9 @@ _COARSE = 6
 _MEASURED = 1.001
 # A blob is a light if it gets more than this share of the gain.
 _COUNTED = 0.05
-# The rim reaches this share of the width from a blob, so many px at least. Its light, as a share of
-# what white is above the surroundings, up to which it says nothing of a hue, and from which on all;
-# and the same of how far its least channel is below the brightest.
+# The rim reaches this share of the longer side from a blob, so many px at least. Its light, as a
+# share of what white is above the surroundings, up to which it says nothing of a hue, and from
+# which on all; and the same of how far its least channel is below the brightest.
 _RIM, _MIN_RIM, _SAYS_HUE, _SATURATED = 0.003, 2, (0.2, 0.4), (0.15, 0.3)
 _TINY = 1e-6
 _WIDEST = 1e6  # px, of a blur that nobody says
@@ -161,7 +161,8 @@ def _found(
     """The blobs of each level from the threshold on, and the number of lights."""
     size = image.shape[-2], image.shape[-1]
     pairs = [pair for pair in pairwise(_LEVELS) if pair[1] > threshold]
-    around = max(_MIN_AROUND, round(_AROUND * size[1]))
+    around = max(_MIN_AROUND, round(_AROUND * max(size)))
+    reach = max(_MIN_RIM, round(_RIM * max(size)))
     runs_of_level: list[list[tuple[Runs, Tensor]]] = [[] for _ in pairs]
     for first, end in bands(image):
         top = max(first - around, 0)
@@ -170,7 +171,7 @@ def _found(
         if signed_radius is not None:
             blur = signed_radius[first:end].detach().abs().to(blur)
         for level, (low, _) in zip(runs_of_level, pairs, strict=True):
-            level.append(_band(light, blur, (first, end), top, low, around))
+            level.append(_band(light, blur, (first, end), top, low, around, reach))
     levels = []
     for level, (low, high) in zip(runs_of_level, pairs, strict=True):
         runs, values = zip(*level, strict=True)
@@ -187,6 +188,7 @@ def _band(
     top: int,
     level: float,
     around: int,
+    reach: int,
 ) -> tuple[Runs, Tensor]:
     """The runs of a band that are brighter than a level, and sums over each of them.
 
@@ -207,18 +209,18 @@ def _band(
     beside = _beside(torch.cat([bright[None], light]), dark, level, around)
     at = (runs.row - top) // coarse_pixel
     ground = sum(beside[:, at, x // coarse_pixel] for x in (runs.first, runs.end - 1))
-    rim = _rim(own, runs._replace(row=runs.row - rows[0]), level)
+    rim = _rim(own, runs._replace(row=runs.row - rows[0]), level, reach)
     return runs, torch.cat([inside, ground / 2 * runs.area, rim])
 
 
-def _rim(light: Tensor, runs: Runs, level: float) -> Tensor:
+def _rim(light: Tensor, runs: Runs, level: float, reach: int) -> Tensor:
     """Of the pixels beside each run sums of their number, brightness, weight, and weighted light.
 
-    `light`: [C, h, W] of the rows of runs; returns [3 + C, n].
+    `light`: [C, h, W] of the rows of runs; `reach`: px to each side; returns [3 + C, n].
     """
     width = light.shape[-1]
     total = light.new_zeros(3 + len(light), len(runs.row)).double()
-    for away in range(max(_MIN_RIM, round(_RIM * width))):
+    for away in range(reach):
         for column in (runs.first - 1 - away, runs.end + away):
             there = light[:, runs.row, column.clamp(0, width - 1)]
             bright = there.amax(0)

@@ -269,6 +269,33 @@ def test_passes_are_blurred_with_the_picture_and_data_is_copied(tmp_path):
     assert halves["specular.R"].tobytes() == planes["specular.R"].tobytes()
 
 
+@pytest.mark.parametrize("alpha", [False, True])
+@pytest.mark.parametrize("look", [("--axial-color", "0.3mm:-0.2mm"), ("--highlights", "auto")])
+def test_passes_add_up_to_their_picture_whatever_the_look(look, alpha, tmp_path):
+    """Before a plane of one depth rendering is linear, but for lamps, which grow by one factor."""
+    planes: dict[str, Any] = {"Z": np.full(SIZE, 3, np.float32)}
+    rng, lamps = np.random.default_rng(3), np.zeros(SIZE, bool)
+    lamps[10:12, 10:12] = lamps[30:32, 40:42] = True
+    for name in "RGB":
+        planes[name] = np.where(lamps, np.float32(1), rng.random(SIZE, np.float32) / 4)
+        planes[f"lamp.{name}"] = planes[name] * rng.random(SIZE, np.float32)
+        planes[f"Rest.{name}"] = planes[name] - planes[f"lamp.{name}"]
+    if alpha:
+        planes["A"] = np.ones(SIZE, np.float32)
+        planes["A"][:, :6] = 0
+        for name in planes.keys() - {"A", "Z"}:
+            planes[name] = planes[name] * planes["A"]
+    made = write(tmp_path / "a.exr", planes)
+    plain, seen = (
+        picture(made, tmp_path / str(len(more)), "--blur-channels", "lamp.*,rest.*", *more)
+        for more in ((), look)
+    )
+    for name in "RGB":
+        total = seen[f"lamp.{name}"] + seen[f"Rest.{name}"]
+        np.testing.assert_allclose(total, seen[name], atol=2e-3 * seen[name].max())
+    assert np.abs(seen["lamp.R"] - plain["lamp.R"]).max() > 1e-3
+
+
 def test_what_is_no_light_is_not_blurred_and_passes_need_a_file_that_holds_them(tmp_path):
     made, _ = passes(tmp_path / "a.exr")
     for pattern in ("Z", "diffuse.id", "glossy.*"):

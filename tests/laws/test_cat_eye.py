@@ -6,6 +6,8 @@ import pytest
 import torch
 
 from defocus_core import Aperture, CatEye, render
+from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of
+from defocus_core.request.lens import Lens
 
 SIZE = (96, 160)  # H, W
 CAT = CatEye(1.05, 0.7)
@@ -26,6 +28,35 @@ def test_the_cat_s_eye_is_mirror_symmetric():
     assert (plain.left - flipped.right.flip(-1)).abs().max() < 5e-5
     upright = render(image.flip(-2), radius.flip(-2), cat_eye=CAT)
     assert (plain.render - upright.render.flip(-2)).abs().max() < 2e-5
+
+
+@pytest.mark.parametrize(("aspect", "squeeze"), [(0.5, 1.0), (2.0, 1.0), (2.0, 1.5)])
+def test_a_scene_is_the_same_in_pixels_of_any_aspect(aspect, squeeze):
+    """Lights of 4 by 4 px, which pixels of half a width or height show as well."""
+    image, radius = torch.zeros(1, *SIZE), torch.full(SIZE, 16.0)
+    for y, x in ((12, 12), (40, 140), (80, 72)):
+        image[:, y : y + 4, x : x + 4] = 1
+
+    def coarse(values):  # along the axis of the longer pixels
+        return (
+            values.unflatten(-1, (-1, 2)).mean(-1)
+            if aspect > 1
+            else values.unflatten(-2, (-1, 2)).mean(-2)
+        )
+
+    lens = Lens(50.0, 2.0, 2000.0, cat_eye=(1.05, 0.7 / 0.3), squeeze=squeeze, sensor_width=20.0)
+
+    def seen(image, radius, aspect):
+        size = image.shape[:-3:-1]
+        aperture, longer = aperture_in_pixels(lens, aspect)
+        barrel = cat_eye_of(lens, tuple(size), aspect)
+        return render(image, radius * longer, aperture=aperture, cat_eye=barrel).render
+
+    square = coarse(seen(image, radius, 1.0))
+    own = seen(coarse(image), coarse(radius) / max(aspect, 1), aspect)
+    assert (own - square).abs().sum() < 0.1 * square.sum()
+    wrong = seen(coarse(image), coarse(radius) / max(aspect, 1), 1.0)
+    assert (wrong - square).abs().sum() > 0.3 * square.sum()
 
 
 @pytest.mark.parametrize("quality", ["standard", "high"])

@@ -33,6 +33,18 @@ def test_lamps_get_the_gain_in_their_hue_and_walls_and_the_dim_stay():
     assert torch.equal(lit[:, dim], image[:, dim])
 
 
+@pytest.mark.parametrize("size", [(240, 1600), (1600, 1200)])
+def test_a_picture_on_its_side_has_the_same_lamps(size):
+    image = torch.full((3, *size), 0.8)
+    for number in range(5):
+        y, x, side = 40 + 35 * number, 60 + 200 * number, 4 + number
+        image[:, y - 6 : y + side + 6, x - 6 : x + side + 6] = 0.05
+        image[:, y : y + side, x : x + side] = 1
+    one, other = (ClippedLights(each, *AUTO_LIGHTS) for each in (image, image.mT))
+    assert one.count == other.count > 0
+    torch.testing.assert_close(one.added, other.added.mT, rtol=0.02, atol=0.02)
+
+
 def test_all_of_a_blob_gets_one_gain_and_blobs_are_counted():
     image = street()
     image[:, 70:74, 20:26] = 1.0
