@@ -31,6 +31,7 @@ from defocus_core.errors import (
     DefocusError,
     UsageProblem,
     did_you_mean,
+    lacks_memory,
     one_line,
     reason,
     with_dashes,
@@ -150,6 +151,10 @@ def main(args: Sequence[str] | None = None) -> int:
     except Exception as error:
         if {"-v", "--verbose"} & set(args):
             traceback.print_exc()
+        if lacks_memory(error):
+            problem = f"the system gives no more memory: {reason(error)}"
+            remedy = "close other programs, or raise the limit, as 'ulimit -v unlimited' does"
+            return _fail(one_line(f"memory: {problem}; {remedy}"), 3, "out-of-memory")
         problem = f"unexpected {type(error).__name__}: {reason(error)}"
         return _fail(f"{problem}; please report it, with what -v says", 1)
     return code if isinstance(code, int) else 0

@@ -219,6 +219,13 @@ def did_you_mean(word: str, known: Sequence[str], otherwise: str) -> str:
     return f"did you mean {nearest[0]}?" if nearest else otherwise
 
 
+def lacks_memory(error: BaseException) -> bool:
+    """Whether the system gave no memory, to a library of C too."""
+    return isinstance(error, TooLarge | MemoryError) or any(
+        words in str(error) for words in ("can't allocate memory", "failed to map segment")
+    )
+
+
 def reason(error: BaseException) -> str:
     """The message of any exception, as one clause without a full stop."""
     message = getattr(error, "strerror", None) or str(error) or type(error).__name__

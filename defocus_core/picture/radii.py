@@ -82,6 +82,7 @@ def sharp_numbers(lens: LensValues) -> tuple[float, float]:
 
 def _clamp(radii: Radii, limit: float, depth: Depth) -> Radii:
     """The radii of which none is larger than ``limit`` px."""
+    limit = min(limit, float(np.finfo(np.float32).max))
     larger = np.abs(radii.px) > np.float32(limit)
     if depth.empty is not None:
         larger &= ~depth.empty

@@ -72,6 +72,12 @@ def _available_mb(_second: int) -> float | None:
     limits = []
     with suppress(OSError, ValueError, IndexError):
         limits.append(_entry(_MEMINFO, "MemAvailable:"))
+    with suppress(ImportError, OSError, ValueError, IndexError):
+        import resource
+
+        soft = resource.getrlimit(resource.RLIMIT_AS)[0]  # 'ulimit -v'
+        if soft != resource.RLIM_INFINITY:
+            limits.append(soft / MB - _entry(_STATUS, "VmSize:"))
     for limit, used in _limited_groups():
         with suppress(OSError, ValueError):
             limits.append((int(Path(limit).read_text()) - int(Path(used).read_text())) / MB)

@@ -83,10 +83,11 @@ def with_lights(
             below white. None if all are blurred widely.
 
     Returns:
-        [C, H, W]. Gradients flow to a tensor, threshold and gain.
+        [C, H, W]. Gradients flow to a tensor, threshold and gain; to image, of the blobs as found.
 
     Raises:
-        ValueError: If an argument is not one of the above.
+        ValueError: If an argument is not one of the above, or the radius needs a gradient, which
+            the size of a disc does not carry.
     """
     return ClippedLights(image, threshold, gain, colors=colors, signed_radius=signed_radius).added
 
@@ -116,6 +117,9 @@ class ClippedLights:
             )
         if number("gain", gain, "it is a factor") < 1:
             raise ValueError(f"gain must be 1 or more, got {gain}; 1 changes nothing")
+        if signed_radius is not None and signed_radius.requires_grad:
+            problem = "signed_radius must need no gradient, which clipped lights do not carry to it"
+            raise ValueError(f"{problem}; give signed_radius.detach()")
         count = image.shape[0] if colors is None else whole("colors", colors, "channels of colour")
         self.measured = float(image[:count].detach().amax()) > _MEASURED
         self.added, self.count = image, 0

@@ -83,6 +83,15 @@ def test_one_scale_holds_for_all_that_a_lens_sees(tmp_path):
     np.testing.assert_allclose(found, wanted, rtol=1e-5, atol=1e-5)
 
 
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("limit", ["1e39px", "1e308px"])
+def test_a_clamp_beyond_floats_clamps_nothing(limit, tmp_path):
+    plain, clamped = (
+        radius(tmp_path, NUMBERS, *BLUR, *more) for more in ((), ("--clamp-blur", limit))
+    )
+    np.testing.assert_array_equal(plain, clamped)
+
+
 def test_no_radius_is_larger_than_the_clamp(tmp_path):
     free = radius(tmp_path, NUMBERS, *BLUR)
     color, z = tmp_path / "rgb.exr", tmp_path / "z.exr"

@@ -243,3 +243,24 @@ def test_a_batch_of_radii_sweeps_the_shape_of_the_opening(tmp_path):
     assert [(lens.is_shape, lens.foc_dist, lens.blades) for lens in lenses] == [
         *((True, None, 0), (True, None, 5))
     ]
+
+
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("--focal-px", "1e-30", "--baseline", "1e-20m"), "out-of-range"),
+        (("--focal-px", "1e30", "--baseline", "1e20m"), "out-of-range"),
+    ],
+)
+def test_a_calibration_beyond_floats_is_told_and_no_hole(words, code, tmp_path):
+    path = depth_exr(tmp_path / "a.exr")
+    words = ("--depth-kind", "disparity", *words)
+    refused(run("depth", path, "-o", tmp_path / "z.exr", *words), 2, code, "baseline")
+
+
+@pytest.mark.parametrize(("sign", "scale"), [(1, "-1"), (-1, "2")])
+def test_depth_behind_the_camera_is_told_to_change_its_sign_whatever_it_is(sign, scale, tmp_path):
+    path = depth_exr(tmp_path / "a.exr", sign * ramp())
+    ran = run("depth", path, "-o", tmp_path / "z.exr", "--depth-scale", scale)
+    refused(ran, 3, "invalid-depth", path)
+    assert "the other sign than now" in ran.err

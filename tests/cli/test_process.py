@@ -91,6 +91,17 @@ def test_nothing_is_said_to_who_has_gone(tmp_path):
     assert (ran.returncode, ran.stderr) == (141, "")
 
 
+def test_a_limit_of_the_shell_is_known_and_told(tmp_path):
+    """'ulimit -v': less than torch's library needs, and enough for a picture."""
+    files = [str(file) for file in pair(tmp_path)]
+    limit = "import resource as r; r.setrlimit(r.RLIMIT_AS, ({0}, {0}))\n"
+    ran = ended(limit.format(6 * 10**8) + RUN, "render", *files, "-o", tmp_path / "a", *LENS)
+    assert (ran.returncode, "report" in ran.stderr) == (3, False), ran.stderr
+    assert ran.stderr.startswith("defocus: memory: the system gives no more memory: ")
+    told = "from defocus_core.system.memory import available_mb; print(available_mb())"
+    assert 100 < float(ended(limit.format(10**9) + told).stdout) < 1000
+
+
 def test_a_fault_of_python_itself_is_told_as_ever():
     raising = "import defocus_cli.__main__ as entry\nentry.main = lambda: 1 / 0\nentry.run()\n"
     ran = ended(raising)

@@ -24,8 +24,8 @@ from msgspec.structs import asdict, replace
 from defocus_core.errors import (
     DefocusError,
     InputError,
-    TooLarge,
     UsageProblem,
+    lacks_memory,
     one_line,
     reason,
 )
@@ -291,7 +291,7 @@ def _reason(error: BaseException, stage: Stage) -> str:
     system = error if isinstance(error, OSError) else error.__cause__
     if isinstance(system, OSError) and system.errno in _FULL:
         return "no-space"
-    if isinstance(error, TooLarge | MemoryError) or "can't allocate memory" in str(error):
+    if lacks_memory(error):
         return "out-of-memory"
     if isinstance(error, UsageProblem):
         return "settings-unusable"

@@ -259,7 +259,7 @@ def _hole_remedy(samples: DepthNumbers, reading: DepthReading, row: DepthFormat)
 
 _BEHIND = (
     "has negative depth everywhere",
-    "if it is negative in front of the camera, say ‹depth-scale› -1, or ‹depth-format› houdini",
+    "give ‹depth-scale› the other sign than now, or say ‹depth-format› houdini",
 )
 
 

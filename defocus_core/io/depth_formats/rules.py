@@ -26,6 +26,7 @@ HALF_MAX = 65504.0  # the largest number that half can hold
 MM_PER_M = 1000.0
 # Options that say how numbers become depth, in the order in which they are refused.
 _OPTIONS = ("depth-unit", "depth-range", "depth-scale", "baseline", "doffs", "focal-px", "fov")
+_FLOATS = (1e-30, 1e30)  # focal length times baseline, far from the ends of float32
 _CALIBRATION = {"focal-px": "‹focal-px› PX", "baseline": "‹baseline› 65mm"}
 
 
@@ -194,6 +195,9 @@ def _by_cameras(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) 
         across = _focal_words(focal, samples.width).partition("px, ")[2]
         source = f" by {row.words}" if row.words else ""
         words = f"{row.name}, {focal:.6g} px ({across}) × {baseline:.6g} m{source}"
+        if not _FLOATS[0] <= focal * baseline <= _FLOATS[1]:
+            problem = f"makes with {focal:.3g} px of focal length no depth that a float holds"
+            raise UsageProblem("out-of-range", problem, "check both", field="baseline")
         scale, doffs = scale / (focal * baseline), doffs / (focal * baseline)
         return replace(row, scale=scale, shift=doffs, words=words)
     if focal is None and baseline is None and reading.depth_scale is not None:

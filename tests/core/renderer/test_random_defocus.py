@@ -33,6 +33,29 @@ def test_a_sample_is_the_same_in_any_batch():
         torch.testing.assert_close(together[1:2], single, rtol=0, atol=0)
 
 
+@pytest.mark.parametrize("first", [0, *(pytest.param(n, marks=pytest.mark.bench) for n in (1, 2))])
+@pytest.mark.parametrize("back", ["compiled", "torch"])
+def test_a_picture_of_any_batch_is_what_it_is_alone(back, first):
+    """By the compiled back to the last bit; of random sizes, lenses, contents and places."""
+    for seed in range(12) if first == 0 else range(12 + 250 * (first - 1), 12 + 250 * first):
+        generator = torch.Generator().manual_seed(seed)
+        height, width, k = (
+            int(torch.randint(*ends, (1,), generator=generator))
+            for ends in ((9, 50), (9, 50), (0, 8))
+        )
+        light = torch.rand(8, 3, height, width, generator=generator)
+        slope = torch.linspace(0, 2000, width) * torch.rand(8, 1, 1, 1, generator=generator)
+        cards = torch.rand(8, 1, height, width, generator=generator).round()
+        metric = 1000 + slope + 3000 * cards * torch.rand(8, 1, 1, 1, generator=generator)
+        light.requires_grad_(back == "torch")
+        render_all, seeds = RandomDefocus(left_right=bool(seed % 2)), [*range(seed, seed + 8)]
+        whole, _ = render_all(light, metric, seeds)
+        alone, _ = render_all(light[k : k + 1], metric[k : k + 1], seeds[k : k + 1])
+        within = 0.0 if back == "compiled" else 1e-5
+        for together, single in zip(whole.images, alone.images, strict=True):
+            torch.testing.assert_close(together[k : k + 1], single, rtol=0, atol=within)
+
+
 def test_other_seeds_draw_other_lenses_and_a_generator_draws_seeds():
     same = [x.expand(3, -1, -1, -1) for x in (image(1), depth(1))]
     (first, lenses), (second, _) = (

@@ -119,6 +119,9 @@ def test_lights_that_make_no_sense_are_refused():
         with_lights(street(), 1.0, 2.0)
     with pytest.raises(ValueError, match="gain must be"):
         with_lights(street(), 0.8, 0.5)
+    radius = torch.full((120, 400), 9.0, requires_grad=True)
+    with pytest.raises(ValueError, match="signed_radius must need no gradient"):
+        with_lights(street(), 0.8, 2.0, signed_radius=radius)
 
 
 def test_what_is_in_focus_is_left_alone():
