@@ -51,6 +51,7 @@ if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table
     from defocus_core.renderer.layers.layer import HiddenLayer as HiddenLayer
     from defocus_core.renderer.random_defocus import RandomDefocus as RandomDefocus
     from defocus_core.renderer.render import render_layers as render_layers
+    from defocus_core.renderer.samples import mirrored as mirrored
     from defocus_core.tensors.clipped_lights import with_lights as with_lights
 
 # What users need, in groups: the names of each module.
@@ -77,6 +78,7 @@ _GROUPS = {
     "training": {
         "optics.distributions": "Distribution",
         "renderer.random_defocus": "RandomDefocus",
+        "renderer.samples": "mirrored",
         "batch.datasets.torch_dataset": "BatchDataset decode_sample",
     },
     "files": {

@@ -133,7 +133,13 @@ def test_a_set_to_train_on_takes_a_dozen_lines():
 def test_the_python_of_a_document_runs(name, desk, capsys):
     write_named_blocks(DOCUMENTS["batch"].read_text(), desk)
     assert run("batch", "jobs.toml", "-o", "out/set", "--limit", "1", "--processes", "1").code == 0
-    text = DOCUMENTS[name].read_text().replace("crop=64", "crop=8").replace("n = 32", "n = 2")
+    text = (
+        DOCUMENTS[name]
+        .read_text()
+        .replace("crop=64", "crop=8")
+        .replace("64, 64", "8, 8")
+        .replace("n = 32", "n = 2")
+    )
     write_named_blocks(text, desk)
     names: dict[str, object] = {}
     for kind, content in blocks(text):

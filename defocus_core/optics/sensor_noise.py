@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
 
@@ -11,21 +13,26 @@ _UNITS = "noise is counted in electrons"
 
 
 def with_noise(
-    light: Tensor, *, electrons: float, read: float, seed: int, first_row: int = 0
+    light: Tensor,
+    *,
+    electrons: float,
+    read: float,
+    seed: int | Sequence[int],
+    first_row: int = 0,
 ) -> Tensor:
     """Light as a sensor counts it: a Poisson number of electrons, and what reading adds to them.
 
     Each row has random numbers of its own: a picture in strips is the whole picture.
 
     Args:
-        light: [C, H, W], linear. What is negative has no shot noise.
+        light: [C, H, W] or [B, C, H, W], linear. What is negative has no shot noise.
         electrons: Mean number of electrons of a light of 1.
         read: Standard deviation of the read noise in electrons, 0 or more.
-        seed: A whole number; the same seed makes the same noise.
+        seed: A whole number, of a batch one for each picture; the same makes the same noise.
         first_row: Number of the first row in its picture.
 
     Returns:
-        [C, H, W], on the CPU, in the dtype of the light.
+        As the light, on the CPU, in its dtype.
 
     Raises:
         ValueError: If an argument is not one of the above.
@@ -34,6 +41,14 @@ def with_noise(
     positive("electrons", electrons, _UNITS)
     if not number("read", read, _UNITS) >= 0:
         raise ValueError(f"read must be 0 or more, got {read}; {_UNITS}")
+    if light.dim() == 4:
+        if not isinstance(seed, Sequence) or len(seed) != len(light):
+            raise ValueError(f"seed must be one for each of {len(light)} pictures, got {seed}")
+
+        def noisy_one(one: Tensor, own: int) -> Tensor:
+            return with_noise(one, electrons=electrons, read=read, seed=own, first_row=first_row)
+
+        return torch.stack([noisy_one(*each) for each in zip(light, seed, strict=True)])
     seed, first_row = whole("seed", seed, "any will do", 0), whole("first_row", first_row, "", 0)
     counts = light.detach().to("cpu", torch.float64) * electrons
     generator, noisy = torch.Generator("cpu"), torch.empty_like(counts)

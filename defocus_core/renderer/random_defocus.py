@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from operator import index
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import torch
 from torch import Tensor
@@ -24,11 +24,13 @@ from defocus_core.optics.distributions import (
     percentile_rank,
 )
 from defocus_core.optics.dual_pixel import DualPixel
+from defocus_core.optics.sensor_noise import with_noise
 from defocus_core.optics.thin_lens import radii_of_each
 from defocus_core.renderer.defocus_lens import DEPTH_UNITS, DefocusLens
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
+from defocus_core.renderer.samples import Sample, like, planes_of
 from defocus_core.tensors.threads import graph_break, own_modes
 from defocus_core.tensors.validation import (
     bad_depth,
@@ -53,6 +55,11 @@ def _mm(name: str, value: Any) -> object:
 
 def _radii(name: str, value: Any) -> object:
     return number(name, value, "in radii of the pupil, or a Distribution")
+
+
+def _read_noise(name: str, value: Any) -> None:
+    if not number(name, value, "in electrons, or a Distribution") >= 0:
+        raise ValueError(f"{name} must be 0 or more electrons, got {value}; 0 is none")
 
 
 class DrawnOption(NamedTuple):
@@ -85,6 +92,8 @@ OPTIONS: Mapping[str, DrawnOption] = {
     "cat_eye_size": DrawnOption(1.0, _radii),
     "cat_eye_shift": DrawnOption(0.0, _radii),
     "crosstalk": DrawnOption(0.0, lambda _, value: DualPixel(crosstalk=value)),
+    "electrons": DrawnOption(math.inf, lambda name, value: value == math.inf or _mm(name, value)),
+    "read_noise": DrawnOption(0.0, _read_noise),
 }
 _SHAPES = tuple(name for name, row in OPTIONS.items() if row.check is _shape)
 
@@ -150,6 +159,8 @@ class Lenses(NamedTuple):
         cat_eye_size: Radii of the rim of the barrel, in radii of the pupil.
         cat_eye_shift: How far the rim is off the pupil in the corners, in these radii.
         crosstalk: Shares of the light that go to the other photodiode.
+        electrons: Of a light of 1, whose number is random; inf without noise.
+        read_noise: Standard deviations of what reading adds, in electrons.
     """
 
     signed_radius: Tensor
@@ -166,6 +177,8 @@ class Lenses(NamedTuple):
     cat_eye_size: Tensor
     cat_eye_shift: Tensor
     crosstalk: Tensor
+    electrons: Tensor
+    read_noise: Tensor
 
 
 class RandomDefocus(torch.nn.Module):
@@ -249,39 +262,75 @@ class RandomDefocus(torch.nn.Module):
         )
         return ", ".join(f"{name}={getattr(self, name)!r}" for name in names)
 
-    @graph_break
+    @overload
+    def forward(self, image: Mapping[str, Any]) -> Sample: ...
+
+    @overload
     def forward(
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
-    ) -> tuple[ViewTensors, Lenses]:
-        """Defocus a batch.
+    ) -> tuple[ViewTensors, Lenses]: ...
+
+    @graph_break
+    def forward(
+        self,
+        image: Tensor | Mapping[str, Any],
+        depth: Tensor | None = None,
+        seeds: Sequence[int] | Tensor | torch.Generator = (),
+    ) -> tuple[ViewTensors, Lenses] | Sample:
+        """Defocus a batch, or a sample of a data set, as a transform.
 
         Args:
-            image: [B, C, H, W], scene-linear.
+            image: [B, C, H, W], scene-linear. Or a sample: a mapping with ``image`` and ``depth``,
+                tensors, those of torchvision, or arrays, and maybe ``seed``, else of torch's
+                generator.
             depth: [B, 1, H, W] or [B, H, W], planar depth, > 0, inf for the sky.
             seeds: A whole number for each picture, or a generator to draw them from.
 
         Returns:
-            The views of the pictures, and their lenses.
+            The views of the pictures, and their lenses. Of a sample, the sample: its ``image`` is
+            defocused, beside it are ``left`` and ``right``, the signed radius as ``coc``, and
+            ``lens``, numbers by name; all else stays.
 
         Raises:
             ValueError: If shapes disagree, a depth is NaN or not positive, or no lens drawn for a
                 picture suits it: the focus is too near, or the blur exceeds `max_radius`.
         """
         self._check()
+        if isinstance(image, Mapping):
+            return self._transformed(image)
+        if depth is None:
+            raise ValueError("depth must be a tensor beside image, got None; or give one sample")
         with own_modes(image.device):
             return self._defocused(image, depth, seeds)
+
+    def _transformed(self, sample: Mapping[str, Any]) -> Sample:
+        """`forward` of a sample."""
+        if not sample.keys() >= {"image", "depth"}:
+            wanted = "a sample must have image and depth"
+            raise ValueError(f"{wanted}, got {', '.join(map(str, sample))}; rename its entries")
+        given, depth, seed = sample["image"], sample["depth"], sample.get("seed")
+        image, maps = planes_of("image", given), planes_of("depth", depth)
+        seed = int(torch.randint(2**63 - 1, ()) if seed is None else seed)
+        with own_modes(image.device):
+            views, lenses = self._defocused(image[None], maps[None], [seed])
+        names = ("image", "left", "right")
+        made = {n: like(given, one[0]) for n, one in zip(names, views.images, strict=False)}
+        lens = {name: float(getattr(lenses, name)) for name in OPTIONS}
+        return {**sample, **made, "coc": like(depth, lenses.signed_radius[0]), "lens": lens}
 
     def _defocused(
         self, image: Tensor, depth: Tensor, seeds: Sequence[int] | Tensor | torch.Generator
     ) -> tuple[ViewTensors, Lenses]:
         """`forward` with options that are checked."""
         maps = depth_maps(image, depth, torch.float32, image.device) * DEPTH_UNITS[self.depth_unit]
-        drawings = self._draw(maps, _seeds(seeds, len(image)))
+        seeds = _seeds(seeds, len(image))
+        drawings = self._draw(maps, seeds)
         radii, views = maps, no_pictures(image, 3 if self.left_right else 1)
         if drawings:
             radii = radii_of_each([drawing.lens for drawing in drawings], maps)
             every = zip(image, radii, map(self._settings, drawings), strict=True)
             views = batch([Renderer(Surface(*one), own).picture() for *one, own in every])
+            views = views._replace(images=_with_noise(views.images, drawings, seeds))
         columns = {
             name: torch.tensor(
                 [options[name] for options, _ in drawings], dtype=torch.float64, device="cpu"
@@ -353,6 +402,29 @@ class RandomDefocus(torch.nn.Module):
         if self.max_radius is None or radius <= self.max_radius:
             return _Drawing(options, lens)
         return f"max_radius must allow some lens, got {self.max_radius:g} for {radius:g} px"
+
+
+def _with_noise(
+    images: Sequence[Tensor], drawings: Sequence[_Drawing], seeds: Sequence[int]
+) -> list[Tensor]:
+    """Views [B, C, H, W] with the noise of their lenses, which takes no part in gradients."""
+    noisy = [*images]
+    for place, ((options, _), seed) in enumerate(zip(drawings, seeds, strict=True)):
+        if options["electrons"] == math.inf:
+            continue
+        for view, image in enumerate(images):
+            light = image[place].detach()
+            electrons = options["electrons"] / (2 if view else 1)  # a photodiode has half of them
+            own = with_noise(
+                light,
+                electrons=electrons,
+                read=options["read_noise"],
+                seed=(3 * seed + view) % 2**63,
+            )
+            noise = torch.zeros_like(image)
+            noise[place] = own.to(light.device) - light
+            noisy[view] = noisy[view] + noise
+    return noisy
 
 
 class _Drawing(NamedTuple):

@@ -8,8 +8,9 @@ import pytest
 import torch
 from tolerances import RENDERED
 
-from defocus_core import Aperture, DefocusLens, Distribution, RandomDefocus, render
+from defocus_core import Aperture, DefocusLens, Distribution, RandomDefocus, mirrored, render
 from defocus_core.renderer.random_defocus import OPTIONS, Lenses
+from defocus_core.renderer.samples import planes_of
 
 SIZE = (12, 18)  # H, W
 
@@ -170,3 +171,72 @@ def test_lenses_have_each_option_and_another_is_refused():
     assert Lenses._fields == ("signed_radius", *OPTIONS)
     with pytest.raises(TypeError, match="no option fnumber; choose from foclen"):
         RandomDefocus(fnumber=2.0)
+
+
+def dataset_sample():
+    colors, metres = image(1)[0], depth(1)[0]
+    return {"image": colors, "depth": metres, "masks": metres > 2000, "name": "a", "seed": 7}
+
+
+def of_v2(sample):
+    tv = pytest.importorskip("torchvision.tv_tensors")
+    mask = tv.Mask(sample["masks"])
+    return {
+        **sample,
+        "image": tv.Image(sample["image"]),
+        "depth": tv.Mask(sample["depth"]),
+        "masks": mask,
+    }
+
+
+def of_albumentations(sample):
+    arrays = {k: sample[k].movedim(0, -1).numpy() for k in ("image", "masks")}
+    return {**sample, **arrays, "depth": sample["depth"][0].numpy()}
+
+
+@pytest.mark.parametrize("made", [dict, of_v2, of_albumentations])
+def test_a_sample_is_transformed_as_a_batch_of_one_and_stays_what_it_is(made):
+    defocus, sample = RandomDefocus(left_right=True), made(dataset_sample())
+    views, lenses = defocus(image(1), depth(1), [7])
+    found = defocus(sample)
+    assert found.keys() == {*sample, "left", "right", "coc", "lens"}
+    assert found["masks"] is sample["masks"]
+    for name, wanted in (("image", views.render), ("left", views.left), ("right", views.right)):
+        assert type(found[name]) is type(sample["image"])
+        torch.testing.assert_close(planes_of(name, found[name]), wanted[0], rtol=0, atol=0)
+    assert type(found["coc"]) is type(sample["depth"])
+    assert found["coc"].shape == sample["depth"].shape
+    assert found["lens"]["fnum"] == lenses.fnum
+    del sample["seed"]
+    torch.manual_seed(1)
+    first = defocus(sample)["lens"]
+    assert first != defocus(sample)["lens"]
+    torch.manual_seed(1)
+    assert first == defocus(sample)["lens"]
+
+
+def test_a_mirrored_sample_is_that_of_the_mirrored_scene():
+    known = {"left_right": True, "blades": 0, "fnum": 0.4}
+    defocus, sample = RandomDefocus(**known), dataset_sample()
+    found, wanted = mirrored(defocus(sample)), defocus(mirrored(sample))
+    for name in ("image", "left", "right", "coc", "masks"):
+        torch.testing.assert_close(found[name], wanted[name], rtol=0, atol=2e-3 * (name != "coc"))
+    assert (found["left"] - found["right"]).abs().max() > 0.01
+    assert (found["name"], found["lens"]) == ("a", wanted["lens"])
+
+
+def test_noise_is_that_of_the_lens_drawn_and_no_part_of_gradients():
+    electrons = Distribution("loguniform", (100.0, 1000.0))
+    colors = image(1).expand(2, -1, -1, -1).clone().requires_grad_()
+    options = {"left_right": True, "fnum": 8.0}
+    clean, _ = RandomDefocus(**options)(colors, depth(2), [3, 4])
+    views, lenses = RandomDefocus(**options, electrons=electrons, read_noise=2.0)(
+        colors, depth(2), [3, 4]
+    )
+    for number in range(2):
+        for view, halves in ((0, 1), (1, 2)):
+            light, count = clean.images[view][number], lenses.electrons[number] / halves
+            wanted = ((light / count + 4 / count**2).mean()).sqrt()
+            noise = views.images[view][number] - light
+            assert noise.std().item() == pytest.approx(wanted.item(), rel=0.1)
+    assert torch.equal(*(torch.autograd.grad(v.render.sum(), colors)[0] for v in (clean, views)))

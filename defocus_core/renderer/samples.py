@@ -1,0 +1,58 @@
+"""Samples of data sets as transforms hand them on: mappings of pictures, depth, masks and more.
+
+A picture is a tensor [C, H, W], of a class of `torchvision.tv_tensors` or plain, or an array
+[H, W, C] as of albumentations; a map is [1, H, W] or [H, W]. What comes out is of the same kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import torch
+from torch import Tensor
+
+Sample = dict[str, Any]
+
+
+def planes_of(name: str, value: Any) -> Tensor:
+    """A picture or a map of a sample as a plain tensor [C, H, W]."""
+    planes = value.as_subclass(Tensor) if isinstance(value, Tensor) else torch.as_tensor(value)
+    if planes.ndim == 2:
+        return planes[None]
+    if planes.ndim != 3:
+        raise ValueError(
+            f"{name} of a sample must be one picture, got {list(planes.shape)}; a batch goes by "
+            "image, depth and seeds"
+        )
+    return planes if isinstance(value, Tensor) else planes.movedim(-1, 0)
+
+
+def like(value: Any, planes: Tensor) -> Any:
+    """Planes [C, H, W] in the class and the order of what a sample had."""
+    planes = planes[0] if value.ndim == 2 else planes
+    if isinstance(value, Tensor):
+        return planes.as_subclass(type(value))
+    return (planes if planes.ndim == 2 else planes.movedim(0, -1)).numpy(force=True)
+
+
+def mirrored(sample: Mapping[str, Any], p: float = 1.0) -> Sample:
+    """A sample, mirrored from side to side; left and right, whose light crosses over, exchange.
+
+    Args:
+        sample: Pictures and maps by name, those of the dual pixels as ``left`` and ``right``; what
+            is no picture stays as it is.
+        p: The chance of it, drawn by torch's generator, which a loader seeds in each worker.
+    """
+    if p < 1.0 and float(torch.rand(())) >= p:
+        return dict(sample)
+    turned = {name: _mirrored(value) for name, value in sample.items()}
+    if turned.keys() >= {"left", "right"}:
+        turned["left"], turned["right"] = turned["right"], turned["left"]
+    return turned
+
+
+def _mirrored(value: Any) -> Any:
+    if isinstance(value, Tensor):
+        return value.flip(-1).as_subclass(type(value)) if value.ndim > 1 else value
+    return value[:, ::-1].copy() if getattr(value, "ndim", 0) > 1 else value
