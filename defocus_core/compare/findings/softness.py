@@ -28,14 +28,13 @@ from defocus_core.compare.findings.evidence import (
 _LEAST, _MARGIN = 28, 8  # px of a side that is looked at, and of its border that is left out
 _FEW = 24  # each how many-th frequency is looked at
 _RADII, _PIXELS = np.geomspace(0.35, 16, 80), np.geomspace(1.015, 6, 80)  # px
-_OFF, _PROBE, _KEPT = 0.08, 64, 4  # share by which a size is looked for; px that find it; kept
+_OFF, _PROBE, _KEPT = 0.06, 64, 4  # share by which a size is looked for; px that find it; kept
 _NEAR = 0.8  # share left of few frequencies, beyond which a size is not looked for
 _WIDTHS, _PARTS = (1.2, 2.4, 4.8, 9.6), (16, 32)  # px of gaussians of parts, and of their sides
 _BLOCKS = (2, 4, 8)  # px of a side of pixels that were repeated
 _ALIKE = (0.03, 0.08, 0.2)  # differences of neighbours that a denoiser averages
 _OF_LIGHT = 0.3  # least share of the power of a difference that channels share
 _ONE_WAY = 0.85  # share of a difference where detail is lost that makes a picture softer
-_LEAST_GAIN = 0.02  # of detail that was sharpened
 _SIMPLER = ("softer", "sharper", "lower resolution", "shifted", "scaled")
 _Kernel = Callable[[Any], Any]  # weights by distances in its size
 
@@ -170,7 +169,6 @@ def softened(evidence: Evidence) -> Iterator[Explanation]:
     if min(evidence.framed[0].shape) >= _LEAST and alike_by >= _OF_LIGHT * np.square(b - a).sum():
         frame = _Frame(evidence)
         yield from _filtered(frame)
-        yield _sharpened(frame)
         yield from _resized(frame)
         yield from _denoised(frame)
         yield _filtered_in_parts(frame)
@@ -197,19 +195,6 @@ def _filtered(frame: _Frame) -> Iterator[Explanation]:
         left = frame.left(through if side == 0 else sum(frame.evidence.framed) - through)
         how = f": everywhere alike, as by a radius of {size:.2g} px{row.how}"
         yield Explanation(left, ("softer", "sharper")[side], how, {"radius": size})
-
-
-def _sharpened(frame: _Frame) -> Explanation:
-    """B has more of the detail of A."""
-    few, (power, _, common) = frame.few
-    changes = np.stack([_GAUSSIAN.response(*few, size) for size in _RADII]) - 1
-    squares = np.maximum(np.square(changes) @ power, 1e-300)
-    gains = (changes @ (common - power) / squares).clip(None, -_LEAST_GAIN)
-    best = int((gains * gains * squares).argmax())
-    gain, size, a = -float(gains[best]), float(_RADII[best]), frame.evidence.framed[0]
-    values = {"gain": 1 + gain, "sigma": size / 2}
-    left = frame.left(a + gain * (a - frame.through(0, _GAUSSIAN, size)))
-    return Explanation(left, "sharper", f": detail x {1 + gain:.3g}", values)
 
 
 def _resized(frame: _Frame) -> Iterator[Explanation]:

@@ -22,6 +22,7 @@ from defocus_core.system.text import counted
 _LEAST_TILE = 8  # px
 _TILES = (32, 64, 128, 256, 512)  # px of a side
 _FEW, _SPARK = 1e-3, 0.1  # share of the pixels that fireflies are at most; their least difference
+_EXACT = 0.95  # least share that gains of tiles explain: those of an object are nearly of tiles
 _FEW_TILES = 0.1  # share of the tiles that hold a difference in one place
 _SEGMENT = 16  # px along a line that are taken together, so that noise averages out
 _STANDS_OUT = 0.03  # of the power of the strongest line
@@ -101,7 +102,8 @@ def _gains_of_tiles(evidence: Evidence) -> Iterator[Explanation]:
         parts = sums_of_parts(np.square(b - a), side)
         spread = parts.sum() ** 2 >= _FEW_TILES * parts.size * np.square(parts).sum()
         on_grid = left(side, 0)
-        if spread and on_grid < 0.5 * min(left(side, side // 2), left(4 * max(evidence.size), 0)):
+        exact = spread and evidence.explained(on_grid) > _EXACT
+        if exact and on_grid < 0.5 * min(left(side, side // 2), left(4 * max(evidence.size), 0)):
             how = f" at multiples of {side} px: each tile has another exposure"
             yield Explanation(on_grid, "seams", how, {"period": side})
 

@@ -133,7 +133,7 @@ FAULTS: dict[str, tuple[Callable[[Pixels], Pixels], str]] = {
     ),
     "median of neighbours": (median, "softer: smeared"),
     "blurred down the frame": (pulled, "softer,"),
-    "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharper: detail x 1.6"),
+    "sharpened": (lambda a: a + 0.6 * (a - blurred(a, 1)), "sharper,"),
     # Small ones.
     "a tenth of a pixel": (lambda a: warped(a, dx=0.1), "shifted by (0.1"),
     "a twentieth of a pixel": (lambda a: warped(a, dx=0.05), "shifted by (0.05"),
