@@ -65,7 +65,7 @@ def command(
         problem = f"holds {len(pictures)} pictures, and the page shows one"
         raise UsageProblem("contradiction", problem, "name one file", path=color)
     typed = click.get_current_context().meta["typed"]
-    one = with_blur_and_focus(lenses, pictures, reading, typed, whole_subject=False)
+    one, reading = with_blur_and_focus(lenses, pictures, reading, typed, whole_subject=False)
     lens, _ = one.of(pictures[0])
     with tile_bar("picture") as progress:
         write_choice(pictures[0], lens, reading, out, machine, progress)

@@ -94,7 +94,7 @@ def command(
         from defocus_core.picture.subject import with_blur_and_focus
 
         typed = click.get_current_context().meta["typed"]
-        lenses = with_blur_and_focus(lenses, pictures, reading, typed)
+        lenses, reading = with_blur_and_focus(lenses, pictures, reading, typed)
     jobs = [
         Job(picture, lens, reading, outputs, machine)
         for picture, lens in _with_lenses(pictures, lenses, verbose=verbose)

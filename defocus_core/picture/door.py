@@ -252,8 +252,8 @@ class Lens:
         radius: NDArray[np.float32] = _prepared(picture, self, ("coc",), Machine()).shown
         return radius
 
-    def _values(self, picture: Picture, reading: Reading) -> LensValues:
-        """The lens that takes a picture."""
+    def _values(self, picture: Picture, reading: Reading) -> tuple[LensValues, Reading]:
+        """The lens that takes a picture, and how its depth is read."""
         lenses = PictureLenses(
             own=self._layer,
             file=self._file,
@@ -264,8 +264,8 @@ class Lens:
         if not lenses.is_complete and picture._arrays is None:
             from defocus_core.picture.subject import with_blur_and_focus
 
-            lenses = with_blur_and_focus(lenses, [picture.files], reading, ())
-        return lenses.of(picture.files)[0]
+            lenses, reading = with_blur_and_focus(lenses, [picture.files], reading, ())
+        return lenses.of(picture.files)[0], reading
 
     def __repr__(self) -> str:
         words = [f"{name}={text}" for name, text in self.options.items()]
@@ -505,7 +505,7 @@ def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Mac
     of_file = {} if lens._file is None else reading_in(lens._file)
     reading = reading_of(of_file, picture._reading)
     outputs = Outputs(Path(), kinds=kinds, exr_type="float")
-    job = Job(picture.files, lens._values(picture, reading), reading, outputs, machine)
+    job = Job(picture.files, *lens._values(picture, reading), outputs, machine)
     return plain_path.prepare(job, picture._read(job))
 
 

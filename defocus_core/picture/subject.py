@@ -52,6 +52,7 @@ _LOOKED_AT = 1 << 20  # pixels
 _NEAR_BY, _STEP = 0.01, 0.04
 _THICKEST = 0.15  # share of all numbers that the surface in focus takes at most
 _PLACES = 33  # of such a range about the number in focus that are tried
+_EVEN = 0.15  # evidence of which end is near that is none
 _UNFOCUSED = ("focus-at", "focus-value", "sharp-range")
 _LENS = LensValues(85.0, 1.4, None)  # @portrait-85
 
@@ -186,29 +187,61 @@ def with_blur_and_focus(
     typed: Sequence[str],
     *,
     whole_subject: bool = True,
-) -> PictureLenses:
+) -> tuple[PictureLenses, Reading]:
     """The lenses with blur and focus of a lone picture of relative depth, which a note says.
 
-    `whole_subject`: whether all of its surface is sharp, where no lens file is given.
+    The reading says which end is near, if the picture shows that it is black. `whole_subject`:
+    whether all of its surface is sharp, where no lens file is given.
     """
     if len(pictures) != 1 or pictures[0].frame is not None or lenses.is_complete:
-        return lenses
+        return lenses, reading
     picture = pictures[0]
     given = lenses.options
     if given.keys() <= BESIDE_BLUR and ("blur" in given or is_relative(picture.depth, reading)):
+        near = ""
+        if reading.invert is None and not own_format(picture.depth):
+            reading, near = _with_near_end(picture, reading)
         taken = _of_relative(
             picture, reading, given, whole_subject=whole_subject and lenses.file is None
         )
         if not taken:
-            return lenses
+            return lenses, reading
         words = " ".join(f"‹{name}› {each.text}" for name, each in taken.items())
-        says_near = reading.invert is not None or own_format(picture.depth)
-        near = "" if says_near else "; if black is near, add ‹invert›"
+        words += " ‹invert›" if near and reading.invert else ""
         note(f"defocus: {picture.depth}: relative depth, taken with {words}{near}")
-        return replace(lenses, own={**lenses.own, **taken})
+        return replace(lenses, own={**lenses.own, **taken}), reading
     if lacking := missing_options(given):
         raise _incomplete(picture, reading, lacking, typed, has_file=lenses.file is not None)
-    return lenses
+    return lenses, reading
+
+
+def _with_near_end(picture: PictureFiles, reading: Reading) -> tuple[Reading, str]:
+    """The reading with the end that is near as the picture shows it, and why, in words."""
+    shown = white_is_near(_depth_alone(picture, reading.as_relative()))
+    if abs(shown) < _EVEN:
+        return reading, "; white is taken as near, add ‹invert› if black is"
+    near, other, option = ("white", "black", "‹invert›")
+    if shown < 0:
+        reading, near, other, option = replace(reading, invert=True), other, near, "‹no-invert›"
+    why = "by the bottom and the middle of the picture"
+    return reading, f"; {near} is near {why}, add {option} if {other} is"
+
+
+def white_is_near(depth: Depth) -> float:
+    """The evidence of relative depth that its greatest numbers are near: -2 to 2, 0 is none.
+
+    The bottom of a picture is nearer than its top, and its middle nearer than its upper borders:
+    the mean ranks of their pixels are compared.
+    """
+    numbers = depth.metres[:: depth.metres.shape[0] // 256 + 1, :: depth.metres.shape[1] // 256 + 1]
+    _, ranks, counts = np.unique(numbers, return_inverse=True, return_counts=True)
+    rank = ((np.cumsum(counts) - counts / 2) / numbers.size)[ranks.reshape(numbers.shape)]
+    height, width = rank.shape
+    high, wide = max(1, height // 6), max(1, width // 6)
+    middle = rank[height // 4 : height - height // 4, width // 4 : width - width // 4]
+    sides = (rank[: height // 2, :wide], rank[: height // 2, -wide:], rank[:high])
+    borders = np.concatenate([side.ravel() for side in sides])
+    return float(rank[-high:].mean() - rank[:high].mean() + middle.mean() - borders.mean())
 
 
 def _of_relative(

@@ -18,7 +18,6 @@ from defocus_core.io.exr.windows import Layout, Overscan, Window
 from defocus_core.io.exr.writing import as_half, clamped_half, write_exr, write_exr_image
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.primaries import PRIMARIES, PROFILE
-from defocus_core.io.images.raster import Tag
 from defocus_core.io.safe_files import written_together
 from defocus_core.picture.opening import aperture_in_pixels, cat_eye_of, dual_pixel_of
 from defocus_core.picture.steps.table import WRITE, through
@@ -199,8 +198,13 @@ _LENS_TAGS = {
 
 def _with_lens(attributes: Mapping[str, object], lens: LensValues) -> dict[str, object]:
     """The attributes of a photograph, with the f-number and focal length of another lens."""
-    made = {k: v for k, v in attributes.items() if k not in _LENS_TAGS}
-    for name in attributes.keys() & _LENS_TAGS.keys():
+    tags = attributes.keys() & _LENS_TAGS.keys()
+    if not tags:
+        return dict(attributes)
+    from defocus_core.io.images.raster import Tag
+
+    made = {k: v for k, v in attributes.items() if k not in tags}
+    for name in tags:
         if (field := _LENS_TAGS[name]) and not lens.is_shape:
             made[name] = Tag(float(getattr(lens, field)))
     return made

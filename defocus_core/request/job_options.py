@@ -212,9 +212,10 @@ _READING = (
     ReadingParam(
         name="invert",
         is_common=True,
-        flag=True,
-        parse=always("invert"),
-        help="Black is near in relative disparity; with ‹blur›.",
+        toggle=True,
+        parse=switch,
+        help="Black is near in relative disparity, or white; with ‹blur›.  [default: white; for "
+        "one photograph what its depth shows]",
         of_pictures=True,
     ),
     ReadingParam(

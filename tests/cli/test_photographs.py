@@ -39,6 +39,10 @@ def test_the_first_picture_takes_one_line_and_says_how_it_was_taken(dtype, tmp_p
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     other = run("render", *files, "-o", tmp_path / "a.png", "--blur", "9px")
     assert taken(other.err) == "--focus-at 89,64"
+    reversed_ = png(tmp_path / "r.png", np.iinfo(dtype).max - disparity(dtype=dtype), dtype)
+    ran = succeed("render", files[0], reversed_, "-o", tmp_path / "r.png.png")
+    assert taken(ran.err) == "--blur 3px --focus-at 89,64 --invert"
+    assert "--no-invert" in ran.err
     black = run("render", *files, "-o", tmp_path / "a.png", "--invert", "--blur", "9px")
     assert taken(black.err) == "--focus-at 59,51"
 

@@ -200,7 +200,7 @@ def depth_of(
         data_window=samples.data_window,
         overscan=overscan,
         is_relative=reading.relative,
-        inverted=reading.invert is not None,
+        inverted=bool(reading.invert),
     )
     if samples.is_of_nuke and not reading.says_scale and (depth.ends or (0.0, 2.0))[1] <= 1:
         problem = f"{depth.channel} lies within 0 and 1, as the 1/z of Nuke's ScanlineRender"

@@ -69,7 +69,7 @@ class DepthReading:
     # resampled
     resize_depth: str | None = None
     relative: bool = False  # the numbers are disparity of unknown scale and offset, white near
-    invert: str | None = None  # whether black is near; of relative disparity
+    invert: bool | None = None  # whether black is near; of relative disparity
 
     @property
     def row(self) -> DepthFormat:

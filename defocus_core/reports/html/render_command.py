@@ -56,6 +56,8 @@ def _option_words(values: Mapping[str, Any]) -> list[object]:
         row = READING_OPTIONS.get(option.removeprefix("--"))
         if row is not None and row.flag:
             words.append(option)
+        elif row is not None and row.toggle:
+            words.append(option if value else f"--no-{row.name}")
         elif row is not None:
             text = row.text(value)
             words += [option, *(text.split() if row.words > 1 else [text])]

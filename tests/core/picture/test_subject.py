@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from defocus_core.io.depth_formats.depth import Depth
-from defocus_core.picture.subject import FoundPixel, subject_of, surface_of
+from defocus_core.picture.subject import FoundPixel, subject_of, surface_of, white_is_near
 
 RELATIVE = {"is_radius": True, "is_relative": True}
 
@@ -104,3 +104,34 @@ def test_the_subject_is_not_on_the_ramp_of_an_edge():
     numbers = np.full((200, 300), 10.0)
     numbers[60:140, 110:150], numbers[60:140, 150], numbers[60:140, 151:191] = 190, 195, 200
     assert found(numbers, **RELATIVE) in (190, 200), "195 is its median"
+
+
+def person_on_a_floor(column):
+    """Disparity of a floor below a far wall, and of a person who stands on it."""
+    rows = np.linspace(0, 1, 90)[:, None]
+    numbers = np.broadcast_to(np.maximum(rows - 0.4, 0.02) * 200, (90, 120)).copy()
+    numbers[25:80, column : column + 25] = 110
+    return numbers
+
+
+SCENES = {
+    "a person in the middle": person_on_a_floor(48),
+    "a person off the middle": person_on_a_floor(8),
+    "two persons": np.maximum(person_on_a_floor(15), person_on_a_floor(80)),
+    "a head before a wall": np.pad(np.full((60, 50), 200.0), ((30, 0), (35, 35))) + 20,
+    "a street under a sky": np.repeat(np.linspace(0, 255, 90)[:, None] ** 2 / 255, 120, 1),
+    "a cup on a table": np.pad(np.full((40, 30), 220.0), ((30, 20), (45, 45)))
+    + np.pad(np.full((20, 120), 240.0), ((70, 0), (0, 0))),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_bottom_and_the_middle_tell_which_end_is_near(name):
+    numbers = SCENES[name]
+    assert white_is_near(depth_of(numbers, **RELATIVE)) > 0.15
+    assert white_is_near(depth_of(255 - numbers, **RELATIVE)) < -0.15
+
+
+def test_nothing_tells_of_what_is_even():
+    assert abs(white_is_near(depth_of(np.full((60, 80), 7.0), **RELATIVE))) < 0.01
+    assert abs(white_is_near(depth_of(np.arange(80.0)[None].repeat(60, 0), **RELATIVE))) < 0.15

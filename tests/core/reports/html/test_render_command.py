@@ -40,7 +40,7 @@ def command(texts, reading):
 
 def test_a_command_has_a_blur_in_pixels():
     blur = {"blur": "7.123456789px", "focus-value": "0.2", "clamp-blur": "6px", "blades": "5"}
-    words = command(blur, Reading(invert="invert"))
+    words = command(blur, Reading(invert=True))
     said = words[words.index("-o") + 2 :]
     assert sorted(said[:-1:2]) == ["--blades", "--blur", "--clamp-blur", "--focus-value"]
     assert said[said.index("--blur") + 1] == "7.123456789px"
