@@ -31,7 +31,8 @@ from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings
 from defocus_core.renderer.samples import Sample, like, planes_of
-from defocus_core.tensors.threads import graph_break, own_modes
+from defocus_core.tensors.device_plan import launches_cost
+from defocus_core.tensors.threads import graph_break, own_modes, threaded
 from defocus_core.tensors.validation import (
     bad_depth,
     depth_maps,
@@ -328,8 +329,10 @@ class RandomDefocus(torch.nn.Module):
         radii, views = maps, no_pictures(image, 3 if self.left_right else 1)
         if drawings:
             radii = radii_of_each([drawing.lens for drawing in drawings], maps)
-            every = zip(image, radii, map(self._settings, drawings), strict=True)
-            views = batch([Renderer(Surface(*one), own).picture() for *one, own in every])
+            count = 1 if launches_cost(maps.device) else min(self.threads, len(drawings))
+            settings = [self._settings(drawing, self.threads // count) for drawing in drawings]
+            every = list(zip(image, radii, settings, strict=True))
+            views = batch(list(threaded(_defocused_alone, every, count)))
             views = views._replace(images=_with_noise(views.images, drawings, seeds))
         columns = {
             name: torch.tensor(
@@ -339,8 +342,8 @@ class RandomDefocus(torch.nn.Module):
         }
         return views, Lenses(radii[:, None], **columns)
 
-    def _settings(self, drawing: _Drawing) -> Settings:
-        """The options of `render` for a picture."""
+    def _settings(self, drawing: _Drawing, threads: int) -> Settings:
+        """The options of `render` for a picture that is computed in some threads."""
         options, lens = drawing
         return Settings(
             aperture=aperture_with(options),
@@ -348,7 +351,7 @@ class RandomDefocus(torch.nn.Module):
             cat_eye=rim_with(options),
             quality=self.quality,
             left_right=self.left_right,
-            threads=self.threads,
+            threads=threads,
             infinity=lens.radius_at_infinity(),
             depth_repair=self.depth_repair,
         )
@@ -432,6 +435,12 @@ class _Drawing(NamedTuple):
 
     options: dict[str, Any]
     lens: DefocusLens
+
+
+def _defocused_alone(one: tuple[Tensor, Tensor, Settings]) -> Views:
+    """The views of a picture [C, H, W] of radii [H, W] px."""
+    image, radius, settings = one
+    return Renderer(Surface(image, radius), settings).picture()
 
 
 def _at(ascending: Tensor, rows: list[int], ranks: list[int]) -> list[float]:

@@ -14,9 +14,9 @@ from defocus_core.optics.outline import Outline
 from defocus_core.renderer.compiled.bands import BandInputs, Bounds, render_band
 from defocus_core.renderer.compiled.coarse import CoarseAxis, coarse_axes
 from defocus_core.renderer.compiled.composite import order_of
-from defocus_core.renderer.compiled.openings import LOST, lost_shifts, opening
+from defocus_core.renderer.compiled.openings import LOST, areas_below, lost_shifts, opening
 from defocus_core.renderer.compiled.reduced import EIGHTHS, CoarseLayers, spread_reduced
-from defocus_core.renderer.compiled.sight import farthest_seen, needed
+from defocus_core.renderer.compiled.sight import farthest_seen, keep_in_frame, needed
 from defocus_core.renderer.compiled.slots import Slots, slots_between
 from defocus_core.renderer.compiled.spread import room_of
 from defocus_core.renderer.compiled.surfaces import (
@@ -110,6 +110,7 @@ def render(
         return int(render_band(given, opening(outline, max(room.reach, _LEAST)), room, rows, out))
 
     negative = sum(threaded(band, list(pairwise(ends)), count))
+    keep_in_frame(own.radius, areas_below(outline), out[0, -1])
     return out, negative
 
 

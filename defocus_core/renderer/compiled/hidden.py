@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from defocus_core.renderer.compiled.coarse import coarse_axes
+from defocus_core.renderer.compiled.coarse import CoarseAxis, coarse_axes
 from defocus_core.renderer.compiled.jit import compiled, entry
-from defocus_core.renderer.compiled.pyramid import half_level, most_levels, pyramid_of
+from defocus_core.renderer.compiled.pyramid import Level, half_level, most_levels, pyramid_of
 from defocus_core.renderer.inpainting.disocclusion import DECAY, EDGE, STEP, grain_of
 
 F32 = np.float32
@@ -25,7 +25,6 @@ _RADIUS, _NOWHERE = (1 << _BITS) - 1, -2 << _LEVELS << _BITS
 _CEILING, _BORDER, _LINES, _NEXT, _ENOUGH, _LEAST = 0.497, 0.377, 20.1 * DECAY, 4.0, 0.5, 1e-30
 # Levels that decide the direction of lines together, from a quarter of the resolution on.
 _DIRECTIONS = 3
-_MOST_LEVELS = 16
 # Of lines: see `inpainting/coherence_transport.py`.
 _STEPS = np.array((2.1, 4.1, 7.1, 11.1, 16.1, 22.1))
 _FARTHEST, _ALIKE, _FLAT, _UNCLEAR = 24, 2.013, 1e-3, 0.05
@@ -93,47 +92,76 @@ def _least_of(radius, i, j, down, across):
     return least
 
 
-@compiled
-def read_level(level, y, x, around, border, ceiling, found):
-    """The mean of the surfaces around a place in px that lie between two radii: found [K + 1].
+class _Levels(NamedTuple):
+    """Levels of a pyramid, pixels one after another: see `pyramid.py`."""
 
-    level: values, limits, px of a coarse pixel, and where pixel 0 is; around: px on each side of
-    the two places whose mean is asked for. Values are times their weight, which is the last.
+    values: NDArray[np.float32]  # [n, 2, K]
+    limits: NDArray[np.float32]  # [n, 2, 3]
+    size: NDArray[np.int64]  # [levels, 3] where each begins, its height and its width
+    place: NDArray[np.float64]  # [levels, 3] px of a coarse pixel, and where pixel 0 is
+
+
+def _levels_of(
+    pyramid: list[Level], first: int, down: list[CoarseAxis], across: list[CoarseAxis]
+) -> _Levels:
+    """Levels of which the first one has a number."""
+    sizes = [values.shape[:2] for values, _ in pyramid]
+    begins = np.cumsum([0, *(height * width for height, width in sizes)])
+    numbers = range(first, first + len(pyramid))
+    return _Levels(
+        *(
+            np.concatenate([x.reshape(-1, *x.shape[2:]) for x in of])
+            for of in zip(*pyramid, strict=True)
+        ),
+        np.array([(begin, *size) for begin, size in zip(begins, sizes, strict=False)], np.int64),
+        np.array([(1 << n, down[n].origin, across[n].origin) for n in numbers], np.float64),
+    )
+
+
+@compiled
+def read_level(levels, n, y, x, around, border, ceiling):
+    """The mean of the surfaces around a place in px that lie between two radii.
+
+    around: px on each side of the two places whose mean is asked for. Returns three colours, the
+    radius, and three values of structure if there are any, all times their weight, and the weight.
     """
-    values, limits, step, origin_y, origin_x = level
-    height, width, count = values.shape[0], values.shape[1], values.shape[3]
-    found[:] = 0
-    total = 0.0
-    v, u, away = origin_y + y / step, origin_x + x / step, around / step
+    values, limits = levels.values, levels.limits
+    start, height, width = levels.size[n, 0], levels.size[n, 1], levels.size[n, 2]
+    step, structured = levels.place[n, 0], values.shape[2] > 4
+    total = c0 = c1 = c2 = r = xx = xy = yy = 0.0
+    v, u, away = levels.place[n, 1] + y / step, levels.place[n, 2] + x / step, around / step
     top, left = np.int64(np.floor(v - away)), np.int64(np.floor(u - away))
     taps = 3 if around > 0 else 2
     for a in range(max(top, 0), min(top + taps, height)):
-        p, q = max(1 - abs(a - v - away), 0.0), max(1 - abs(a - v + away), 0.0)
+        rows = max(1 - abs(a - v - away), 0.0) + max(1 - abs(a - v + away), 0.0)
         for b in range(max(left, 0), min(left + taps, width)):
             share = max(1 - abs(b - u - away), 0.0) + max(1 - abs(b - u + away), 0.0)
-            share *= (p + q) / 4
-            if share <= 0:
-                continue
+            share *= rows / 4
+            at = start + a * width + b
             for k in range(2):
-                least = limits[a, b, k, 1]
-                weight = share * limits[a, b, k, 0]
-                if weight > 0 and border < least < ceiling:
+                weight = share * limits[at, k, 0]
+                if weight > 0 and border < limits[at, k, 1] < ceiling:
                     total += weight
-                    for c in range(count):
-                        found[c] += weight * values[a, b, k, c]
-    most = max(total, 1.0)
-    for c in range(count):
-        found[c] /= most
-    found[-1] = total / most
+                    c0 += weight * values[at, k, 0]
+                    c1 += weight * values[at, k, 1]
+                    c2 += weight * values[at, k, 2]
+                    r += weight * values[at, k, 3]
+                    if structured:
+                        xx += weight * values[at, k, 4]
+                        xy += weight * values[at, k, 5]
+                        yy += weight * values[at, k, 6]
+    turned = 1 / max(total, 1.0)
+    return (
+        *(c0 * turned, c1 * turned, c2 * turned, r * turned),
+        *(xx * turned, xy * turned, yy * turned, total * turned),
+    )
 
 
 @compiled
 def _direction(tensor, color):
     """The direction (y, x) in which a place changes least, and how clear it is."""
-    xx, xy, yy = tensor[0], tensor[1], tensor[2]
-    flat = 1.2e-38
-    for c in range(3):
-        flat += _FLAT**2 * color[c] * color[c]
+    xx, xy, yy = tensor
+    flat = 1.2e-38 + _FLAT**2 * (color[0] ** 2 + color[1] ** 2 + color[2] ** 2)
     trace = xx + yy + flat
     cosine, sine = (xx - yy) / trace, 2 * xy / trace
     square = cosine * cosine + sine * sine
@@ -145,75 +173,79 @@ def _direction(tensor, color):
 
 
 @compiled
-def _first_beyond(values, i, j, y, x, border):
+def _first_beyond(half, i, j, y, x, border):
     """The first coarse pixel along a direction beyond a border of radius, and how far it is, px."""
-    height, width = values.shape[:2]
+    height, width = half.size[0, 1], half.size[0, 2]
     for step in _STEPS:
         dy, dx = y * step / 2, x * step / 2
         row = i + np.int64(dy + math.copysign(0.5, y))
         column = j + np.int64(dx + math.copysign(0.5, x))
-        row, column = min(max(row, 0), height - 1), min(max(column, 0), width - 1)
-        if values[row, column, 0, 3] > border:
-            return row, column, step
-    return 0, 0, np.inf
+        at = min(max(row, 0), height - 1) * width + min(max(column, 0), width - 1)
+        if half.values[at, 0, 3] > border:
+            return at, step
+    return 0, np.inf
 
 
 @compiled
-def _transport(values, i, j, border, smooth, tensor):
-    """Change the colours that are continued smoothly [4] to those along a line that leads there."""
-    y, x, coherence = _direction(tensor, smooth)
-    a, b, to_first = _first_beyond(values, i, j, y, x, border)
-    c, d, to_second = _first_beyond(values, i, j, -y, -x, border)
-    first = to_first < _FARTHEST and abs(values[a, b, 0, 3] - smooth[3]) < _ALIKE
-    second = to_second < _FARTHEST and abs(values[c, d, 0, 3] - smooth[3]) < _ALIKE
+def _transport(half, i, j, border, smooth, tensor):
+    """The colours along a line that leads there, of those that are continued smoothly [4]."""
+    values, (y, x, coherence) = half.values, _direction(tensor, smooth)
+    a, to_first = _first_beyond(half, i, j, y, x, border)
+    b, to_second = _first_beyond(half, i, j, -y, -x, border)
+    first = to_first < _FARTHEST and abs(values[a, 0, 3] - smooth[3]) < _ALIKE
+    second = to_second < _FARTHEST and abs(values[b, 0, 3] - smooth[3]) < _ALIKE
+    part, weight = 0.0, 0.0
     if first and second:
         part, weight = to_second / (to_first + to_second), coherence
     elif first:
         part, weight = 1.0, coherence * (1 - to_first / _FARTHEST)
     elif second:
-        part, weight = 0.0, coherence * (1 - to_second / _FARTHEST)
-    else:
-        return
-    for k in range(3):
-        between = part * values[a, b, 0, k] + (1 - part) * values[c, d, 0, k]
-        smooth[k] += weight * (between - smooth[k])
+        weight = coherence * (1 - to_second / _FARTHEST)
+    own, rest = weight * part, weight * (1 - part)
+    return (
+        smooth[0] * (1 - weight) + own * values[a, 0, 0] + rest * values[b, 0, 0],
+        smooth[1] * (1 - weight) + own * values[a, 0, 1] + rest * values[b, 0, 1],
+        smooth[2] * (1 - weight) + own * values[a, 0, 2] + rest * values[b, 0, 2],
+    )
 
 
 @compiled
-def _surface_at(levels, count, y, x, border, ceiling, found, surface, tensor):
-    """The farther surfaces around a place in px: surface [4], tensor [3]; returns their weight."""
-    weight = 0.0
-    surface[:], tensor[:] = 0, 0
-    for n in range(1, count):
-        if n > _DIRECTIONS and weight >= _ENOUGH:
+def _surface_at(half, levels, y, x, border, ceiling, directions):
+    """The farther surfaces around a place in px: colours and radius, structure, their weight.
+
+    directions: the number of levels whose structure is asked for.
+    """
+    c0, c1, c2, r, _, _, _, found = read_level(half, 0, y, x, 0.5, border, ceiling)
+    own = min(found * _NEXT, 1.0)
+    weight = s0 = s1 = s2 = s3 = xx = xy = yy = 0.0
+    for n in range(levels.size.shape[0]):
+        if n >= directions and (weight >= _ENOUGH or own >= 1):
             break
-        read_level(levels[n], y, x, 0.0, border, ceiling, found)
-        if n <= _DIRECTIONS:
-            for c in range(3):
-                tensor[c] += found[4 + c]
+        d0, d1, d2, d3, d4, d5, d6, more = read_level(levels, n, y, x, 0.0, border, ceiling)
+        if n < directions:
+            xx, xy, yy = xx + d4, xy + d5, yy + d6
         missing = 1 - weight if weight < _ENOUGH else 0.0
-        for c in range(4):
-            surface[c] += missing * found[c]
-        weight += missing * found[7]
-    read_level(levels[0], y, x, 0.5, border, ceiling, found)
-    own = min(found[7] * _NEXT, 1.0)
-    scale = own / max(found[7], _LEAST)
-    weight = own + weight * (1 - own)
-    for c in range(4):
-        surface[c] = (found[c] * scale + surface[c] * (1 - own)) / max(weight, _LEAST)
-    return weight
+        s0, s1, s2, s3 = s0 + missing * d0, s1 + missing * d1, s2 + missing * d2, s3 + missing * d3
+        weight += missing * more
+    scale, rest = own / max(found, _LEAST), 1 - own
+    weight = own + weight * rest
+    scale, rest = scale / max(weight, _LEAST), rest / max(weight, _LEAST)
+    surface = (
+        *(c0 * scale + s0 * rest, c1 * scale + s1 * rest),
+        *(c2 * scale + s2 * rest, r * scale + s3 * rest),
+    )
+    return surface, (xx, xy, yy), weight
 
 
 @entry
-def continue_hidden(radius, levels, count, edges, down, across, light, coarse_radius):
+def continue_hidden(radius, half, levels, edges, down, across, light, coarse_radius):
     """Continue farther surfaces behind nearer ones: light [h, 4 w], coarse_radius [h, w] px.
 
-    levels: from half resolution on, as of `read_level`, of which `count` are there. Returns
-    whether there is any.
+    half: the level of half resolution; levels: those from a quarter on. Returns whether there is
+    any.
     """
     farthest, closest, grain = edges
     h, w = farthest.shape
-    found, surface, tensor = np.empty(8), np.empty(4), np.empty(3)
     lost, any_hidden = math.floor(DECAY / grain), False
     for i in range(h):
         for j in range(w):
@@ -234,14 +266,17 @@ def continue_hidden(radius, levels, count, edges, down, across, light, coarse_ra
                 continue
             border = front + (source - front) * _BORDER
             y, x = (i - down.origin) * 2, (j - across.origin) * 2
-            weight = _surface_at(levels, count, y, x, border, ceiling, found, surface, tensor)
+            lines = source - shown <= _LINES
+            directions = _DIRECTIONS if lines else 0
+            surface, tensor, weight = _surface_at(half, levels, y, x, border, ceiling, directions)
             if weight <= 0 or surface[3] <= near + STEP:
                 continue
-            if source - shown <= _LINES:
-                _transport(levels[0][0], i, j, border, surface, tensor)
+            colors = surface[:3]
+            if lines:
+                colors = _transport(half, i, j, border, surface, tensor)
             any_hidden = True
             for c in range(3):
-                light[i, 4 * j + c] = surface[c]
+                light[i, 4 * j + c] = colors[c]
             light[i, 4 * j + 3] = 1
             coarse_radius[i, j] = surface[3]
     return any_hidden
@@ -272,13 +307,13 @@ def hidden_of(
     )
     half = half_level(light, radius, limit, nearer, down[1], across[1])
     pyramid = pyramid_of(half, span, down, across)
-    steps = [(float(2 << n), down[n + 1].origin, across[n + 1].origin) for n in range(len(pyramid))]
-    levels = [(*level, *step) for level, step in zip(pyramid, steps, strict=True)]
-    levels += levels[-1:] * (_MOST_LEVELS - len(levels))  # one type of tuple is compiled once
+    first, others = (
+        _levels_of(x, n, down, across) for n, x in ((1, pyramid[:1]), (2, pyramid[1:]))
+    )
     result = np.zeros((cones.shape[0], 4 * cones.shape[1]), np.float32)
     coarse_radius = np.empty(cones.shape, np.float32)
     if not continue_hidden(
-        *(radius, tuple(levels), len(pyramid), edges, down[1], across[1], result, coarse_radius)
+        *(radius, first, others, edges, down[1], across[1], result, coarse_radius)
     ):
         return None
     return result, coarse_radius

@@ -9,6 +9,7 @@ import numpy as np
 from defocus_core.depth.matting import AROUND, EDGE
 from defocus_core.renderer.compiled.jit import compiled, entry
 
+F32 = np.float32
 # As in `depth/matting.py`, whose names they have.
 STEP, NEARBY, PIXEL, UNCERTAIN, SHARP = 1.013, 2**0.5, 0.6, 0.25, 0.5
 WHOLE, WITHIN, FOREIGN, MIN_DEVIATION, ROUNDING, HALFWAY = 0.03, 2.0, 100.0, 0.01, 1e-4, 0.499
@@ -147,8 +148,24 @@ def _colors(color, own, other, alpha, c):
 
 
 @compiled
+def _has_step(radius, y, x):
+    """Whether radii within a px of a pixel step by as much as separate surfaces do."""
+    height, width = radius.shape
+    left, right = max(x - 1, 0), min(x + 1, width - 1)
+    up, down = max(y - 1, 0), min(y + 1, height - 1)
+    steepest = F32(0)
+    for i in (up, y, down):
+        steepest = max(steepest, abs(radius[i, x] - radius[i, left]))
+        steepest = max(steepest, abs(radius[i, right] - radius[i, x]))
+    for j in (left, x, right):
+        steepest = max(steepest, abs(radius[y, j] - radius[up, j]))
+        steepest = max(steepest, abs(radius[down, j] - radius[y, j]))
+    return steepest > F32(STEP)
+
+
+@compiled
 def _read_square(image, radius, edge, border, limit, y, x, colors, radii, near, weight, on_edge):
-    """The square around a pixel, and the weights of its pixels; returns whether it has a step."""
+    """Read the square around a pixel, and the weights of its pixels."""
     height, width = radius.shape
     r0, middle = radius[y, x], border[y, x]
     own = r0 < middle
@@ -164,12 +181,6 @@ def _read_square(image, radius, edge, border, limit, y, x, colors, radii, near, 
         weight[k] = _BESIDE[k] if abs(r - r0) <= EDGE or near[k] != own else 0.0
         if brightest > limit:
             weight[k] *= _LIGHT
-    steepest = 0.0
-    for i in range(AROUND - 1, AROUND + 2):
-        for j in range(AROUND - 1, AROUND + 1):
-            steepest = max(steepest, abs(radii[i * _SIDE + j + 1] - radii[i * _SIDE + j]))
-            steepest = max(steepest, abs(radii[(j + 1) * _SIDE + i] - radii[j * _SIDE + i]))
-    return steepest > STEP
 
 
 @entry
@@ -188,11 +199,12 @@ def take_apart(image, radius, edge, border, limit, own_light, nearer_light, near
     found = 0
     for y in range(height):
         for x in range(width):
-            if not edge[y, x] or not _read_square(
+            if not edge[y, x] or not _has_step(radius, y, x):
+                continue
+            _read_square(
                 *(image, radius, edge, border, limit, y, x),
                 *(colors, radii, near, weight, on_edge),
-            ):
-                continue
+            )
             for s in range(2):  # the nearer one first
                 for k in range(count):
                     part[k] = weight[k] if near[k] == (s == 0) and not on_edge[k] else 0.0

@@ -21,6 +21,8 @@ NEAR, SHARP, SOFT = (0.75, 1.5), 0.15, 0.25
 FIRST, SECOND = (round(r * STEPS) for r in NEAR)
 # Heights at which the chords of a row are averaged, and corners of the arc between two vertices.
 _CHORDS, _CORNERS = 8, 16
+# Intervals of the width of an opening between which areas are interpolated, and heights in each.
+_AREAS, _PER_AREA = 128, 4
 
 
 class Opening(NamedTuple):
@@ -62,6 +64,17 @@ def opening(outline: Outline, reach: int) -> Opening:
         share.astype(np.float32),
         reach,
     )
+
+
+@lru_cache(maxsize=8)
+def areas_below(outline: Outline) -> NDArray[np.float32]:
+    """The share [y, x] of an opening above u.y and left of u.x, at even places over [-1, 1]."""
+    places = np.linspace(-1, 1, _AREAS + 1)
+    y = places[:-1, None] + (np.arange(_PER_AREA) + 0.5) * (2 / (_AREAS * _PER_AREA))
+    begin, end = (x[..., None] for x in _chords(outline, y))
+    below = np.zeros((_AREAS + 1, _AREAS + 1))
+    np.clip(places - begin, 0, end - begin).sum(1).cumsum(0, out=below[1:])
+    return (below / below[-1, -1]).astype(np.float32)
 
 
 def _left(spans: NDArray[Any], side: int) -> tuple[NDArray[Any], NDArray[Any]]:

@@ -35,7 +35,6 @@ def rendered(frame: SharedFrame, scene: Surface) -> ViewTensors:
     whole, pair = frame.box, frame.settings.left_right and carries_pair(frame.settings)
     place = RegionPlace.of(frame, Grid([whole], whole[2:], 1))
     place = place._replace(outer=whole, held=whole, inside=whole, core=whole)
-    radius = scene.signed_radius.to(frame.dtype)
     # light has no unit: float32 is fine enough for that of about 1, also its squares
     unit = _unit(frame.content.limit)
     bounds, views = _bounds(frame, len(scene.image), unit), 3 if pair else 1
@@ -56,9 +55,6 @@ def rendered(frame: SharedFrame, scene: Surface) -> ViewTensors:
         groups.append(torch.from_numpy(found[:, :-1]).mul_(unit))
         negative = max(negative, darker)
     trust = torch.from_numpy(found[0, -1:])
-    inside = place.fractions(whole, radius, frame.division.parts[:1])
-    if inside is not None:
-        trust = (trust * inside[0]).float()
     counts = _counts(frame, scene) | ({"pixels_clamped": negative} if pair else {})
     images = groups[0] if len(groups) == 1 else torch.cat(groups, 1)
     return ViewTensors(list(images), trust, counts, whole)

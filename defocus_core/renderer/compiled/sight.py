@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from defocus_core.renderer.compiled.jit import compiled, entry
 from defocus_core.renderer.compiled.slots import Slots
 
 # Px around the disc of a pixel that it may see; ratio of the sizes of discs that are told apart;
@@ -55,3 +56,39 @@ def needed(slots: Slots) -> NDArray[np.uint8]:
     """For each slot the least that must be seen for it to show: itself; of octaves their first."""
     first = [slots.first_of(octave) for octave in slots.octaves]
     return np.array([*range(slots.visible), *first], np.uint8)
+
+
+# As in `compositing/sight.py`: the least share.
+_MIN_FRACTION = 0.01
+
+
+@compiled
+def _below(areas, y, x):
+    """The share of an opening above and left of a lens point, see `areas_below`."""
+    most = areas.shape[0] - 1
+    v, u = (y + 1) * most / 2, (x + 1) * most / 2
+    v, u = min(max(v, 0.0), most - 1e-6), min(max(u, 0.0), most - 1e-6)
+    i, j = np.int64(v), np.int64(u)
+    f, g = v - i, u - j
+    above = areas[i, j] * (1 - g) + areas[i, j + 1] * g
+    return above * (1 - f) + (areas[i + 1, j] * (1 - g) + areas[i + 1, j + 1] * g) * f
+
+
+@entry
+def keep_in_frame(radius, areas, trust):
+    """Multiply trust [H, W] by the share of the opening that sees a pixel's surface in the frame.
+
+    Lens point u images the surface at pixel q to q + r u: pixel x sees the surface at x - r u.
+    """
+    height, width = radius.shape
+    for y in range(height):
+        near = min(y, height - 1 - y) + 0.5
+        for x in range(width):
+            r = np.float64(radius[y, x])
+            if abs(r) <= min(near, min(x, width - 1 - x) + 0.5):
+                continue
+            top, bottom = (y + 0.5) / r, (y + 0.5 - height) / r
+            left, right = (x + 0.5) / r, (x + 0.5 - width) / r
+            share = _below(areas, top, left) - _below(areas, top, right)
+            share += _below(areas, bottom, right) - _below(areas, bottom, left)
+            trust[y, x] *= np.float32(max(abs(share), _MIN_FRACTION))

@@ -41,10 +41,11 @@ def views(image, radius, back, **options):
     return renderer.picture()
 
 
-def test_random_scenes_are_those_of_the_torch_back():
+@pytest.mark.parametrize("count", [40, pytest.param(300, marks=pytest.mark.bench)])
+def test_random_scenes_are_those_of_the_torch_back(count):
     """A layer holds other radii in each; a hidden surface is read from other coarse pixels."""
     means = []
-    for seed in range(40):
+    for seed in range(count):
         scene = random_scene(seed)
         ours, theirs = views(*scene, "auto"), views(*scene, "torch")
         pairs = list(zip(ours.images, theirs.images, strict=True))
