@@ -41,7 +41,7 @@ from defocus_core.tensors.validation import (
     one_of,
     positive,
 )
-from defocus_core.tensors.views import ViewTensors, batch, no_pictures
+from defocus_core.tensors.views import Views, ViewTensors, batch, no_pictures
 
 Option = float | Distribution
 
