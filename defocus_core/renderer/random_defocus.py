@@ -41,7 +41,7 @@ from defocus_core.tensors.validation import (
     one_of,
     positive,
 )
-from defocus_core.tensors.views import Views, ViewTensors, batch, no_pictures
+from defocus_core.tensors.views import ViewTensors, batch, no_pictures
 
 Option = float | Distribution
 
@@ -437,7 +437,7 @@ class _Drawing(NamedTuple):
     lens: DefocusLens
 
 
-def _defocused_alone(one: tuple[Tensor, Tensor, Settings]) -> Views:
+def _defocused_alone(one: tuple[Tensor, Tensor, Settings]) -> ViewTensors:
     """The views of a picture [C, H, W] of radii [H, W] px."""
     image, radius, settings = one
     return Renderer(Surface(image, radius), settings).picture()

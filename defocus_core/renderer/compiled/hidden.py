@@ -108,14 +108,13 @@ def _levels_of(
     sizes = [values.shape[:2] for values, _ in pyramid]
     begins = np.cumsum([0, *(height * width for height, width in sizes)])
     numbers = range(first, first + len(pyramid))
-    return _Levels(
-        *(
-            np.concatenate([x.reshape(-1, *x.shape[2:]) for x in of])
-            for of in zip(*pyramid, strict=True)
-        ),
-        np.array([(begin, *size) for begin, size in zip(begins, sizes, strict=False)], np.int64),
-        np.array([(1 << n, down[n].origin, across[n].origin) for n in numbers], np.float64),
+    values, limits = (
+        np.concatenate([x.reshape(-1, *x.shape[2:]) for x in each])
+        for each in zip(*pyramid, strict=True)
     )
+    places = [(begin, *size) for begin, size in zip(begins, sizes, strict=False)]
+    steps = [(1 << n, down[n].origin, across[n].origin) for n in numbers]
+    return _Levels(values, limits, np.array(places, np.int64), np.array(steps, np.float64))
 
 
 @compiled

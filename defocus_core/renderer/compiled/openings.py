@@ -74,7 +74,8 @@ def areas_below(outline: Outline) -> NDArray[np.float32]:
     begin, end = (x[..., None] for x in _chords(outline, y))
     below = np.zeros((_AREAS + 1, _AREAS + 1))
     np.clip(places - begin, 0, end - begin).sum(1).cumsum(0, out=below[1:])
-    return (below / below[-1, -1]).astype(np.float32)
+    shares: NDArray[np.float32] = (below / below[-1, -1]).astype(np.float32)
+    return shares
 
 
 def _left(spans: NDArray[Any], side: int) -> tuple[NDArray[Any], NDArray[Any]]:
