@@ -50,8 +50,11 @@ _LOOKED_AT = 1 << 20  # pixels
 # Within such a share of the longer side a surface changes by such a share of all disparities at
 # most: a floor that goes through all of them in half of the picture by half of it, an edge by more.
 _NEAR_BY, _STEP = 0.01, 0.04
-_THICKEST = 0.15  # share of all numbers that the surface in focus takes at most
-_PLACES = 33  # of such a range about the number in focus that are tried
+# Shares of all numbers that a surface in focus may take; which of them is taken of a surface that
+# grows with the share, as a floor does; and the growth by that of the share that is none.
+_THICKNESSES, _OF_FLOOR, _GROWTH = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35, 0.4), 2, 0.3
+_PLACES = 17  # of such a range about the number in focus that are tried
+_SEARCHED = 1 << 17  # pixels
 _EVEN = 0.15  # evidence of which end is near that is none
 _UNFOCUSED = ("focus-at", "focus-value", "sharp-range")
 _LENS = LensValues(85.0, 1.4, None)  # @portrait-85
@@ -141,10 +144,13 @@ def _extreme(values: NDArray[Any], reach: int, end: np.ufunc) -> NDArray[Any]:
 def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
     """The numbers of the surface that a pixel of a relative depth shows; None if it has but one.
 
-    They are those of the pixels that hang together with it within 15 % of all numbers, where there
-    are most of them.
+    The surface is the pixels connected with it whose numbers lie within a range: a range that may
+    grow without taking in more pixels ends at the edges of a subject (as of maximally stable
+    regions, J. Matas et al., BMVC 2002). A floor grows for ever, and 15 % of all numbers are taken.
     """
     every, step = _looked_at(depth)
+    finer = math.isqrt(every.size // _SEARCHED) + 1
+    every, step = every[::finer, ::finer], step * finer
     lowest, highest, limit = _around(every)
     here = pixel.y // step, pixel.x // step
     smooth = highest - lowest <= limit
@@ -152,15 +158,32 @@ def surface_of(depth: Depth, pixel: FoundPixel) -> Unitless | None:
     if not len(alike):
         return None
     place = tuple(alike[np.argmin(np.hypot(*(alike - here).T))])
-    thickness = _THICKEST * _range(every)
-    within = (
-        smooth & (every >= low) & (every <= low + thickness)
-        for low in np.linspace(every[place] - thickness, every[place], _PLACES)
-    )
-    whole = max((_connected(mask, place) for mask in within), key=np.count_nonzero)
+    whole = _stable([_largest(smooth, every, place, share) for share in _THICKNESSES])
     numbers = depth.metres[:][::step, ::step][whole]
     low, high = float(numbers.min()), float(numbers.max())
     return Unitless((low, high)) if low < high else None
+
+
+def _largest(
+    smooth: NDArray[np.bool_], every: NDArray[np.float64], place: tuple[int, int], share: float
+) -> NDArray[np.bool_]:
+    """The largest surface through a place whose numbers take a share of all of them."""
+    thickness, apart = share * _range(every), every - every[place]
+    within = (
+        smooth & (apart >= -below) & (apart <= thickness - below)
+        for below in np.linspace(0.0, thickness, _PLACES)
+    )
+    return max((_connected(mask, place) for mask in within), key=np.count_nonzero)
+
+
+def _stable(surfaces: Sequence[NDArray[np.bool_]]) -> NDArray[np.bool_]:
+    """The last of the first surfaces of `_THICKNESSES` that hardly grow; or that of a floor."""
+    areas, shares = np.array([np.count_nonzero(each) for each in surfaces]), np.array(_THICKNESSES)
+    calm = np.diff(areas) / areas[:-1] < _GROWTH * np.diff(shares) / shares[:-1]
+    if not calm.any():
+        return surfaces[_OF_FLOOR]
+    first = int(np.argmax(calm))
+    return surfaces[first + int(np.argmin([*calm[first:], False]))]
 
 
 def _connected(mask: NDArray[np.bool_], place: tuple[int, int]) -> NDArray[np.bool_]:

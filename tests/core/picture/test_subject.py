@@ -96,8 +96,16 @@ def test_holes_do_not_change_what_is_in_focus(hole):
 def test_of_a_floor_15_percent_of_the_numbers_are_in_focus():
     floor = np.linspace(0, 255, 200)[:, None].repeat(300, 1)
     low, high = surface_of(depth_of(floor, **RELATIVE), FoundPixel(150, 120, (300, 200)))
-    assert low <= floor[120, 0] <= high
+    assert low - 1e-3 <= floor[120, 0] <= high
     assert high - low == pytest.approx(0.15 * 255, abs=2.6)
+
+
+def test_a_face_that_takes_a_third_of_the_numbers_is_in_focus_as_a_whole():
+    y, x = np.mgrid[:200, :300]
+    off = np.hypot(x - 150, y - 100)
+    depth = depth_of(np.where(off < 60, 255 - 80 * off / 60, 10.0), **RELATIVE)
+    low, high = surface_of(depth, subject_of(depth))
+    assert (low, high) == (pytest.approx(175, abs=6), 255)
 
 
 def test_the_subject_is_not_on_the_ramp_of_an_edge():
