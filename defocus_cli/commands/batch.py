@@ -139,7 +139,7 @@ def command(
         problem, remedy = "needs the whole batch", "give it to 'defocus merge'"
         raise UsageProblem("whole-batch", problem, remedy, field="shards-size")
     console.name_keys()
-    batch = read_batch(jobs_file, Outputs(out, overwrite=overwrite), crew.machine)
+    batch = read_batch(jobs_file, Outputs(out, overwrite=overwrite), crew.machine, shard)
     execution = Execution(
         crew.execute(),
         shard=shard,

@@ -31,7 +31,8 @@ def command(out: Path, shards_size: int | None, as_json: bool) -> None:
       defocus merge out --shards-size 1GB
     """  # noqa: D301  click reads the backspace
     named = {record.sample_id: record.split for record in Ledger(out).records()}
-    update.refuse_foreign(out, named, packs=shards_size is not None)
+    packed = None if shards_size is None else list(named)
+    update.refuse_foreign(out, {*named.values()}, packed)
     merged = progress.merge(out)
     written = update.index(out, shards_size)
     journals = counted(merged.journals, "journal")

@@ -11,6 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from defocus_core.batch.journal.journal import MAX_SHARDS, Shard
 from defocus_core.batch.journal.record import Record
 from defocus_core.batch.workers import pipeline, run
 from defocus_core.batch.workers.dask_pool import execute_at
@@ -104,13 +105,18 @@ def batch_jobs(jobs: Jobs, out: str | PathLike[str], *, overwrite: bool = False)
         InputError: A file cannot be read or is missing, or files do not pair up.
         UsageProblem: A key is unknown, a value makes no sense, or two contradict each other.
     """
-    return _asked(jobs, Outputs(Path(out), overwrite=overwrite), Machine())[0]
+    return _asked(jobs, Outputs(Path(out), overwrite=overwrite), Machine(), None)[0]
 
 
-def _asked(jobs: Jobs, outputs: Outputs, machine: Machine) -> tuple[list[Job], JobsSource | None]:
+def _asked(
+    jobs: Jobs, outputs: Outputs, machine: Machine, shard: Shard | None
+) -> tuple[list[Job], JobsSource | None]:
     """The jobs of a batch, done by a machine, and what of they were made if it can be kept."""
     if isinstance(jobs, str | PathLike | Mapping):
-        return read_batch(jobs if isinstance(jobs, Mapping) else Path(jobs), outputs, machine)
+        asked = jobs if isinstance(jobs, Mapping) else Path(jobs)
+        return read_batch(asked, outputs, machine, shard)
+    if shard is not None:
+        jobs = jobs[shard.number - 1 :: shard.of]
     root, overwrite = outputs.root, outputs.overwrite
     return [
         replace(
@@ -130,6 +136,7 @@ def run_batch(
     threads: int | None = None,
     device: str = "auto",
     memory: int | None = None,
+    shard: tuple[int, int] | None = None,
     limit: int | None = None,
     fail_fast: bool = False,
     overwrite: bool = False,
@@ -150,6 +157,7 @@ def run_batch(
         threads: Of each process; None for what makes use of all cores.
         device: auto, cpu or cuda.
         memory: Bytes that each process may take; None for most of what is available.
+        shard: Do only the k-th of n parts, ``(k, n)``; `defocus merge` makes one of all.
         limit: Do at most so many jobs, and leave the rest.
         fail_fast: Whether the rest is left if a job fails.
         overwrite: Whether all is done again, whatever was done before.
@@ -173,9 +181,14 @@ def run_batch(
         remedy = f"choose from {', '.join(DEVICES)}"
         raise UsageProblem("unknown-name", f"'{device}' is not known", remedy, field="device")
     config = WorkerConfig("local", processes, threads, device, memory)
-    asked, source = _asked(jobs, Outputs(Path(out), overwrite=overwrite), config.machine)
+    part = None if shard is None else Shard(*shard)
+    if part is not None and not 1 <= part.number <= part.of <= MAX_SHARDS:
+        problem, remedy = f"{shard} is not a part of a batch", "write (2, 8), from (1, 8) to (8, 8)"
+        raise UsageProblem("out-of-range", problem, remedy, field="shard")
+    asked, source = _asked(jobs, Outputs(Path(out), overwrite=overwrite), config.machine, part)
     execution = Execution(
         pipeline.execute if processes == 1 else config.execute(),
+        shard=part,
         limit=limit,
         fail_fast=fail_fast,
         read_inputs=hash_inputs,

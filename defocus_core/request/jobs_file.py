@@ -99,11 +99,17 @@ class Batch(NamedTuple):
     source: JobsSource
 
 
-def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machine) -> Batch:
+def read_batch(
+    asked: Path | Mapping[str, Any],
+    outputs: Outputs,
+    machine: Machine,
+    part: tuple[int, int] | None = None,
+) -> Batch:
     """What a jobs file, or its tables, ask for; jobs of one picture follow one another.
 
     `outputs`: directory to write to, and defaults for ``[outputs]``; `machine`: device, threads and
-    memory, and defaults for ``[machine]``.
+    memory, and defaults for ``[machine]``; `part`: which one of how many, of whose jobs alone are
+    made; every n-th picture with all its lenses, or, of fewer pictures, every n-th job.
     """
     if isinstance(asked, Mapping):
         path, stored = Path("jobs"), asked
@@ -126,10 +132,15 @@ def read_batch(asked: Path | Mapping[str, Any], outputs: Outputs, machine: Machi
         raise UsageProblem("out-of-range", problem, remedy, path=path)
     machine = replace(machine, **quality)
     splits = read_splits(tables["split"], [entry.picture for entry in entries])
+    first, of = (0, 1) if part is None else (part[0] - 1, part[1])
+    own, each = slice(first, None, of), [range(lenses.count)] * len(entries)
+    if len(entries) < of:  # a scene that many lenses take is shared out, too
+        begins = (n * lenses.count for n in range(len(entries)))
+        own, each = slice(None), [range((first - at) % of, lenses.count, of) for at in begins]
     jobs = [
         Job(entry.picture, lens, reading, outputs, machine, suffix, split=split)
-        for entry, split in zip(entries, splits, strict=True)
-        for suffix, lens in lenses.lenses(entry.picture, range(lenses.count), entry.options)
+        for entry, split, numbers in zip(entries[own], splits[own], each, strict=False)
+        for suffix, lens in lenses.lenses(entry.picture, numbers, entry.options)
     ]
 
     @cache

@@ -7,6 +7,7 @@ is animated, drawn or swept is set nowhere else, as it would be ignored there.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -172,7 +173,7 @@ class PictureLenses:
                 continue
             for index in (number % draws for number in mine):
                 draw = Draw(self.sampling.seed, picture.stem + suffix, index)
-                yield f"{suffix}_s{index:03}", lens_of(set_to, draw)
+                yield sys.intern(f"{suffix}_s{index:03}"), lens_of(set_to, draw)
 
     def _check(self, options: Layer, metadata: Layer, picture: PictureFiles | None) -> None:
         focal = metadata.get("focal-length")

@@ -76,13 +76,15 @@ def _place_of(scene: str) -> float:
     return int.from_bytes(digest, "big") / 2**64
 
 
-def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) -> list[Job]:
+def with_recorded(
+    jobs: Sequence[Job], recorded: Mapping[str, Collection[str]], *, all_scenes: bool = True
+) -> list[Job]:
     """Jobs whose scenes stay in the split that is recorded of their pictures, if it is one.
 
     Lines say how many scenes stay where their hash would not put them, how many others are in
     another split than before, and which splits have no scene.
 
-    `recorded`: splits by the name of a picture.
+    `recorded`: splits by the name of a picture; `all_scenes`: whether the jobs are of all.
     """
     before: dict[Split, set[str]] = defaultdict(set)
     for job in jobs:
@@ -101,7 +103,7 @@ def with_recorded(jobs: Sequence[Job], recorded: Mapping[str, Collection[str]]) 
         note(f"[split]: {kept}, not where a hash of its name says; another -o splits anew")
     if moved:
         note(f"[split]: {counted(moved, 'scene')} in another split than before")
-    if empty:
+    if empty and all_scenes:
         none = f"none of {counted(len(now), 'scene')} is in {', '.join(sorted(empty))}"
         note(f"[split]: {none}: a hash of its name decides")
     return [

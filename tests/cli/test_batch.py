@@ -1,5 +1,6 @@
 """``defocus batch``: many jobs, whatever stops them."""
 
+import json
 import os
 import tarfile
 from pathlib import Path
@@ -12,6 +13,7 @@ from counting import calls
 
 from defocus_cli.main import main
 from defocus_core.batch.datasets.finished import samples
+from defocus_core.batch.datasets.sample_index import tar_line
 from defocus_core.batch.journal.runs import locked
 from defocus_core.batch.run_batch import WorkerConfig
 
@@ -188,7 +190,8 @@ def test_shards_hold_what_the_index_lists_if_asked_for_again(tmp_path, out):
         with tarfile.open(tar) as files:
             found = {name: files.extractfile(name) for name in files.getnames()}
             lines = [file.read() for name, file in found.items() if file and "json" in name]
-        return b"".join(lines) == (out / "metadata.jsonl").read_bytes()
+        index = map(json.loads, (out / "metadata.jsonl").read_text().splitlines())
+        return lines == [tar_line(entry) for entry in index]
 
     depth_exr(tmp_path / "depth" / "b.exr", 2 * ramp())
     for words in (("batch", path, "-o", out), ("merge", out)):

@@ -3,6 +3,9 @@
 import pytest
 from batches import JOBS, contents, jobs_file, records, without_times
 from command_line import refused, run, succeed
+from refusals import refuses
+
+from defocus_core import run_batch
 
 
 def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path, out):
@@ -18,8 +21,8 @@ def test_a_batch_takes_over_from_shards_that_did_not_end(tmp_path, out):
 def test_shards_merged_are_one_run(tmp_path, out):
     path = jobs_file(tmp_path, *"abcde")
     run("batch", path, "-o", tmp_path / "whole")
-    for shard in ("1/2", "2/2"):
-        succeed("batch", path, "-o", out, "--shard", shard)
+    succeed("batch", path, "-o", out, "--shard", "1/2")
+    assert run_batch(path, out, shard=(2, 2)).jobs == 4
     assert not (out / "metadata.jsonl").exists()
     assert {path.name for path in out.glob("*.jsonl")} == {
         "journal-1of2.jsonl",
@@ -81,3 +84,8 @@ def test_a_shard_that_is_missing_is_named(tmp_path, out):
 def test_what_is_no_shard_is_refused(shard, tmp_path, out):
     ran = run("batch", jobs_file(tmp_path), "-o", out, f"--shard={shard}")
     refused(ran, 2, "malformed", "shard")
+
+
+def test_what_is_no_shard_is_refused_in_python(tmp_path, out):
+    with refuses("out-of-range", field="shard"):
+        run_batch(jobs_file(tmp_path), out, shard=(0, 2))

@@ -7,7 +7,7 @@ OUT, the last one counts; `defocus merge` lists all of them.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from itertools import groupby
 from pathlib import Path
@@ -25,16 +25,15 @@ from defocus_core.system.memory import without_collections
 from defocus_core.system.text import counted, note
 
 
-def refuse_foreign(out: Path, named: Mapping[str, str], *, packs: bool) -> None:
+def refuse_foreign(out: Path, splits: set[str], packed: Sequence[str] | None) -> None:
     """Refuse an OUT in which the index or shards are not of a batch, or cannot be.
 
-    `named`: the split of each sample by its name; `packs`: whether shards are asked for.
+    `packed`: names of the samples for which shards are asked for; None for no shards.
     """
-    splits = sorted({*named.values()} - {""})
-    lists = [sample_index.NAME, *map(sample_index.list_name, splits)]
+    lists = [sample_index.NAME, *map(sample_index.list_name, sorted(splits - {""}))]
     names = [name for name in lists if not sample_index.is_own(out, name)]
-    if packs:
-        tar_shards.keys_of(list(named), out)
+    if packed is not None:
+        tar_shards.keys_of(packed, out)
         names += filter(None, [tar_shards.foreign(out)])
     if names:
         problem = "exists already, and was not written by a batch"

@@ -268,12 +268,12 @@ def refuse_others(jobs: Iterable[Job], ledger: Ledger, *, keep_lenses: bool) -> 
     def taken(asked: Mapping[str, Any]) -> tuple[Any, Any]:
         return asked.get("lens") or {}, (asked.get("reading") or {}).get("view")
 
-    for job in jobs:
-        now = taken(settings(job))
+    for job in jobs if ledger.last else ():
         for name in () if job.outputs.overwrite else job.names.values():
             path, number = ledger.out / name, ledger.last.get(name)
             if number is None or not path.exists():
                 continue
+            now = taken(settings(job))
             record = ledger.record(number)
             before = ledger.out.resolve() / record.inputs["color"].path
             was = taken(record.settings)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import time
+from array import array
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext, suppress
@@ -109,8 +110,8 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
     if execution.has_index:
         from defocus_core.batch.datasets import update
 
-        named = {job.sample_id: job.split.name for job in jobs}
-        update.refuse_foreign(out, named, packs=execution.shards_size is not None)
+        packed = None if execution.shards_size is None else [job.sample_id for job in jobs]
+        update.refuse_foreign(out, {job.split.name for job in jobs}, packed)
     is_file, forced = writes_file(jobs), any(job.outputs.overwrite for job in jobs)
     ledger = Ledger(out, is_empty=is_file)
     plan = _assigned(jobs, ledger, execution.shard, forced=forced)
@@ -122,12 +123,13 @@ def make_plan(jobs: Sequence[Job], out: Path, execution: Execution) -> Plan:
 
 
 def _assigned(jobs: Sequence[Job], ledger: Ledger, shard: Shard | None, *, forced: bool) -> Plan:
-    """The plan of the jobs of a shard, with the splits that samples had, unless it is forced."""
+    """The plan of jobs, with the splits that samples had, unless it is forced."""
     if any(job.split.choices for job in jobs):
         from defocus_core.request.splits import with_recorded
 
-        jobs = with_recorded(jobs, {} if forced else ledger.splits)
-    return Plan(jobs if shard is None else _part(jobs, shard), ledger)
+        recorded = {} if forced else ledger.splits
+        jobs = with_recorded(jobs, recorded, all_scenes=shard is None)
+    return Plan(jobs, ledger)
 
 
 def _decide(plan: Plan, execution: Execution, *, forced: bool) -> None:
@@ -164,23 +166,6 @@ def _has_outputs(job: Job, ledger: Ledger) -> bool:
     return ledger.is_ok(number) and all(map(os.path.exists, job.written))
 
 
-def _part(jobs: Sequence[Job], shard: Shard) -> list[Job]:
-    """The jobs of a shard: every n-th picture, with all its lenses.
-
-    Where there are fewer pictures than shards, it is every n-th job: a scene that is taken by many
-    lenses is shared out, too.
-    """
-    places: list[int] = []
-    picture = None
-    for job in jobs:
-        places.append((places[-1] + (job.picture != picture)) if places else 0)
-        picture = job.picture
-    if places and places[-1] + 1 < shard.of:
-        places = list(range(len(places)))
-    mine = (place % shard.of == shard.number - 1 for place in places)
-    return [job for job, is_mine in zip(jobs, mine, strict=True) if is_mine]
-
-
 _NAME_BYTES = 255  # the longest name of a file on Linux
 
 
@@ -209,17 +194,26 @@ def refuse_misplaced(jobs: Sequence[Job]) -> None:
 
 
 def _refuse_clashes(jobs: Sequence[Job]) -> None:
-    count = Counter((str(job.outputs.root), name) for job in jobs for name in job.names.values())
-    for (root, name), times in count.items():
-        require_utf_8(name)
-        length = len(name.rpartition("/")[2].encode())
-        if times > 1:
-            problem, remedy = "would be written twice", "rename one of the colour files"
-            raise InputError("duplicate", problem, remedy, path=Path(root, name))
-        if length > _NAME_BYTES:
-            problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
-            remedy = "give the picture a shorter name or stem"
-            raise InputError("too-large", problem, remedy, path=Path(root, name))
+    import numpy as np
+
+    hashes = array("q")  # a table of all names takes 200 MB for a million
+    for job in jobs:
+        for name in job.names.values():
+            hashes.append(hash((job.outputs.root, name)))
+            if len(name) > _NAME_BYTES // 4 or not name.isascii():
+                require_utf_8(name)
+                length = len(name.rpartition("/")[2].encode())
+                if length > _NAME_BYTES:
+                    problem = f"has a name of {length} bytes, more than {_NAME_BYTES}"
+                    remedy = "give the picture a shorter name or stem"
+                    raise InputError("too-large", problem, remedy, path=job.outputs.root / name)
+    if len(np.unique(hashes)) == len(hashes):
+        return
+    count = Counter((job.outputs.root, name) for job in jobs for name in job.names.values())
+    ((root, name), times), *_ = count.most_common(1)
+    if times > 1:
+        problem, remedy = "would be written twice", "rename one of the colour files"
+        raise InputError("duplicate", problem, remedy, path=root / name)
 
 
 def refuse_unknown(jobs: Iterable[Job], is_known: Callable[[str], bool]) -> None:
@@ -228,11 +222,13 @@ def refuse_unknown(jobs: Iterable[Job], is_known: Callable[[str], bool]) -> None
     for job in jobs:
         root, overwrite = job.outputs.root, job.outputs.overwrite
         for name in job.names.values():
+            if not os.path.lexists(f"{root}/{name}"):  # of a million jobs, paths take long
+                continue
             path = root / name
             if path.is_dir():
                 problem = "is a directory where a file is to be written"
                 raise InputError("wrong-type", problem, "choose another -o", path=path)
-            if not overwrite and os.path.lexists(path) and not is_known(name):
+            if not overwrite and not is_known(name):
                 existing.append(path)
                 journal = "" if job.outputs.file else ", and the journal does not know it"
     if existing:
