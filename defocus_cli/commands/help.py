@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from importlib.resources import files
 
 import click
@@ -48,8 +49,11 @@ def command(topic: str | None) -> None:
         others = f"topics are {', '.join(TOPICS)}; for a command, add --help to it"
         remedy = did_you_mean(topic, tuple(TOPICS), others)
         raise UsageProblem("unknown-name", "no such topic", remedy, path=topic)
-    # Without a terminal, click prints the text as it is.
-    click.echo_via_pager(text(topic).removesuffix("\n"))
+    whole = text(topic).removesuffix("\n")
+    if sys.stdout is not None and sys.stdout.isatty():
+        click.echo_via_pager(whole)
+    else:
+        console.stdout(whole)
 
 
 def text(topic: str) -> str:

@@ -20,6 +20,7 @@ from defocus_core.compare.flip import measure_flip
 from defocus_core.compare.metrics import equal_metrics, measure
 from defocus_core.compare.pairing import FilePair, further
 from defocus_core.compare.picture import (
+    UNDECODED,
     DecodedPicture,
     as_shown,
     in_linear_light,
@@ -32,6 +33,7 @@ from defocus_core.compare.record import (
     DIFFERENT,
     EXTRA,
     MISSING,
+    SAME,
     UNREADABLE,
     CompareSettings,
     Comparison,
@@ -75,6 +77,8 @@ def compare_pair(
             record = replace(record, status=DIFFERENT, findings=(renamed, *record.findings))
         return record, pixels
     except InputError as error:
+        if pair.b.suffix.lower() in UNDECODED and cmp(pair.a, pair.b, shallow=False):
+            return replace(blank, status=SAME, notes=("not decoded, the same bytes",)), None
         return replace(blank, status=UNREADABLE, error=str(error)), None
 
 

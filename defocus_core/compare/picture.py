@@ -28,9 +28,15 @@ from defocus_core.io.images.primaries import REC_709, Chromaticities, declared_p
 from defocus_core.io.images.raster import PLAIN_CHANNELS, Raster, read_pages, read_samples
 from defocus_core.io.safe_files import read_head
 
-SUFFIXES = frozenset(
-    {".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm", ".npy"},
+# Of files that look like pictures or arrays, and are not decoded here: their bytes are compared.
+UNDECODED = frozenset(
+    {".npz", ".h5", ".hdf5", ".mat", ".bin", ".pt", ".pth", ".raw", ".dng", ".psd", ".jxl", ".avif"}
 )
+SUFFIXES = UNDECODED | {
+    *(".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff", ".pfm", ".npy", ".webp", ".dpt"),
+    *(".ppm", ".pgm", ".pbm", ".pnm", ".bmp", ".gif", ".tga", ".dpx", ".cin", ".sgi", ".rgb"),
+    *(".jp2", ".heic", ".heif", ".ico", ".dds", ".tx"),
+}
 _KNOWN = "EXR, PNG, JPEG, TIFF, HDR, PFM or NPY"
 _PNG = b"\x89PNG\r\n\x1a\n"
 # Attributes that are numbers, by their type in the header.
@@ -39,6 +45,7 @@ _NUMBERS = {
     **dict.fromkeys(("double", "v2d", "v3d", "m33d", "m44d"), "d"),
     **dict.fromkeys(("int", "v2i", "v3i", "box2i", "rational"), "i"),
 }
+_BEFORE_PIXELS = 1 << 12  # bytes of a PNG, in which an animation says that it is one
 _LONGEST = 80  # characters of a metadata value that are shown
 
 
@@ -78,13 +85,17 @@ def read_picture(path: Path) -> DecodedPicture:
         (height, width), kind = values.shape, values.dtype.name
         layout = {"format": file_type}
         return DecodedPicture(path, width, height, {"Z": values}, {"Z": kind}, layout=layout)
-    return _from_raster(path, read_pages(path, wanted=_KNOWN))
+    return _from_raster(path, read_pages(path, wanted=_KNOWN, every_type=True))
 
 
 def _refuse_damaged_png(path: Path) -> None:
     """Refuse a PNG whose chunks are not whole: decoders skip a damaged one that holds no pixels."""
     data = memoryview(path.read_bytes())
     at, kind = len(_PNG), b""
+    if b"acTL" in data[:_BEFORE_PIXELS].tobytes():
+        problem = "is an animated PNG, of which only the first frame is read"
+        remedy = "save its frames as files"
+        raise InputError("unsupported", problem, remedy, path=path)
     while at < len(data) and kind != b"IEND":
         size, kind = int.from_bytes(data[at : at + 4], "big"), bytes(data[at + 4 : at + 8])
         end = at + 8 + size

@@ -72,7 +72,9 @@ def guided_depth(depth: Tensor, image: Tensor, threads: int = 1) -> Tensor:
             reach=_REACH * pitch,
         )
     return in_bands(
-        lambda box: (1 / (box.of(radius) / scale).clamp(min=0)).to(depth.dtype), size, depth.device
+        lambda box: (1 / (box.of(radius) / scale).clamp(min=0).abs()).to(depth.dtype),
+        size,
+        depth.device,
     )
 
 

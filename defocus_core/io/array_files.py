@@ -75,10 +75,12 @@ def array_type(head: bytes) -> str:
     return "COLMAP" if _COLMAP.match(head) else kind
 
 
-def container_type(head: bytes) -> str:
-    """The same for a file of several arrays, or of frames; empty for any other."""
-    kind = array_type(head)
-    return kind if kind in (*NAMED, _MATLAB_5) else ""
+def has_frames(path: Path) -> bool:
+    """Whether a file is of several arrays, or of one that is a stack: ``part`` is its frame."""
+    kind = array_type(read_head(path, _HEAD))
+    if kind == "NPY":
+        return any(frames_of(entry.shape) > 1 for entry in read_entries(path).values())
+    return kind in (*NAMED, _MATLAB_5)
 
 
 def read_entries(path: Path) -> dict[str, ArrayEntry]:
@@ -102,6 +104,9 @@ def read_entries(path: Path) -> dict[str, ArrayEntry]:
     entries = {
         name: entry for name, entry in every if len(entry.shape) >= 2 and min(entry.shape) > 0
     }
+    if "indptr" in dict(every):
+        problem, remedy = "holds a sparse matrix of SciPy", "save its toarray() as NPY"
+        raise InputError("unsupported", problem, remedy, path=path)
     if not entries:
         problem, remedy = "holds no numbers of height × width", "save an array of floats"
         raise InputError("not-numbers", problem, remedy, path=path)
@@ -127,10 +132,23 @@ def read_map(path: Path) -> NDArray[Any]:
 
 
 def squeezed(values: NDArray[Any]) -> NDArray[Any]:
-    """An array without first axes of one entry, and a third one."""
+    """An array without first and last axes of one entry, but for two."""
     while values.ndim > 2 and values.shape[0] == 1:
         values = values[0]
-    return values[:, :, 0] if values.ndim == 3 and values.shape[2] == 1 else values
+    while values.ndim > 2 and values.shape[-1] == 1:
+        values = values[..., 0]
+    return values
+
+
+def frames_of(shape: tuple[int, ...]) -> int:
+    """How many maps an array of a shape holds along its first axis of more than one entry."""
+    while len(shape) > 2 and shape[0] == 1:
+        shape = shape[1:]
+    while len(shape) > 3 and shape[-1] == 1:
+        shape = shape[:-1]
+    if len(shape) == 3 and shape[2] == 1:
+        return 1
+    return shape[0] if len(shape) == 3 or (len(shape) == 4 and shape[1] == 1) else 1
 
 
 def wrong_shape(path: Path, shape: tuple[int, ...]) -> InputError:

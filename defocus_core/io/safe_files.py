@@ -39,6 +39,14 @@ MAX_RATIO = 10_000
 UNASKED_BYTES = 2**28
 _NO_CODEC = ("support is not configured", "decoding is not implemented")  # as libtiff says it
 
+# What systems say where not the file is at fault; what helps.
+_LACKS = {
+    os.strerror(errno.EMFILE): "allow more, as 'ulimit -n 4096' does",
+    os.strerror(errno.ENFILE): "close other programs",
+    os.strerror(errno.ENOMEM): "free memory, or allow more",
+    os.strerror(errno.EAGAIN): "allow more processes and threads, as 'ulimit -u' does",
+    "can't start new thread": "allow more processes and threads, as 'ulimit -u' does",
+}
 _LFS_POINTER = b"version https://git-lfs.github.com/spec/"  # git-lfs, docs/spec.md
 
 LEFTOVER = re.compile(r"\..+\.(\d+)\.\d+\.tmp")  # a hidden sibling, with its process
@@ -299,7 +307,10 @@ def unwritable(path: Path, error: OSError) -> InputError:
 
 
 def damaged(path: Path, why: str, what: str = "is truncated or damaged") -> InputError:
-    """The error for a file that cannot be decoded."""
+    """The error for a file that cannot be decoded; not of it, where the system lacks something."""
+    if lacks := next((words for words in _LACKS if words.lower() in why.lower()), ""):
+        remedy = _LACKS[lacks]
+        return InputError("unreadable", f"cannot be read: {lacks}", remedy, path=path)
     return InputError("damaged", f"{what} ({why})", AGAIN, path=path)
 
 

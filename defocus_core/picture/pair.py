@@ -49,9 +49,9 @@ def parts_of(picture: PictureFiles, reading: Reading) -> tuple[int | None, int |
     """The part to read in the colour and in the depth file; None where there is only one."""
     if reading.part is None:
         return None, None
-    from defocus_core.io.array_files import container_type
+    from defocus_core.io.array_files import has_frames
 
-    if container_type(read_head(picture.depth, 32)):  # which has frames
+    if has_frames(picture.depth):
         return reading.part if len(describe(picture.color).parts) > 1 else None, reading.part
     paths = (picture.color, picture.depth)
     color, depth = (len(describe(path).parts) for path in paths)

@@ -136,8 +136,11 @@ def _keys_of(table: Table) -> dict[str, Mapping[int, Key]]:
             remedy = f'write {name} = {{1001 = "1.2m", 1060 = "4m"}}'
             problem = f"{frames!r:.40} is not a table of frames"
             raise UsageProblem("malformed", problem, remedy, path=table.place(name))
-        every[name] = {
-            frame_of(frame, table.place(name)): Key(text_of(text), table.place(f"{name}: {frame}"))
-            for frame, text in frames.items()
-        }
+        keys: dict[int, Key] = {}
+        for text, value in frames.items():
+            key = Key(text_of(value), table.place(f"{name}: {text}"))
+            if keys.setdefault(frame := frame_of(text, table.place(name)), key) is not key:
+                problem = f"is another key of frame {frame}"
+                raise UsageProblem("duplicate", problem, "remove one of them", path=key.where)
+        every[name] = keys
     return every

@@ -70,10 +70,7 @@ def format_name(text: str) -> str:
 def scale(text: str) -> float:
     """A factor, from ``0.001``, ``1/256`` or ``-1``."""
     fraction = _FRACTION.fullmatch(short(text))
-    if fraction:
-        above, below = scale(fraction[1]), scale(fraction[2])
-        return above / below
-    value = number(text)
+    value = scale(fraction[1]) / scale(fraction[2]) if fraction else number(text)
     if not 0 < abs(value) < math.inf:
         raise QuantityError(f"'{text}' is 0 or not finite", "write it like 0.001 or 1/256")
     return value
@@ -88,17 +85,19 @@ def distance(text: str) -> float:
     return length(f"{text.strip()}m") if math.isfinite(metres) else length(text)
 
 
-def far_distance(text: str) -> float:
-    """As `distance`, or ``inf``."""
-    return math.inf if text.strip().lower() in ("inf", "infinity") else distance(text)
+def end_distance(text: str) -> float:
+    """As `distance`, or ``inf``, or 0."""
+    if text.strip().lower() in ("inf", "infinity"):
+        return math.inf
+    return 0.0 if re.fullmatch(r"0+(\.0*)?[a-z]*", text.strip(), re.I) else distance(text)
 
 
 def distances(text: str) -> tuple[float, float]:
-    """Two distances in mm, from ``2m 50m``, of which one may be inf."""
+    """Two distances in mm, from ``2m 50m``, of which one may be inf, or 0."""
     words = text.replace(",", " ").split()
     if len(words) != 2:
         raise QuantityError(f"'{text}' is not two distances", "write them like 2m 50m")
-    first, second = map(far_distance, words)
+    first, second = map(end_distance, words)
     return first, second
 
 
@@ -229,6 +228,12 @@ _READING = (
         parse=number,
         metavar="NUMBER",
         help="Depth of this number and above is sky; disparity of this number and below is sky.",
+    ),
+    ReadingParam(
+        name="invalid-value",
+        parse=number,
+        metavar="NUMBER",
+        help="This number means no depth, like 65535.",
     ),
     ReadingParam(
         name="invalid",

@@ -11,6 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from os.path import commonprefix
 from pathlib import Path
 from typing import Any
 
@@ -268,6 +269,24 @@ def _files(path: Path, suffixes: frozenset[str], root: Path | None, with_text: b
     return _Files(path, kind, by_name, photos)
 
 
+def _common_patterns(*sides: _Files) -> str:
+    """Patterns that pair all files of directories whose names share all but affixes; else empty."""
+    patterns, cores = [], []
+    for side in sides:
+        names = list(side.by_name)
+        first = commonprefix(names)  # noqa: RUF071 - names are no paths
+        last = commonprefix([name[::-1] for name in names])[::-1]  # noqa: RUF071
+        before = re.sub(r"[^_.-]*$", "", first) or re.sub(r"[0-9].*$", "", first)
+        after = re.sub(r"^[^_.-]*", "", last)
+        before, after = (before, after) if len(names) > 1 else ("", "")
+        cores.append({name[len(before) : len(name) - len(after)] for name in names})
+        suffixes = {path.suffix for path in side.by_name.values()}
+        end = suffixes.pop() if len(suffixes) == 1 else ".*"
+        patterns.append(f'"{side.path / f"{before}*{after}{end}"}"')
+    alike = cores[0] == cores[1] and all(cores[0])
+    return " and ".join(patterns) if alike else ""
+
+
 def _refuse_unpaired(files: _Files, others: _Files) -> None:
     """Refuse files of which one has no partner among the others."""
     if files.kind != others.kind:
@@ -281,4 +300,6 @@ def _refuse_unpaired(files: _Files, others: _Files) -> None:
         more = f", and none for {len(lone) - 1} more" if len(lone) > 1 else ""
         problem = f"has no file named '{lone[0]}', as {files.by_name[lone[0]]} is{more}"
         remedy = "name colour and depth files alike, or move the unpaired ones away"
+        if files.kind == "directory" and (patterns := _common_patterns(files, others)):
+            remedy = f"pair them in a jobs file, by the patterns {patterns}"
         raise InputError("empty", problem, remedy, path=others.path)

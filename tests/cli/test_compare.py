@@ -1,9 +1,11 @@
 """``defocus compare``: exit codes, what is compared, and what is reported."""
 
 import json
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -250,6 +252,32 @@ def test_folders_pair_by_path_and_a_lone_file_is_a_difference(tmp_path):
         ["4 pairs", "1 same, 1 different, 1 missing, 1 extra"],
     ]
     assert "same.exr: same" in run("compare", *folders(tmp_path), "-v").out
+
+
+def test_every_file_that_looks_like_a_picture_or_an_array_is_compared_or_named(tmp_path):
+    grey = {"A": 0.2, "B": 0.8}
+    for folder, value in grey.items():
+        for kind in ("webp", "bmp", "tga", "ppm", "dpx"):
+            path = tmp_path / folder / f"a.{kind}"
+            path.parent.mkdir(exist_ok=True)
+            save(path, np.full((8, 8, 3), int(255 * value), np.uint8))
+        np.savez(tmp_path / folder / "other.npz", np.full((4, 4), value))
+        np.savez(tmp_path / folder / "same.npz", np.ones((4, 4)))
+    (tmp_path / "A/lone.jxl").write_bytes(b"lone")
+    animated = (tmp_path / "A/a.webp").with_name("moves.png")
+    save(animated, np.zeros((8, 8, 1), np.uint8))
+    data = animated.read_bytes()
+    control = struct.pack(">I4sII", 8, b"acTL", 2, 0)
+    for folder in grey:
+        (tmp_path / folder / "moves.png").write_bytes(
+            data[:33] + control + struct.pack(">I", zlib.crc32(control[4:])) + data[33:]
+        )
+    ran = run("compare", tmp_path / "A", tmp_path / "B")
+    found = dict(line.split(": ")[:2] for line in ran.out.splitlines()[:-1])
+    kinds = {f"a.{kind}": "DIFFERENT" for kind in ("bmp", "dpx", "ppm", "tga", "webp")}
+    rest = {"lone.jxl": "MISSING", "moves.png": "UNREADABLE", "other.npz": "UNREADABLE"}
+    assert found == kinds | rest
+    assert ran.out.splitlines()[-1].startswith("9 pairs: 1 same, 5 different")
 
 
 def test_many_pairs_in_processes_are_reported_in_order_and_alike(tmp_path):

@@ -90,6 +90,19 @@ def test_coc_and_focus_are_those_of_the_first_surface(tmp_path):
     assert not coc[:8].any()
 
 
+def test_a_sample_without_alpha_and_light_decides_nothing(tmp_path):
+    color, depth, coverage = layers(1.0, 5.0)
+    coverage[:] = 1
+    rows = from_layers(color[1:], depth[1:], coverage[1:])
+    nothing = {**dict.fromkeys("RGBA", 0.0), "Z": 0.5}
+    glow = {**nothing, "R": 0.1}
+    for name, first, found in (("a", nothing, "5m"), ("b", glow, "500mm")):
+        pixels = [[[first, *samples] for samples in row] for row in rows]
+        file = write_deep_samples(tmp_path / f"{name}.exr", pixels)
+        ran = succeed("render", file, "-o", tmp_path / name, *LENS[:4], "--focus-at", "20,20")
+        assert f"focus {found}" in ran.err
+
+
 def test_a_volume_lies_at_its_middle_in_one_over_distance(tmp_path):
     color, depth, coverage = layers(1.0)
     volume = from_layers(color, depth, coverage)

@@ -23,7 +23,13 @@ from defocus_core.io.depth_formats.reading import (
     DepthReading,
     own_format,
 )
-from defocus_core.io.depth_formats.rules import HALF_MAX, decoded, is_sky, resolved
+from defocus_core.io.depth_formats.rules import (
+    HALF_MAX,
+    decoded,
+    ends_in_hole,
+    is_sky,
+    resolved,
+)
 from defocus_core.io.depth_formats.table import NAMES, DepthFormat
 from defocus_core.io.exr.header import is_exr
 from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
@@ -69,6 +75,7 @@ def _filled_along_rows(
 
 # What to do about invalid pixels: of most files, and of samples, behind which others may lie.
 _FILL = "fill the holes, and write inf for sky; or say ‹invalid› far, or fill"
+_UNTURNED = "leave the minus of ‹depth-scale› out, if depth is positive in the file"
 _OF_SAMPLES = "write inf for sky, and leave samples without depth out"
 
 
@@ -85,6 +92,7 @@ class Depth:
         is_radius: whether the file holds radii instead of depth.
         replaced: how many invalid pixels were taken as far, or filled.
         hole_remedy: what to do about invalid pixels.
+        top_hole: the greatest number of the type, if it is a hole by evidence; else empty.
         data_window: its data window in words, if it does not cover the picture.
         overscan: pixels beyond the picture shown.
         warnings: what was taken for granted, and what was replaced, for people.
@@ -101,6 +109,7 @@ class Depth:
     is_radius: bool = False
     replaced: int = 0
     hole_remedy: str = _FILL
+    top_hole: str = ""
     data_window: str = ""
     overscan: Overscan = NO_OVERSCAN
     warnings: tuple[str, ...] = ()
@@ -188,6 +197,15 @@ def depth_of(
         told.append(f"16 bits read as {row.words}; say ‹depth-unit› or ‹depth-format›")
     if reading.sky is not None and not is_sky(values, row).any():
         told.append(f"‹sky› {reading.sky:g} marks no pixel")
+    if reading.invalid_value is not None and not (values == reading.invalid_value).any():
+        told.append(f"‹invalid-value› {reading.invalid_value:.10g} marks no pixel")
+    hole = f"{samples.top:.0f}" if ends_in_hole(reading, row, samples) else ""
+    if hole:
+        row = replace(row, invalid=(*row.invalid, samples.top))
+        told.append(
+            f"{hole}, the greatest number of its type and far from all others, is taken as no "
+            f"depth; say ‹invalid-value› {hole} or ‹sky› {hole}"
+        )
     metres, half_sky = _decode(values, row, overscan)
     words = [samples.words, division, row.words, *_apply_marks(samples, row, metres)]
     depth = Depth(
@@ -197,6 +215,7 @@ def depth_of(
         f"{', '.join(filter(None, words))}{', 65504 taken as sky' * half_sky}",
         is_radius=row.rule == "radius",
         hole_remedy=_hole_remedy(samples, reading, row),
+        top_hole=hole,
         data_window=samples.data_window,
         overscan=overscan,
         is_relative=reading.relative,
@@ -233,9 +252,11 @@ def require_valid(depth: Depth) -> None:
     if not count:
         return
     what = "NaN or infinite" if depth.is_radius else "NaN or ≤ 0"
+    if depth.top_hole:
+        what += f", or {depth.top_hole}, the end of its type and far from all others,"
     problem = f"is {what} in {counted(count, 'pixel')}, the first at {first}"
     remedy = depth.hole_remedy
-    if remedy != _OF_SAMPLES and _is_behind(depth):
+    if remedy not in (_OF_SAMPLES, _UNTURNED) and _is_behind(depth):
         problem, remedy = _BEHIND
     if depth.data_window:
         problem = f"{problem}; its data window is {depth.data_window} only"
@@ -243,7 +264,7 @@ def require_valid(depth: Depth) -> None:
 
 
 def _hole_remedy(samples: DepthNumbers, reading: DepthReading, row: DepthFormat) -> str:
-    if samples.is_integer and reading.depth_format is not None:
+    if samples.is_integer and (reading.depth_format or reading.depth_unit):
         return "say ‹invalid› far if they are sky, or fill if they are holes"
     if samples.is_integer:
         zero = "since 0 is a hole for some and sky for others"
@@ -252,6 +273,8 @@ def _hole_remedy(samples: DepthNumbers, reading: DepthReading, row: DepthFormat)
         return "render the whole display window, or give the colour alpha; or say ‹invalid› far"
     if samples.is_deep:
         return _OF_SAMPLES
+    if reading.depth_scale is not None and reading.depth_scale < 0:
+        return _UNTURNED
     if reading.relative:
         return "fill the holes; or say ‹invalid› far, or fill"
     return "write a finite radius there" if row.rule == "radius" else _FILL
@@ -312,17 +335,32 @@ def _replaced(depth: Depth, how: str) -> Depth:
     if count == depth.metres.size:
         remedy = "give depth" if depth.is_relative else "check ‹depth-format›"
         raise InputError("invalid-depth", "has no pixel with a depth", remedy, path=depth.path)
+    close = _fill_too_close(depth)
     if how == "far":
         ends = depth.ends if depth.is_relative else None
         far = np.float32(farther.reduce(ends) if ends else np.inf)
         depth.metres[depth.invalid] = far
         taken = "the farthest number" if depth.is_relative else "infinitely far"
-        words = f"{counted(count, 'invalid pixel')} taken as {taken}"
+        words = f"{counted(count, 'invalid pixel')} taken as {taken}{close}"
     else:
         fill_from_farther(depth.metres, depth.valid, farther)
-        words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour"
+        words = f"{counted(count, 'invalid pixel')} filled from the farther neighbour{close}"
     warnings = (*depth.warnings, f"{depth.path.name}: {words}")
     return replace(depth, note=f"{depth.note}, {words}", replaced=count, warnings=warnings)
+
+
+def _fill_too_close(depth: Depth) -> str:
+    """Give -inf, with which cameras mark what is too close, the nearest depth in its row.
+
+    What was done, in words; empty where there is none.
+    """
+    close = np.isneginf(depth.metres)
+    if depth.is_radius or not close.any():
+        return ""
+    filled = depth.metres.copy()
+    fill_from_farther(filled, depth.valid, np.minimum)
+    depth.metres[close] = filled[close]
+    return f", of which -inf in {counted(int(close.sum()), 'pixel')}, too close, from the nearer"
 
 
 # Alpha of an edge whose numbers tell if they were multiplied, and of the whole pixel beside it.

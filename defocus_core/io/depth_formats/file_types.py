@@ -17,6 +17,7 @@ from defocus_core.io.array_files import (
     NAMED,
     ArrayEntry,
     array_type,
+    frames_of,
     read_entries,
     squeezed,
     wrong_shape,
@@ -118,13 +119,18 @@ def _frame(
 ) -> NDArray[Any]:
     """One map of an array in a file, of which no more than that is loaded."""
     row, shape, index = reading.row, entry.shape, None
-    frames = len(shape) > 2 and ("N" in row.axes or (shape[-1] > 4 and kind in NAMED))
-    if frames and shape[0] != 1:
+    frames = frames_of(shape)
+    if frames > 1 and ("N" in row.axes or shape[-1] not in (2, 3, 4)):
         if reading.part is None:
             remedy = "choose one with ‹part›, counted from 0"
-            raise InputError("ambiguous", f"holds {shape[0]} frames", remedy, path=path)
-        require_part(path, reading.part, shape[0])
-        index, shape = reading.part, shape[1:]
+            raise InputError("ambiguous", f"holds {frames} frames", remedy, path=path)
+        require_part(path, reading.part, frames)
+        if shape[0] != 1:
+            index, shape = reading.part, shape[1:]
+        else:
+            values = squeezed(entry.load(None))[reading.part]
+            require_size(path, reading, _map_of(path, values, row).shape, size)
+            return _map_of(path, values, row)
     with decoding(path):  # a shape may be beyond what NumPy counts
         outline = np.broadcast_to(np.uint8(0), shape)
     require_size(path, reading, _map_of(path, outline, row).shape, size)
@@ -162,10 +168,14 @@ def _from_picture(path: Path, reading: DepthReading, size: Size) -> DepthNumbers
     samples = raster.read_samples(path, page.page)
     values = samples[:, :, 0] if len(page.channels) < 3 else _grey(path, samples)
     values = np.array(values, dtypes.get(page.type, np.float32))
+    greatest = 2**page.bits - 1 if page.bits else None
+    if greatest is not None:  # the numbers in the file, before they were stretched
+        kind = f"{page.bits}-bit {path.suffix[1:].upper()}"
+        values = np.rint(values * (greatest / np.iinfo(values.dtype).max)).astype(values.dtype)
     if row.bits == "float16":
         values = values.astype(np.uint16).view(np.float16)
     file_type = {"uint16": "16-bit PNG", "uint8": "8-bit PNG"}.get(page.type, "float TIFF")
-    return DepthNumbers(path, values, file_type, kind)
+    return DepthNumbers(path, values, file_type, kind, greatest=greatest)
 
 
 def _unpacked(samples: NDArray[Any], row: DepthFormat) -> NDArray[Any]:

@@ -64,6 +64,7 @@ class DepthReading:
     geometry: str | None = None  # radial (distance to the point) or planar (depth along the axis)
     fov: float | None = None  # horizontal field of view in degrees
     sky: float | None = None  # numbers from this one on are sky; of disparity, up to this one
+    invalid_value: float | None = None  # the number that means no depth
     invalid: str = "error"  # error, far (infinitely far) or fill (from the farther neighbour)
     # Nearest or guided (by the colours), where depth of another size than the colour is to be
     # resampled
@@ -191,6 +192,8 @@ class DepthNumbers:
     metadata: Mapping[str, Any] = field(default_factory=dict)  # of the file, by key
     marks: tuple[Mark, ...] = ()  # in order: a later one wins
     data_window: str = ""  # its data window in words, if it does not cover the picture
+    # The greatest number of the type, where the file has fewer bits than that of the values
+    greatest: int | None = None
     is_deep: bool = False  # whether they are those of the nearest samples of deep pixels
 
     @property
@@ -202,7 +205,9 @@ class DepthNumbers:
     def top(self) -> float:
         """The greatest number of the type: 255, 65535, …; 1 of floats."""
         dtype = np.dtype(self.values.dtype)
-        return 1.0 if dtype.kind == "f" else float(np.iinfo(dtype).max)
+        if dtype.kind == "f":
+            return 1.0
+        return float(np.iinfo(dtype).max if self.greatest is None else self.greatest)
 
     @property
     def is_of_nuke(self) -> bool:

@@ -24,6 +24,8 @@ from defocus_core.io.exr.windows import NO_OVERSCAN, Overscan
 
 HALF_MAX = 65504.0  # the largest number that half can hold
 MM_PER_M = 1000.0
+_FEW_LEVELS = 255.0  # a type of so few numbers has no room for one that means something else
+_APART = 0.753  # the others are less than this share of the greatest number, if that is a hole
 # Options that say how numbers become depth, in the order in which they are refused.
 _OPTIONS = ("depth-unit", "depth-range", "depth-scale", "baseline", "doffs", "focal-px", "fov")
 _FLOATS = (1e-30, 1e30)  # focal length times baseline, far from the ends of float32
@@ -67,6 +69,8 @@ def resolved(
     else:
         row = RULES[row.rule].complete(reading, row, samples)
     row = replace(row, sky=_sky(reading, row, samples))
+    if reading.invalid_value is not None:
+        row = replace(row, invalid=(*row.invalid, reading.invalid_value))
     focal = None if row.rule == "radius" else _focal(reading, row, samples, lens_focal)
     if focal is None:
         return replace(row, geometry="planar")
@@ -127,6 +131,10 @@ def _by_range(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) ->
         problem = "has the same distance twice"
         raise UsageProblem("out-of-range", problem, "give two distances", field="depth-range")
     holds = RULES[row.rule].holds
+    if (math.inf if holds == "depth" else 0.0) in (near, far):
+        which = "inf, between which and a distance depth" if holds == "depth" else "0, whose 1/z"
+        problem = f"ends at {which} cannot be linear"
+        raise UsageProblem("out-of-range", problem, "give another distance", field="depth-range")
     ends = shown = near, far
     if holds != "depth":
         ends, shown = (1 / far, 1 / near), (far, near)
@@ -222,7 +230,7 @@ def _sky(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> floa
     if reading.sky is not None:
         return reading.sky
     if RULES[row.rule].holds == "disparity":
-        return -math.inf if row.scale > 0 else math.inf
+        return -math.inf if row.scale >= 0 else math.inf
     sky = min(row.sky, HALF_MAX) if samples.is_half else row.sky
     return -sky if row.scale < 0 else sky
 
@@ -319,6 +327,21 @@ def is_sky(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.bool_]:
         values, end = numbers.astype(np.float32, copy=False), np.float32(row.sky)
     sky: NDArray[np.bool_] = values <= end if falls else values >= end
     return sky | np.isin(numbers, row.sky_numbers) if row.sky_numbers else sky
+
+
+def ends_in_hole(reading: DepthReading, row: DepthFormat, samples: DepthNumbers) -> bool:
+    """Whether the greatest number of the type of integers is a hole by evidence.
+
+    It is that where it lies apart from all others, and neither format nor user says what it means.
+    """
+    top, values = samples.top, samples.values
+    said = reading.sky is not None or reading.depth_range is not None or row.ends is not None
+    if said or top <= _FEW_LEVELS or row.rule != "scale" or row.bits or row.weights:
+        return False
+    if not samples.is_integer or row.sky <= top or top in (*row.invalid, *row.sky_numbers):
+        return False
+    others = values[values != top]
+    return others.size < values.size and int(others.max(initial=0)) < _APART * top
 
 
 def _metres(numbers: NDArray[Any], row: DepthFormat) -> NDArray[np.float32]:

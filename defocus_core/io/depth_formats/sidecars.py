@@ -5,6 +5,7 @@ Also the metadata of the file itself: HEIC's and GDepth's properties.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -47,6 +48,12 @@ def _calib(place: Path, _: DepthNumbers) -> Found:
     lines = dict(line.split("=", 1) for line in _text(place).splitlines() if "=" in line)
     focal, baseline = float(lines["cam0"].strip(" []").split()[0]), float(lines["baseline"]) / 1000
     return _calibrated(place.name, focal, baseline, float(lines.get("doffs", 0)))
+
+
+def _scene_camera(place: Path, samples: DepthNumbers) -> Found:
+    """BOP: ``{"IMAGE": {"depth_scale": mm of 1}}``, the image by its number."""
+    scale = _positive(float(json.loads(_text(place))[str(int(samples.path.stem))]["depth_scale"]))
+    return {"words": f"{scale:g} mm by {place.name}", "scale": scale / 1000}
 
 
 def _heic(_: Path, samples: DepthNumbers) -> Found:
@@ -100,6 +107,7 @@ class _Sidecar(NamedTuple):
 
 _SIDECARS = {
     "calib.txt": _Sidecar(_calib, ("calib.txt",)),
+    "scene_camera.json": _Sidecar(_scene_camera, ("scene_camera.json", "../scene_camera.json")),
     "heic": _Sidecar(_heic),
     "gdepth": _Sidecar(_gdepth),
 }

@@ -246,6 +246,9 @@ RENDERERS = (
         weights=(1.0, 256.0, 65536.0),
         sky=2.0**24 - 1,
     ),
+    # Omniverse Replicator, annotators distance_to_image_plane and distance_to_camera
+    DepthFormat("isaac-plane", "Isaac Sim, distance_to_image_plane", ("NPY", "EXR")),
+    DepthFormat("isaac-camera", "Isaac Sim, distance_to_camera", ("NPY", "EXR"), geometry="radial"),
     DepthFormat(
         "mujoco-warp",
         "MuJoCo Warp, Newton",
@@ -339,6 +342,25 @@ DEPTH_DATASETS = (
             *("scannet", "scannetpp", "nyu", "nyu-png", "hypersim-marigold", "arkitscenes"),
             *("arkit", "wildrgbd", "hoi4d", "uasol", "dp5k"),
         ),
+    ),
+    # github.com/thodan/bop_toolkit, docs/bop_datasets_format.md: × depth_scale is mm
+    _png16(
+        "bop",
+        "BOP (LM-O, T-LESS, YCB-V, …), depth/*.png",
+        scale=1 / 1000,
+        sidecar="scene_camera.json",
+        aliases=("ycbv", "tless"),
+    ),
+    # "Invalid depth is set to 65535": the data set's readme
+    DepthFormat("7scenes", "7-Scenes, *.depth.png", _PNG16, scale=1 / 1000, invalid=(0, 65535)),
+    # github.com/EPFL-VILAB/omnidata: depth_zbuffer in 1/512 m, 65535 where the mesh has a hole
+    DepthFormat(
+        "taskonomy",
+        "Taskonomy, Omnidata, depth_zbuffer",
+        _PNG16,
+        scale=1 / 512,
+        invalid=(0, 65535),
+        aliases=("omnidata",),
     ),
     _png16("kitti", "KITTI depth, sparse", scale=1 / 256),
     DepthFormat(

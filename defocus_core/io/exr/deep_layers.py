@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.io.exr.channel_choice import is_depth
-from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, strips
+from defocus_core.io.exr.deep_samples import ALPHA, DEPTH, Strip, seen, strips
 from defocus_core.io.exr.header import DTYPES, Header
 from defocus_core.io.exr.windows import Overscan
 
@@ -36,7 +36,7 @@ def flat_channels(
         name: np.zeros((frame.height, frame.width), "float32" if name in light else DTYPES[kind])
         for name, kind in names.items()
     }
-    for strip in strips(path, header):
+    for strip in map(seen, strips(path, header)):
         fractions = _fractions(strip)
         for name, plane in planes.items() if len(fractions) else ():  # planes begin as zeros
             values = strip.values[name]
@@ -65,7 +65,7 @@ def deep_layers(
     layers: list[dict[str, Any]] = []
     kinds = {channel.name: channel.type for channel in header.channels}
     wanted = (*names, ALPHA, DEPTH)
-    for strip in strips(path, header):
+    for strip in map(seen, strips(path, header)):
         strip, count = merge_samples(strip, (*names, ALPHA))
         crowded += count
         while len(layers) < max(1, strip.maximum):

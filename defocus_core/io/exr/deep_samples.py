@@ -311,6 +311,19 @@ def _strip(
     return Strip(window, pixel, rank.astype(np.int32), values)
 
 
+def seen(strip: Strip) -> Strip:
+    """The strip without samples of neither alpha nor light, which are nothing, whatever Z says."""
+    alpha = strip.values[ALPHA]
+    if alpha.all():
+        return strip
+    light = [each for name, each in strip.values.items() if name.rpartition(".")[2] in (*"RGBY",)]
+    kept = np.logical_or.reduce([alpha > 0, *(each != 0 for each in light)])
+    pixel = strip.pixel[kept]
+    rank = (np.arange(len(pixel)) - np.searchsorted(pixel, pixel)).astype(np.int32)
+    values = {name: each[kept] for name, each in strip.values.items()}
+    return Strip(strip.window, pixel, rank, values)
+
+
 def _middle(front: NDArray[Any], back: NDArray[Any]) -> NDArray[Any]:
     """The middle of volumes in 1 / distance; of surfaces, their distance."""
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -94,6 +94,8 @@ def _arrays(path: Path, entries: Mapping[str, ArrayEntry]) -> FileInfo:
     channels, sizes = [], []
     for name, entry in entries.items():
         shape = entry.shape
+        while len(shape) > 3 and shape[-1] == 1:
+            shape = shape[:-1]
         axes = "" if len(shape) == 2 and len(entries) == 1 else f" {'×'.join(map(str, shape))}"
         channels.append((f"{name or 'Z'}{axes}", entry.dtype))
         sizes.append(shape[:2] if len(shape) == 3 and shape[2] <= 4 else shape[-2:])

@@ -35,6 +35,8 @@ from defocus_core.io.safe_files import (
 
 _SAMPLES = {"uint8": "uint8", "uint16": "uint16", "half": "float", "float": "float"}
 _SAMPLES["double"] = "float"
+_WANTED = "EXR, PNG, JPEG, TIFF, WEBP or HDR"
+_INTEGERS = ("uint8", "uint16")
 _KINDS = ("png", "jpeg", "tiff", "hdr", "webp")
 # How files of these kinds begin
 _MAGIC = (b"\x89PNG", b"\xff\xd8\xff", b"II*\0", b"MM\0*", b"II+\0", b"MM\0+", b"RIFF", b"#?")
@@ -61,15 +63,22 @@ class Raster:
     deep: bool = False  # whether it holds deep data, which has no samples
     orientation: int = 1  # by which it was turned, as Exif counts them: 1 is upright, 2 to 8
     page: int = 0  # which image of the file it is, from 0: a TIFF may have several
+    bits: int = 0  # of each sample, where the file has fewer than the type; else 0
     whole: bool = True  # whether it is no thumbnail or mask of another one
     tags: Mapping[str, Tag] = field(default_factory=dict)  # its metadata on camera and author
 
 
-def read_pages(path: Path, *, wanted: str = "EXR, PNG, JPEG, TIFF, WEBP or HDR") -> list[Raster]:
-    """Look at the headers of all images of a file."""
+def read_pages(path: Path, *, wanted: str = _WANTED, every_type: bool = False) -> list[Raster]:
+    """Look at the headers of all images of a file.
+
+    `wanted`: the types that errors propose; `every_type`: also of what no picture is made of.
+    """
     if is_heic(read_head(path)):
         return [_heic_page(path)]
     with decoding(path, "cannot be read"), quiet(), _open(path, wanted) as file:
+        if not every_type and file.format_name() not in _KINDS:
+            problem = f"is of type {file.format_name().upper()}, which is not read"
+            raise InputError("wrong-type", problem, f"use {wanted}", path=path)
         pages = [_raster(path, file, 0)]
         while file.seek_subimage(len(pages), 0):
             if len(pages) == _MOST_PAGES:
@@ -103,7 +112,7 @@ def read_samples(path: Path, page: int = 0) -> NDArray[Any]:
         file = open_heic(path)
         with decoding(path, HEIC_DAMAGE), quiet():
             return np.atleast_3d(np.asarray(file))
-    with decoding(path, "cannot be read"), quiet(), _open(path, "an image") as file:
+    with decoding(path, "cannot be read"), quiet(), _open(path, _WANTED) as file:
         file.seek_subimage(page, 0)
         spec = file.spec()
         kind = _SAMPLES.get(str(spec.format))
@@ -162,9 +171,6 @@ def _open(path: Path, formats: str) -> Iterator[Any]:
         return InputError("unreadable", problem, f"use {formats}", path=path)
 
     with opened_image(path, refusal) as file:
-        if file.format_name() not in _KINDS:
-            problem = f"is of type {file.format_name().upper()}, which is not read"
-            raise InputError("wrong-type", problem, f"use {formats}", path=path)
         yield file
 
 
@@ -192,9 +198,19 @@ def _raster(path: Path, file: Any, page: int) -> Raster:
         deep=bool(spec.deep),
         orientation=orientation,
         page=page,
+        bits=_fewer_bits(path, spec),
         whole=not spec.get_int_attribute("tiff:subfiletype") & _PART_OF_ANOTHER,
         tags=tags_of(spec),
     )
+
+
+def _fewer_bits(path: Path, spec: Any) -> int:
+    """Bits of a sample whose numbers OpenImageIO stretches to 8 or 16 bits; else 0."""
+    head = read_head(path, 32)
+    bits = spec.get_int_attribute("oiio:BitsPerSample", 0)
+    if head.startswith(b"\x89PNG") and spec.nchannels == 1:
+        bits = head[24]
+    return bits if 0 < bits < 8 * spec.format.size() and str(spec.format) in _INTEGERS else 0
 
 
 def _canonical(spec: Any) -> Iterator[str]:

@@ -109,7 +109,7 @@ def _negative(pattern: Path) -> dict[int, Path]:
     text = _FIELD.findall(pattern.name)[0]
     before, after = map(re.escape, pattern.name.split(text))
     width = len(text) if "#" in text else int(text.strip("%d") or 1)
-    name = re.compile(rf"{before}(-\d{{{width},{_DIGITS}}}){after}", re.ASCII)
+    name = re.compile(rf"{before}(-\d{{{width},{max(width, _DIGITS)}}}){after}", re.ASCII)
     if not pattern.parent.is_dir():
         return {}
     every = (name.fullmatch(path.name) for path in pattern.parent.iterdir())

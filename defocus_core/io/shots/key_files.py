@@ -41,6 +41,12 @@ def read_keys(file: Path) -> Keys:
             raise InputError("too-large", problem, "cut it into shots", path=file)
         frame, values = frame_of(row.get("frame", ""), place), dict(row)
         if {"x", "y"} & row.keys():
+            if "focus-at" in row:
+                problem, remedy = (
+                    "stands beside x and y, which are focus-at",
+                    "leave one of them out",
+                )
+                raise InputError("contradiction", problem, remedy, path=place.at("focus-at"))
             values["focus-at"] = ",".join(values.pop(name, "") for name in "xy").strip(",")
         values.pop("frame", None)
         for option, text in values.items():

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from defocus_core.errors import InputError
-from defocus_core.io.array_files import container_type
+from defocus_core.io.array_files import has_frames
 from defocus_core.io.depth_formats.depth import Depth, read_depth
 from defocus_core.io.depth_formats.exr_depth_channel import NO_DEPTH
 from defocus_core.io.exr.channel_choice import require_part
@@ -161,8 +161,8 @@ def inspect(path: Path, reading: Reading, lens: LensValues | None, *, lone: bool
         import numpy  # noqa: F401  an import that Ctrl-C interrupts fails as if by a fault
 
     info = describe(path)
-    has_frames = container_type(read_head(path, 32)) != ""  # whose number --part is
-    if reading.part is not None and not has_frames and (lone or len(info.parts) > 1):
+    stacked = has_frames(path)
+    if reading.part is not None and not stacked and (lone or len(info.parts) > 1):
         require_part(path, reading.part, len(info.parts))
     color_note = depth_note = info.nearly_empty and f"not decoded: {info.nearly_empty}"
     picture, color, depth = None, None, None
@@ -172,7 +172,7 @@ def inspect(path: Path, reading: Reading, lens: LensValues | None, *, lone: bool
         asked = _Asked(path, reading, lens)
         picture, color_note = _color_of(info, reading)
         color = picture and _color_figures(picture)
-        depth_note, depth = _depth_of(asked, picture, arrays=has_frames)
+        depth_note, depth = _depth_of(asked, picture, arrays=stacked)
         maps = _maps(info)
         evidence = [] if maps else [*evidence_of(path, reading, info)]
     return {
@@ -255,7 +255,7 @@ def _part_record(path: Path, part: Header) -> dict[str, Any]:
 def _maps(info: FileInfo) -> list[dict[str, Any]]:
     """The maps that ``defocus render`` wrote, and the range of their finite values."""
     kinds = [name for name in info.names if name in NO_DEPTH]
-    if not kinds or container_type(read_head(info.path, 32)):  # an array may have such a name, too
+    if not kinds or has_frames(info.path):  # an array may have such a name, too
         return []
     maps = []
     for kind, values in _values_of_maps(info.path, kinds):

@@ -59,6 +59,7 @@ def test_sky_stays_sky_up_to_its_edge():
     image, depth = disc()
     depth[depth == FAR] = math.inf
     found = whole(sampled(depth, 2), image)
+    assert bool((found > 0).all())
     assert bool((torch.isinf(found) | ((found - NEAR).abs() < 1e-6)).all())
     assert (torch.isinf(found) != torch.isinf(depth)).sum() < 20
 

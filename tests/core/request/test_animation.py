@@ -79,6 +79,11 @@ def test_keys_stand_in_toml_too(tmp_path):
     assert key(shot, 1060, "focus") == "4m"
 
 
+def test_a_frame_has_one_key_however_it_is_written(tmp_path):
+    with refuses("duplicate"):
+        animation(tmp_path, '[animate]\nfocus = {1 = "1m", 01 = "4m"}\n', "pull.toml")
+
+
 def test_between_percentiles_there_is_nothing(tmp_path):
     shot = animation(tmp_path, "frame,focus\n1,percentile(5)\n3,percentile(50)\n")
     assert key(shot, 1, "focus") == "percentile(5)"

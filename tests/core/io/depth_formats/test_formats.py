@@ -120,6 +120,13 @@ def _ibims1(folder):
     return example
 
 
+def _bop(folder):
+    (folder / "scene_camera.json").write_text('{"3": {"cam_K": [1], "depth_scale": 0.1}}')
+    (folder / "depth").mkdir()
+    path = png(folder / "depth" / "000003.png", marked(np.round(DEPTH * 3000), hole=0))
+    return Example(path, metres(hole=True) * 0.3)
+
+
 def _scenenet(folder):
     numbers = np.round(radial(5.0) * 1000)
     numbers[HOLE] = 0
@@ -262,6 +269,15 @@ EXAMPLES: dict[str, Callable[[Path], Example]] = {
     "tartanair": partial(_npy_of, sky=10000.0),
     "tartanair2": _tartanair2,
     "sintel": _sintel,
+    "isaac-plane": partial(_npy_of, sky=INF),
+    "isaac-camera": lambda f: Example(
+        npy(f / "distance_to_camera_0000.npy", marked(radial(5.0), sky=INF)),
+        metres(sky=True),
+        {"focal_px": 5.0},
+    ),
+    "bop": _bop,
+    "7scenes": partial(png_of, scale=1000, hole=65535),
+    "taskonomy": partial(png_of, scale=512, hole=65535),
     "kitti": partial(png_of, scale=256, hole=0),
     "vkitti2": partial(png_of, scale=100, sky=65535),
     "nyu-mat": _nyu_mat,

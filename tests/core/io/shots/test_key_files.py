@@ -31,3 +31,10 @@ def test_more_lines_than_a_shot_has_are_refused(tmp_path):
     lines = "".join(f"{frame},2m\n" for frame in range(2**17))
     with refuses("too-large", path=tmp_path / "a.csv"):
         texts(tmp_path, "a.csv", f"frame,focus\n{lines}")
+
+
+def test_a_pixel_and_its_columns_contradict_each_other(tmp_path):
+    file = tmp_path / "pull.csv"
+    file.write_text("frame,x,y,focus-at\n1,3,4,5,6\n".replace("5,6", '"5,6"'))
+    with refuses("contradiction", field="focus-at"):
+        read_keys(file)
