@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from importlib.resources import files
 
 import click
@@ -49,11 +48,9 @@ def command(topic: str | None) -> None:
         others = f"topics are {', '.join(TOPICS)}; for a command, add --help to it"
         remedy = did_you_mean(topic, tuple(TOPICS), others)
         raise UsageProblem("unknown-name", "no such topic", remedy, path=topic)
-    whole = text(topic).removesuffix("\n")
-    if sys.stdout is not None and sys.stdout.isatty():
-        click.echo_via_pager(whole)
-    else:
-        console.stdout(whole)
+    console.require_stdout()
+    # Without a terminal, click prints the text as it is.
+    click.echo_via_pager(text(topic).removesuffix("\n"))
 
 
 def text(topic: str) -> str:

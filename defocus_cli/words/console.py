@@ -116,11 +116,15 @@ def print_json(**document: Any) -> None:
     _print(with_dashes(text.replace(r"\u2039", "‹").replace(r"\u203a", "›"), Due.keys))
 
 
-def _print(text: str) -> None:
+def require_stdout() -> None:
+    """Refuse to go on without a stdout, where data is to go."""
     if sys.stdout is None:  # closed by whoever started us
-        raise InputError(
-            "unreadable", "is closed", "send it to a file or to another program", path="stdout"
-        )
+        remedy = "send it to a file or to another program"
+        raise InputError("unreadable", "is closed", remedy, path="stdout")
+
+
+def _print(text: str) -> None:
+    require_stdout()
     try:
         if _is_watched() and "tqdm" in sys.modules and sys.stdout.isatty():
             sys.modules["tqdm"].tqdm.write(text)  # above the progress bar

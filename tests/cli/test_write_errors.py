@@ -88,8 +88,9 @@ def test_a_document_that_cannot_be_told_is_an_error(
         told = capfd.readouterr().err.splitlines()
         assert told[-1].startswith(f"defocus: stdout: {problem}")
         assert len(told) == 1 + (words is done)
-    ran = shell(redirected, "help")
-    assert (ran.returncode, ran.stderr.count("\n")) == (3, 1)
+    for words in ("help", "help depth"):
+        ran = shell(redirected, words)
+        assert (ran.returncode, ran.stderr.count("\n")) == (3, 1)
 
 
 def test_a_disk_that_fills_up_during_a_batch_names_the_file(tmp_path, out, monkeypatch):
