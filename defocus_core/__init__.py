@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 from defocus_core import gone
 
 if TYPE_CHECKING:  # for type checkers and editors; a test holds it to the table below
-    from defocus_core.allowed_values import QUALITIES as QUALITIES
     from defocus_core.batch.datasets.finished import samples as samples
     from defocus_core.batch.datasets.torch_dataset import BatchDataset as BatchDataset
     from defocus_core.batch.datasets.torch_dataset import decode_sample as decode_sample
     from defocus_core.batch.run_batch import batch_jobs as batch_jobs
     from defocus_core.batch.run_batch import run_batch as run_batch
     from defocus_core.compare.comparison import compare_images as compare_images
+    from defocus_core.depth.guided_resize import GuidedDepth as GuidedDepth
     from defocus_core.depth.guided_resize import guided_depth as guided_depth
     from defocus_core.depth.ramps import (
         radius_from_relative_disparity as radius_from_relative_disparity,
@@ -61,7 +61,6 @@ _GROUPS = {
         "renderer.defocus_lens": "DefocusLens",
         "renderer.render": "render_layers",
         "renderer.layers.layer": "HiddenLayer",
-        "allowed_values": "QUALITIES",
         "optics.aperture": "Aperture",
         "optics.cat_eye": "CatEye",
         "optics.dual_pixel": "DualPixel",
@@ -72,7 +71,7 @@ _GROUPS = {
     },
     "depth": {
         "depth.ramps": "radius_from_relative_disparity",
-        "depth.guided_resize": "guided_depth",
+        "depth.guided_resize": "guided_depth GuidedDepth",
         "depth.repair": "repair_depth",
     },
     "training": {

@@ -54,13 +54,12 @@ _FINDINGS = {
 }
 # Names that are no longer exported, by the module that has them.
 _UNEXPORTED = {
-    "allowed_values": "AUTO_LIGHTS",
+    "allowed_values": "AUTO_LIGHTS QUALITIES",
     "batch.datasets.finished": "Sample",
     "batch.workers.run": "Summary",
     "compare.findings.table": "Finding",
     "compare.record": "Comparison",
     "depth.diagnosis": "DepthRepair",
-    "depth.guided_resize": "GuidedDepth",
     "evaluation": "baselines metrics",
     "evaluation.lens_laws": "Check LawSetting LAWS",
     "evaluation.metrics": "Errors",

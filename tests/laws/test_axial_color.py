@@ -7,7 +7,8 @@ import torch
 from measures import worst
 from scenes import white
 
-from defocus_core import QUALITIES, DefocusLens, render
+from defocus_core import DefocusLens, render
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.optics.axial_color import color_offset
 
 SHIFT = 0.1  # mm

@@ -10,7 +10,8 @@ from reference import kernel
 from tolerances import WHITE
 from torch.nn.functional import pad
 
-from defocus_core import QUALITIES, Aperture, CatEye, DualPixel, HiddenLayer, render, render_layers
+from defocus_core import Aperture, CatEye, DualPixel, HiddenLayer, render, render_layers
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface, with_hidden
 

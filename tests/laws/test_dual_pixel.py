@@ -8,7 +8,8 @@ from measures import centroid, worst
 from reference import both, kernel, left, polygon, right
 from scenes import RADII, pattern
 
-from defocus_core import QUALITIES, Aperture, render
+from defocus_core import Aperture, render
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.optics.parts import LEFT
 
 APERTURES = [Aperture(), Aperture(6, 10.0), Aperture(5, 0.0), Aperture(psf_type="gaussian")]

@@ -9,7 +9,8 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from measures import worst
 
-from defocus_core import QUALITIES, Aperture, render
+from defocus_core import Aperture, render
+from defocus_core.allowed_values import QUALITIES
 
 MIRROR = {"obstruction": 0.4}
 GAUSSIAN = {"psf_type": "gaussian"}

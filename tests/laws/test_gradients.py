@@ -13,7 +13,8 @@ from torch import Tensor
 from torch.autograd import gradcheck
 from torch.autograd.forward_ad import dual_level, make_dual
 
-from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
+from defocus_core import DefocusLens, RandomDefocus, render
+from defocus_core.allowed_values import QUALITIES
 
 SIZE = (9, 11)
 PIXEL = 36.0 / 480  # mm

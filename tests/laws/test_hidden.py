@@ -7,7 +7,8 @@ from reference import Layer, flatten, layered, lens_points
 from scenes import RADII, SIZE, card_layers, pattern, slanted
 from two_cards import BORDER, truths
 
-from defocus_core import QUALITIES, HiddenLayer, render, render_layers
+from defocus_core import HiddenLayer, render, render_layers
+from defocus_core.allowed_values import QUALITIES
 
 
 def behind(card_r, background_r):

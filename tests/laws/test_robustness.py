@@ -6,7 +6,8 @@ from measures import worst
 from scenes import pattern, slanted
 from tolerances import RENDERED, WHITE
 
-from defocus_core import QUALITIES, DefocusLens, RandomDefocus, render
+from defocus_core import DefocusLens, RandomDefocus, render
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.renderer.engine.renderer import Renderer
 from defocus_core.renderer.engine.scene import Surface
 from defocus_core.renderer.engine.settings import Settings

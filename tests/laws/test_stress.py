@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from measures import worst
 from tolerances import RENDERED, WHITE
 
-from defocus_core import QUALITIES, Aperture, DefocusLens, render
+from defocus_core import Aperture, DefocusLens, render
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.tensors.box import TILE
 
 NOISE = 1e-4  # of the local truth, in the dark beside lights a hundred million times as bright

@@ -6,7 +6,8 @@ from measures import inner, worst
 from scenes import RADII, blurred_card, pattern
 from tolerances import RENDERED, ROUNDING
 
-from defocus_core import QUALITIES, render
+from defocus_core import render
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.renderer.engine import plan
 from defocus_core.tensors import box as tiling
 

@@ -12,7 +12,8 @@ from reference import both, left, one_plane, polygon, right, whole
 from scenes import RADII, plane, white
 from tolerances import OVERSAMPLING, WHITE
 
-from defocus_core import QUALITIES, Aperture, render
+from defocus_core import Aperture, render
+from defocus_core.allowed_values import QUALITIES
 
 DISC, HEXAGON, PENTAGON = Aperture(), Aperture(6, 10.0), Aperture(5, 90.0)
 PUPILS = {

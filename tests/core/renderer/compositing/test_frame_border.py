@@ -6,7 +6,8 @@ import pytest
 import torch
 from measures import worst
 
-from defocus_core import QUALITIES, Aperture, render
+from defocus_core import Aperture, render
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.renderer.compositing.sight import fraction_in_frame
 from defocus_core.tensors.box import Box
 

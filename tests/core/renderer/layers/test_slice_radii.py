@@ -4,7 +4,7 @@ import pytest
 import torch
 from tolerances import ROUNDING
 
-from defocus_core import QUALITIES
+from defocus_core.allowed_values import QUALITIES
 from defocus_core.renderer.engine.settings import quality_of
 from defocus_core.renderer.layers.slice_radii import (
     SHARP,
