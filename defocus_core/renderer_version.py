@@ -5,4 +5,4 @@ is renders nothing again. tests/laws/test_golden.py fails where pictures change 
 not. The module imports nothing: whoever plans a batch runs this file alone, without torch.
 """
 
-RENDERER_VERSION = 19
+RENDERER_VERSION = 20

@@ -163,6 +163,7 @@ def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
     reach = spans.shape[2] // 2
     x, zero, one, right = F32(column) + F32(0.5), F32(0), F32(1), F32(width)
     tilted = gx != 0 or gy != 0
+    moving = views == 2 and (m0 != 0 or m1 != 0 or m2 != 0)
     k = begin % rows
     for y in range(begin, end):
         dy = y - row
@@ -171,12 +172,14 @@ def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
         k = k + 1 if k + 1 < rows else 0
         if hi <= lo or x + hi <= zero or x + lo >= right:
             continue
+        if moving:  # over the whole disc: the right half has as much less in the same places
+            add_span(pixels, a + width + 2, right, x + lo, x + hi, m0, m1, m2, zero)
         if not tilted:
             add_span(pixels, a, right, x + lo, x + hi, q0, q1, q2, q3)
             if views == 2:
                 b, e = (lo, min(hi, zero)) if side else (max(lo, zero), hi)
                 if e > b:
-                    h0, h1, h2 = (q0 + m0) * half, (q1 + m1) * half, (q2 + m2) * half
+                    h0, h1, h2 = q0 * half, q1 * half, q2 * half
                     add_span(pixels, a + width + 2, right, x + b, x + e, h0, h1, h2, q3 * half)
             continue
         middle = min(max(zero, lo), hi)
@@ -189,8 +192,8 @@ def _spread_pixel(pixels, light, moved, lean, spans, q, place, to, half):
         if views == 2:
             b, e = (x + lo, m) if side else (m, x + hi)
             w = v0 if side else v1
-            h0, h1, h2 = (q0 * w + m0) * half, (q1 * w + m1) * half, (q2 * w + m2) * half
-            add_span(pixels, a + width + 2, right, b, e, h0, h1, h2, q3 * w * half)
+            w *= half
+            add_span(pixels, a + width + 2, right, b, e, q0 * w, q1 * w, q2 * w, q3 * w)
 
 
 @compiled
@@ -241,9 +244,9 @@ def _spread_run(line, j, n, place, opening, q, ring, slot, scale, half, work):
             continue
         a = (ring.start[slot] + row % ring.rows[slot]) * views * stride
         b, e = (lo, min(hi, zero)) if side else (max(lo, zero), hi)
-        if moving and e > b:
-            add_ends(ring.sums, a + stride, cm, x0, n, width, b, half)
-            add_ends(ring.sums, a + stride, cm, x0, n, width, e, -half)
+        if moving:  # over the whole disc, as above
+            add_ends(ring.sums, a + stride, cm, x0, n, width, lo, one)
+            add_ends(ring.sums, a + stride, cm, x0, n, width, hi, -one)
         if not upright:
             light = c
             if level:
