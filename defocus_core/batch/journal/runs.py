@@ -112,7 +112,7 @@ def _held(path: Path) -> Iterator[int]:
         try:
             os.ftruncate(number, 0)
             os.write(number, own_words().encode())
-            os.fsync(number)  # workers on other machines look for it
+            os.fdatasync(number)  # workers on other machines look for it
         except OSError as error:
             raise unwritable(path, error) from error
         yield number
