@@ -63,12 +63,12 @@ def forecasts(jobs: Sequence[Job]) -> tuple[dict[int, Forecast], list[DefocusErr
 def forecast(job: Job) -> Forecast:
     """The forecast of a job, whose inputs are read and whose depth is repaired."""
     inputs = plain_path.read(job)
-    take, held = plain_path.prepare(job, inputs), inputs.holding
+    take, arrays = plain_path.prepare(job, inputs), inputs.arrays_mb
     in_regions = [0.0]
     if job.outputs.need_rendering:
         surfaces = surfaces_of(take)
         take = replace(take, repair=surfaces.repair)
         for _, renderer in plain_path.renderers(take, passes_of(surfaces)):
-            in_regions.append(regions_at_once(job, renderer, held, take.device)[1])
-    files = base_mb() + held.files_mb if take.device == "cpu" else 0.0
+            in_regions.append(regions_at_once(job, renderer, arrays, take.device)[1])
+    files = base_mb() + arrays if take.device == "cpu" else 0.0
     return Forecast(take, files + max(in_regions))

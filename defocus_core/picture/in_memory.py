@@ -14,7 +14,6 @@ from defocus_core.io.depth_formats.reading import DepthNumbers
 from defocus_core.io.images.color import Color, require_finite
 from defocus_core.io.images.color_space import linear_light, unit
 from defocus_core.io.images.raster import PLAIN_CHANNELS
-from defocus_core.picture.memory_budget import capacity_mb, divide
 from defocus_core.picture.steps.table import PAIR, through
 from defocus_core.picture.take import InputPair, Inputs
 from defocus_core.request.job import Job
@@ -49,6 +48,6 @@ def of_arrays(job: Job, color: NDArray[Any], depth: NDArray[Any]) -> Inputs:
     require_valid(pair.depth)
     require_finite(pair.color)
     arrays = sum(plane.nbytes for plane in (*pair.color.planes, pair.depth.metres)) / memory.MB
-    held = divide(arrays * (1 + len(job.outputs.kinds)), capacity_mb(job.machine))
     said = (*pair.color.warnings, *pair.depth.warnings)
-    return Inputs(held, pair.color, pair.depth, empty=pair.depth.empty, warnings=said)
+    arrays *= 1 + len(job.outputs.kinds)
+    return Inputs(arrays, pair.color, pair.depth, empty=pair.depth.empty, warnings=said)

@@ -1,14 +1,13 @@
-"""The memory budget of a process: arrays of pictures, and regions computed at once. All in MB.
+"""The memory of a process: whether a picture fits into it, and beside which others. All in MB.
 
-Terms:
   limit     memory that the process may take in all
   base      memory of the program itself, before any picture
-  capacity  limit less base: shared by the arrays of pictures and by the computation
-  arrays    inputs and outputs of one picture, decoded
-  room      capacity less arrays: left to compute in
+  capacity  limit less base
+  arrays    inputs and outputs of a picture, decoded
+  bound     what rendering takes beside them at most, by its plan
 
-Decoded pictures are arrays in memory. Two more, one being read and one being written, stay beside
-the one that is computed as long as all together take a quarter of the capacity at most.
+A picture is rendered if its arrays and its bound fit into the capacity. Others are read or written
+beside it as far as they fit, too.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import math
 import threading
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
@@ -35,8 +33,6 @@ if TYPE_CHECKING:
 
 # Share of the available memory that a process takes without --memory.
 SHARE = 0.8
-# Share of the capacity for the arrays of all pictures in the pipeline; how many these are.
-_FOR_PICTURES, _PICTURES = 0.25, 3
 # Memory in which the smallest picture is computed; and that of others, in sizes of their arrays.
 _LEAST_MB, _USUAL = 160.0, 2.0
 # Memory of the libraries' functions, which come with their first call.
@@ -47,36 +43,14 @@ _FLOAT = 4  # bytes
 _TILES = (512, 256, 128)  # px, that are proposed
 
 
-@dataclass(frozen=True)
-class Holding:
-    """Memory of a picture, beside the memory of the computation."""
-
-    arrays_mb: float  # size of its inputs and outputs, decoded
-    files_mb: float  # memory of its arrays and of those of the pictures in the pipeline beside it
-    room_mb: float  # memory left to compute in
+def arrays_mb(job: Job) -> float:
+    """Size of the arrays of the picture of a job, from the headers of its files."""
+    return _sizes(job)[0]
 
 
-def holding(job: Job) -> Holding:
-    """Memory of the picture of a job, from the headers of its files."""
-    return divide(_sizes(job)[0], capacity_mb(job.machine))
-
-
-def divide(arrays_mb: float, capacity: float) -> Holding:
-    """The division of a capacity between arrays and work."""
-    files = _beside_each_other_mb(arrays_mb, capacity)
-    return Holding(arrays_mb, files, max(capacity - files, 0.0))
-
-
-def _beside_each_other_mb(arrays_mb: float, capacity: float) -> float:
-    """Memory for the arrays of the pictures that are read, rendered and written at one time."""
-    return min(max(arrays_mb, _FOR_PICTURES * capacity), _PICTURES * arrays_mb)
-
-
-def enough_mb(held: Holding, needed_mb: float) -> float:
-    """The smallest limit that leaves a picture ``needed_mb`` of room."""
-    share = needed_mb * _FOR_PICTURES / (1 - _FOR_PICTURES)
-    files = min(max(held.arrays_mb, share), _PICTURES * held.arrays_mb)
-    return base_mb() + files + needed_mb + _SPARE_MB
+def enough_mb(arrays: float, needed: float) -> float:
+    """The smallest limit that leaves room for arrays and what else is needed."""
+    return base_mb() + arrays + needed + _SPARE_MB
 
 
 def require_room(job: Job) -> None:
@@ -85,7 +59,7 @@ def require_room(job: Job) -> None:
     if arrays + whole <= (left := capacity_mb(job.machine)):
         return
     problem = f"takes {arrays + whole:.0f} MB decoded, {left:.0f} MB are left"
-    enough = enough_mb(divide(arrays, left), _USUAL * max(arrays, whole) + _LEAST_MB)
+    enough = enough_mb(arrays, _USUAL * max(arrays, whole) + _LEAST_MB)
     remedy = _remedy(job, enough, "", "cpu")
     raise TooLarge("out-of-memory", problem, remedy, path=job.picture.color)
 
@@ -183,13 +157,11 @@ def room_on(device: str, room_mb: float) -> float:
     return max(room_mb if available is None else min(room_mb, available), 0.0)
 
 
-def regions_at_once(
-    job: Job, renderer: Renderer, holding: Holding, device: str
-) -> tuple[int, float]:
+def regions_at_once(job: Job, renderer: Renderer, arrays: float, device: str) -> tuple[int, float]:
     """How many regions of a picture may be computed at once, and a bound of their memory in MB."""
     from defocus_core.renderer.engine.memory_bound import memory_bound
 
-    threads, room = job.machine.threads, room_on(device, holding.room_mb)
+    threads, room = job.machine.threads, room_on(device, capacity_mb(job.machine) - arrays)
 
     def needed(threads: int, at_once: int, tile: int | None = None) -> float:
         return memory_bound(renderer.with_tile(tile), threads, at_once) / memory.MB
@@ -197,29 +169,28 @@ def regions_at_once(
     for at_once in range(threads, 0, -1):
         if (bound := needed(threads, at_once)) <= room:
             return at_once, bound
-    beside, parts = base_mb() + holding.files_mb, (base_mb(), holding.files_mb, bound)
-    mb = [math.ceil(part) for part in parts]
-    ways: dict[str, tuple[int, int | None]] = {"‹threads› 1": (1, None)} if threads > 1 else {}
-    ways |= {f"‹threads› 1 ‹tile› {tile}": (1, tile) for tile in _TILES}
+    mb = [math.ceil(part) for part in (base_mb(), arrays, bound)]
+    one = "‹threads› 1 " if threads > 1 else ""
+    ways: dict[str, tuple[int, int | None]] = {one.strip(): (1, None)} if one else {}
+    ways |= {f"{one}‹tile› {tile}": (1, tile) for tile in _TILES}
     fits = next((way for way, (count, tile) in ways.items() if needed(count, 1, tile) <= room), "")
     raise TooLarge(
         "out-of-memory",
         f"needs {sum(mb)} MB to render ({mb[0]} for the program, {mb[1]} for its "
         f"files, {mb[2]} for the picture), "
-        f"but {min(limit_mb(job.machine), beside + room):.0f} MB are allowed",
-        _remedy(job, enough_mb(holding, bound), fits, device),
+        f"but {min(limit_mb(job.machine), base_mb() + arrays + room):.0f} MB are allowed",
+        _remedy(job, enough_mb(arrays, bound), fits, device),
         path=job.picture.color,
     )
 
 
 def _remedy(job: Job, enough: float, fits: str, device: str) -> str:
-    """What makes room: options that fit, or as much memory as is enough, where it is there."""
-    if fits:
-        return f"use {fits}"
+    """What makes room: options that fit, and as much memory as is enough, where it is there."""
     machine = memory.available_mb(device)
+    ways = [fits] if fits else []
     if device == "cpu" and (machine is None or enough < machine + base_mb()):
-        return f"use ‹memory› {_size(enough)}"
-    return "use a smaller picture or a machine with more"
+        ways.append(f"‹memory› {_size(enough)}")
+    return f"use {' or '.join(ways)}" if ways else "use a smaller picture or a machine with more"
 
 
 def _size(mb: float) -> str:
@@ -229,22 +200,36 @@ def _size(mb: float) -> str:
 
 
 class Gate:
-    """Lets pictures into the pipeline as long as their arrays fit together; one in any case."""
+    """Lets pictures into the pipeline as long as they fit beside the one that is rendered.
+
+    One is let in in any case; others once it is known what rendering takes: as much of each MB of
+    arrays as at most so far.
+    """
 
     def __init__(self) -> None:
         self._held: dict[int, float] = {}
+        self._work = math.inf  # MB to render a MB of arrays
         self._opened = False
         self._changed = threading.Condition()
 
     def enter(self, number: int, job: Job) -> None:
         """Wait until there is room for the picture of a job."""
-        need = sum(_sizes(job))
-        limit = _beside_each_other_mb(need, capacity_mb(job.machine))
+        need, capacity = sum(_sizes(job)), capacity_mb(job.machine)
+
+        def fits() -> bool:
+            every = [need, *self._held.values()]
+            return sum(every) + self._work * max(every) <= capacity
+
         with self._changed:
-            self._changed.wait_for(
-                lambda: self._opened or not self._held or sum(self._held.values()) + need <= limit
-            )
+            self._changed.wait_for(lambda: self._opened or not self._held or fits())
             self._held[number] = need
+
+    def rendered(self, number: int, bound: float) -> None:
+        """Know what the rendering of a picture took at most."""
+        with self._changed:
+            work = bound / (self._held[number] or 1.0)
+            self._work = work if math.isinf(self._work) else max(self._work, work)
+            self._changed.notify_all()
 
     def open(self) -> None:
         """Let every waiting picture in."""

@@ -16,8 +16,8 @@ import numpy as np
 from defocus_core.errors import InputError, TooLarge, UsageProblem
 from defocus_core.io.exr.writing import clamped_half
 from defocus_core.picture.memory_budget import (
+    arrays_mb,
     base_mb,
-    holding,
     image_type,
     limit_mb,
     regions_at_once,
@@ -46,7 +46,7 @@ def read(job: Job) -> Inputs:
     """Decode the picture of a job, and what lies behind or below it if that is wanted and there."""
     require_room(job)
     color, depth = read_pair(InputPair.of(job))
-    inputs = Inputs(holding(job), color, depth, empty=depth.empty)
+    inputs = Inputs(arrays_mb(job), color, depth, empty=depth.empty)
     inputs = replace(inputs, warnings=(*color.warnings, *depth.warnings))
     return through(READ, Take(job=job, inputs=inputs, lens=job.lens)).inputs
 
@@ -98,7 +98,8 @@ def compute(take: Take, progress: Progress | None = None) -> Take:
                 images.reach = max(images.reach, renderer.frame.farthest)
                 fitting, bound = maximum, 0.0
                 if fitting is None:
-                    fitting, bound = regions_at_once(job, renderer, inputs.holding, take.device)
+                    fitting, bound = regions_at_once(job, renderer, inputs.arrays_mb, take.device)
+                images.bound = max(images.bound, bound)
                 if bound > _LARGE_MB or memory.held_mb() + bound > limit:
                     memory.trim()  # of what is read much is freed
                 shown = partial(_of_all, progress, limit, number, len(passes))
@@ -134,6 +135,7 @@ def _rendered(
         lamps=surfaces.lamps,
         repair=surfaces.repair,
         back=renderer.back,
+        bound_mb=images.bound if take.device == "cpu" else 0.0,
         seconds=time.perf_counter() - begun[0],
         cpu_seconds=time.process_time() - begun[1],
         stats=stats,
@@ -217,6 +219,7 @@ class _Images:
         planes: each rendered kind's arrays [H, W]: C of each view of an image, one of a map.
         clamped: number of pixels of each kind that were clamped to the range of half.
         reach: px that light reaches at most.
+        bound: MB that rendering takes at most.
         invented: number of pixels of which less than `_TRUSTED` of the lens saw what is there.
     """
 
@@ -225,6 +228,7 @@ class _Images:
         self.planes: dict[str, tuple[Any, ...]] = {}
         self.clamped: dict[str, int] = {}
         self.reach = self.invented = 0
+        self.bound = 0.0
         for kind in job.outputs.rows:
             if not kind.rendered:
                 continue

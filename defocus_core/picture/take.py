@@ -18,7 +18,6 @@ from defocus_core.io.depth_formats.depth import Depth
 from defocus_core.io.exr.windows import NO_OVERSCAN, Layout, Overscan
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.describe import describe
-from defocus_core.picture.memory_budget import Holding
 from defocus_core.picture.opening import aperture_in_pixels
 from defocus_core.request.job import Job, PictureFiles, Reading
 from defocus_core.request.lens import LensValues
@@ -113,7 +112,7 @@ class Plate:
 class Inputs:
     """The decoded inputs of a job; jobs of one picture share them."""
 
-    holding: Holding  # memory of the picture
+    arrays_mb: float  # size of these and of the outputs
     color: Color
     depth: Depth
     hidden: tuple[Color, Depth] | None = None  # of the hidden layer, if it is needed
@@ -147,6 +146,7 @@ class Take:
     reach: int = 0  # px that light of the picture reaches at most
     # Number of clipped lights that were made brighter; None if this is not asked for
     lamps: int | None = None
+    bound_mb: float = 0.0  # of the memory that rendering takes beside its inputs and outputs
     seconds: float = 0.0
     cpu_seconds: float = 0.0  # that it took of processors
     warnings: tuple[str, ...] = ()

@@ -204,6 +204,7 @@ def run(
             else:
                 try:
                     take = plain_path.compute(plain_path.prepare(job, inputs))
+                    gate.rendered(number, take.bound_mb)
                 except Exception as error:
                     take = failure(error, "render", inputs.stamps)
             del item, inputs

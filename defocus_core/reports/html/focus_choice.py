@@ -23,7 +23,7 @@ from defocus_core.io.exr.windows import NO_OVERSCAN
 from defocus_core.io.images.color import Color
 from defocus_core.io.images.encode import display_encoded, srgb_matrix
 from defocus_core.picture.focus import in_pixels
-from defocus_core.picture.memory_budget import holding
+from defocus_core.picture.memory_budget import arrays_mb
 from defocus_core.picture.pair import read
 from defocus_core.picture.plain_path import compute, load, prepare
 from defocus_core.picture.subject import on_ramp, subject_of
@@ -168,7 +168,7 @@ def _reduced(job: Job, color: Color, depth: Depth) -> _Small:
     metres = np.ascontiguousarray(depth.metres[:][np.ix_(down, across)])
     empty = None if depth.empty is None else depth.empty[:][np.ix_(down, across)]
     inputs = Inputs(
-        holding(job),
+        arrays_mb(job),
         replace(color, planes=tuple(planes), passes=(), extras={}, overscan=NO_OVERSCAN),
         replace(depth, metres=metres, empty=empty, overscan=NO_OVERSCAN),
         empty=empty,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -74,53 +73,44 @@ def test_too_little_memory_is_refused_with_how_much_would_do(tmp_path, monkeypat
     assert render(*args, "--memory", enough, "--threads", "1").code == 0
 
 
-@pytest.mark.parametrize("arrays", [5.0, 53.0, 160.0, 500.0, 2000.0])
-@pytest.mark.parametrize("needed", [10.0, 113.0, 415.0, 900.0])
-@pytest.mark.parametrize("capacity", [80, 580, 880])
-def test_the_limit_that_is_proposed_is_enough_and_hardly_more(capacity, needed, arrays):
-    def suffices(mb):
-        return memory_budget.divide(arrays, mb).room_mb >= needed - 1e-6
-
-    if not suffices(capacity):
-        held = memory_budget.divide(arrays, capacity)
-        enough = memory_budget.enough_mb(held, needed) - memory_budget.base_mb()
-        assert capacity < enough
-        assert suffices(enough)
-        assert suffices(enough + 10), "as it is rounded up"
-        assert not any(suffices(mb) for mb in range(capacity, int(0.95 * enough)))
-
-
 @pytest.fixture
 def gated(tmp_path):
-    """A gate behind which one picture is, and whether another one comes in, by their share."""
+    """A gate behind which one picture is, whether another one came in, and room for two or not."""
 
-    def entered(share):
-        arrays = memory_budget.holding(job(tmp_path, 2**33, (512, 1024))).arrays_mb
-        asked = job(tmp_path, beyond_base(arrays / share), (512, 1024))
+    def entered(pictures):
+        arrays = memory_budget.arrays_mb(job(tmp_path, 2**33))
+        asked = job(tmp_path, beyond_base(arrays * pictures))
         gate, came = memory_budget.Gate(), threading.Event()
         gate.enter(0, asked)
         second = threading.Thread(target=lambda: (gate.enter(1, asked), came.set()), daemon=True)
         second.start()
-        return gate, came
+        return gate, came, arrays
 
     return entered
 
 
-def test_pictures_that_fit_beside_each_other_are_let_in(gated):
-    assert gated(0.1)[1].wait()
+def came_soon(came):
+    return came.wait(0.05)
 
 
-@pytest.mark.parametrize("share", [0.15, 0.3, 2.0])
-def test_others_wait_until_there_is_room(share, gated):
-    gate, came = gated(share)
-    time.sleep(0.05)
-    assert not came.is_set()
+def test_pictures_that_fit_beside_what_renders_one_are_let_in(gated):
+    gate, came, arrays = gated(5.1)
+    assert not came_soon(came), "nobody knows what rendering takes"
+    gate.rendered(0, 3 * arrays)
+    assert came.wait()
+
+
+def test_others_wait_until_there_is_room(gated):
+    gate, came, arrays = gated(4.9)
+    gate.rendered(0, 3 * arrays)
+    assert not came_soon(came)
     gate.leave(0)
     assert came.wait()
 
 
 def test_nobody_waits_at_an_open_gate(gated):
-    gate, came = gated(0.3)
+    gate, came, _ = gated(1.5)
+    assert not came_soon(came)
     gate.open()
     assert came.wait()
 

@@ -46,7 +46,7 @@ class Steps:
         self.step("compute", job)
         if self.fails == ("compute", job.sample_id):
             raise ValueError("as asked")
-        return job
+        return SimpleNamespace(sample_id=job.sample_id, bound_mb=0.0)
 
     def write(self, made):
         if isinstance(made, Failed):
