@@ -141,16 +141,21 @@ def execute(
         if len(first) > 1:
             run(chain(first, jobs), done, stopped=stopped)
         for number, job in first if len(first) == 1 else ():
-            inputs = Reader().read(job)
-            if isinstance(inputs, Failed):
-                take: Take | Failed = inputs
-            else:
-                try:
-                    take = plain_path.compute(plain_path.prepare(job, inputs), progress)
-                except Exception as error:
-                    take = failure(error, "render", inputs.stamps)
+            take = _computed(job, Reader().read(job), progress)
             with delayed_signals():  # nothing stays half-written, or written and not told
                 done(number, write(take))
+
+
+def _computed(
+    job: Job, inputs: Inputs | Failed, progress: TileCount | None = None
+) -> Take | Failed:
+    """What a job computes of its inputs, unless it fails."""
+    if isinstance(inputs, Failed):
+        return inputs
+    try:
+        return plain_path.compute(plain_path.prepare(job, inputs), progress)
+    except Exception as error:
+        return failure(error, "render", inputs.stamps)
 
 
 def _jobs(chunks: Iterator[Chunk], stopped: Callable[[], bool]) -> Iterator[tuple[int, Job]]:
@@ -199,14 +204,9 @@ def run(
             following = decode if is_small else ahead.submit(decode).result
             if stopped():
                 break
-            if isinstance(inputs, Failed):
-                take: Take | Failed = inputs
-            else:
-                try:
-                    take = plain_path.compute(plain_path.prepare(job, inputs))
-                    gate.rendered(number, take.bound_mb)
-                except Exception as error:
-                    take = failure(error, "render", inputs.stamps)
+            take = _computed(job, inputs)
+            if not isinstance(take, Failed):
+                gate.rendered(number, take.bound_mb)
             del item, inputs
             if last is not None:
                 last.result()
