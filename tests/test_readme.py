@@ -120,7 +120,7 @@ def test_the_commands_of_a_document_run_one_after_another(name, desk):
 
 def test_a_set_to_train_on_takes_a_dozen_lines():
     text = DOCUMENTS["python"].read_text()
-    training = text[text.index("## Training") : text.index("Beside what the batch")]
+    training = text[text.index("## Training") : text.index("`RandomDefocus` draws new")]
     (jobs, script), words = (content.splitlines() for _, content in blocks(training)), training
     scenes = [folder for folder in SCENES if (ROOT / "sample_scenes" / folder).is_dir()]
     assert 32 * len(scenes) == 160

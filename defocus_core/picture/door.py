@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 from defocus_core import gone
 from defocus_core.errors import CALLER, DefocusError, UsageProblem, did_you_mean
 from defocus_core.io.depth_formats.table import UNITS
-from defocus_core.picture.take import Inputs, Take
+from defocus_core.picture.take import Arrays, Inputs, Take
 from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.job_options import MACHINE_OPTIONS, OUTPUT_OPTIONS, READING_OPTIONS
 from defocus_core.request.lens import LensValues
 from defocus_core.request.lens_files import lens_path, reading_in
-from defocus_core.request.parameters import LENS_OPTIONS, METADATA, Param
+from defocus_core.request.parameters import BESIDE_BLUR, LENS_OPTIONS, METADATA, Param
 from defocus_core.request.picture_lenses import PictureLenses
 from defocus_core.request.resolver import (
     Layer,
@@ -59,28 +59,38 @@ class Picture:
         device: Where it is rendered: auto, cpu or cuda.
     """
 
-    def __init__(self, color: Any, depth: Any, **reading: Any) -> None:
+    def __init__(
+        self,
+        color: Any,
+        depth: Any,
+        *,
+        matte: Any = None,
+        hidden: tuple[Any, Any] | None = None,
+        **reading: Any,
+    ) -> None:
         """Take arrays or tensors in memory.
 
         Args:
             color: [H, W, C] or [H, W], of 1 to 4 channels: Y, YA, RGB or RGBA. Floats are linear
                 light, premultiplied by alpha; integers of 8 or 16 bits are sRGB, as in a PNG.
-            depth: [H, W]. Floats are metres along the axis unless options say otherwise, inf is
-                sky; integers need a unit, like ``depth_unit="mm"``.
+            depth: [H, W], or smaller, and enlarged along the edges of the colours. Floats are
+                metres along the axis unless options say otherwise, inf is sky; integers need a
+                unit, like ``depth_unit="mm"``.
+            matte: [H, W], the coverage of the subject in 0 to 1.
+            hidden: Colour and depth of the surfaces behind the visible ones.
             **reading: Options of reading, like ``depth_kind`` and ``invalid``.
 
         Raises:
-            ValueError: The arrays are not of one size, or not numbers.
+            ValueError: The arrays are not numbers, or of other shapes.
+            InputError: Depth is of another aspect, or of no known unit.
             UsageProblem: An option is unknown or makes no sense.
         """
         self.files, self.device = PictureFiles(_ARRAY.name, _ARRAY, _ARRAY), "auto"
         self._reading = _layer(reading, READING_OPTIONS)
-        self._arrays: tuple[Any, Any] | None = (_array(color), _array(depth))
+        behind = None if hidden is None else (_array(hidden[0]), _array(hidden[1]))
+        coverage = None if matte is None else _array(matte)
+        self._arrays: Arrays | None = Arrays(_array(color), _array(depth), coverage, behind)
         self._inputs: tuple[object, Inputs] | None = None
-        planes, shape = self._arrays[0], self._arrays[1].shape
-        if planes.ndim not in (2, 3) or planes.shape[:2] != shape or not planes.size:
-            got = f"{list(planes.shape)} and {list(shape)}"
-            raise ValueError(f"color must be [H, W, C] and depth [H, W] of one size, got {got}")
         self._decode()
 
     @classmethod
@@ -113,7 +123,7 @@ class Picture:
         key = job.reading, job.lens_focal
         if self._inputs is None or self._inputs[0] != key:
             arrays = self._arrays
-            inputs = plain_path.read(job) if arrays is None else of_arrays(job, *arrays)
+            inputs = plain_path.read(job) if arrays is None else of_arrays(job, arrays)
             self._inputs = key, inputs
         return self._inputs[1]
 
@@ -145,6 +155,11 @@ class Picture:
     def is_relative(self) -> bool:
         """Whether the depth names no distances, so that a lens needs a ``blur`` in px."""
         return self._decoded.depth.is_relative
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was taken for granted when it was read."""
+        return self._decoded.warnings
 
     @property
     def metadata(self) -> Mapping[str, object]:
@@ -196,7 +211,7 @@ class Lens:
 
     def __init__(
         self,
-        focal_length: str | float | None = None,
+        focal_length: str | None = None,
         fnumber: float | str | None = None,
         focus: str | float | None = None,
         **options: Any,
@@ -206,7 +221,8 @@ class Lens:
         Args:
             focal_length: Like ``"50mm"``.
             fnumber: Like 1.4.
-            focus: A distance like ``"2m"`` or ``"inf"``, or a percentile of the depth, ``"p30"``.
+            focus: A distance like ``"2m"`` or ``"inf"``; a number of metres; or
+                ``"percentile(30)"`` of the depth.
             **options: Like ``sensor_width="36mm"`` (the default), ``blades=7``,
                 ``focus_at=(640, 360)``, ``cat_eye="1.1:0.6"``; of relative depth
                 ``blur="40px"`` instead of optics. `defocus help look` explains them.
@@ -216,7 +232,7 @@ class Lens:
         """
         self._file: Path | None = None
         self._metadata = bool(options.pop(METADATA.replace("-", "_"), False))
-        given = {"focal_length": focal_length, "fnumber": fnumber, "focus": focus, **options}
+        given = {"focal_length": focal_length, "fnumber": fnumber, **_focus(focus), **options}
         self._layer = _layer(given, LENS_OPTIONS)
 
     @classmethod
@@ -237,8 +253,8 @@ class Lens:
         return {name.replace("-", "_"): each.text for name, each in self._layer.items()}
 
     def refocus(self, focus: str | float) -> None:
-        """Focus this lens on another distance, like ``"3m"``."""
-        self._layer = laid_over(self._layer, _layer({"focus": focus}, LENS_OPTIONS))
+        """Focus this lens on another distance, like ``"3m"``, or a number of metres."""
+        self._layer = laid_over(self._layer, _layer(_focus(focus), LENS_OPTIONS))
 
     def coc(self, picture: Any) -> NDArray[np.float32]:
         """The signed radius of the circle of confusion, float32 [H, W] px, negative before focus.
@@ -261,10 +277,17 @@ class Lens:
             metadata=self._metadata,
             metres=UNITS[reading.depth_unit or "m"],
         )
-        if not lenses.is_complete and picture._arrays is None:
-            from defocus_core.picture.subject import with_blur_and_focus
+        if not lenses.is_complete:
+            from defocus_core.picture import subject
 
-            lenses, reading = with_blur_and_focus(lenses, [picture.files], reading, ())
+            if picture._arrays is None:
+                lenses, reading = subject.with_blur_and_focus(lenses, [picture.files], reading, ())
+            elif picture.is_relative and lenses.options.keys() <= BESIDE_BLUR:
+                if reading.invert is None:
+                    reading, _ = subject.with_near_end(picture._decoded.depth, reading)
+                depth = replace(picture._decoded.depth, inverted=bool(reading.invert))
+                taken = subject.options_of(depth, picture.size, lenses.options)
+                lenses = replace(lenses, own={**self._layer, **taken})
         return lenses.of(picture.files)[0], reading
 
     def __repr__(self) -> str:
@@ -278,7 +301,7 @@ class Views:
     Attributes:
         device: None for arrays of NumPy: images float32 [H, W, C], maps [H, W]. Else the device
             of tensors: images [C, H, W], maps [H, W].
-        warnings: What was taken for granted, and what could not be done.
+        warnings: What was taken for granted; after `write` also what the files cannot hold.
     """
 
     def __init__(self, take: Take, device: str | None = None) -> None:
@@ -357,7 +380,9 @@ class Views:
         for path in take.job.written:
             require_replaceable(path, overwrite=overwrite, inputs=inputs)
         outputs.root.mkdir(parents=True, exist_ok=True)
-        _warn(plain_path.write(take).warnings[len(self._take.warnings) :])
+        said = plain_path.write(take).warnings[len(self._take.warnings) :]
+        self.warnings = tuple(dict.fromkeys((*self.warnings, *said)))
+        _warn(said, 3)
         return take.job.paths
 
     def _has(self, views: tuple[str, ...]) -> bool:
@@ -373,8 +398,10 @@ class Views:
         }
 
     def to(self, device: str) -> Views:
-        """The same views, as tensors on a device."""
-        return Views(self._take, str(device))
+        """The same views, as tensors on a device: cpu or cuda."""
+        from defocus_core.picture.plain_path import choose_device
+
+        return Views(self._take, choose_device(str(device)))
 
     def _image(self, kind: str) -> Any:
         planes = self._take.images.get(kind)
@@ -489,12 +516,13 @@ def _render(
     if not isinstance(lens, Lens):
         raise ValueError(f"lens must be a Lens, got {type(lens).__name__}; Lens('50mm', …) is one")
     kinds = ("render", *(("left", "right") if left_right else ()), "coc", "trust")
-    asked = fields_of(_layer({"device": picture.device, **machine}, MACHINE_OPTIONS))
+    options = {"device": picture.device, **machine}
+    asked = fields_of(_layer(options, MACHINE_OPTIONS, ("left_right", "progress")))
     plain_path.load()
     with settings_kept():
         take = _prepared(picture, lens, kinds, Machine(**{"threads": cores(), **asked}))
         take = plain_path.compute(take, progress)
-    _warn(take.warnings)
+    _warn(take.warnings, 4)
     return Views(take)
 
 
@@ -509,8 +537,15 @@ def _prepared(picture: Picture, lens: Lens, kinds: tuple[str, ...], machine: Mac
     return plain_path.prepare(job, picture._read(job))
 
 
-def _layer(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
-    """The options of keywords that are not None."""
+def _focus(focus: str | float | None) -> dict[str, str | None]:
+    """The option of a focus, a number of which is in metres."""
+    if focus is None or isinstance(focus, str):
+        return {"focus": focus}
+    return {"focus": "inf" if focus == math.inf else f"{focus:.9g}m"}
+
+
+def _layer(values: Mapping[str, Any], rows: Mapping[str, Param], more: Sequence[str] = ()) -> Layer:
+    """The options of keywords that are not None; `more`: other keywords of the call."""
     given = {
         name.replace("_", "-"): list(value) if isinstance(value, tuple) else value
         for name, value in values.items()
@@ -518,9 +553,10 @@ def _layer(values: Mapping[str, Any], rows: Mapping[str, Param]) -> Layer:
     }
     for name in given:
         if name not in rows or rows[name].only == "files":
-            known = f"there are {', '.join(row.replace('-', '_') for row in rows)}"
-            remedy = gone.remedy("option", name, otherwise=did_you_mean(name, tuple(rows), known))
-            word = name.replace("-", "_")
+            word, words = (each.replace("-", "_") for each in (name, ", ".join(rows)))
+            every = [*words.split(", "), *more]
+            known = did_you_mean(word, every, f"there are {', '.join(every)}")
+            remedy = gone.remedy("option", name, otherwise=known)
             raise UsageProblem("unknown-name", "is not an option", remedy, field=word)
     layer = {
         name: given_to(name, value, CALLER.at(name))
@@ -556,7 +592,7 @@ def _png(pixels: NDArray[np.float32], attributes: Mapping[str, object]) -> bytes
         return path.read_bytes()
 
 
-def _warn(words: tuple[str, ...]) -> None:
-    """Say what was taken for granted, at the line that called the door."""
+def _warn(words: Sequence[str], calls: int) -> None:
+    """Say what was taken for granted, at a line so many calls above."""
     for each in words:
-        warnings.warn(each, stacklevel=4)
+        warnings.warn(each, stacklevel=calls)

@@ -223,7 +223,7 @@ def with_blur_and_focus(
     if given.keys() <= BESIDE_BLUR and ("blur" in given or is_relative(picture.depth, reading)):
         near = ""
         if reading.invert is None and not own_format(picture.depth):
-            reading, near = _with_near_end(picture, reading)
+            reading, near = with_near_end(_depth_alone(picture, reading.as_relative()), reading)
         taken = _of_relative(
             picture, reading, given, whole_subject=whole_subject and lenses.file is None
         )
@@ -238,9 +238,9 @@ def with_blur_and_focus(
     return lenses, reading
 
 
-def _with_near_end(picture: PictureFiles, reading: Reading) -> tuple[Reading, str]:
-    """The reading with the end that is near as the picture shows it, and why, in words."""
-    shown = white_is_near(_depth_alone(picture, reading.as_relative()))
+def with_near_end(depth: Depth, reading: Reading) -> tuple[Reading, str]:
+    """The reading with the end of relative depth that is near, and what decides it, in words."""
+    shown = white_is_near(depth)
     if abs(shown) < _EVEN:
         return reading, "; white is taken as near, add ‹invert› if black is"
     near, other, option = ("white", "black", "‹invert›")
@@ -271,14 +271,25 @@ def _of_relative(
     picture: PictureFiles, reading: Reading, given: Layer, *, whole_subject: bool
 ) -> dict[str, Given]:
     """Blur and focus, as far as they are not given."""
-    size = size_of(picture)
-    taken: dict[str, str] = {}
-    if "blur" not in given:
-        taken["blur"] = f"{max(1, round(SHARE_OF_SIDE * max(size)))}px"
+    size, depth = size_of(picture), None
     if not given.keys() & set(_UNFOCUSED):
         depth = _depth_alone(picture, reading_through(reading, replace(_LENS, blur=1.0)))
         if picture.color != picture.depth:
             require_size(picture.depth, reading, depth.metres.shape, size)
+    return options_of(depth, size, given, whole_subject=whole_subject)
+
+
+def options_of(
+    depth: Depth | None, size: tuple[int, int], given: Layer, *, whole_subject: bool = True
+) -> dict[str, Given]:
+    """Blur and focus of relative depth of a picture of a size, as far as they are not given.
+
+    `depth`: None where the focus is given.
+    """
+    taken: dict[str, str] = {}
+    if "blur" not in given:
+        taken["blur"] = f"{max(1, round(SHARE_OF_SIDE * max(size)))}px"
+    if depth is not None and not given.keys() & set(_UNFOCUSED):
         subject = subject_of(depth)
         taken["focus-at"] = "{},{}".format(*subject.within(size))
         if whole_subject and (numbers := surface_of(depth, subject)):

@@ -97,6 +97,15 @@ class InputPair:
         return replace(self, planes=(self.color, depth))
 
 
+class Arrays(NamedTuple):
+    """A picture in memory, as its owner holds it."""
+
+    color: Any  # [H, W] or [H, W, C]
+    depth: Any  # [H, W]
+    matte: Any = None  # [H, W], the coverage of its subject
+    hidden: tuple[Any, Any] | None = None  # colour and depth of what lies behind
+
+
 @dataclass(frozen=True)
 class Plate:
     """A decoded plate."""

@@ -66,11 +66,31 @@ def test_integers_in_memory_are_what_a_png_of_them_is(tmp_path):
         df.render(df.Picture(color, depth), lens)
 
 
+def test_a_matte_and_what_is_hidden_in_memory_are_what_their_files_are(files, tmp_path):
+    matte, lens = disc(), df.Lens(**LENS)
+    other = COLOR[:, ::-1].copy()
+    far = np.full(SIZE, 2.0, np.float32)
+    behind = dict(zip("RGB", np.moveaxis(other, 2, 0), strict=True)) | {"Z": far}
+    paths = save(tmp_path / "m.png", (matte * 255).astype(np.uint8)[..., None])
+    held = write(tmp_path / "behind.exr", behind)
+    for read, arrays in (
+        ({"matte": paths}, {"matte": (matte * 255).astype(np.uint8)}),
+        ({"hidden": (held, held)}, {"hidden": (other, far)}),
+    ):
+        first = df.render(df.read(*files, **read), lens)
+        second = df.render(df.Picture(COLOR, DEPTH, **arrays), lens)
+        assert np.array_equal(first.render, second.render)
+        assert not np.array_equal(first.render, df.render(df.read(*files), lens).render)
+
+
 def test_a_lens_is_focused_again_and_a_file_of_it_is_below_options():
     lens = df.Lens(**LENS)
     near = lens.coc(DEPTH)
     lens.refocus(f"{FAR:g}m")
     assert abs(lens.coc(DEPTH)[DEPTH > 1]).max() < 1e-3 < abs(near[DEPTH > 1]).min()
+    far = lens.coc(DEPTH)
+    lens.refocus(df.Picture(COLOR, DEPTH).at(0, 0).depth)
+    assert np.allclose(lens.coc(DEPTH), far, atol=1e-4)
     shipped = df.Lens.load("@portrait-85", focus="2m")
     wide = df.Lens.load("@portrait-85", focus="2m", fnumber=8)
     assert abs(wide.coc(DEPTH)).max() < abs(shipped.coc(DEPTH)).max()
@@ -108,6 +128,9 @@ def test_relative_depth_needs_a_blur_and_not_optics():
     assert picture.is_relative
     views = df.render(picture, df.Lens(blur="6px", focus_value=255))
     assert np.isclose(abs(views.coc).max(), 6.0)
+    both = [df.render(df.Picture(COLOR, numbers)).coc for numbers in (near, 255 - near)]
+    assert (abs(both[0][DEPTH < 1]) < abs(both[0]).max()).all(), "the subject is in focus"
+    assert np.allclose(*both), "whichever end is near"
 
 
 @pytest.mark.parametrize(
@@ -117,7 +140,11 @@ def test_relative_depth_needs_a_blur_and_not_optics():
         (lambda: df.Lens(50), "has no unit"),
         (lambda: df.Lens("50mm", 1.4).coc(DEPTH), "focus"),
         (lambda: df.Picture(COLOR, DEPTH, depth_unit="furlong"), "depth-unit"),
-        (lambda: df.Picture(COLOR, DEPTH[1:]), "one size"),
+        (lambda: df.Picture(COLOR, DEPTH[:7]), "another aspect|of the size"),
+        (lambda: df.Picture(COLOR, DEPTH[None]), r"depth \[H, W\], got"),
+        (lambda: df.Picture(COLOR, DEPTH, matte=2 * DEPTH), "matte must be"),
+        (lambda: df.Picture(COLOR, DEPTH, hidden=(COLOR[..., :1], DEPTH)), "hidden must be"),
+        (lambda: df.render(df.Picture(COLOR, DEPTH), df.Lens(**LENS), lft_right=1), "left_right"),
         (lambda: df.Picture(COLOR, np.full(SIZE, "a")), "arrays of numbers"),
         (lambda: df.Picture(COLOR.astype(np.int32), DEPTH), "uint8 or uint16"),
         (lambda: df.render(df.Picture(COLOR, DEPTH), 2.0), "must be a Lens"),
@@ -142,3 +169,8 @@ def test_no_file_is_replaced_unless_that_is_said(files, tmp_path):
         views.write(files[0], "render", overwrite=True)
     with pytest.raises(df.UsageProblem, match="was not rendered"):
         views.write(tmp_path / "more", "left")
+    bright = df.render(df.Picture(COLOR * 9, DEPTH), df.Lens(**LENS))
+    with pytest.warns(UserWarning, match="brighter than white") as said:
+        bright.write(tmp_path / "bright.png", "render")
+    assert said[0].filename == __file__
+    assert any("brighter" in words for words in bright.warnings)
