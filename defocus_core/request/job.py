@@ -37,6 +37,7 @@ class PictureFiles:
     )
     matte: PictureFiles | None = None  # a file of the coverage of its subject, twice
     frame: int | None = None  # its number in a shot
+    carried: tuple[tuple[str, Path], ...] = ()  # labels that are listed with it, by role
 
     @property
     def others(self) -> dict[str, PictureFiles]:
@@ -46,11 +47,11 @@ class PictureFiles:
 
     @property
     def files(self) -> dict[str, Path]:
-        """Its files by role: color, depth; hidden_color, hidden_depth, over_color, … if any."""
+        """Its files by role: color, depth; hidden_color, over_depth, … and labels, if any."""
         files = {"color": self.color, "depth": self.depth}
         for role, other in self.others.items():
             files |= {f"{role}_color": other.color, f"{role}_depth": other.depth}
-        return files
+        return files | dict(self.carried)
 
 
 @dataclass(frozen=True, kw_only=True)

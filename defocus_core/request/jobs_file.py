@@ -23,6 +23,8 @@ A TOML file with the tables
   over-color, over-depth      the plate that elements lie over, in the same form
   holdout-color               deep pictures that hide what is behind them, in the same form
   matte                       the coverage of the subject of each picture, in the same form
+  carry                       labels that are listed with each sample: files, folders or patterns
+                              by name, as in ``carry = {masks = "masks/*.png"}``
   list                        CSV or JSONL files with a row for each picture
   pictures                    such rows in the jobs file itself: ``[[inputs.pictures]]``
 A row has ``color`` and, if need be, ``depth``, those of hidden and over, ``stem`` (what
@@ -35,6 +37,7 @@ not.
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -46,7 +49,7 @@ from defocus_core.errors import InputError, Place, UsageProblem
 from defocus_core.io.depth_formats.table import UNITS
 from defocus_core.io.row_files import Row, read_rows
 from defocus_core.request.animation import Animation, read_animation
-from defocus_core.request.job import Job, Machine, Outputs, PictureFiles, Reading
+from defocus_core.request.job import OTHERS, Job, Machine, Outputs, PictureFiles, Reading
 from defocus_core.request.job_options import (
     INPUT_OPTIONS,
     MACHINE_OPTIONS,
@@ -57,6 +60,7 @@ from defocus_core.request.job_options import (
 from defocus_core.request.lens import LensValues
 from defocus_core.request.lens_files import lens_path, reading_in
 from defocus_core.request.origin import JobsSource, read_origin
+from defocus_core.request.output_kinds import KINDS
 from defocus_core.request.pairing import SCENE_SUFFIXES, choice_of, find, others_of
 from defocus_core.request.parameters import LENS_OPTIONS, METADATA
 from defocus_core.request.picture_lenses import PictureLenses
@@ -198,6 +202,8 @@ def _lens_file(lens: Table) -> Path | None:
 
 # The options that name files, by their keys.
 _FILES = {key: row.name for key, row in keys_of(INPUT_OPTIONS).items() if row.is_path}
+_LABEL = re.compile(r"[a-z][a-z0-9_]*")
+_ROLES = ("color", "depth", "frame", "lens", "aperture", "dp", *OTHERS)  # begin names of inputs
 _KNOWN = (*LENS_OPTIONS, *_FILES, "stem")
 _KNOWN_SET = frozenset(_KNOWN)
 _TRIED = 100  # first rows of which one file at least must exist
@@ -218,7 +224,7 @@ def read_inputs(table: Table) -> tuple[list[Entry], list[Entry]]:
 
     `table`: ``[inputs]``, whose patterns give pictures by name.
     """
-    table.refuse_unknown(tuple(keys_of(INPUT_OPTIONS)))
+    table.refuse_unknown((*keys_of(INPUT_OPTIONS), "carry"))
     entries, shot = _from_files(table)
     for name in table.texts("list"):
         file = table.file.parent / name
@@ -238,12 +244,14 @@ def read_inputs(table: Table) -> tuple[list[Entry], list[Entry]]:
 
 
 def _from_files(table: Table) -> tuple[list[Entry], list[Entry]]:
-    values = {key: value for key, value in table.values.items() if key not in ("list", "pictures")}
+    apart = ("list", "pictures", "carry")
+    values = {key: value for key, value in table.values.items() if key not in apart}
+    carried = _carried(table)
     options = layer_of(values, INPUT_OPTIONS, table.place)
     paths = {name: Path(each.text) for name, each in options.items() if INPUT_OPTIONS[name].is_path}
     if "color" not in paths:
-        if options:
-            place = next(iter(options.values())).place
+        if options or carried:
+            place = next((each.place for each in options.values()), table.place("carry"))
             raise UsageProblem("missing-option", "stands without color", "add color", path=place)
         return [], []
     found = find(
@@ -252,9 +260,23 @@ def _from_files(table: Table) -> tuple[list[Entry], list[Entry]]:
         others_of(paths, table.place()),
         patterns_in=table.file.parent,
         frames=choice_of(options, table.place),
+        carried=carried,
     )
     pictures, shot = ([Entry(picture, table.place()) for picture in each] for each in found)
     return pictures, shot
+
+
+def _carried(table: Table) -> dict[str, Path]:
+    """The paths of labels by name, of ``carry`` below ``[inputs]``."""
+    given, where = table.values.get("carry", {}), table.place("carry")
+    if not isinstance(given, dict):
+        remedy = 'write carry = {masks = "masks/*.png"}'
+        raise UsageProblem("malformed", "is not a table of paths", remedy, path=where)
+    for name in given:
+        if not _LABEL.fullmatch(name) or name in KINDS or name.partition("_")[0] in _ROLES:
+            remedy = "use another one, of small letters, digits and _"
+            raise UsageProblem("malformed", f"cannot name a label '{name}'", remedy, path=where)
+    return {name: Path(_path(value, where, name)) for name, value in given.items()}
 
 
 def _from_tables(table: Table) -> list[Entry]:

@@ -77,11 +77,19 @@ def find(
     *,
     patterns_in: Path | None = None,
     frames: FrameChoice = ALL,
+    carried: Mapping[str, Path] | None = None,
 ) -> tuple[list[PictureFiles], list[PictureFiles]]:
-    """The pictures of paths, and all frames of the shot that they are of, that are complete."""
-    every = (color, depth, *(path for pair in others.values() for path in pair))
+    """The pictures of paths, and all frames of the shot that they are of, that are complete.
+
+    `carried`: paths of labels, by role.
+    """
+    labels = carried or {}
+    every = (color, depth, *(path for pair in others.values() for path in pair), *labels.values())
     paths = [path for path in every if path is not None]
     if any(is_pattern((patterns_in or Path()) / path) for path in paths):
+        if labels:
+            problem = "is not carried with the frames of a shot"
+            raise UsageProblem("idle-option", problem, "leave it out", field="carry")
         return _shot(color, depth, others, patterns_in or Path(), frames)
     if frames != ALL:
         problem = "chooses frames, but no path numbers them"
@@ -104,6 +112,12 @@ def find(
         for name, picture in pictures.items():
             other: dict[str, Any] = {role: paired[name]}
             pictures[name] = replace(picture, **other)
+    for role, path in labels.items():
+        files = _files(path, COLOR_SUFFIXES | DEPTH_SUFFIXES, patterns_in, with_text)
+        _refuse_unpaired(colors, files)
+        for name, picture in pictures.items():
+            with_label = (*picture.carried, (role, files.by_name[name]))
+            pictures[name] = replace(picture, carried=with_label)
     return list(pictures.values()), []
 
 
@@ -187,7 +201,7 @@ def _number(
 
 def _frame(files: Mapping[str, Mapping[int, Path]], number: int, prefix: str = "") -> PictureFiles:
     roles = [role for role in OTHERS if not prefix and f"{role}_color" in files]
-    others = {role: _frame(files, number, f"{role}_") for role in roles}
+    others: dict[str, Any] = {role: _frame(files, number, f"{role}_") for role in roles}
     color, depth = (files[prefix + role][number] for role in ("color", "depth"))
     return PictureFiles(files["color"][number].stem, color, depth, **others, frame=number)
 

@@ -56,7 +56,7 @@ class BatchDataset(Dataset[Item]):
         Args:
             out: Its folder.
             kinds: Of output, as render, left, right, coc; image and depth of a batch with
-                ``inputs = "copy"``.
+                ``inputs = "copy"``; and labels that it carries, whose numbers are as they are.
             split: One of its splits; None for all samples.
             crop: Height and width in px of a piece that is drawn from each sample, one number for
                 a square; None for the whole, which a loader can only join if all have one size.
@@ -68,23 +68,24 @@ class BatchDataset(Dataset[Item]):
                 one is smaller than the crop.
             UsageProblem: A kind is none.
         """
-        for kind in kinds:
-            if kind not in KINDS:
-                remedy = did_you_mean(kind, tuple(KINDS), f"choose from {', '.join(KINDS)}")
-                raise UsageProblem("unknown-name", f"{kind!r} is not a kind", remedy, field="kinds")
         self.kinds, self.seed, self.transform = tuple(kinds), seed, transform
         self.crop = (crop, crop) if isinstance(crop, int) else crop
         kinds_there, splits = set[str](), set[str]()
 
         def is_wanted(entry: Mapping[str, Any]) -> bool:
-            kinds_there.update(entry["outputs"])
+            own = {**entry["outputs"], **entry["inputs"]}
+            kinds_there.update(own)
             splits.add(str(entry.get("split")))
-            found = entry["outputs"].keys() >= {*self.kinds} and split in (None, entry.get("split"))
+            found = own.keys() >= {*self.kinds} and split in (None, entry.get("split"))
             if found and self.crop is not None:
                 _require_room(Path(out), entry, self.crop)
             return found
 
         self.samples = SampleList(Path(out), is_wanted)
+        known = kinds_there | KINDS.keys()
+        for kind in {*kinds} - known:
+            remedy = did_you_mean(kind, tuple(known), f"choose from {', '.join(sorted(known))}")
+            raise UsageProblem("unknown-name", f"{kind!r} is not a kind", remedy, field="kinds")
         if not len(self.samples):
             problem = f"has no sample of {', '.join(kinds)}" + (f" in split {split}" * bool(split))
             remedy = (
@@ -128,7 +129,7 @@ class BatchDataset(Dataset[Item]):
             rows, columns = self._drawn(index, (height, width), self.crop)
         item: Item = {}
         for kind in self.kinds:
-            path = sample.files[kind]
+            path = sample.files.get(kind) or sample.inputs[kind]
             planes = _planes(path, kind)
             if planes.shape[1:] != (height, width):
                 problem = (
@@ -174,7 +175,12 @@ def _require_room(out: Path, entry: Mapping[str, Any], crop: tuple[int, int]) ->
 
 
 def _planes(path: Path, kind: str) -> Any:
-    """The planes of an output [C, H, W], float32."""
+    """The planes of an output [C, H, W], float32; those of a label, integers as int32."""
+    if kind not in KINDS:
+        if is_exr(read_head(path)):
+            return np.stack([*read_parts(path)[0].channels.values()], dtype=np.float32)
+        samples = read_samples(path).transpose(2, 0, 1)
+        return samples.astype(np.int32 if samples.dtype.kind == "u" else np.float32)
     row = KINDS[kind]
     if row.views:
         views = [read_color(path, view=view).pixels for view in row.views]

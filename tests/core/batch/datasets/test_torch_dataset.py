@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import ranks
 import torch
-from command_line import pair, read_exr
+from command_line import pair, read_exr, write_exr
+from depth_files import png
 from refusals import refuses
 from torch.utils.data import DataLoader
 
@@ -126,6 +127,42 @@ def test_a_split_and_a_transform(out):
     ]
     assert [len(each) for each in names] == [2, 2]
     assert not names[0] & names[1]
+
+
+def test_labels_are_listed_and_cropped_with_their_sample(tmp_path):
+    for number, stem in enumerate("ab"):
+        color, depth = pair(tmp_path, stem)
+        size = read_exr(color)["R"].shape
+        labels = (np.arange(size[0] * size[1]).reshape(size) + number).astype(np.uint16)
+        png(tmp_path / "masks" / f"{stem}.png", labels, np.uint16)
+        write_exr(
+            tmp_path / "normals" / f"{stem}.exr",
+            X=2.0 * labels.astype("f4"),
+            Y=-labels.astype("f4"),
+        )
+    tables = {
+        "inputs": {
+            "color": str(color.parent / "*.exr"),
+            "depth": str(depth.parent / "*.exr"),
+            "carry": {name: str(tmp_path / name / "*") for name in ("masks", "normals")},
+        },
+        "lens": {"focal-length": "50mm", "fnumber": 2, "focus": "2m"},
+        "outputs": {"kinds": ["coc"]},
+    }
+    run_batch(tables, tmp_path / "out")
+    for sample in samples(tmp_path / "out"):
+        assert sample.inputs["masks"].name == f"{sample.sample_id}.png"
+    for number, item in enumerate(
+        BatchDataset(tmp_path / "out", ["coc", "masks", "normals"], crop=4)
+    ):
+        top, left, *_ = item["place"].tolist()
+        whole = torch.arange(size[0] * size[1]).reshape(size) + number
+        cut = whole[top : top + 4, left : left + 4].int()
+        assert torch.equal(item["masks"], cut[None])
+        assert torch.equal(item["normals"], torch.stack([2 * cut, -cut]).float())
+    (tmp_path / "masks" / "b.png").unlink()
+    with refuses("empty"):
+        run_batch(tables, tmp_path / "out")
 
 
 @pytest.mark.parametrize(
