@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.nn.functional import avg_pool2d, max_pool2d, pad
 
-from defocus_core import render
+from defocus_core import HiddenLayer, render
 
 SIZE, FINE, MARGIN = (72, 96), 6, 24
 COLORS = {"dark on grey": (0.02, 0.5), "bright on dark": (0.9, 0.2), "light": (20.0, 0.2)}
@@ -66,6 +66,25 @@ def test_the_picture_is_that_of_both_surfaces(kind, radii):
         off = (seen - share * front - (1 - share) * back).abs() / abs(front - back)
         assert float(off.amax()) < 0.1, name
         assert float(off.square().mean().sqrt()) < 0.015, name
+
+
+@pytest.mark.parametrize("radii", RADII[:2])
+@pytest.mark.parametrize("kind", ["centre", "any", "full", "mean"])
+def test_a_silhouette_before_a_wall_that_is_known_is_as_smooth(kind, radii):
+    """And so it is where the wall has colours of its own: each pixel's share of it is blurred."""
+    (near, far), coverage = radii, blurred(disc(), 0)
+    share, radius = blurred(disc(), near), named(kind, coverage, near, far)
+    x, known = torch.arange(SIZE[1]).double(), torch.ones(SIZE, dtype=torch.bool)
+    # in focus, a pixel whose depth names the disc keeps all of its light
+    for front, contrast, most, rms in ((0.02, 0.0, 0.01, 1e-3), (0.9, 0.3, 0.5, 0.016)):
+        wall = (0.4 + contrast * (x / 3).sin()).expand(3, *SIZE)
+        hidden = HiddenLayer(wall, torch.full_like(radius, far), known)
+        color = coverage * front + (1 - coverage) * wall
+        seen = render(color, radius, infinity=100.0, hidden=hidden).render
+        behind = render(wall, torch.full_like(radius, far)).render
+        off = ((seen - share * front - (1 - share) * behind) / (front - 0.4)).abs()
+        assert float(off.amax()) < most, contrast
+        assert float(off.square().mean().sqrt()) < rms, contrast
 
 
 def half_plane():

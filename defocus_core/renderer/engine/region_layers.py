@@ -117,11 +117,6 @@ def _of_layers(place: RegionPlace, layered: Layered, backdrop: Backdrop | None) 
     stack = layered.stack(place.outer, frame.dtype)
     radius, others, sight = stack.signed_radius[0], list[SampleLayer](), None
     visible, hidden = stack.visible(), stack.hidden()
-    if layered.mixed and backdrop is not None:
-        own, *nearer = layers_within(visible[0].color, radius, backdrop, place.outer)
-        visible = (own, *visible[1:], *nearer)
-        if nearer:  # which hide a part of it
-            hidden = (own._replace(coverage=1 - own.coverage, sparse=True), *hidden[1:])
     layers, lights = split(visible, layered.colors.shape[1], frame.content.limit)
     if hidden:
         others = [layer._replace(kind=HIDDEN) for layer in hidden]
@@ -213,7 +208,7 @@ def backdrop_in(frame: SharedFrame, scene: InFocus) -> Backdrop | None:
         frame.dtype,
         frame.settings.threads,
         content.limits,
-        unmixes=layered is None or layered.mixed,
+        unmixes=layered is None,
         matte=surface.matte,
     )
 

@@ -9,13 +9,17 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from defocus_core.depth.matting import EDGE, mixed_pixels
 from defocus_core.renderer.layers.alpha import color_of
 from defocus_core.renderer.layers.layer import HiddenLayer, KnownLayer
+from defocus_core.renderer.layers.layer import layers_of as of_picture
 from defocus_core.renderer.layers.samples import Layered
 from defocus_core.tensors.validation import Scalar, backward_only, described
 
 # Greatest light of either sign: beyond it, sums over an aperture or a frame would overflow float32.
 BRIGHTEST = 1e30
+# Difference of a picture from what is known, as a share of it, up to which it may be rounding.
+_ROUNDING = 1e-3
 _DECODE = "decode integers to linear light first"
 
 
@@ -85,24 +89,66 @@ def layers_of(colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Scene:
 def with_hidden(surface: Surface, hidden: KnownLayer | None) -> Scene:
     """A surface whose radii are final, before the layer that is known to lie behind it.
 
-    The surface itself, if it lies nowhere behind. Where it is known all over, no pixel is taken
-    apart: there is nothing to guess.
+    The surface itself, if it lies nowhere behind.
     """
     if hidden is None:
         return surface
     check_hidden(hidden, tuple(surface.image.shape), tuple(surface.signed_radius.shape))
-    color, radius, mask = hidden
-    visible, complete = surface.signed_radius, bool(mask.all())
+    color, radius, mask = (x.to(surface.image.device) for x in hidden)
     _check_known(color.detach(), radius.detach(), mask)
-    behind = (mask.to(visible.device) != 0) & (radius.to(visible.device) > visible)
-    layered = Layered.of(
-        torch.stack([surface.image, color.to(surface.image)]),
-        torch.stack([visible, radius.to(visible)]),
-        torch.stack([torch.ones_like(visible), behind.to(visible)]).detach(),
-    )
-    if layered.deepest == 1:
+    color = torch.where(mask != 0, color.to(surface.image), 0)
+    known = HiddenLayer(color, radius.to(surface.signed_radius), mask != 0)
+    if not bool((known.mask & (known.signed_radius > surface.signed_radius)).any()):
         return surface
-    return layered._replace(mixed=not complete, with_alpha=False, matte=surface.matte)
+    return Layered.of(*_taken_apart(surface, known))._replace(with_alpha=False)
+
+
+def _taken_apart(surface: Surface, hidden: HiddenLayer) -> tuple[Tensor, Tensor, Tensor]:
+    """Colours, radii and coverage of layers: a surface, what is behind, and shares of nearer ones.
+
+    A mixed pixel whose depth names the farther surface holds a share of the nearer one before what
+    is known. One whose depth names the nearer surface is whole where it is known what is behind.
+    """
+    (image, visible), (color, radius, known) = (surface.image, surface.signed_radius), hidden
+    behind, whole = known & (radius > visible), torch.ones_like(visible).detach()
+    wide = image.to(torch.promote_types(image.dtype, visible.dtype))
+    own, *others = of_picture(wide, visible, mixed_pixels(wide, visible, matte=surface.matte))
+    if not others:
+        layers = [(image, visible, whole), (color, radius, behind.to(visible))]
+        return _stacked(layers)
+    nearer, cover = others[0], torch.where(known, 1.0, own.coverage[0])
+    same = known & ((radius - visible).detach().abs() <= EDGE)
+    bare = same & ((image - color).detach().abs() <= _ROUNDING * color.detach().abs()).all(0)
+    share = _share(image - color, nearer.color - color).where(same, nearer.coverage[0])
+    share = torch.where(bare | (nearer.coverage[0] == 0), 0.0, share)
+    is_mixed, is_open = share > 0, cover < 1
+    rest = image - (1 - share) * color
+    same = same & (rest >= 0).all(0)  # else what is known is of other light than the picture
+    shown = torch.where(is_mixed, torch.where(same, color, own.color), image)
+    return _stacked(
+        [
+            (torch.where(is_open, own.color * cover, shown), visible, cover),
+            (
+                torch.where(is_open, nearer.color, color),
+                torch.where(is_open, nearer.signed_radius, radius),
+                (behind | is_open).to(visible),
+            ),
+            (torch.where(same, rest, nearer.color * share), nearer.signed_radius, share),
+        ]
+    )
+
+
+def _share(mixed: Tensor, whole: Tensor) -> Tensor:
+    """The share [H, W] of a difference [C, H, W] in one that is mixed of it and nothing."""
+    square = whole.square().sum(0)
+    return ((mixed * whole).sum(0) / torch.where(square > 0, square, 1.0)).clamp(0, 1)
+
+
+def _stacked(layers: Sequence[tuple[Tensor, Tensor, Tensor]]) -> tuple[Tensor, Tensor, Tensor]:
+    """Colours, radii and coverage of layers, [L, ...] each, of the types of the first."""
+    every = zip(*layers, strict=True)
+    colors, radii, coverage = (torch.stack([x.to(own[0]) for x in own]) for own in every)
+    return colors, radii, coverage
 
 
 def in_colors(scene: Scene, channels: Sequence[int], px: Scalar) -> Scene:
@@ -127,7 +173,7 @@ class InFocus(NamedTuple):
         """Look at a scene in focus."""
         if isinstance(scene, Surface):
             return cls(scene, None, scene.signed_radius)
-        surface = Surface(scene.picture(), scene.nearest(), scene.matte)
+        surface = Surface(scene.picture(), scene.nearest())
         return cls(surface, scene, scene.most_blurred())
 
 

@@ -46,10 +46,7 @@ class Layered(NamedTuple):
     limits: tuple[float, float]  # least and greatest signed radius in px of what is there
     open: bool  # whether there are pixels that are not covered fully
     deepest: int  # the greatest number of samples in one pixel
-    # Whether the first layer is a picture, of which a pixel may hold parts of two surfaces
-    mixed: bool = False
     with_alpha: bool = True  # whether its views have alpha, which is 1 where a picture covers all
-    matte: Tensor | None = None  # [H, W], the coverage of the subject of a mixed picture
 
     @classmethod
     def of(cls, colors: Tensor, signed_radius: Tensor, coverage: Tensor) -> Layered:
@@ -77,13 +74,12 @@ class Layered(NamedTuple):
     def with_radii(self, signed_radius: Tensor) -> Layered:
         """The same layers with other radii."""
         layers = Layered.of(self.colors, signed_radius, self.coverage)
-        return layers._replace(mixed=self.mixed, with_alpha=self.with_alpha, matte=self.matte)
+        return layers._replace(with_alpha=self.with_alpha)
 
     @property
     def tensors(self) -> list[Tensor]:
         """All that is in memory."""
-        every = (self.colors, self.signed_radius, self.coverage, self.matte)
-        return [x for x in every if x is not None]
+        return [self.colors, self.signed_radius, self.coverage]
 
     @property
     def dtype(self) -> torch.dtype:
